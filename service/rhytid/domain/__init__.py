@@ -1,0 +1,1 @@
+"""Facts: what a mesh, a wrinkle graph, a frame, a tile and a setting are. numpy only."""

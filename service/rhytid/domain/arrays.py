@@ -1,0 +1,41 @@
+"""Checked, read-only arrays: the ground that every domain type stands on."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rhytid.errors import InputError
+
+
+def fixed_array(
+    values: ArrayLike,
+    what: str,
+    shape: tuple[int | None, ...],
+    dtype: Any,
+    error: type[InputError],
+) -> NDArray[Any]:
+    """A read-only, C-contiguous, native copy of `values` with the wanted shape and dtype.
+
+    `None` in `shape` stands for any length. Raises `error` naming `what` where the shape or the
+    kind of number does not fit (float or integer for a float dtype, integer for an integer one).
+    """
+    array = np.asarray(values)
+    fits = array.ndim == len(shape)
+    if not fits or any(w not in (None, n) for n, w in zip(array.shape, shape, strict=True)):
+        wanted = ", ".join("N" if n is None else str(n) for n in shape)
+        raise error(f"{what} has shape {array.shape}, not ({wanted})")
+    kinds = "fiu" if np.dtype(dtype).kind == "f" else "iu"
+    if array.dtype.kind not in kinds and array.size:
+        raise error(f"{what} has dtype {array.dtype}, not a {np.dtype(dtype)}")
+    copy = np.array(array, dtype=dtype, order="C", copy=True)
+    copy.setflags(write=False)
+    return copy
+
+
+def first_bad_row(good: NDArray[np.bool_]) -> int | None:
+    """Index of the first row of `good` that is not all true, or None."""
+    rows = good if good.ndim == 1 else good.all(axis=-1)
+    return None if rows.all() else int(np.argmin(rows))

@@ -1,0 +1,116 @@
+"""The settings of an asset (section 8 of the specification), their defaults and their ranges."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+from rhytid.domain.checked import choice, number, power_of_two, read, text, whole
+from rhytid.domain.tiles import TileGrid
+from rhytid.errors import SettingsError
+
+
+@dataclass(frozen=True)
+class GraphSettings:
+    """How the wrinkle graph is synthesised (section 2.1, after Weiss et al. 2023)."""
+
+    wrinkles: int = whole(300_000, 100, 40_000_000)
+    seed: int = whole(1, 0, 2**31 - 1)
+    neighbours: int = whole(8, 4, 16)
+
+
+@dataclass(frozen=True)
+class ResponseSettings:
+    """Exponents of Alg. 1 (alpha, wrinkles) and Alg. 2 (beta, pores), and the clamp of log rho."""
+
+    alpha_w: float = number(1.0, 0.0, 64.0)
+    alpha_d: float = number(4.0, 0.0, 64.0)
+    beta_w: float = number(4.0, 0.0, 64.0)
+    beta_d: float = number(10.0, 0.0, 64.0)
+    log_stretch_limit: float = number(0.5, 0.01, 4.0)
+
+
+@dataclass(frozen=True)
+class ShapeSettings:
+    """The profile (1 - t²)²(1 - b t²) and how heights meet (section 6 of the specification)."""
+
+    wrinkle_bulge: float = number(2.5, 0.0, 16.0)
+    pore_bulge: float = number(0.0, 0.0, 16.0)
+    sharpness: float = number(20.0, 0.1, 20.0)
+    slots: int = whole(1, 1, 1024)
+
+
+@dataclass(frozen=True)
+class BinSettings:
+    """The precomputed maps of the fast method (section 2.4)."""
+
+    count: int = choice(4, 1, 2, 4, 8, 16)
+    samples: int = choice(3, 3, 5, 7)
+    bits: int = choice(8, 8, 16)
+    merge: str = choice("min", "min", "mellow")
+    depth_factored: bool = choice(False, False, True)
+    r_max: float = number(0.2, 0.01, 4.0)
+
+
+@dataclass(frozen=True)
+class ConvolveSettings:
+    """Gains and width of the displacement convolution after Nagano et al. 2015. Ours."""
+
+    blur_gain: float = number(2.0, 0.0, 16.0)
+    sharpen_gain: float = number(2.0, 0.0, 16.0)
+    sigma: float = number(None, 0.0, 1e9)
+
+
+@dataclass(frozen=True)
+class AssetSettings:
+    """Everything that can be set for an asset; `None` is resolved when the asset is built.
+
+    `depth` is the depth of strength 1, in mesh units; `padding` is in level-0 texels.
+    """
+
+    unit: str = text("cm", 16)
+    resolution: int = power_of_two(4096, 256, 16384)
+    tile_size: int = power_of_two(512, 64, 4096)
+    depth: float | None = number(None, 1e-12, 1e12)
+    padding: int = whole(16, 0, 64)
+    angles: str = choice("uv", "uv", "surface")
+    preset: str = choice("paper", "paper")
+    graph: GraphSettings = field(default_factory=GraphSettings)
+    response: ResponseSettings = field(default_factory=ResponseSettings)
+    shape: ShapeSettings = field(default_factory=ShapeSettings)
+    bins: BinSettings = field(default_factory=BinSettings)
+    convolve: ConvolveSettings = field(default_factory=ConvolveSettings)
+
+    @classmethod
+    def parse(cls, data: Any) -> AssetSettings:
+        """From decoded JSON; raises SettingsError naming the path of what is wrong."""
+        return cls().changed(data)
+
+    def changed(self, data: Any) -> AssetSettings:
+        """A copy with the values of `data` (decoded JSON, same shape) put in."""
+        if not isinstance(data, Mapping):
+            raise SettingsError(f"settings are {type(data).__name__}: must be a JSON object")
+        settings = read(self, data)
+        if settings.tile_size > settings.resolution:
+            raise SettingsError(f"tile_size {settings.tile_size} is above the resolution")
+        if settings.bins.r_max > settings.response.log_stretch_limit:
+            raise SettingsError("bins.r_max is above response.log_stretch_limit")
+        return settings
+
+    def resolved(self, depth: float) -> AssetSettings:
+        """A copy whose `depth` is `depth` unless it was set."""
+        return self if self.depth is not None else replace(self, depth=depth)
+
+    def with_r_max(self, r_max: float) -> AssetSettings:
+        """A copy with a calibrated `bins.r_max`."""
+        return replace(self, bins=replace(self.bins, r_max=r_max))
+
+    @property
+    def grid(self) -> TileGrid:
+        """How maps are cut into levels and tiles."""
+        return TileGrid(self.resolution, self.tile_size)
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain nested values, the inverse of `parse`."""
+        return asdict(self)

@@ -1,0 +1,41 @@
+"""A frame: a name and the positions of the deformed mesh."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rhytid.domain.arrays import first_bad_row, fixed_array
+from rhytid.errors import FrameError
+
+NEUTRAL = "neutral"
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}", re.ASCII)
+
+
+def check_frame_name(name: str) -> str:
+    """The name itself; raises FrameError where it does not match the rule of the API."""
+    if not _NAME.fullmatch(name):
+        rule = "a letter or digit, then up to 63 letters, digits, '_', '.' or '-'"
+        raise FrameError(f"frame name {name!r}: use {rule}")
+    return name
+
+
+def check_positions(values: ArrayLike, vertices: int) -> NDArray[np.float32]:
+    """Frame positions as (V, 3) float32, read-only.
+
+    Raises FrameError naming the count or the first vertex that is not finite.
+    """
+    shape = np.shape(values)
+    if len(shape) != 2 or shape[1] != 3:
+        raise FrameError(f"frame has shape {shape}, not ({vertices}, 3)")
+    if shape[0] != vertices:
+        raise FrameError(f"frame has {shape[0]} vertices, the neutral mesh has {vertices}")
+    with np.errstate(over="ignore"):
+        array: NDArray[Any] = fixed_array(values, "frame", (vertices, 3), np.float32, FrameError)
+    bad = first_bad_row(np.isfinite(array))
+    if bad is not None:
+        raise FrameError(f"frame vertex {bad} is {array[bad].tolist()}: not finite")
+    return array

@@ -1,0 +1,119 @@
+"""The wrinkle graph: pores are nodes, wrinkles are edges (section 2.1 of the paper)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.domain.arrays import first_bad_row, fixed_array
+from rhytid.domain.mesh import UV_LIMIT
+from rhytid.errors import GraphError
+
+_F32 = np.float32
+_SHAPES: dict[str, tuple[tuple[int | None, ...], Any]] = {
+    "node_uv": ((None, 2), _F32),
+    "node_weight": ((None,), _F32),
+    "node_radius": ((None,), _F32),
+    "edge_nodes": ((None, 2), np.int32),
+    "edge_weight": ((None,), _F32),
+    "edge_half_width": ((None,), _F32),
+    "node_metric": ((None, 3), _F32),
+    "node_triangle": ((None,), np.int32),
+    "edge_triangle": ((None,), np.int32),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class WrinkleGraph:
+    """Pores and wrinkles in UV space. N pores, M wrinkles; arrays are read-only copies.
+
+    node_uv (N, 2) f32: centres, UDIM offset included.  node_weight (N,) f32: strength in [0, 1].
+    node_radius (N,) f32: neutral support radius, uv units.
+    edge_nodes (M, 2) i32: the two pores joined.  edge_weight (M,) f32: strength in [0, 1].
+    edge_half_width (M,) f32: neutral support half width, uv units.
+    node_metric (N, 3) f32 or None: symmetric UV metric (uu, uv, vv) of a pore, in place of
+    the circle of node_radius: the rim is where dᵀ·metric·d = 1.
+    node_triangle (N,), edge_triangle (M,) i32 or None: the triangle to sample; -1 = find it.
+
+    Raises GraphError naming the array and the first element that cannot be used.
+    """
+
+    node_uv: NDArray[np.float32]
+    node_weight: NDArray[np.float32]
+    node_radius: NDArray[np.float32]
+    edge_nodes: NDArray[np.int32]
+    edge_weight: NDArray[np.float32]
+    edge_half_width: NDArray[np.float32]
+    node_metric: NDArray[np.float32] | None = None
+    node_triangle: NDArray[np.int32] | None = None
+    edge_triangle: NDArray[np.int32] | None = None
+
+    def __post_init__(self) -> None:
+        for name, (shape, dtype) in _SHAPES.items():
+            value = getattr(self, name)
+            if value is not None:
+                object.__setattr__(self, name, fixed_array(value, name, shape, dtype, GraphError))
+        self._check_lengths()
+        self._check_values()
+        self._check_edges()
+
+    @property
+    def pores(self) -> int:
+        """Number of nodes."""
+        return len(self.node_uv)
+
+    @property
+    def wrinkles(self) -> int:
+        """Number of edges."""
+        return len(self.edge_nodes)
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """The arrays by name, absent ones left out."""
+        pairs = ((f.name, getattr(self, f.name)) for f in fields(self))
+        return {name: value for name, value in pairs if value is not None}
+
+    def _check_lengths(self) -> None:
+        for name, array in self.arrays().items():
+            first = "node_uv" if name.startswith("node") else "edge_nodes"
+            wanted = len(getattr(self, first))
+            if len(array) != wanted:
+                raise GraphError(f"{name} has {len(array)} rows, {first} has {wanted}")
+
+    def _check_values(self) -> None:
+        _require("node_uv", self.node_uv, np.abs(self.node_uv) <= UV_LIMIT, f"within ±{UV_LIMIT:g}")
+        for name in ("node_weight", "edge_weight"):
+            weight = getattr(self, name)
+            _require(name, weight, (weight >= 0) & (weight <= 1), "from 0 to 1")
+        for name in ("node_radius", "edge_half_width"):
+            size = getattr(self, name)
+            _require(name, size, (size > 0) & (size <= 1), "above 0, at most 1")
+        if self.node_metric is not None:
+            _require("node_metric", self.node_metric, _positive(self.node_metric), "a UV metric")
+        for name in ("node_triangle", "edge_triangle"):
+            index = getattr(self, name)
+            if index is not None:
+                _require(name, index, index >= -1, "-1 or the index of a triangle")
+
+    def _check_edges(self) -> None:
+        ends = self.edge_nodes
+        inside = (ends >= 0) & (ends < self.pores)
+        _require("edge_nodes", ends, inside, f"from 0 to {self.pores - 1}")
+        length = np.abs(self.node_uv[ends[:, 0]] - self.node_uv[ends[:, 1]]).sum(axis=-1)
+        _require("edge_nodes", ends, length > 0, "two pores at different places")
+
+
+def _positive(metric: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Positive definite, and wider than nothing: every eigenvalue at least 1 (radius at most 1)."""
+    uu, uv, vv = metric.astype(np.float64).T
+    smallest = 0.5 * (uu + vv) - np.hypot(0.5 * (uu - vv), uv)
+    good: NDArray[np.bool_] = np.isfinite(smallest) & (smallest >= 1.0 - 1e-6)
+    return good
+
+
+def _require(name: str, array: NDArray[Any], good: NDArray[np.bool_], rule: str) -> None:
+    bad = first_bad_row(good)
+    if bad is not None:
+        raise GraphError(f"{name}[{bad}] is {array[bad].tolist()}: must be {rule}")

@@ -1,0 +1,91 @@
+"""The neutral mesh: positions, triangles and their texture coordinates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.domain.arrays import first_bad_row, fixed_array
+from rhytid.errors import MeshError
+
+UV_LIMIT = 100.0
+# A triangle whose area is below this share of its longest edge squared has no usable stretch.
+DEGENERATE_AREA = 1e-7
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """A triangle mesh with texture coordinates of their own indices.
+
+    positions: (V, 3) float32, in the length unit of the mesh, in the order of the file.
+    faces: (F, 3) int32, indices into positions.
+    uv: (T, 2) float64, v up. Double, because a float32 at u = 9 is 1/64 texel at 16k.
+    face_uv: (F, 3) int32, indices into uv.
+
+    A vertex on a UV seam is one position with several uv. The arrays are read-only copies.
+    Raises MeshError naming the first element that cannot be used.
+    """
+
+    positions: NDArray[np.float32]
+    faces: NDArray[np.int32]
+    uv: NDArray[np.float64]
+    face_uv: NDArray[np.int32]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "positions", _finite(self.positions, "position", 3, np.float32))
+        object.__setattr__(self, "uv", _finite(self.uv, "uv", 2, np.float64))
+        faces = _indices(self.faces, "faces", len(self.positions))
+        object.__setattr__(self, "faces", faces)
+        object.__setattr__(self, "face_uv", _indices(self.face_uv, "face_uv", len(self.uv)))
+        self._check()
+
+    def _check(self) -> None:
+        if len(self.faces) != len(self.face_uv):
+            raise MeshError(f"{len(self.faces)} faces but {len(self.face_uv)} rows of face_uv")
+        far = first_bad_row(np.abs(self.uv) <= UV_LIMIT)
+        if far is not None:
+            raise MeshError(f"uv {far} is {self.uv[far].tolist()}: beyond ±{UV_LIMIT:g}")
+        if not self.usable_triangles().any():
+            raise MeshError("no triangle has area both in space and in UV")
+
+    def usable_triangles(self) -> NDArray[np.bool_]:
+        """(F,) true where a triangle has area both in space and in UV."""
+        corners = self.positions[self.faces].astype(np.float64)
+        return _has_area(corners) & _has_area(self.triangle_uv())
+
+    def triangle_uv(self) -> NDArray[np.float64]:
+        """(F, 3, 2) texture coordinates of the corners."""
+        corners: NDArray[np.float64] = self.uv[self.face_uv]
+        return corners
+
+
+def _has_area(corners: NDArray[np.float64]) -> NDArray[np.bool_]:
+    a, b, c = (corners[:, i] for i in range(3))
+    longest = np.maximum.reduce([np.sum(e * e, -1) for e in (b - a, c - b, a - c)])
+    u, w = b - a, c - a
+    if corners.shape[-1] == 2:
+        area = 0.5 * np.abs(u[:, 0] * w[:, 1] - u[:, 1] * w[:, 0])
+    else:
+        area = 0.5 * np.linalg.norm(np.cross(u, w), axis=-1)
+    result: NDArray[np.bool_] = (area >= DEGENERATE_AREA * longest) & (longest > 0)
+    return result
+
+
+def _finite(values: Any, what: str, width: int, dtype: type[np.floating[Any]]) -> NDArray[Any]:
+    with np.errstate(over="ignore"):
+        array = fixed_array(values, what, (None, width), dtype, MeshError)
+    bad = first_bad_row(np.isfinite(array))
+    if bad is not None:
+        raise MeshError(f"{what} {bad} is {array[bad].tolist()}: not finite")
+    return array
+
+
+def _indices(values: Any, what: str, count: int) -> NDArray[np.int32]:
+    wide = fixed_array(values, what, (None, 3), np.int64, MeshError)
+    bad = first_bad_row((wide >= 0) & (wide < count))
+    if bad is not None:
+        raise MeshError(f"{what} {bad} is {wide[bad].tolist()}: indices go from 0 to {count - 1}")
+    return fixed_array(wide, what, (None, 3), np.int32, MeshError)

@@ -1,0 +1,97 @@
+"""UDIM tiles, levels and the addresses of displacement tiles."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.domain.mesh import Mesh
+from rhytid.errors import NotFoundError, QueryError
+
+
+@dataclass(frozen=True, order=True)
+class TileAddress:
+    """One tile of a displacement map: `udim/level/row/column`, row 0 at the top."""
+
+    udim: int
+    level: int
+    row: int
+    column: int
+
+    def __str__(self) -> str:
+        return f"{self.udim}/{self.level}/{self.row}/{self.column}"
+
+    @classmethod
+    def parse(cls, text: str) -> TileAddress:
+        """Read `udim/level/row/column`; raises QueryError."""
+        parts = text.split("/")
+        if len(parts) != 4 or not all(p.isascii() and p.isdigit() and len(p) < 10 for p in parts):
+            raise QueryError(f"tile {text!r}: expected udim/level/row/column, four whole numbers")
+        return cls(*(int(p) for p in parts))
+
+
+@dataclass(frozen=True)
+class TileGrid:
+    """How a map of `resolution`² texels is cut into levels and tiles of `tile_size`² texels."""
+
+    resolution: int
+    tile_size: int
+
+    @property
+    def levels(self) -> int:
+        """Number of levels, down to one texel."""
+        return int(math.log2(self.resolution)) + 1
+
+    def side(self, level: int) -> int:
+        """Texels per side of the map at a level."""
+        return self.resolution >> level
+
+    def texels(self, level: int) -> int:
+        """Texels per side of a tile at a level: a level smaller than a tile is one smaller tile."""
+        return min(self.tile_size, self.side(level))
+
+    def count(self, level: int) -> int:
+        """Tiles per side at a level."""
+        return self.side(level) // self.texels(level)
+
+    def addresses(self, udim: int, level: int) -> list[TileAddress]:
+        """Every tile of one level, row by row."""
+        n = range(self.count(level))
+        return [TileAddress(udim, level, row, column) for row in n for column in n]
+
+    def check(self, address: TileAddress) -> None:
+        """Raise NotFoundError where the level, row or column does not exist."""
+        if not 0 <= address.level < self.levels:
+            raise NotFoundError(f"level {address.level}: levels go from 0 to {self.levels - 1}")
+        last = self.count(address.level) - 1
+        for name, index in (("row", address.row), ("column", address.column)):
+            if not 0 <= index <= last:
+                raise NotFoundError(f"{name} {index} at level {address.level}: 0 to {last}")
+
+
+def udim_origin(udim: int) -> tuple[int, int]:
+    """(u, v) of the lower left corner of a UDIM."""
+    return (udim - 1001) % 10, (udim - 1001) // 10
+
+
+def mesh_udims(mesh: Mesh) -> tuple[int, ...]:
+    """The UDIMs that the mesh touches, ascending; u in [0, 10), v >= 0, the rest is clipped.
+
+    A triangle touches the UDIMs that its UV bounding box overlaps.
+    """
+    corners = mesh.triangle_uv()
+    low = np.floor(corners.min(axis=1)).astype(np.int64)
+    high = np.maximum(np.ceil(corners.max(axis=1)).astype(np.int64), low + 1)
+    found: set[int] = set()
+    for u0, v0, u1, v1 in np.unique(np.concatenate([low, high], axis=1), axis=0):
+        for v in range(max(v0, 0), v1):
+            found.update(1001 + u + 10 * v for u in range(max(u0, 0), min(u1, 10)))
+    return tuple(sorted(int(u) for u in found))
+
+
+def texel_centres(start: int, count: int, resolution: int) -> NDArray[np.float64]:
+    """Centres of `count` columns from `start` on, in UV units local to the UDIM: (i + ½)/R."""
+    return (np.arange(start, start + count, dtype=np.float64) + 0.5) / resolution

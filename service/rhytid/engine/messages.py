@@ -1,0 +1,138 @@
+"""What goes in and out of the engine: settings, ids and arrays, nothing that lives on a device.
+
+Because these are plain values, an engine can live in another process or on another machine
+without its callers noticing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.graph import WrinkleGraph
+from rhytid.domain.mesh import Mesh
+from rhytid.errors import QueryError
+
+METHODS = ("neutral", "redraw", "binned")
+STRETCH_MODELS = ("tensor",)
+SAMPLINGS = ("nearest",)
+
+
+@dataclass(frozen=True, eq=False)
+class NewAsset:
+    """A neutral mesh to build an asset from; `graph` absent means synthesise one.
+
+    `frames` are stored as frames 0000, 0001, … once the asset exists: (N, V, 3) float32.
+    """
+
+    mesh: Mesh
+    settings: AssetSettings = field(default_factory=AssetSettings)
+    graph: WrinkleGraph | None = None
+    frames: NDArray[np.float32] | None = None
+
+
+@dataclass(frozen=True)
+class AssetInfo:
+    """An asset as a caller sees it. `state`: building, ready or failed (with `reason`).
+
+    `levels` counts the levels of a map; `pores` and `wrinkles` are 0 until the graph exists.
+    """
+
+    id: str
+    state: str
+    job: str | None
+    reason: str | None
+    settings: dict[str, Any]
+    udims: tuple[int, ...]
+    levels: int
+    vertices: int
+    triangles: int
+    pores: int
+    wrinkles: int
+
+
+@dataclass(frozen=True)
+class JobInfo:
+    """Long work. `state`: queued, running, done, failed or cancelled; `progress` from 0 to 1."""
+
+    id: str
+    asset: str
+    kind: str
+    state: str
+    progress: float
+    stage: str
+    detail: str
+
+
+@dataclass(frozen=True)
+class FrameInfo:
+    """A stored frame and the percentiles of its clamped log stretch, over triangles and axes.
+
+    `log_stretch` maps "p1", "p10", "p50", "p90", "p99" and "abs_p90" to values.
+    """
+
+    name: str
+    log_stretch: dict[str, float]
+
+
+@dataclass(frozen=True)
+class MapQuery:
+    """Which displacement: the method, the stretch model and the sampling (sections 3 and 7)."""
+
+    method: str = "redraw"
+    stretch: str = "tensor"
+    sampling: str = "nearest"
+
+    def __post_init__(self) -> None:
+        for name, known in _QUERY.items():
+            value = getattr(self, name)
+            if value not in known:
+                raise QueryError(f"{name} {value!r}: one of {', '.join(known)}")
+
+
+_QUERY = {"method": METHODS, "stretch": STRETCH_MODELS, "sampling": SAMPLINGS}
+
+
+@dataclass(frozen=True)
+class DeviceInfo:
+    """An OpenCL device; memory in bytes. `used` and `budget` are ours, not the driver's."""
+
+    name: str
+    platform: str
+    kind: str
+    version: str
+    compute_units: int
+    memory: int
+    budget: int
+    used: int
+    selected: bool
+
+
+@dataclass(frozen=True, eq=False)
+class FrameStretch:
+    """axes (F, 2, 2) float32 with axes[f, i] = ŝᵢ; ratios (F, 2) float32, unclamped."""
+
+    axes: NDArray[np.float32]
+    ratios: NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class BinManifest:
+    """The precomputed maps of an asset, in the order of `bin_tile`'s indices.
+
+    angles (N,): bin directions αₙ = πn/N in radians; θₙ = (sin αₙ, cos αₙ).
+    samples (M,): log stretch of each sample.  layers: {"wrinkles": N, "pores": 1}.
+    steps: displacement per code, mesh units, by layer and sample.
+    """
+
+    angles: tuple[float, ...]
+    samples: tuple[float, ...]
+    steps: dict[str, tuple[float, ...]]
+    bits: int
+    merge: str
+    depth_factored: bool
+    layers: dict[str, int]

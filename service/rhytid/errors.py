@@ -1,0 +1,106 @@
+"""Everything that rhytid raises on purpose.
+
+::
+
+    RhytidError
+    ├── InputError               what the caller sent is wrong; the message says what and where
+    │   ├── MeshError
+    │   ├── GraphError
+    │   ├── FrameError
+    │   ├── SettingsError
+    │   └── QueryError           an address, a method or a format that does not exist
+    ├── NotFoundError            no such asset, frame, job, UDIM or tile
+    ├── ConflictError            right, but not now
+    │   ├── NotReadyError        the asset is still building (``retry_after`` seconds)
+    │   └── ReadOnlyError        ``neutral`` cannot be written
+    ├── LimitError               larger than this server allows; the message has both numbers
+    ├── BusyError                the queue of the device is full (``retry_after`` seconds)
+    ├── CancelledError           the caller cancelled the job
+    ├── StorageError             the store is damaged or cannot be written
+    └── DeviceError
+        ├── NoDeviceError        no OpenCL device computes here; the message names ways to get one
+        ├── KernelBuildError     a kernel does not compile; carries the build log
+        └── DeviceMemoryError    the request does not fit the device memory budget
+"""
+
+from __future__ import annotations
+
+
+class RhytidError(Exception):
+    """Base of every deliberate error."""
+
+
+class InputError(RhytidError):
+    """What the caller sent is wrong."""
+
+
+class MeshError(InputError):
+    """A mesh that cannot be used; names the element."""
+
+
+class GraphError(InputError):
+    """A wrinkle graph that cannot be used; names the array and the element."""
+
+
+class FrameError(InputError):
+    """Frame positions or a frame name that cannot be used."""
+
+
+class SettingsError(InputError):
+    """A setting that is unknown, of the wrong type or out of range; names its path."""
+
+
+class QueryError(InputError):
+    """An address, a method or a format that does not exist."""
+
+
+class NotFoundError(RhytidError):
+    """No such asset, frame, job, UDIM or tile."""
+
+
+class ConflictError(RhytidError):
+    """The request is right, but not in the present state."""
+
+
+class NotReadyError(ConflictError):
+    """The asset is still building."""
+
+    retry_after = 1
+
+
+class ReadOnlyError(ConflictError):
+    """The frame ``neutral`` always exists and cannot be written."""
+
+
+class LimitError(RhytidError):
+    """Larger than this server allows."""
+
+
+class BusyError(RhytidError):
+    """The queue of the device is full."""
+
+    retry_after = 1
+
+
+class CancelledError(RhytidError):
+    """The caller cancelled the job."""
+
+
+class StorageError(RhytidError):
+    """The store is damaged or cannot be written."""
+
+
+class DeviceError(RhytidError):
+    """The OpenCL runtime failed."""
+
+
+class NoDeviceError(DeviceError):
+    """No OpenCL device computes here."""
+
+
+class KernelBuildError(DeviceError):
+    """A kernel does not compile; the message carries the build log."""
+
+
+class DeviceMemoryError(DeviceError):
+    """The request does not fit the device memory budget."""

@@ -1,0 +1,51 @@
+"""The settings of the process, read once from the environment: nothing else reads it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from rhytid.errors import SettingsError
+
+MIB = 1 << 20
+
+
+@dataclass(frozen=True)
+class ServiceSettings:
+    """How this process runs.
+
+    store: folder of the assets.  device: part of an OpenCL device's or platform's name, or the
+    number that `rhytid devices` shows; None = the best that computes.
+    device_memory, frame_memory, upload_limit: bytes.  queue: waiting device requests at most.
+    """
+
+    store: Path = Path("rhytid-store")
+    device: str | None = None
+    device_memory: int = 4096 * MIB
+    frame_memory: int = 2048 * MIB
+    upload_limit: int = 1024 * MIB
+    queue: int = 256
+
+    @classmethod
+    def from_environment(cls, environment: Mapping[str, str] = os.environ) -> ServiceSettings:
+        """Read RHYTID_STORE, RHYTID_DEVICE, RHYTID_DEVICE_MEMORY_MB, RHYTID_FRAME_MEMORY_MB,
+        RHYTID_UPLOAD_LIMIT_MB and RHYTID_QUEUE; raises SettingsError naming the variable."""
+
+        def count(name: str, default: int) -> int:
+            value = environment.get(name)
+            if not value:
+                return default
+            if not (value.isascii() and value.isdigit() and 0 < int(value) < 2**40):
+                raise SettingsError(f"{name} is {value!r}: must be a whole number above 0")
+            return int(value)
+
+        return cls(
+            store=Path(environment.get("RHYTID_STORE") or "rhytid-store"),
+            device=environment.get("RHYTID_DEVICE") or None,
+            device_memory=count("RHYTID_DEVICE_MEMORY_MB", 4096) * MIB,
+            frame_memory=count("RHYTID_FRAME_MEMORY_MB", 2048) * MIB,
+            upload_limit=count("RHYTID_UPLOAD_LIMIT_MB", 1024) * MIB,
+            queue=count("RHYTID_QUEUE", 256),
+        )
