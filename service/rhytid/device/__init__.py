@@ -1,0 +1,1 @@
+"""The OpenCL runtime: choosing a device, programs, buffers, the memory budget."""

@@ -1,0 +1,66 @@
+"""A memory budget of our own: drivers promise more than there is."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Hashable
+from typing import Protocol, TypeVar
+
+from rhytid.errors import DeviceMemoryError
+
+
+class Releasable(Protocol):
+    """Something on the device that knows its size in bytes and can be given back."""
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes on the device."""
+        ...
+
+    def release(self) -> None:
+        """Give the memory back."""
+        ...
+
+
+T = TypeVar("T", bound=Releasable)
+
+
+class MemoryBudget:
+    """Counts bytes on the device, and makes room by dropping what can be made again.
+
+    Things kept under a key are dropped least recently used first; what `pin`ned bytes hold stays.
+    """
+
+    def __init__(self, limit: int) -> None:
+        self.limit = limit
+        self.used = 0
+        self._kept: OrderedDict[Hashable, Releasable] = OrderedDict()
+
+    def reserve(self, nbytes: int) -> None:
+        """Count `nbytes` in, dropping kept things where needed; raises DeviceMemoryError."""
+        while self.used + nbytes > self.limit and self._kept:
+            self._kept.popitem(last=False)[1].release()
+        if self.used + nbytes > self.limit:
+            raise DeviceMemoryError(
+                f"{nbytes} bytes more than the {self.used} in use would pass the device memory "
+                f"budget of {self.limit} bytes (RHYTID_DEVICE_MEMORY_MB)"
+            )
+        self.used += nbytes
+
+    def free(self, nbytes: int) -> None:
+        """Count `nbytes` out."""
+        self.used -= nbytes
+
+    def keep(self, key: Hashable, make: Callable[[], T]) -> T:
+        """What is kept under `key`; made, and kept from now on, where it is not there."""
+        found = self._kept.get(key)
+        if found is None:
+            found = make()
+            self._kept[key] = found
+        self._kept.move_to_end(key)
+        return found  # type: ignore[return-value]
+
+    def drop(self, belongs: Callable[[Hashable], bool]) -> None:
+        """Release everything kept under a key that `belongs`."""
+        for key in [k for k in self._kept if belongs(k)]:
+            self._kept.pop(key).release()

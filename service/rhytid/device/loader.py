@@ -1,0 +1,51 @@
+"""Finds OpenCL drivers that pip installed, before pyopencl looks for drivers.
+
+The loader inside pyopencl's wheel reads `.icd` files from one folder, the system's by default.
+A driver from pip leaves its file in the environment's own `etc/OpenCL/vendors`, often with a bare
+library name that only resolves inside `lib`. So a folder of our own gets both, with full paths.
+Nothing happens where OCL_ICD_VENDORS is set, off Linux, or where pip installed no driver.
+"""
+
+from __future__ import annotations
+
+import atexit
+import os
+import shutil
+import sys
+import tempfile
+from pathlib import Path
+from types import ModuleType
+
+SYSTEM_VENDORS = Path("/etc/OpenCL/vendors")
+# A pip driver for FPGA emulation comes along with the one for CPUs: it is not wanted here.
+_CPU_DRIVER = "intel-cpu.icd"
+
+
+def load_pyopencl() -> ModuleType:
+    """Import pyopencl with pip's drivers in sight."""
+    prefix = Path(sys.prefix)
+    driver = pip_driver(prefix)
+    if driver is not None and sys.platform == "linux" and "OCL_ICD_VENDORS" not in os.environ:
+        os.environ["OCL_ICD_VENDORS"] = _vendor_folder(driver)
+    import pyopencl
+
+    return pyopencl
+
+
+def pip_driver(prefix: Path) -> Path | None:
+    """The library of a CPU driver that pip put below `prefix`, or None."""
+    entry = prefix / "etc" / "OpenCL" / "vendors" / _CPU_DRIVER
+    if not entry.is_file():
+        return None
+    library = Path(entry.read_text(encoding="utf-8").strip())
+    candidates = (library, prefix / "lib" / library.name)
+    return next((path for path in candidates if path.is_absolute() and path.is_file()), None)
+
+
+def _vendor_folder(driver: Path) -> str:
+    folder = Path(tempfile.mkdtemp(prefix="rhytid-opencl-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    for entry in sorted(SYSTEM_VENDORS.glob("*.icd")):
+        (folder / entry.name).write_bytes(entry.read_bytes())
+    (folder / _CPU_DRIVER).write_text(f"{driver}\n", encoding="utf-8")
+    return str(folder)

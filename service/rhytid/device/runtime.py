@@ -1,0 +1,121 @@
+"""One device: its queue, its programs, its buffers. The pipeline sees OpenCL only through this."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+import rhytid_kernels
+from rhytid.device.budget import MemoryBudget
+from rhytid.device.select import Candidate, cl, compile_program
+from rhytid.errors import DeviceError, DeviceMemoryError, KernelBuildError
+
+BUILD_OPTIONS = ("-cl-std=CL1.2",)
+
+
+@contextmanager
+def _device_errors() -> Iterator[None]:
+    """The one border where errors of the OpenCL runtime become ours."""
+    try:
+        yield
+    except cl.MemoryError as error:
+        raise DeviceMemoryError(f"the OpenCL driver is out of memory: {error}") from error
+    except cl.Error as error:
+        raise DeviceError(f"the OpenCL driver failed: {error}") from error
+
+
+class Buffer:
+    """Bytes on the device, counted in its budget until released."""
+
+    def __init__(self, device: Device, nbytes: int, host: NDArray[Any] | None = None) -> None:
+        device.budget.reserve(nbytes)
+        self.nbytes = nbytes
+        self._budget = device.budget
+        flags = cl.mem_flags.READ_WRITE
+        if host is not None:
+            flags |= cl.mem_flags.COPY_HOST_PTR
+        with _device_errors():
+            self.handle = cl.Buffer(device.context, flags, max(nbytes, 1), hostbuf=host)
+
+    def release(self) -> None:
+        """Give the memory back; a second call does nothing."""
+        if self.handle is not None:
+            self.handle.release()
+            self.handle = None
+            self._budget.free(self.nbytes)
+
+
+class Device:
+    """A context and an in-order queue on one device. Used by one thread only.
+
+    `lanes` is the number of work-items that share a block when drawing: one on a CPU, where a
+    work-item is a vector loop, many on a GPU. It does not change results.
+    """
+
+    def __init__(self, candidate: Candidate, memory: int) -> None:
+        self.info = candidate
+        self.budget = MemoryBudget(memory)
+        self.lanes = 1 if candidate.kind == "cpu" else 64
+        with _device_errors():
+            self.context = cl.Context([candidate.handle])
+            self._queue = cl.CommandQueue(self.context)
+        self._kernels: dict[tuple[str, str, tuple[tuple[str, Any], ...]], Any] = {}
+
+    def upload(self, array: NDArray[Any]) -> Buffer:
+        """A buffer with the bytes of `array`."""
+        host = np.ascontiguousarray(array)
+        return Buffer(self, host.nbytes, host if host.nbytes else None)
+
+    def empty(self, count: int, dtype: DTypeLike) -> Buffer:
+        """A buffer for `count` values, not initialised."""
+        return Buffer(self, count * np.dtype(dtype).itemsize)
+
+    def read(self, buffer: Buffer, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
+        """The first values of a buffer; waits for all launches before."""
+        host = np.empty(shape, dtype)
+        if host.size:
+            with _device_errors():
+                cl.enqueue_copy(self._queue, host, buffer.handle, is_blocking=True)
+        return host
+
+    def launch(
+        self,
+        program: str,
+        kernel: str,
+        size: tuple[int, ...],
+        *arguments: Any,
+        group: tuple[int, ...] | None = None,
+        **defines: Any,
+    ) -> None:
+        """Enqueue a kernel over `size` work-items; scalars are numpy scalars of the exact type."""
+        if 0 in size:
+            return
+        handles = [a.handle if isinstance(a, Buffer) else a for a in arguments]
+        compiled = self.kernel(program, kernel, **defines)
+        with _device_errors():
+            compiled(self._queue, size, group, *handles)
+
+    def finish(self) -> None:
+        """Wait until everything enqueued is done; raises DeviceError where the queue broke."""
+        with _device_errors():
+            self._queue.finish()
+
+    def kernel(self, program: str, kernel: str, **defines: Any) -> Any:
+        """A compiled kernel, made once for each set of defines; raises KernelBuildError."""
+        key = (program, kernel, tuple(sorted(defines.items())))
+        if key not in self._kernels:
+            text = rhytid_kernels.source(program)
+            options = [*BUILD_OPTIONS, *(f"-D{k}={v}" for k, v in sorted(defines.items()))]
+            self._kernels[key] = getattr(self.build(text, options), kernel)
+        return self._kernels[key]
+
+    def build(self, text: str, options: list[str]) -> Any:
+        """A program from source text; raises KernelBuildError with the compiler's log."""
+        try:
+            return compile_program(self.context, text, options)
+        except cl.RuntimeError as error:
+            raise KernelBuildError(str(error)) from error

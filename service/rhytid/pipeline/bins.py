@@ -1,0 +1,153 @@
+"""Precomputed maps of the fast method (section 2.4). Kernels: bins.cl, quantise.cl."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.device.runtime import Buffer, Device
+from rhytid.domain.asset_settings import AssetSettings, BinSettings
+from rhytid.pipeline.elements import SCALE_LIMIT, UdimElements
+from rhytid.pipeline.levels import Draw, render
+from rhytid.pipeline.locate import UdimTriangles
+from rhytid.pipeline.redraw import launch_blocks
+
+# What bulges and overlaps may add to the deepest furrow, in units of depth.
+_HEADROOM = 0.2
+# A vector of the blend kernel: the smallest levels are padded to it.
+VECTOR = 16
+
+
+def directions(count: int) -> NDArray[np.float64]:
+    """(N, 2) θₙ = (sin αₙ, cos αₙ) with αₙ = πn/N (Alg. 3, line 7)."""
+    angles = np.pi * np.arange(count) / count
+    return np.stack([np.sin(angles), np.cos(angles)], axis=1)
+
+
+def sample_stretches(bins: BinSettings) -> NDArray[np.float64]:
+    """(M,) log stretch of each sample, evenly spaced from -r_max to r_max; the middle is 0."""
+    steps: NDArray[np.float64] = np.arange(bins.samples) - (bins.samples - 1) / 2
+    return steps * (2.0 * bins.r_max / (bins.samples - 1))
+
+
+def scale(r: float, exponent: float) -> float:
+    """exp(r)^exponent within the limits of the response (Alg. 1, lines 7 and 8)."""
+    return float(np.clip(math.exp(exponent * r), 1.0 / SCALE_LIMIT, SCALE_LIMIT))
+
+
+def code_limit(bits: int) -> int:
+    """The largest code of a symmetric quantisation."""
+    return int(2 ** (bits - 1) - 1)
+
+
+def quantisation_steps(settings: AssetSettings) -> NDArray[np.float32]:
+    """(N + 1, M) displacement of one code, mesh units; the last row is the pore layer.
+
+    Known before anything is drawn, so that tiles can be made one at a time.
+    """
+    assert settings.depth is not None
+    response, bins = settings.response, settings.bins
+    exponents = [response.alpha_d] * bins.count + [response.beta_d]
+    stretches = sample_stretches(bins)
+    depths = np.array([[scale(r, -e) for r in stretches] for e in exponents])
+    return (settings.depth * (depths + _HEADROOM) / code_limit(bins.bits)).astype(np.float32)
+
+
+@dataclass(frozen=True)
+class BinTile:
+    """One tile of every precomputed map: texels² codes a map, padded to a vector, and the
+    triangle of each texel. codes: (N + 1) layers x M samples."""
+
+    triangles: Buffer
+    codes: Buffer
+    texels: int
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes on the device."""
+        return self.triangles.nbytes + self.codes.nbytes
+
+    def release(self) -> None:
+        """Give the memory back."""
+        self.triangles.release()
+        self.codes.release()
+
+
+class BinMaker:
+    """Makes tiles of the precomputed maps of one UDIM."""
+
+    def __init__(
+        self,
+        device: Device,
+        elements: UdimElements,
+        located: UdimTriangles,
+        settings: AssetSettings,
+    ) -> None:
+        self._device, self._elements, self._located = device, elements, located
+        self._settings = settings
+        self._steps = quantisation_steps(settings)
+
+    def tile(self, level: int, row: int, column: int, texels: int) -> BinTile:
+        """All layers and samples of `texels`² texels, from texel (row, column) of the level on."""
+        bins = self._settings.bins
+        size = max(texels * texels, VECTOR)
+        layers = bins.count + 1
+        codes = self._device.empty(layers * bins.samples * size, f"i{bins.bits // 8}")
+        for index in range(layers * bins.samples):
+            layer, sample = divmod(index, bins.samples)
+            draw = self._draw(layer, sample)
+            heights = render(self._device, draw, level, row, column, texels)
+            self._quantise(heights, texels * texels, layer, sample, index * size, codes)
+            heights.release()
+        side = self._settings.resolution >> level
+        return BinTile(self._located.texels(side, row, column, texels), codes, size)
+
+    def _quantise(
+        self, heights: Buffer, count: int, layer: int, sample: int, first: int, codes: Buffer
+    ) -> None:
+        bits = self._settings.bins.bits
+        self._device.launch(
+            "quantise", "quantise", (count,),
+            heights, self._steps[layer, sample], np.int32(first), codes,
+            CODE={8: "char", 16: "short"}[bits], CODE_LIMIT=code_limit(bits),
+        )  # fmt: skip
+        self._device.finish()
+
+    def _draw(self, layer: int, sample: int) -> Draw:
+        bins = self._settings.bins
+        r = float(sample_stretches(bins)[sample])
+        return self._draw_pores(r) if layer == bins.count else self._draw_bin(layer, r)
+
+    def _draw_bin(self, index: int, r: float) -> Draw:
+        elements, response = self._elements, self._settings.response
+        scales = _float2(scale(r, response.alpha_w), scale(r, -response.alpha_d))
+        lists = elements.wrinkle_lists
+
+        def draw(row: int, column: int, side: int) -> Buffer:
+            return launch_blocks(
+                self._device, "bins", "draw_wrinkle_bin", self._settings, row, column, side,
+                elements.segments, elements.sizes, elements.bins, np.int32(index), scales,
+                lists.offsets, lists.members,
+            )  # fmt: skip
+
+        return draw
+
+    def _draw_pores(self, r: float) -> Draw:
+        elements, response = self._elements, self._settings.response
+        scales = _float2(scale(r, response.beta_w), scale(r, -response.beta_d))
+        lists = elements.pore_lists
+
+        def draw(row: int, column: int, side: int) -> Buffer:
+            return launch_blocks(
+                self._device, "bins", "draw_pore_layer", self._settings, row, column, side,
+                elements.centres, elements.metrics, scales, lists.offsets, lists.members,
+            )  # fmt: skip
+
+        return draw
+
+
+def _float2(x: float, y: float) -> NDArray[np.float32]:
+    return np.array([x, y], np.float32)

@@ -1,0 +1,50 @@
+"""Blends precomputed maps by the stretch of a frame (Alg. 3). Kernels: weights.cl, blend.cl."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.device.runtime import Buffer, Device
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.pipeline.bins import VECTOR, BinTile, directions, quantisation_steps
+from rhytid.pipeline.stretch import StretchBuffers
+
+
+class Blend:
+    """What blending needs of an asset, on the device."""
+
+    def __init__(self, device: Device, settings: AssetSettings, triangles: int) -> None:
+        self._device, self._bins, self._triangles = device, settings.bins, triangles
+        self._directions = device.upload(directions(settings.bins.count).astype(np.float32))
+        self._steps = device.upload(quantisation_steps(settings))
+        self._layers = {"LAYERS": settings.bins.count + 1, "SAMPLES": settings.bins.samples}
+
+    def positions(self, stretch: StretchBuffers) -> Buffer:
+        """Where each triangle stands between the samples, per layer (Alg. 3, lines 6 to 10)."""
+        count = self._triangles + 1
+        found = self._device.empty(count * self._layers["LAYERS"], np.float32)
+        self._device.launch(
+            "weights", "sample_positions", (count,),
+            stretch.axes, stretch.logs, self._directions, np.float32(self._bins.r_max), found,
+            **self._layers,
+        )  # fmt: skip
+        return found
+
+    def tile(self, maps: BinTile, positions: Buffer, side: int) -> NDArray[np.float32]:
+        """(side, side) float32 displacement of one tile (Alg. 3, lines 11 to 15)."""
+        out = self._device.empty(maps.texels, np.float32)
+        bits = self._bins.bits
+        self._device.launch(
+            "blend", "blend", (maps.texels // VECTOR,),
+            maps.triangles, maps.codes, positions, self._steps, np.int32(maps.texels), out,
+            CODE={8: "char", 16: "short"}[bits], CODE_BITS=bits, **self._layers,
+        )  # fmt: skip
+        result: NDArray[np.float32] = self._device.read(out, (side, side), np.float32)
+        out.release()
+        return result
+
+    def release(self) -> None:
+        """Give the memory back."""
+        self._directions.release()
+        self._steps.release()

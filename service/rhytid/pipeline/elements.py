@@ -1,0 +1,175 @@
+"""Wrinkles and pores of one UDIM, laid out for drawing: texel units, sorted, listed by block."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.device.runtime import Buffer, Device
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.graph import WrinkleGraph
+from rhytid.domain.tiles import udim_origin
+from rhytid.errors import LimitError
+from rhytid.pipeline.cells import CellLists, list_by_cell
+
+BLOCK = 64
+SCALE_LIMIT = 4.0
+# Texels that may be covered for each texel of the map, all elements together.
+_MOST_COVER = 4096.0
+_MARGIN = 1.001  # beyond the rounding of the scales on the device
+
+
+@dataclass(frozen=True)
+class WrinkleArrays:
+    """K wrinkles of a UDIM in texels, v up: segments (K, 4) = start and extent, sizes (K, 2) =
+    half width and weight, triangle (K,) that each samples, lists by block."""
+
+    segments: NDArray[np.float32]
+    sizes: NDArray[np.float32]
+    triangle: NDArray[np.int32]
+    lists: CellLists
+
+
+@dataclass(frozen=True)
+class PoreArrays:
+    """K pores of a UDIM in texels, v up: centres (K, 2), metrics (K, 4) = (uu, uv, vv, weight),
+    triangle (K,) that each samples, lists by block."""
+
+    centres: NDArray[np.float32]
+    metrics: NDArray[np.float32]
+    triangle: NDArray[np.int32]
+    lists: CellLists
+
+
+def widest(exponent: float, log_stretch_limit: float) -> float:
+    """The largest width scale that a log stretch within the limit can give."""
+    return _MARGIN * min(math.exp(exponent * log_stretch_limit), SCALE_LIMIT)
+
+
+def wrinkle_arrays(
+    graph: WrinkleGraph, triangle: NDArray[np.int32], settings: AssetSettings, udim: int
+) -> WrinkleArrays:
+    """Those wrinkles of strength above 0 that reach into the UDIM at any stretch."""
+    ends = (graph.node_uv - np.array(udim_origin(udim), np.float32))[graph.edge_nodes]
+    response = settings.response
+    scale = widest(response.alpha_w, response.log_stretch_limit)
+    reach = (graph.edge_half_width * scale)[:, None]
+    low, high = ends.min(axis=1) - reach, ends.max(axis=1) + reach
+    chosen = _chosen(graph.edge_weight, low, high)
+    _check_cover(low[chosen], high[chosen], settings.resolution, "wrinkles")
+    size = np.float32(settings.resolution)
+    start, stop = ends[chosen, 0].astype(np.float64), ends[chosen, 1].astype(np.float64)
+    extent = ((stop - start) * size).astype(np.float32)
+    return WrinkleArrays(
+        np.concatenate([ends[chosen, 0] * size, extent], axis=1),
+        np.stack([graph.edge_half_width[chosen] * size, graph.edge_weight[chosen]], axis=1),
+        triangle[chosen],
+        _blocks(low[chosen], high[chosen], settings.resolution),
+    )
+
+
+def pore_arrays(
+    graph: WrinkleGraph, triangle: NDArray[np.int32], settings: AssetSettings, udim: int
+) -> PoreArrays:
+    """Those pores of strength above 0 that reach into the UDIM at any stretch."""
+    centres = graph.node_uv - np.array(udim_origin(udim), np.float32)
+    metric = _metric(graph)
+    response = settings.response
+    determinant = metric[:, 0] * metric[:, 2] - metric[:, 1] ** 2
+    reach = np.sqrt(metric[:, [2, 0]] / determinant[:, None])
+    reach *= widest(response.beta_w, response.log_stretch_limit)
+    low, high = centres - reach, centres + reach
+    chosen = _chosen(graph.node_weight, low, high)
+    _check_cover(low[chosen], high[chosen], settings.resolution, "pores")
+    size = np.float32(settings.resolution)
+    in_texels = metric[chosen] / float(settings.resolution) ** 2
+    weight = graph.node_weight[chosen, None]
+    return PoreArrays(
+        centres[chosen] * size,
+        np.concatenate([in_texels, weight], axis=1).astype(np.float32),
+        triangle[chosen],
+        _blocks(low[chosen], high[chosen], settings.resolution),
+    )
+
+
+def orientation_bins(segments: NDArray[np.float32], count: int) -> NDArray[np.uint8]:
+    """The bin of each wrinkle (section 2.4): nearest, mod π, to θₙ = (sin(πn/N), cos(πn/N))."""
+    angle = np.arctan2(segments[:, 2].astype(np.float64), segments[:, 3].astype(np.float64))
+    return (np.rint(angle * (count / np.pi)).astype(np.int64) % count).astype(np.uint8)
+
+
+@dataclass(frozen=True)
+class Lists:
+    """Block lists on the device."""
+
+    offsets: Buffer
+    members: Buffer
+
+    @classmethod
+    def upload(cls, device: Device, lists: CellLists) -> Lists:
+        """The lists, on the device."""
+        return cls(device.upload(lists.offsets), device.upload(lists.members))
+
+
+class UdimElements:
+    """The wrinkles and pores of one UDIM on the device."""
+
+    def __init__(
+        self, device: Device, wrinkles: WrinkleArrays, pores: PoreArrays, bin_count: int
+    ) -> None:
+        self.wrinkles, self.pores = len(wrinkles.segments), len(pores.centres)
+        self.segments = device.upload(wrinkles.segments)
+        self.sizes = device.upload(wrinkles.sizes)
+        self.bins = device.upload(orientation_bins(wrinkles.segments, bin_count))
+        self.wrinkle_triangle = device.upload(wrinkles.triangle)
+        self.wrinkle_lists = Lists.upload(device, wrinkles.lists)
+        self.centres = device.upload(pores.centres)
+        self.metrics = device.upload(pores.metrics)
+        self.pore_triangle = device.upload(pores.triangle)
+        self.pore_lists = Lists.upload(device, pores.lists)
+
+    def release(self) -> None:
+        """Give the memory back."""
+        for value in vars(self).values():
+            if isinstance(value, Lists):
+                value.offsets.release()
+                value.members.release()
+            elif isinstance(value, Buffer):
+                value.release()
+
+
+def _metric(graph: WrinkleGraph) -> NDArray[np.float64]:
+    if graph.node_metric is not None:
+        return graph.node_metric.astype(np.float64)
+    round_metric = 1.0 / graph.node_radius.astype(np.float64) ** 2
+    return np.stack([round_metric, np.zeros_like(round_metric), round_metric], axis=1)
+
+
+def _chosen(
+    weight: NDArray[np.float32], low: NDArray[np.floating], high: NDArray[np.floating]
+) -> NDArray[np.int64]:
+    """Indices of what is drawn, sorted by the block of the centre for locality of memory."""
+    inside = (weight > 0) & (high > 0).all(axis=1) & (low < 1).all(axis=1)
+    members = np.flatnonzero(inside)
+    cell = np.clip((low[members] + high[members]) * 128.0, 0, 255).astype(np.int64)
+    return members[np.argsort(cell[:, 1] * 256 + cell[:, 0], kind="stable")]
+
+
+def _blocks(low: NDArray[np.floating], high: NDArray[np.floating], resolution: int) -> CellLists:
+    texel = 1.0 / resolution
+    return list_by_cell(low - texel, high + texel, resolution // BLOCK, top_down=True)
+
+
+def _check_cover(
+    low: NDArray[np.floating], high: NDArray[np.floating], resolution: int, what: str
+) -> None:
+    size = np.minimum(high, 1.0) - np.maximum(low, 0.0)
+    cover = float(np.prod(size, axis=1, dtype=np.float64).sum())
+    if cover > _MOST_COVER:
+        raise LimitError(
+            f"the {what} cover {cover:.0f} times the map at their widest: more than "
+            f"{_MOST_COVER:.0f} (at {resolution}² texels)"
+        )

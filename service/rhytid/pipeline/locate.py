@@ -1,0 +1,91 @@
+"""Which triangle holds a texel or a point in UV. Kernel: locate.cl.
+
+Texture coordinates never move, so this is done once an asset, never per frame.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.device.runtime import Buffer, Device
+from rhytid.domain.mesh import Mesh
+from rhytid.domain.tiles import udim_origin
+from rhytid.pipeline.cells import list_by_cell
+
+_MOST_CELLS = 256
+_TEXELS_A_CELL = 64
+
+
+class UdimTriangles:
+    """The triangles of one UDIM on the device, listed by cell for look-up.
+
+    A point outside all triangles takes the nearest one within `padding` level-0 texels, else the
+    index `none`, which is the number of triangles.
+    """
+
+    def __init__(
+        self, device: Device, mesh: Mesh, udim: int, resolution: int, padding: int
+    ) -> None:
+        reach = padding / resolution
+        corners = mesh.triangle_uv() - np.array(udim_origin(udim), np.float64)
+        low, high = corners.min(axis=1), corners.max(axis=1)
+        margin = reach + 1e-6  # beyond the rounding of float32 coordinates
+        cells = int(np.clip(resolution // _TEXELS_A_CELL, 1, _MOST_CELLS))
+        lists = list_by_cell(low - margin, high + margin, cells, top_down=False)
+        self._device = device
+        self._none = np.int32(len(mesh.faces))
+        self._cells = np.int32(cells)
+        self._reach2 = np.float32(reach * reach)
+        self._buffers = (
+            device.upload(corners.astype(np.float32)),
+            device.upload(lists.offsets),
+            device.upload(lists.members),
+        )
+
+    def texels(self, side: int, row: int, column: int, count: int) -> Buffer:
+        """int32 triangle of each of count² texels of a level of `side` texels, on the device."""
+        # Room for a whole vector, so that the smallest levels can be blended like the others.
+        found = self._device.empty(max(count * count, 16), np.int32)
+        self._device.launch(
+            "locate", "locate_texels", (count, count), *self._arguments(),
+            np.int32(side), np.int32(row), np.int32(column), found,
+        )  # fmt: skip
+        return found
+
+    def points(self, local: NDArray[np.float32]) -> NDArray[np.int32]:
+        """(P,) int32 triangle of each point (P, 2), in UV local to the UDIM."""
+        points = self._device.upload(local)
+        found = self._device.empty(len(local), np.int32)
+        self._device.launch(
+            "locate", "locate_points", (len(local),), *self._arguments(), points, found
+        )
+        result: NDArray[np.int32] = self._device.read(found, (len(local),), np.int32)
+        points.release()
+        found.release()
+        return result
+
+    def release(self) -> None:
+        """Give the memory back."""
+        for buffer in self._buffers:
+            buffer.release()
+
+    def _arguments(self) -> tuple[object, ...]:
+        return (*self._buffers, self._cells, self._reach2, self._none)
+
+
+def locate_points(
+    device: Device, mesh: Mesh, uv: NDArray[np.float32], resolution: int, padding: int
+) -> NDArray[np.int32]:
+    """(P,) int32 triangle of each point, UDIM offset included; the number of triangles = none."""
+    found = np.full(len(uv), len(mesh.faces), np.int32)
+    corner = np.floor(uv).astype(np.int64)
+    inside = (corner[:, 0] >= 0) & (corner[:, 0] < 10) & (corner[:, 1] >= 0)
+    udims = np.where(inside, 1001 + corner[:, 0] + 10 * corner[:, 1], 0)
+    for udim in np.unique(udims[inside]):
+        members = np.flatnonzero(udims == udim)
+        local = uv[members] - np.array(udim_origin(int(udim)), np.float32)
+        triangles = UdimTriangles(device, mesh, int(udim), resolution, padding)
+        found[members] = triangles.points(local)
+        triangles.release()
+    return found

@@ -1,0 +1,102 @@
+"""Redraws every wrinkle and pore for a frame (section 2.3). Kernels: respond.cl, redraw.cl."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.device.runtime import Buffer, Device
+from rhytid.domain.asset_settings import AssetSettings, ShapeSettings
+from rhytid.pipeline.elements import BLOCK, Lists, UdimElements
+from rhytid.pipeline.levels import Draw
+from rhytid.pipeline.stretch import StretchBuffers
+
+
+@dataclass(frozen=True)
+class ScaleBuffers:
+    """(σ_w, σ_d) of each wrinkle and pore of a UDIM in one frame, on the device."""
+
+    wrinkles: Buffer
+    pores: Buffer
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes on the device."""
+        return self.wrinkles.nbytes + self.pores.nbytes
+
+    def release(self) -> None:
+        """Give the memory back."""
+        self.wrinkles.release()
+        self.pores.release()
+
+
+def respond(
+    device: Device, elements: UdimElements, settings: AssetSettings, stretch: StretchBuffers
+) -> ScaleBuffers:
+    """Alg. 1 for every wrinkle and Alg. 2 for every pore."""
+    response = settings.response
+    scales = ScaleBuffers(
+        device.empty(2 * elements.wrinkles, np.float32),
+        device.empty(2 * elements.pores, np.float32),
+    )
+    device.launch(
+        "respond", "respond_wrinkles", (elements.wrinkles,),
+        elements.segments, elements.wrinkle_triangle, stretch.axes, stretch.logs,
+        np.float32(response.alpha_w), np.float32(response.alpha_d), scales.wrinkles,
+    )  # fmt: skip
+    device.launch(
+        "respond", "respond_pores", (elements.pores,),
+        elements.pore_triangle, stretch.logs,
+        np.float32(response.beta_w), np.float32(response.beta_d), scales.pores,
+    )  # fmt: skip
+    return scales
+
+
+def redrawing(
+    device: Device, elements: UdimElements, settings: AssetSettings, scales: ScaleBuffers
+) -> Draw:
+    """Draws any rectangle of level 0 of the frame that `scales` belong to."""
+
+    def draw(row: int, column: int, side: int) -> Buffer:
+        return launch_blocks(
+            device, "redraw", "redraw", settings, row, column, side,
+            elements.segments, elements.sizes, scales.wrinkles, *_both(elements.wrinkle_lists),
+            elements.centres, elements.metrics, scales.pores, *_both(elements.pore_lists),
+        )  # fmt: skip
+
+    return draw
+
+
+def launch_blocks(
+    device: Device,
+    program: str,
+    kernel: str,
+    settings: AssetSettings,
+    row: int,
+    column: int,
+    side: int,
+    *elements: Any,
+) -> Buffer:
+    """Run a drawing kernel, one work-group a block, over side² texels of level 0."""
+    out = device.empty(side * side, np.float32)
+    blocks = side // BLOCK
+    device.launch(
+        program, kernel, (blocks * device.lanes, blocks), *elements,
+        shape_values(settings.shape), np.float32(settings.depth),
+        np.int32(settings.resolution // BLOCK), np.int32(row // BLOCK), np.int32(column // BLOCK),
+        out, group=(device.lanes, 1), BLOCK=BLOCK,
+    )  # fmt: skip
+    return out
+
+
+def shape_values(shape: ShapeSettings) -> NDArray[np.float32]:
+    """The float4 that drawing kernels take: bulges, sharpness, slots."""
+    values = (shape.wrinkle_bulge, shape.pore_bulge, shape.sharpness, shape.slots)
+    return np.array(values, np.float32)
+
+
+def _both(lists: Lists) -> tuple[Buffer, Buffer]:
+    return lists.offsets, lists.members
