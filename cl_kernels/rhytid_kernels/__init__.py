@@ -6,7 +6,7 @@ Includes are put in here, so a program is one string and a compiler needs no sea
 from __future__ import annotations
 
 import re
-from functools import cache, lru_cache
+from functools import cache
 from importlib.resources import files
 
 _INCLUDE = re.compile(r'^#include "([a-z0-9_]+\.clh)"$', re.MULTILINE)

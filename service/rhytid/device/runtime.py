@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from rhytid.device.select import Candidate, cl, compile_program
 from rhytid.errors import DeviceError, DeviceMemoryError, KernelBuildError
 
 BUILD_OPTIONS = ("-cl-std=CL1.2",)
+_NO_DEFINES: Mapping[str, object] = MappingProxyType({})
 
 
 @contextmanager
@@ -63,7 +65,7 @@ class Device:
         with _device_errors():
             self.context = cl.Context([candidate.handle])
             self._queue = cl.CommandQueue(self.context)
-        self._kernels: dict[tuple[str, str, tuple[tuple[str, Any], ...]], Any] = {}
+        self._kernels: dict[tuple[str, str, tuple[tuple[str, object], ...]], Any] = {}
 
     def upload(self, array: NDArray[Any]) -> Buffer:
         """A buffer with the bytes of `array`."""
@@ -73,6 +75,13 @@ class Device:
     def empty(self, count: int, dtype: DTypeLike) -> Buffer:
         """A buffer for `count` values, not initialised."""
         return Buffer(self, count * np.dtype(dtype).itemsize)
+
+    def full(self, count: int, value: np.generic) -> Buffer:
+        """A buffer of `count` times a numpy scalar."""
+        buffer = Buffer(self, count * value.nbytes)
+        with _device_errors():
+            cl.enqueue_fill_buffer(self._queue, buffer.handle, value, 0, buffer.nbytes)
+        return buffer
 
     def read(self, buffer: Buffer, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
         """The first values of a buffer; waits for all launches before."""
@@ -89,13 +98,13 @@ class Device:
         size: tuple[int, ...],
         *arguments: Any,
         group: tuple[int, ...] | None = None,
-        **defines: Any,
+        defines: Mapping[str, object] = _NO_DEFINES,
     ) -> None:
         """Enqueue a kernel over `size` work-items; scalars are numpy scalars of the exact type."""
         if 0 in size:
             return
         handles = [a.handle if isinstance(a, Buffer) else a for a in arguments]
-        compiled = self.kernel(program, kernel, **defines)
+        compiled = self.kernel(program, kernel, defines)
         with _device_errors():
             compiled(self._queue, size, group, *handles)
 
@@ -104,7 +113,7 @@ class Device:
         with _device_errors():
             self._queue.finish()
 
-    def kernel(self, program: str, kernel: str, **defines: Any) -> Any:
+    def kernel(self, program: str, kernel: str, defines: Mapping[str, object] = _NO_DEFINES) -> Any:
         """A compiled kernel, made once for each set of defines; raises KernelBuildError."""
         key = (program, kernel, tuple(sorted(defines.items())))
         if key not in self._kernels:

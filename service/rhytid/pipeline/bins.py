@@ -19,6 +19,8 @@ from rhytid.pipeline.redraw import launch_blocks
 _HEADROOM = 0.2
 # A vector of the blend kernel: the smallest levels are padded to it.
 VECTOR = 16
+# The C type of a code, by its bits.
+CODES = {8: "char", 16: "short"}
 
 
 def directions(count: int) -> NDArray[np.float64]:
@@ -29,7 +31,7 @@ def directions(count: int) -> NDArray[np.float64]:
 
 def sample_stretches(bins: BinSettings) -> NDArray[np.float64]:
     """(M,) log stretch of each sample, evenly spaced from -r_max to r_max; the middle is 0."""
-    steps: NDArray[np.float64] = np.arange(bins.samples) - (bins.samples - 1) / 2
+    steps = np.arange(bins.samples, dtype=np.float64) - (bins.samples - 1) / 2
     return steps * (2.0 * bins.r_max / (bins.samples - 1))
 
 
@@ -112,7 +114,7 @@ class BinMaker:
         self._device.launch(
             "quantise", "quantise", (count,),
             heights, self._steps[layer, sample], np.int32(first), codes,
-            CODE={8: "char", 16: "short"}[bits], CODE_LIMIT=code_limit(bits),
+            defines={"CODE": CODES[bits], "CODE_LIMIT": code_limit(bits)},
         )  # fmt: skip
         self._device.finish()
 

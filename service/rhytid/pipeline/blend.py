@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from rhytid.device.runtime import Buffer, Device
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.pipeline.bins import VECTOR, BinTile, directions, quantisation_steps
+from rhytid.pipeline.bins import CODES, VECTOR, BinTile, directions, quantisation_steps
 from rhytid.pipeline.stretch import StretchBuffers
 
 
@@ -18,16 +18,19 @@ class Blend:
         self._device, self._bins, self._triangles = device, settings.bins, triangles
         self._directions = device.upload(directions(settings.bins.count).astype(np.float32))
         self._steps = device.upload(quantisation_steps(settings))
-        self._layers = {"LAYERS": settings.bins.count + 1, "SAMPLES": settings.bins.samples}
+        self._layers: dict[str, object] = {
+            "LAYERS": settings.bins.count + 1,
+            "SAMPLES": settings.bins.samples,
+        }
 
     def positions(self, stretch: StretchBuffers) -> Buffer:
         """Where each triangle stands between the samples, per layer (Alg. 3, lines 6 to 10)."""
         count = self._triangles + 1
-        found = self._device.empty(count * self._layers["LAYERS"], np.float32)
+        found = self._device.empty(count * (self._bins.count + 1), np.float32)
         self._device.launch(
             "weights", "sample_positions", (count,),
             stretch.axes, stretch.logs, self._directions, np.float32(self._bins.r_max), found,
-            **self._layers,
+            defines=self._layers,
         )  # fmt: skip
         return found
 
@@ -38,7 +41,7 @@ class Blend:
         self._device.launch(
             "blend", "blend", (maps.texels // VECTOR,),
             maps.triangles, maps.codes, positions, self._steps, np.int32(maps.texels), out,
-            CODE={8: "char", 16: "short"}[bits], CODE_BITS=bits, **self._layers,
+            defines={"CODE": CODES[bits], "CODE_BITS": bits, **self._layers},
         )  # fmt: skip
         result: NDArray[np.float32] = self._device.read(out, (side, side), np.float32)
         out.release()

@@ -52,7 +52,6 @@ def _halved(device: Device, fine: Buffer, side: int, times: int) -> Buffer:
         side //= 2
         coarse = device.empty(side * side, np.float32)
         device.launch("level", "halve", (side, side), fine, coarse)
-        device.finish()
         fine.release()
         fine = coarse
     return fine

@@ -46,7 +46,7 @@ class UdimTriangles:
     def texels(self, side: int, row: int, column: int, count: int) -> Buffer:
         """int32 triangle of each of count² texels of a level of `side` texels, on the device."""
         # Room for a whole vector, so that the smallest levels can be blended like the others.
-        found = self._device.empty(max(count * count, 16), np.int32)
+        found = self._device.full(max(count * count, 16), self._none)
         self._device.launch(
             "locate", "locate_texels", (count, count), *self._arguments(),
             np.int32(side), np.int32(row), np.int32(column), found,

@@ -86,7 +86,6 @@ class StretchStage:
             frame, self._faces, self._shape, self._frame_to_uv,
             np.int32(triangles), np.float32(limit), found.ratios, found.axes, found.logs,
         )  # fmt: skip
-        device.finish()
         frame.release()
         return found
 
