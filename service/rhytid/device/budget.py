@@ -28,18 +28,32 @@ T = TypeVar("T", bound=Releasable)
 class MemoryBudget:
     """Counts bytes on the device, and makes room by dropping what can be made again.
 
-    Things kept under a key are dropped least recently used first; what `pin`ned bytes hold stays.
+    Things kept under a key are dropped least recently used first, but never in the task that
+    used them: `new_task` says when what was used before is no longer in anybody's hands.
     """
 
     def __init__(self, limit: int) -> None:
         self.limit = limit
         self.used = 0
         self._kept: OrderedDict[Hashable, Releasable] = OrderedDict()
+        self._in_hands: set[Hashable] = set()
+        self._made: set[Hashable] = set()
+
+    def new_task(self) -> None:
+        """What was kept or found so far may be dropped again when memory is short."""
+        self._in_hands.clear()
+        self._made.clear()
+
+    def forget_made(self) -> None:
+        """Release what was made since `new_task`: the task failed."""
+        self.drop(self._made.__contains__)
 
     def reserve(self, nbytes: int) -> None:
         """Count `nbytes` in, dropping kept things where needed; raises DeviceMemoryError."""
-        while self.used + nbytes > self.limit and self._kept:
-            self._kept.popitem(last=False)[1].release()
+        for key in [k for k in self._kept if k not in self._in_hands]:
+            if self.used + nbytes <= self.limit:
+                break
+            self._kept.pop(key).release()
         if self.used + nbytes > self.limit:
             raise DeviceMemoryError(
                 f"{nbytes} bytes more than the {self.used} in use would pass the device memory "
@@ -57,7 +71,9 @@ class MemoryBudget:
         if found is None:
             found = make()
             self._kept[key] = found
+            self._made.add(key)
         self._kept.move_to_end(key)
+        self._in_hands.add(key)
         return found  # type: ignore[return-value]
 
     def drop(self, belongs: Callable[[Hashable], bool]) -> None:

@@ -35,8 +35,11 @@ class Buffer:
 
     def __init__(self, device: Device, nbytes: int, host: NDArray[Any] | None = None) -> None:
         device.budget.reserve(nbytes)
+        device.born.append(self)
         self.nbytes = nbytes
         self._budget = device.budget
+        self.handle: Any = None
+        self._released = False
         flags = cl.mem_flags.READ_WRITE
         if host is not None:
             flags |= cl.mem_flags.COPY_HOST_PTR
@@ -45,10 +48,11 @@ class Buffer:
 
     def release(self) -> None:
         """Give the memory back; a second call does nothing."""
-        if self.handle is not None:
-            self.handle.release()
-            self.handle = None
+        if not self._released:
+            self._released = True
             self._budget.free(self.nbytes)
+            if self.handle is not None:
+                self.handle.release()
 
 
 class Device:
@@ -61,11 +65,25 @@ class Device:
     def __init__(self, candidate: Candidate, memory: int) -> None:
         self.info = candidate
         self.budget = MemoryBudget(memory)
+        self.born: list[Buffer] = []
         self.lanes = 1 if candidate.kind == "cpu" else 64
         with _device_errors():
             self.context = cl.Context([candidate.handle])
             self._queue = cl.CommandQueue(self.context)
         self._kernels: dict[tuple[str, str, tuple[tuple[str, object], ...]], Any] = {}
+
+    @contextmanager
+    def task(self) -> Iterator[None]:
+        """One piece of work: where it fails, every buffer that it made is given back."""
+        self.budget.new_task()
+        self.born.clear()
+        try:
+            yield
+        except BaseException:
+            self.budget.forget_made()
+            for buffer in self.born:
+                buffer.release()
+            raise
 
     def upload(self, array: NDArray[Any]) -> Buffer:
         """A buffer with the bytes of `array`."""

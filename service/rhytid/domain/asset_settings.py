@@ -35,8 +35,9 @@ class ResponseSettings:
 class ShapeSettings:
     """The profile (1 - t²)²(1 - b t²) and how heights meet (section 6 of the specification)."""
 
-    wrinkle_bulge: float = number(2.5, 0.0, 16.0)
-    pore_bulge: float = number(0.0, 0.0, 16.0)
+    # Above 9 a bulge would rise over the depth of its furrow, past what the sums can hold.
+    wrinkle_bulge: float = number(2.5, 0.0, 9.0)
+    pore_bulge: float = number(0.0, 0.0, 9.0)
     sharpness: float = number(20.0, 0.1, 20.0)
     slots: int = whole(1, 1, 1024)
 

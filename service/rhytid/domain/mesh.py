@@ -54,7 +54,11 @@ class Mesh:
     def usable_triangles(self) -> NDArray[np.bool_]:
         """(F,) true where a triangle has area both in space and in UV."""
         corners = self.positions[self.faces].astype(np.float64)
-        return _has_area(corners) & _has_area(self.triangle_uv())
+        return _has_area(corners) & self.triangles_with_uv()
+
+    def triangles_with_uv(self) -> NDArray[np.bool_]:
+        """(F,) true where a triangle has area in UV, whatever it has in space."""
+        return _has_area(self.triangle_uv())
 
     def triangle_uv(self) -> NDArray[np.float64]:
         """(F, 3, 2) texture coordinates of the corners."""

@@ -16,7 +16,7 @@ from rhytid.pipeline.locate import UdimTriangles
 from rhytid.pipeline.redraw import launch_blocks
 
 # What bulges and overlaps may add to the deepest furrow, in units of depth.
-_HEADROOM = 0.2
+HEADROOM = 0.2
 # A vector of the blend kernel: the smallest levels are padded to it.
 VECTOR = 16
 # The C type of a code, by its bits.
@@ -55,7 +55,7 @@ def quantisation_steps(settings: AssetSettings) -> NDArray[np.float32]:
     exponents = [response.alpha_d] * bins.count + [response.beta_d]
     stretches = sample_stretches(bins)
     depths = np.array([[scale(r, -e) for r in stretches] for e in exponents])
-    return (settings.depth * (depths + _HEADROOM) / code_limit(bins.bits)).astype(np.float32)
+    return (settings.depth * (depths + HEADROOM) / code_limit(bins.bits)).astype(np.float32)
 
 
 @dataclass(frozen=True)

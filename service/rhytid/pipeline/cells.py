@@ -30,8 +30,8 @@ def list_by_cell(
     where `top_down`, else from the bottom. A box outside the square is in no cell.
     Raises LimitError where there would be more entries than an int32 can count.
     """
-    start = np.clip(np.floor(low * cells), 0, cells).astype(np.int64)
-    stop = np.clip(np.floor(high * cells) + 1, 0, cells).astype(np.int64)
+    start = np.floor(np.clip(low * cells, 0, cells)).astype(np.int64)
+    stop = np.floor(np.clip(high * cells + 1, 0, cells)).astype(np.int64)
     width, height = np.maximum(stop - start, 0).T
     count = width * height
     total = int(count.sum())

@@ -20,7 +20,7 @@ _TEXELS_A_CELL = 64
 class UdimTriangles:
     """The triangles of one UDIM on the device, listed by cell for look-up.
 
-    A point outside all triangles takes the nearest one within `padding` level-0 texels, else the
+    A triangle without area in UV holds nothing. A point outside all triangles takes the nearest one within `padding` level-0 texels, else the
     index `none`, which is the number of triangles.
     """
 
@@ -29,7 +29,9 @@ class UdimTriangles:
     ) -> None:
         reach = padding / resolution
         corners = mesh.triangle_uv() - np.array(udim_origin(udim), np.float64)
-        low, high = corners.min(axis=1), corners.max(axis=1)
+        flat = ~mesh.triangles_with_uv()[:, None]
+        low = np.where(flat, np.inf, corners.min(axis=1))  # in no cell
+        high = np.where(flat, -np.inf, corners.max(axis=1))
         margin = reach + 1e-6  # beyond the rounding of float32 coordinates
         cells = int(np.clip(resolution // _TEXELS_A_CELL, 1, _MOST_CELLS))
         lists = list_by_cell(low - margin, high + margin, cells, top_down=False)

@@ -1,0 +1,180 @@
+"""Assets and jobs: create, change, calibrate, remove."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.frame import check_positions
+from rhytid.domain.graph import WrinkleGraph
+from rhytid.domain.mesh import Mesh
+from rhytid.domain.tiles import mesh_udims
+from rhytid.engine.assets import Asset
+from rhytid.engine.building import check_triangles
+from rhytid.engine.core import EngineCore
+from rhytid.engine.frame_calls import put_frame
+from rhytid.engine.frames import Frame, Frames
+from rhytid.engine.jobs import Job
+from rhytid.engine.messages import AssetInfo, JobInfo, NewAsset
+from rhytid.engine.spacing import DEPTH_OF_SPACING
+from rhytid.errors import MeshError, NotFoundError, SettingsError, StorageError
+from rhytid.pipeline.stretch import r_max_of
+from rhytid.settings import ServiceSettings
+from rhytid.storage.contents import asset_id
+
+_log = logging.getLogger(__name__)
+# What can change without synthesising or looking up anything again.
+CHANGEABLE = ("depth", "response", "shape", "bins", "convolve")
+
+
+class AssetCalls(EngineCore):
+    """The calls about assets and their jobs."""
+
+    def __init__(self, settings: ServiceSettings) -> None:
+        super().__init__(settings)
+        for id in self._store.ids():
+            self._reload(id)
+        for id in self._store.pending():
+            request = self._store.request(id)
+            self._start(id, request.mesh, request.settings)
+
+    def create_asset(self, new: NewAsset) -> AssetInfo:
+        """Take a mesh in; the build runs as a job. The same content again: the same asset.
+
+        Raises GraphError where a given graph does not fit the mesh, MeshError where the mesh has
+        no UV inside the range of UDIMs.
+        """
+        if new.graph is not None:
+            check_triangles(new.graph, len(new.mesh.faces))
+        if not mesh_udims(new.mesh):
+            raise MeshError("no triangle lies in a UDIM: u goes from 0 to 10, v from 0 up")
+        sent = () if new.frames is None else new.frames
+        frames = [check_positions(positions, len(new.mesh.positions)) for positions in sent]
+        id = asset_id(new.mesh, new.settings, new.graph)
+        with self._assets.lock:
+            asset = self._assets.find(id)
+            if asset is None or asset.state == "failed":
+                self._store.put_request(id, new.mesh, new.settings, new.graph)
+                asset = self._start(id, new.mesh, new.settings)
+        if frames:
+            self._jobs.start("frames", id, lambda job: self._put_frames(job, asset, frames))
+        return asset.info()
+
+    def assets(self) -> list[AssetInfo]:
+        """Every asset."""
+        return [asset.info() for asset in self._assets.all()]
+
+    def asset(self, asset: str) -> AssetInfo:
+        """One asset."""
+        return self._assets.get(asset).info()
+
+    def change_asset(self, asset: str, changes: Mapping[str, Any]) -> AssetInfo:
+        """Change response, shape, depth, bins or convolve; tiles and their keys change.
+
+        `depth` null means the default again. Raises SettingsError for what cannot be changed.
+        """
+        found = self._assets.get(asset)
+        found.ready()
+        for key in changes:
+            if key in AssetSettings.__dataclass_fields__ and key not in CHANGEABLE:
+                raise SettingsError(f"{key} is fixed once an asset is made: make a new one")
+        with found.changing:
+            settings = found.settings.changed(changes)
+            self._builder.change(found, settings.resolved(DEPTH_OF_SPACING * found.spacing))
+        self._prepare_bins(found)
+        return found.info()
+
+    def delete_asset(self, asset: str) -> None:
+        """Remove an asset from memory, device and disk; cancels what is being made of it."""
+        with self._assets.lock:
+            found = self._assets.remove(asset)
+            self._store.delete(asset)
+        if found.job is not None:
+            found.job.cancel()
+        found.frames.clear()
+        # Behind a build that may still run, in the order of the jobs.
+        self._jobs.start("delete", asset, lambda job: self._clear_away(found))
+
+    def graph(self, asset: str) -> WrinkleGraph:
+        """The wrinkle graph of a ready asset."""
+        self._assets.get(asset).ready()
+        return self._store.asset(asset).graph
+
+    def job(self, job: str) -> JobInfo:
+        """How far a job is."""
+        return self._jobs.get(job).info
+
+    def cancel_job(self, job: str) -> JobInfo:
+        """Ask a job to stop at its next step."""
+        found = self._jobs.get(job)
+        found.cancel()
+        return found.info
+
+    def calibrate(self, asset: str, positions: ArrayLike) -> JobInfo:
+        """Set r_max from a frame (section 2.4) and make the bins anew, as a job."""
+        found = self._assets.get(asset)
+        found.ready()
+        frame = Frame.of(check_positions(positions, found.vertices))
+
+        def work(job: Job) -> None:
+            job.progress(0.0, "measuring stretch")
+            ratios, _ = self._builder.on_device(found.ready().stretch, frame)
+            with found.changing:
+                limit = found.settings.response.log_stretch_limit
+                settings = found.settings.with_r_max(r_max_of(ratios, limit))
+                self._builder.change(found, settings)
+            self._builder.make_bins(job, found)
+
+        return self._jobs.start("calibration", asset, work).info
+
+    def _start(self, id: str, mesh: Mesh, settings: AssetSettings) -> Asset:
+        """Know an asset and queue its build."""
+        asset = self._asset(id, mesh, settings)
+        asset.job = self._jobs.start("build", id, lambda job: self._builder.build(job, asset))
+        self._assets.add(asset)
+        return asset
+
+    def _reload(self, id: str) -> None:
+        """Know a stored asset and queue its way to the device; a damaged one is known as failed."""
+        try:
+            stored = self._store.asset(id)
+            settings = self._store.overlay(id) or stored.settings
+        except StorageError as error:
+            _log.error("asset %s: %s", id, error)
+            self._assets.add(Asset.failed(id, str(error), self._assets.frame_memory))
+            return
+        asset = self._asset(id, stored.mesh, settings)
+        asset.spacing = float(stored.extra["spacing"])
+        asset.job = self._jobs.start("load", id, lambda job: self._builder.load(job, asset))
+        self._assets.add(asset)
+
+    def _asset(self, id: str, mesh: Mesh, settings: AssetSettings) -> Asset:
+        return Asset(
+            id=id,
+            settings=settings,
+            vertices=len(mesh.positions),
+            triangles=len(mesh.faces),
+            udims=mesh_udims(mesh),
+            frames=Frames(self._assets.frame_memory),
+        )
+
+    def _prepare_bins(self, asset: Asset) -> None:
+        self._jobs.start("bins", asset.id, lambda job: self._builder.make_bins(job, asset))
+
+    def _put_frames(self, job: Job, asset: Asset, frames: list[NDArray[np.float32]]) -> None:
+        for index, positions in enumerate(frames):
+            job.progress(index / len(frames), "frames", f"{index} of {len(frames)}")
+            put_frame(self._builder.on_device, asset, f"{index:04d}", positions)
+
+    def _clear_away(self, asset: Asset) -> None:
+        if asset.resident is not None:
+            self._builder.on_device(asset.resident.release)
+        with self._assets.lock, suppress(NotFoundError):
+            if self._assets.find(asset.id) is None:
+                self._store.delete(asset.id)

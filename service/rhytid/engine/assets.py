@@ -1,0 +1,122 @@
+"""The assets that an engine knows, and the state that each is in."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass, field
+
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.tiles import TileAddress
+from rhytid.engine.frames import Frame, FrameMemory, Frames
+from rhytid.engine.jobs import Job
+from rhytid.engine.messages import AssetInfo
+from rhytid.engine.resident import ResidentAsset
+from rhytid.errors import ConflictError, NotFoundError, NotReadyError
+
+
+@dataclass(eq=False)
+class Asset:
+    """One asset: its facts on the host, its frames, and what is on the device once it is ready."""
+
+    id: str
+    settings: AssetSettings
+    vertices: int
+    triangles: int
+    udims: tuple[int, ...]
+    frames: Frames
+    job: Job | None = None
+    state: str = "building"
+    reason: str | None = None
+    pores: int = 0
+    wrinkles: int = 0
+    # Mean distance of neighbouring pores on the surface, in mesh units.
+    spacing: float = 0.0
+    resident: ResidentAsset | None = None
+    # Held while settings change, so that no two changes are lost in one another.
+    changing: threading.Lock = field(default_factory=threading.Lock)
+
+    @classmethod
+    def failed(cls, id: str, reason: str, memory: FrameMemory) -> Asset:
+        """An asset of which only the name is left, and why."""
+        asset = cls(id, AssetSettings(), 0, 0, (), Frames(memory))
+        asset.state, asset.reason = "failed", reason
+        return asset
+
+    def info(self) -> AssetInfo:
+        """As a caller sees it."""
+        return AssetInfo(
+            id=self.id,
+            state=self.state,
+            job=self.job.info.id if self.job else None,
+            reason=self.reason,
+            settings=self.settings.as_json(),
+            udims=self.udims,
+            levels=self.settings.grid.levels,
+            vertices=self.vertices,
+            triangles=self.triangles,
+            pores=self.pores,
+            wrinkles=self.wrinkles,
+        )
+
+    def ready(self) -> ResidentAsset:
+        """What is on the device; raises NotReadyError while building, ConflictError if failed."""
+        if self.state == "building":
+            raise NotReadyError(f"asset {self.id} is still building")
+        if self.resident is None:
+            raise ConflictError(f"asset {self.id} failed to build: {self.reason}")
+        return self.resident
+
+    def frame(self, name: str) -> Frame:
+        """A stored frame; raises NotFoundError, and what `ready` raises."""
+        self.ready()
+        return self.frames.get(name)
+
+    def check_udim(self, udim: int) -> None:
+        """Raise NotFoundError for a UDIM without mesh."""
+        if udim not in self.udims:
+            have = ", ".join(str(u) for u in self.udims) or "none"
+            raise NotFoundError(f"UDIM {udim} has no mesh; asset {self.id} has {have}")
+
+    def check_address(self, address: TileAddress) -> None:
+        """Raise NotFoundError where the tile does not exist, and what `ready` raises."""
+        self.ready()
+        self.check_udim(address.udim)
+        self.settings.grid.check(address)
+
+
+class Assets:
+    """Assets by id."""
+
+    def __init__(self, frame_memory: int) -> None:
+        self.frame_memory = FrameMemory(frame_memory)
+        self.lock = threading.RLock()
+        self._assets: dict[str, Asset] = {}
+
+    def find(self, id: str) -> Asset | None:
+        """The asset of that id, if there is one."""
+        with self.lock:
+            return self._assets.get(id)
+
+    def get(self, id: str) -> Asset:
+        """The asset of that id; raises NotFoundError."""
+        found = self.find(id)
+        if found is None:
+            raise NotFoundError(f"no asset {id!r}")
+        return found
+
+    def all(self) -> list[Asset]:
+        """Every asset, in the order in which they came."""
+        with self.lock:
+            return list(self._assets.values())
+
+    def add(self, asset: Asset) -> None:
+        """Know an asset, in place of one of the same id."""
+        with self.lock:
+            self._assets[asset.id] = asset
+
+    def remove(self, id: str) -> Asset:
+        """Forget an asset; raises NotFoundError."""
+        with self.lock:
+            found = self.get(id)
+            del self._assets[id]
+            return found

@@ -1,0 +1,154 @@
+"""Builds assets: from what a caller sent, or from the store after a restart."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from typing import Any, TypeVar
+
+from rhytid.device.runtime import Device
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.graph import WrinkleGraph
+from rhytid.domain.mesh import Mesh
+from rhytid.engine.assets import Asset
+from rhytid.engine.jobs import Job
+from rhytid.engine.resident import ResidentAsset
+from rhytid.engine.spacing import DEPTH_OF_SPACING, mean_spacing
+from rhytid.engine.worker import DeviceWorker
+from rhytid.errors import CancelledError, GraphError, NotFoundError, RhytidError
+from rhytid.storage.store import AssetStore
+from rhytid.synthesis.generate import synthesize
+
+T = TypeVar("T")
+
+# Shares of a build's progress at which its stages end.
+_SYNTHESIS, _UPLOAD = 0.6, 0.75
+# Bins are made ahead only where they leave room for others in the device memory.
+_BINS_SHARE = 0.6
+
+
+class Builder:
+    """The steps of a build. Runs on the thread of the jobs; device work goes to the worker."""
+
+    def __init__(self, device: Device, worker: DeviceWorker, store: AssetStore) -> None:
+        self._device, self._worker, self._store = device, worker, store
+
+    def build(self, job: Job, asset: Asset) -> None:
+        """Make the asset of a stored request: synthesise, store, upload, make bins."""
+        with self._failing(job, asset):
+            wanted = self._store.request(asset.id)
+            graph, spacing = _graph(job, wanted.mesh, wanted.settings, wanted.graph)
+            with self._placed(job, wanted.mesh, graph, wanted.settings) as resident:
+                if spacing is None:
+                    spacing = mean_spacing(wanted.mesh, graph, resident.pore_triangle)
+                settings = wanted.settings.resolved(DEPTH_OF_SPACING * spacing)
+                job.progress(_SYNTHESIS, "storing")
+                facts = {"spacing": spacing}
+                self._store.put_asset(asset.id, wanted.mesh, graph, settings, facts)
+                asset.spacing = spacing
+                self._finish(job, asset, resident, graph, settings)
+        self.make_bins(job, asset, _UPLOAD)
+
+    def load(self, job: Job, asset: Asset) -> None:
+        """Bring a stored asset to the device."""
+        with self._failing(job, asset):
+            stored = self._store.asset(asset.id)
+            with self._placed(job, stored.mesh, stored.graph, asset.settings) as resident:
+                self._finish(job, asset, resident, stored.graph, asset.settings)
+        self.make_bins(job, asset, _UPLOAD)
+
+    def change(self, asset: Asset, settings: AssetSettings) -> None:
+        """Give a ready asset other settings, on the device and in the store."""
+        resident, old = asset.ready(), asset.settings
+        if settings.response == old.response and settings.bins.count == old.bins.count:
+            self.on_device(resident.use, settings)
+        else:
+            graph = self._store.asset(asset.id).graph
+            self.on_device(resident.install, resident.prepare(graph, settings), settings)
+        self._store.put_overlay(asset.id, settings)
+        asset.settings = settings
+
+    def make_bins(self, job: Job, asset: Asset, start: float = 0.0) -> None:
+        """Make the level-0 maps of the fast method ahead, if they fit; else they stay lazy."""
+        resident, settings = asset.ready(), asset.settings
+        if resident.bins_size() > _BINS_SHARE * self._device.budget.limit:
+            return
+        addresses = [a for udim in asset.udims for a in settings.grid.addresses(udim, 0)]
+        for done, address in enumerate(addresses):
+            share = start + (1.0 - start) * done / len(addresses)
+            job.progress(share, "making bins", f"tile {done + 1} of {len(addresses)}")
+            if asset.settings != settings:  # changed meanwhile: these bins are out of date
+                return
+            self.on_device(resident.bin_tile, address)
+
+    def on_device(self, task: Callable[..., T], *arguments: Any) -> T:
+        """Run one task on the device thread, waiting for a place in its queue."""
+        return self._worker.call_patiently(lambda: self._task(task, arguments))
+
+    def _task(self, task: Callable[..., T], arguments: tuple[Any, ...]) -> T:
+        with self._device.task():
+            return task(*arguments)
+
+    @contextmanager
+    def _placed(
+        self, job: Job, mesh: Mesh, graph: WrinkleGraph, settings: AssetSettings
+    ) -> Iterator[ResidentAsset]:
+        """A mesh on the device, its elements located; given back where what follows fails."""
+        job.progress(_SYNTHESIS, "placing pores and wrinkles")
+        resident = self.on_device(ResidentAsset, self._device, mesh, settings)
+        try:
+            self.on_device(resident.locate, graph)
+            yield resident
+        except BaseException:
+            self.on_device(resident.release)
+            raise
+
+    def _finish(
+        self,
+        job: Job,
+        asset: Asset,
+        resident: ResidentAsset,
+        graph: WrinkleGraph,
+        settings: AssetSettings,
+    ) -> None:
+        job.progress(_SYNTHESIS, "uploading")
+        self.on_device(resident.install, resident.prepare(graph, settings), settings)
+        asset.settings, asset.resident = settings, resident
+        asset.pores, asset.wrinkles = graph.pores, graph.wrinkles
+        asset.state = "ready"
+
+    @contextmanager
+    def _failing(self, job: Job, asset: Asset) -> Iterator[None]:
+        """Whatever goes wrong becomes the asset's reason; a cancelled build is forgotten."""
+        try:
+            yield
+        except BaseException as error:
+            known = isinstance(error, RhytidError)
+            asset.reason = str(error) if known else f"internal error: {type(error).__name__}"
+            asset.state = "failed"
+            if isinstance(error, CancelledError) and not job.resumes:
+                with suppress(NotFoundError):
+                    self._store.delete(asset.id)
+            raise
+
+
+def check_triangles(graph: WrinkleGraph, triangles: int) -> None:
+    """Raise GraphError where the graph samples a triangle that the mesh does not have."""
+    for name in ("node_triangle", "edge_triangle"):
+        index = getattr(graph, name)
+        if index is not None and len(index) and index.max() >= triangles:
+            row = int(index.argmax())
+            raise GraphError(f"{name}[{row}] is {index[row]}: the mesh has {triangles} triangles")
+
+
+def _graph(
+    job: Job, mesh: Mesh, settings: AssetSettings, given: WrinkleGraph | None
+) -> tuple[WrinkleGraph, float | None]:
+    if given is not None:
+        return given, None
+
+    def report(share: float, stage: str) -> None:
+        job.progress(_SYNTHESIS * share, stage)
+
+    found = synthesize(mesh, settings.graph, report)
+    return found.graph, found.spacing

@@ -1,0 +1,86 @@
+"""What every call of the engine stands on: the device, its owner thread, the store, the jobs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import numpy as np
+
+from rhytid.device.runtime import Device
+from rhytid.device.select import Candidate, candidates, choose
+from rhytid.engine.assets import Assets
+from rhytid.engine.building import Builder
+from rhytid.engine.jobs import Jobs
+from rhytid.engine.messages import DeviceInfo
+from rhytid.engine.worker import DeviceWorker
+from rhytid.errors import BusyError, DeviceError
+from rhytid.settings import ServiceSettings
+from rhytid.storage.store import AssetStore
+
+T = TypeVar("T")
+
+
+class EngineCore:
+    """Opens the device and the store, and closes them."""
+
+    def __init__(self, settings: ServiceSettings) -> None:
+        self._candidate = choose(settings.device)
+        self._store = AssetStore(settings.store)
+        self._device = Device(self._candidate, settings.device_memory)
+        self._worker = DeviceWorker(settings.queue)
+        self._builder = Builder(self._device, self._worker, self._store)
+        self._assets = Assets(settings.frame_memory)
+        self._jobs = Jobs()
+
+    def close(self) -> None:
+        """Stop the jobs, finish what waits for the device, and let go of the store."""
+        self._jobs.close()
+        self._worker.close()
+        self._store.close()
+
+    def ready(self) -> bool:
+        """Whether the device computes; a full queue is a device at work."""
+        try:
+            return self._on_device(self._probe)
+        except BusyError:
+            return True
+        except DeviceError:
+            return False
+
+    def devices(self) -> list[DeviceInfo]:
+        """Every OpenCL device; budget and use are those of the selected one, else 0."""
+        return [self._device_info(candidate) for candidate in candidates()]
+
+    @property
+    def waiting(self) -> int:
+        """Calls that wait for the device."""
+        return self._worker.waiting
+
+    def _on_device(self, task: Callable[..., T], *arguments: Any) -> T:
+        def run() -> T:
+            with self._device.task():
+                return task(*arguments)
+
+        return self._worker.call(run)
+
+    def _probe(self) -> bool:
+        buffer = self._device.full(1, np.float32(1.0))
+        value = self._device.read(buffer, (1,), np.float32)
+        buffer.release()
+        return bool(value[0] == 1.0)
+
+    def _device_info(self, candidate: Candidate) -> DeviceInfo:
+        selected = candidate.index == self._candidate.index
+        budget = self._device.budget
+        return DeviceInfo(
+            name=candidate.name,
+            platform=candidate.platform,
+            kind=candidate.kind,
+            version=candidate.version,
+            compute_units=candidate.compute_units,
+            memory=candidate.memory,
+            budget=budget.limit if selected else 0,
+            used=budget.used if selected else 0,
+            selected=selected,
+        )

@@ -1,0 +1,70 @@
+"""Frames: put, list, read, forget, and their stretch."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rhytid.domain.frame import NEUTRAL, check_frame_name, check_positions
+from rhytid.engine.assets import Asset
+from rhytid.engine.core import EngineCore
+from rhytid.engine.frames import Frame, log_stretch_percentiles, refuse_neutral
+from rhytid.engine.messages import FrameInfo, FrameStretch
+
+
+class FrameCalls(EngineCore):
+    """The calls about the frames of an asset."""
+
+    def put_frame(self, asset: str, frame: str, positions: ArrayLike) -> FrameInfo:
+        """Store positions (V, 3) under a name, in place of what had that name.
+
+        Raises FrameError naming the count or the vertex, ReadOnlyError for `neutral`, LimitError
+        where the memory for frames is full.
+        """
+        check_frame_name(frame)
+        refuse_neutral(frame)
+        found = self._assets.get(asset)
+        return put_frame(self._on_device, found, frame, positions)
+
+    def frames(self, asset: str) -> list[FrameInfo]:
+        """Every frame of an asset, `neutral` first."""
+        return self._assets.get(asset).frames.infos()
+
+    def frame(self, asset: str, frame: str) -> FrameInfo:
+        """What is known of a frame."""
+        return self._assets.get(asset).frames.info(frame)
+
+    def frame_positions(self, asset: str, frame: str) -> NDArray[np.float32]:
+        """(V, 3) positions of a frame; those of the neutral mesh for `neutral`."""
+        found = self._assets.get(asset)
+        if frame == NEUTRAL:
+            return found.ready().neutral
+        positions = found.frames.get(frame).positions
+        assert positions is not None
+        return positions
+
+    def delete_frame(self, asset: str, frame: str) -> None:
+        """Forget a frame."""
+        self._assets.get(asset).frames.delete(frame)
+
+    def stretch(self, asset: str, frame: str) -> FrameStretch:
+        """Axes and unclamped ratios of every triangle in a frame (section 2.2)."""
+        found = self._assets.get(asset)
+        ratios, axes = self._on_device(found.ready().stretch, found.frame(frame))
+        return FrameStretch(axes, ratios)
+
+
+def put_frame(
+    on_device: Callable[..., Any], asset: Asset, name: str, positions: ArrayLike
+) -> FrameInfo:
+    """Measure a frame and store it; see FrameCalls.put_frame."""
+    resident = asset.ready()
+    frame = Frame.of(check_positions(positions, asset.vertices))
+    ratios, _ = on_device(resident.stretch, frame)
+    limit = asset.settings.response.log_stretch_limit
+    info = FrameInfo(name, log_stretch_percentiles(ratios, limit))
+    asset.frames.put(name, frame, info)
+    return info

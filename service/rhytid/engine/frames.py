@@ -1,0 +1,125 @@
+"""Frames in memory: positions, a digest of them, and how much they stretch."""
+
+from __future__ import annotations
+
+import hashlib
+import threading
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.domain.frame import NEUTRAL
+from rhytid.engine.messages import FrameInfo
+from rhytid.errors import LimitError, NotFoundError, ReadOnlyError
+
+_PERCENTILES = (1, 10, 50, 90, 99)
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """Positions (V, 3) float32, None for the neutral; `digest` names their content."""
+
+    positions: NDArray[np.float32] | None
+    digest: str
+
+    @classmethod
+    def of(cls, positions: NDArray[np.float32]) -> Frame:
+        """A frame with the digest of its positions."""
+        return cls(positions, hashlib.sha256(positions.tobytes()).hexdigest()[:32])
+
+
+NEUTRAL_FRAME = Frame(None, NEUTRAL)
+
+
+def log_stretch_percentiles(ratios: NDArray[np.float32], limit: float) -> dict[str, float]:
+    """Percentiles of the clamped log stretch over triangles and axes, and of its size."""
+    with np.errstate(divide="ignore"):
+        logs = np.clip(np.log(ratios.astype(np.float64)), -limit, limit)
+    found = np.percentile(logs, _PERCENTILES)
+    named = {f"p{p}": float(x) for p, x in zip(_PERCENTILES, found, strict=True)}
+    return {**named, "abs_p90": float(np.percentile(np.abs(logs), 90))}
+
+
+class FrameMemory:
+    """Counts the bytes of all frames of all assets against a limit."""
+
+    def __init__(self, limit: int) -> None:
+        self._limit = limit
+        self._used = 0
+        self._lock = threading.Lock()
+
+    def change(self, more: int) -> None:
+        """Count `more` bytes in, or out where negative; raises LimitError naming both numbers."""
+        with self._lock:
+            if more > 0 and self._used + more > self._limit:
+                raise LimitError(
+                    f"frames hold {self._used} of {self._limit} bytes (RHYTID_FRAME_MEMORY_MB), "
+                    f"{more} more do not fit: delete some"
+                )
+            self._used += more
+
+
+class Frames:
+    """The frames of one asset by name. `neutral` is always there and cannot be written."""
+
+    def __init__(self, memory: FrameMemory) -> None:
+        self._memory = memory
+        self._lock = threading.Lock()
+        self._frames: dict[str, tuple[Frame, FrameInfo]] = {}
+
+    def put(self, name: str, frame: Frame, info: FrameInfo) -> None:
+        """Store a frame, in place of one of the same name."""
+        assert frame.positions is not None
+        refuse_neutral(name)
+        with self._lock:
+            self._memory.change(frame.positions.nbytes - self._bytes(name))
+            self._frames[name] = (frame, info)
+
+    def get(self, name: str) -> Frame:
+        """A frame by name; raises NotFoundError."""
+        return NEUTRAL_FRAME if name == NEUTRAL else self._entry(name)[0]
+
+    def info(self, name: str) -> FrameInfo:
+        """What is known of a frame; raises NotFoundError."""
+        return _neutral_info() if name == NEUTRAL else self._entry(name)[1]
+
+    def infos(self) -> list[FrameInfo]:
+        """Every frame, the neutral first, then by name."""
+        with self._lock:
+            return [_neutral_info(), *(self._frames[name][1] for name in sorted(self._frames))]
+
+    def delete(self, name: str) -> None:
+        """Forget a frame; raises NotFoundError, and ReadOnlyError for the neutral."""
+        refuse_neutral(name)
+        self._entry(name)
+        with self._lock:
+            self._memory.change(-self._bytes(name))
+            self._frames.pop(name, None)
+
+    def clear(self) -> None:
+        """Forget every frame."""
+        with self._lock:
+            self._memory.change(-sum(self._bytes(name) for name in self._frames))
+            self._frames.clear()
+
+    def _entry(self, name: str) -> tuple[Frame, FrameInfo]:
+        with self._lock:
+            if name not in self._frames:
+                raise NotFoundError(f"no frame {name!r}")
+            return self._frames[name]
+
+    def _bytes(self, name: str) -> int:
+        entry = self._frames.get(name)
+        return 0 if entry is None or entry[0].positions is None else entry[0].positions.nbytes
+
+
+def refuse_neutral(name: str) -> None:
+    """Raise ReadOnlyError for the name of the neutral frame."""
+    if name == NEUTRAL:
+        raise ReadOnlyError("the frame neutral always exists and is read-only")
+
+
+def _neutral_info() -> FrameInfo:
+    names = [*(f"p{p}" for p in _PERCENTILES), "abs_p90"]
+    return FrameInfo(NEUTRAL, dict.fromkeys(names, 0.0))

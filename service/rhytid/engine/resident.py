@@ -1,0 +1,185 @@
+"""An asset on the device. Every method runs on the device thread."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.device.budget import Releasable
+from rhytid.device.runtime import Buffer, Device
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.graph import WrinkleGraph
+from rhytid.domain.mesh import Mesh
+from rhytid.domain.tiles import TileAddress, mesh_udims
+from rhytid.engine.frames import NEUTRAL_FRAME, Frame
+from rhytid.errors import NotFoundError
+from rhytid.pipeline.bins import VECTOR, BinMaker, BinTile
+from rhytid.pipeline.blend import Blend
+from rhytid.pipeline.elements import (
+    PoreArrays,
+    UdimElements,
+    WrinkleArrays,
+    pore_arrays,
+    wrinkle_arrays,
+)
+from rhytid.pipeline.levels import render_to_host
+from rhytid.pipeline.locate import UdimTriangles, locate_points
+from rhytid.pipeline.redraw import ScaleBuffers, redrawing, respond
+from rhytid.pipeline.stretch import StretchBuffers, StretchStage
+
+_Kept = TypeVar("_Kept", bound=Releasable)
+Prepared = dict[int, tuple[WrinkleArrays, PoreArrays]]
+
+
+class ResidentAsset:
+    """A mesh, its wrinkles by UDIM, and what can be made of them, under the memory budget.
+
+    What belongs to a frame or a tile of the bins is kept by content and dropped when memory is
+    short; the rest stays until `release`.
+    """
+
+    def __init__(self, device: Device, mesh: Mesh, settings: AssetSettings) -> None:
+        self._device, self._mesh = device, mesh
+        self.settings = settings
+        self._stretch = StretchStage(device, mesh)
+        self._located = {
+            udim: UdimTriangles(device, mesh, udim, settings.resolution, settings.padding)
+            for udim in mesh_udims(mesh)
+        }
+        self._elements: dict[int, UdimElements] = {}
+        self.pore_triangle = self._wrinkle_triangle = np.zeros(0, np.int32)
+        self._blend: Blend | None = None
+        self._released = False
+
+    @property
+    def neutral(self) -> NDArray[np.float32]:
+        """(V, 3) positions of the neutral mesh."""
+        return self._mesh.positions
+
+    @property
+    def udims(self) -> tuple[int, ...]:
+        """The UDIMs with mesh."""
+        return tuple(self._located)
+
+    def locate(self, graph: WrinkleGraph) -> None:
+        """Find the triangle that each pore and each wrinkle samples."""
+        ends = graph.node_uv[graph.edge_nodes]
+        middle = (0.5 * (ends[:, 0] + ends[:, 1])).astype(np.float32)
+        self.pore_triangle = self._find(graph.node_uv, graph.node_triangle)
+        self._wrinkle_triangle = self._find(middle, graph.edge_triangle)
+
+    def prepare(self, graph: WrinkleGraph, settings: AssetSettings) -> Prepared:
+        """The elements of each UDIM as they go to the device; host work, on any thread."""
+        return {
+            udim: (
+                wrinkle_arrays(graph, self._wrinkle_triangle, settings, udim),
+                pore_arrays(graph, self.pore_triangle, settings, udim),
+            )
+            for udim in self._located
+        }
+
+    def install(self, prepared: Prepared, settings: AssetSettings) -> None:
+        """Take elements and settings in place of those before, in one step."""
+        count = settings.bins.count
+        fresh = {u: UdimElements(self._device, w, p, count) for u, (w, p) in prepared.items()}
+        for elements in self._elements.values():
+            elements.release()
+        self._elements = fresh
+        self.use(settings)
+
+    def use(self, settings: AssetSettings) -> None:
+        """Take settings that leave the elements as they are; forget what the old ones made."""
+        self._forget_made()
+        blend = Blend(self._device, settings, self._stretch.triangles)
+        if self._blend is not None:
+            self._blend.release()
+        self.settings, self._blend = settings, blend
+
+    def stretch(self, frame: Frame) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """(ratios (F, 2) unclamped, axes (F, 2, 2)) of a frame."""
+        return self._stretch.read(self._stretch_buffers(frame))
+
+    def drawn(
+        self, frame: Frame, method: str, udim: int, level: int, row: int, column: int, side: int
+    ) -> NDArray[np.float32]:
+        """(side, side) displacement drawn anew: `redraw` of the frame, or `neutral`."""
+        scales = self._scales(NEUTRAL_FRAME if method == "neutral" else frame, udim)
+        draw = redrawing(self._device, self._elements[udim], self.settings, scales)
+        return render_to_host(self._device, draw, level, row, column, side)
+
+    def blended(self, frame: Frame, address: TileAddress) -> NDArray[np.float32]:
+        """One tile of `binned`; makes the tile's maps where they are not there."""
+        assert self._blend is not None
+        blend = self._blend
+        positions = self._keep("positions", frame.digest, make=lambda: self._positions(frame))
+        maps = self.bin_tile(address)
+        return blend.tile(maps, positions, self.settings.grid.texels(address.level))
+
+    def bin_tile(self, address: TileAddress) -> BinTile:
+        """The precomputed maps of one tile; made where they are not there."""
+        return self._keep("bins", address, make=lambda: self._make_bins(address))
+
+    def bin_codes(self, address: TileAddress, index: int) -> NDArray[np.integer]:
+        """Codes (n, n) of one precomputed map; `index` counts samples within layers."""
+        texels = self.settings.grid.texels(address.level)
+        dtype = np.dtype(f"i{self.settings.bins.bits // 8}")
+        size = max(texels * texels, VECTOR)
+        codes = self._device.read(self.bin_tile(address).codes, ((index + 1) * size,), dtype)
+        return codes[-size:][: texels * texels].reshape(texels, texels)
+
+    def bins_size(self) -> int:
+        """Bytes that the level-0 maps of every UDIM need."""
+        bins = self.settings.bins
+        codes = (bins.count + 1) * bins.samples * bins.bits // 8
+        return len(self._located) * self.settings.resolution**2 * (codes + 4)
+
+    def release(self) -> None:
+        """Give everything back; every later call raises NotFoundError."""
+        self._forget_made()
+        self._released = True
+        for part in (self._stretch, self._blend, *self._located.values(), *self._elements.values()):
+            if part is not None:
+                part.release()
+
+    def _find(self, uv: NDArray[np.float32], given: NDArray[np.int32] | None) -> NDArray[np.int32]:
+        settings = self.settings
+        if given is not None and (given >= 0).all():
+            return given
+        found = locate_points(self._device, self._mesh, uv, settings.resolution, settings.padding)
+        return found if given is None else np.where(given >= 0, given, found)
+
+    def _positions(self, frame: Frame) -> Buffer:
+        assert self._blend is not None
+        return self._blend.positions(self._stretch_buffers(frame))
+
+    def _stretch_buffers(self, frame: Frame) -> StretchBuffers:
+        limit = self.settings.response.log_stretch_limit
+        return self._keep(
+            "stretch", frame.digest, make=lambda: self._stretch.run(frame.positions, limit)
+        )
+
+    def _scales(self, frame: Frame, udim: int) -> ScaleBuffers:
+        stretch = self._stretch_buffers(frame)
+        elements = self._elements[udim]
+        return self._keep(
+            "scales", udim, frame.digest,
+            make=lambda: respond(self._device, elements, self.settings, stretch),
+        )  # fmt: skip
+
+    def _make_bins(self, address: TileAddress) -> BinTile:
+        texels = self.settings.grid.texels(address.level)
+        elements, located = self._elements[address.udim], self._located[address.udim]
+        maker = BinMaker(self._device, elements, located, self.settings)
+        row, column = address.row * texels, address.column * texels
+        return maker.tile(address.level, row, column, texels)
+
+    def _keep(self, *key: Hashable, make: Callable[[], _Kept]) -> _Kept:
+        if self._released:
+            raise NotFoundError("the asset was removed")
+        return self._device.budget.keep((id(self), *key), make)
+
+    def _forget_made(self) -> None:
+        self._device.budget.drop(lambda key: isinstance(key, tuple) and key[0] == id(self))

@@ -1,0 +1,124 @@
+"""Tiles, maps and precomputed maps."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.frame import check_positions
+from rhytid.domain.tiles import TileAddress
+from rhytid.engine.assets import Asset
+from rhytid.engine.core import EngineCore
+from rhytid.engine.frames import Frame
+from rhytid.engine.keys import map_key, settings_key
+from rhytid.engine.messages import BinManifest, MapQuery
+from rhytid.errors import NotFoundError
+from rhytid.pipeline.bins import HEADROOM, quantisation_steps, sample_stretches
+from rhytid.pipeline.elements import SCALE_LIMIT
+
+Tile = NDArray[np.float32]
+
+
+class TileCalls(EngineCore):
+    """The calls that answer with displacement."""
+
+    def tile_key(self, asset: str, frame: str, query: MapQuery, address: TileAddress) -> str:
+        """Names the content of a tile without computing it; checks everything that `tile` does."""
+        found = self._assets.get(asset)
+        found.check_address(address)
+        return self._key(found, found.frame(frame), query, str(address))
+
+    def tile(self, asset: str, frame: str, query: MapQuery, address: TileAddress) -> Tile:
+        """(n, n) float32 displacement of one tile, in mesh units, row 0 at the top."""
+        found = self._assets.get(asset)
+        found.check_address(address)
+        return self._tile(found, found.frame(frame), query, address)
+
+    def map_key(self, asset: str, frame: str, query: MapQuery, udim: int, level: int) -> str:
+        """Names the content of a whole map without computing it."""
+        found = self._assets.get(asset)
+        found.check_address(TileAddress(udim, level, 0, 0))
+        return self._key(found, found.frame(frame), query, f"{udim}/{level}")
+
+    def map(self, asset: str, frame: str, query: MapQuery, udim: int, level: int) -> Tile:
+        """(R, R) float32 displacement of a whole level of a UDIM, in mesh units."""
+        found = self._assets.get(asset)
+        found.check_address(TileAddress(udim, level, 0, 0))
+        stored, grid = found.frame(frame), found.settings.grid
+        if query.method != "binned":
+            resident, side = found.ready(), grid.side(level)
+            return self._on_device(resident.drawn, stored, query.method, udim, level, 0, 0, side)
+        # Tile by tile, so that one tile's maps are all that must be on the device at once.
+        tiles = [self._tile(found, stored, query, a) for a in grid.addresses(udim, level)]
+        return _assembled(tiles, grid.count(level))
+
+    def tiles_once(
+        self, asset: str, positions: ArrayLike, query: MapQuery, addresses: list[TileAddress]
+    ) -> list[Tile]:
+        """Tiles of positions (V, 3) that are not stored, in the order of `addresses`."""
+        found = self._assets.get(asset)
+        for address in addresses:
+            found.check_address(address)
+        frame = Frame.of(check_positions(positions, found.vertices))
+        return [self._tile(found, frame, query, address) for address in addresses]
+
+    def displacement_scale(self, asset: str) -> float:
+        """What the largest code of a png tile stands for, mesh units: one scale an asset."""
+        depth = self._assets.get(asset).settings.depth
+        return (SCALE_LIMIT + HEADROOM) * (depth or 0.0)
+
+    def bins(self, asset: str) -> BinManifest:
+        """The precomputed maps of an asset (section 2.4)."""
+        found = self._assets.get(asset)
+        found.ready()
+        bins, steps = found.settings.bins, quantisation_steps(found.settings)
+        return BinManifest(
+            angles=tuple(float(np.pi * n / bins.count) for n in range(bins.count)),
+            samples=tuple(sample_stretches(bins).tolist()),
+            steps={"wrinkles": tuple(steps[0].tolist()), "pores": tuple(steps[-1].tolist())},
+            bits=bins.bits,
+            merge=bins.merge,
+            depth_factored=bins.depth_factored,
+            layers={"wrinkles": bins.count, "pores": 1},
+        )
+
+    def bin_tile(
+        self, asset: str, address: TileAddress, layer: str, bin: int, sample: int
+    ) -> NDArray[np.integer]:
+        """(n, n) int8 or int16 codes of one precomputed map tile; displacement = code * step."""
+        found = self._assets.get(asset)
+        found.check_address(address)
+        index = _map_index(found.settings, layer, bin, sample)
+        return self._on_device(found.ready().bin_codes, address, index)
+
+    def _key(self, asset: Asset, frame: Frame, query: MapQuery, place: str) -> str:
+        revision = settings_key(asset.id, asset.settings, self._candidate.name)
+        return map_key(revision, frame, query, place)
+
+    def _tile(self, asset: Asset, frame: Frame, query: MapQuery, address: TileAddress) -> Tile:
+        resident = asset.ready()
+        if query.method == "binned":
+            return self._on_device(resident.blended, frame, address)
+        side = asset.settings.grid.texels(address.level)
+        row, column = address.row * side, address.column * side
+        return self._on_device(
+            resident.drawn, frame, query.method, address.udim, address.level, row, column, side
+        )
+
+
+def _assembled(tiles: list[Tile], count: int) -> Tile:
+    rows = [tiles[i : i + count] for i in range(0, len(tiles), count)]
+    return np.block(rows)
+
+
+def _map_index(settings: AssetSettings, layer: str, bin: int, sample: int) -> int:
+    """Position among the maps of a tile; raises NotFoundError naming what does not exist."""
+    count = {"wrinkles": settings.bins.count, "pores": 1}.get(layer)
+    if count is None:
+        raise NotFoundError(f"layer {layer!r}: wrinkles or pores")
+    for name, index, size in (("bin", bin, count), ("sample", sample, settings.bins.samples)):
+        if not 0 <= index < size:
+            raise NotFoundError(f"{name} {index} of layer {layer}: 0 to {size - 1}")
+    first = settings.bins.count if layer == "pores" else bin
+    return first * settings.bins.samples + sample

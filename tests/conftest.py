@@ -1,0 +1,27 @@
+"""Fixtures and settings that every test shares."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import settings
+
+import face_data
+from meshes import SmallMesh, bumpy_grid
+
+# The same examples on every machine, and no test that depends on how fast it is.
+settings.register_profile("rhytid", deadline=None, derandomize=True, print_blob=True)
+settings.load_profile("rhytid")
+
+
+@pytest.fixture(scope="session")
+def face() -> face_data.Face:
+    """The real face, for tests marked `face`."""
+    if not face_data.available():
+        pytest.skip(face_data.MISSING)
+    return face_data.load_face()
+
+
+@pytest.fixture(scope="session")
+def small_mesh() -> SmallMesh:
+    """200 triangles, two UV charts, uv indices of their own."""
+    return bumpy_grid(10, seed=1)

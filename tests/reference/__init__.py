@@ -1,0 +1,16 @@
+"""What the product computes, written again in float64 numpy: plain, slow, apart from the product.
+
+Nothing here imports rhytid. Arrays go in and arrays come out; every module is one step of the
+paper (*Fast Dynamic Facial Wrinkles*, Eurographics 2024), so that a test can check a kernel
+against the step it implements.
+
+stretch    stretch tensor of every triangle (section 2.2), clamp, calibration percentile
+locate     which triangle a point of the UV plane takes its values from, and how sure that is
+response   widths and depths of wrinkles (Alg. 1) and pores (Alg. 2)
+drawing    profiles, and how heights meet in a displacement map
+redraw     a graph under stretch, drawn anew (section 2.3)
+bins       the fast method: quantised maps by angle and stretch, blended (section 2.4, Alg. 3)
+pyramid    levels of a map
+inputs     the records that go in; the product's own graph and settings have the same fields
+boxes      finding points in a box
+"""
