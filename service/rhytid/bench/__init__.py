@@ -1,0 +1,1 @@
+"""Benchmarks: what a frame costs, in seconds and in copies of its map."""

@@ -49,18 +49,9 @@ class BinSettings:
     count: int = choice(4, 1, 2, 4, 8, 16)
     samples: int = choice(3, 3, 5, 7)
     bits: int = choice(8, 8, 16)
-    merge: str = choice("min", "min", "mellow")
-    depth_factored: bool = choice(False, False, True)
+    merge: str = choice("min", "min")
+    depth_factored: bool = choice(False, False)
     r_max: float = number(0.2, 0.01, 4.0)
-
-
-@dataclass(frozen=True)
-class ConvolveSettings:
-    """Gains and width of the displacement convolution after Nagano et al. 2015. Ours."""
-
-    blur_gain: float = number(2.0, 0.0, 16.0)
-    sharpen_gain: float = number(2.0, 0.0, 16.0)
-    sigma: float = number(None, 0.0, 1e9)
 
 
 @dataclass(frozen=True)
@@ -75,13 +66,12 @@ class AssetSettings:
     tile_size: int = power_of_two(512, 64, 4096)
     depth: float | None = number(None, 1e-12, 1e12)
     padding: int = whole(16, 0, 64)
-    angles: str = choice("uv", "uv", "surface")
+    angles: str = choice("uv", "uv")
     preset: str = choice("paper", "paper")
     graph: GraphSettings = field(default_factory=GraphSettings)
     response: ResponseSettings = field(default_factory=ResponseSettings)
     shape: ShapeSettings = field(default_factory=ShapeSettings)
     bins: BinSettings = field(default_factory=BinSettings)
-    convolve: ConvolveSettings = field(default_factory=ConvolveSettings)
 
     @classmethod
     def parse(cls, data: Any) -> AssetSettings:

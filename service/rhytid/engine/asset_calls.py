@@ -30,7 +30,7 @@ from rhytid.storage.contents import asset_id
 
 _log = logging.getLogger(__name__)
 # What can change without synthesising or looking up anything again.
-CHANGEABLE = ("depth", "response", "shape", "bins", "convolve")
+CHANGEABLE = ("depth", "response", "shape", "bins")
 
 
 class AssetCalls(EngineCore):
@@ -75,7 +75,7 @@ class AssetCalls(EngineCore):
         return self._assets.get(asset).info()
 
     def change_asset(self, asset: str, changes: Mapping[str, Any]) -> AssetInfo:
-        """Change response, shape, depth, bins or convolve; tiles and their keys change.
+        """Change response, shape, depth or bins; tiles and their keys change.
 
         `depth` null means the default again. Raises SettingsError for what cannot be changed.
         """

@@ -116,7 +116,11 @@ class ResidentAsset:
         blend = self._blend
         positions = self._keep("positions", frame.digest, make=lambda: self._positions(frame))
         maps = self.bin_tile(address)
-        return blend.tile(maps, positions, self.settings.grid.texels(address.level))
+        out = blend.tile(maps, positions)
+        side = self.settings.grid.texels(address.level)
+        result: NDArray[np.float32] = self._device.read(out, (side, side), np.float32)
+        out.release()
+        return result
 
     def bin_tile(self, address: TileAddress) -> BinTile:
         """The precomputed maps of one tile; made where they are not there."""

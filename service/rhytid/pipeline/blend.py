@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rhytid.device.runtime import Buffer, Device
 from rhytid.domain.asset_settings import AssetSettings
@@ -30,12 +29,12 @@ class Blend:
         self._device.launch(
             "weights", "sample_positions", (count,),
             stretch.axes, stretch.logs, self._directions, np.float32(self._bins.r_max), found,
-            defines=self._layers,
+            defines={**self._layers, "ORIENTED": self._bins.count if self._bins.count > 1 else 0},
         )  # fmt: skip
         return found
 
-    def tile(self, maps: BinTile, positions: Buffer, side: int) -> NDArray[np.float32]:
-        """(side, side) float32 displacement of one tile (Alg. 3, lines 11 to 15)."""
+    def tile(self, maps: BinTile, positions: Buffer) -> Buffer:
+        """float32 displacement of one tile, on the device (Alg. 3, lines 11 to 15)."""
         out = self._device.empty(maps.texels, np.float32)
         bits = self._bins.bits
         self._device.launch(
@@ -43,9 +42,7 @@ class Blend:
             maps.triangles, maps.codes, positions, self._steps, np.int32(maps.texels), out,
             defines={"CODE": CODES[bits], "CODE_BITS": bits, **self._layers},
         )  # fmt: skip
-        result: NDArray[np.float32] = self._device.read(out, (side, side), np.float32)
-        out.release()
-        return result
+        return out
 
     def release(self) -> None:
         """Give the memory back."""

@@ -20,8 +20,8 @@ _TEXELS_A_CELL = 64
 class UdimTriangles:
     """The triangles of one UDIM on the device, listed by cell for look-up.
 
-    A triangle without area in UV holds nothing. A point outside all triangles takes the nearest one within `padding` level-0 texels, else the
-    index `none`, which is the number of triangles.
+    A triangle without area in UV holds nothing. A point outside all triangles takes the nearest
+    one within `padding` level-0 texels, else the index `none`, which is the number of triangles.
     """
 
     def __init__(

@@ -1,0 +1,126 @@
+"""What one frame costs on a device: stretch, redraw, blend, and the maps made ahead.
+
+Every time is the median of a few runs, after one that does not count, and comes with its ratio to
+*one map copy* taken in the same run: a kernel that reads and writes R² float32.
+"""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.device.runtime import Buffer, Device
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.graph import WrinkleGraph
+from rhytid.domain.mesh import Mesh
+from rhytid.domain.tiles import mesh_udims
+from rhytid.pipeline.bins import BinMaker, BinTile
+from rhytid.pipeline.blend import Blend
+from rhytid.pipeline.elements import UdimElements, pore_arrays, wrinkle_arrays
+from rhytid.pipeline.locate import UdimTriangles, locate_points
+from rhytid.pipeline.redraw import redrawing, respond
+from rhytid.pipeline.stretch import StretchStage
+
+
+@dataclass(frozen=True)
+class Cost:
+    """A case with its time in seconds and in map copies."""
+
+    case: str
+    seconds: float
+    map_copies: float
+
+
+class FrameBench:
+    """The first UDIM of a face on a device, ready to be timed.
+
+    mesh, graph: the face.  deformed: (V, 3) float32 positions of the frame.  settings.depth is set.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        mesh: Mesh,
+        graph: WrinkleGraph,
+        deformed: NDArray[np.float32],
+        settings: AssetSettings,
+    ) -> None:
+        self._device, self._settings, self._deformed = device, settings, deformed
+        udim = mesh_udims(mesh)[0]
+        size, padding = settings.resolution, settings.padding
+        ends = graph.node_uv[graph.edge_nodes]
+        middle = (0.5 * (ends[:, 0] + ends[:, 1])).astype(np.float32)
+        pore = locate_points(device, mesh, graph.node_uv, size, padding)
+        wrinkle = locate_points(device, mesh, middle, size, padding)
+        self._elements = UdimElements(
+            device,
+            wrinkle_arrays(graph, wrinkle, settings, udim),
+            pore_arrays(graph, pore, settings, udim),
+            settings.bins.count,
+        )
+        self._located = UdimTriangles(device, mesh, udim, size, padding)
+        self._stage = StretchStage(device, mesh)
+        self._blend = Blend(device, settings, len(mesh.faces))
+        self._bins: list[BinTile] = []
+
+    def run(self, repeats: int) -> Iterator[Cost]:
+        """Time every case; the copy comes first."""
+        copy = self._time(self._copying(), repeats)
+        yield Cost("copy", copy, 1.0)
+        for case, work, times in (
+            ("stretch", self._stretch, repeats),
+            ("redraw", self._redraw, repeats),
+            ("precompute", self._precompute, 1),
+            ("binned", self._binned, repeats),
+        ):
+            seconds = self._time(work, times)
+            yield Cost(case, seconds, seconds / copy)
+
+    def _time(self, work: Callable[[], None], repeats: int) -> float:
+        taken = []
+        for _ in range(repeats + 1):
+            self._device.finish()
+            start = time.perf_counter()
+            work()
+            self._device.finish()
+            taken.append(time.perf_counter() - start)
+        return statistics.median(taken[1:])
+
+    def _copying(self) -> Callable[[], None]:
+        count = self._settings.resolution**2
+        source, target = (self._device.full(count, np.float32(1.0)) for _ in range(2))
+        return lambda: self._device.launch("copy", "copy_map", (count // 16,), source, target)
+
+    def _stretch(self) -> None:
+        self._stage.run(self._deformed, self._settings.response.log_stretch_limit).release()
+
+    def _redraw(self) -> None:
+        stretch = self._stage.run(self._deformed, self._settings.response.log_stretch_limit)
+        scales = respond(self._device, self._elements, self._settings, stretch)
+        draw = redrawing(self._device, self._elements, self._settings, scales)
+        out = draw(0, 0, self._settings.resolution)
+        _release(stretch, scales, out)
+
+    def _precompute(self) -> None:
+        _release(*self._bins)
+        self._bins.clear()
+        maker = BinMaker(self._device, self._elements, self._located, self._settings)
+        side = self._settings.tile_size
+        starts = range(0, self._settings.resolution, side)
+        self._bins = [maker.tile(0, row, column, side) for row in starts for column in starts]
+
+    def _binned(self) -> None:
+        stretch = self._stage.run(self._deformed, self._settings.response.log_stretch_limit)
+        positions = self._blend.positions(stretch)
+        tiles: list[Buffer] = [self._blend.tile(maps, positions) for maps in self._bins]
+        _release(stretch, positions, *tiles)
+
+
+def _release(*things: object) -> None:
+    for thing in things:
+        thing.release()  # type: ignore[attr-defined]
