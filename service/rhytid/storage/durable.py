@@ -1,0 +1,79 @@
+"""File operations that are whole after a crash: synced first, then visible by one rename."""
+
+from __future__ import annotations
+
+import logging
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from uuid import uuid4
+
+from rhytid.errors import StorageError
+
+_log = logging.getLogger(__name__)
+
+
+@contextmanager
+def reported(doing: str) -> Iterator[None]:
+    """The border where an OSError (disk full, no permission) becomes a StorageError."""
+    try:
+        yield
+    except OSError as exc:
+        raise StorageError(f"{doing}: {exc}") from exc
+
+
+def write_file(path: Path, data: bytes) -> None:
+    """A new file at `path` whose bytes are on the disk when this returns."""
+    with path.open("xb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def sync_folder(folder: Path) -> None:
+    """Put the names in `folder` on the disk; Windows offers no way and needs none."""
+    if os.name == "nt":
+        return
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def install(source: Path, target: Path) -> None:
+    """Make `source` visible as `target`: the one step at which a change happens.
+
+    A file replaces the file that is there; a folder needs its place to be free.
+    """
+    source.replace(target)
+    sync_folder(target.parent)
+
+
+@contextmanager
+def workplace(partial: Path) -> Iterator[Path]:
+    """A fresh folder in `partial` to prepare a change in, removed afterwards."""
+    place = partial / uuid4().hex
+    place.mkdir()
+    try:
+        yield place
+    finally:
+        remove_tree(place)
+
+
+def discard(path: Path, partial: Path) -> None:
+    """Make `path` disappear by one rename into `partial`, then free its space."""
+    aside = partial / uuid4().hex
+    path.replace(aside)
+    sync_folder(path.parent)
+    remove_tree(aside)
+
+
+def remove_tree(folder: Path) -> None:
+    """Free the space of a folder nobody sees; what resists is swept when the store opens next."""
+    try:
+        shutil.rmtree(folder)
+    except OSError as exc:
+        _log.warning("cannot remove %s now: %s", folder, exc)

@@ -1,0 +1,113 @@
+"""What the store keeps of an asset, to files and back: a request, a built asset, an overlay."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from safetensors import SafetensorError
+
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.graph import WrinkleGraph
+from rhytid.domain.mesh import Mesh
+from rhytid.errors import InputError, LimitError
+from rhytid.formats.graphs import read_graph, write_graph
+from rhytid.storage.canonical import canonical, damaged, hashed, parse_canonical, parse_hashed
+from rhytid.storage.contents import read_mesh, write_mesh
+
+T = TypeVar("T")
+Files = Mapping[str, bytes]
+
+MESH, GRAPH, FACTS = "mesh.safetensors", "graph.safetensors", "facts.json"
+
+
+@dataclass(frozen=True, eq=False)
+class StoredRequest:
+    """What a caller sent; `graph` None asks to synthesise one."""
+
+    mesh: Mesh
+    settings: AssetSettings
+    graph: WrinkleGraph | None
+
+    def files(self) -> dict[str, bytes]:
+        """The files of the request, by name."""
+        return _files(self.mesh, self.graph, {"settings": self.settings.as_json()})
+
+    @classmethod
+    def read(cls, files: Files, folder: Path) -> StoredRequest:
+        """The inverse of `files`; raises StorageError naming the file in `folder`."""
+        graph = _decode(files, folder / GRAPH, read_graph) if GRAPH in files else None
+        facts = _facts(files, folder)
+        return cls(_decode(files, folder / MESH, read_mesh), _settings(facts, folder), graph)
+
+
+@dataclass(frozen=True, eq=False)
+class StoredAsset:
+    """A built asset: its settings are resolved; `extra` holds JSON facts of the build."""
+
+    mesh: Mesh
+    graph: WrinkleGraph
+    settings: AssetSettings
+    extra: dict[str, Any]
+
+    def files(self) -> dict[str, bytes]:
+        """The files of the asset, by name."""
+        facts = {"settings": self.settings.as_json(), "extra": self.extra}
+        return _files(self.mesh, self.graph, facts)
+
+    @classmethod
+    def read(cls, files: Files, folder: Path) -> StoredAsset:
+        """The inverse of `files`; raises StorageError naming the file in `folder`."""
+        mesh = _decode(files, folder / MESH, read_mesh)
+        graph = _decode(files, folder / GRAPH, read_graph)
+        facts = _facts(files, folder)
+        return cls(mesh, graph, _settings(facts, folder), facts["extra"])
+
+
+def write_overlay(label: str, settings: AssetSettings) -> bytes:
+    """Settings that were changed since the asset `label` was built, as a file of their own."""
+    return hashed({"label": label, "settings": settings.as_json()})
+
+
+def read_overlay(label: str, data: bytes, path: Path) -> AssetSettings:
+    """The inverse of `write_overlay`; raises StorageError naming `path`."""
+    value = parse_hashed(data, path)
+    if not isinstance(value, dict) or value.get("label") != label:
+        raise damaged(path, f"not the settings of {label}")
+    return _parse_settings(value.get("settings"), path)
+
+
+def _files(mesh: Mesh, graph: WrinkleGraph | None, facts: dict[str, Any]) -> dict[str, bytes]:
+    files = {FACTS: canonical(facts), MESH: write_mesh(mesh)}
+    return files if graph is None else {**files, GRAPH: write_graph(graph)}
+
+
+def _decode(files: Files, path: Path, read: Callable[[bytes], T]) -> T:
+    """`read` of a verified file: one that fails here was written by another version of us."""
+    if path.name not in files:
+        raise damaged(path, "the file is missing")
+    try:
+        return read(files[path.name])
+    except (SafetensorError, InputError, LimitError, TypeError, ValueError) as exc:
+        raise damaged(path, str(exc)) from exc
+
+
+def _facts(files: Files, folder: Path) -> dict[str, Any]:
+    path = folder / FACTS
+    facts: Any = _decode(files, path, lambda data: parse_canonical(data, path))
+    if not isinstance(facts, dict) or not isinstance(facts.get("extra", {}), dict):
+        raise damaged(path, "not an object of facts")
+    return {"extra": {}, **facts}
+
+
+def _settings(facts: Mapping[str, Any], folder: Path) -> AssetSettings:
+    return _parse_settings(facts.get("settings"), folder / FACTS)
+
+
+def _parse_settings(value: Any, path: Path) -> AssetSettings:
+    try:
+        return AssetSettings.parse(value)
+    except InputError as exc:
+        raise damaged(path, str(exc)) from exc

@@ -1,0 +1,89 @@
+"""The id follows the content: any change of it changes the id, nothing else does."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import struct
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.graph import WrinkleGraph
+from rhytid.domain.mesh import Mesh
+from rhytid.storage import asset_id
+from rhytid.storage.contents import read_mesh, write_mesh
+
+
+def test_same_content_same_id(mesh: Mesh, graph: WrinkleGraph, settings: AssetSettings) -> None:
+    first = asset_id(mesh, settings, graph)
+    again = Mesh(mesh.positions.astype(">f4"), mesh.faces.astype("i8"), mesh.uv, mesh.face_uv)
+    assert re.fullmatch("[0-9a-f]{16}", first)
+    assert asset_id(again, AssetSettings.parse(settings.as_json()), graph) == first
+
+
+def test_id_is_this_hash_on_every_machine() -> None:
+    corners, faces = np.eye(3), [[0, 1, 2]]
+    mesh = Mesh(corners, faces, corners[:, :2], faces)
+    settings = AssetSettings().as_json()
+    version = {"settings": settings, "version": 1}
+    stream = json.dumps(version, sort_keys=True, separators=(",", ":")).encode()
+    stream += b'["mesh",4]'
+    stream += b'["face_uv","<i4",[1,3]]' + struct.pack("<3i", 0, 1, 2)
+    stream += b'["faces","<i4",[1,3]]' + struct.pack("<3i", 0, 1, 2)
+    stream += b'["positions","<f4",[3,3]]' + struct.pack("<9f", 1, 0, 0, 0, 1, 0, 0, 0, 1)
+    stream += b'["uv","<f8",[3,2]]' + struct.pack("<6d", 1, 0, 0, 1, 0, 0)
+    stream += b'["graph",0]'
+    assert asset_id(mesh, AssetSettings(), None) == hashlib.sha256(stream).hexdigest()[:16]
+
+
+@pytest.mark.parametrize("name", ["positions", "faces", "uv", "face_uv"])
+def test_every_mesh_array_counts(mesh: Mesh, settings: AssetSettings, name: str) -> None:
+    changed = np.roll(getattr(mesh, name), 1, axis=1)
+    other = replace(mesh, **{name: changed})
+    assert asset_id(other, settings, None) != asset_id(mesh, settings, None)
+
+
+def test_smallest_change_of_uv_counts(mesh: Mesh, settings: AssetSettings) -> None:
+    other = replace(mesh, uv=np.nextafter(mesh.uv, 100.0))
+    assert asset_id(other, settings, None) != asset_id(mesh, settings, None)
+
+
+def test_graph_and_settings_count(mesh: Mesh, graph: WrinkleGraph, settings: AssetSettings) -> None:
+    without_triangles = replace(graph, edge_triangle=None)
+    ids = {
+        asset_id(mesh, settings, None),
+        asset_id(mesh, settings, graph),
+        asset_id(mesh, settings, without_triangles),
+        asset_id(mesh, settings.with_r_max(0.15), None),
+    }
+    assert len(ids) == 4
+
+
+_corner = arrays(np.float32, (3, 3), elements=st.floats(-1e6, 1e6, width=32))
+
+
+@given(_corner, _corner)
+def test_ids_differ_exactly_where_positions_do(a: np.ndarray, b: np.ndarray) -> None:
+    base, faces = np.eye(3, dtype=np.float32), [[0, 1, 2], [3, 4, 5]]
+    uv = np.tile(np.eye(3)[:, :2], (2, 1))
+    meshes = [Mesh(np.concatenate([base, x]), faces, uv, faces) for x in (a, b)]
+    ids = [asset_id(mesh, AssetSettings(), None) for mesh in meshes]
+    assert (ids[0] == ids[1]) == (meshes[0].positions.tobytes() == meshes[1].positions.tobytes())
+
+
+@given(_corner)
+def test_mesh_bytes_roundtrip(a: np.ndarray) -> None:
+    base, faces = np.eye(3, dtype=np.float32), [[0, 1, 2], [3, 4, 5]]
+    uv = np.tile(np.eye(3)[:, :2], (2, 1)) / 3
+    mesh = Mesh(np.concatenate([base, a]), faces, uv, faces)
+    again = read_mesh(write_mesh(mesh))
+    assert again.positions.tobytes() == mesh.positions.tobytes()
+    assert again.uv.tobytes() == mesh.uv.tobytes()
+    assert again.faces.dtype == mesh.faces.dtype

@@ -1,0 +1,133 @@
+"""A changed, shortened, missing or foreign byte is reported with its file and never served."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.graph import WrinkleGraph
+from rhytid.domain.mesh import Mesh
+from rhytid.errors import StorageError
+from rhytid.storage import AssetStore
+
+ID = "00112233aabbccdd"
+FILES = ("manifest.json", "facts.json", "mesh.safetensors", "graph.safetensors")
+
+
+def flip(path: Path, at: int) -> None:
+    data = bytearray(path.read_bytes())
+    data[at] ^= 1
+    path.write_bytes(data)
+
+
+@pytest.fixture(params=["request", "asset"])
+def stored(
+    request: pytest.FixtureRequest,
+    store: AssetStore,
+    folder: Path,
+    mesh: Mesh,
+    graph: WrinkleGraph,
+    settings: AssetSettings,
+) -> tuple[Path, Callable[[], object]]:
+    """The sealed folder and the call that reads it."""
+    if request.param == "asset":
+        store.put_asset(ID, mesh, graph, settings, {"spacing": 1.5})
+    else:
+        store.put_request(ID, mesh, settings, graph)
+    read = getattr(store, request.param)
+    return folder / "assets" / ID / request.param, lambda: read(ID)
+
+
+@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize("at", [0, 9, -1])
+def test_flipped_bit(stored: tuple[Path, Callable[[], object]], name: str, at: int) -> None:
+    place, read = stored
+    flip(place / name, at)
+    with pytest.raises(StorageError, match=name):
+        read()
+
+
+@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize("keep", [0, 20, -1])
+def test_truncated(stored: tuple[Path, Callable[[], object]], name: str, keep: int) -> None:
+    place, read = stored
+    (place / name).write_bytes((place / name).read_bytes()[:keep])
+    with pytest.raises(StorageError, match=name):
+        read()
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_missing_file(stored: tuple[Path, Callable[[], object]], name: str) -> None:
+    place, read = stored
+    (place / name).unlink()
+    with pytest.raises(StorageError, match=name):
+        read()
+
+
+def test_file_that_nobody_wrote(stored: tuple[Path, Callable[[], object]]) -> None:
+    place, read = stored
+    (place / "extra.bin").write_bytes(b"x")
+    with pytest.raises(StorageError, match=r"extra\.bin"):
+        read()
+
+
+def test_every_byte_of_the_manifest_counts(stored: tuple[Path, Callable[[], object]]) -> None:
+    place, read = stored
+    manifest = place / "manifest.json"
+    for at in range(len(manifest.read_bytes())):
+        flip(manifest, at)
+        with pytest.raises(StorageError):
+            read()
+        flip(manifest, at)
+    read()
+
+
+def test_every_byte_of_an_overlay_counts(
+    store: AssetStore, folder: Path, mesh: Mesh, graph: WrinkleGraph, settings: AssetSettings
+) -> None:
+    store.put_asset(ID, mesh, graph, settings, {})
+    store.put_overlay(ID, settings)
+    overlay = folder / "assets" / ID / "overlay.json"
+    for at in range(len(overlay.read_bytes())):
+        flip(overlay, at)
+        with pytest.raises(StorageError, match=r"overlay\.json"):
+            store.overlay(ID)
+        flip(overlay, at)
+    assert store.overlay(ID) == settings
+
+
+@pytest.mark.parametrize("text", [b"[" * 100_000, b"null", b"[]", b"{}", b'{"files":1}', b"\xff"])
+def test_manifest_of_anything(stored: tuple[Path, Callable[[], object]], text: bytes) -> None:
+    place, read = stored
+    (place / "manifest.json").write_bytes(text)
+    with pytest.raises(StorageError, match=r"manifest\.json"):
+        read()
+
+
+def test_asset_in_the_place_of_another(
+    store: AssetStore, folder: Path, mesh: Mesh, graph: WrinkleGraph, settings: AssetSettings
+) -> None:
+    store.put_asset(ID, mesh, graph, settings, {})
+    other = "f" * 16
+    (folder / "assets" / ID).rename(folder / "assets" / other)
+    with pytest.raises(StorageError, match=f"not a manifest of asset {other}"):
+        store.asset(other)
+
+
+def test_damaged_asset_can_be_deleted_and_put_again(
+    store: AssetStore, folder: Path, mesh: Mesh, graph: WrinkleGraph, settings: AssetSettings
+) -> None:
+    store.put_asset(ID, mesh, graph, settings, {})
+    flip(folder / "assets" / ID / "asset" / "mesh.safetensors", -1)
+    assert store.ids() == [ID]
+    store.delete(ID)
+    store.put_asset(ID, mesh, graph, settings, {})
+    assert store.asset(ID).settings == settings
+
+
+def test_names_that_are_not_ids_are_not_assets(folder: Path, store: AssetStore) -> None:
+    (folder / "assets" / "lost+found" / "asset").mkdir(parents=True)
+    assert store.ids() == []
