@@ -1,0 +1,35 @@
+"""The HTTP application: routes over an engine. Nothing is built when this is imported."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+from fastapi import FastAPI
+
+from rhytid import __version__
+from rhytid.api import problems
+from rhytid.api.documentation import describe
+from rhytid.api.metrics import Metrics, Observe
+from rhytid.api.routes import assets, bins, frames, health, jobs, tiles
+from rhytid.settings import ServiceSettings
+
+if TYPE_CHECKING:
+    from rhytid.engine.engine import Engine
+
+ROUTERS = (assets.router, frames.router, tiles.router, bins.router, jobs.router, health.router)
+
+
+def create_app(engine: Engine, settings: ServiceSettings) -> FastAPI:
+    """An application over `engine`, which stays the caller's to close."""
+    app = FastAPI(title="rhytid", version=__version__, redirect_slashes=False)
+    app.state.engine = engine
+    app.state.settings = settings
+    app.state.metrics = Metrics(lambda: engine.waiting)
+    app.state.routes = [route for router in ROUTERS for route in router.routes]
+    for router in ROUTERS:
+        app.include_router(router)
+    app.add_middleware(Observe, metrics=app.state.metrics)
+    problems.install(app)
+    app.openapi = partial(describe, app)  # type: ignore[method-assign]
+    return app

@@ -1,0 +1,105 @@
+"""What the OpenAPI document says where the signatures cannot: bodies, binaries, problems."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from http import HTTPStatus
+from typing import Any
+
+from fastapi import FastAPI
+from fastapi.openapi.utils import get_openapi
+
+from rhytid import __version__
+from rhytid.api.problems import MEDIA_TYPE
+from rhytid.api.schemas import Problem
+from rhytid.formats.tiles import FORMATS
+
+Responses = dict[int | str, dict[str, Any]]
+BINARY = {"type": "string", "format": "binary"}
+TAGS = [
+    {"name": "assets", "description": "A neutral mesh with its wrinkle graph and settings."},
+    {"name": "frames", "description": "Positions of the deformed mesh, kept in memory."},
+    {"name": "tiles", "description": "Displacement, signed, in the unit of the mesh."},
+    {"name": "bins", "description": "Precomputed maps of the method `binned`."},
+    {"name": "jobs", "description": "Long work."},
+    {"name": "service", "description": "Health, figures, devices."},
+]
+
+
+def problems(*statuses: int) -> Responses:
+    """The statuses of a call that are answered with a problem, and 500."""
+    schema = {"$ref": "#/components/schemas/Problem"}
+    content = {MEDIA_TYPE: {"schema": schema}}
+    return {s: {"description": HTTPStatus(s).phrase, "content": content} for s in (*statuses, 500)}
+
+
+def binary(*media_types: str) -> Responses:
+    """A 200 whose body is bytes of one of these types."""
+    content = {media_type: {"schema": BINARY} for media_type in media_types}
+    return {200: {"description": "OK", "content": content}}
+
+
+def body(content: Mapping[str, Any], required: bool = True) -> dict[str, Any]:
+    """An `openapi_extra` for a body that the route reads by itself."""
+    return {"requestBody": {"required": required, "content": dict(content)}}
+
+
+def json_body(description: str) -> dict[str, Any]:
+    """An `openapi_extra` for a JSON object."""
+    return body({"application/json": {"schema": {"type": "object", "description": description}}})
+
+
+POSITIONS = body(
+    {
+        "application/x-npy": {"schema": {**BINARY, "description": "(V, 3) float .npy"}},
+        "application/octet-stream": {
+            "schema": {**BINARY, "description": "(V, 3) float32, little-endian, row by row"}
+        },
+    }
+)
+ASSET_FORM = body(
+    {
+        "multipart/form-data": {
+            "schema": {
+                "type": "object",
+                "required": ["mesh"],
+                "properties": {
+                    "mesh": {**BINARY, "description": "OBJ, PLY, glTF, GLB or .npz, by filename"},
+                    "settings": {"type": "string", "description": "JSON object, all optional"},
+                    "graph": {**BINARY, "description": "safetensors; absent = synthesise"},
+                    "stiffness": {**BINARY, "description": "not supported in this version"},
+                },
+            }
+        }
+    }
+)
+TILES: Responses = {
+    200: {
+        **binary(*(kind.media_type for kind in FORMATS.values()))[200],
+        "headers": {
+            "ETag": {"schema": {"type": "string"}, "description": "strong"},
+            "X-Rhytid-Scale": {
+                "schema": {"type": "number"},
+                "description": "png only: h = (p − 32768)/32767 · scale",
+            },
+        },
+    },
+    304: {"description": "The client has these bytes (If-None-Match)"},
+}
+MIXED = binary("multipart/mixed")
+
+
+def describe(app: FastAPI) -> dict[str, Any]:
+    """The OpenAPI document, with problems in place of the framework's own error models."""
+    if app.openapi_schema is None:
+        document = get_openapi(
+            title="rhytid",
+            version=__version__,
+            summary="Dynamic facial wrinkles: an animated face in, displacement tiles out.",
+            routes=app.routes,
+            tags=TAGS,
+        )
+        schemas = document.setdefault("components", {}).setdefault("schemas", {})
+        schemas["Problem"] = Problem.model_json_schema()
+        app.openapi_schema = document
+    return app.openapi_schema

@@ -1,0 +1,124 @@
+"""From arrays to response bodies: media types, ETags, conditional requests."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from fastapi import Request, Response
+from numpy.typing import NDArray
+from starlette.exceptions import HTTPException
+
+from rhytid import __version__
+from rhytid.engine.messages import FrameStretch
+from rhytid.errors import QueryError
+from rhytid.formats.tile_header import TileHeader
+from rhytid.formats.tiles import FORMATS, encode
+
+NPY = "application/x-npy"
+RAW = "application/octet-stream"
+SCALE = "X-Rhytid-Scale"
+
+
+@dataclass(frozen=True)
+class Source:
+    """A tile or a map that can be named without being drawn.
+
+    key: content key; raises for what does not exist.  header: what a file says of itself.
+    draw: the displacement, mesh units, float32.
+    """
+
+    key: Callable[[], str]
+    header: Callable[[], TileHeader]
+    draw: Callable[[], NDArray[np.float32]]
+
+
+def check_format(format: str) -> str:
+    """The name itself; raises QueryError naming the known formats."""
+    if format not in FORMATS:
+        raise QueryError(f"format {format!r}: one of {', '.join(FORMATS)}")
+    return format
+
+
+def etag(*parts: object) -> str:
+    """A strong entity tag over everything that decides the bytes."""
+    return '"' + hashlib.sha256(repr(parts).encode()).hexdigest()[:32] + '"'
+
+
+def matches(if_none_match: str | None, tag: str) -> bool:
+    """RFC 9110, section 13.1.2: a list of tags, weakly compared, or `*`."""
+    tags = [t.strip() for t in (if_none_match or "").split(",")]
+    return "*" in tags or any(t.removeprefix("W/") == tag for t in tags)
+
+
+def answer(request: Request, format: str, source: Source) -> Response:
+    """The encoded displacement, 304 where the client has it, headers alone for HEAD."""
+    check_format(format)
+    key = source.key()
+    header = source.header()
+    tag = etag(key, format, header, __version__)
+    validators = {"ETag": tag, "Cache-Control": "no-cache"}
+    if matches(request.headers.get("if-none-match"), tag):
+        return Response(status_code=304, headers=validators)
+    about = {**validators, **scale_header(format, header)}
+    if request.method == "HEAD":
+        return bodiless(about, FORMATS[format].media_type)
+    drawn = encode(source.draw(), format, header)
+    if source.key() != key:
+        # Replaced while it was drawn: these bytes may belong to either content.
+        about = {**scale_header(format, header), "Cache-Control": "no-store"}
+    return Response(drawn.body, headers=about, media_type=drawn.media_type)
+
+
+def bodiless(headers: Mapping[str, str], media_type: str) -> Response:
+    """An answer to HEAD that does not claim a length it has not computed."""
+    response = Response(headers=headers, media_type=media_type)
+    del response.headers["content-length"]
+    return response
+
+
+def scale_header(format: str, header: TileHeader) -> dict[str, str]:
+    """`X-Rhytid-Scale` for png, whose 16 bit mean nothing without it."""
+    return {SCALE: repr(float(header.scale))} if format == "png" else {}
+
+
+def npy(array: NDArray[Any]) -> bytes:
+    """The array as a .npy file."""
+    file = io.BytesIO()
+    np.save(file, array, allow_pickle=False)
+    return file.getvalue()
+
+
+def npz(stretch: FrameStretch) -> bytes:
+    """`axes` and `ratios` as an uncompressed .npz file."""
+    file = io.BytesIO()
+    np.savez(file, axes=stretch.axes, ratios=stretch.ratios)
+    return file.getvalue()
+
+
+def tagged(request: Request, body: bytes, media_type: str) -> Response:
+    """A body with the ETag of its own bytes."""
+    headers = {"ETag": etag(body), "Cache-Control": "no-cache"}
+    if matches(request.headers.get("if-none-match"), headers["ETag"]):
+        return Response(status_code=304, headers=headers)
+    return Response(body, headers=headers, media_type=media_type)
+
+
+def preferred(accept: str, offers: tuple[str, ...]) -> str:
+    """The first offer that `Accept` names, in the client's order; 406 where it names none.
+
+    A wildcard means the first offer. Weights other than 0 are not compared.
+    """
+    for entry in accept.split(",") if accept else ["*/*"]:
+        wanted, *parameters = (piece.strip().lower() for piece in entry.split(";"))
+        if any(p in ("q=0", "q=0.0") for p in parameters):
+            continue
+        if wanted in ("*/*", "application/*"):
+            return offers[0]
+        if wanted in offers:
+            return wanted
+    raise HTTPException(406, f"Accept is {accept!r}: one of {', '.join(offers)}")

@@ -1,0 +1,55 @@
+"""A job as server-sent events: `progress` whenever it moves, one `end` at the end."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import AsyncIterator, Awaitable, Callable
+from dataclasses import asdict, replace
+
+from starlette.concurrency import run_in_threadpool
+
+from rhytid.engine.messages import JobInfo
+from rhytid.errors import NotFoundError
+
+ENDED = ("done", "failed", "cancelled")
+POLL_SECONDS = 0.1
+# A comment now and then keeps proxies from closing a quiet stream.
+POLLS_PER_COMMENT = 150
+
+
+def event(name: str, job: JobInfo) -> bytes:
+    """One server-sent event with the job as JSON."""
+    return f"event: {name}\ndata: {json.dumps(asdict(job))}\n\n".encode()
+
+
+async def job_events(
+    job: JobInfo,
+    poll: Callable[[str], JobInfo],
+    disconnected: Callable[[], Awaitable[bool]],
+) -> AsyncIterator[bytes]:
+    """`progress` at once and after every change, then `end`; nothing once the client is gone.
+
+    `poll` may block: it runs in the thread pool.
+    """
+    yield event("progress", job)
+    quiet = 0
+    while job.state not in ENDED:
+        await asyncio.sleep(POLL_SECONDS)
+        if await disconnected():
+            return
+        before, job = job, await run_in_threadpool(_poll, poll, job)
+        quiet = 0 if job != before else quiet + 1
+        if job != before:
+            yield event("progress", job)
+        elif quiet % POLLS_PER_COMMENT == 0:
+            yield b": still at it\n\n"
+    yield event("end", job)
+
+
+def _poll(poll: Callable[[str], JobInfo], job: JobInfo) -> JobInfo:
+    """The job now; one that has gone with its asset counts as cancelled."""
+    try:
+        return poll(job.id)
+    except NotFoundError as error:
+        return replace(job, state="cancelled", detail=str(error))

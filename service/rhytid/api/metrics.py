@@ -1,0 +1,92 @@
+"""Prometheus figures of one app, and the middleware that counts and logs its requests."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable
+from typing import TypeVar
+
+from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+T = TypeVar("T")
+logger = logging.getLogger(__name__)
+METHODS = frozenset({"GET", "HEAD", "PUT", "POST", "PATCH", "DELETE", "OPTIONS"})
+
+
+class Metrics:
+    """The figures of one app, in a registry of its own; `waiting` counts device requests."""
+
+    def __init__(self, waiting: Callable[[], float]) -> None:
+        self.registry = CollectorRegistry()
+        self.requests = Counter(
+            "rhytid_requests",
+            "HTTP requests by method, route and status",
+            ("method", "route", "status"),
+            registry=self.registry,
+        )
+        self.seconds = Histogram(
+            "rhytid_request_seconds",
+            "Time to the end of the response, by route",
+            ("route",),
+            registry=self.registry,
+        )
+        self.tiles = Counter(
+            "rhytid_tiles",
+            "Displacement tiles and maps computed, by method",
+            ("method",),
+            registry=self.registry,
+        )
+        queue = Gauge("rhytid_device_queue", "Waiting device requests", registry=self.registry)
+        queue.set_function(waiting)
+
+    def counted(self, method: str, draw: Callable[[], T]) -> Callable[[], T]:
+        """`draw`, counted as one tile of that method once it succeeds."""
+
+        def draw_and_count() -> T:
+            drawn = draw()
+            self.tiles.labels(method).inc()
+            return drawn
+
+        return draw_and_count
+
+    def text(self) -> bytes:
+        """The Prometheus text exposition."""
+        return generate_latest(self.registry)
+
+
+class Observe:
+    """ASGI middleware: one count, one time and one log line a request."""
+
+    def __init__(self, app: ASGIApp, metrics: Metrics) -> None:
+        self.app = app
+        self.metrics = metrics
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass the request on and note its status, 500 where it raised."""
+        if scope["type"] != "http":
+            await self.app(scope, receive, send)
+            return
+        status = 500
+        start = time.perf_counter()
+
+        async def noting(message: Message) -> None:
+            nonlocal status
+            if message["type"] == "http.response.start":
+                status = message["status"]
+            await send(message)
+
+        try:
+            await self.app(scope, receive, noting)
+        finally:
+            self._note(scope, status, time.perf_counter() - start)
+
+    def _note(self, scope: Scope, status: int, seconds: float) -> None:
+        # Labels come from the program, never from the client: their number stays bounded.
+        method = scope["method"] if scope["method"] in METHODS else "other"
+        route = getattr(scope.get("route"), "path", "none")
+        self.metrics.requests.labels(method, route, status).inc()
+        self.metrics.seconds.labels(route).observe(seconds)
+        path = scope["path"].encode("unicode_escape").decode("ascii")
+        logger.info("%s %s %d %.1f ms", method, path, status, 1000 * seconds)

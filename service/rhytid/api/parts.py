@@ -1,0 +1,119 @@
+"""multipart/form-data, strictly: known parts, each at most once, the closing boundary seen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from python_multipart.exceptions import FormParserError
+from python_multipart.multipart import MultipartParser, parse_options_header
+from starlette.exceptions import HTTPException
+
+from rhytid.errors import InputError
+
+PARTS = ("mesh", "settings", "graph", "stiffness")
+HEADER_LIMIT = 8192
+LONGEST_BOUNDARY = 70  # RFC 2046, section 5.1.1
+
+
+@dataclass(frozen=True)
+class Part:
+    """One part; `filename` is None for a plain field."""
+
+    name: str
+    filename: str | None
+    data: bytes
+
+
+def boundary(content_type: str) -> bytes:
+    """The boundary of a multipart/form-data Content-Type; 415 for any other type."""
+    media_type, options = parse_options_header(content_type)
+    if media_type != b"multipart/form-data":
+        shown = media_type.decode("latin-1")
+        raise HTTPException(415, f"Content-Type is {shown!r}: must be multipart/form-data")
+    found = options.get(b"boundary", b"")
+    if not 0 < len(found) <= LONGEST_BOUNDARY:
+        rule = f"1 to {LONGEST_BOUNDARY} characters"
+        raise InputError(f"multipart boundary has {len(found)} characters: {rule}")
+    return found
+
+
+class PartReader:
+    """Collects the parts of a body that arrives in chunks."""
+
+    def __init__(self, boundary: bytes) -> None:
+        self._parts: dict[str, Part] = {}
+        self._ended = False
+        self._begin()
+        self._parser = MultipartParser(
+            boundary,
+            {
+                "on_part_begin": self._begin,
+                "on_header_field": self._on_field,
+                "on_header_value": self._on_value,
+                "on_header_end": self._on_header,
+                "on_headers_finished": self._on_headers,
+                "on_part_data": self._on_data,
+                "on_part_end": self._on_part,
+                "on_end": self._on_end,
+            },
+        )
+
+    def feed(self, chunk: bytes) -> None:
+        """Take the next bytes; raises InputError naming the part, or the place of a bad byte."""
+        try:
+            self._parser.write(chunk)
+        except FormParserError as error:
+            raise InputError(f"multipart body: {error}") from error
+
+    def finish(self) -> dict[str, Part]:
+        """The parts by name; raises InputError where the body was cut."""
+        if not self._ended:
+            raise InputError("multipart body ends before its closing boundary")
+        return self._parts
+
+    def _begin(self) -> None:
+        self._field, self._value = bytearray(), bytearray()
+        self._name = ""
+        self._filename: str | None = None
+        self._disposition = b""
+        self._data: list[bytes] = []
+
+    def _on_field(self, data: bytes, start: int, end: int) -> None:
+        self._grow(self._field, data[start:end])
+
+    def _on_value(self, data: bytes, start: int, end: int) -> None:
+        self._grow(self._value, data[start:end])
+
+    def _grow(self, text: bytearray, more: bytes) -> None:
+        if len(text) + len(more) > HEADER_LIMIT:
+            raise InputError(f"multipart body: a part's header is above {HEADER_LIMIT} bytes")
+        text += more
+
+    def _on_header(self) -> None:
+        if self._field.lower() == b"content-disposition":
+            self._disposition = bytes(self._value)
+        self._field.clear()
+        self._value.clear()
+
+    def _on_headers(self) -> None:
+        _, options = parse_options_header(self._disposition)
+        if b"name" not in options:
+            raise InputError("multipart body: a part has no name in its Content-Disposition")
+        self._name = options[b"name"].decode("utf-8", "replace")
+        filename = options.get(b"filename")
+        self._filename = None if filename is None else filename.decode("utf-8", "replace")
+        if self._name not in PARTS:
+            raise InputError(f"unknown part {self._name!r}: one of {', '.join(PARTS)}")
+        if self._name in self._parts:
+            raise InputError(f"part {self._name} was sent twice")
+
+    def _on_data(self, data: bytes, start: int, end: int) -> None:
+        self._data.append(data[start:end])
+
+    def _on_part(self) -> None:
+        data = b"".join(self._data)
+        self._data = []
+        self._parts[self._name] = Part(self._name, self._filename, data)
+
+    def _on_end(self) -> None:
+        self._ended = True

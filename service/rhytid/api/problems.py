@@ -1,0 +1,149 @@
+"""Every error as an RFC 9457 problem: one table from exception to status, and the handlers."""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass
+from http import HTTPStatus
+from typing import Any
+
+from fastapi import FastAPI, Request, Response
+from fastapi.exceptions import RequestValidationError
+from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect
+
+from rhytid import errors
+
+MEDIA_TYPE = "application/problem+json"
+LONGEST_DETAIL = 2000
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What an exception is to a client."""
+
+    status: int
+    name: str
+    title: str
+
+    @property
+    def type(self) -> str:
+        """The problem type, a URI that names the kind and is not meant to be opened."""
+        return f"urn:rhytid:problem:{self.name}"
+
+
+# The nearest base class of an exception that stands here decides.
+KINDS: dict[type[BaseException], Kind] = {
+    errors.MeshError: Kind(422, "mesh", "The mesh cannot be used"),
+    errors.GraphError: Kind(422, "graph", "The wrinkle graph cannot be used"),
+    errors.FrameError: Kind(422, "frame", "The frame cannot be used"),
+    errors.SettingsError: Kind(422, "settings", "The settings cannot be used"),
+    errors.QueryError: Kind(422, "query", "The query cannot be answered"),
+    errors.InputError: Kind(422, "input", "The request cannot be used"),
+    errors.NotFoundError: Kind(404, "not-found", "Not found"),
+    errors.NotReadyError: Kind(409, "not-ready", "The asset is not ready"),
+    errors.ReadOnlyError: Kind(409, "read-only", "Cannot be written"),
+    errors.ConflictError: Kind(409, "conflict", "Not possible in the present state"),
+    errors.CancelledError: Kind(409, "cancelled", "The job was cancelled"),
+    errors.LimitError: Kind(413, "limit", "Larger than this server allows"),
+    errors.BusyError: Kind(503, "busy", "The queue of the device is full"),
+    errors.NoDeviceError: Kind(503, "no-device", "No OpenCL device computes"),
+    errors.DeviceMemoryError: Kind(507, "device-memory", "Beyond the device memory budget"),
+    errors.DeviceError: Kind(500, "device", "The device failed"),
+    errors.StorageError: Kind(500, "storage", "The store failed"),
+    errors.RhytidError: Kind(500, "internal", "Internal error"),
+}
+
+
+def kind_of(error: errors.RhytidError) -> Kind:
+    """The row of the table that an exception belongs to."""
+    return next(KINDS[base] for base in type(error).__mro__ if base in KINDS)
+
+
+def problem(
+    status: int,
+    detail: str,
+    title: str | None = None,
+    type: str = "about:blank",
+    headers: Mapping[str, str] | None = None,
+    **extra: Any,
+) -> Response:
+    """An `application/problem+json` response; the title defaults to the phrase of the status."""
+    clipped = detail if len(detail) <= LONGEST_DETAIL else detail[: LONGEST_DETAIL - 1] + "…"
+    title = title or HTTPStatus(status).phrase
+    body = {"type": type, "title": title, "status": status, "detail": clipped, **extra}
+    # ASCII escapes: a detail may quote a lone surrogate from the client's JSON.
+    return Response(json.dumps(body), status, headers, media_type=MEDIA_TYPE)
+
+
+def install(app: FastAPI) -> None:
+    """Answer every exception of the app, the framework's own too, with a problem."""
+    app.add_exception_handler(errors.RhytidError, _deliberate)
+    app.add_exception_handler(RequestValidationError, _invalid)
+    app.add_exception_handler(HTTPException, _framework)
+    app.add_exception_handler(ClientDisconnect, _gone)
+    app.add_exception_handler(Exception, _unexpected)
+
+
+async def _deliberate(request: Request, error: Exception) -> Response:
+    assert isinstance(error, errors.RhytidError)
+    kind = kind_of(error)
+    if kind.status == HTTPStatus.INTERNAL_SERVER_ERROR:
+        # Such a message may hold paths and build logs of this server: it goes to the log alone.
+        logger.error("%s failed", _call(request), exc_info=error)
+        return problem(kind.status, "the server's log has the reason", kind.title, kind.type)
+    retry = getattr(error, "retry_after", None)
+    headers = {} if retry is None else {"Retry-After": str(retry)}
+    return problem(kind.status, str(error), kind.title, kind.type, headers)
+
+
+async def _invalid(request: Request, error: Exception) -> Response:
+    assert isinstance(error, RequestValidationError)
+    return problem(422, "; ".join(_fault(fault) for fault in error.errors()))
+
+
+def _fault(fault: Mapping[str, Any]) -> str:
+    place, *path = (str(step) for step in fault["loc"])
+    where = f"{place} parameter {'.'.join(path)}"
+    if fault["type"] == "extra_forbidden":
+        return f"unknown {where}"
+    if fault["type"] == "missing":
+        return f"{where} is missing"
+    return f"{where} is {fault['input']!r}: {fault['msg']}"
+
+
+async def _framework(request: Request, error: Exception) -> Response:
+    assert isinstance(error, HTTPException)
+    headers = dict(error.headers or {})
+    detail = error.detail
+    if error.status_code == HTTPStatus.METHOD_NOT_ALLOWED:
+        headers["Allow"] = ", ".join(sorted(_methods(request))) or headers.get("Allow", "")
+        detail = f"{request.method} is not possible here: {headers['Allow']}"
+    elif error.status_code == HTTPStatus.NOT_FOUND:
+        detail = f"no such path: {request.url.path}"
+    return problem(error.status_code, detail, headers=headers)
+
+
+def _methods(request: Request) -> set[str]:
+    """All methods of a path; the router itself names those of its first route alone."""
+    routes = request.app.state.routes
+    path = request.scope["path"]
+    return {method for r in routes if r.path_regex.match(path) for method in r.methods}
+
+
+async def _gone(request: Request, error: Exception) -> Response:
+    return problem(400, "the client closed the connection before the body was complete")
+
+
+async def _unexpected(request: Request, error: Exception) -> Response:
+    # The exception goes on to the ASGI server, which logs its trace and ends the connection:
+    # without the header a client would ask again on a connection that is about to break.
+    logger.error("%s failed: %s", _call(request), type(error).__name__)
+    return problem(500, "the server's log has the reason", headers={"Connection": "close"})
+
+
+def _call(request: Request) -> str:
+    return f"{request.method} {request.url.path!r}"

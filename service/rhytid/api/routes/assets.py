@@ -1,0 +1,94 @@
+"""Assets: a neutral mesh with its wrinkle graph and settings."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fastapi import APIRouter, Response
+
+from rhytid.api.dependencies import EngineDep, Json, NoQuery, Parts
+from rhytid.api.documentation import ASSET_FORM, binary, json_body, problems
+from rhytid.api.parts import Part
+from rhytid.api.schemas import Asset
+from rhytid.api.uploads import decode_json, require
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.engine.messages import NewAsset
+from rhytid.errors import InputError
+from rhytid.formats.graphs import read_graph, write_graph
+from rhytid.formats.meshes import read_mesh
+
+SAFETENSORS = "application/vnd.safetensors"
+router = APIRouter(prefix="/v1/assets", tags=["assets"], dependencies=[NoQuery])
+
+
+@router.post(
+    "",
+    status_code=202,
+    response_model=Asset,
+    responses={200: {"model": Asset, "description": "Known and built"}, **problems(413, 415, 422)},
+    openapi_extra=ASSET_FORM,
+)
+def create(parts: Parts, engine: EngineDep, response: Response) -> Any:
+    """Send a mesh; 202 while the build runs, 200 where the same content is already there."""
+    asset = engine.create_asset(new_asset(parts))
+    response.status_code = 202 if asset.state == "building" else 200
+    response.headers["Location"] = f"/v1/assets/{asset.id}"
+    return asset
+
+
+def new_asset(parts: dict[str, Part]) -> NewAsset:
+    """Decode the parts of an upload; raises InputError, or one of its kinds, naming the part."""
+    if "stiffness" in parts:
+        raise InputError("part stiffness is not supported in this version")
+    mesh = require(parts, "mesh")
+    if not mesh.filename:
+        raise InputError("part mesh has no filename: its extension names the format")
+    settings = decode_json(parts["settings"].data, "part settings") if "settings" in parts else {}
+    read = read_mesh(mesh.data, mesh.filename)
+    return NewAsset(
+        mesh=read.mesh,
+        settings=AssetSettings.parse(settings),
+        graph=read_graph(parts["graph"].data) if "graph" in parts else None,
+        frames=read.frames,
+    )
+
+
+@router.get("", response_model=list[Asset], responses=problems(422))
+def listing(engine: EngineDep) -> Any:
+    """Every asset."""
+    return engine.assets()
+
+
+@router.get("/{asset}", response_model=Asset, responses=problems(404, 422))
+def show(asset: str, engine: EngineDep) -> Any:
+    """One asset, with its settings resolved."""
+    return engine.asset(asset)
+
+
+@router.patch(
+    "/{asset}",
+    response_model=Asset,
+    responses=problems(404, 409, 413, 415, 422),
+    openapi_extra=json_body("settings to change: response, shape, depth, bins, …"),
+)
+def change(asset: str, changes: Json, engine: EngineDep) -> Any:
+    """Change settings that need no new synthesis."""
+    if not isinstance(changes, dict):
+        raise InputError(f"body is a JSON {type(changes).__name__}: must be an object")
+    return engine.change_asset(asset, changes)
+
+
+@router.delete("/{asset}", status_code=204, response_model=None, responses=problems(404, 409, 422))
+def delete(asset: str, engine: EngineDep) -> None:
+    """Remove an asset, its frames and its files."""
+    engine.delete_asset(asset)
+
+
+@router.get(
+    "/{asset}/graph",
+    response_class=Response,
+    responses={**binary(SAFETENSORS), **problems(404, 409, 422)},
+)
+def graph(asset: str, engine: EngineDep) -> Response:
+    """The wrinkle graph as safetensors."""
+    return Response(write_graph(engine.graph(asset), {"asset": asset}), media_type=SAFETENSORS)

@@ -1,0 +1,43 @@
+"""Bins: the precomputed, quantised maps of the fast method (section 2.4 of the paper)."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Query, Request, Response
+
+from rhytid.api.dependencies import EngineDep, Index, NoQuery, NoRepeats
+from rhytid.api.documentation import binary, problems
+from rhytid.api.encoding import NPY, npy, tagged
+from rhytid.api.schemas import BinQuery, Bins
+from rhytid.domain.tiles import TileAddress
+
+router = APIRouter(prefix="/v1/assets/{asset}/bins", tags=["bins"])
+
+
+@router.get("", response_model=Bins, responses=problems(404, 409, 422), dependencies=[NoQuery])
+def manifest(asset: str, engine: EngineDep) -> Any:
+    """Angles, samples, steps and layers."""
+    return engine.bins(asset)
+
+
+@router.get(
+    "/{udim}/{level}/{row}/{column}",
+    response_class=Response,
+    responses={**binary(NPY), **problems(404, 409, 422, 503, 507)},
+    dependencies=[NoRepeats],
+)
+def tile(
+    request: Request,
+    engine: EngineDep,
+    asset: str,
+    udim: Index,
+    level: Index,
+    row: Index,
+    column: Index,
+    query: Annotated[BinQuery, Query()],
+) -> Response:
+    """One tile of codes, int8 or int16, as .npy; the manifest's step turns codes into heights."""
+    address = TileAddress(udim, level, row, column)
+    codes = engine.bin_tile(asset, address, query.layer, query.bin, query.sample)
+    return tagged(request, npy(codes), NPY)

@@ -1,0 +1,81 @@
+"""Frames: positions of the deformed mesh, kept in memory under a name."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fastapi import APIRouter, Request, Response
+
+from rhytid.api.dependencies import EngineDep, NoQuery, Positions
+from rhytid.api.documentation import POSITIONS, binary, problems
+from rhytid.api.encoding import NPY, RAW, npy, npz, preferred
+from rhytid.api.schemas import Frame, Job
+
+JSON = "application/json"
+NPZ = "application/x-npz"
+router = APIRouter(prefix="/v1/assets/{asset}", tags=["frames"], dependencies=[NoQuery])
+
+
+@router.get("/frames", response_model=list[Frame], responses=problems(404, 422))
+def listing(asset: str, engine: EngineDep) -> Any:
+    """Every frame of an asset, `neutral` among them."""
+    return engine.frames(asset)
+
+
+@router.put(
+    "/frames/{frame}",
+    response_model=Frame,
+    responses=problems(404, 409, 413, 422, 503),
+    openapi_extra=POSITIONS,
+)
+def put(asset: str, frame: str, positions: Positions, engine: EngineDep) -> Any:
+    """Store positions under a name, replacing what was there."""
+    return engine.put_frame(asset, frame, positions)
+
+
+@router.get(
+    "/frames/{frame}",
+    response_model=Frame,
+    responses={200: {"content": {NPY: {}, RAW: {}}}, **problems(404, 406, 422)},
+)
+def show(asset: str, frame: str, request: Request, engine: EngineDep) -> Any:
+    """A frame as JSON, or its positions with `Accept: application/x-npy` (or raw float32)."""
+    wanted = preferred(request.headers.get("accept", ""), (JSON, NPY, RAW))
+    info = engine.frame(asset, frame)
+    if wanted == JSON:
+        return info
+    positions = engine.frame_positions(asset, frame).astype("<f4", copy=False)
+    body = npy(positions) if wanted == NPY else positions.tobytes()
+    return Response(body, headers={"Vary": "Accept"}, media_type=wanted)
+
+
+@router.delete(
+    "/frames/{frame}", status_code=204, response_model=None, responses=problems(404, 409, 422)
+)
+def delete(asset: str, frame: str, engine: EngineDep) -> None:
+    """Forget a frame; `neutral` stays."""
+    engine.delete_frame(asset, frame)
+
+
+@router.get(
+    "/frames/{frame}/stretch",
+    response_class=Response,
+    responses={**binary(NPZ), **problems(404, 409, 422, 503)},
+)
+def stretch(asset: str, frame: str, engine: EngineDep) -> Response:
+    """`.npz` with axes (F, 2, 2), axes[f, i] = ŝᵢ, and ratios (F, 2), unclamped."""
+    return Response(npz(engine.stretch(asset, frame)), media_type=NPZ)
+
+
+@router.put(
+    "/calibration",
+    status_code=202,
+    response_model=Job,
+    responses=problems(404, 409, 413, 422, 503),
+    openapi_extra=POSITIONS,
+)
+def calibrate(asset: str, positions: Positions, engine: EngineDep, response: Response) -> Any:
+    """Set `bins.r_max` from the stretch of the positions sent; answers with a job."""
+    job = engine.calibrate(asset, positions)
+    response.headers["Location"] = f"/v1/jobs/{job.id}"
+    return job

@@ -1,0 +1,46 @@
+"""Is it alive, does it compute, how is it doing."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fastapi import APIRouter, Response
+
+from rhytid.api.dependencies import EngineDep, MetricsDep, NoQuery
+from rhytid.api.documentation import binary, problems
+from rhytid.api.schemas import Device, Status
+from rhytid.errors import NoDeviceError
+
+PROMETHEUS = "text/plain; version=0.0.4; charset=utf-8"
+router = APIRouter(tags=["service"])
+
+
+@router.get("/healthz", response_model=Status, responses=problems())
+async def healthz() -> Any:
+    """The process answers."""
+    return {"status": "alive"}
+
+
+@router.get("/readyz", response_model=Status, responses=problems(503))
+def readyz(engine: EngineDep) -> Any:
+    """A small kernel computes on the device."""
+    if not engine.ready():
+        raise NoDeviceError("the device does not compute")
+    return {"status": "ready"}
+
+
+@router.get("/metrics", response_class=Response, responses={**binary("text/plain"), **problems()})
+async def metrics(metrics: MetricsDep) -> Response:
+    """Requests, latencies and computed tiles as Prometheus text."""
+    return Response(metrics.text(), headers={"Content-Type": PROMETHEUS})
+
+
+@router.get(
+    "/v1/devices",
+    response_model=list[Device],
+    responses=problems(422, 503),
+    dependencies=[NoQuery],
+)
+def devices(engine: EngineDep) -> Any:
+    """The OpenCL devices, with memory budget and use."""
+    return engine.devices()

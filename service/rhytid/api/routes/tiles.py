@@ -1,0 +1,139 @@
+"""Displacement tiles and whole maps: what the service is for."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Annotated
+
+import numpy as np
+from fastapi import APIRouter, Query, Request, Response
+from numpy.typing import NDArray
+
+from rhytid.api.dependencies import EngineDep, Index, MetricsDep, NoRepeats, Positions
+from rhytid.api.documentation import MIXED, POSITIONS, TILES, problems
+from rhytid.api.encoding import Source, answer, check_format, scale_header
+from rhytid.api.multipart import MixedPart, mixed_response
+from rhytid.api.schemas import TileQuery, TilesQuery, WholeMapQuery
+from rhytid.domain.tiles import TileAddress, TileGrid
+from rhytid.errors import LimitError
+from rhytid.formats.tile_header import TileHeader
+from rhytid.formats.tiles import encode
+
+# What a file says in place of a frame name when the positions were not stored.
+ONCE = ""
+# One answer holds no more texels than the largest map has.
+TEXELS = 16384**2
+FAULTS = problems(404, 409, 422, 503, 507)
+router = APIRouter(prefix="/v1/assets/{asset}", tags=["tiles"], dependencies=[NoRepeats])
+
+
+def header_of(
+    engine: EngineDep, asset: str, frame: str, method: str, at: TileAddress
+) -> TileHeader:
+    """What a file of that tile says of itself."""
+    unit = engine.asset(asset).settings["unit"]
+    scale = engine.displacement_scale(asset)
+    return TileHeader(unit, frame, asset, method, at.udim, at.level, at.row, at.column, scale)
+
+
+@router.head("/frames/{frame}/tiles/{udim}/{level}/{row}/{column}", include_in_schema=False)
+@router.get(
+    "/frames/{frame}/tiles/{udim}/{level}/{row}/{column}",
+    response_class=Response,
+    responses={**TILES, **FAULTS},
+)
+def tile(
+    request: Request,
+    engine: EngineDep,
+    metrics: MetricsDep,
+    asset: str,
+    frame: str,
+    udim: Index,
+    level: Index,
+    row: Index,
+    column: Index,
+    query: Annotated[TileQuery, Query()],
+) -> Response:
+    """One tile of displacement; `If-None-Match` is answered without drawing it."""
+    wanted, at = query.map_query(), TileAddress(udim, level, row, column)
+    source = Source(
+        key=partial(engine.tile_key, asset, frame, wanted, at),
+        header=partial(header_of, engine, asset, frame, wanted.method, at),
+        draw=metrics.counted(wanted.method, partial(engine.tile, asset, frame, wanted, at)),
+    )
+    return answer(request, query.format, source)
+
+
+@router.head("/frames/{frame}/maps/{udim}", include_in_schema=False)
+@router.get("/frames/{frame}/maps/{udim}", response_class=Response, responses={**TILES, **FAULTS})
+def whole_map(
+    request: Request,
+    engine: EngineDep,
+    metrics: MetricsDep,
+    asset: str,
+    frame: str,
+    udim: Index,
+    query: Annotated[WholeMapQuery, Query()],
+) -> Response:
+    """A whole map of one UDIM; equals its tiles bit for bit."""
+    wanted, level = query.map_query(), query.level
+    at = TileAddress(udim, level, 0, 0)
+    source = Source(
+        key=partial(engine.map_key, asset, frame, wanted, udim, level),
+        header=partial(header_of, engine, asset, frame, wanted.method, at),
+        draw=metrics.counted(wanted.method, partial(engine.map, asset, frame, wanted, udim, level)),
+    )
+    return answer(request, query.format, source)
+
+
+@router.post(
+    "/tiles",
+    response_class=Response,
+    responses={**MIXED, **FAULTS, **problems(413)},
+    openapi_extra=POSITIONS,
+)
+def tiles_once(
+    engine: EngineDep,
+    metrics: MetricsDep,
+    asset: str,
+    positions: Positions,
+    query: Annotated[TilesQuery, Query()],
+) -> Response:
+    """Positions in, tiles out, nothing stored: multipart/mixed in the order of `tile`."""
+    check_format(query.format)
+    wanted = query.map_query()
+    addresses = [TileAddress.parse(text) for text in query.tile]
+    check_texels(engine, asset, addresses)
+    drawn = engine.tiles_once(asset, positions, wanted, addresses)
+    metrics.tiles.labels(wanted.method).inc(len(drawn))
+    parts = []
+    for at, tile in zip(addresses, drawn, strict=True):
+        header = header_of(engine, asset, ONCE, wanted.method, at)
+        parts.append(mixed_part(tile, query.format, header, at))
+    return mixed_response(parts)
+
+
+def check_texels(engine: EngineDep, asset: str, addresses: list[TileAddress]) -> None:
+    """Raise LimitError where one answer would hold more texels than the largest map."""
+    settings = engine.asset(asset).settings
+    grid = TileGrid(settings["resolution"], settings["tile_size"])
+    for address in addresses:
+        grid.check(address)
+    texels = sum(grid.texels(address.level) ** 2 for address in addresses)
+    if texels > TEXELS:
+        raise LimitError(f"{len(addresses)} tiles hold {texels} texels: at most {TEXELS} an answer")
+
+
+def mixed_part(
+    tile: NDArray[np.float32], format: str, header: TileHeader, at: TileAddress
+) -> MixedPart:
+    """One encoded tile and the headers that tell it from its neighbours."""
+    encoded = encode(tile, format, header)
+    name = str(at).replace("/", ".")
+    headers = {
+        "Content-Type": encoded.media_type,
+        "Content-Disposition": f'attachment; filename="{name}{encoded.extension}"',
+        "X-Rhytid-Tile": str(at),
+        **scale_header(format, header),
+    }
+    return MixedPart(headers, encoded.body)

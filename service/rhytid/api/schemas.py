@@ -1,0 +1,139 @@
+"""What requests and answers hold, so that the OpenAPI document is true."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from rhytid.engine.messages import METHODS, SAMPLINGS, STRETCH_MODELS, MapQuery
+from rhytid.formats.tiles import FORMATS
+
+
+def _options(values: Any) -> dict[str, Any]:
+    return {"enum": list(values)}
+
+
+class _Query(BaseModel):
+    """Query parameters; unknown names are refused."""
+
+    model_config = ConfigDict(extra="forbid")
+
+
+class TileQuery(_Query):
+    """Which displacement, and in which format."""
+
+    method: str = Field("redraw", json_schema_extra=_options(METHODS))
+    stretch: str = Field("tensor", json_schema_extra=_options(STRETCH_MODELS))
+    sampling: str = Field("nearest", json_schema_extra=_options(SAMPLINGS))
+    format: str = Field("npy", json_schema_extra=_options(FORMATS))
+
+    def map_query(self) -> MapQuery:
+        """The part that the engine answers; raises QueryError naming the known values."""
+        return MapQuery(self.method, self.stretch, self.sampling)
+
+
+class WholeMapQuery(TileQuery):
+    """The same, and the level of a whole map."""
+
+    level: int = Field(0, ge=0, description="0 is the full resolution; every level halves it")
+
+
+class TilesQuery(TileQuery):
+    """The same, and the tiles wanted, in the order of the answer."""
+
+    tile: list[str] = Field(min_length=1, description="udim/level/row/column, repeated")
+
+
+class BinQuery(_Query):
+    """Which quantised map: the layer, the bin in it and the sample of log stretch."""
+
+    bin: int = Field(ge=0, description="index into the layer's bins")
+    sample: int = Field(ge=0, description="index into the manifest's samples")
+    layer: str = Field("wrinkles", description="a layer of the manifest")
+
+
+class _Answer(BaseModel):
+    """Read from the engine's message of the same shape."""
+
+    model_config = ConfigDict(from_attributes=True)
+
+
+class Problem(BaseModel):
+    """RFC 9457 problem details."""
+
+    type: str = Field(description="URI that names the kind of problem, or about:blank")
+    title: str
+    status: int
+    detail: str = Field(description="what is wrong, and where")
+
+
+class Status(BaseModel):
+    """Alive, or ready."""
+
+    status: str
+
+
+class Device(_Answer):
+    """An OpenCL device; memory in bytes."""
+
+    name: str
+    platform: str
+    kind: str
+    version: str
+    compute_units: int
+    memory: int = Field(description="what the driver says the device has")
+    budget: int = Field(description="what this server allows itself; 0 where not selected")
+    used: int = Field(description="what this server has allocated")
+    selected: bool
+
+
+class Asset(_Answer):
+    """An asset; `settings` are fully resolved once it is ready."""
+
+    id: str
+    state: str = Field(json_schema_extra=_options(("building", "ready", "failed")))
+    job: str | None = Field(description="the build")
+    reason: str | None = Field(description="why it failed")
+    settings: dict[str, Any]
+    udims: list[int]
+    levels: int = Field(description="levels of a map, down to one texel")
+    vertices: int
+    triangles: int
+    pores: int = Field(description="0 until the graph exists")
+    wrinkles: int = Field(description="0 until the graph exists")
+
+
+class Job(_Answer):
+    """Long work."""
+
+    id: str
+    asset: str
+    kind: str
+    state: str = Field(
+        json_schema_extra=_options(("queued", "running", "done", "failed", "cancelled"))
+    )
+    progress: float = Field(description="from 0 to 1")
+    stage: str
+    detail: str
+
+
+class Frame(_Answer):
+    """A stored frame."""
+
+    name: str
+    log_stretch: dict[str, float] = Field(
+        description="percentiles of the clamped log stretch, over triangles and axes"
+    )
+
+
+class Bins(_Answer):
+    """The precomputed maps of an asset."""
+
+    angles: list[float] = Field(description="direction of each bin, radians; θ = (sin, cos)")
+    samples: list[float] = Field(description="log stretch of each sample")
+    steps: dict[str, list[float]] = Field(description="mesh units per code, by layer and sample")
+    bits: int
+    merge: str
+    depth_factored: bool
+    layers: dict[str, int] = Field(description="bins of each layer")

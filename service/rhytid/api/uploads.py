@@ -1,0 +1,99 @@
+"""Reading request bodies: never more than the limit, never on trust."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import AsyncIterator, Iterable
+from typing import Any
+
+from fastapi import Request
+from starlette.exceptions import HTTPException
+
+from rhytid.api.parts import Part, PartReader, boundary
+from rhytid.errors import InputError, LimitError, SettingsError
+from rhytid.settings import ServiceSettings
+
+JSON_LIMIT = 1 << 16
+JSON_TYPES = ("application/json", "application/merge-patch+json")
+
+
+async def read_body(request: Request) -> bytes:
+    """The whole body; raises LimitError above `upload_limit`."""
+    return b"".join([chunk async for chunk in _chunks(request, _limit(request))])
+
+
+async def read_parts(request: Request) -> dict[str, Part]:
+    """The parts of a multipart/form-data body by name.
+
+    Raises LimitError above `upload_limit` and InputError naming the part that is wrong.
+    """
+    reader = PartReader(boundary(request.headers.get("content-type", "")))
+    async for chunk in _chunks(request, _limit(request)):
+        reader.feed(chunk)
+    return reader.finish()
+
+
+async def read_json(request: Request) -> Any:
+    """The decoded JSON body of at most 64 KiB."""
+    media_type = media_type_of(request)
+    if media_type not in JSON_TYPES:
+        raise HTTPException(415, f"Content-Type is {media_type!r}: one of {', '.join(JSON_TYPES)}")
+    body = b"".join([chunk async for chunk in _chunks(request, JSON_LIMIT)])
+    return decode_json(body, "body")
+
+
+def media_type_of(request: Request) -> str:
+    """Content-Type without its parameters, in lower case; empty where the request has none."""
+    return request.headers.get("content-type", "").split(";")[0].strip().lower()
+
+
+def decode_json(data: bytes, what: str) -> Any:
+    """Strict JSON: UTF-8, no key twice, no NaN, at most 64 KiB; raises naming `what`."""
+    if len(data) > JSON_LIMIT:
+        raise LimitError(f"{what} has {len(data)} bytes: at most {JSON_LIMIT}")
+    try:
+        text = data.decode("utf-8-sig")
+        return json.loads(text, object_pairs_hook=_unique, parse_constant=_no_constant)
+    except UnicodeDecodeError as error:
+        raise SettingsError(f"{what} is not UTF-8 at byte {error.start}") from error
+    except RecursionError as error:
+        raise SettingsError(f"{what} is JSON nested too deeply") from error
+    except ValueError as error:
+        raise SettingsError(f"{what} is not JSON: {error}") from error
+
+
+async def _chunks(request: Request, limit: int) -> AsyncIterator[bytes]:
+    declared = request.headers.get("content-length", "")
+    if declared.isascii() and declared.isdigit() and int(declared[:20]) > limit:
+        raise LimitError(f"body has {declared} bytes: at most {limit}")
+    total = 0
+    async for chunk in request.stream():
+        total += len(chunk)
+        if total > limit:
+            raise LimitError(f"body has more than {total - 1} bytes: at most {limit}")
+        yield chunk
+
+
+def _limit(request: Request) -> int:
+    settings: ServiceSettings = request.app.state.settings
+    return settings.upload_limit
+
+
+def _unique(pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in found:
+            raise SettingsError(f"key {key!r} stands twice in one object")
+        found[key] = value
+    return found
+
+
+def _no_constant(name: str) -> Any:
+    raise SettingsError(f"{name} is not a JSON number")
+
+
+def require(parts: dict[str, Part], name: str) -> Part:
+    """The part of that name; raises InputError where it is absent."""
+    if name not in parts:
+        raise InputError(f"part {name} is missing; parts here: {', '.join(parts) or 'none'}")
+    return parts[name]

@@ -1,0 +1,49 @@
+"""The application under a real server on a free loopback port, with a client."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from typing import Any
+
+import httpx
+import uvicorn
+
+from rhytid.api.app import create_app
+from rhytid.settings import ServiceSettings
+
+
+class _Server(uvicorn.Server):
+    """Tells when it listens, and on which port."""
+
+    def __init__(self, app: Any) -> None:
+        config = uvicorn.Config(
+            app, port=0, ws="none", log_config=None, access_log=False, timeout_graceful_shutdown=1
+        )
+        super().__init__(config)
+        self.listening = threading.Event()
+
+    async def startup(self, *args: Any, **options: Any) -> None:
+        await super().startup(*args, **options)
+        self.listening.set()
+
+    @property
+    def url(self) -> str:
+        host, port = self.servers[0].sockets[0].getsockname()
+        return f"http://{host}:{port}"
+
+
+@contextmanager
+def serving(engine: Any, **settings: Any) -> Iterator[httpx.Client]:
+    """A client of a running server; the server ends with the block."""
+    server = _Server(create_app(engine, ServiceSettings(**settings)))
+    thread = threading.Thread(target=server.run)
+    thread.start()
+    try:
+        assert server.listening.wait(30)
+        with closing(httpx.Client(base_url=server.url, timeout=60)) as client:
+            yield client
+    finally:
+        server.should_exit = True
+        thread.join()

@@ -1,0 +1,49 @@
+"""The precomputed maps over HTTP."""
+
+from __future__ import annotations
+
+import httpx
+import numpy as np
+import pytest
+
+from api.asking import array_of, is_problem
+
+
+def test_the_manifest_counts_what_there_is(client: httpx.Client, asset: str) -> None:
+    bins = client.get(f"/v1/assets/{asset}/bins").json()
+    assert len(bins["angles"]) == bins["layers"]["wrinkles"] == 4
+    assert len(bins["samples"]) == 3
+    assert {len(steps) for steps in bins["steps"].values()} == {3}
+    assert (bins["bits"], bins["merge"], bins["depth_factored"]) == (8, "min", False)
+
+
+def test_a_tile_of_codes_is_int8(client: httpx.Client, asset: str) -> None:
+    path = f"/v1/assets/{asset}/bins/1001/0/1/2"
+    response = client.get(path, params={"bin": 2, "sample": 1})
+    codes = array_of(response)
+    assert (codes.dtype, codes.shape) == (np.int8, (64, 64))
+    pores = client.get(path, params={"bin": 0, "sample": 1, "layer": "pores"})
+    assert array_of(pores).shape == (64, 64)
+    known = {"If-None-Match": response.headers["etag"]}
+    again = client.get(path, params={"bin": 2, "sample": 1}, headers=known)
+    assert (again.status_code, again.content) == (304, b"")
+
+
+@pytest.mark.parametrize(
+    ("query", "status", "kind", "what"),
+    [
+        ("", 422, None, "query parameter bin is missing"),
+        ("?bin=0", 422, None, "query parameter sample is missing"),
+        ("?bin=x&sample=0", 422, None, "query parameter bin is 'x'"),
+        ("?bin=0&sample=0&colour=1", 422, None, "unknown query parameter colour"),
+        ("?bin=0&bin=1&sample=0", 422, "query", "'bin'"),
+        ("?bin=4&sample=0", 404, "not-found", "bin 4"),
+        ("?bin=0&sample=3", 404, "not-found", "sample 3"),
+        ("?bin=0&sample=0&layer=hair", 404, "not-found", "hair"),
+    ],
+)
+def test_bad_queries_are_refused(
+    client: httpx.Client, asset: str, query: str, status: int, kind: str | None, what: str
+) -> None:
+    response = client.get(f"/v1/assets/{asset}/bins/1001/0/0/0{query}")
+    assert what in is_problem(response, status, kind)

@@ -1,0 +1,117 @@
+"""Frames over HTTP: positions in and out, stretch, calibration; and what is refused."""
+
+from __future__ import annotations
+
+import io
+
+import httpx
+import numpy as np
+import pytest
+
+from api.asking import NPY, array_of, is_problem, npy
+from api.patch import positions, smile
+
+RAW = {"Content-Type": "application/octet-stream"}
+
+
+def test_a_frame_answers_with_its_stretch(client: httpx.Client, frame: str) -> None:
+    response = client.put(frame, content=npy(smile(0.2)), headers=NPY)
+    assert response.status_code == 200
+    found = response.json()
+    assert found["name"] == "smile"
+    assert found["log_stretch"].keys() == {"p1", "p10", "p50", "p90", "p99", "abs_p90"}
+    assert client.get(frame).json() == found
+
+
+def test_positions_come_back_as_they_were_sent(client: httpx.Client, frame: str) -> None:
+    back = array_of(client.get(frame, headers={"Accept": "application/x-npy"}))
+    assert back.dtype == np.float32
+    np.testing.assert_array_equal(back, smile())
+    raw = client.get(frame, headers={"Accept": "application/octet-stream"})
+    assert raw.headers["vary"] == "Accept"
+    np.testing.assert_array_equal(np.frombuffer(raw.content, "<f4").reshape(-1, 3), smile())
+
+
+def test_raw_positions_are_read_too(client: httpx.Client, frame: str) -> None:
+    sent = client.put(frame, content=smile(0.3).astype("<f4").tobytes(), headers=RAW)
+    assert sent.status_code == 200
+    back = array_of(client.get(frame, headers={"Accept": "application/x-npy"}))
+    np.testing.assert_array_equal(back, smile(0.3))
+
+
+def test_accept_that_is_not_offered_is_406(client: httpx.Client, frame: str) -> None:
+    assert "text/html" in is_problem(client.get(frame, headers={"Accept": "text/html"}), 406)
+
+
+def test_frames_are_listed_and_forgotten(client: httpx.Client, asset: str, frame: str) -> None:
+    path = f"/v1/assets/{asset}/frames"
+    assert {"neutral", "smile"} <= {f["name"] for f in client.get(path).json()}
+    assert client.delete(frame).status_code == 204
+    assert "smile" not in {f["name"] for f in client.get(path).json()}
+    assert "smile" in is_problem(client.delete(frame), 404, "not-found")
+
+
+def test_neutral_is_there_and_read_only(client: httpx.Client, asset: str) -> None:
+    path = f"/v1/assets/{asset}/frames/neutral"
+    back = array_of(client.get(path, headers={"Accept": "application/x-npy"}))
+    np.testing.assert_array_equal(back, positions())
+    is_problem(client.put(path, content=npy(smile()), headers=NPY), 409, "read-only")
+    is_problem(client.delete(path), 409, "read-only")
+
+
+def test_stretch_is_an_npz(client: httpx.Client, asset: str, frame: str) -> None:
+    triangles = client.get(f"/v1/assets/{asset}").json()["triangles"]
+    response = client.get(f"{frame}/stretch")
+    with np.load(io.BytesIO(response.content)) as found:
+        assert found["axes"].shape == (triangles, 2, 2)
+        assert found["ratios"].shape == (triangles, 2)
+
+
+def test_calibration_is_a_job(client: httpx.Client, asset: str) -> None:
+    path = f"/v1/assets/{asset}/calibration"
+    response = client.put(path, content=npy(smile()), headers=NPY)
+    job = response.json()
+    assert response.status_code == 202
+    assert response.headers["location"] == f"/v1/jobs/{job['id']}"
+    assert job["asset"] == asset
+
+
+def holed() -> np.ndarray:
+    bad = smile()
+    bad[7, 1] = np.nan
+    return bad
+
+
+BAD_BODIES = {
+    "wrong vertex count": (npy(smile()[:-1]), NPY, "24"),
+    "wrong shape": (npy(smile().ravel()), NPY, "75"),
+    "NaN": (npy(holed()), NPY, "vertex 7"),
+    "truncated": (npy(smile())[:-5], NPY, ""),
+    "not npy": (b"hello", NPY, ""),
+    "raw of a wrong length": (smile().tobytes()[:-1], RAW, "299"),
+    "empty": (b"", RAW, ""),
+    "unknown type": (npy(smile()), {"Content-Type": "text/csv"}, "text/csv"),
+    "no type": (npy(smile()), {}, ""),
+}
+
+
+@pytest.mark.parametrize(("body", "headers", "what"), BAD_BODIES.values(), ids=BAD_BODIES.keys())
+@pytest.mark.parametrize("call", ["frames/bad", "calibration"])
+def test_bad_positions_are_refused(
+    client: httpx.Client, asset: str, call: str, body: bytes, headers: dict[str, str], what: str
+) -> None:
+    path = f"/v1/assets/{asset}/{call}"
+    assert what in is_problem(client.put(path, content=body, headers=headers), 422, "frame")
+    is_problem(client.get(f"/v1/assets/{asset}/frames/bad"), 404, "not-found")
+
+
+@pytest.mark.parametrize("name", [".hidden", "-", "a" * 65, "sm%C3%AFle", "a%20b"])
+def test_bad_frame_names_are_refused(client: httpx.Client, asset: str, name: str) -> None:
+    path = f"/v1/assets/{asset}/frames/{name}"
+    is_problem(client.put(path, content=npy(smile()), headers=NPY), 422, "frame")
+    is_problem(client.get(path), 404, "not-found")
+
+
+@pytest.mark.parametrize("call", ["frames", "frames/a", "frames/neutral/stretch", "bins", "graph"])
+def test_an_unknown_asset_is_404(client: httpx.Client, call: str) -> None:
+    assert "nobody" in is_problem(client.get(f"/v1/assets/nobody/{call}"), 404, "not-found")

@@ -1,0 +1,139 @@
+"""Health, figures, devices and the OpenAPI document."""
+
+from __future__ import annotations
+
+import logging
+import subprocess
+import sys
+from typing import Any
+
+import httpx
+import pytest
+
+from api.asking import is_problem
+from api.fake_engine import FakeEngine
+from api.live import serving
+from rhytid import __version__
+from rhytid.api.app import create_app
+from rhytid.settings import ServiceSettings
+
+
+def test_alive_and_ready(client: httpx.Client) -> None:
+    assert client.get("/healthz").json() == {"status": "alive"}
+    assert client.get("/readyz").json() == {"status": "ready"}
+
+
+def test_a_device_that_does_not_compute_is_not_ready() -> None:
+    engine = FakeEngine()
+    engine.computes = False
+    with serving(engine) as client:
+        is_problem(client.get("/readyz"), 503, "no-device")
+        assert client.get("/healthz").status_code == 200
+
+
+def test_devices_say_their_memory(client: httpx.Client) -> None:
+    devices = client.get("/v1/devices").json()
+    (selected,) = [d for d in devices if d["selected"]]
+    assert 0 <= selected["used"] <= selected["budget"]
+    assert selected["memory"] > 0
+
+
+def figures(client: httpx.Client) -> dict[str, float]:
+    response = client.get("/metrics")
+    assert response.headers["content-type"].startswith("text/plain; version=0.0.4")
+    lines = [line for line in response.text.splitlines() if not line.startswith("#")]
+    return {name: float(value) for name, value in (line.rsplit(" ", 1) for line in lines)}
+
+
+def test_metrics_count_by_route_and_status() -> None:
+    with serving(FakeEngine()) as client:
+        for path in ("/v1/assets/a", "/v1/assets/b", "/v1/assets", "/nowhere", "/elsewhere"):
+            client.get(path)
+        client.request("BREW", "/v1/assets")
+        found = figures(client)
+    requests = {k: v for k, v in found.items() if k.startswith("rhytid_requests_total")}
+    assert requests == {
+        'rhytid_requests_total{method="GET",route="/v1/assets/{asset}",status="404"}': 2,
+        'rhytid_requests_total{method="GET",route="/v1/assets",status="200"}': 1,
+        'rhytid_requests_total{method="GET",route="none",status="404"}': 2,
+        'rhytid_requests_total{method="other",route="/v1/assets",status="405"}': 1,
+    }
+    assert found['rhytid_request_seconds_count{route="/v1/assets/{asset}"}'] == 2
+    assert found["rhytid_device_queue"] == 3
+
+
+def test_metrics_count_tiles_that_were_drawn(client: httpx.Client, frame: str) -> None:
+    name = 'rhytid_tiles_total{method="redraw"}'
+    before = figures(client).get(name, 0)
+    tag = client.get(f"{frame}/tiles/1001/0/0/0").headers["etag"]
+    client.get(f"{frame}/tiles/1001/0/0/0", headers={"If-None-Match": tag})
+    client.get(f"{frame}/tiles/1001/99/0/0")
+    assert figures(client)[name] == before + 1
+
+
+def test_requests_are_logged_on_one_line(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO, "rhytid.api.metrics")
+    with serving(FakeEngine()) as client:
+        client.get("/v1/assets/a%0Ab")
+    lines = [r.getMessage() for r in caplog.records if r.name == "rhytid.api.metrics"]
+    (line,) = [line for line in lines if "/v1/assets" in line]
+    assert line.startswith("GET /v1/assets/a\\nb 404 ")
+
+
+@pytest.fixture(scope="module")
+def document() -> dict[str, Any]:
+    engine: Any = FakeEngine()
+    return create_app(engine, ServiceSettings()).openapi()
+
+
+CALLS = {
+    "/healthz": {"get"},
+    "/readyz": {"get"},
+    "/metrics": {"get"},
+    "/v1/devices": {"get"},
+    "/v1/assets": {"get", "post"},
+    "/v1/assets/{asset}": {"get", "patch", "delete"},
+    "/v1/assets/{asset}/graph": {"get"},
+    "/v1/jobs/{job}": {"get", "delete"},
+    "/v1/jobs/{job}/events": {"get"},
+    "/v1/assets/{asset}/frames": {"get"},
+    "/v1/assets/{asset}/frames/{frame}": {"get", "put", "delete"},
+    "/v1/assets/{asset}/calibration": {"put"},
+    "/v1/assets/{asset}/frames/{frame}/tiles/{udim}/{level}/{row}/{column}": {"get"},
+    "/v1/assets/{asset}/frames/{frame}/maps/{udim}": {"get"},
+    "/v1/assets/{asset}/frames/{frame}/stretch": {"get"},
+    "/v1/assets/{asset}/bins": {"get"},
+    "/v1/assets/{asset}/bins/{udim}/{level}/{row}/{column}": {"get"},
+    "/v1/assets/{asset}/tiles": {"post"},
+}
+
+
+def test_the_document_has_every_call(document: dict[str, Any]) -> None:
+    assert {path: set(calls) for path, calls in document["paths"].items()} == CALLS
+    assert document["info"]["version"] == __version__
+
+
+def test_every_error_is_documented_as_a_problem(document: dict[str, Any]) -> None:
+    calls = [call for path in document["paths"].values() for call in path.values()]
+    wanted = {"application/problem+json": {"schema": {"$ref": "#/components/schemas/Problem"}}}
+    for call in calls:
+        assert call["tags"]
+        assert call["summary"]
+        failures = {s: r for s, r in call["responses"].items() if int(s) >= 400}
+        assert "500" in failures
+        assert all(response["content"] == wanted for response in failures.values())
+    assert "HTTPValidationError" not in str(document)
+    assert document["components"]["schemas"]["Problem"]["required"]
+
+
+def test_query_parameters_are_documented(document: dict[str, Any]) -> None:
+    call = document["paths"]["/v1/assets/{asset}/frames/{frame}/maps/{udim}"]["get"]
+    query = {p["name"]: p["schema"] for p in call["parameters"] if p["in"] == "query"}
+    assert query.keys() == {"method", "stretch", "sampling", "format", "level"}
+    assert "redraw" in query["method"]["enum"]
+    assert call["responses"]["200"]["content"].keys() >= {"application/x-npy", "image/png"}
+
+
+def test_importing_the_transport_loads_no_opencl() -> None:
+    code = "import sys, rhytid.api.app; sys.exit('pyopencl' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -1,0 +1,235 @@
+"""Tiles and maps over HTTP: formats, ETags, HEAD, many at once; and what is refused."""
+
+from __future__ import annotations
+
+from email import message_from_bytes
+from email.policy import HTTP
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+
+from api.asking import NPY, array_of, is_problem, npy
+from api.fake_engine import FakeEngine
+from api.live import serving
+from api.patch import smile, upload
+from rhytid.domain.tiles import TileAddress
+from rhytid.engine.messages import MapQuery
+
+TILE = "tiles/1001/1/1/0"
+
+
+def test_a_tile_is_the_crop_of_the_map(client: httpx.Client, frame: str) -> None:
+    whole = array_of(client.get(f"{frame}/maps/1001"))
+    assert (whole.shape, whole.dtype) == ((256, 256), np.float32)
+    tile = array_of(client.get(f"{frame}/tiles/1001/0/2/1"))
+    np.testing.assert_array_equal(tile, whole[128:192, 64:128])
+    coarse = array_of(client.get(f"{frame}/maps/1001", params={"level": 8}))
+    assert coarse.shape == (1, 1)
+
+
+@pytest.mark.parametrize(
+    ("format", "media_type", "start"),
+    [
+        ("npy", "application/x-npy", b"\x93NUMPY"),
+        ("f16", "application/octet-stream", b""),
+        ("exr", "image/x-exr", b"\x76\x2f\x31\x01"),
+        ("exr16", "image/x-exr", b"\x76\x2f\x31\x01"),
+        ("png", "image/png", b"\x89PNG"),
+    ],
+)
+def test_formats(
+    client: httpx.Client, frame: str, format: str, media_type: str, start: bytes
+) -> None:
+    response = client.get(f"{frame}/{TILE}", params={"format": format})
+    assert response.status_code == 200
+    assert response.headers["content-type"] == media_type
+    assert response.content.startswith(start)
+    assert ("x-rhytid-scale" in response.headers) == (format == "png")
+
+
+def test_f16_is_the_tile_in_half(client: httpx.Client, frame: str) -> None:
+    tile = array_of(client.get(f"{frame}/{TILE}"))
+    half = client.get(f"{frame}/{TILE}", params={"format": "f16"}).content
+    np.testing.assert_array_equal(np.frombuffer(half, "<f2").reshape(64, 64), tile.astype("<f2"))
+
+
+@pytest.mark.parametrize("call", [TILE, "maps/1001"])
+def test_a_known_tile_is_not_drawn_again(
+    client: httpx.Client, engine: Any, frame: str, call: str
+) -> None:
+    first = client.get(f"{frame}/{call}")
+    tag = first.headers["etag"]
+    assert tag.startswith('"')
+    drawn = len(getattr(engine, "drawn", []))
+    for known in (tag, f'W/{tag}, "else"', "*"):
+        response = client.get(f"{frame}/{call}", headers={"If-None-Match": known})
+        assert (response.status_code, response.content) == (304, b"")
+        assert response.headers["etag"] == tag
+    assert len(getattr(engine, "drawn", [])) == drawn
+    other = client.get(f"{frame}/{call}", headers={"If-None-Match": '"else"'})
+    assert (other.status_code, other.headers["etag"]) == (200, tag)
+
+
+def test_a_tag_names_frame_query_and_format(client: httpx.Client, frame: str) -> None:
+    def tag(**query: str) -> str:
+        return client.get(f"{frame}/{TILE}", params=query).headers["etag"]
+
+    tags = [tag(), tag(format="f16"), tag(format="png"), tag(method="neutral")]
+    client.put(frame, content=npy(smile(0.2)), headers=NPY)
+    assert len({*tags, tag()}) == 5
+    client.put(frame, content=npy(smile()), headers=NPY)
+    assert tag() == tags[0]
+
+
+class RacingEngine(FakeEngine):
+    """Somebody replaces the frame whenever a tile is drawn."""
+
+    def tile(self, asset: str, frame: str, query: MapQuery, address: TileAddress) -> Any:
+        drawn = super().tile(asset, frame, query, address)
+        self.put_frame(asset, frame, smile(0.01 * len(self.drawn)))
+        return drawn
+
+
+def test_a_tile_whose_frame_was_replaced_meanwhile_has_no_tag() -> None:
+    with serving(RacingEngine()) as client:
+        path = f"/v1/assets/{client.post('/v1/assets', files=upload()).json()['id']}/frames/live"
+        client.put(path, content=npy(smile(0.5)), headers=NPY)
+        response = client.get(f"{path}/{TILE}")
+        assert response.status_code == 200
+        assert "etag" not in response.headers
+        assert response.headers["cache-control"] == "no-store"
+
+
+def test_head_says_what_get_would(client: httpx.Client, engine: Any, frame: str) -> None:
+    drawn = len(getattr(engine, "drawn", []))
+    head = client.head(f"{frame}/{TILE}", params={"format": "png"})
+    assert (head.status_code, head.content) == (200, b"")
+    assert len(getattr(engine, "drawn", [])) == drawn
+    get = client.get(f"{frame}/{TILE}", params={"format": "png"})
+    for name in ("etag", "content-type", "x-rhytid-scale", "cache-control"):
+        assert head.headers[name] == get.headers[name]
+    assert "content-length" not in head.headers
+
+
+def parts_of(response: httpx.Response) -> list[Any]:
+    assert response.status_code == 200, response.text
+    header = f"Content-Type: {response.headers['content-type']}\r\n\r\n".encode()
+    message = message_from_bytes(header + response.content, policy=HTTP)
+    assert message.get_content_type() == "multipart/mixed"
+    return list(message.iter_parts())
+
+
+def test_many_tiles_come_in_the_order_asked(client: httpx.Client, asset: str, frame: str) -> None:
+    wanted = ["1001/0/3/3", "1001/8/0/0", "1001/1/0/1", "1001/0/3/3"]
+    query = {"tile": wanted, "format": "f16", "method": "redraw"}
+    response = client.post(
+        f"/v1/assets/{asset}/tiles", params=query, content=npy(smile()), headers=NPY
+    )
+    parts = parts_of(response)
+    assert [p["X-Rhytid-Tile"] for p in parts] == wanted
+    assert parts[1].get_filename().startswith("1001.8.0.0.")
+    for part, at in zip(parts, wanted, strict=True):
+        body = part.get_payload(decode=True)
+        assert int(part["Content-Length"]) == len(body)
+        assert body == client.get(f"{frame}/tiles/{at}", params={"format": "f16"}).content
+
+
+def test_many_png_tiles_carry_their_scale(client: httpx.Client, asset: str) -> None:
+    response = client.post(
+        f"/v1/assets/{asset}/tiles",
+        params={"tile": "1001/0/0/0", "format": "png"},
+        content=npy(smile()),
+        headers=NPY,
+    )
+    (part,) = parts_of(response)
+    assert float(part["X-Rhytid-Scale"]) > 0
+
+
+BAD_QUERIES = {
+    "unknown method": ("?method=magic", "query", "magic"),
+    "unknown stretch": ("?stretch=magic", "query", "magic"),
+    "unknown sampling": ("?sampling=magic", "query", "magic"),
+    "unknown format": ("?format=tiff", "query", "tiff"),
+    "unknown parameter": ("?methd=redraw", None, "unknown query parameter methd"),
+    "sent twice": ("?format=npy&format=png", "query", "'format' was sent more than once"),
+}
+
+
+@pytest.mark.parametrize(("query", "kind", "what"), BAD_QUERIES.values(), ids=BAD_QUERIES.keys())
+@pytest.mark.parametrize("call", [TILE, "maps/1001"])
+def test_bad_queries_are_refused(
+    client: httpx.Client, frame: str, call: str, query: str, kind: str | None, what: str
+) -> None:
+    assert what in is_problem(client.get(f"{frame}/{call}{query}"), 422, kind)
+
+
+@pytest.mark.parametrize(
+    ("call", "what"),
+    [
+        ("tiles/1001/abc/0/0", "path parameter level is 'abc'"),
+        ("tiles/1001/0/-1/0", "path parameter row is '-1'"),
+        ("tiles/1001/0/0/99999999999", "path parameter column"),
+        ("maps/1001?level=abc", "query parameter level is 'abc'"),
+        ("maps/1001?level=-1", "query parameter level"),
+        ("maps/1001?row=0", "unknown query parameter row"),
+    ],
+)
+def test_wrong_types_are_named(client: httpx.Client, frame: str, call: str, what: str) -> None:
+    assert what in is_problem(client.get(f"{frame}/{call}"), 422)
+
+
+@pytest.mark.parametrize(
+    ("call", "what"),
+    [
+        ("tiles/1002/0/0/0", "1002"),
+        ("tiles/1001/9/0/0", "level 9"),
+        ("tiles/1001/0/4/0", "row 4"),
+        ("tiles/1001/2/0/1", "column 1"),
+        ("maps/1011", "1011"),
+        ("maps/1001?level=9", "level 9"),
+    ],
+)
+def test_what_does_not_exist_is_404(client: httpx.Client, frame: str, call: str, what: str) -> None:
+    assert what in is_problem(client.get(f"{frame}/{call}"), 404, "not-found")
+
+
+def test_an_unknown_frame_is_404(client: httpx.Client, asset: str) -> None:
+    path = f"/v1/assets/{asset}/frames/nobody/{TILE}"
+    assert "nobody" in is_problem(client.get(path), 404, "not-found")
+    assert client.head(path).status_code == 404
+
+
+@pytest.mark.parametrize(
+    ("query", "status", "kind", "what"),
+    [
+        ("", 422, None, "tile is missing"),
+        ("?tile=1001/0/0", 422, "query", "'1001/0/0'"),
+        ("?tile=1001/0/0/0&tile=1001/0/9/0", 404, "not-found", "row 9"),
+        ("?tile=1001/0/0/0&format=gif", 422, "query", "gif"),
+        ("?tile=1001/0/0/0&frame=a", 422, None, "unknown query parameter frame"),
+    ],
+)
+def test_bad_lists_of_tiles_are_refused(
+    client: httpx.Client, asset: str, query: str, status: int, kind: str | None, what: str
+) -> None:
+    path = f"/v1/assets/{asset}/tiles{query}"
+    response = client.post(path, content=npy(smile()), headers=NPY)
+    assert what in is_problem(response, status, kind)
+
+
+def test_bad_positions_of_many_tiles_are_refused(client: httpx.Client, asset: str) -> None:
+    path = f"/v1/assets/{asset}/tiles?tile=1001/0/0/0"
+    sent = client.post(path, content=npy(smile()[:3]), headers=NPY)
+    assert "25" in is_problem(sent, 422, "frame")
+
+
+def test_more_texels_than_a_map_are_refused(
+    client: httpx.Client, asset: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rhytid.api.routes.tiles.TEXELS", 2 * 64**2)
+    query = {"tile": ["1001/0/0/0"] * 3}
+    path = f"/v1/assets/{asset}/tiles"
+    sent = client.post(path, params=query, content=npy(smile()), headers=NPY)
+    assert "12288 texels: at most 8192" in is_problem(sent, 413, "limit")
