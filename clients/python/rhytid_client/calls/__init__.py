@@ -1,0 +1,50 @@
+"""The calls of the service, each a flow: the one description that both clients share."""
+
+from rhytid_client.calls.asset_calls import (
+    asset,
+    assets,
+    change_asset,
+    create_asset,
+    delete_asset,
+    graph,
+)
+from rhytid_client.calls.frame_calls import (
+    calibrate,
+    delete_frame,
+    frame,
+    frames,
+    positions,
+    put_frame,
+    stretch,
+)
+from rhytid_client.calls.job_calls import cancel, job, wait
+from rhytid_client.calls.map_calls import bin_tile, bins, map, tile, tiles
+from rhytid_client.calls.service_calls import devices, health, metrics, ready
+
+__all__ = [
+    "asset",
+    "assets",
+    "bin_tile",
+    "bins",
+    "calibrate",
+    "cancel",
+    "change_asset",
+    "create_asset",
+    "delete_asset",
+    "delete_frame",
+    "devices",
+    "frame",
+    "frames",
+    "graph",
+    "health",
+    "job",
+    "map",
+    "metrics",
+    "positions",
+    "put_frame",
+    "ready",
+    "stretch",
+    "tile",
+    "tiles",
+    "wait",
+]

@@ -1,0 +1,94 @@
+"""Assets: a neutral mesh with its wrinkle graph and settings."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import ArrayLike
+
+from rhytid_client import npy, parse
+from rhytid_client.flow import Flow
+from rhytid_client.form import Form, Part
+from rhytid_client.requests import get, request, with_json
+from rhytid_client.results import Asset
+
+File = str | os.PathLike[str] | bytes
+
+
+def asset_id(asset: Asset | str) -> str:
+    """The id of an asset given as itself or as its id."""
+    return asset.id if isinstance(asset, Asset) else asset
+
+
+def create_asset(
+    mesh: File | Mapping[str, ArrayLike],
+    *,
+    name: str | None = None,
+    settings: Mapping[str, Any] | None = None,
+    graph: File | None = None,
+    stiffness: File | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Flow[Asset]:
+    """Send a mesh and have an asset built of it; `wait` for it before asking for tiles.
+
+    mesh: the path of an OBJ, PLY, glTF, GLB or npz file; or the bytes of one, with a `name` whose
+    extension tells the format; or the arrays positions (V, 3), faces (F, 3), uv (T, 2),
+    face_uv (F, 3) and optionally frames (N, V, 3).  graph: safetensors, absent to synthesise one.
+    stiffness: a grey image.  progress: called with bytes sent and bytes in all.
+
+    The same content gives the same asset. Raises RequestError naming what is wrong with it.
+    """
+    parts = [_mesh(mesh, name)]
+    if settings is not None:
+        text = json.dumps(dict(settings), allow_nan=False).encode()
+        parts.append(Part("settings", text, "application/json"))
+    for field, given in (("graph", graph), ("stiffness", stiffness)):
+        if given is not None:
+            parts.append(_file(field, given, None))
+    response = yield request("POST", "v1", "assets", content=Form(tuple(parts), progress))
+    return parse.one(Asset, response)
+
+
+def assets() -> Flow[list[Asset]]:
+    """Every asset of the server."""
+    return parse.many(Asset, (yield get("v1", "assets")))
+
+
+def asset(asset: Asset | str) -> Flow[Asset]:
+    """An asset as it is now."""
+    return parse.one(Asset, (yield get("v1", "assets", asset_id(asset))))
+
+
+def change_asset(asset: Asset | str, settings: Mapping[str, Any]) -> Flow[Asset]:
+    """Change response, shape, depth or bins, without synthesising again."""
+    changes = with_json("PATCH", "v1", "assets", asset_id(asset), value=dict(settings))
+    return parse.one(Asset, (yield changes))
+
+
+def delete_asset(asset: Asset | str) -> Flow[None]:
+    """Remove an asset with its frames."""
+    parse.content((yield request("DELETE", "v1", "assets", asset_id(asset))))
+
+
+def graph(asset: Asset | str) -> Flow[bytes]:
+    """The wrinkle graph of an asset, as a safetensors file."""
+    return parse.content((yield get("v1", "assets", asset_id(asset), "graph")))
+
+
+def _mesh(mesh: File | Mapping[str, ArrayLike], name: str | None) -> Part:
+    if isinstance(mesh, Mapping):
+        return Part("mesh", npy.pack(mesh), filename=name or "mesh.npz")
+    if isinstance(mesh, bytes) and name is None:
+        raise ValueError("mesh bytes need a name: its extension tells their format")
+    return _file("mesh", mesh, name)
+
+
+def _file(field: str, given: File, name: str | None) -> Part:
+    if isinstance(given, bytes):
+        return Part(field, given, filename=name or field)
+    path = Path(given)
+    return Part(field, path, filename=name or path.name)

@@ -1,0 +1,123 @@
+"""Displacement: tiles, whole maps, and the precomputed maps of the fast method."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from numpy.typing import ArrayLike, NDArray
+
+from rhytid_client import npy, parse
+from rhytid_client.calls.asset_calls import asset_id
+from rhytid_client.errors import BadAnswer
+from rhytid_client.flow import Flow
+from rhytid_client.mixed import boundary_of, read_mixed
+from rhytid_client.requests import Request, get, with_positions
+from rhytid_client.results import Asset, Bins, Tile
+
+# udim, level, row, column
+Address = tuple[int, int, int, int]
+
+
+def tile(
+    asset: Asset | str,
+    frame: str,
+    udim: int,
+    level: int,
+    row: int,
+    column: int,
+    *,
+    method: str = "redraw",
+    stretch: str = "tensor",
+    sampling: str = "nearest",
+    format: str = "npy",
+    if_none_match: Tile | None = None,
+) -> Flow[Tile]:
+    """One tile of displacement, in mesh units; row 0 is at the top.
+
+    method: redraw, binned, convolved or neutral.  format: npy (float32), f16, exr, exr16 or png.
+    if_none_match: a tile had before: it is returned itself where it has not changed.
+    """
+    query = {"method": method, "stretch": stretch, "sampling": sampling, "format": format}
+    place = ("v1", "assets", asset_id(asset), "frames", frame, "tiles", udim, level, row, column)
+    wanted = get(*place, params=query, headers=_known(if_none_match))
+    return (yield from _drawn(wanted, if_none_match, format))
+
+
+def map(
+    asset: Asset | str,
+    frame: str,
+    udim: int,
+    *,
+    level: int = 0,
+    method: str = "redraw",
+    stretch: str = "tensor",
+    sampling: str = "nearest",
+    format: str = "npy",
+    if_none_match: Tile | None = None,
+) -> Flow[Tile]:
+    """The whole map of one UDIM at a level; it equals its tiles bit for bit."""
+    query = {"method": method, "stretch": stretch, "sampling": sampling, "format": format}
+    place = ("v1", "assets", asset_id(asset), "frames", frame, "maps", udim)
+    wanted = get(*place, params={"level": level, **query}, headers=_known(if_none_match))
+    return (yield from _drawn(wanted, if_none_match, format))
+
+
+def tiles(
+    asset: Asset | str,
+    positions: ArrayLike,
+    addresses: Iterable[Address],
+    *,
+    method: str = "redraw",
+    stretch: str = "tensor",
+    sampling: str = "nearest",
+    format: str = "npy",
+) -> Flow[list[Tile]]:
+    """Positions (V, 3) in, tiles out in the order of `addresses`, in one round trip.
+
+    An address is (udim, level, row, column). Nothing is stored.
+    """
+    names = ["/".join(str(number) for number in address) for address in addresses]
+    query = {"method": method, "stretch": stretch, "sampling": sampling, "format": format}
+    params = (*(("tile", name) for name in names), *query.items())
+    place = ("v1", "assets", asset_id(asset), "tiles")
+    response = yield with_positions("POST", *place, positions=positions, params=params)
+    body = parse.content(response)
+    parts = read_mixed(body, boundary_of(response.headers.get("content-type", "")))
+    answered = [part.headers.get("x-rhytid-tile") for part in parts]
+    if answered != names:
+        raise BadAnswer(f"asked for tiles {names}, answered with {answered}")
+    return [parse.read_tile(part.content, part.headers, format) for part in parts]
+
+
+def bins(asset: Asset | str) -> Flow[Bins]:
+    """The precomputed maps of an asset: angles, samples, steps and layers."""
+    return parse.one(Bins, (yield get("v1", "assets", asset_id(asset), "bins")))
+
+
+def bin_tile(
+    asset: Asset | str,
+    udim: int,
+    level: int,
+    row: int,
+    column: int,
+    *,
+    bin: int,
+    sample: int,
+    layer: str = "wrinkles",
+) -> Flow[NDArray[Any]]:
+    """One tile of quantised codes, int8 or int16; the manifest's step turns them into heights."""
+    place = ("v1", "assets", asset_id(asset), "bins", udim, level, row, column)
+    query: dict[str, str | int] = {"bin": bin, "sample": sample, "layer": layer}
+    return npy.decode(parse.content((yield get(*place, params=query))))
+
+
+def _known(tile: Tile | None) -> dict[str, str]:
+    return {"If-None-Match": tile.etag} if tile is not None and tile.etag else {}
+
+
+def _drawn(wanted: Request, known: Tile | None, format: str) -> Flow[Tile]:
+    response = yield wanted
+    if response.status == 304 and known is not None:
+        return known
+    return parse.tile(response, format)

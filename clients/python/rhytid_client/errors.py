@@ -1,0 +1,109 @@
+"""Everything that the client raises on purpose.
+
+::
+
+    RhytidError
+    ├── ProblemError          the server refused; .status .title .detail .type .retry_after
+    │   ├── RequestError      4xx: what was asked is wrong
+    │   │   ├── NotFound      404
+    │   │   ├── Conflict      409
+    │   │   │   └── NotReady  409 with Retry-After: the asset is still building
+    │   │   └── TooLarge      413
+    │   └── ServerError       5xx
+    │       └── ServerBusy    503 with Retry-After: the queue is full
+    ├── ConnectionFailed      no answer; the httpx error is its __cause__
+    ├── BadAnswer             an answer that cannot be read
+    ├── JobFailed             .job
+    ├── JobCancelled          .job
+    └── Timeout               the time given to `wait` is over; .job
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rhytid_client.results import Job
+
+
+class RhytidError(Exception):
+    """Base of every deliberate error."""
+
+
+class ProblemError(RhytidError):
+    """The server refused, with problem details (RFC 9457).
+
+    `detail` says what is wrong and where; `type` is the kind as a URI; `call` is the method and
+    path that were asked; `retry_after` is in seconds, where the server gave it.
+    """
+
+    def __init__(
+        self,
+        status: int,
+        title: str,
+        detail: str,
+        type: str = "about:blank",
+        call: str = "",
+        retry_after: float | None = None,
+    ) -> None:
+        super().__init__(f"{status} {title}: {detail} [{call}]")
+        self.status = status
+        self.title = title
+        self.detail = detail
+        self.type = type
+        self.call = call
+        self.retry_after = retry_after
+
+
+class RequestError(ProblemError):
+    """What was asked is wrong, or not possible now (4xx)."""
+
+
+class NotFound(RequestError):
+    """No such asset, frame, job, UDIM or tile."""
+
+
+class Conflict(RequestError):
+    """Right, but not in the present state."""
+
+
+class NotReady(Conflict):
+    """The asset is still building; `retry_after` says when to ask again."""
+
+
+class TooLarge(RequestError):
+    """Larger than the server allows."""
+
+
+class ServerError(ProblemError):
+    """The server failed (5xx)."""
+
+
+class ServerBusy(ServerError):
+    """The server's queue is full; nothing was done; `retry_after` says when to ask again."""
+
+
+class ConnectionFailed(RhytidError):
+    """No answer came; `__cause__` is the error of httpx."""
+
+
+class BadAnswer(RhytidError):
+    """The server's answer cannot be read: not this service, or another version of it."""
+
+
+class _JobError(RhytidError):
+    def __init__(self, message: str, job: Job | None = None) -> None:
+        super().__init__(message)
+        self.job = job
+
+
+class JobFailed(_JobError):
+    """The job, or the build of the asset, failed; the message has the server's reason."""
+
+
+class JobCancelled(_JobError):
+    """The job was cancelled."""
+
+
+class Timeout(_JobError):
+    """The job did not end in the time given; it goes on."""

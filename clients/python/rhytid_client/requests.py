@@ -1,0 +1,90 @@
+"""Requests as plain values: building one sends nothing."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rhytid_client import npy
+from rhytid_client.form import Form
+
+NPY = "application/x-npy"
+RAW = "application/octet-stream"
+Params = tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True)
+class Request:
+    """What to send; `path` starts with a slash and goes behind the server's address."""
+
+    method: str
+    path: str
+    params: Params = ()
+    headers: Mapping[str, str] = field(default_factory=dict)
+    content: bytes | Form | None = None
+
+    def __str__(self) -> str:
+        return f"{self.method} {self.path}"
+
+
+def request(
+    method: str,
+    *segments: str | int,
+    params: Mapping[str, str | int] | Params = (),
+    headers: Mapping[str, str] | None = None,
+    content: bytes | Form | None = None,
+) -> Request:
+    """A request of a path made of `segments`; none of them can leave its place in the path."""
+    pairs = params.items() if isinstance(params, Mapping) else params
+    sent = dict(headers or {})
+    if isinstance(content, Form):
+        sent.update(content.headers())
+    strings = tuple((name, str(value)) for name, value in pairs)
+    return Request(method, path(*segments), strings, sent, content)
+
+
+def get(
+    *segments: str | int,
+    params: Mapping[str, str | int] | Params = (),
+    headers: Mapping[str, str] | None = None,
+) -> Request:
+    """A GET."""
+    return request("GET", *segments, params=params, headers=headers)
+
+
+def with_json(method: str, *segments: str, value: Any) -> Request:
+    """A request with a JSON body."""
+    body = json.dumps(value, allow_nan=False).encode()
+    return request(method, *segments, headers={"Content-Type": "application/json"}, content=body)
+
+
+def with_positions(
+    method: str, *segments: str, positions: ArrayLike, raw: bool = False, params: Params = ()
+) -> Request:
+    """A request with (V, 3) positions as .npy, or as raw little-endian float32.
+
+    Raises ValueError for another shape.
+    """
+    array = np.ascontiguousarray(positions, dtype="<f4")
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise ValueError(f"positions have shape {array.shape}, not (V, 3)")
+    body = array.tobytes() if raw else npy.encode(array)
+    kind = {"Content-Type": RAW if raw else NPY}
+    return request(method, *segments, params=params, headers=kind, content=body)
+
+
+def path(*segments: str | int) -> str:
+    """Segments as a path; raises ValueError for one that would mean another place."""
+    return "".join("/" + _segment(str(segment)) for segment in segments)
+
+
+def _segment(text: str) -> str:
+    if text in ("", ".", ".."):
+        raise ValueError(f"{text!r} is not a name")
+    return quote(text, safe="")

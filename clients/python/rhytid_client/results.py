@@ -1,0 +1,121 @@
+"""What the server answers, as frozen dataclasses. Keys that are not known here are left out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Device:
+    """An OpenCL device of the server; memory in bytes, `budget` and `used` are the server's own."""
+
+    name: str
+    platform: str = ""
+    kind: str = ""
+    version: str = ""
+    compute_units: int = 0
+    memory: int = 0
+    budget: int = 0
+    used: int = 0
+    selected: bool = False
+
+
+@final
+@dataclass(frozen=True)
+class Job:
+    """Long work. `state`: queued, running, done, failed or cancelled; `progress` from 0 to 1."""
+
+    id: str
+    state: str
+    progress: float = 0.0
+    stage: str = ""
+    detail: str = ""
+    asset: str = ""
+    kind: str = ""
+
+    @property
+    def ended(self) -> bool:
+        """Whether nothing more will happen."""
+        return self.state in ("done", "failed", "cancelled")
+
+
+@final
+@dataclass(frozen=True)
+class Asset:
+    """A mesh with its wrinkles. `state`: building, ready or failed (with `reason`).
+
+    `levels` counts the levels of a map; `pores` and `wrinkles` are 0 until the graph exists.
+    """
+
+    id: str
+    state: str
+    job: str | None = None
+    reason: str | None = None
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    udims: tuple[int, ...] = ()
+    levels: int = 0
+    vertices: int = 0
+    triangles: int = 0
+    pores: int = 0
+    wrinkles: int = 0
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A stored frame; `log_stretch` maps percentiles ("p50", "abs_p90", …) to values."""
+
+    name: str
+    log_stretch: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Bins:
+    """The precomputed maps of an asset.
+
+    angles: direction of each bin, radians, θ = (sin, cos).  samples: log stretch of each sample.
+    steps: mesh units per code, by layer and sample.  layers: bins of each layer.
+    """
+
+    angles: tuple[float, ...]
+    samples: tuple[float, ...]
+    steps: Mapping[str, tuple[float, ...]]
+    bits: int
+    merge: str
+    depth_factored: bool
+    layers: Mapping[str, int]
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """axes (F, 2, 2) float32 with axes[f, i] = ŝᵢ in UV; ratios (F, 2) float32, unclamped."""
+
+    axes: NDArray[np.float32]
+    ratios: NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class Tile:
+    """A tile or a whole map of displacement.
+
+    content: the bytes as the server sent them.  etag: to ask for it again, None for a tile that
+    was drawn once.  scale: of png alone, height = (p - 32768) / 32767 · scale, mesh units.
+    values: (n, n) float32 or float16, row 0 at the top, read-only; None for exr and png.
+    """
+
+    format: str
+    content: bytes | memoryview
+    etag: str | None = None
+    scale: float | None = None
+    values: NDArray[Any] | None = None
+
+    @property
+    def array(self) -> NDArray[Any]:
+        """`values`; raises ValueError for the image formats, which this package does not decode."""
+        if self.values is None:
+            raise ValueError(f"a tile in {self.format} has no array: its file is in .content")
+        return self.values
