@@ -1,0 +1,1 @@
+"""Pictures of faces, stretch and skin, drawn from plain arrays with numpy and Pillow."""

@@ -1,0 +1,135 @@
+"""What makes a picture readable: colour bars, the wheel, scale bars, arrows, frames."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+from rhytid.pictures.colours import axis_wheel
+from rhytid.pictures.images import BACKGROUND, Picture, downsample, to_picture
+
+INK = (32, 32, 36)
+STRIP = 40
+_GLOW = (255, 255, 255)
+
+Font = ImageFont.FreeTypeFont | ImageFont.ImageFont
+ColourMap = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+
+
+@lru_cache
+def font(size: float) -> Font:
+    """Pillow's own font at a size in pixels; it has ASCII and Latin letters only."""
+    return ImageFont.load_default(size)
+
+
+def colour_bar(
+    width: int, low: float, high: float, colours: ColourMap, ticks: Sequence[tuple[float, str]]
+) -> Picture:
+    """A strip (STRIP, width, 3): a horizontal bar from `low` to `high`, ticks labelled below."""
+    bar = round(width * 0.7)
+    values = np.linspace(low, high, bar)
+    image = Image.new("RGB", (width, STRIP), "white")
+    start = (width - bar) // 2
+    ramp = to_picture(np.repeat(colours(values)[None], 12, axis=0))
+    image.paste(Image.fromarray(ramp), (start, 4))
+    draw = ImageDraw.Draw(image)
+    for value, label in ticks:
+        x = start + (value - low) / (high - low) * (bar - 1)
+        draw.line([(x, 16), (x, 19)], fill=INK)
+        draw.text((x, 20), label, fill=INK, font=font(13), anchor="ma")
+    return np.asarray(image)
+
+
+def wheel_legend(width: int, label: str) -> Picture:
+    """A strip (STRIP, width, 3): the colour wheel of undirected axes, with a label beside it."""
+    size = STRIP - 4
+    grid = (np.arange(4 * size) + 0.5) / (2 * size) - 1
+    x, y = np.meshgrid(grid, -grid)
+    disc = (np.hypot(x, y) <= 1) & (np.hypot(x, y) > 0.35)
+    colour = np.where(disc[..., None], axis_wheel(np.arctan2(y, x)), BACKGROUND)
+    image = Image.new("RGB", (width, STRIP), "white")
+    draw = ImageDraw.Draw(image)
+    start = round(width - size - 8 - draw.textlength(label, font=font(13))) // 2
+    image.paste(Image.fromarray(to_picture(downsample(colour, 4))), (start, 2))
+    draw.text((start + size + 8, STRIP / 2), label, fill=INK, font=font(13), anchor="lm")
+    return np.asarray(image)
+
+
+def blank_strip(width: int, label: str = "") -> Picture:
+    """A strip (STRIP, width, 3) with centred text, to stand where others have a legend."""
+    image = Image.new("RGB", (width, STRIP), "white")
+    ImageDraw.Draw(image).text((width / 2, 8), label, fill=INK, font=font(13), anchor="ma")
+    return np.asarray(image)
+
+
+def scale_bar(picture: Picture, length: float, label: str) -> Picture:
+    """The picture with a bar of `length` pixels and its label at the lower left."""
+    image = Image.fromarray(picture)
+    draw = ImageDraw.Draw(image)
+    y = image.height - 14
+    draw.rectangle([12, y - 3, 16 + length, y + 3], fill=_GLOW)
+    draw.rectangle([14, y - 1, 14 + length, y + 1], fill=INK)
+    _text(draw, (20 + length, y), label, "lm")
+    return np.asarray(image)
+
+
+def axis_arrows(picture: Picture, angle: float, outward: bool, label: str) -> Picture:
+    """The picture with two opposed arrows through its corner along an axis, and a label.
+
+    angle: of the axis in radians, y up.  outward: apart (stretch), else together (compression).
+    """
+    image = Image.fromarray(picture)
+    draw = ImageDraw.Draw(image)
+    along = np.array([math.cos(angle), -math.sin(angle)])
+    centre = np.array([image.width - 44.0, 44.0])
+    draw.circle(tuple(centre), 38, fill=_GLOW)
+    for side in (1.0, -1.0):
+        ends = (centre + side * 6 * along, centre + side * 32 * along)
+        tail, head = ends if outward else ends[::-1]
+        _arrow(draw, tail, head)
+    _text(draw, (10, 10), label, "la")
+    return np.asarray(image)
+
+
+def marked(
+    picture: Picture, boxes: Sequence[tuple[NDArray[Any], float, str, tuple[int, int, int]]]
+) -> Picture:
+    """The picture with squares: (centre in pixels, side, name, colour) each."""
+    image = Image.fromarray(picture)
+    draw = ImageDraw.Draw(image)
+    for centre, side, name, colour in boxes:
+        x, y = (float(v) for v in centre)
+        box = [x - side / 2, y - side / 2, x + side / 2, y + side / 2]
+        draw.rectangle(box, outline=colour, width=3)
+        _text(draw, (box[2] + 5, box[1] - 2), name, "lm", colour)
+    return np.asarray(image)
+
+
+def _arrow(draw: ImageDraw.ImageDraw, tail: NDArray[Any], head: NDArray[Any]) -> None:
+    along = (head - tail) / np.linalg.norm(head - tail)
+    across = np.array([-along[1], along[0]])
+    for width, fill, grow in ((7, _GLOW, 2.5), (3, INK, 0.0)):
+        neck = head - (11 - grow) * along
+        tip = head + grow * along
+        sides = [neck + side * (6 + grow) * across for side in (1, -1)]
+        draw.line([tuple(tail - grow * along), tuple(neck)], fill=fill, width=width)
+        draw.polygon([tuple(tip), *(tuple(s - grow * along) for s in sides)], fill=fill)
+
+
+def _text(
+    draw: ImageDraw.ImageDraw,
+    place: tuple[float, float],
+    text: str,
+    anchor: str,
+    fill: tuple[int, int, int] = INK,
+) -> None:
+    """Legible on any ground: ink on a white plate."""
+    box = draw.multiline_textbbox(place, text, font=font(15), anchor=anchor)
+    draw.rounded_rectangle([box[0] - 5, box[1] - 3, box[2] + 5, box[3] + 4], 4, fill=_GLOW)
+    draw.multiline_text(place, text, fill=fill, font=font(15), anchor=anchor)
