@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -28,6 +28,7 @@ from rhytid.pipeline.stretch import r_max_of
 from rhytid.settings import ServiceSettings
 from rhytid.storage.contents import asset_id
 
+Positions = Sequence[NDArray[np.float32]]
 _log = logging.getLogger(__name__)
 # What can change without synthesising or looking up anything again.
 CHANGEABLE = ("depth", "response", "shape", "bins")
@@ -41,8 +42,7 @@ class AssetCalls(EngineCore):
         for id in self._store.ids():
             self._reload(id)
         for id in self._store.pending():
-            request = self._store.request(id)
-            self._start(id, request.mesh, request.settings)
+            self._resume(id)
 
     def create_asset(self, new: NewAsset) -> AssetInfo:
         """Take a mesh in; the build runs as a job. The same content again: the same asset.
@@ -61,10 +61,10 @@ class AssetCalls(EngineCore):
             asset = self._assets.find(id)
             if asset is None or asset.state == "failed":
                 self._store.put_request(id, new.mesh, new.settings, new.graph)
-                asset = self._start(id, new.mesh, new.settings)
-        if frames:
-            self._jobs.start("frames", id, lambda job: self._put_frames(job, asset, frames))
-        return asset.info()
+                asset = self._start(id, new.mesh, new.settings, frames)
+            elif frames:
+                asset.job = self._jobs.start("frames", id, self._frames_work(asset, frames))
+            return asset.info()
 
     def assets(self) -> list[AssetInfo]:
         """Every asset."""
@@ -133,26 +133,46 @@ class AssetCalls(EngineCore):
 
         return self._jobs.start("calibration", asset, work).info
 
-    def _start(self, id: str, mesh: Mesh, settings: AssetSettings) -> Asset:
+    def _start(self, id: str, mesh: Mesh, settings: AssetSettings, frames: Positions = ()) -> Asset:
         """Know an asset and queue its build."""
         asset = self._asset(id, mesh, settings)
-        asset.job = self._jobs.start("build", id, lambda job: self._builder.build(job, asset))
+        put_frames = self._frames_work(asset, frames)
+
+        def work(job: Job) -> None:
+            self._builder.build(job, asset)
+            put_frames(job)
+
+        asset.job = self._jobs.start("build", id, work)
         self._assets.add(asset)
         return asset
 
     def _reload(self, id: str) -> None:
-        """Know a stored asset and queue its way to the device; a damaged one is known as failed."""
+        """Know a stored asset and queue its way to the device."""
         try:
             stored = self._store.asset(id)
             settings = self._store.overlay(id) or stored.settings
         except StorageError as error:
-            _log.error("asset %s: %s", id, error)
-            self._assets.add(Asset.failed(id, str(error), self._assets.frame_memory))
+            self._give_up(id, error)
             return
         asset = self._asset(id, stored.mesh, settings)
         asset.spacing = float(stored.extra["spacing"])
         asset.job = self._jobs.start("load", id, lambda job: self._builder.load(job, asset))
         self._assets.add(asset)
+
+    def _resume(self, id: str) -> None:
+        """Queue the build of an asset that was requested and never finished."""
+        try:
+            request = self._store.request(id)
+        except StorageError as error:
+            self._give_up(id, error)
+            return
+        self._start(id, request.mesh, request.settings)
+
+    def _give_up(self, id: str, error: StorageError) -> None:
+        """Know a damaged asset as failed; the log has the file, callers need not."""
+        _log.error("asset %s: %s", id, error)
+        reason = "damaged in the store: delete it and send it again"
+        self._assets.add(Asset.failed(id, reason, self._assets.frame_memory))
 
     def _asset(self, id: str, mesh: Mesh, settings: AssetSettings) -> Asset:
         return Asset(
@@ -167,10 +187,13 @@ class AssetCalls(EngineCore):
     def _prepare_bins(self, asset: Asset) -> None:
         self._jobs.start("bins", asset.id, lambda job: self._builder.make_bins(job, asset))
 
-    def _put_frames(self, job: Job, asset: Asset, frames: list[NDArray[np.float32]]) -> None:
-        for index, positions in enumerate(frames):
-            job.progress(index / len(frames), "frames", f"{index} of {len(frames)}")
-            put_frame(self._builder.on_device, asset, f"{index:04d}", positions)
+    def _frames_work(self, asset: Asset, frames: Positions) -> Callable[[Job], None]:
+        def work(job: Job) -> None:
+            for index, positions in enumerate(frames):
+                job.progress(0.0, "frames", f"{index + 1} of {len(frames)}")
+                put_frame(self._builder.on_device, asset, f"{index:04d}", positions)
+
+        return work
 
     def _clear_away(self, asset: Asset) -> None:
         if asset.resident is not None:
