@@ -1,0 +1,1 @@
+"""Bytes to facts and back: meshes, frames, wrinkle graphs, displacement tiles."""

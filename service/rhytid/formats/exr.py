@@ -1,0 +1,79 @@
+"""OpenEXR files of one displacement map: one channel `Y`, ZIP compression.
+
+The name of the channel is not free: Blender reads a lone channel of another name as NaN. OpenEXR
+before 3.5 writes to paths only, hence the temporary folders.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import OpenEXR
+from numpy.typing import NDArray
+
+from rhytid.errors import InputError, StorageError
+from rhytid.formats.tile_header import TileHeader
+
+Texels = NDArray[np.float32] | NDArray[np.float16]
+
+_CHANNEL = "Y"
+
+
+def write_exr(path: Path, texels: Texels, header: TileHeader) -> None:
+    """Write a map (h, w) float32 or float16 to `path`, whole or not at all.
+
+    It is written aside, in the same folder, and then moved into place. Raises StorageError.
+    """
+    with _temporary_folder(path.parent) as folder:
+        aside = folder / path.name
+        _write(aside, texels, header)
+        aside.replace(path)
+
+
+def encode_exr(texels: Texels, header: TileHeader) -> bytes:
+    """The bytes of the file that `write_exr` writes; raises StorageError."""
+    with _temporary_folder() as folder:
+        path = folder / "tile.exr"
+        _write(path, texels, header)
+        return path.read_bytes()
+
+
+def read_exr(path: Path) -> tuple[Texels, dict[str, object]]:
+    """Channel `Y` (h, w) of a file, and the attributes; raises InputError where it is damaged."""
+    try:
+        file = OpenEXR.File(str(path), separate_channels=True)
+    except RuntimeError as exc:
+        raise InputError(f"{path.name}: not a readable EXR file") from exc
+    # A file that is cut short raises nothing: it just has no parts.
+    channels = file.channels() if file.parts else {}
+    if _CHANNEL not in channels:
+        raise InputError(f"{path.name}: a damaged EXR file, or one without a channel {_CHANNEL}")
+    texels: Texels = channels[_CHANNEL].pixels
+    return texels, dict(file.header())
+
+
+def decode_exr(data: bytes) -> tuple[Texels, dict[str, object]]:
+    """`read_exr` of a file in memory."""
+    with _temporary_folder() as folder:
+        path = folder / "tile.exr"
+        path.write_bytes(data)
+        return read_exr(path)
+
+
+def _write(path: Path, texels: Texels, header: TileHeader) -> None:
+    fixed = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    channels = {_CHANNEL: np.ascontiguousarray(texels)}
+    OpenEXR.File({**header.attributes(), **fixed}, channels).write(str(path))
+
+
+@contextmanager
+def _temporary_folder(parent: Path | None = None) -> Iterator[Path]:
+    try:
+        with TemporaryDirectory(prefix=".rhytid-", dir=parent) as folder:
+            yield Path(folder)
+    except (OSError, RuntimeError) as exc:
+        raise StorageError(f"cannot write an EXR file: {exc}") from exc

@@ -1,0 +1,75 @@
+"""Frame positions: bodies of requests, and files of the command line."""
+
+from __future__ import annotations
+
+from pathlib import PurePath
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.domain.frame import check_positions
+from rhytid.errors import FrameError, MeshError
+from rhytid.formats.limits import MAX_FRAME_NUMBERS, check_size
+from rhytid.formats.npy import NpyHeader, read_header
+from rhytid.formats.npz import check_frames, read_npz_frames
+from rhytid.formats.obj import read_obj_positions
+
+NPY = "application/x-npy"
+RAW = "application/octet-stream"
+FRAME_EXTENSIONS = (".npy", ".npz", ".obj")
+
+
+def read_positions(body: bytes, media_type: str, vertices: int) -> NDArray[np.float32]:
+    """(V, 3) float32 positions of one frame, read-only, in mesh units.
+
+    `media_type` is NPY, or RAW for little-endian float32 without a header. Raises FrameError
+    naming the counts, the first vertex that is not finite, or the media types known here.
+    """
+    kind = media_type.partition(";")[0].strip().lower()
+    if kind == RAW:
+        if len(body) != 12 * vertices:
+            wanted = f"{vertices} vertices of 3 float32 are {12 * vertices}"
+            raise FrameError(f"frame is {len(body)} bytes: {wanted}")
+        return check_positions(np.frombuffer(body, "<f4").reshape(-1, 3), vertices)
+    if kind == NPY:
+        header = _npy_header(body)
+        if header.shape != (vertices, 3):
+            raise FrameError(f"frame has shape {header.shape}, not ({vertices}, 3)")
+        return check_positions(header.array(body), vertices)
+    raise FrameError(f"frame of media type {media_type!r:.80}: must be {NPY} or {RAW}")
+
+
+def read_frame_file(data: bytes, name: str, vertices: int) -> NDArray[np.float32]:
+    """(N, V, 3) float32, read-only: the frames in the bytes of a file called `name`.
+
+    .npy holds (V, 3) or (N, V, 3); .npz a member `frames` (N, V, 3); of .obj the vertices are
+    read, one frame, and there may be no faces. Raises FrameError (MeshError's text for an OBJ
+    line) or LimitError.
+    """
+    extension = PurePath(name).suffix.lower()
+    if extension == ".npy":
+        header = _npy_header(data)
+        array = header.array(data)
+        return check_frames(array[None] if array.ndim == 2 else array, vertices)
+    if extension == ".npz":
+        return read_npz_frames(data, vertices)
+    if extension == ".obj":
+        return check_positions(_obj(data), vertices)[None]
+    known = ", ".join(FRAME_EXTENSIONS)
+    raise FrameError(f"frame file with extension {extension!r}: must be one of {known}")
+
+
+def _npy_header(data: bytes) -> NpyHeader:
+    header = read_header(data, "frame", FrameError)
+    check_size("frame", header.numbers, MAX_FRAME_NUMBERS)
+    promised = header.start + header.stored
+    if len(data) != promised:
+        raise FrameError(f"frame: the header promises {promised} bytes, there are {len(data)}")
+    return header
+
+
+def _obj(data: bytes) -> NDArray[np.float32]:
+    try:
+        return read_obj_positions(data)
+    except MeshError as exc:
+        raise FrameError(str(exc)) from exc

@@ -1,0 +1,160 @@
+"""A glTF document: its one primitive, and the arrays that an accessor stands for.
+
+Indices into the document, offsets and lengths come from the file and are never trusted: each is
+checked to be a whole number in range before it is used.
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.errors import MeshError
+from rhytid.formats.limits import check_size
+
+_Object = dict[str, Any]
+
+_COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+_TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3"}
+# Extensions that a file may require without any effect on triangles and texture coordinates.
+_HARMLESS = ("KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_")
+
+
+class Document:
+    """The parsed JSON and the binary chunk of a GLB file, None for a .gltf file."""
+
+    def __init__(self, root: _Object, binary: bytes | None) -> None:
+        self._root = root
+        self._binary = binary
+        version = _dict(root.get("asset"), "asset").get("version")
+        if not isinstance(version, str) or not version.startswith("2."):
+            raise MeshError(f"glTF version {version!r}: only version 2 is read")
+        for name in _list(root.get("extensionsRequired", []), "extensionsRequired"):
+            if not str(name).startswith(_HARMLESS):
+                raise MeshError(f"the file requires the extension {name!r}, not read here")
+
+    def primitive(self) -> tuple[str, _Object]:
+        """The only primitive of all meshes, and where it stands."""
+        found = []
+        for m, mesh in enumerate(_list(self._root.get("meshes", []), "meshes")):
+            where = f"mesh {m}"
+            primitives = _dict(mesh, where).get("primitives")
+            for p, primitive in enumerate(_list(primitives, f"{where} primitives")):
+                found.append((f"{where} primitive {p}", primitive))
+        if len(found) != 1:
+            raise MeshError(f"the file has {len(found)} primitives: exactly one is read")
+        where, primitive = found[0]
+        return where, _dict(primitive, where)
+
+    def attribute(self, where: str, primitive: _Object, name: str, width: int) -> NDArray[Any]:
+        """(V, width) float64 of an attribute; normalised integers only as texture coordinates."""
+        attributes = _dict(primitive.get("attributes"), f"{where} attributes")
+        if name not in attributes:
+            raise MeshError(f"{where} has no attribute {name}")
+        accessor, array = self._accessor(attributes[name], f"{where} {name}", width)
+        kind = array.dtype
+        if kind.kind == "f":
+            return array.astype(np.float64)
+        if name == "POSITION" or kind.kind != "u" or kind.itemsize > 2:
+            raise MeshError(f"{where} {name} holds {kind.name}: must be float32")
+        if accessor.get("normalized") is not True:
+            raise MeshError(f"{where} {name} holds {kind.name} that are not normalized")
+        scaled: NDArray[Any] = array / float(np.iinfo(kind).max)
+        return scaled
+
+    def indices(self, where: str, primitive: _Object) -> NDArray[Any] | None:
+        """(C,) unsigned vertex indices, or None where the primitive has none."""
+        if "indices" not in primitive:
+            return None
+        array = self._accessor(primitive["indices"], f"{where} indices", 1)[1]
+        if array.dtype.kind != "u":
+            raise MeshError(f"{where} indices hold {array.dtype.name}: must be unsigned integers")
+        return array[:, 0]
+
+    def _accessor(self, index: Any, where: str, width: int) -> tuple[_Object, NDArray[Any]]:
+        accessor = self._item("accessors", index, where)
+        where = f"{where} (accessor {index})"
+        if "sparse" in accessor or "bufferView" not in accessor:
+            raise MeshError(f"{where} is sparse or has no bufferView: not read here")
+        kind, component = accessor.get("type"), accessor.get("componentType")
+        if kind != _TYPES[width]:
+            raise MeshError(f"{where} has type {kind!r:.40}: must be {_TYPES[width]}")
+        if type(component) is not int or component not in _COMPONENTS:
+            raise MeshError(f"{where} has componentType {component!r:.40}, which does not exist")
+        count = _whole(accessor, "count", where)
+        check_size(where, count * width)
+        dtype = np.dtype(_COMPONENTS[component])
+        return accessor, self._elements(accessor, where, (count, width), dtype)
+
+    def _elements(
+        self, accessor: _Object, where: str, shape: tuple[int, int], dtype: np.dtype[Any]
+    ) -> NDArray[Any]:
+        view = self._item("bufferViews", accessor["bufferView"], where)
+        buffer = self._buffer(view.get("buffer"), where)
+        start, length = _whole(view, "byteOffset", where, 0), _whole(view, "byteLength", where)
+        if start + length > len(buffer):
+            raise MeshError(f"{where}: its bufferView ends at {start + length} of {len(buffer)}")
+        row = shape[1] * dtype.itemsize
+        stride = _whole(view, "byteStride", where, row)
+        if stride < row:
+            raise MeshError(f"{where}: byteStride {stride} is below an element's {row} bytes")
+        offset = _whole(accessor, "byteOffset", where, 0)
+        end = offset + shape[0] * stride - (stride - row)
+        if end > length:
+            raise MeshError(f"{where}: {end} bytes promised, its bufferView has {length}")
+        strides = (stride, dtype.itemsize)
+        array: NDArray[Any] = np.ndarray(shape, dtype, buffer, start + offset, strides)
+        return array
+
+    def _buffer(self, index: Any, where: str) -> bytes:
+        declared = self._item("buffers", index, where)
+        where = f"buffer {index}"
+        if "uri" in declared:
+            content = _embedded(declared["uri"], where)
+        elif index == 0 and self._binary is not None:
+            content = self._binary
+        else:
+            raise MeshError(f"{where} has neither a uri nor the binary chunk of a GLB file")
+        length = _whole(declared, "byteLength", where)
+        if length > len(content):
+            raise MeshError(f"{where} promises {length} bytes, there are {len(content)}")
+        return content[:length]
+
+    def _item(self, kind: str, index: Any, where: str) -> _Object:
+        items = _list(self._root.get(kind, []), kind)
+        if type(index) is not int or not 0 <= index < len(items):
+            raise MeshError(f"{where}: no {kind}[{index!r:.40}] of {len(items)}")
+        return _dict(items[index], f"{kind}[{index}]")
+
+
+def _embedded(uri: Any, where: str) -> bytes:
+    head, comma, body = uri.partition(",") if isinstance(uri, str) else ("", "", "")
+    if not (comma and head.startswith("data:") and head.endswith(";base64")):
+        raise MeshError(f"{where} points to {uri!r:.60}: only embedded base64 data is read")
+    try:
+        return base64.b64decode(body, validate=True)
+    except (binascii.Error, ValueError) as exc:
+        raise MeshError(f"{where}: its base64 data is damaged: {exc}") from exc
+
+
+def _whole(item: _Object, key: str, where: str, default: int | None = None) -> int:
+    value = item.get(key, default)
+    if type(value) is not int or not 0 <= value < 1 << 40:
+        raise MeshError(f"{where}: {key} is {value!r:.40}: must be a whole number")
+    return value
+
+
+def _dict(value: Any, where: str) -> _Object:
+    if not isinstance(value, dict):
+        raise MeshError(f"glTF {where}: expected an object")
+    return value
+
+
+def _list(value: Any, where: str) -> list[Any]:
+    if not isinstance(value, list):
+        raise MeshError(f"glTF {where}: expected a list")
+    return value

@@ -1,0 +1,64 @@
+"""Wrinkle graphs as safetensors: one tensor an array of WrinkleGraph, by its name."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from safetensors import SafetensorError, deserialize
+from safetensors.numpy import save
+
+from rhytid.domain.graph import WrinkleGraph
+from rhytid.errors import GraphError
+from rhytid.formats.limits import check_size
+
+_FIELDS = {field.name: field for field in fields(WrinkleGraph)}
+_DTYPES = {"edge_nodes": "I32", "node_triangle": "I32", "edge_triangle": "I32"}
+# The library declares no types: name -> {dtype, shape, data}.
+_deserialize: Callable[[bytes], list[tuple[str, dict[str, Any]]]] = deserialize
+
+
+def write_graph(graph: WrinkleGraph, metadata: Mapping[str, str] | None = None) -> bytes:
+    """A safetensors file of the graph; the same graph and metadata give the same bytes."""
+    data = save(graph.arrays())
+    if not metadata:
+        return data
+    # The library writes metadata in random order, which would change every id made from content.
+    start = 8 + int.from_bytes(data[:8], "little")
+    header = {"__metadata__": dict(sorted(metadata.items())), **json.loads(data[8:start])}
+    text = json.dumps(header, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % 8)
+    return len(text).to_bytes(8, "little") + text + data[start:]
+
+
+def read_graph(data: bytes) -> WrinkleGraph:
+    """The wrinkle graph of a safetensors file.
+
+    Raises GraphError naming the tensor that is unknown, missing, of another dtype or shape, or
+    whose values cannot be used; LimitError over one that is too large.
+    """
+    try:
+        tensors = dict(_deserialize(data))
+    except SafetensorError as exc:
+        raise GraphError(f"not a readable safetensors file: {exc}") from exc
+    for name in tensors:
+        if name not in _FIELDS:
+            raise GraphError(f"unknown tensor {name!r:.80}; known are {', '.join(_FIELDS)}")
+    for name, field in _FIELDS.items():
+        if name not in tensors and field.default is MISSING:
+            raise GraphError(f"the tensor {name} is missing")
+    return WrinkleGraph(**{name: _array(name, tensor) for name, tensor in tensors.items()})
+
+
+def _array(name: str, tensor: Mapping[str, Any]) -> NDArray[Any]:
+    wanted = _DTYPES.get(name, "F32")
+    if tensor["dtype"] != wanted:
+        raise GraphError(f"{name} has dtype {tensor['dtype']}, not {wanted}")
+    check_size(name, len(tensor["data"]) // 4)
+    flat = np.frombuffer(tensor["data"], "<i4" if wanted == "I32" else "<f4")
+    array: NDArray[Any] = flat.reshape(tensor["shape"])
+    return array

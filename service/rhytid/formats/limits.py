@@ -1,0 +1,16 @@
+"""How large one array of an uploaded file may be: checked before anything is allocated."""
+
+from __future__ import annotations
+
+from rhytid.errors import LimitError
+
+# Numbers (not bytes) in one array of a mesh: 16 million vertices or triangles.
+MAX_NUMBERS = 50_000_000
+# All frames of one animation together: 400 frames of a mesh of 160,000 vertices.
+MAX_FRAME_NUMBERS = 200_000_000
+
+
+def check_size(what: str, numbers: int, limit: int = MAX_NUMBERS) -> None:
+    """Raise LimitError where `what` would hold more than `limit` numbers."""
+    if numbers > limit:
+        raise LimitError(f"{what} holds {numbers} numbers: at most {limit}")

@@ -1,0 +1,121 @@
+"""NumPy's .npz archives: a mesh, and optionally the frames of its animation.
+
+A member's header is read and judged before the member is unpacked, so that neither a header that
+promises the world nor a zip bomb makes anything large. Members that are not asked for stay shut.
+"""
+
+from __future__ import annotations
+
+import io
+import struct
+import zipfile
+import zlib
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.domain.mesh import Mesh
+from rhytid.errors import FrameError, InputError, MeshError
+from rhytid.formats.limits import MAX_FRAME_NUMBERS, MAX_NUMBERS, check_size
+from rhytid.formats.npy import MAX_HEADER, NpyHeader, read_header
+
+_PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+# What zipfile raises over damaged, encrypted and unknown archives.
+_DAMAGE = (
+    *(zipfile.BadZipFile, zlib.error, struct.error),
+    *(EOFError, OSError, RuntimeError, ValueError),
+)
+
+
+class Archive:
+    """The arrays of a .npz file by name; every failure is an `error` that names the member."""
+
+    def __init__(self, data: bytes, error: type[InputError]) -> None:
+        self._error = error
+        try:
+            self._zip = zipfile.ZipFile(io.BytesIO(data))
+        except _DAMAGE as exc:
+            raise error(f"not a readable .npz archive: {exc}") from exc
+        self._members: dict[str, zipfile.ZipInfo] = {}
+        for info in self._zip.infolist():
+            name = info.filename.removesuffix(".npy")
+            if name in self._members:
+                raise error(f"the archive holds {name!r} more than once")
+            self._members[name] = info
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._members
+
+    def read(self, name: str, limit: int = MAX_NUMBERS) -> NDArray[Any]:
+        """One array of integers or real numbers."""
+        info = self._members.get(name)
+        if info is None:
+            raise self._error(f"the archive has no {name!r}; it has {self._listed()}")
+        if info.compress_type not in _PACKINGS:
+            raise self._error(f"{name} is packed by method {info.compress_type}: not read here")
+        try:
+            with self._zip.open(info) as stream:
+                return self._unpack(name, info, stream, limit)
+        except _DAMAGE as exc:
+            raise self._error(f"{name} cannot be unpacked: {exc}") from exc
+
+    def _unpack(
+        self, name: str, info: zipfile.ZipInfo, stream: IO[bytes], limit: int
+    ) -> NDArray[Any]:
+        head = stream.read(MAX_HEADER)
+        header = read_header(head, name, self._error)
+        check_size(name, header.numbers, limit)
+        self._check_length(name, header, info.file_size)
+        data = head + stream.read(info.file_size - len(head))
+        self._check_length(name, header, len(data))
+        return header.array(data)
+
+    def _check_length(self, name: str, header: NpyHeader, length: int) -> None:
+        promised = header.start + header.stored
+        if length != promised:
+            raise self._error(f"{name}: the header promises {promised} bytes, there are {length}")
+
+    def _listed(self) -> str:
+        names = list(self._members)
+        return ", ".join(repr(n)[:40] for n in names[:10]) + (", …" if len(names) > 10 else "")
+
+
+def read_npz(data: bytes) -> tuple[Mesh, NDArray[np.float32] | None]:
+    """The mesh of a .npz file and its frames (N, V, 3) or None.
+
+    Members: positions (V, 3), or `neutral` in its place, faces (F, 3), uv (T, 2), face_uv (F, 3)
+    and optionally frames (N, V, 3). Others are passed over. Raises MeshError, FrameError (the
+    contents of the frames) or LimitError.
+    """
+    archive = Archive(data, MeshError)
+    if "positions" in archive and "neutral" in archive:
+        raise MeshError("the archive holds both 'positions' and 'neutral': one must go")
+    name = "neutral" if "neutral" in archive else "positions"
+    mesh = Mesh(*(archive.read(member) for member in (name, "faces", "uv", "face_uv")))
+    has_frames = "frames" in archive
+    return mesh, _frames(archive, len(mesh.positions)) if has_frames else None
+
+
+def read_npz_frames(data: bytes, vertices: int) -> NDArray[np.float32]:
+    """The member `frames` (N, V, 3); FrameError naming the frame and the vertex, or LimitError."""
+    return _frames(Archive(data, FrameError), vertices)
+
+
+def _frames(archive: Archive, vertices: int) -> NDArray[np.float32]:
+    return check_frames(archive.read("frames", MAX_FRAME_NUMBERS), vertices)
+
+
+def check_frames(values: NDArray[Any], vertices: int) -> NDArray[np.float32]:
+    """Frames as (N, V, 3) float32, finite, read-only; FrameError naming the first that is not."""
+    if values.ndim != 3 or values.shape[1:] != (vertices, 3):
+        raise FrameError(f"frames have shape {values.shape}, not (N, {vertices}, 3)")
+    with np.errstate(over="ignore"):
+        frames = np.require(values, np.float32, ["C", "A"])
+    finite = np.isfinite(frames).all(axis=2)
+    if not finite.all():
+        frame, vertex = np.unravel_index(int(np.argmin(finite)), finite.shape)
+        where = f"frame {frame:04d}, vertex {vertex}"
+        raise FrameError(f"{where} is {frames[frame, vertex].tolist()}: not finite")
+    frames.setflags(write=False)
+    return frames

@@ -1,0 +1,139 @@
+"""Wavefront OBJ: `v`, `vt` and `f` with texture coordinates.
+
+Accepted: relative indices, `vt` with a third component, `v` with a weight or colours, comments in
+any encoding, CRLF, tabs, a byte-order mark, lines continued by a backslash, polygons. Materials,
+groups, normals, lines and points are passed over; an unknown keyword is refused, since a misspelt
+vertex would shift the order of all that follow.
+
+Each statement is matched against its grammar once, then all numbers are converted together.
+"""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.domain.arrays import first_bad_row
+from rhytid.domain.mesh import Mesh
+from rhytid.errors import LimitError, MeshError
+from rhytid.formats.decimals import NUMBER, WHOLE, floats, is_number, show, wholes
+from rhytid.formats.limits import check_size
+from rhytid.formats.obj_statements import Statements, split_statements
+from rhytid.formats.polygons import fan
+
+# Matching a face takes memory for every corner: no polygon of a real mesh comes near this.
+_LONGEST_FACE = 1 << 20
+
+_CORNER = WHOLE + rb"/" + WHOLE + rb"(?:/" + WHOLE + rb")?"
+_VERTEX = re.compile(rb"(N(?: +N){2})(?: +N|(?: +N){3,4})? *".replace(b"N", NUMBER))
+_UV = re.compile(rb"(N +N)(?: +N)? *".replace(b"N", NUMBER))
+_FACE = re.compile(rb"C(?: +C){2,} *".replace(b"C", _CORNER))
+_WITHOUT_UV = re.compile(WHOLE + rb"(?://" + WHOLE + rb")?")
+_NORMAL = re.compile(rb"(/[+-]?[0-9]+)/[+-]?[0-9]+")
+
+
+def read_obj(data: bytes) -> Mesh:
+    """The triangle mesh of an OBJ file; raises MeshError naming the line, or LimitError."""
+    found = split_statements(data)
+    positions = _positions(found[b"v"])
+    uv = _numbers(found[b"vt"], _UV, "vt", 2, "2 or 3")
+    _require_finite(found[b"vt"], uv, "texture coordinate")
+    counts, references = _references(found[b"f"])
+    corners = _resolve(found, counts, references)
+    triangles = corners[fan(counts)].astype(np.int32)
+    return Mesh(positions, triangles[..., 0], uv, triangles[..., 1])
+
+
+def read_obj_positions(data: bytes) -> NDArray[np.float32]:
+    """(V, 3) the vertices alone, in the order of the file: there may be no faces."""
+    return _positions(split_statements(data)[b"v"])
+
+
+def _positions(found: Statements) -> NDArray[np.float32]:
+    values = _numbers(found, _VERTEX, "v", 3, "3, or 4, 6 or 7 with a weight or colours")
+    with np.errstate(over="ignore"):
+        positions = values.astype(np.float32)
+    _require_finite(found, positions, "vertex")
+    return positions
+
+
+def _numbers(
+    found: Statements, grammar: re.Pattern[bytes], key: str, width: int, rule: str
+) -> NDArray[np.float64]:
+    check_size(f"'{key}'", width * len(found.texts))
+    matches = [grammar.fullmatch(text) for text in found.texts]
+    if None in matches:
+        bad = matches.index(None)
+        raise _bad_numbers(found.lines[bad], key, found.texts[bad].split(), rule)
+    return floats(b" ".join([m[1] for m in matches if m])).reshape(-1, width)
+
+
+def _bad_numbers(line: int, key: str, tokens: list[bytes], rule: str) -> MeshError:
+    for token in tokens:
+        if not is_number(token):
+            return MeshError(f"line {line}: {key} has {show(token)}: not a plain decimal number")
+    return MeshError(f"line {line}: {key} has {len(tokens)} numbers: {rule}")
+
+
+def _require_finite(found: Statements, values: NDArray[np.floating], what: str) -> None:
+    bad = first_bad_row(np.isfinite(values))
+    if bad is not None:
+        where = f"line {found.lines[bad]}: {what} {bad + 1}"
+        raise MeshError(f"{where} is {values[bad].tolist()}: not finite")
+
+
+def _references(found: Statements) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """(P,) corners of each polygon, and (C, 2) position and uv references as written."""
+    if not found.texts:
+        raise MeshError("the file has no faces")
+    for line, text in zip(found.lines, found.texts, strict=True):
+        if len(text) > _LONGEST_FACE:
+            size = f"{len(text)} characters, at most {_LONGEST_FACE}"
+            raise LimitError(f"line {line}: a face of {size}")
+        if not _FACE.fullmatch(text):
+            raise _bad_face(line, text.split())
+    counts = np.array([len(text.split()) for text in found.texts])
+    corners = int(counts.sum())
+    check_size("'f'", 3 * corners)
+    joined = b" ".join(found.texts)
+    if joined.count(b"/") not in (corners, 2 * corners):  # normals on some corners only
+        joined = _NORMAL.sub(rb"\1", joined)
+    return counts, wholes(joined.replace(b"/", b" ")).reshape(corners, -1)[:, :2]
+
+
+def _bad_face(line: int, tokens: list[bytes]) -> MeshError:
+    if len(tokens) < 3:
+        return MeshError(f"line {line}: face has {len(tokens)} corners: at least 3")
+    corner, token = next((i, t) for i, t in enumerate(tokens, 1) if not re.fullmatch(_CORNER, t))
+    where = f"line {line}: face corner {corner} {show(token)}"
+    if _WITHOUT_UV.fullmatch(token):
+        return MeshError(f"{where} has no texture coordinate")
+    return MeshError(f"{where} is not vertex/texture or vertex/texture/normal in whole numbers")
+
+
+def _resolve(
+    found: dict[bytes, Statements], counts: NDArray[np.int64], references: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """(C, 2) indices from 0 on; a negative reference counts back from the line of its face."""
+    faces = found[b"f"]
+    indices = np.empty_like(references)
+    for column, (key, what) in enumerate(((b"v", "vertex"), (b"vt", "texture coordinate"))):
+        lines, written = found[key].lines, references[:, column]
+        before = np.repeat(np.searchsorted(lines, faces.lines), counts)
+        index = np.where(written < 0, written + before, written - 1)
+        bad = first_bad_row((index >= 0) & (index < len(lines)))
+        if bad is not None:
+            known = f"{len(lines)} in the file, {before[bad]} before this line"
+            raise MeshError(f"{_corner(faces, counts, bad)}: no such {what} ({known})")
+        indices[:, column] = index
+    return indices
+
+
+def _corner(faces: Statements, counts: NDArray[np.int64], corner: int) -> str:
+    """Where the corner of this place in the flat list stands."""
+    face = int(np.searchsorted(np.cumsum(counts), corner, side="right"))
+    place = corner - int(counts[:face].sum())
+    token = show(faces.texts[face].split()[place])
+    return f"line {faces.lines[face]}: face corner {place + 1} {token}"

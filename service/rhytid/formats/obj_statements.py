@@ -1,0 +1,57 @@
+"""An OBJ file taken apart: which statement stands on which line."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+
+from rhytid.errors import MeshError
+from rhytid.formats.decimals import show
+
+# They change neither the vertices nor the triangles. What points to a file is never opened.
+_PASSED_OVER = frozenset(
+    b"vn vp l p o g s mg lod bevel c_interp d_interp "
+    b"mtllib usemtl maplib usemap shadow_obj trace_obj".split()
+)
+_CONTINUED = re.compile(rb"(?:[^\n]*\\ *\n)+[^\n]*")
+
+
+@dataclass
+class Statements:
+    """All statements of one keyword: the lines they stand on, and what follows the keyword."""
+
+    lines: list[int] = field(default_factory=list)
+    texts: list[bytes] = field(default_factory=list)
+
+
+def split_statements(data: bytes) -> dict[bytes, Statements]:
+    """The statements `v`, `vt` and `f`; MeshError naming the line of a keyword unknown here."""
+    found = {key: Statements() for key in (b"v", b"vt", b"f")}
+    for number, line in enumerate(_plain_lines(data), 1):
+        parts = line.split(None, 1)
+        if not parts:
+            continue
+        statements = found.get(parts[0])
+        if statements is not None:
+            statements.lines.append(number)
+            statements.texts.append(parts[1] if len(parts) > 1 else b"")
+        elif parts[0] not in _PASSED_OVER:
+            raise MeshError(f"line {number}: {show(parts[0])} is not a statement known here")
+    return found
+
+
+def _plain_lines(data: bytes) -> list[bytes]:
+    """Lines without comments and tabs; a continued one stands whole where it begins."""
+    text = data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    text = text.replace(b"\t", b" ")
+    if b"#" in text:
+        text = re.sub(rb"#[^\n]*", b"", text)
+    if b"\\" in text:
+        text = _CONTINUED.sub(_join, text)
+    return text.split(b"\n")
+
+
+def _join(continued: re.Match[bytes]) -> bytes:
+    parts = re.split(rb"\\ *\n", continued[0])
+    # The empty lines keep the numbers of those that follow.
+    return b" ".join(parts) + b"\n" * (len(parts) - 1)

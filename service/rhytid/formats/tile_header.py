@@ -1,0 +1,30 @@
+"""What a displacement tile says about itself."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+from rhytid import __version__
+
+
+@dataclass(frozen=True)
+class TileHeader:
+    """Where a tile belongs. A whole map is row 0, column 0 of its level.
+
+    unit: of length.  scale: the displacement, in that unit, that png stores as its largest value.
+    """
+
+    unit: str
+    frame: str
+    asset: str
+    method: str
+    udim: int
+    level: int
+    row: int
+    column: int
+    scale: float
+
+    def attributes(self) -> dict[str, str | int]:
+        """What is written into a file beside the texels, which are true without `scale`."""
+        values = {name: value for name, value in asdict(self).items() if name != "scale"}
+        return {**values, "rhytid_version": __version__}

@@ -1,0 +1,99 @@
+"""Displacement tiles as files: npy, f16, exr, exr16 and png."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+from PIL.PngImagePlugin import PngInfo
+
+from rhytid.errors import QueryError
+from rhytid.formats.exr import encode_exr
+from rhytid.formats.tile_header import TileHeader
+
+__all__ = ["FORMATS", "Encoded", "TileFormat", "TileHeader", "encode", "quantise"]
+
+Tile = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Encoded:
+    """A tile ready to be sent or saved."""
+
+    body: bytes
+    media_type: str
+    extension: str
+
+
+@dataclass(frozen=True)
+class TileFormat:
+    """How a tile is encoded, and what the result is called."""
+
+    encode: Callable[[Tile, TileHeader], bytes]
+    media_type: str
+    extension: str
+
+
+def encode(tile: Tile, format: str, header: TileHeader) -> Encoded:
+    """A tile (h, w) of displacement, in the unit of the header, in one of FORMATS.
+
+    Raises QueryError for an unknown format and for a displacement that half floats cannot hold,
+    StorageError where an exr cannot be written.
+    """
+    kind = FORMATS.get(format)
+    if kind is None:
+        raise QueryError(f"format {format!r:.40}: one of {', '.join(FORMATS)}")
+    return Encoded(kind.encode(tile, header), kind.media_type, kind.extension)
+
+
+def quantise(tile: Tile, scale: float) -> NDArray[np.uint16]:
+    """16 bit codes p with h = (p - 32768)/32767 · scale; what lies beyond ±scale is clipped."""
+    codes = np.rint(tile * (32767.0 / np.float64(scale))) + 32768.0
+    clipped: NDArray[np.uint16] = np.clip(codes, 0, 65535).astype(np.uint16)
+    return clipped
+
+
+def _npy(tile: Tile, header: TileHeader) -> bytes:
+    stream = io.BytesIO()
+    np.save(stream, np.ascontiguousarray(tile, "<f4"), allow_pickle=False)
+    return stream.getvalue()
+
+
+def _half(tile: Tile) -> NDArray[np.float16]:
+    with np.errstate(over="ignore"):
+        half = tile.astype("<f2")
+    if not np.isfinite(half).all():
+        worst = float(np.abs(tile).max())
+        raise QueryError(f"displacement {worst:g} does not fit half floats: use npy, exr or png")
+    return half
+
+
+def _f16(tile: Tile, header: TileHeader) -> bytes:
+    return _half(tile).tobytes()
+
+
+def _exr16(tile: Tile, header: TileHeader) -> bytes:
+    return encode_exr(_half(tile), header)
+
+
+def _png(tile: Tile, header: TileHeader) -> bytes:
+    notes = PngInfo()
+    for name, value in {**header.attributes(), "scale": header.scale}.items():
+        notes.add_itxt(name, str(value))
+    stream = io.BytesIO()
+    image = Image.fromarray(quantise(tile, header.scale))
+    image.save(stream, "PNG", pnginfo=notes, compress_level=1)  # 6: twice the time, 10 % less
+    return stream.getvalue()
+
+
+FORMATS = {
+    "npy": TileFormat(_npy, "application/x-npy", ".npy"),
+    "f16": TileFormat(_f16, "application/octet-stream", ".f16"),
+    "exr": TileFormat(encode_exr, "image/x-exr", ".exr"),
+    "exr16": TileFormat(_exr16, "image/x-exr", ".exr"),
+    "png": TileFormat(_png, "image/png", ".png"),
+}

@@ -1,0 +1,102 @@
+"""Wrinkle graphs as safetensors: the same bytes every time, and nothing unknown let in."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from safetensors.numpy import load, save
+
+from rhytid.domain.graph import WrinkleGraph
+from rhytid.errors import GraphError
+from rhytid.formats.graphs import read_graph, write_graph
+
+ARRAYS: dict[str, Any] = {
+    "node_uv": np.array([[0.1, 0.1], [0.2, 0.1], [1.5, 0.9]], np.float32),
+    "node_weight": np.array([0, 0.5, 1], np.float32),
+    "node_radius": np.array([0.01, 0.02, 0.03], np.float32),
+    "edge_nodes": np.array([[0, 1], [2, 1]], np.int32),
+    "edge_weight": np.array([0.25, 1], np.float32),
+    "edge_half_width": np.array([0.01, 0.02], np.float32),
+}
+OPTIONAL: dict[str, Any] = {
+    "node_metric": np.array([[4, 0, 4], [4, 1, 9], [1, 0, 1]], np.float32),
+    "node_triangle": np.array([-1, 0, 7], np.int32),
+    "edge_triangle": np.array([-1, 3], np.int32),
+}
+METADATA = {"asset": "a1b2", "seed": "1", "unit": "µm", "": "empty"}
+
+
+def same_graph(graph: WrinkleGraph, arrays: dict[str, Any]) -> None:
+    assert graph.arrays().keys() == arrays.keys()
+    for name, array in graph.arrays().items():
+        np.testing.assert_array_equal(array, arrays[name], strict=True)
+
+
+@pytest.mark.parametrize("names", [[], ["node_metric"], list(OPTIONAL)])
+def test_what_is_written_is_read_back(names: list[str]) -> None:
+    arrays = {**ARRAYS, **{name: OPTIONAL[name] for name in names}}
+    for metadata in (None, {}, METADATA):
+        data = write_graph(WrinkleGraph(**arrays), metadata)
+        same_graph(read_graph(data), arrays)
+        assert load(data).keys() == arrays.keys()
+
+
+def test_the_same_graph_is_the_same_bytes_with_its_metadata_in_order() -> None:
+    graph = WrinkleGraph(**ARRAYS, **OPTIONAL)
+    backwards = dict(reversed(METADATA.items()))
+    written = {write_graph(graph, m) for m in (METADATA, backwards) for _ in range(10)}
+    assert len(written) == 1
+    data = written.pop()
+    length = int.from_bytes(data[:8], "little")
+    assert length % 8 == 0  # tensors stay aligned
+    assert json.loads(data[8 : 8 + length])["__metadata__"] == METADATA
+
+
+@given(st.integers(1, 40), st.integers(0, 60), st.integers(0, 2**31))
+def test_graphs_of_any_size(pores: int, wrinkles: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    start = rng.integers(0, pores, wrinkles if pores > 1 else 0)
+    end = (start + rng.integers(1, max(pores, 2), len(start))) % pores
+    ring = np.linspace(0, 6, pores, endpoint=False)
+    arrays = {
+        "node_uv": np.stack([np.cos(ring), np.sin(ring)], axis=1).astype(np.float32),
+        "node_weight": rng.random(pores, np.float32),
+        "node_radius": rng.random(pores, np.float32) * np.float32(0.9) + np.float32(0.01),
+        "edge_nodes": np.stack([start, end], axis=1).astype(np.int32),
+        "edge_weight": rng.random(len(start), np.float32),
+        "edge_half_width": np.full(len(start), 0.01, np.float32),
+    }
+    same_graph(read_graph(write_graph(WrinkleGraph(**arrays))), arrays)
+
+
+def without(name: str) -> dict[str, Any]:
+    return {key: array for key, array in ARRAYS.items() if key != name}
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (b"", "not a readable safetensors file"),
+        (b"\xff" * 64, "not a readable safetensors file"),
+        (b"\x08" + bytes(7) + b"[1, 2]  ", "not a readable safetensors file"),
+        (save(ARRAYS)[:-1], "not a readable safetensors file"),
+        (save(ARRAYS) + b"\0", "not a readable safetensors file"),
+        (save({**ARRAYS, "extra": np.zeros(1)}), "unknown tensor 'extra'; known are node_uv, "),
+        *[(save(without(name)), f"the tensor {name} is missing") for name in ARRAYS],
+        (save({**ARRAYS, "node_uv": np.zeros((3, 2))}), "node_uv has dtype F64, not F32"),
+        (save({**ARRAYS, "edge_nodes": np.zeros((2, 2), "i8")}), "edge_nodes has dtype I64, not"),
+        (save({**ARRAYS, "edge_nodes": np.zeros((2, 2), "f4")}), "edge_nodes has dtype F32, not"),
+        (save({**ARRAYS, "node_uv": np.zeros((3, 3), "f4")}), r"node_uv has shape \(3, 3\)"),
+        (save({**ARRAYS, "node_weight": np.zeros(2, "f4")}), "node_weight has 2 rows"),
+        (save({**ARRAYS, "node_weight": -ARRAYS["node_weight"]}), r"node_weight\[1\] is -0.5"),
+        (save({**ARRAYS, "edge_nodes": ARRAYS["edge_nodes"] + 1}), r"edge_nodes\[1\] is \[3, 2\]"),
+    ],
+)
+def test_refused(data: bytes, message: str) -> None:
+    with pytest.raises(GraphError, match=message):
+        read_graph(data)
