@@ -1,0 +1,123 @@
+"""Which triangles meet in UV: the charts that a straight line in the map may cross."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.domain.mesh import Mesh
+from rhytid.synthesis.surface import FloatArray, IntArray, Surface
+
+BORDER = -1
+# Triangles that one line may cross; a line still under way then ends there.
+LONGEST = 4096
+_SIDES = np.array([[0, 1], [1, 2], [2, 0]])
+
+
+@dataclass(frozen=True, eq=False)
+class Traces:
+    """Where straight UV segments end that start inside a triangle and stay on connected ones.
+
+    end (N,): the triangle of the last point.  middle (N,): the triangle of the midpoint, BORDER
+    where the line ends before it.  share (N,): how much of the line lies on the chart, 1 = all.
+    length (N,): its length on the surface, of the part on the chart.
+    """
+
+    end: IntArray
+    middle: IntArray
+    share: FloatArray
+    length: FloatArray
+
+
+def neighbours(mesh: Mesh) -> IntArray:
+    """(F, 3) the triangle across the side from corner i to i + 1, or BORDER.
+
+    Two triangles meet where a side has the same two vertices and the same UV at both, however
+    often the file repeats that UV; not across a fold of the map, nor where three meet.
+    """
+    keys = _welded(mesh)[:, _SIDES]
+    keys = np.sort(keys, axis=-1).reshape(-1, 2)
+    order = np.lexsort((keys[:, 1], keys[:, 0]))
+    ordered = keys[order]
+    same = (ordered[1:] == ordered[:-1]).all(axis=-1)
+    # A side belongs to exactly two triangles where it equals the next one but no third.
+    before, after = np.append(False, same[:-1]), np.append(same[1:], False)
+    pair = np.flatnonzero(same & ~before & ~after)
+    one, two = order[pair], order[pair + 1]
+    turn = _orientation(mesh.triangle_uv())
+    flat = (turn[one // 3] == turn[two // 3]) & (turn[one // 3] != 0)
+    across = np.full(3 * len(mesh.faces), BORDER, np.int64)
+    across[one[flat]] = two[flat] // 3
+    across[two[flat]] = one[flat] // 3
+    return across.reshape(-1, 3)
+
+
+def trace(
+    surface: Surface, across: IntArray, start: IntArray, origin: FloatArray, step: FloatArray
+) -> Traces:
+    """Follow the segments from UV `origin` (N, 2), inside triangle `start`, by `step` (N, 2)."""
+    end, middle = start.copy(), np.full(len(start), BORDER, np.int64)
+    share, length = np.zeros(len(start)), np.zeros(len(start))
+    came_from = np.full(len(start), BORDER, np.int64)
+    active = np.arange(len(start))
+    for _ in range(LONGEST):
+        triangle, entered = end[active], share[active]
+        following, leaves = _exit(
+            surface.uv[triangle], origin[active], step[active], across[triangle], came_from[active]
+        )
+        leaves = np.clip(leaves, entered, 1.0)
+        vector = surface.along(triangle, step[active])
+        length[active] += (leaves - entered) * np.linalg.norm(vector, axis=-1)
+        half = (entered <= 0.5) & (leaves >= 0.5)
+        middle[active[half]] = triangle[half]
+        share[active] = leaves
+        came_from[active] = triangle
+        goes_on = (leaves < 1.0) & (following != BORDER)
+        active = active[goes_on]
+        end[active] = following[goes_on]
+        if not len(active):
+            break
+    return Traces(end, middle, share, length)
+
+
+def _exit(
+    corners: FloatArray, origin: FloatArray, step: FloatArray, across: IntArray, came_from: IntArray
+) -> tuple[IntArray, FloatArray]:
+    """The triangle (N,) that each line enters next, and where along the line."""
+    sides = np.roll(corners, -1, axis=1) - corners
+    turn = np.sign(cross(sides[:, 0], sides[:, 1]))[:, None]
+    outward = turn * cross(step[:, None], sides)
+    distance = turn * cross(corners - origin[:, None], sides)
+    leaving = (outward > 0) & ((across != came_from[:, None]) | (across == BORDER))
+    where = np.full(outward.shape, np.inf)
+    np.divide(distance, outward, out=where, where=leaving)
+    side = np.argmin(where, axis=1)[:, None]
+    nearest = np.take_along_axis(where, side, axis=1)[:, 0]
+    following = np.take_along_axis(across, side, axis=1)[:, 0]
+    # A line that no side lets out slipped through a corner by rounding: it ends there.
+    lost = ~np.isfinite(nearest)
+    return np.where(lost, BORDER, following), np.where(lost, 0.0, nearest)
+
+
+def _welded(mesh: Mesh) -> IntArray:
+    """(F, 3) one number for each pair of a vertex and a place in UV."""
+    corner = np.empty(mesh.faces.size, dtype=[("vertex", "i8"), ("u", "f8"), ("v", "f8")])
+    corner["vertex"] = mesh.faces.ravel()
+    # Adding zero turns -0.0 into 0.0.
+    corner["u"], corner["v"] = (mesh.uv[mesh.face_uv.ravel()] + 0.0).T
+    _, inverse = np.unique(corner, return_inverse=True)
+    welded: IntArray = inverse.reshape(-1, 3).astype(np.int64)
+    return welded
+
+
+def _orientation(uv: FloatArray) -> NDArray[np.float64]:
+    turn: NDArray[np.float64] = np.sign(cross(uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]))
+    return turn
+
+
+def cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """The cross product of vectors in UV."""
+    product: FloatArray = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+    return product

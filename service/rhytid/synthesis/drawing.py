@@ -1,0 +1,84 @@
+"""Wrinkles as they are stored: whole ones, and two halves for each that crosses a UV seam."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rhytid.synthesis.charts import BORDER
+from rhytid.synthesis.edges import Edges
+from rhytid.synthesis.seams import halves
+from rhytid.synthesis.shapes import WIDE, half_widths_uv
+from rhytid.synthesis.surface import FloatArray, IntArray, Points, Surface
+
+
+@dataclass(frozen=True, eq=False)
+class Lines:
+    """W stored lines and the S nodes that some of them need beyond a border.
+
+    edge (W,): the candidate that each draws.  nodes (W, 2): pores, then the nodes beyond from
+    number N on.  step (W, 2): from the first node to the second in UV.
+    triangle (W,): the triangle to sample.
+    owner (S,): the pore on whose side of the seam each node beyond belongs.  beyond (S, 2): its uv.
+    """
+
+    edge: IntArray
+    nodes: IntArray
+    step: FloatArray
+    triangle: IntArray
+    owner: IntArray
+    beyond: FloatArray
+
+
+def lines_of(edges: Edges) -> int:
+    """How many lines the edges take in the graph."""
+    return len(edges) + int(np.count_nonzero(edges.middle == BORDER))
+
+
+def stored(edges: Edges, order: IntArray, count: int) -> tuple[IntArray, IntArray]:
+    """The first `count` lines of the edges in `order`: edge (W,) and side 0 or 1 (W,).
+
+    Where the last is one of two halves the wrinkle ends at the seam: the least wanted of all.
+    """
+    copies = 1 + (edges.middle[order] == BORDER)
+    edge = np.repeat(order, copies)[:count]
+    side = np.zeros(copies.sum(), np.int64)
+    side[(np.cumsum(copies) - 1)[copies == 2]] = 1
+    return edge, side[:count]
+
+
+def draw(
+    surface: Surface,
+    across: IntArray,
+    pores: Points,
+    edges: Edges,
+    edge: IntArray,
+    side: IntArray,
+    spacing: float,
+) -> Lines:
+    """Put edge (W,), from its node `side` (W,) on, into the map."""
+    rows = np.arange(len(edge))
+    nodes = edges.nodes[edge]
+    nodes = np.stack([nodes[rows, side], nodes[rows, 1 - side]], axis=-1)
+    step = pores.uv[nodes[:, 1]] - pores.uv[nodes[:, 0]]
+    triangle = edges.middle[edge]
+    split = np.flatnonzero(triangle == BORDER)
+    owner = nodes[split, 0]
+    triangle[split] = pores.triangle[owner]
+    step[split] = _over_the_border(surface, across, pores, nodes[split], spacing)
+    beyond = pores.uv[owner] + step[split]
+    nodes[split, 1] = len(pores) + np.arange(len(split))
+    return Lines(edge, nodes, step, triangle, owner, beyond)
+
+
+def _over_the_border(
+    surface: Surface, across: IntArray, pores: Points, nodes: IntArray, spacing: float
+) -> FloatArray:
+    """(S, 2) UV steps that hide the round end of the widest line, but go no further."""
+    half = halves(surface, across, pores, nodes)
+    widest = np.full(len(nodes), WIDE * spacing)
+    end = half_widths_uv(surface, pores.triangle[nodes[:, 0]], half.step, widest)
+    share = half.share + end / np.linalg.norm(half.step, axis=-1)
+    steps: FloatArray = half.step * np.minimum(share, 1.0)[:, None]
+    return steps

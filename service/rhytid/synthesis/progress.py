@@ -1,0 +1,20 @@
+"""Progress of long work: a call that may raise CancelledError."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+Progress = Callable[[float, str], None]
+
+
+def silent(fraction: float, stage: str) -> None:
+    """Report nothing."""
+
+
+def part(progress: Progress, low: float, high: float) -> Progress:
+    """Progress from 0 to 1 of a part that runs from `low` to `high` of the whole."""
+
+    def report(fraction: float, stage: str) -> None:
+        progress(low + (high - low) * fraction, stage)
+
+    return report

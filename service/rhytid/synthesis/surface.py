@@ -1,0 +1,159 @@
+"""The mesh as a surface to put pores on: areas, normals and Jacobians, and uniform points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.domain.mesh import Mesh
+from rhytid.errors import MeshError
+from rhytid.synthesis import jacobians
+from rhytid.synthesis.overlaps import covered
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
+
+UDIM_COLUMNS = 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """Points on a surface: triangle (N,), uv (N, 2), position (N, 3), unit normal (N, 3)."""
+
+    triangle: IntArray
+    uv: FloatArray
+    position: FloatArray
+    normal: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.triangle)
+
+    def take(self, index: BoolArray | IntArray) -> Points:
+        """The points of an index or a mask, in its order."""
+        return Points(
+            self.triangle[index], self.uv[index], self.position[index], self.normal[index]
+        )
+
+    def followed_by(self, other: Points) -> Points:
+        """These points, then those of `other`."""
+        return Points(
+            np.concatenate([self.triangle, other.triangle]),
+            np.concatenate([self.uv, other.uv]),
+            np.concatenate([self.position, other.position]),
+            np.concatenate([self.normal, other.normal]),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """A mesh moved and scaled so that the part which carries pores has area 1.
+
+    corners (F, 3, 3), normals (F, 3, 3) of the corners, uv (F, 3, 2).
+    jacobian (F, 3, 2): dX/d(u, v); zero where the triangle has no area in space or in UV.
+    density (F,): sqrt(det JᵀJ), surface area per UV area.
+    narrowest (F,): the smaller singular value of J, surface length per UV length.
+    carries (F,): the triangles that may hold pores.  stretched: how many hold none because their
+    UV is stretched beyond reason.  scale: mesh units per unit of this surface.
+    cumulative (F,): running sum of the area that carries pores.
+    """
+
+    corners: FloatArray
+    normals: FloatArray
+    uv: FloatArray
+    jacobian: FloatArray
+    density: FloatArray
+    narrowest: FloatArray
+    carries: BoolArray
+    stretched: int
+    scale: float
+    cumulative: FloatArray
+
+    @classmethod
+    def of(cls, mesh: Mesh) -> Surface:
+        """Measure a mesh in float64; raises MeshError where no triangle can carry a pore."""
+        positions = mesh.positions.astype(np.float64)
+        positions -= positions.mean(axis=0)
+        corners, uv = positions[mesh.faces], mesh.triangle_uv()
+        area = 0.5 * np.linalg.norm(_facing(corners), axis=-1)
+        usable = mesh.usable_triangles()
+        jacobian = jacobians.jacobians(corners, uv, usable)
+        density, narrowest = jacobians.singular(jacobian)
+        inside = usable & _overlaps_udims(uv) & ~covered(uv, usable)
+        carries = inside & ~jacobians.absurd(density, narrowest, np.where(inside, area, 0.0))
+        if not carries.any():
+            raise MeshError("no triangle in u 0 to 10, v above 0 has a UV that can carry pores")
+        scale = float(np.sqrt(area[carries].sum()))
+        return cls(
+            corners=corners / scale,
+            normals=_vertex_normals(corners, mesh.faces)[mesh.faces],
+            uv=uv,
+            jacobian=jacobian / scale,
+            density=density / scale**2,
+            narrowest=narrowest / scale,
+            carries=carries,
+            stretched=int(np.count_nonzero(inside & ~carries)),
+            scale=scale,
+            cumulative=np.cumsum(np.where(carries, area, 0.0)),
+        )
+
+    def sample(self, count: int, rng: np.random.Generator) -> Points:
+        """At most `count` points, uniform by area in space; none outside the UDIMs."""
+        random = rng.random((count, 3))
+        targets = random[:, 0] * self.cumulative[-1]
+        triangle = np.searchsorted(self.cumulative, targets, side="right")
+        root = np.sqrt(random[:, 1])
+        weights = np.stack([1 - root, root * (1 - random[:, 2]), root * random[:, 2]], axis=-1)
+        points = self.at(triangle, weights)
+        return points.take(_inside_udims(points.uv))
+
+    def at(self, triangle: IntArray, weights: FloatArray) -> Points:
+        """Points from barycentric `weights` (N, 3); their uv is what a float32 can hold."""
+        uv, position, normal = (
+            np.einsum("nc,ncx->nx", weights, corner[triangle])
+            for corner in (self.uv, self.corners, self.normals)
+        )
+        stored = uv.astype(np.float32).astype(np.float64)
+        return Points(triangle, stored, position, unit(normal))
+
+    def along(self, triangle: IntArray, direction: FloatArray) -> FloatArray:
+        """(N, 3) J·d: the surface vectors of UV vectors (N, 2) in their triangles."""
+        vectors: FloatArray = np.einsum("nxc,nc->nx", self.jacobian[triangle], direction)
+        return vectors
+
+    def place(self, triangle: IntArray, uv: FloatArray) -> FloatArray:
+        """(N, 3) positions of uv (N, 2) in the planes of their triangles."""
+        offset = self.along(triangle, uv - self.uv[triangle, 0])
+        positions: FloatArray = self.corners[triangle, 0] + offset
+        return positions
+
+
+def unit(vectors: FloatArray) -> FloatArray:
+    """Vectors of length one; a zero vector stays zero."""
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    directions: FloatArray = vectors / np.where(length > 0, length, 1.0)
+    return directions
+
+
+def _facing(corners: FloatArray) -> FloatArray:
+    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+
+
+def _vertex_normals(corners: FloatArray, faces: NDArray[np.int32]) -> FloatArray:
+    """(V, 3) unit normals: the mean of the triangles around a vertex by area."""
+    facing = np.repeat(_facing(corners), 3, axis=0)
+    sums = [np.bincount(faces.ravel(), weights=facing[:, axis]) for axis in range(3)]
+    return unit(np.stack(sums, axis=-1))
+
+
+def _overlaps_udims(uv: FloatArray) -> BoolArray:
+    low, high = uv.min(axis=1), uv.max(axis=1)
+    overlaps: BoolArray = (high > 0).all(axis=-1) & (low[:, 0] < UDIM_COLUMNS)
+    return overlaps
+
+
+def _inside_udims(uv: FloatArray) -> BoolArray:
+    inside: BoolArray = (uv >= 0).all(axis=-1) & (uv[:, 0] < UDIM_COLUMNS)
+    return inside

@@ -1,0 +1,108 @@
+"""Candidate wrinkles: lines that stay on the map, with few crossings."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rhytid.domain.mesh import Mesh
+from rhytid.synthesis.charts import BORDER, neighbours, trace
+from rhytid.synthesis.crossings import crossings
+from rhytid.synthesis.edges import Edges, candidates
+from rhytid.synthesis.pores import scatter_pores
+from rhytid.synthesis.progress import silent
+from rhytid.synthesis.surface import Points, Surface
+from synthesis import sheets
+
+RADIUS = 0.04
+
+
+def net(mesh: Mesh) -> tuple[Points, Edges]:
+    surface = Surface.of(mesh)
+    pores = scatter_pores(surface, RADIUS, np.random.default_rng(3), silent)
+    return pores, candidates(surface, neighbours(mesh), pores, RADIUS, 8)
+
+
+def test_a_sheet_has_a_border_and_whole_insides() -> None:
+    across = neighbours(sheets.sheet(n=4))
+    assert np.count_nonzero(across == BORDER) == 16
+    for triangle, others in enumerate(across):
+        assert all(triangle in across[other] for other in others if other != BORDER)
+
+
+def test_repeated_uv_is_no_seam_but_other_uv_is() -> None:
+    mesh = sheets.sheet(n=2)
+    apart = np.arange(mesh.face_uv.size).reshape(-1, 3)
+    repeated = Mesh(mesh.positions, mesh.faces, mesh.triangle_uv().reshape(-1, 2), apart)
+    assert (neighbours(repeated) == neighbours(mesh)).all()
+    split = Mesh(mesh.positions, mesh.faces, repeated.uv + 1e-9 * np.arange(24)[:, None], apart)
+    assert (neighbours(split) == BORDER).all()
+
+
+def test_a_line_is_followed_to_its_end_or_to_the_border() -> None:
+    mesh = sheets.sheet(n=8)
+    surface = Surface.of(mesh)
+    start = np.array([0, 0])
+    origin = np.repeat(surface.uv[0].mean(axis=0)[None], 2, axis=0)
+    step = np.array([[0.5, 0.37], [1.6, 0.4]])
+    line = trace(surface, neighbours(mesh), start, origin, step)
+    assert line.share[0] == 1.0
+    assert line.length[0] == pytest.approx(np.hypot(0.5, 0.37) / 0.8)
+    # The border is at u = 0.9.
+    assert origin[1, 0] + line.share[1] * 1.6 == pytest.approx(0.9)
+    assert surface.uv[line.end[0]].mean(axis=0) == pytest.approx(origin[0] + step[0], abs=0.08)
+    assert surface.uv[line.middle[0]].mean(axis=0) == pytest.approx(
+        origin[0] + 0.5 * step[0], abs=0.08
+    )
+
+
+def test_edges_join_each_pore_to_its_neighbours_once() -> None:
+    pores, edges = net(sheets.sheet(sheets.uneven))
+    assert (edges.nodes[:, 0] < edges.nodes[:, 1]).all()
+    assert len(np.unique(edges.nodes, axis=0)) == len(edges)
+    assert (np.diff(edges.length) >= 0).all()
+    ends = pores.position[edges.nodes]
+    assert np.linalg.norm(ends[:, 0] - ends[:, 1], axis=-1) == pytest.approx(edges.length)
+    assert 2.5 < len(edges) / len(pores) < 3.5
+
+
+def test_no_two_edges_leave_a_pore_side_by_side() -> None:
+    pores, edges = net(sheets.sheet())
+    for pore in range(0, len(pores), 7):
+        mine = edges.nodes[(edges.nodes == pore).any(axis=1)]
+        way = pores.position[mine.sum(axis=1) - pore, :2] - pores.position[pore, :2]
+        angle = np.sort(np.arctan2(way[:, 1], way[:, 0]))
+        assert np.diff(angle).min() > np.radians(34.9)
+
+
+def test_no_edge_crosses_a_hole() -> None:
+    pores, edges = net(sheets.with_hole())
+    middle = pores.uv[edges.nodes].mean(axis=1)
+    inside = (np.abs(middle - 0.5) < 0.8 / 6 - 1e-6).all(axis=1)
+    assert not inside.any()
+    assert (edges.middle != BORDER).all()
+
+
+def test_no_edge_joins_sheets_that_touch() -> None:
+    pores, edges = net(sheets.face_to_face())
+    ends = pores.normal[edges.nodes][..., 2]
+    assert (ends[:, 0] * ends[:, 1] > 0).all()
+
+
+def test_edges_cross_a_seam_only_where_the_surface_goes_on() -> None:
+    pores, edges = net(sheets.tube())
+    seam = edges.middle == BORDER
+    assert seam.sum() > 20
+    apart = np.abs(pores.uv[edges.nodes[:, 0], 0] - pores.uv[edges.nodes[:, 1], 0])
+    assert (apart[seam] > 0.6).all()
+    assert (apart[~seam] < 0.1).all()
+    # A sheet has borders, but nothing beyond them.
+    assert (net(sheets.sheet())[1].middle != BORDER).all()
+
+
+def test_crossings_are_found() -> None:
+    square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0.5, 2, 0]], float)
+    points = Points(np.zeros(5, int), square[:, :2], square, np.tile([0.0, 0.0, 1.0], (5, 1)))
+    nodes = np.array([[0, 2], [1, 3], [0, 1], [2, 4], [3, 4]])
+    found = crossings(points, nodes, np.full(5, 1.5))
+    assert np.sort(found, axis=1).tolist() == [[0, 1]]
