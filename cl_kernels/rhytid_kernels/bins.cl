@@ -4,7 +4,7 @@
 
 #define BLOCK_OF_GROUP                                                                             \
     __local float valleys[BLOCK * STRIDE], bulges[BLOCK * STRIDE];                                 \
-    sums_t sums = {valleys, bulges, get_local_id(0), get_local_size(0)};                           \
+    sums_t sums = {valleys, bulges, get_local_id(0)};                                              \
     shape_t shape = {shape_values.x, shape_values.y, shape_values.z, shape_values.w};              \
     int block_row = row + get_group_id(1), block_column = column + get_group_id(0);                \
     int block = block_row * blocks + block_column;                                                 \

@@ -1,5 +1,6 @@
 // Blends precomputed maps by the stretch of each texel's triangle (Alg. 3, lines 11 to 14).
-// Sixteen texels a work-item; sixteen in one triangle read two samples a layer, others all of them.
+// Sixteen texels a work-item. What Alg. 3 computes up to line 10 is the same in a whole triangle,
+// so a vector is blended once for each triangle in it, and each texel takes its own.
 
 #define WIDTH 16
 
@@ -8,14 +9,6 @@
 #else
 #define FLOATS_OF(address) convert_float16(vload16(0, (__global const short *)(address)))
 #endif
-
-inline float16 gather(__global const float *values, int16 at)
-{
-    return (float16)(values[at.s0], values[at.s1], values[at.s2], values[at.s3], values[at.s4],
-                     values[at.s5], values[at.s6], values[at.s7], values[at.s8], values[at.s9],
-                     values[at.sa], values[at.sb], values[at.sc], values[at.sd], values[at.se],
-                     values[at.sf]);
-}
 
 // Linear between the two samples around `position`. Only these two are read.
 inline float16 between(__global const CODE *maps, int texels, float position,
@@ -27,16 +20,14 @@ inline float16 between(__global const CODE *maps, int texels, float position,
          + FLOATS_OF(maps + (m + 1) * texels) * (f * steps[m + 1]);
 }
 
-// The same for a position of each texel, as a sum of hat functions.
-inline float16 between_each(__global const CODE *maps, int texels, float16 position,
-                            __global const float *steps)
+// Alg. 3, lines 5 to 14, as if every texel lay in one triangle. positions: of that triangle.
+inline float16 blend_triangle(__global const CODE *maps, int texels,
+                              __global const float *positions, __global const float *steps)
 {
-    float16 sum = 0.0f;
-    for (int m = 0; m < SAMPLES; m++) {
-        float16 hat = fmax(1.0f - fabs(position - (float)m), 0.0f);
-        sum += FLOATS_OF(maps + m * texels) * (hat * steps[m]);
-    }
-    return sum;
+    float16 d = between(maps, texels, positions[0], steps);
+    for (int n = 1; n < LAYERS; n++)
+        d = min(d, between(maps + n * SAMPLES * texels, texels, positions[n], steps + n * SAMPLES));
+    return d;
 }
 
 // triangles: of each texel. codes: LAYERS x SAMPLES maps of `texels` codes. positions: LAYERS a
@@ -47,18 +38,14 @@ __kernel void blend(__global const int *triangles, __global const CODE *codes,
                     __global float *out)
 {
     int at = get_global_id(0) * WIDTH;
-    int16 t = vload16(0, triangles + at);
-    bool one_triangle = all(t == t.s0);
-    float16 d = INFINITY; // line 5
-    for (int n = 0; n < LAYERS; n++) {
-        __global const CODE *maps = codes + n * SAMPLES * texels + at;
-        __global const float *layer_steps = steps + n * SAMPLES;
-        float16 blended;
-        if (one_triangle)
-            blended = between(maps, texels, positions[t.s0 * LAYERS + n], layer_steps);
-        else
-            blended = between_each(maps, texels, gather(positions, t * LAYERS + n), layer_steps);
-        d = fmin(d, blended); // line 13
-    }
+    __global const int *triangle = triangles + at;
+    int16 t = vload16(0, triangle);
+    float16 d = blend_triangle(codes + at, texels, positions + triangle[0] * LAYERS, steps);
+    for (int lane = 1; lane < WIDTH; lane++)
+        if (triangle[lane] != triangle[lane - 1]) {
+            float16 other =
+                blend_triangle(codes + at, texels, positions + triangle[lane] * LAYERS, steps);
+            d = select(d, other, t == triangle[lane]);
+        }
     vstore16(d, 0, out + at);
 }

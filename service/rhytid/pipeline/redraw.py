@@ -87,7 +87,7 @@ def launch_blocks(
         program, kernel, (blocks * device.lanes, blocks), *elements,
         shape_values(settings.shape), np.float32(settings.depth),
         np.int32(settings.resolution // BLOCK), np.int32(row // BLOCK), np.int32(column // BLOCK),
-        out, group=(device.lanes, 1), defines={"BLOCK": BLOCK},
+        out, group=(device.lanes, 1), defines={"BLOCK": BLOCK, "ITEMS": device.lanes},
     )  # fmt: skip
     return out
 

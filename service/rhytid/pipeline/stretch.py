@@ -106,7 +106,8 @@ def r_max_of(ratios: NDArray[np.float32], limit: float) -> float:
     unclamped, over all triangles and both axes, kept within [0.01, limit]."""
     with np.errstate(divide="ignore"):
         size = np.abs(np.log(ratios.astype(np.float64)))
-    return float(np.clip(np.percentile(size, 90.0), 0.01, limit))
+    # Between two infinities there is no percentile; far beyond the limit one number does as well.
+    return float(np.clip(np.percentile(np.minimum(size, 1e6), 90.0), 0.01, limit))
 
 
 def _in_two_parts(values: NDArray[np.float64]) -> NDArray[np.float32]:
