@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import statistics
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,7 +50,9 @@ class FrameBench:
         deformed: NDArray[np.float32],
         settings: AssetSettings,
     ) -> None:
-        self._device, self._settings, self._deformed = device, settings, deformed
+        self.device, self.wrinkles = device, graph.wrinkles
+        self._settings, self._deformed = settings, deformed
+        self._copy: float | None = None
         udim = mesh_udims(mesh)[0]
         size, padding = settings.resolution, settings.padding
         ends = graph.node_uv[graph.edge_nodes]
@@ -68,48 +70,50 @@ class FrameBench:
         self._blend = Blend(device, settings, len(mesh.faces))
         self._bins: list[BinTile] = []
 
-    def run(self, repeats: int) -> Iterator[Cost]:
-        """Time every case; the copy comes first."""
-        copy = self._time(self._copying(), repeats)
-        yield Cost("copy", copy, 1.0)
-        for case, work, times in (
-            ("stretch", self._stretch, repeats),
-            ("redraw", self._redraw, repeats),
-            ("precompute", self._precompute, 1),
-            ("binned", self._binned, repeats),
-        ):
-            seconds = self._time(work, times)
-            yield Cost(case, seconds, seconds / copy)
+    def cases(self) -> list[str]:
+        """What can be timed, in an order in which each has what it needs."""
+        return ["copy", "stretch", "redraw", "precompute", "binned"]
+
+    def cost(self, case: str, repeats: int) -> Cost:
+        """Time one case of `cases`; the copy is timed first."""
+        if self._copy is None:
+            self._copy = self._time(self._copying(), max(repeats, 5))
+        if case == "copy":
+            return Cost(case, self._copy, 1.0)
+        if case == "binned" and not self._bins:
+            self._precompute()
+        seconds = self._time(getattr(self, f"_{case}"), 1 if case == "precompute" else repeats)
+        return Cost(case, seconds, seconds / self._copy)
 
     def _time(self, work: Callable[[], None], repeats: int) -> float:
         taken = []
         for _ in range(repeats + 1):
-            self._device.finish()
+            self.device.finish()
             start = time.perf_counter()
             work()
-            self._device.finish()
+            self.device.finish()
             taken.append(time.perf_counter() - start)
         return statistics.median(taken[1:])
 
     def _copying(self) -> Callable[[], None]:
         count = self._settings.resolution**2
-        source, target = (self._device.full(count, np.float32(1.0)) for _ in range(2))
-        return lambda: self._device.launch("copy", "copy_map", (count // 16,), source, target)
+        source, target = (self.device.full(count, np.float32(1.0)) for _ in range(2))
+        return lambda: self.device.launch("copy", "copy_map", (count // 16,), source, target)
 
     def _stretch(self) -> None:
         self._stage.run(self._deformed, self._settings.response.log_stretch_limit).release()
 
     def _redraw(self) -> None:
         stretch = self._stage.run(self._deformed, self._settings.response.log_stretch_limit)
-        scales = respond(self._device, self._elements, self._settings, stretch)
-        draw = redrawing(self._device, self._elements, self._settings, scales)
+        scales = respond(self.device, self._elements, self._settings, stretch)
+        draw = redrawing(self.device, self._elements, self._settings, scales)
         out = draw(0, 0, self._settings.resolution)
         _release(stretch, scales, out)
 
     def _precompute(self) -> None:
         _release(*self._bins)
         self._bins.clear()
-        maker = BinMaker(self._device, self._elements, self._located, self._settings)
+        maker = BinMaker(self.device, self._elements, self._located, self._settings)
         side = self._settings.tile_size
         starts = range(0, self._settings.resolution, side)
         self._bins = [maker.tile(0, row, column, side) for row in starts for column in starts]

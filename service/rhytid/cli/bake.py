@@ -1,0 +1,136 @@
+"""`rhytid bake`: an animation as a sequence of EXR files."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+from rhytid.cli.options import (
+    Commands,
+    add_json,
+    add_wrinkles,
+    base_name,
+    new_command,
+    readable,
+)
+from rhytid.cli.reporting import report
+from rhytid.cli.serve import chosen
+from rhytid.cli.timing import Stopwatch
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.engine.messages import METHODS, MapQuery, NewAsset
+from rhytid.errors import InputError, SettingsError
+from rhytid.settings import ServiceSettings
+
+if TYPE_CHECKING:
+    from rhytid.cli.baking import Baker
+
+SUMMARY = "Write the displacement of an animation as EXR files; goes on where it was interrupted."
+DETAILS = """
+Files are called NAME.<UDIM>.<FRAME>.exr. FRAME is the number at the end of the frame files' names
+where each holds one frame and has one, else it counts from 0001. Maps that are done with the same
+inputs are skipped. With --method binned the range of the precomputed maps comes from the frame
+that stretches most, unless the settings give bins.r_max."""
+
+
+def add_command(commands: Commands) -> None:
+    """Add `bake` to the parser."""
+    parser = new_command(
+        commands, "bake", SUMMARY, "rhytid bake --mesh face.obj --frames shot/*.obj --out maps"
+    )
+    parser.description = SUMMARY + DETAILS
+    add = parser.add_argument
+    add("--mesh", type=readable, required=True, metavar="NEUTRAL", help="OBJ, PLY, glTF, GLB, npz")
+    frames = "npy, obj, or npz with 'frames'; not needed where NEUTRAL is a npz that holds frames"
+    add("--frames", type=readable, nargs="+", default=[], metavar="FILE", help=frames)
+    add("--out", type=Path, required=True, metavar="DIR", help="folder of the maps")
+    add("--name", type=base_name, metavar="NAME", help="first part of file names (NEUTRAL's)")
+    add("--resolution", type=int, metavar="R", help="texels per side, a power of two (4096)")
+    add("--method", choices=METHODS, default="redraw", help="how to draw (%(default)s)")
+    wrinkles = parser.add_mutually_exclusive_group()
+    add_wrinkles(wrinkles)
+    graph = "take the wrinkles from safetensors, synthesise none"
+    wrinkles.add_argument("--graph", type=readable, metavar="FILE", help=graph)
+    add("--settings", type=readable, metavar="FILE", help="asset settings as JSON")
+    add("--half", action="store_true", help="write half floats")
+    add("--store", type=Path, metavar="DIR", help="keep the built asset here (a temporary folder)")
+    add("--device", metavar="D", help="number or part of the name of a device")
+    add_json(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Read everything, build the asset, bake, and tell the times."""
+    # Imported here, so that --help does not wait for OpenCL.
+    from rhytid.cli.baking import Baker, Output, build
+    from rhytid.cli.frame_files import FrameFiles
+    from rhytid.cli.input_files import graph_file, mesh_file
+    from rhytid.engine.engine import Engine
+
+    given = asset_settings(arguments)
+    settings = AssetSettings.parse(given)
+    mesh = mesh_file(arguments.mesh)
+    frames = FrameFiles(mesh, arguments.frames)
+    graph = graph_file(arguments.graph) if arguments.graph else None
+    name = arguments.name or _own_name(arguments.mesh)
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    watch = Stopwatch()
+    with _service(arguments) as service, closing(Engine(service)) as engine:
+        with watch.step("build"):
+            asset = build(engine, NewAsset(mesh.mesh, settings, graph))
+        output = Output(arguments.out, name, arguments.half)
+        baker = Baker(engine, asset, MapQuery(arguments.method), frames, output, watch)
+        if arguments.method == "binned" and "r_max" not in given.get("bins", {}):
+            baker.calibrate()
+        baker.run()
+    _tell(arguments, baker, watch)
+
+
+def asset_settings(arguments: argparse.Namespace) -> dict[str, Any]:
+    """The settings file with the options over it; raises SettingsError naming what is wrong."""
+    given: Any = {}
+    if arguments.settings is not None:
+        try:
+            given = json.loads(arguments.settings.read_bytes())
+        except (ValueError, RecursionError) as exc:
+            raise SettingsError(f"{arguments.settings} is not JSON: {exc}") from exc
+        AssetSettings.parse(given)
+    settings: dict[str, Any] = dict(given)
+    if arguments.resolution is not None:
+        settings["resolution"] = arguments.resolution
+        if "tile_size" not in settings and arguments.resolution < AssetSettings().tile_size:
+            settings["tile_size"] = arguments.resolution
+    if arguments.wrinkles is not None:
+        settings["graph"] = {**settings.get("graph", {}), "wrinkles": arguments.wrinkles}
+    return settings
+
+
+def _own_name(mesh: Path) -> str:
+    """NAME where none is given; raises InputError where the mesh's cannot serve."""
+    try:
+        return base_name(mesh.stem)
+    except argparse.ArgumentTypeError as exc:
+        raise InputError(f"{exc}; --name gives another") from exc
+
+
+@contextmanager
+def _service(arguments: argparse.Namespace) -> Iterator[ServiceSettings]:
+    """The settings of the engine; without --store its assets last as long as the command."""
+    with TemporaryDirectory(prefix="rhytid-") as folder:
+        yield chosen(arguments.store or Path(folder), arguments.device)
+
+
+def _tell(arguments: argparse.Namespace, baker: Baker, watch: Stopwatch) -> None:
+    figures = {
+        "asset": baker.asset.id,
+        "out": str(arguments.out),
+        "written": baker.written,
+        "skipped": baker.skipped,
+        "steps": watch.figures(),
+    }
+    summary = f"{baker.written} maps written to {arguments.out}, {baker.skipped} were done"
+    report(figures, f"{watch.table()}\n{summary}", arguments.json)

@@ -1,0 +1,63 @@
+"""What is baked already: a file of content keys beside the maps."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+from rhytid.errors import StorageError
+from rhytid.storage.durable import install, workplace, write_file
+
+
+class BakeRecord:
+    """The maps that a bake has written, each with the key of its inputs and a hash of its bytes.
+
+    A map is done only while both still hold: other inputs, or a file that was damaged or removed,
+    make it due again. Raises StorageError where the record itself is damaged.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._maps: dict[str, dict[str, str]] = _load(path)
+
+    def done(self, file: Path, key: str) -> bool:
+        """Whether `file` is what was written for `key`."""
+        entry = self._maps.get(file.name)
+        if entry is None or entry["key"] != key or not file.is_file():
+            return False
+        return entry["sha256"] == _digest(file)
+
+    def add(self, file: Path, key: str) -> None:
+        """Note that `file` was written for `key`; on the disk when this returns."""
+        self._maps[file.name] = {"key": key, "sha256": _digest(file)}
+        text = json.dumps({"maps": self._maps}, indent=1, sort_keys=True)
+        with workplace(self._path.parent) as place:
+            write_file(place / self._path.name, f"{text}\n".encode())
+            install(place / self._path.name, self._path)
+
+
+def _load(path: Path) -> dict[str, dict[str, str]]:
+    if not path.exists():
+        return {}
+    try:
+        return _checked(json.loads(path.read_bytes()))
+    except (ValueError, KeyError, TypeError) as exc:
+        raise StorageError(f"{path} is damaged: remove it to bake everything anew") from exc
+
+
+def _checked(stored: Any) -> dict[str, dict[str, str]]:
+    maps = stored["maps"].items() if isinstance(stored["maps"], dict) else None
+    if maps is None:
+        raise TypeError("maps is no object")
+    return {str(name): {k: str(entry[k]) for k in ("key", "sha256")} for name, entry in maps}
+
+
+def _digest(file: Path) -> str:
+    # hashlib.file_digest came with Python 3.11.
+    digest = hashlib.sha256()
+    with file.open("rb") as stream:
+        while chunk := stream.read(1 << 20):
+            digest.update(chunk)
+    return digest.hexdigest()

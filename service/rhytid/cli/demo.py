@@ -1,0 +1,97 @@
+"""`rhytid demo`: the whole service on one face, over HTTP, with pictures and times."""
+
+from __future__ import annotations
+
+import argparse
+from contextlib import closing
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+from rhytid.cli.options import Commands, add_json, add_wrinkles, new_command, readable
+from rhytid.cli.reporting import report, table, write_json
+from rhytid.cli.serve import chosen
+from rhytid.domain.asset_settings import AssetSettings
+
+if TYPE_CHECKING:
+    from rhytid.cli.demo_session import Session
+
+UNITS = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
+RESOLUTION = 2048
+SUMMARY = "Run the service on a face and write EXR sequences, contact sheets and times."
+DETAILS = """
+A server is started on a free loopback port; face and animation go through the Python SDK. Without
+--mesh the face is procedural: it raises its brows, frowns, smiles and opens its mouth."""
+
+
+def add_command(commands: Commands) -> None:
+    """Add `demo` to the parser."""
+    parser = new_command(commands, "demo", SUMMARY, "rhytid demo --out rhytid-demo")
+    parser.description = SUMMARY + DETAILS
+    parser.epilog = f"{parser.epilog}, or: rhytid demo --mesh animation.npz --resolution 4096"
+    add = parser.add_argument
+    add("--out", type=Path, default=Path("rhytid-demo"), metavar="DIR", help="(%(default)s)")
+    mesh = "OBJ, PLY, glTF, GLB, or npz, which may hold the frames"
+    add("--mesh", type=readable, metavar="NEUTRAL", help=mesh)
+    frames = "npy, obj, or npz with 'frames'"
+    add("--frames", type=readable, nargs="+", default=[], metavar="FILE", help=frames)
+    add(
+        "--resolution", type=int, default=RESOLUTION, metavar="R", help="2048 or 4096 (%(default)s)"
+    )
+    add_wrinkles(parser)
+    add("--unit", choices=UNITS, default="cm", help="length unit of NEUTRAL (%(default)s)")
+    add("--device", metavar="D", help="number or part of the name of a device")
+    add_json(parser)
+    parser.set_defaults(run=run, usage_error=parser.error)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Serve, send, draw, and tell what came of it and where it lies."""
+    if arguments.frames and arguments.mesh is None:
+        arguments.usage_error("--frames needs --mesh: the neutral face that they deform")
+    # Imported here, so that --help does not wait for OpenCL and the web framework.
+    from rhytid.cli.demo_face import animation
+    from rhytid.cli.demo_session import Session
+    from rhytid.cli.demo_sheets import write_sheets
+    from rhytid.cli.server import serving
+    from rhytid_client import Client
+
+    face = animation(arguments.mesh, arguments.frames)
+    out: Path = arguments.out
+    out.mkdir(parents=True, exist_ok=True)
+    with TemporaryDirectory(prefix="rhytid-demo-") as store:
+        service = chosen(Path(store), arguments.device)
+        with serving(service) as url, closing(Client(url)) as client:
+            session = Session(client, face, out)
+            session.build(_settings(arguments))
+            session.send_frames()
+            session.draw()
+            sheets = write_sheets(session, UNITS[arguments.unit])
+            figures = {**session.figures(), "key_frames": sheets}
+    write_json(figures, out / "times.json")
+    report(figures, _text(figures, session), arguments.json)
+
+
+def _settings(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Without --wrinkles as dense as the default, per texel."""
+    default = AssetSettings()
+    density = default.graph.wrinkles / default.resolution**2
+    wrinkles = arguments.wrinkles or round(density * arguments.resolution**2)
+    return {
+        "unit": arguments.unit,
+        "resolution": arguments.resolution,
+        "tile_size": min(default.tile_size, arguments.resolution),
+        "graph": {"wrinkles": wrinkles},
+    }
+
+
+def _text(figures: dict[str, Any], session: Session) -> str:
+    keys = ("device", "vertices", "triangles", "pores", "wrinkles", "resolution", "frames", "r_max")
+    facts = table(("figure", "value"), [(key, figures[key]) for key in keys])
+    rows = [
+        (k["frame"], f"{k['abs_p90']:.3f}", f"{k['relative_rms']:.3f}", k["sheet"])
+        for k in figures["key_frames"]
+    ]
+    header = ("frame", "|log stretch| p90", "rms binned - redraw", "contact sheet")
+    lies = f"Everything lies in {session.out}: redraw/ and binned/ (EXR), the sheets, times.json"
+    return "\n\n".join([facts, session.watch.table(), table(header, rows), lies])

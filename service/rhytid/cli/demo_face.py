@@ -1,0 +1,38 @@
+"""What the demo animates: the built-in face, or the user's."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from rhytid.cli.frame_files import FrameFiles
+from rhytid.cli.input_files import mesh_file
+from rhytid.domain.mesh import Mesh
+from rhytid.formats.meshes import MeshFile
+from rhytid.samples.face import procedural_face
+
+KEYS = ("brow_raise", "brow_furrow", "smile", "jaw_open")
+# Half an expression, all of it, half of it, none: four frames each, after a neutral one.
+FRAMES = 4 * len(KEYS) + 1
+
+
+@dataclass(frozen=True, eq=False)
+class Animation:
+    """A neutral mesh and the frames that deform it."""
+
+    mesh: Mesh
+    frames: FrameFiles
+
+
+def animation(mesh: Path | None, frames: Sequence[Path]) -> Animation:
+    """The animation of the user's files, or the built-in one where there is no mesh.
+
+    Raises MeshError or FrameError naming what cannot be used.
+    """
+    if mesh is None:
+        sample = procedural_face()
+        found = MeshFile(sample.mesh, sample.animation(KEYS, FRAMES))
+    else:
+        found = mesh_file(mesh)
+    return Animation(found.mesh, FrameFiles(found, frames))

@@ -1,0 +1,52 @@
+"""`rhytid devices`: what could compute here, and what would."""
+
+from __future__ import annotations
+
+import argparse
+
+from rhytid.cli.options import Commands, add_json, new_command
+from rhytid.cli.reporting import report, table
+from rhytid.settings import ServiceSettings
+
+HEADER = ("number", "kind", "units", "memory MiB", "version", "name", "platform", "used")
+
+
+def add_command(commands: Commands) -> None:
+    """Add `devices` to the parser."""
+    parser = new_command(
+        commands,
+        "devices",
+        "List the OpenCL devices; 'used' marks the one that rhytid would compute on.",
+        "rhytid devices --json",
+    )
+    add_json(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """List the devices; raises NoDeviceError where none computes, naming the ways to get one."""
+    # Imported here, because looking for OpenCL drivers takes time that --help should not.
+    from rhytid.device.select import candidates, choose
+
+    used = choose(ServiceSettings.from_environment().device)
+    figures = [
+        {
+            "number": device.index,
+            "kind": device.kind,
+            "units": device.compute_units,
+            "memory": device.memory,
+            "version": device.version,
+            "name": device.name,
+            "platform": device.platform,
+            "used": device.index == used.index,
+        }
+        for device in candidates()
+    ]
+    report(figures, table(HEADER, (_row(f) for f in figures)), arguments.json)
+
+
+def _row(figures: dict[str, object]) -> list[object]:
+    memory, used = figures["memory"], figures["used"]
+    assert isinstance(memory, int)
+    shown = {**figures, "memory": memory >> 20, "used": "yes" if used else "no"}
+    return list(shown.values())

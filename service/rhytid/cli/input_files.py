@@ -1,0 +1,42 @@
+"""Reading the files that a command line names; what is wrong with one is told with its name."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.domain.graph import WrinkleGraph
+from rhytid.errors import InputError, LimitError
+from rhytid.formats.frames import read_frame_file
+from rhytid.formats.graphs import read_graph
+from rhytid.formats.meshes import MeshFile, read_mesh
+
+
+def mesh_file(file: Path) -> MeshFile:
+    """A neutral mesh, with the frames of a .npz that holds them."""
+    with _named(file):
+        return read_mesh(file.read_bytes(), file.name)
+
+
+def frame_file(file: Path, vertices: int) -> NDArray[np.float32]:
+    """(N, V, 3) positions: the frames of one file."""
+    with _named(file):
+        return read_frame_file(file.read_bytes(), file.name, vertices)
+
+
+def graph_file(file: Path) -> WrinkleGraph:
+    """A wrinkle graph."""
+    with _named(file):
+        return read_graph(file.read_bytes())
+
+
+@contextmanager
+def _named(file: Path) -> Iterator[None]:
+    try:
+        yield
+    except (InputError, LimitError) as error:
+        raise type(error)(f"{file}: {error}") from error

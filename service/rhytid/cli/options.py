@@ -1,0 +1,67 @@
+"""What the commands' options have in common."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from pathlib import Path
+from typing import Any
+
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}", re.ASCII)
+STDOUT = Path("-")
+MAX_PORT = 65535
+
+Commands = Any  # argparse._SubParsersAction has no public name
+
+
+def new_command(
+    commands: Commands, name: str, summary: str, example: str
+) -> argparse.ArgumentParser:
+    """A parser for one command, with its help and an example."""
+    parser: argparse.ArgumentParser = commands.add_parser(
+        name, help=summary, description=summary, epilog=f"example: {example}"
+    )
+    return parser
+
+
+def add_json(parser: argparse.ArgumentParser) -> None:
+    """`--json [FILE]`: figures for machines."""
+    parser.add_argument(
+        "--json",
+        nargs="?",
+        const=STDOUT,
+        type=Path,
+        metavar="FILE",
+        help="write the figures as JSON to FILE, or to stdout in place of the table",
+    )
+
+
+def add_wrinkles(parser: argparse._ActionsContainer) -> None:
+    """`--wrinkles N`."""
+    parser.add_argument("--wrinkles", type=int, metavar="N", help="how many wrinkles to synthesise")
+
+
+def readable(text: str) -> Path:
+    """A file that is there; as an argparse type."""
+    path = Path(text)
+    if not path.is_file():
+        raise argparse.ArgumentTypeError(f"no such file: {text}")
+    return path
+
+
+def port_number(text: str) -> int:
+    """A TCP port, or 0; as an argparse type."""
+    if not (text.isascii() and text.isdigit() and int(text) <= MAX_PORT):
+        raise argparse.ArgumentTypeError(f"{text!r}: a whole number from 0 to {MAX_PORT}")
+    return int(text)
+
+
+def base_name(text: str) -> str:
+    """The first part of the names of written files; as an argparse type.
+
+    No dots, for they divide NAME, UDIM and frame.
+    """
+    if not _NAME.fullmatch(text):
+        rule = "a letter or digit, then up to 63 letters, digits, '_' or '-'"
+        raise argparse.ArgumentTypeError(f"{text!r}: use {rule}")
+    return text

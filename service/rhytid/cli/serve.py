@@ -1,0 +1,53 @@
+"""`rhytid serve`: the HTTP service."""
+
+from __future__ import annotations
+
+import argparse
+from contextlib import closing, suppress
+from dataclasses import replace
+from pathlib import Path
+
+from rhytid import __version__
+from rhytid.cli.options import Commands, new_command, port_number
+from rhytid.cli.termination import Terminated
+from rhytid.settings import ServiceSettings
+
+PORT = 8717
+
+
+def add_command(commands: Commands) -> None:
+    """Add `serve` to the parser."""
+    parser = new_command(
+        commands,
+        "serve",
+        "Serve displacement tiles over HTTP until interrupted.",
+        f"rhytid serve --port {PORT} --store assets",
+    )
+    parser.add_argument("--host", default="127.0.0.1", help="address (%(default)s)")
+    port = "port (%(default)s); 0 takes a free one and tells it"
+    parser.add_argument("--port", type=port_number, default=PORT, metavar="PORT", help=port)
+    parser.add_argument("--store", type=Path, metavar="DIR", help="folder of the assets")
+    parser.add_argument("--device", metavar="D", help="number or part of the name of a device")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Listen, tell where, and serve."""
+    # Imported here, so that --help does not wait for OpenCL and the web framework.
+    from rhytid.cli.server import address_of, listen, server_of
+    from rhytid.engine.engine import Engine
+
+    settings = chosen(arguments.store, arguments.device)
+    listening = listen(arguments.host, arguments.port)
+    with closing(listening), closing(Engine(settings)) as engine:
+        device = next(d for d in engine.devices() if d.selected)
+        where = f"{device.name} ({device.platform}), store {settings.store}"
+        print(f"rhytid {__version__} on {address_of(listening)}, {where}", flush=True)
+        with suppress(Terminated):  # told to stop: a server is done
+            server_of(engine, settings, "info").run(sockets=[listening])
+
+
+def chosen(store: Path | None, device: str | None) -> ServiceSettings:
+    """The settings of the environment, overruled by what the command line names."""
+    found = ServiceSettings.from_environment()
+    return replace(found, store=store or found.store, device=device or found.device)

@@ -1,0 +1,98 @@
+"""What the command line understands, and how it says no."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import rhytid
+from rhytid.cli import main
+from rhytid.cli.program import COMMANDS, build_parser
+
+NAMES = [module.__name__.rpartition(".")[2] for module in COMMANDS]
+
+
+def ends(arguments: list[str]) -> int:
+    with pytest.raises(SystemExit) as end:
+        main(arguments)
+    assert isinstance(end.value.code, int)
+    return end.value.code
+
+
+def test_there_are_five_commands() -> None:
+    assert sorted(NAMES) == ["bake", "demo", "devices", "serve", "synthesize"]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_help_has_an_example(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert ends([name, "--help"]) == 0
+    assert f"example: rhytid {name} " in capsys.readouterr().out
+
+
+def test_help_lists_every_command(capsys: pytest.CaptureFixture[str]) -> None:
+    assert ends(["--help"]) == 0
+    told = capsys.readouterr().out
+    assert all(f"    {name}" in told for name in NAMES)
+
+
+def test_version(capsys: pytest.CaptureFixture[str]) -> None:
+    assert ends(["--version"]) == 0
+    assert capsys.readouterr().out == f"rhytid {rhytid.__version__}\n"
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        [],
+        ["nothing"],
+        ["serve", "--port", "65536"],
+        ["serve", "--port", "-1"],
+        ["serve", "--port", "٣"],
+        ["bake", "--out", "x"],
+        ["bake", "--mesh", "no-such.obj", "--out", "x"],
+        ["synthesize", "no-such.obj", "--out", "x"],
+        ["demo", "--unit", "inch"],
+    ],
+)
+def test_usage_errors_end_with_2(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert ends(arguments) == 2
+    assert capsys.readouterr().err.startswith("usage: rhytid")
+
+
+def test_frames_of_the_demo_need_a_mesh(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    frame = tmp_path / "frame.obj"
+    frame.touch()
+
+    assert ends(["demo", "--frames", str(frame)]) == 2
+    assert "--frames needs --mesh" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["a.b", "a/b", "..", "-a", "", "a" * 65, "é"])
+def test_names_of_files_are_plain(name: str, tmp_path: Path) -> None:
+    mesh = tmp_path / "mesh.obj"
+    mesh.touch()
+
+    assert ends(["bake", "--mesh", str(mesh), "--out", "x", f"--name={name}"]) == 2
+
+
+def test_graph_and_wrinkles_exclude_each_other(tmp_path: Path) -> None:
+    file = tmp_path / "mesh.obj"
+    file.touch()
+    given = ["bake", "--mesh", str(file), "--out", "x"]
+
+    assert ends([*given, "--wrinkles", "500", "--graph", str(file)]) == 2
+
+
+def test_json_goes_to_a_file_or_to_stdout() -> None:
+    parser = build_parser()
+
+    assert parser.parse_args(["devices"]).json is None
+    assert parser.parse_args(["devices", "--json"]).json == Path("-")
+    assert parser.parse_args(["devices", "--json", "x"]).json == Path("x")
+
+
+def test_serve_is_for_this_machine_alone_unless_told() -> None:
+    arguments = build_parser().parse_args(["serve"])
+
+    assert (arguments.host, arguments.port) == ("127.0.0.1", 8717)

@@ -1,0 +1,75 @@
+"""How a command ends: status and words."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+
+import pytest
+
+import rhytid_client
+from rhytid.cli import devices, main
+from rhytid.cli.termination import Terminated, raising_terminated
+from rhytid.errors import MeshError, RhytidError
+
+
+@pytest.fixture
+def ending(monkeypatch: pytest.MonkeyPatch) -> Callable[[BaseException | None], int]:
+    """Run `rhytid devices` so that it ends with an exception; answers the exit status."""
+
+    def run(error: BaseException | None) -> int:
+        def fail(arguments: argparse.Namespace) -> None:
+            if error is not None:
+                raise error
+
+        monkeypatch.setattr(devices, "run", fail)
+        return main(["devices"])
+
+    return run
+
+
+Ending = Callable[[BaseException | None], int]
+
+
+def test_all_done_is_0(ending: Ending, capsys: pytest.CaptureFixture[str]) -> None:
+    assert ending(None) == 0
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize(
+    ("error", "told"),
+    [
+        (MeshError("face 3 has no uv"), "face 3 has no uv"),
+        (RhytidError("anything of ours"), "anything of ours"),
+        (rhytid_client.ConnectionFailed("no answer"), "no answer"),
+        (FileNotFoundError(2, "No such file or directory", "a.obj"), "a.obj: No such file"),
+        (OSError(28, "No space left on device"), "No space left on device"),
+    ],
+)
+def test_errors_are_1_and_one_line(
+    error: Exception, told: str, ending: Ending, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert ending(error) == 1
+    line = capsys.readouterr().err
+    assert line.startswith(f"rhytid devices: {told}")
+    assert line.count("\n") == 1
+
+
+def test_interrupted_is_130(ending: Ending, capsys: pytest.CaptureFixture[str]) -> None:
+    assert ending(KeyboardInterrupt()) == 130
+    assert capsys.readouterr().err == "rhytid devices: interrupted\n"
+
+
+def test_faults_of_ours_are_not_hidden(ending: Ending) -> None:
+    with pytest.raises(ZeroDivisionError):
+        ending(ZeroDivisionError())
+
+
+def test_sigterm_unwinds() -> None:
+    import signal
+
+    before = signal.getsignal(signal.SIGTERM)
+    with pytest.raises(Terminated) as end, raising_terminated():
+        signal.raise_signal(signal.SIGTERM)
+    assert end.value.code == 143
+    assert signal.getsignal(signal.SIGTERM) is before

@@ -1,0 +1,73 @@
+"""From options to settings."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import pytest
+
+from rhytid.cli.bake import asset_settings
+from rhytid.cli.serve import chosen
+from rhytid.cli.server import address_of, listen
+from rhytid.cli.synthesize import graph_settings
+from rhytid.errors import InputError, SettingsError
+
+
+def options(**given: object) -> argparse.Namespace:
+    nothing = {"settings": None, "resolution": None, "wrinkles": None}
+    return argparse.Namespace(**{**nothing, **given})
+
+
+def test_no_options_are_no_settings() -> None:
+    assert asset_settings(options()) == {}
+
+
+def test_options_overrule_the_file(tmp_path: Path) -> None:
+    file = tmp_path / "s.json"
+    file.write_text('{"resolution": 512, "graph": {"seed": 3, "wrinkles": 500}, "depth": 0.1}')
+
+    found = asset_settings(options(settings=file, resolution=1024, wrinkles=600))
+
+    assert found == {"resolution": 1024, "graph": {"seed": 3, "wrinkles": 600}, "depth": 0.1}
+
+
+def test_a_small_map_is_one_tile() -> None:
+    assert asset_settings(options(resolution=256)) == {"resolution": 256, "tile_size": 256}
+
+
+@pytest.mark.parametrize("text", ["", "{", "[1]", '{"resolutoin": 512}', "\xff"])
+def test_bad_settings_are_refused(text: str, tmp_path: Path) -> None:
+    file = tmp_path / "s.json"
+    file.write_text(text, encoding="latin-1")
+
+    with pytest.raises(SettingsError):
+        asset_settings(options(settings=file))
+
+
+@pytest.mark.parametrize(("wrinkles", "seed"), [(5, None), (None, -1), (10**9, None)])
+def test_graph_settings_are_checked(wrinkles: int | None, seed: int | None) -> None:
+    with pytest.raises(SettingsError, match=r"graph\.(wrinkles|seed)"):
+        graph_settings(wrinkles, seed)
+
+
+def test_options_overrule_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RHYTID_STORE", "from-environment")
+    monkeypatch.setenv("RHYTID_DEVICE", "one")
+    monkeypatch.setenv("RHYTID_QUEUE", "7")
+
+    assert chosen(None, None).store == Path("from-environment")
+    found = chosen(Path("given"), "two")
+    assert (found.store, found.device, found.queue) == (Path("given"), "two", 7)
+
+
+def test_a_free_port_is_told() -> None:
+    with listen("127.0.0.1", 0) as listening:
+        assert address_of(listening) == f"http://127.0.0.1:{listening.getsockname()[1]}"
+
+
+def test_a_taken_port_is_refused() -> None:
+    with listen("127.0.0.1", 0) as listening:
+        port = listening.getsockname()[1]
+        with pytest.raises(InputError, match=f"cannot listen on 127.0.0.1 port {port}: Address"):
+            listen("127.0.0.1", port)

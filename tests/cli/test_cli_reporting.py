@@ -1,0 +1,90 @@
+"""Tables, figures and times."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from rhytid.cli.demo_session import StepClock
+from rhytid.cli.demo_sheets import key_frames
+from rhytid.cli.reporting import counted, report, share_bar, table
+from rhytid.cli.timing import Stopwatch
+from rhytid_client import Job
+
+
+def test_columns_of_numbers_are_right_aligned() -> None:
+    text = table(("step", "ms", "note"), [("a", "5", "x"), ("bcd", "1234.5", "yz")])
+
+    assert text.splitlines() == [
+        "step      ms  note",
+        "----  ------  ----",
+        "a          5  x",
+        "bcd   1234.5  yz",
+    ]
+
+
+def test_figures_go_where_they_are_wanted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    report({"a": 1}, "words", None)
+    assert capsys.readouterr().out == "words\n"
+    report({"a": 1}, "words", tmp_path / "f.json")
+    assert capsys.readouterr().out == "words\n"
+    assert json.loads((tmp_path / "f.json").read_text()) == {"a": 1}
+    report({"a": 1}, "words", Path("-"))
+    assert json.loads(capsys.readouterr().out) == {"a": 1}
+
+
+def test_bars_are_silent_without_a_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    with share_bar("work") as show:
+        show(0.5, "half")
+    assert list(counted([1, 2], "things", "thing")) == [1, 2]
+    assert capsys.readouterr() == ("", "")
+
+
+def test_a_stopwatch_counts_calls() -> None:
+    watch = Stopwatch()
+    watch.add("draw", 0.5)
+    watch.add("draw", 1.5)
+
+    assert watch.figures() == {"draw": {"calls": 2, "seconds": 2.0}}
+    assert watch.table().splitlines()[-1].split() == ["draw", "2", "2.00", "1000"]
+
+
+def test_a_step_that_fails_is_not_counted() -> None:
+    watch = Stopwatch()
+    with pytest.raises(KeyError), watch.step("draw"):
+        raise KeyError
+
+    assert watch.figures() == {}
+
+
+def test_a_build_is_divided_at_its_stages() -> None:
+    watch, told = Stopwatch(), []
+    clock = StepClock(watch, lambda share, stage: told.append((share, stage)))
+
+    for stage in ("pores", "trails", "placing pores and wrinkles", "storing", "making bins"):
+        clock.follow(Job("j", "running", 0.5, stage))
+    clock.stop()
+
+    assert list(watch.seconds) == ["synthesis", "placing", "bins"]
+    assert told[0] == (0.5, "pores")
+
+
+@pytest.mark.parametrize(
+    ("sizes", "frames"),
+    [
+        ([0.0, 1.0, 0.0], [1]),
+        ([0.5], [0]),
+        ([0.3, 0.1, 0.2, 0.4], [3, 0]),
+        ([0, 1, 2, 1, 0, 1, 4, 1, 0, 1, 3, 1, 0, 1, 1, 1, 0], [6, 10, 2, 13]),
+    ],
+)
+def test_key_frames_are_large_and_apart(sizes: list[float], frames: list[int]) -> None:
+    assert key_frames(sizes) == frames
+
+
+def test_key_frames_are_few() -> None:
+    assert len(key_frames([1.0] * 100)) == 4

@@ -1,0 +1,72 @@
+"""`serve` and `demo` as a user has them: processes, sockets, files."""
+
+from __future__ import annotations
+
+import json
+import signal
+from pathlib import Path
+
+import httpx
+import numpy as np
+import pytest
+from PIL import Image
+
+from cli.running import process
+from rhytid.cli import main
+from rhytid.formats.exr import read_exr
+from rhytid.samples.face import procedural_face
+
+SERVE = ("serve", "--port", "0", "--store", "store")
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGTERM, 0), (signal.SIGINT, 130)])
+def test_serve_tells_its_address_and_ends_when_told(
+    number: signal.Signals, status: int, tmp_path: Path
+) -> None:
+    with process(*SERVE, folder=tmp_path) as running:
+        assert running.stdout is not None
+        words = running.stdout.readline().split()
+        url = words[words.index("on") + 1].rstrip(",")
+        assert httpx.get(f"{url}/readyz", timeout=60).json() == {"status": "ready"}
+        running.send_signal(number)
+        _, errors = running.communicate(timeout=60)
+
+    assert running.returncode == status
+    assert "Traceback" not in errors
+    assert (tmp_path / "store").is_dir()
+
+
+def test_one_store_has_one_server(tmp_path: Path) -> None:
+    with process(*SERVE, folder=tmp_path) as first:
+        assert first.stdout is not None
+        first.stdout.readline()
+        with process(*SERVE, folder=tmp_path) as second:
+            _, errors = second.communicate(timeout=60)
+
+    assert second.returncode == 1
+    assert errors.count("\n") == 1
+
+
+def test_demo_makes_maps_sheets_and_times(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    face = procedural_face(32)
+    frames = np.stack([face.pose({"smile": strength}) for strength in (0.5, 1.0)])
+    names = ("positions", "faces", "uv", "face_uv")
+    arrays = {name: getattr(face.mesh, name) for name in names}
+    np.savez(tmp_path / "face.npz", **arrays, frames=frames)
+    out = tmp_path / "demo"
+
+    given = ["demo", "--mesh", str(tmp_path / "face.npz"), "--out", str(out)]
+    assert main([*given, "--resolution", "256", "--wrinkles", "500", "--json"]) == 0
+
+    figures = json.loads(capsys.readouterr().out)
+    assert figures == json.loads((out / "times.json").read_text())
+    assert (figures["wrinkles"], figures["frames"]) == (500, 2)
+    for method in ("redraw", "binned"):
+        maps = sorted((out / method).iterdir())
+        assert [file.name for file in maps] == ["face.1001.0001.exr", "face.1001.0002.exr"]
+        assert read_exr(maps[0])[1]["method"] == method
+    assert [sheet["frame"] for sheet in figures["key_frames"]] == ["0002"]
+    with Image.open(out / figures["key_frames"][0]["sheet"]) as sheet:
+        assert sheet.width > 1000

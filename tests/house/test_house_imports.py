@@ -1,0 +1,126 @@
+"""Imports go one way."""
+
+from __future__ import annotations
+
+import ast
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from house.syntax import PACKAGES, ROOT, Import, imported_room, imports, room, sources, tree
+
+# What each part of `rhytid` may import of `rhytid`, beside itself.
+_FACTS = {"errors", "domain"}
+_TOOLS = _FACTS | {"device", "formats"}
+_WORK = {"pipeline", "synthesis", "storage"}
+ALLOWED = {
+    "__init__": set(),
+    "__main__": {"cli"},
+    "errors": set(),
+    "settings": {"errors"},
+    "domain": {"errors"},
+    "device": _FACTS,
+    "formats": _FACTS,
+    "samples": _FACTS,
+    "pictures": _FACTS,
+    "pipeline": _TOOLS,
+    "synthesis": _TOOLS,
+    "storage": _TOOLS,
+    "engine": _TOOLS | _WORK | {"settings"},
+    "api": _TOOLS | {"engine", "settings"},
+    "cli": _TOOLS | _WORK | {"engine", "settings", "api", "samples", "pictures"},
+    "bench": _TOOLS | _WORK | {"engine", "settings", "api", "samples", "pictures", "cli"},
+}
+# The only parts that may import a package from outside; other packages are free.
+ONLY_IN = {
+    "pyopencl": {"device"},
+    "fastapi": {"api"},
+    "starlette": {"api"},
+    "uvicorn": {"cli"},
+    "rhytid_client": {"cli", "bench"},
+    "rhytid_kernels": {"device"},
+}
+# The only readers of the environment: the settings, and what OpenCL's loader must find there.
+ENVIRONMENT = ("settings.py", "device/loader.py")
+
+
+def everything(package: str) -> Iterator[Import]:
+    for file in sources(package):
+        yield from imports(file)
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_every_package_is_found(package: str) -> None:
+    assert sources(package)
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_imports_are_absolute(package: str) -> None:
+    assert [str(i) for i in everything(package) if i.level] == []
+
+
+def test_imports_go_down() -> None:
+    wrong = [
+        str(found)
+        for found in everything("rhytid")
+        if (target := imported_room(found)) not in (None, room(found.file))
+        and target not in ALLOWED[room(found.file)]
+    ]
+
+    assert wrong == []
+
+
+def test_every_part_has_a_rule() -> None:
+    assert {room(file) for file in sources("rhytid")} <= set(ALLOWED)
+
+
+@pytest.mark.parametrize("outside", ONLY_IN)
+def test_an_outside_package_has_its_place(outside: str) -> None:
+    wrong = [
+        str(found)
+        for found in everything("rhytid")
+        if found.top == outside and room(found.file) not in ONLY_IN[outside]
+    ]
+
+    assert wrong == []
+
+
+def test_domain_knows_numpy_alone() -> None:
+    known = {"rhytid", "numpy", *sys.stdlib_module_names}
+    wrong = [
+        str(i) for i in everything("rhytid") if room(i.file) == "domain" and i.top not in known
+    ]
+
+    assert wrong == []
+
+
+@pytest.mark.parametrize(
+    ("package", "outside"), [("rhytid_kernels", set()), ("rhytid_client", {"httpx", "numpy"})]
+)
+def test_kernels_and_client_stand_alone(package: str, outside: set[str]) -> None:
+    known = {package, *outside, *sys.stdlib_module_names}
+
+    assert [str(i) for i in everything(package) if i.top not in known] == []
+
+
+def test_the_environment_is_read_in_one_place() -> None:
+    base = PACKAGES["rhytid"] / "rhytid"
+    allowed = {base / name for name in ENVIRONMENT}
+    files = [file for package in PACKAGES for file in sources(package) if file not in allowed]
+
+    assert [reader for file in files for reader in environment_readers(file)] == []
+
+
+def environment_readers(file: Path) -> list[str]:
+    """Every mention of the environment: `os.environ`, `getenv`, and their like."""
+    names = {"environ", "environb", "getenv", "getenvb", "putenv", "unsetenv"}
+    nodes = ast.walk(tree(file))
+    found = [
+        node.lineno
+        for node in nodes
+        if (isinstance(node, ast.Attribute) and node.attr in names)
+        or (isinstance(node, ast.ImportFrom) and names & {alias.name for alias in node.names})
+    ]
+    return [f"{file.relative_to(ROOT)}:{line}" for line in found]

@@ -1,0 +1,41 @@
+"""Every kernel compiles by itself, without a warning."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+import rhytid_kernels
+from rhytid.device.runtime import BUILD_OPTIONS
+from rhytid.errors import KernelBuildError
+
+if TYPE_CHECKING:
+    from rhytid.device.runtime import Device
+
+STRICT = "-Werror"
+# What the host may define, at both ends of its range; a program takes what it needs of it.
+SMALL = ("BLOCK=64", "CODE=char", "CODE_BITS=8", "CODE_LIMIT=127")
+SMALL_LAYERS = ("LAYERS=2", "SAMPLES=3", "ORIENTED=0")
+LARGE = ("BLOCK=64", "CODE=short", "CODE_BITS=16", "CODE_LIMIT=32767")
+LARGE_LAYERS = ("LAYERS=17", "SAMPLES=7", "ORIENTED=16")
+RANGES = {"small": SMALL + SMALL_LAYERS, "large": LARGE + LARGE_LAYERS}
+
+
+@pytest.mark.parametrize("defines", RANGES.values(), ids=RANGES)
+@pytest.mark.parametrize("name", rhytid_kernels.names())
+def test_a_program_compiles_alone(device: Device, name: str, defines: tuple[str, ...]) -> None:
+    options = [*BUILD_OPTIONS, STRICT, *(f"-D{define}" for define in defines)]
+
+    device.build(rhytid_kernels.source(name), options)
+
+
+def test_a_warning_stops_the_build(device: Device) -> None:
+    silent = "int f(int x) { } __kernel void k(__global int *x) { x[0] = f(x[0]); }"
+
+    with pytest.raises(KernelBuildError):
+        device.build(silent, [*BUILD_OPTIONS, STRICT])
+
+
+def test_there_are_programs() -> None:
+    assert {"stretch", "redraw", "bins", "blend"} <= set(rhytid_kernels.names())
