@@ -59,6 +59,8 @@ def run(arguments: argparse.Namespace) -> None:
     face = animation(arguments.mesh, arguments.frames)
     out: Path = arguments.out
     out.mkdir(parents=True, exist_ok=True)
+    if arguments.mesh is None:
+        face.save(out / "face.npz")
     with TemporaryDirectory(prefix="rhytid-demo-") as store:
         service = chosen(Path(store), arguments.device)
         with serving(service) as url, closing(Client(url)) as client:
@@ -93,5 +95,5 @@ def _text(figures: dict[str, Any], session: Session) -> str:
         for k in figures["key_frames"]
     ]
     header = ("frame", "|log stretch| p90", "rms binned - redraw", "contact sheet")
-    lies = f"Everything lies in {session.out}: redraw/ and binned/ (EXR), the sheets, times.json"
+    lies = f"Everything lies in {session.out}: redraw/ and binned/ (EXR), sheets, times.json"
     return "\n\n".join([facts, session.watch.table(), table(header, rows), lies])

@@ -6,12 +6,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from rhytid.cli.frame_files import FrameFiles
 from rhytid.cli.input_files import mesh_file
 from rhytid.domain.mesh import Mesh
 from rhytid.formats.meshes import MeshFile
 from rhytid.samples.face import procedural_face
 
+MESH_ARRAYS = ("positions", "faces", "uv", "face_uv")
 KEYS = ("brow_raise", "brow_furrow", "smile", "jaw_open")
 # Half an expression, all of it, half of it, none: four frames each, after a neutral one.
 FRAMES = 4 * len(KEYS) + 1
@@ -23,6 +26,12 @@ class Animation:
 
     mesh: Mesh
     frames: FrameFiles
+
+    def save(self, file: Path) -> None:
+        """Write both as a .npz that every command and the server read."""
+        arrays = {name: getattr(self.mesh, name) for name in MESH_ARRAYS}
+        frames = np.stack([self.frames.read(place) for place in self.frames.places])
+        np.savez(file, **arrays, frames=frames)
 
 
 def animation(mesh: Path | None, frames: Sequence[Path]) -> Animation:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from rhytid import __version__
-from rhytid.cli.demo_face import Animation
+from rhytid.cli.demo_face import MESH_ARRAYS, Animation
 from rhytid.cli.frame_files import FramePlace
 from rhytid.cli.reporting import counted, share_bar
 from rhytid.cli.timing import Stopwatch
@@ -37,7 +37,7 @@ class Session:
     def build(self, settings: Mapping[str, Any]) -> None:
         """Send the mesh and wait for its wrinkles."""
         mesh = self.face.mesh
-        arrays = {k: getattr(mesh, k) for k in ("positions", "faces", "uv", "face_uv")}
+        arrays = {name: getattr(mesh, name) for name in MESH_ARRAYS}
         with self.watch.step("upload"), share_bar("upload") as show:
             asset = self.client.create_asset(
                 arrays, settings=settings, progress=lambda sent, total: show(sent / total, "")

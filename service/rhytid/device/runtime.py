@@ -13,6 +13,7 @@ from numpy.typing import DTypeLike, NDArray
 import rhytid_kernels
 from rhytid.device.budget import MemoryBudget
 from rhytid.device.select import Candidate, cl, compile_program
+from rhytid.device.spares import Spares
 from rhytid.errors import DeviceError, DeviceMemoryError, KernelBuildError
 
 BUILD_OPTIONS = ("-cl-std=CL1.2",)
@@ -37,22 +38,18 @@ class Buffer:
         device.budget.reserve(nbytes)
         device.born.append(self)
         self.nbytes = nbytes
-        self._budget = device.budget
         self.handle: Any = None
+        self._device = device
         self._released = False
-        flags = cl.mem_flags.READ_WRITE
-        if host is not None:
-            flags |= cl.mem_flags.COPY_HOST_PTR
-        with _device_errors():
-            self.handle = cl.Buffer(device.context, flags, max(nbytes, 1), hostbuf=host)
+        self.handle = device.allocate(nbytes, host)
 
     def release(self) -> None:
         """Give the memory back; a second call does nothing."""
         if not self._released:
             self._released = True
-            self._budget.free(self.nbytes)
+            self._device.budget.free(self.nbytes)
             if self.handle is not None:
-                self.handle.release()
+                self._device.spares.leave(self.handle, self.nbytes)
 
 
 class Device:
@@ -65,6 +62,7 @@ class Device:
     def __init__(self, candidate: Candidate, memory: int) -> None:
         self.info = candidate
         self.budget = MemoryBudget(memory)
+        self.spares = Spares()
         self.born: list[Buffer] = []
         self.lanes = 1 if candidate.kind == "cpu" else 64
         with _device_errors():
@@ -84,6 +82,17 @@ class Device:
             for buffer in self.born:
                 buffer.release()
             raise
+
+    def allocate(self, nbytes: int, host: NDArray[Any] | None) -> Any:
+        """Memory of the driver with the bytes of `host`, or with anything in it."""
+        spare = self.spares.take(nbytes) if host is None else None
+        if spare is not None:
+            return spare
+        flags = cl.mem_flags.READ_WRITE
+        if host is not None:
+            flags |= cl.mem_flags.COPY_HOST_PTR
+        with _device_errors():
+            return cl.Buffer(self.context, flags, max(nbytes, 1), hostbuf=host)
 
     def upload(self, array: NDArray[Any]) -> Buffer:
         """A buffer with the bytes of `array`."""
