@@ -1,11 +1,7 @@
 // Per-triangle stretch of a frame (section 2.2): one work-item a triangle, and one more that
 // writes the neutral stretch for points that lie in no triangle.
+#include "clamped_log.clh"
 #include "stretch.clh"
-
-inline float clamped_log(float ratio, float limit)
-{
-    return fmin(fmax(log(ratio), -limit), limit); // fmax takes a number over NaN, log(0) is -inf
-}
 
 // positions: 3 floats a vertex. faces: 3 indices a triangle.
 // ratios, axes: unclamped rho and axes; logs: log rho clamped to +-limit, dimensionless.

@@ -18,7 +18,7 @@ from rhytid.domain.mesh import Mesh
 from rhytid.errors import QueryError
 
 METHODS = ("neutral", "redraw", "binned")
-STRETCH_MODELS = ("tensor",)
+STRETCH_MODELS = ("tensor", "tension", "uv")
 SAMPLINGS = ("nearest",)
 
 

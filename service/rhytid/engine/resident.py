@@ -15,6 +15,7 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import TileAddress, mesh_udims
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
+from rhytid.engine.messages import MapQuery
 from rhytid.errors import NotFoundError
 from rhytid.pipeline.bins import VECTOR, BinMaker, BinTile
 from rhytid.pipeline.blend import Blend
@@ -28,7 +29,8 @@ from rhytid.pipeline.elements import (
 from rhytid.pipeline.levels import render_to_host
 from rhytid.pipeline.locate import UdimTriangles, locate_points
 from rhytid.pipeline.redraw import ScaleBuffers, redrawing, respond
-from rhytid.pipeline.stretch import StretchBuffers, StretchStage
+from rhytid.pipeline.stretch import StretchStage
+from rhytid.pipeline.stretch_buffers import StretchBuffers
 
 _Kept = TypeVar("_Kept", bound=Releasable)
 Prepared = dict[int, tuple[WrinkleArrays, PoreArrays]]
@@ -100,21 +102,25 @@ class ResidentAsset:
 
     def stretch(self, frame: Frame) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """(ratios (F, 2) unclamped, axes (F, 2, 2)) of a frame."""
-        return self._stretch.read(self._stretch_buffers(frame))
+        return self._stretch.read(self._stretch_buffers(frame, "tensor"))
 
     def drawn(
-        self, frame: Frame, method: str, udim: int, level: int, row: int, column: int, side: int
+        self, frame: Frame, query: MapQuery, udim: int, level: int, row: int, column: int, side: int
     ) -> NDArray[np.float32]:
         """(side, side) displacement drawn anew: `redraw` of the frame, or `neutral`."""
-        scales = self._scales(NEUTRAL_FRAME if method == "neutral" else frame, udim)
+        deformed = NEUTRAL_FRAME if query.method == "neutral" else frame
+        scales = self._scales(deformed, query.stretch, udim)
         draw = redrawing(self._device, self._elements[udim], self.settings, scales)
         return render_to_host(self._device, draw, level, row, column, side)
 
-    def blended(self, frame: Frame, address: TileAddress) -> NDArray[np.float32]:
+    def blended(self, frame: Frame, query: MapQuery, address: TileAddress) -> NDArray[np.float32]:
         """One tile of `binned`; makes the tile's maps where they are not there."""
         assert self._blend is not None
         blend = self._blend
-        positions = self._keep("positions", frame.digest, make=lambda: self._positions(frame))
+        model = query.stretch
+        positions = self._keep(
+            "positions", model, frame.digest, make=lambda: self._positions(frame, model)
+        )
         maps = self.bin_tile(address)
         out = blend.tile(maps, positions)
         side = self.settings.grid.texels(address.level)
@@ -155,21 +161,22 @@ class ResidentAsset:
         found = locate_points(self._device, self._mesh, uv, settings.resolution, settings.padding)
         return found if given is None else np.where(given >= 0, given, found)
 
-    def _positions(self, frame: Frame) -> Buffer:
+    def _positions(self, frame: Frame, model: str) -> Buffer:
         assert self._blend is not None
-        return self._blend.positions(self._stretch_buffers(frame))
+        return self._blend.positions(self._stretch_buffers(frame, model))
 
-    def _stretch_buffers(self, frame: Frame) -> StretchBuffers:
+    def _stretch_buffers(self, frame: Frame, model: str) -> StretchBuffers:
         limit = self.settings.response.log_stretch_limit
         return self._keep(
-            "stretch", frame.digest, make=lambda: self._stretch.run(frame.positions, limit)
-        )
+            "stretch", model, frame.digest,
+            make=lambda: self._stretch.run(frame.positions, limit, model),
+        )  # fmt: skip
 
-    def _scales(self, frame: Frame, udim: int) -> ScaleBuffers:
-        stretch = self._stretch_buffers(frame)
+    def _scales(self, frame: Frame, model: str, udim: int) -> ScaleBuffers:
+        stretch = self._stretch_buffers(frame, model)
         elements = self._elements[udim]
         return self._keep(
-            "scales", udim, frame.digest,
+            "scales", udim, model, frame.digest,
             make=lambda: respond(self._device, elements, self.settings, stretch),
         )  # fmt: skip
 

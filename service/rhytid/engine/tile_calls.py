@@ -48,7 +48,7 @@ class TileCalls(EngineCore):
         stored, grid = found.frame(frame), found.settings.grid
         if query.method != "binned":
             resident, side = found.ready(), grid.side(level)
-            return self._on_device(resident.drawn, stored, query.method, udim, level, 0, 0, side)
+            return self._on_device(resident.drawn, stored, query, udim, level, 0, 0, side)
         # Tile by tile, so that one tile's maps are all that must be on the device at once.
         tiles = [self._tile(found, stored, query, a) for a in grid.addresses(udim, level)]
         return _assembled(tiles, grid.count(level))
@@ -99,11 +99,11 @@ class TileCalls(EngineCore):
     def _tile(self, asset: Asset, frame: Frame, query: MapQuery, address: TileAddress) -> Tile:
         resident = asset.ready()
         if query.method == "binned":
-            return self._on_device(resident.blended, frame, address)
+            return self._on_device(resident.blended, frame, query, address)
         side = asset.settings.grid.texels(address.level)
         row, column = address.row * side, address.column * side
         return self._on_device(
-            resident.drawn, frame, query.method, address.udim, address.level, row, column, side
+            resident.drawn, frame, query, address.udim, address.level, row, column, side
         )
 
 

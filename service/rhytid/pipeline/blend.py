@@ -7,7 +7,7 @@ import numpy as np
 from rhytid.device.runtime import Buffer, Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.pipeline.bins import CODES, VECTOR, BinTile, directions, quantisation_steps
-from rhytid.pipeline.stretch import StretchBuffers
+from rhytid.pipeline.stretch_buffers import StretchBuffers
 
 
 class Blend:

@@ -12,7 +12,7 @@ from rhytid.device.runtime import Buffer, Device
 from rhytid.domain.asset_settings import AssetSettings, ShapeSettings
 from rhytid.pipeline.elements import BLOCK, Lists, UdimElements
 from rhytid.pipeline.levels import Draw
-from rhytid.pipeline.stretch import StretchBuffers
+from rhytid.pipeline.stretch_buffers import StretchBuffers
 
 
 @dataclass(frozen=True)

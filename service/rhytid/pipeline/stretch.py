@@ -9,6 +9,9 @@ from numpy.typing import NDArray
 
 from rhytid.device.runtime import Buffer, Device
 from rhytid.domain.mesh import Mesh
+from rhytid.pipeline.stretch_buffers import StretchBuffers, StretchModel, in_two_parts
+from rhytid.pipeline.tension import Tension
+from rhytid.pipeline.uv_stretch import UvStretch
 
 
 @dataclass(frozen=True)
@@ -33,59 +36,57 @@ class Rest:
         d = np.where(usable, np.sum(first * second, axis=1) / length, 0.0)
         h = np.where(usable, np.linalg.norm(np.cross(first, second), axis=1) / length, 1.0)
         values = np.stack([1.0 / length, d / length, 1.0 / h], axis=1) * usable[:, None]
-        return cls(_in_two_parts(values), _frame_to_uv(mesh, length, d, h))
+        return cls(in_two_parts(values), _frame_to_uv(mesh, length, d, h))
 
 
-@dataclass(frozen=True)
-class StretchBuffers:
-    """Stretch on the device, F triangles and one neutral entry for points in no triangle.
-
-    ratios: float2, unclamped.  axes: float4, (ŝ₁, ŝ₂).  logs: float2, log ρ, clamped.
-    """
-
-    ratios: Buffer
-    axes: Buffer
-    logs: Buffer
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes on the device."""
-        return self.ratios.nbytes + self.axes.nbytes + self.logs.nbytes
-
-    def release(self) -> None:
-        """Give the memory back."""
-        for buffer in (self.ratios, self.axes, self.logs):
-            buffer.release()
-
-
-class StretchStage:
-    """The triangles of an asset, ready to be stretched."""
+class Tensor:
+    """The stretch tensor of every triangle (section 2.2, after Nagano et al. 2015)."""
 
     def __init__(self, device: Device, mesh: Mesh) -> None:
         rest = Rest.of(mesh)
         self._device = device
-        self.triangles = len(mesh.faces)
-        self._neutral = mesh.positions
-        self._faces = device.upload(mesh.faces)
         self._shape = device.upload(rest.shape)
         self._frame_to_uv = device.upload(rest.frame_to_uv)
 
-    def run(self, positions: NDArray[np.float32] | None, limit: float) -> StretchBuffers:
-        """Stretch of deformed positions (V, 3); of the neutral by definition where None."""
-        device, count = self._device, self.triangles + 1
-        found = StretchBuffers(
-            device.empty(2 * count, np.float32),
-            device.empty(4 * count, np.float32),
-            device.empty(2 * count, np.float32),
-        )
-        frame = device.upload(self._neutral if positions is None else positions)
-        # No triangle is stretched in the neutral frame, whatever rounding would say.
-        triangles = 0 if positions is None else self.triangles
-        device.launch(
-            "stretch", "stretch_tensor", (count,),
-            frame, self._faces, self._shape, self._frame_to_uv,
+    def launch(
+        self, frame: Buffer, faces: Buffer, triangles: int, limit: float, found: StretchBuffers
+    ) -> None:
+        """Fill `found` for the first `triangles`; the rest is unstretched."""
+        self._device.launch(
+            "stretch", "stretch_tensor", (found.count,),
+            frame, faces, self._shape, self._frame_to_uv,
             np.int32(triangles), np.float32(limit), found.ratios, found.axes, found.logs,
         )  # fmt: skip
+
+    def release(self) -> None:
+        """Give the memory back."""
+        self._shape.release()
+        self._frame_to_uv.release()
+
+
+class StretchStage:
+    """The triangles of an asset, ready to be stretched by any model."""
+
+    def __init__(self, device: Device, mesh: Mesh) -> None:
+        self._device = device
+        self.triangles = len(mesh.faces)
+        self._neutral = mesh.positions
+        self._faces = device.upload(mesh.faces)
+        self._models: dict[str, StretchModel] = {
+            "tensor": Tensor(device, mesh),
+            "tension": Tension(device, mesh),
+            "uv": UvStretch(device, mesh),
+        }
+
+    def run(
+        self, positions: NDArray[np.float32] | None, limit: float, model: str = "tensor"
+    ) -> StretchBuffers:
+        """Stretch of deformed positions (V, 3); of the neutral by definition where None."""
+        found = StretchBuffers.allocate(self._device, self.triangles)
+        frame = self._device.upload(self._neutral if positions is None else positions)
+        # No triangle is stretched in the neutral frame, whatever rounding would say.
+        triangles = 0 if positions is None else self.triangles
+        self._models[model].launch(frame, self._faces, triangles, limit, found)
         frame.release()
         return found
 
@@ -97,8 +98,9 @@ class StretchStage:
 
     def release(self) -> None:
         """Give the memory back."""
-        for buffer in (self._faces, self._shape, self._frame_to_uv):
-            buffer.release()
+        self._faces.release()
+        for model in self._models.values():
+            model.release()
 
 
 def r_max_of(ratios: NDArray[np.float32], limit: float) -> float:
@@ -108,14 +110,6 @@ def r_max_of(ratios: NDArray[np.float32], limit: float) -> float:
         size = np.abs(np.log(ratios.astype(np.float64)))
     # Between two infinities there is no percentile; far beyond the limit one number does as well.
     return float(np.clip(np.percentile(np.minimum(size, 1e6), 90.0), 0.01, limit))
-
-
-def _in_two_parts(values: NDArray[np.float64]) -> NDArray[np.float32]:
-    high = values.astype(np.float32)
-    low = (values - high).astype(np.float32)
-    parts = np.zeros((len(values), 8), np.float32)
-    parts[:, 0:6:2], parts[:, 1:6:2] = high, low
-    return parts
 
 
 def _frame_to_uv(

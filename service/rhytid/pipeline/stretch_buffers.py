@@ -1,0 +1,66 @@
+"""Stretch of a frame on the device, as every stretch model leaves it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.device.runtime import Buffer, Device
+
+
+@dataclass(frozen=True)
+class StretchBuffers:
+    """Stretch on the device, F triangles and one neutral entry for points in no triangle.
+
+    count: F + 1.  ratios: float2, unclamped.  axes: float4, (ŝ₁, ŝ₂).
+    logs: float2, log ρ, clamped.
+    """
+
+    count: int
+    ratios: Buffer
+    axes: Buffer
+    logs: Buffer
+
+    @classmethod
+    def allocate(cls, device: Device, triangles: int) -> StretchBuffers:
+        """Room for the stretch of that many triangles, not initialised."""
+        count = triangles + 1
+        widths = (2, 4, 2)
+        return cls(count, *(device.empty(width * count, np.float32) for width in widths))
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes on the device."""
+        return self.ratios.nbytes + self.axes.nbytes + self.logs.nbytes
+
+    def release(self) -> None:
+        """Give the memory back."""
+        for buffer in (self.ratios, self.axes, self.logs):
+            buffer.release()
+
+
+class StretchModel(Protocol):
+    """One way to measure stretch, with what it needs of the neutral on the device."""
+
+    def launch(
+        self, frame: Buffer, faces: Buffer, triangles: int, limit: float, found: StretchBuffers
+    ) -> None:
+        """Fill `found` for the first `triangles`; the rest is unstretched."""
+        ...
+
+    def release(self) -> None:
+        """Give the memory back."""
+        ...
+
+
+def in_two_parts(values: NDArray[np.float64]) -> NDArray[np.float32]:
+    """(F, 8) float32: up to four columns of doubles, each as a high and a low part."""
+    high = values.astype(np.float32)
+    low = (values - high).astype(np.float32)
+    parts = np.zeros((len(values), 8), np.float32)
+    columns = 2 * values.shape[1]
+    parts[:, 0:columns:2], parts[:, 1:columns:2] = high, low
+    return parts
