@@ -20,8 +20,8 @@ def ends(arguments: list[str]) -> int:
     return end.value.code
 
 
-def test_there_are_five_commands() -> None:
-    assert sorted(NAMES) == ["bake", "demo", "devices", "serve", "synthesize"]
+def test_every_command_is_there() -> None:
+    assert sorted(NAMES) == ["bake", "bench", "demo", "devices", "serve", "synthesize"]
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from cli.running import write_animation
 from meshes import SmallMesh, deform
+from rhytid.cli.demo_face import animation
 from rhytid.cli.frame_files import FrameFiles, FramePlace, frame_numbers
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import FrameError
@@ -96,3 +97,16 @@ def test_a_bad_frame_is_told_with_its_file(tmp_path: Path, neutral: MeshFile) ->
 
     with pytest.raises(FrameError, match=r"short\.npy: .*shape \(1, 3, 3\)"):
         FrameFiles(neutral, [tmp_path / "short.npy"])
+
+
+def test_the_built_in_animation_survives_its_file(tmp_path: Path) -> None:
+    built_in = animation(None, [])
+    built_in.save(tmp_path / "face.npz")
+
+    again = animation(tmp_path / "face.npz", [])
+
+    assert len(built_in.frames.places) == 17
+    assert [p.label for p in again.frames.places] == [p.label for p in built_in.frames.places]
+    last = built_in.frames.places[-2]
+    assert np.array_equal(again.frames.read(last), built_in.frames.read(last))
+    assert np.array_equal(again.mesh.face_uv, built_in.mesh.face_uv)

@@ -30,8 +30,8 @@ ALLOWED = {
     "storage": _TOOLS,
     "engine": _TOOLS | _WORK | {"settings"},
     "api": _TOOLS | {"engine", "settings"},
-    "cli": _TOOLS | _WORK | {"engine", "settings", "api", "samples", "pictures"},
-    "bench": _TOOLS | _WORK | {"engine", "settings", "api", "samples", "pictures", "cli"},
+    "bench": _TOOLS | _WORK | {"engine", "settings", "samples", "pictures"},
+    "cli": _TOOLS | _WORK | {"engine", "settings", "api", "samples", "pictures", "bench"},
 }
 # The only parts that may import a package from outside; other packages are free.
 ONLY_IN = {

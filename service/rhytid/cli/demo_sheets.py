@@ -22,10 +22,12 @@ SHEETS = 4
 def key_frames(sizes: Sequence[float], most: int = SHEETS) -> list[int]:
     """Indices of at most `most` frames, the largest first, with a part of the animation between.
 
-    Each takes an eighth of the animation to both sides with it.
+    Each takes an eighth of the animation to both sides with it; frames below a fifth of the
+    largest have little to show.
     """
     apart = max(len(sizes) // 8, 1)
-    left = sorted(range(len(sizes)), key=lambda i: -sizes[i])
+    shown = [i for i, size in enumerate(sizes) if size >= 0.2 * max(sizes)]
+    left = sorted(shown, key=lambda i: -sizes[i])
     chosen: list[int] = []
     for index in left:
         if all(abs(index - other) > apart for other in chosen) and len(chosen) < most:

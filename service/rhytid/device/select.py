@@ -94,8 +94,10 @@ def choose(wanted: str | None = None) -> Candidate:
     raise NoDeviceError(f"{names}: listed, but fails to build or run a small kernel. {ADVICE}")
 
 
-def _rank(candidate: Candidate) -> tuple[int, int]:
-    return {"gpu": 0, "cpu": 1}.get(candidate.kind, 2), candidate.index
+def _rank(candidate: Candidate) -> tuple[int, bool, int]:
+    # Of two drivers for the same CPU, PoCL was the slower one on every kernel here.
+    is_pocl = candidate.platform == "Portable Computing Language"
+    return {"gpu": 0, "cpu": 1}.get(candidate.kind, 2), is_pocl, candidate.index
 
 
 def _devices(platform: Any) -> list[Any]:
