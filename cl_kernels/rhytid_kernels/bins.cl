@@ -13,9 +13,10 @@
     __global float *block_out = out + get_group_id(1) * BLOCK * stride + get_group_id(0) * BLOCK;  \
     clear_sums(sums);
 
-// scale: (sigma_w, sigma_d) of the sample, Alg. 1 lines 7 and 8 with its log stretch.
+// scale: (sigma_w, sigma_d) of the sample, Alg. 1 lines 7 and 8 with its log stretch. part: valleys
+// and bulges together, or one of them for maps that are merged by the mellow-max.
 __kernel void draw_wrinkle_bin(__global const float4 *segments, __global const float2 *sizes,
-                               __global const uchar *bins, int bin, float2 scale,
+                               __global const uchar *bins, int bin, float2 scale, int part,
                                __global const int *offsets, __global const int *members,
                                float4 shape_values, float depth, int blocks, int row, int column,
                                __global float *out)
@@ -27,11 +28,11 @@ __kernel void draw_wrinkle_bin(__global const float4 *segments, __global const f
         if (bins[i] == bin)
             draw_wrinkle(sums, s.xy - corner, s.zw, sizes[i].x * scale.x, sizes[i].y * scale.y, shape);
     }
-    write_block(sums, shape, depth, block_out, stride);
+    write_block(sums, shape, depth, part, block_out, stride);
 }
 
 __kernel void draw_pore_layer(__global const float2 *centres, __global const float4 *metrics,
-                              float2 scale, __global const int *offsets,
+                              float2 scale, int part, __global const int *offsets,
                               __global const int *members, float4 shape_values, float depth,
                               int blocks, int row, int column, __global float *out)
 {
@@ -41,5 +42,5 @@ __kernel void draw_pore_layer(__global const float2 *centres, __global const flo
         float4 m = metrics[i];
         draw_pore(sums, centres[i] - corner, m.xyz / (scale.x * scale.x), m.w * scale.y, shape);
     }
-    write_block(sums, shape, depth, block_out, stride);
+    write_block(sums, shape, depth, part, block_out, stride);
 }

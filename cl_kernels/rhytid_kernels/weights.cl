@@ -2,18 +2,21 @@
 // sampling Alg. 3 up to its line 10 is the same for every texel of a triangle, so it runs here once.
 #include "response.clh"
 
-// positions: LAYERS floats a triangle, from 0 (full compression) to SAMPLES - 1 (full stretch):
-// one for each orientation bin, the last one for the pores. directions: theta of each bin.
+// weights: LAYERS pairs a triangle: its position, from 0 (full compression) to SAMPLES - 1 (full
+// stretch), and what the depth is scaled by: 1, or for maps without their depth scale sigma_d of the
+// stretch before it is clamped to r_max. One pair for each orientation bin, the last for the pores.
 // The layers from ORIENTED on take the mean of both axes: the pores, and a single bin.
-__kernel void sample_positions(__global const float4 *axes, __global const float2 *logs,
-                               __global const float2 *directions, float r_max,
-                               __global float *positions)
+// directions: theta of each bin. exponents: of the depth of wrinkles and of pores; 0 gives 1.
+__kernel void sample_weights(__global const float4 *axes, __global const float2 *logs,
+                             __global const float2 *directions, float r_max, float2 exponents,
+                             __global float2 *weights)
 {
     int t = get_global_id(0);
     for (int n = 0; n < LAYERS; n++) {
         float r = n < ORIENTED ? log_stretch_across(directions[n], axes[t], logs[t])
                                : mean_log_stretch(logs[t]);
         float share = clamp(r / r_max, -1.0f, 1.0f);
-        positions[t * LAYERS + n] = (share + 1.0f) * (0.5f * (SAMPLES - 1));
+        float depth = scales_of(r, 0.0f, n < LAYERS - 1 ? exponents.x : exponents.y).depth;
+        weights[t * LAYERS + n] = (float2)((share + 1.0f) * (0.5f * (SAMPLES - 1)), depth);
     }
 }

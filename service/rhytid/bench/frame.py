@@ -120,9 +120,9 @@ class FrameBench:
 
     def _binned(self) -> None:
         stretch = self._stage.run(self._deformed, self._settings.response.log_stretch_limit)
-        positions = self._blend.positions(stretch)
-        tiles: list[Buffer] = [self._blend.tile(maps, positions) for maps in self._bins]
-        _release(stretch, positions, *tiles)
+        weights = self._blend.weights(stretch)
+        tiles: list[Buffer] = [self._blend.tile(maps, weights) for maps in self._bins]
+        _release(stretch, weights, *tiles)
 
 
 def _release(*things: object) -> None:

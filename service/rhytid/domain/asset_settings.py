@@ -49,8 +49,8 @@ class BinSettings:
     count: int = choice(4, 1, 2, 4, 8, 16)
     samples: int = choice(3, 3, 5, 7)
     bits: int = choice(8, 8, 16)
-    merge: str = choice("min", "min")
-    depth_factored: bool = choice(False, False)
+    merge: str = choice("min", "min", "mellow")
+    depth_factored: bool = choice(False, False, True)
     r_max: float = number(0.2, 0.01, 4.0)
 
 

@@ -17,7 +17,7 @@ from rhytid.domain.tiles import TileAddress, mesh_udims
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
 from rhytid.engine.messages import MapQuery
 from rhytid.errors import NotFoundError
-from rhytid.pipeline.bins import VECTOR, BinMaker, BinTile
+from rhytid.pipeline.bins import VECTOR, BinMaker, BinTile, parts
 from rhytid.pipeline.blend import Blend
 from rhytid.pipeline.elements import (
     PoreArrays,
@@ -118,11 +118,11 @@ class ResidentAsset:
         assert self._blend is not None
         blend = self._blend
         model = query.stretch
-        positions = self._keep(
-            "positions", model, frame.digest, make=lambda: self._positions(frame, model)
+        weights = self._keep(
+            "weights", model, frame.digest, make=lambda: self._weights(frame, model)
         )
         maps = self.bin_tile(address)
-        out = blend.tile(maps, positions)
+        out = blend.tile(maps, weights)
         side = self.settings.grid.texels(address.level)
         result: NDArray[np.float32] = self._device.read(out, (side, side), np.float32)
         out.release()
@@ -143,7 +143,7 @@ class ResidentAsset:
     def bins_size(self) -> int:
         """Bytes that the level-0 maps of every UDIM need."""
         bins = self.settings.bins
-        codes = (bins.count + 1) * bins.samples * bins.bits // 8
+        codes = (bins.count + 1) * len(parts(bins)) * bins.samples * bins.bits // 8
         return len(self._located) * self.settings.resolution**2 * (codes + 4)
 
     def release(self) -> None:
@@ -161,9 +161,9 @@ class ResidentAsset:
         found = locate_points(self._device, self._mesh, uv, settings.resolution, settings.padding)
         return found if given is None else np.where(given >= 0, given, found)
 
-    def _positions(self, frame: Frame, model: str) -> Buffer:
+    def _weights(self, frame: Frame, model: str) -> Buffer:
         assert self._blend is not None
-        return self._blend.positions(self._stretch_buffers(frame, model))
+        return self._blend.weights(self._stretch_buffers(frame, model))
 
     def _stretch_buffers(self, frame: Frame, model: str) -> StretchBuffers:
         limit = self.settings.response.log_stretch_limit

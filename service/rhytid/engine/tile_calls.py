@@ -14,7 +14,7 @@ from rhytid.engine.frames import Frame
 from rhytid.engine.keys import map_key, settings_key
 from rhytid.engine.messages import BinManifest, MapQuery
 from rhytid.errors import NotFoundError
-from rhytid.pipeline.bins import HEADROOM, quantisation_steps, sample_stretches
+from rhytid.pipeline.bins import HEADROOM, layers, quantisation_steps, sample_stretches
 from rhytid.pipeline.elements import SCALE_LIMIT
 
 Tile = NDArray[np.float32]
@@ -73,14 +73,16 @@ class TileCalls(EngineCore):
         found = self._assets.get(asset)
         found.ready()
         bins, steps = found.settings.bins, quantisation_steps(found.settings)
+        by_layer = {"w": tuple(steps[0].tolist()), "p": tuple(steps[-1].tolist())}
+        names = layers(bins)
         return BinManifest(
             angles=tuple(float(np.pi * n / bins.count) for n in range(bins.count)),
             samples=tuple(sample_stretches(bins).tolist()),
-            steps={"wrinkles": tuple(steps[0].tolist()), "pores": tuple(steps[-1].tolist())},
+            steps={name: by_layer[name[0]] for name in names},
             bits=bins.bits,
             merge=bins.merge,
             depth_factored=bins.depth_factored,
-            layers={"wrinkles": bins.count, "pores": 1},
+            layers={name: len(places) for name, places in names.items()},
         )
 
     def bin_tile(
@@ -114,11 +116,11 @@ def _assembled(tiles: list[Tile], count: int) -> Tile:
 
 def _map_index(settings: AssetSettings, layer: str, bin: int, sample: int) -> int:
     """Position among the maps of a tile; raises NotFoundError naming what does not exist."""
-    count = {"wrinkles": settings.bins.count, "pores": 1}.get(layer)
-    if count is None:
-        raise NotFoundError(f"layer {layer!r}: wrinkles or pores")
-    for name, index, size in (("bin", bin, count), ("sample", sample, settings.bins.samples)):
+    places = layers(settings.bins).get(layer)
+    if places is None:
+        raise NotFoundError(f"layer {layer!r}: one of {', '.join(layers(settings.bins))}")
+    samples = settings.bins.samples
+    for name, index, size in (("bin", bin, len(places)), ("sample", sample, samples)):
         if not 0 <= index < size:
             raise NotFoundError(f"{name} {index} of layer {layer}: 0 to {size - 1}")
-    first = settings.bins.count if layer == "pores" else bin
-    return first * settings.bins.samples + sample
+    return places[bin] * samples + sample

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +41,35 @@ def scale(r: float, exponent: float) -> float:
     return float(np.clip(math.exp(exponent * r), 1.0 / SCALE_LIMIT, SCALE_LIMIT))
 
 
+def drawn_depth_exponents(settings: AssetSettings) -> list[float]:
+    """How the depth of each layer's maps goes with their stretch, bins first, then the pores:
+    as Alg. 1 and 2 have it, or not at all where the depth scale is multiplied on later."""
+    response, bins = settings.response, settings.bins
+    if bins.depth_factored:
+        return [0.0] * (bins.count + 1)
+    return [response.alpha_d] * bins.count + [response.beta_d]
+
+
+def parts(bins: BinSettings) -> tuple[int, ...]:
+    """The maps of one bin and sample: one signed map, or valleys and bulges apart (draw.clh)."""
+    return {"min": (0,), "mellow": (1, 2)}[bins.merge]
+
+
+def layers(bins: BinSettings) -> dict[str, tuple[int, ...]]:
+    """The layers of maps by name, each with the place of its bins among a tile's (layer, part)s.
+
+    `wrinkles` and `pores`; merged by the mellow-max these are the valleys, and
+    `wrinkle_bulges` and `pore_bulges` are the bulges.
+    """
+    count = len(parts(bins))
+    names = (("wrinkles", "pores"), ("wrinkle_bulges", "pore_bulges"))
+    found: dict[str, tuple[int, ...]] = {}
+    for part, (wrinkles, pores) in enumerate(names[:count]):
+        found[wrinkles] = tuple(n * count + part for n in range(bins.count))
+        found[pores] = (bins.count * count + part,)
+    return found
+
+
 def code_limit(bits: int) -> int:
     """The largest code of a symmetric quantisation."""
     return int(2 ** (bits - 1) - 1)
@@ -51,9 +81,9 @@ def quantisation_steps(settings: AssetSettings) -> NDArray[np.float32]:
     Known before anything is drawn, so that tiles can be made one at a time.
     """
     assert settings.depth is not None
-    response, bins = settings.response, settings.bins
-    exponents = [response.alpha_d] * bins.count + [response.beta_d]
+    bins = settings.bins
     stretches = sample_stretches(bins)
+    exponents = drawn_depth_exponents(settings)
     depths = np.array([[scale(r, -e) for r in stretches] for e in exponents])
     return (settings.depth * (depths + HEADROOM) / code_limit(bins.bits)).astype(np.float32)
 
@@ -61,7 +91,7 @@ def quantisation_steps(settings: AssetSettings) -> NDArray[np.float32]:
 @dataclass(frozen=True)
 class BinTile:
     """One tile of every precomputed map: texels² codes a map, padded to a vector, and the
-    triangle of each texel. codes: (N + 1) layers x M samples."""
+    triangle of each texel. codes: (N + 1) layers x parts x M samples."""
 
     triangles: Buffer
     codes: Buffer
@@ -96,11 +126,10 @@ class BinMaker:
         """All layers and samples of `texels`² texels, from texel (row, column) of the level on."""
         bins = self._settings.bins
         size = max(texels * texels, VECTOR)
-        layers = bins.count + 1
-        codes = self._device.empty(layers * bins.samples * size, f"i{bins.bits // 8}")
-        for index in range(layers * bins.samples):
-            layer, sample = divmod(index, bins.samples)
-            draw = self._draw(layer, sample)
+        maps = list(product(range(bins.count + 1), parts(bins), range(bins.samples)))
+        codes = self._device.empty(len(maps) * size, f"i{bins.bits // 8}")
+        for index, (layer, part, sample) in enumerate(maps):
+            draw = self._draw(layer, part, sample)
             heights = render(self._device, draw, level, row, column, texels)
             self._quantise(heights, texels * texels, layer, sample, index * size, codes)
             heights.release()
@@ -118,34 +147,34 @@ class BinMaker:
         )  # fmt: skip
         self._device.finish()
 
-    def _draw(self, layer: int, sample: int) -> Draw:
-        bins = self._settings.bins
-        r = float(sample_stretches(bins)[sample])
-        return self._draw_pores(r) if layer == bins.count else self._draw_bin(layer, r)
+    def _draw(self, layer: int, part: int, sample: int) -> Draw:
+        settings, response = self._settings, self._settings.response
+        r = float(sample_stretches(settings.bins)[sample])
+        depth = scale(r, -drawn_depth_exponents(settings)[layer])
+        if layer == settings.bins.count:
+            return self._draw_pores(_float2(scale(r, response.beta_w), depth), part)
+        return self._draw_bin(layer, _float2(scale(r, response.alpha_w), depth), part)
 
-    def _draw_bin(self, index: int, r: float) -> Draw:
-        elements, response = self._elements, self._settings.response
-        scales = _float2(scale(r, response.alpha_w), scale(r, -response.alpha_d))
-        lists = elements.wrinkle_lists
+    def _draw_bin(self, index: int, scales: NDArray[np.float32], part: int) -> Draw:
+        elements, lists = self._elements, self._elements.wrinkle_lists
 
         def draw(row: int, column: int, side: int) -> Buffer:
             return launch_blocks(
                 self._device, "bins", "draw_wrinkle_bin", self._settings, row, column, side,
                 elements.segments, elements.sizes, elements.bins, np.int32(index), scales,
-                lists.offsets, lists.members,
+                np.int32(part), lists.offsets, lists.members,
             )  # fmt: skip
 
         return draw
 
-    def _draw_pores(self, r: float) -> Draw:
-        elements, response = self._elements, self._settings.response
-        scales = _float2(scale(r, response.beta_w), scale(r, -response.beta_d))
-        lists = elements.pore_lists
+    def _draw_pores(self, scales: NDArray[np.float32], part: int) -> Draw:
+        elements, lists = self._elements, self._elements.pore_lists
 
         def draw(row: int, column: int, side: int) -> Buffer:
             return launch_blocks(
                 self._device, "bins", "draw_pore_layer", self._settings, row, column, side,
-                elements.centres, elements.metrics, scales, lists.offsets, lists.members,
+                elements.centres, elements.metrics, scales, np.int32(part),
+                lists.offsets, lists.members,
             )  # fmt: skip
 
         return draw

@@ -6,7 +6,7 @@ import numpy as np
 
 from rhytid.device.runtime import Buffer, Device
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.pipeline.bins import CODES, VECTOR, BinTile, directions, quantisation_steps
+from rhytid.pipeline.bins import CODES, VECTOR, BinTile, directions, parts, quantisation_steps
 from rhytid.pipeline.stretch_buffers import StretchBuffers
 
 
@@ -14,33 +14,44 @@ class Blend:
     """What blending needs of an asset, on the device."""
 
     def __init__(self, device: Device, settings: AssetSettings, triangles: int) -> None:
-        self._device, self._bins, self._triangles = device, settings.bins, triangles
+        assert settings.depth is not None
+        bins, response = settings.bins, settings.response
+        self._device, self._bins, self._triangles = device, bins, triangles
+        self._merge = np.array([settings.depth, settings.shape.sharpness], np.float32)
+        exponents = [response.alpha_d, response.beta_d] if bins.depth_factored else [0.0, 0.0]
+        self._exponents = np.array(exponents, np.float32)
         self._directions = device.upload(directions(settings.bins.count).astype(np.float32))
         self._steps = device.upload(quantisation_steps(settings))
         self._layers: dict[str, object] = {
-            "LAYERS": settings.bins.count + 1,
-            "SAMPLES": settings.bins.samples,
+            "LAYERS": bins.count + 1,
+            "SAMPLES": bins.samples,
         }
 
-    def positions(self, stretch: StretchBuffers) -> Buffer:
-        """Where each triangle stands between the samples, per layer (Alg. 3, lines 6 to 10)."""
+    def weights(self, stretch: StretchBuffers) -> Buffer:
+        """Where each triangle stands between the samples, and the depth scale that its maps lack,
+        per layer (Alg. 3, lines 6 to 10)."""
         count = self._triangles + 1
-        found = self._device.empty(count * (self._bins.count + 1), np.float32)
+        found = self._device.empty(2 * count * (self._bins.count + 1), np.float32)
         self._device.launch(
-            "weights", "sample_positions", (count,),
-            stretch.axes, stretch.logs, self._directions, np.float32(self._bins.r_max), found,
+            "weights", "sample_weights", (count,),
+            stretch.axes, stretch.logs, self._directions, np.float32(self._bins.r_max),
+            self._exponents, found,
             defines={**self._layers, "ORIENTED": self._bins.count if self._bins.count > 1 else 0},
         )  # fmt: skip
         return found
 
-    def tile(self, maps: BinTile, positions: Buffer) -> Buffer:
+    def tile(self, maps: BinTile, weights: Buffer) -> Buffer:
         """float32 displacement of one tile, on the device (Alg. 3, lines 11 to 15)."""
         out = self._device.empty(maps.texels, np.float32)
         bits = self._bins.bits
         self._device.launch(
             "blend", "blend", (maps.texels // VECTOR,),
-            maps.triangles, maps.codes, positions, self._steps, np.int32(maps.texels), out,
-            defines={"CODE": CODES[bits], "CODE_BITS": bits, **self._layers},
+            maps.triangles, maps.codes, weights, self._steps, self._merge,
+            np.int32(maps.texels), out,
+            defines={
+                "CODE": CODES[bits], "CODE_BITS": bits, "PARTS": len(parts(self._bins)),
+                **self._layers,
+            },
         )  # fmt: skip
         return out
 
