@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import pytest
 from hypothesis import settings
 
 import face_data
 from meshes import SmallMesh, bumpy_grid
+
+if TYPE_CHECKING:
+    from rhytid.device.runtime import Device
 
 # The same examples on every machine, and no test that depends on how fast it is.
 settings.register_profile("rhytid", deadline=None, derandomize=True, print_blob=True)
@@ -25,3 +30,17 @@ def face() -> face_data.Face:
 def small_mesh() -> SmallMesh:
     """200 triangles, two UV charts, uv indices of their own."""
     return bumpy_grid(10, seed=1)
+
+
+@pytest.fixture(scope="session")
+def device() -> Device:
+    """The OpenCL device that RHYTID_DEVICE names, else the best; where none computes, tests fail.
+
+    Imported here, so that tests without a device need no OpenCL loader.
+    """
+    from rhytid.device.runtime import Device
+    from rhytid.device.select import choose
+    from rhytid.settings import ServiceSettings
+
+    settings = ServiceSettings.from_environment()
+    return Device(choose(settings.device), settings.device_memory)

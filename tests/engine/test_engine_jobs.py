@@ -1,0 +1,257 @@
+"""Builds and calibrations as jobs: progress, cancelling, removing while at work."""
+
+from __future__ import annotations
+
+import threading
+
+import pytest
+
+from engine.engines import (
+    BINNED,
+    REDRAW,
+    built,
+    finish,
+    maps,
+    new_asset,
+    running,
+    same,
+    settle,
+)
+from meshes import deform
+from pipeline.scenes import reference_stretch, settings_of, sheet
+from reference.stretch import calibrated_r_max
+from rhytid.domain.tiles import TileAddress
+from rhytid.engine.jobs import Job
+from rhytid.engine.messages import NewAsset
+from rhytid.errors import FrameError, GraphError, NotFoundError, NotReadyError, SettingsError
+
+ADDRESS = TileAddress(1001, 0, 0, 0)
+
+
+class Halted:
+    """Stands in for the synthesis: says that it runs, then waits until it is let go."""
+
+    def __init__(self, monkeypatch):
+        self.running, self.free = threading.Event(), threading.Event()
+        monkeypatch.setattr("rhytid.engine.building.synthesize", self)
+
+    def __call__(self, mesh, settings, report):
+        self.running.set()
+        assert self.free.wait(60)
+        report(0.5, "halted")  # raises where the job was cancelled
+        raise AssertionError("the job was not cancelled")
+
+    def start(self, engine):
+        """The id and the job of an asset that is being synthesised."""
+        info = engine.create_asset(NewAsset(sheet(), settings_of()))
+        assert self.running.wait(60)
+        return info.id, info.job
+
+
+@pytest.fixture
+def halted(monkeypatch):
+    halted = Halted(monkeypatch)
+    yield halted
+    halted.free.set()
+
+
+@pytest.fixture
+def reports(monkeypatch):
+    """What jobs said of themselves, in order."""
+    found = []
+    update = Job.update
+
+    def record(job, **changes):
+        update(job, **changes)
+        found.append(job.info)
+
+    monkeypatch.setattr(Job, "update", record)
+    return found
+
+
+def test_progress_rises_from_nothing_to_the_end(engine, reports):
+    small = settings_of(graph={"wrinkles": 300}, depth=None)
+    info = engine.create_asset(NewAsset(sheet(), small))
+    assert info.state == "building"
+    finish(engine, info.job)
+    own = [report for report in reports if report.id == info.job]
+    progress = [report.progress for report in own]
+    assert progress == sorted(progress)
+    assert (progress[0], progress[-1]) == (0.0, 1.0)
+    assert len(set(progress)) > 10
+    states = [report.state for report in own]
+    assert states == ["running"] * (len(own) - 1) + ["done"]
+    made = engine.asset(info.id)
+    assert made.wrinkles >= 300
+    assert made.settings["depth"] > 0
+    assert abs(engine.map(info.id, "neutral", REDRAW, 1001, 0)).max() > 0
+
+
+def test_an_asset_that_builds_is_not_ready(engine, halted):
+    asset, job = halted.start(engine)
+    assert engine.asset(asset).state == "building"
+    assert engine.job(job).state == "running"
+    positions = sheet().positions
+    for call in (
+        lambda: engine.tile(asset, "neutral", REDRAW, ADDRESS),
+        lambda: engine.tile_key(asset, "neutral", REDRAW, ADDRESS),
+        lambda: engine.map(asset, "neutral", BINNED, 1001, 0),
+        lambda: engine.put_frame(asset, "bent", positions),
+        lambda: engine.tiles_once(asset, positions, REDRAW, [ADDRESS]),
+        lambda: engine.calibrate(asset, positions),
+        lambda: engine.change_asset(asset, {"depth": 1.0}),
+        lambda: engine.graph(asset),
+        lambda: engine.bins(asset),
+        lambda: engine.stretch(asset, "neutral"),
+    ):
+        with pytest.raises(NotReadyError, match=asset) as raised:
+            call()
+        assert raised.value.retry_after > 0
+
+
+def test_a_cancelled_build_is_forgotten_by_the_store(tmp_path, monkeypatch):
+    halted = Halted(monkeypatch)
+    with running(tmp_path) as engine:
+        asset, job = halted.start(engine)
+        engine.cancel_job(job)
+        halted.free.set()
+        assert finish(engine, job).state == "cancelled"
+        info = engine.asset(asset)
+        assert (info.state, "cancelled" in (info.reason or "")) == ("failed", True)
+        assert used(engine) == 0
+    with running(tmp_path) as engine:
+        assert engine.assets() == []
+
+
+def test_a_cancelled_build_can_be_asked_for_again(engine, monkeypatch):
+    with monkeypatch.context() as patch:
+        halted = Halted(patch)
+        asset, job = halted.start(engine)
+        engine.cancel_job(job)
+        halted.free.set()
+        finish(engine, job)
+    again = engine.create_asset(NewAsset(sheet(), settings_of(graph={"wrinkles": 300})))
+    assert again.id != asset
+    halted = Halted(monkeypatch)
+    second = engine.create_asset(NewAsset(sheet(), settings_of()))
+    assert (second.id, second.state) == (asset, "building")
+    engine.cancel_job(second.job)
+    halted.free.set()
+
+
+def used(engine):
+    return next(info.used for info in engine.devices() if info.selected)
+
+
+def test_removing_an_asset_while_it_builds(tmp_path, monkeypatch):
+    halted = Halted(monkeypatch)
+    with running(tmp_path) as engine:
+        asset, job = halted.start(engine)
+        engine.delete_asset(asset)
+        with pytest.raises(NotFoundError):
+            engine.asset(asset)
+        halted.free.set()
+        assert finish(engine, job).state == "cancelled"
+        other = built(engine, new_asset())
+        engine.delete_asset(other)
+        built(engine, new_asset(seed=2))  # jobs go in order: both removals are done
+        assert [info.id for info in engine.assets()] != [asset]
+    with running(tmp_path) as engine:
+        assert len(engine.assets()) == 1
+
+
+def test_a_removed_asset_gives_everything_back(engine):
+    before = used(engine)
+    asset = built(engine, new_asset())
+    engine.put_frame(asset, "bent", deform(sheet().positions, 1))
+    maps(engine, asset, "bent")
+    assert used(engine) > before
+    engine.delete_asset(asset)
+    other = built(engine, new_asset(seed=2))
+    engine.delete_asset(other)
+    third = engine.create_asset(new_asset(seed=3))
+    finish(engine, third.job)
+    engine.delete_asset(third.id)
+    wait_for_jobs(engine)
+    assert used(engine) == before
+
+
+def wait_for_jobs(engine):
+    """Jobs run in order: when a new one has ended, so have those before."""
+    done = threading.Event()
+    engine._jobs.start("nothing", "none", lambda job: done.set())
+    assert done.wait(60)
+
+
+def test_calibration_sets_r_max_and_survives_a_restart(tmp_path):
+    mesh, settings = sheet(), settings_of()
+    bent = deform(mesh.positions, 8, 0.1)
+    wanted = calibrated_r_max(reference_stretch(mesh, bent)[0], 0.5)
+    assert 0.05 < wanted < 0.5
+    with running(tmp_path) as engine:
+        asset = built(engine, new_asset())
+        key = engine.tile_key(asset, "neutral", BINNED, ADDRESS)
+        job = engine.calibrate(asset, bent)
+        assert job.kind == "calibration"
+        assert finish(engine, job.id).state == "done"
+        r_max = engine.asset(asset).settings["bins"]["r_max"]
+        assert r_max == pytest.approx(wanted, rel=1e-5)
+        assert engine.bins(asset).samples == pytest.approx((-r_max, 0.0, r_max))
+        assert engine.tile_key(asset, "neutral", BINNED, ADDRESS) != key
+        engine.put_frame(asset, "bent", bent)
+        before = maps(engine, asset, "bent")
+        engine.put_frame(made_so(engine, r_max), "bent", bent)
+        assert same(before, maps(engine, made_so(engine, r_max), "bent"))
+    with running(tmp_path) as engine:
+        settle(engine, asset)
+        assert engine.asset(asset).settings["bins"]["r_max"] == r_max
+        engine.put_frame(asset, "bent", bent)
+        assert same(before, maps(engine, asset, "bent"))
+    assert settings.bins.r_max != r_max
+
+
+def made_so(engine, r_max):
+    return built(engine, new_asset(bins={"r_max": r_max}))
+
+
+@pytest.mark.parametrize(("squeeze", "r_max"), [(1.0, 0.01), (0.0, 0.5), (1e-30, 0.5)])
+def test_calibration_with_nothing_or_everything_stretched(engine, squeeze, r_max):
+    asset = built(engine, new_asset())
+    job = engine.calibrate(asset, sheet().positions * squeeze)
+    assert finish(engine, job.id).state == "done"
+    assert engine.asset(asset).settings["bins"]["r_max"] == r_max
+
+
+def test_what_does_not_fit_the_mesh_is_refused(engine):
+    asset = built(engine, new_asset())
+    for positions in (sheet().positions[1:], sheet().positions[:, :2]):
+        with pytest.raises(FrameError):
+            engine.calibrate(asset, positions)
+        with pytest.raises(FrameError):
+            engine.put_frame(asset, "bad", positions)
+    new = new_asset()
+    graph = type(new.graph)(**{**new.graph.arrays(), "edge_triangle": [200] * 80})
+    with pytest.raises(GraphError, match=r"edge_triangle\[0\] is 200: .* 200 triangles"):
+        engine.create_asset(NewAsset(new.mesh, new.settings, graph))
+
+
+@pytest.mark.parametrize("key", ["resolution", "tile_size", "graph", "padding", "unit", "angles"])
+def test_what_is_fixed_cannot_be_changed(engine, key):
+    asset = built(engine, new_asset())
+    with pytest.raises(SettingsError, match=key):
+        engine.change_asset(asset, {key: settings_of().as_json()[key]})
+    with pytest.raises(SettingsError, match="nothing_like_this"):
+        engine.change_asset(asset, {"nothing_like_this": 1})
+
+
+def test_frames_sent_with_a_mesh_are_there_when_it_is_built(engine):
+    mesh = sheet()
+    frames = [deform(mesh.positions, seed) for seed in range(3)]
+    new = new_asset(mesh)
+    info = engine.create_asset(NewAsset(mesh, new.settings, new.graph, frames))
+    assert finish(engine, info.job).state == "done"
+    wait_for_jobs(engine)
+    names = [frame.name for frame in engine.frames(info.id)]
+    assert names == ["neutral", "0000", "0001", "0002"]
+    for name, positions in zip(names[1:], frames, strict=True):
+        assert same([engine.frame_positions(info.id, name)], [positions])

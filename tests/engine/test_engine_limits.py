@@ -1,0 +1,208 @@
+"""Limits: device memory, frame memory, the queue. What does not fit is refused with numbers, and
+the engine goes on."""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+import pytest
+
+from engine.engines import (
+    BINNED,
+    MIB,
+    REDRAW,
+    built,
+    finish,
+    maps,
+    new_asset,
+    running,
+    same,
+    settle,
+)
+from meshes import deform
+from pipeline.scenes import random_graph, settings_of, sheet
+from rhytid.domain.tiles import TileAddress
+from rhytid.engine.messages import NewAsset
+from rhytid.errors import BusyError, DeviceMemoryError, LimitError, NotFoundError, ReadOnlyError
+
+ADDRESS = TileAddress(1001, 0, 0, 0)
+BENT = deform(sheet().positions, 1, 0.15)
+# Four floats a texel and codes of 15 maps: what a tile of 64² texels needs to be blended.
+TILE_BYTES = 64 * 64 * (15 + 16)
+
+
+def used(engine):
+    return next(info.used for info in engine.devices() if info.selected)
+
+
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory):
+    """A store with an asset of 512² texels, its id, the bytes that it keeps on the device, and its
+    maps as made with plenty of memory."""
+    store = tmp_path_factory.mktemp("stored")
+    with running(store) as engine:
+        asset = built(engine, new_asset(resolution=512, tile_size=64))
+        engine.put_frame(asset, "bent", BENT)
+        plenty = [maps(engine, asset, "bent", level) for level in (0, 2)]
+    with running(store, device_memory=3 * MIB) as engine:  # too little to make bins ahead
+        settle(engine, asset)
+        resident = used(engine)
+    return store, asset, resident, plenty
+
+
+def test_a_map_that_does_not_fit_is_refused_with_numbers_and_leaves_nothing(stored):
+    store, asset, resident, _ = stored
+    budget = resident + 512 * 512  # a quarter of one map
+    with running(store, device_memory=budget) as engine:
+        settle(engine, asset)
+        engine.put_frame(asset, "bent", BENT)
+        engine.tile(asset, "bent", REDRAW, ADDRESS)
+        before = used(engine)
+        for _ in range(3):
+            with pytest.raises(DeviceMemoryError, match=rf"\d+ bytes .* {budget} bytes"):
+                engine.map(asset, "bent", REDRAW, 1001, 0)
+            assert used(engine) <= before
+        found = engine.tile(asset, "bent", REDRAW, ADDRESS)
+        assert used(engine) == before
+        assert np.abs(found).max() > 0
+
+
+def test_bins_made_one_by_one_under_a_small_budget_are_the_same_bits(stored):
+    store, asset, resident, plenty = stored
+    with running(store, device_memory=resident + 3 * TILE_BYTES + 256 * 256 * 8) as engine:
+        settle(engine, asset)
+        engine.put_frame(asset, "bent", BENT)
+        for level, wanted in zip((0, 2), plenty, strict=True):
+            found = engine.map(asset, "bent", BINNED, 1001, level)
+            assert same([found], [wanted[2]])
+        assert used(engine) <= resident + 3 * TILE_BYTES + 256 * 256 * 8
+
+
+def test_an_asset_that_does_not_fit_fails_with_numbers_and_leaves_nothing(tmp_path):
+    with running(tmp_path, device_memory=20_000) as engine:
+        assert engine.ready()
+        info = engine.create_asset(new_asset())
+        job = finish(engine, info.job)
+        assert job.state == "failed"
+        failed = engine.asset(info.id)
+        assert failed.state == "failed"
+        assert failed.reason is not None
+        assert "budget of 20000 bytes" in failed.reason
+        assert used(engine) == 0
+        assert engine.ready()
+    with running(tmp_path) as engine:  # with more memory it can be built after all
+        settle(engine, info.id)
+        assert engine.asset(info.id).state == "ready"
+
+
+def test_a_change_that_does_not_fit_leaves_the_asset_as_it_was(tmp_path):
+    many = NewAsset(sheet(), settings_of(), random_graph(9, 3000, (0.002, 0.01), (0.002, 0.01)))
+    with running(tmp_path, device_memory=MIB) as engine:  # too little to make bins ahead
+        asset = built(engine, many)
+        resident = used(engine)
+    budget = resident + 130_000  # a tile can be drawn; half of the elements take more
+    with running(tmp_path, device_memory=budget) as engine:
+        settle(engine, asset)
+        engine.put_frame(asset, "bent", BENT)
+        tile = engine.tile(asset, "bent", REDRAW, ADDRESS)
+        key = engine.tile_key(asset, "bent", REDRAW, ADDRESS)
+        with pytest.raises(DeviceMemoryError, match=f"{budget} bytes"):
+            engine.change_asset(asset, {"response": {"alpha_w": 2.0}})
+        assert engine.asset(asset).settings["response"]["alpha_w"] == 1.0
+        assert engine.tile_key(asset, "bent", REDRAW, ADDRESS) == key
+        assert same([engine.tile(asset, "bent", REDRAW, ADDRESS)], [tile])
+        assert used(engine) <= budget
+    with running(tmp_path) as engine:
+        settle(engine, asset)
+        assert engine.asset(asset).settings["response"]["alpha_w"] == 1.0
+
+
+def test_frames_beyond_their_memory_are_refused_with_numbers(tmp_path):
+    size = BENT.nbytes
+    with running(tmp_path, frame_memory=2 * size + 10) as engine:
+        asset = built(engine, new_asset())
+        engine.put_frame(asset, "a", BENT)
+        engine.put_frame(asset, "b", BENT)
+        with pytest.raises(LimitError, match=rf"{2 * size} of {2 * size + 10} bytes.*{size} more"):
+            engine.put_frame(asset, "c", BENT)
+        engine.put_frame(asset, "b", BENT)  # in place of what is there
+        engine.delete_frame(asset, "a")
+        engine.put_frame(asset, "c", BENT)
+        assert [frame.name for frame in engine.frames(asset)] == ["neutral", "b", "c"]
+        engine.delete_asset(asset)
+        other = built(engine, new_asset(seed=2))
+        engine.put_frame(other, "a", BENT)
+        engine.put_frame(other, "b", BENT)
+
+
+def test_neutral_is_read_only(engine):
+    asset = built(engine, new_asset())
+    with pytest.raises(ReadOnlyError):
+        engine.put_frame(asset, "neutral", BENT)
+    with pytest.raises(ReadOnlyError):
+        engine.delete_frame(asset, "neutral")
+
+
+def test_a_full_queue_is_busy_and_recovers(tmp_path):
+    with running(tmp_path, queue=1) as engine:
+        asset = built(engine, new_asset())
+        at_work, free = threading.Event(), threading.Event()
+
+        def occupy():
+            at_work.set()
+            assert free.wait(60)
+
+        threads = [threading.Thread(target=engine._on_device, args=(occupy,))]
+        threads[0].start()
+        assert at_work.wait(60)
+        threads.append(threading.Thread(target=engine._on_device, args=(lambda: None,)))
+        threads[1].start()
+        try:
+            while engine.waiting < 1:
+                threads[1].join(0.001)
+            with pytest.raises(BusyError, match="1 requests wait") as raised:
+                engine.tile(asset, "neutral", REDRAW, ADDRESS)
+            assert raised.value.retry_after > 0
+            assert engine.ready()  # a device at work is ready
+            assert engine.tile_key(asset, "neutral", REDRAW, ADDRESS)  # needs no device
+        finally:
+            free.set()
+            for thread in threads:
+                thread.join()
+        assert engine.tile(asset, "neutral", REDRAW, ADDRESS).shape == (64, 64)
+
+
+def test_many_callers_get_the_same_bits(engine):
+    asset = built(engine, new_asset())
+    engine.put_frame(asset, "bent", BENT)
+    wanted = maps(engine, asset, "bent")
+    found = [None] * 6
+
+    def call(index):
+        found[index] = maps(engine, asset, "bent")
+
+    threads = [threading.Thread(target=call, args=(i,)) for i in range(len(found))]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert all(same(one, wanted) for one in found)
+
+
+def test_places_that_do_not_exist_are_not_found(engine):
+    asset = built(engine, new_asset())
+    for address, named in (
+        (TileAddress(1002, 0, 0, 0), "UDIM 1002"),
+        (TileAddress(1001, 9, 0, 0), "level 9"),
+        (TileAddress(1001, 0, 4, 0), "row 4"),
+        (TileAddress(1001, 0, 0, 4), "column 4"),
+    ):
+        with pytest.raises(NotFoundError, match=named):
+            engine.tile(asset, "neutral", REDRAW, address)
+        with pytest.raises(NotFoundError, match=named):
+            engine.tile_key(asset, "neutral", REDRAW, address)
+    with pytest.raises(NotFoundError, match="0123456789abcdef"):
+        engine.asset("0123456789abcdef")
+    with pytest.raises(NotFoundError, match="no frame"):
+        engine.tile(asset, "none", REDRAW, ADDRESS)

@@ -1,0 +1,63 @@
+"""Kernels of whole maps: quantise, halve, copy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import rhytid_kernels
+from kernels.one_line import run
+
+C_TYPES = {8: "char", 16: "short"}
+
+
+def quantised(device, heights, step, bits, first=0):
+    limit = 2 ** (bits - 1) - 1
+    out = np.full(first + len(heights), 77, f"i{bits // 8}")
+    options = [f"-DCODE={C_TYPES[bits]}", f"-DCODE_LIMIT={limit}"]
+    arguments = [heights, np.float32(step), np.int32(first)]
+    text = rhytid_kernels.source("quantise")
+    return run(device, text, "quantise", (len(heights),), arguments, out, options)
+
+
+@pytest.mark.parametrize("bits", [8, 16])
+def test_codes_are_within_half_a_step(device, bits):
+    limit, step = 2 ** (bits - 1) - 1, np.float32(0.0137)
+    heights = (np.linspace(-limit, limit, 9973) * float(step)).astype(np.float32)
+    codes = quantised(device, heights, step, bits)
+    error = np.abs(codes * float(step) - heights)
+    assert (error <= float(step) * (0.5 + limit * 2.0**-22)).all()
+    assert (codes.min(), codes.max()) == (-limit, limit)
+
+
+@pytest.mark.parametrize("bits", [8, 16])
+def test_codes_are_symmetric_saturate_and_keep_nothing_as_nothing(device, bits):
+    limit = 2 ** (bits - 1) - 1
+    heights = np.random.default_rng(1).normal(0, 50, 4001).astype(np.float32)
+    codes = quantised(device, heights, 0.5, bits)
+    np.testing.assert_array_equal(quantised(device, -heights, 0.5, bits), -codes)
+    ends = np.array([0.0, -0.0, 1e30, -1e30, np.inf, -np.inf], np.float32)
+    found = quantised(device, ends, 1e-6, bits)
+    np.testing.assert_array_equal(found, [0, 0, limit, -limit, limit, -limit])
+
+
+def test_codes_go_behind_those_that_are_there(device):
+    found = quantised(device, np.array([2.0, -3.0], np.float32), 1.0, 8, first=5)
+    np.testing.assert_array_equal(found, [77] * 5 + [2, -3])
+
+
+@pytest.mark.parametrize("side", [2, 8, 64])
+def test_halve_is_the_mean_of_four_added_in_a_fixed_order(device, side):
+    fine = np.random.default_rng(2).normal(size=(side, side)).astype(np.float32)
+    half = (side // 2, side // 2)
+    out = np.zeros(half, np.float32)
+    found = run(device, rhytid_kernels.source("level"), "halve", half, [fine], out)
+    a, b, c, d = (fine[y::2, x::2] for y in (0, 1) for x in (0, 1))
+    np.testing.assert_array_equal(found, np.float32(0.25) * ((a + b) + (c + d)))
+
+
+def test_copy_copies(device):
+    source = np.random.default_rng(3).normal(size=16 * 33).astype(np.float32)
+    out = np.zeros_like(source)
+    found = run(device, rhytid_kernels.source("copy"), "copy_map", (33,), [source], out)
+    np.testing.assert_array_equal(found, source)

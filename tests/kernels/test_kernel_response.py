@@ -1,0 +1,89 @@
+"""Alg. 1 and 2 on the device against the reference."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from kernels.one_line import evaluate
+from reference import response as reference
+
+
+def unit(angle):
+    return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+
+
+def sampled(seed, count=3000):
+    """theta (n, 2), axes (n, 4) and logs (n, 2) of triangles whose axes need not be orthogonal."""
+    rng = np.random.default_rng(seed)
+    first = rng.uniform(0, 2 * np.pi, count)
+    second = first + rng.uniform(0.3, np.pi - 0.3, count)
+    return {
+        "theta": unit(rng.uniform(0, 2 * np.pi, count)).astype(np.float32),
+        "axes": np.concatenate([unit(first), unit(second)], axis=1).astype(np.float32),
+        "logs": rng.uniform(-0.5, 0.5, (count, 2)).astype(np.float32),
+    }
+
+
+def across(device, inputs):
+    return evaluate(device, "response", "log_stretch_across(theta, axes, logs)", inputs)
+
+
+def test_log_stretch_across_is_algorithm_1(device):
+    inputs = sampled(1)
+    wanted = reference.wrinkle_stretch(
+        inputs["logs"], inputs["axes"].reshape(-1, 2, 2), inputs["theta"]
+    )
+    # 1 - |θ·ŝ| rounds by 1e-7 at most; the two of them add up to 0.01 at least with these axes.
+    np.testing.assert_allclose(across(device, inputs), wanted, atol=2e-5, rtol=0)
+
+
+def test_signs_of_axes_and_of_the_wrinkle_are_free(device):
+    inputs = sampled(2)
+    plain = across(device, inputs)
+    for name, sign in (("axes", [-1, -1, 1, 1]), ("axes", [1, 1, -1, -1]), ("theta", [-1, -1])):
+        turned = {**inputs, name: inputs[name] * np.array(sign, np.float32)}
+        np.testing.assert_array_equal(across(device, turned), plain)
+
+
+def test_a_wrinkle_along_both_axes_is_not_stretched(device):
+    along = np.array([[0.6, 0.8]], np.float32)
+    inputs = {
+        "theta": along,
+        "axes": np.tile(along, 2),
+        "logs": np.array([[0.5, -0.2]], np.float32),
+    }
+    assert abs(across(device, inputs)[0]) < 0.05
+
+
+def test_mean_log_stretch_is_algorithm_2(device):
+    logs = sampled(3)["logs"]
+    found = evaluate(device, "response", "mean_log_stretch(logs)", {"logs": logs})
+    np.testing.assert_allclose(found, reference.pore_stretch(logs), atol=1e-7, rtol=0)
+
+
+def scales(device, r, width, depth):
+    expression = (
+        f"(float2)(scales_of(r, {width}f, {depth}f).width, scales_of(r, {width}f, {depth}f).depth)"
+    )
+    return evaluate(device, "response", expression, {"r": r}, width=2)
+
+
+@pytest.mark.parametrize(("width", "depth"), [(1.0, 4.0), (4.0, 10.0), (0.5, 0.25)])
+def test_scales_are_exact_to_1e_5(device, width, depth):
+    r = np.linspace(-0.5, 0.5, 4001, dtype=np.float32)
+    wanted = np.stack(reference.scales(r, width, depth), axis=1)
+    np.testing.assert_allclose(scales(device, r, width, depth), wanted, rtol=1e-5)
+
+
+def test_scales_without_stretch_are_exactly_one(device):
+    np.testing.assert_array_equal(scales(device, np.zeros(1, np.float32), 64.0, 64.0), 1.0)
+
+
+@given(st.floats(-4, 4, width=32), st.sampled_from([0.0, 1.0, 10.0, 64.0]))
+def test_scales_stay_within_a_quarter_and_four(device, r, exponent):
+    found = scales(device, np.array([r], np.float32), exponent, exponent)
+    assert (found >= 0.25).all()
+    assert (found <= 4.0).all()

@@ -1,0 +1,68 @@
+"""Where triangles stand between the samples (Alg. 3, lines 6 to 10), against the reference."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import rhytid_kernels
+from kernels.one_line import run
+from reference import bins as reference
+from reference.inputs import Bins
+
+COUNT = 500
+
+
+def frame(seed):
+    """axes (n, 2, 2) and clamped log stretch (n, 2), float32; the last row is the neutral."""
+    rng = np.random.default_rng(seed)
+    first = rng.uniform(0, 2 * np.pi, COUNT)
+    angle = np.stack([first, first + rng.uniform(0.3, np.pi - 0.3, COUNT)], axis=1)
+    axes = np.stack([np.cos(angle), np.sin(angle)], axis=-1).astype(np.float32)
+    logs = rng.uniform(-0.5, 0.5, (COUNT, 2)).astype(np.float32)
+    axes[-1], logs[-1] = np.eye(2), 0.0
+    return axes, logs
+
+
+def positions(device, axes, logs, bins):
+    layers = bins.count + 1
+    oriented = bins.count if bins.count > 1 else 0
+    directions = reference.directions(bins.count).astype(np.float32)
+    options = [f"-DLAYERS={layers}", f"-DSAMPLES={bins.samples}", f"-DORIENTED={oriented}"]
+    arguments = [axes, logs, directions, np.float32(bins.r_max)]
+    text, out = rhytid_kernels.source("weights"), np.zeros((COUNT, layers), np.float32)
+    return run(device, text, "sample_positions", (COUNT,), arguments, out, options)
+
+
+@pytest.mark.parametrize("count", [1, 2, 4, 16])
+@pytest.mark.parametrize("samples", [3, 5, 7])
+def test_positions_are_those_of_the_reference(device, count, samples):
+    bins = Bins(count=count, samples=samples, r_max=0.2)
+    axes, logs = frame(1)
+    r = reference.layer_stretch(logs, axes, count)
+    below, share = reference.blend_weights(r, bins)
+    found = positions(device, axes, logs, bins)
+    np.testing.assert_allclose(found, (below + share).T, atol=2e-5 / 0.2 * samples, rtol=0)
+    assert 0 <= found.min() <= found.max() <= samples - 1
+
+
+@pytest.mark.parametrize("samples", [3, 5, 7])
+def test_no_stretch_is_exactly_the_middle_sample(device, samples):
+    found = positions(device, *frame(2), Bins(count=4, samples=samples))
+    np.testing.assert_array_equal(found[-1], (samples - 1) / 2)
+
+
+def test_stretch_beyond_r_max_is_exactly_the_last_sample(device):
+    axes, logs = frame(3)
+    axes[:], logs[:250], logs[250:] = np.eye(2), 0.5, -0.5
+    found = positions(device, axes, logs, Bins(count=4, samples=5, r_max=0.2))
+    np.testing.assert_array_equal(found[:250], 4.0)
+    np.testing.assert_array_equal(found[250:], 0.0)
+
+
+def test_signs_of_axes_are_free(device):
+    axes, logs = frame(4)
+    plain = positions(device, axes, logs, Bins())
+    for signs in ((-1, 1), (1, -1), (-1, -1)):
+        turned = axes * np.array(signs, np.float32)[:, None]
+        np.testing.assert_array_equal(positions(device, turned, logs, Bins()), plain)

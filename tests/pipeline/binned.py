@@ -1,0 +1,61 @@
+"""One tile of precomputed maps: the product's, and what the reference makes of the same scene."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from pipeline.scenes import DEPTH, EDGE_BAND, Scene
+from reference import bins as reference
+from reference import drawing, locate
+from rhytid.domain.tiles import udim_origin
+from rhytid.pipeline.bins import BinMaker
+from rhytid.pipeline.blend import Blend
+from rhytid.pipeline.locate import UdimTriangles
+
+TILE = 64
+
+
+class BinnedScene(Scene):
+    """One tile of one UDIM: the maps of the product, and both sides of what comes of them."""
+
+    def __init__(self, device, mesh, graph, settings, at=(64, 128), udim=1001):
+        super().__init__(device, mesh, graph, settings)
+        self.udim = udim
+        self.located = UdimTriangles(device, mesh, udim, settings.resolution, settings.padding)
+        maker = BinMaker(device, self.elements(udim), self.located, settings)
+        self.tile = maker.tile(0, *at, TILE)
+        self.points = drawing.crop(*at, TILE, TILE, settings.resolution)
+
+    def codes(self):
+        bins = self.settings.bins
+        shape = (bins.count + 1, bins.samples, TILE * TILE)
+        return self.device.read(self.tile.codes, shape, f"i{bins.bits // 8}")
+
+    def blended(self, positions):
+        blend = Blend(self.device, self.settings, len(self.mesh.faces))
+        out = blend.tile(self.tile, blend.positions(self.stretch(positions)))
+        return self.device.read(out, (TILE * TILE,), np.float32)
+
+    def reference_codes(self, layer, bits=None):
+        settings = self.settings
+        bins = replace(settings.bins, bits=bits or settings.bins.bits)
+        return reference.codes(
+            self.points, self.graph, layer, settings.response, settings.shape, bins, DEPTH,
+            udim_origin(self.udim),
+        )[:, 0]  # fmt: skip
+
+    def reference_blend(self, codes, positions):
+        """(P,) the blend of the product's own codes, and whether a texel's triangle is sure."""
+        settings = self.settings
+        index, margin = locate.locate(
+            self.points + udim_origin(self.udim),
+            self.mesh.triangle_uv(),
+            settings.padding / settings.resolution,
+        )
+        logs, axes = locate.sample(index, *self.reference_logs(positions))
+        r = reference.layer_stretch(logs, axes, settings.bins.count)
+        layers = [maps[:, None].astype(np.int64) for maps in codes]
+        found = reference.blend(layers, r, settings.response, settings.shape, settings.bins, DEPTH)
+        return found, margin > EDGE_BAND

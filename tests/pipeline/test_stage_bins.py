@@ -1,0 +1,133 @@
+"""Precomputed maps and their blend (section 2.4, Alg. 3) against the reference."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from meshes import deform
+from pipeline.binned import BinnedScene
+from pipeline.scenes import DEPTH, random_graph, settings_of, sheet
+from reference import bins as reference
+from reference import drawing
+from rhytid.pipeline.bins import BinMaker, directions, quantisation_steps, sample_stretches
+
+TILE = 64
+GRAPH = random_graph(21, 300)
+CHOICES = [
+    {"count": 4, "samples": 3, "bits": 8},
+    {"count": 1, "samples": 5, "bits": 16},
+    {"count": 2, "samples": 7, "bits": 8},
+    {"count": 16, "samples": 3, "bits": 16, "r_max": 0.4},
+]
+
+
+def scene(device, choice, **more):
+    return BinnedScene(device, sheet(), GRAPH, settings_of(bins=choice, **more))
+
+
+@pytest.mark.parametrize("choice", CHOICES)
+def test_codes_are_the_drawing_rounded_to_the_step(device, choice):
+    made = scene(device, choice)
+    steps = quantisation_steps(made.settings).astype(np.float64)
+    assert (np.abs(made.codes()).max(axis=(1, 2)) > 0.05 * 2 ** (choice["bits"] - 1)).all()
+    for layer, codes in enumerate(made.codes()):
+        fine = reference.steps(replace(made.settings.bins, bits=31), DEPTH, exponent(made, layer))
+        exact = made.reference_codes(layer, 31) * fine[:, None]
+        step = steps[layer][:, None]
+        assert (np.abs(codes * step - exact) <= 0.5 * step * (1 + 1e-5) + 1e-4 * DEPTH).all()
+        same = codes == made.reference_codes(layer)
+        assert same.mean() > (0.995 if choice["bits"] == 8 else 0.9)
+
+
+def exponent(made, layer):
+    response = made.settings.response
+    return response.beta_d if layer == made.settings.bins.count else response.alpha_d
+
+
+@pytest.mark.parametrize("choice", CHOICES)
+def test_blending_the_codes_is_that_of_the_reference(device, choice):
+    made = scene(device, choice)
+    positions = deform(made.mesh.positions, 5, 0.15)
+    wanted, sure = made.reference_blend(made.codes(), positions)
+    assert sure.mean() > 0.98
+    found = made.blended(positions)
+    assert np.abs(wanted).max() > 0.3 * DEPTH
+    # r is exact to 1e-5, and so is its share of the difference of two samples.
+    assert np.abs(found - wanted)[sure].max() <= 1e-4 * DEPTH
+
+
+def test_the_whole_fast_method_is_that_of_the_reference(device):
+    made = scene(device, CHOICES[0])
+    positions = deform(made.mesh.positions, 6, 0.15)
+    found = made.blended(positions)
+    codes = np.stack([made.reference_codes(layer) for layer in range(5)])
+    wanted, sure = made.reference_blend(codes, positions)
+    step = quantisation_steps(made.settings).max()
+    assert np.abs(found - wanted)[sure].max() <= step * 1.01  # where a code rounds the other way
+    assert np.sqrt(np.square(found - wanted)[sure].mean()) <= 0.05 * step
+
+
+@pytest.mark.parametrize("udim", [1001, 1002, 1011])
+def test_maps_of_every_udim(device, udim):
+    settings = settings_of(bins=CHOICES[0])
+    graph = random_graph(22, 300, span=2.0)
+    made = BinnedScene(device, sheet(udims=2), graph, settings, (128, 64), udim)
+    positions = deform(made.mesh.positions, 7, 0.15)
+    for layer, codes in enumerate(made.codes()):
+        assert (np.abs(codes - made.reference_codes(layer)) <= 1).all()
+    wanted, sure = made.reference_blend(made.codes(), positions)
+    assert np.abs(made.blended(positions) - wanted)[sure].max() <= 1e-4 * DEPTH
+
+
+def test_without_stretch_the_middle_sample_comes_out(device):
+    made = scene(device, CHOICES[2])
+    middle = made.codes()[:, 3] * quantisation_steps(made.settings)[:, 3:4]
+    np.testing.assert_allclose(made.blended(None), middle.min(axis=0), atol=1e-7 * DEPTH, rtol=0)
+
+
+@pytest.mark.parametrize("choice", CHOICES)
+def test_steps_samples_and_directions_are_those_of_the_reference(choice):
+    settings = settings_of(bins=choice)
+    bins, response = settings.bins, settings.response
+    found = quantisation_steps(settings)
+    for layer in range(bins.count + 1):
+        factor = response.beta_d if layer == bins.count else response.alpha_d
+        np.testing.assert_allclose(found[layer], reference.steps(bins, DEPTH, factor), rtol=1e-6)
+    np.testing.assert_allclose(sample_stretches(bins), reference.samples(bins), atol=1e-15)
+    assert sample_stretches(bins)[bins.samples // 2] == 0.0
+    np.testing.assert_allclose(directions(bins.count), reference.directions(bins.count), atol=1e-15)
+
+
+def test_no_code_saturates_where_one_furrow_is_alone(device):
+    made = scene(device, {"count": 1, "samples": 3, "bits": 8, "r_max": 0.45})
+    assert np.abs(made.codes()).max() <= 127
+    deepest = math.exp(0.45 * made.settings.response.alpha_d)
+    assert quantisation_steps(made.settings)[0, 0] * 127 >= min(deepest, 4.0) * DEPTH
+
+
+@pytest.mark.parametrize("level", [1, 5, 6, 7, 8])
+def test_maps_of_a_coarse_level_are_means_before_they_are_rounded(device, level):
+    settings = settings_of(bins=CHOICES[0])
+    made = BinnedScene(device, sheet(), GRAPH, settings)
+    side = min(256 >> level, TILE)
+    maker = BinMaker(device, made.elements(), made.located, settings)
+    tile = maker.tile(level, 0, 0, side)
+    assert tile.texels == max(side * side, 16)
+    codes = device.read(tile.codes, (5, 3, tile.texels), np.int8)[:, :, : side * side]
+    points = drawing.crop(0, 0, side << level, side << level, 256)
+    fine = replace(settings.bins, bits=31)
+    for layer in range(5):
+        exact = (
+            reference.codes(
+                points, made.graph, layer, settings.response, settings.shape, fine, DEPTH
+            )[:, 0]
+            * reference.steps(fine, DEPTH, exponent(made, layer))[:, None]
+        )
+        blocks = exact.reshape(3, side, 1 << level, side, 1 << level).mean(axis=(2, 4))
+        step = quantisation_steps(settings)[layer].astype(np.float64)[:, None]
+        error = np.abs(codes[layer] * step - blocks.reshape(3, -1))
+        assert (error <= 0.5 * step * (1 + 1e-5) + 1e-4 * DEPTH).all()
