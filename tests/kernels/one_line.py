@@ -73,6 +73,13 @@ def run(
     return result
 
 
+def vector(*values: float) -> np.void:
+    """A small vector as `run` passes it by value."""
+    kind = np.dtype([(name, np.float32) for name in "xyzw"[: len(values)]])
+    found: np.void = np.array(values, kind)[()]
+    return found
+
+
 @cache
 def _kernel(device: Device, text: str, kernel: str, options: tuple[str, ...]) -> Any:
     return getattr(device.build(rhytid_kernels.expand(text), [*BUILD_OPTIONS, *options]), kernel)

@@ -2,90 +2,150 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import rhytid_kernels
-from kernels.one_line import run
+from kernels.one_line import run, vector
+from reference.drawing import mellow_max
 
 WIDTH = 16
 TEXELS = 64 * WIDTH
 C_TYPES = {8: "char", 16: "short"}
+MIN, MELLOW = 1, 2  # parts of a map
 
 
-def scene(layers, samples, bits, triangles, seed=1):
-    """codes (L, M, P), positions (T, L) and steps (L, M) with positions at samples, too."""
+class Maps(NamedTuple):
+    """codes (L, parts, M, P), weights (T, L, 2), steps (L, M); heights in units of `depth`."""
+
+    codes: NDArray[np.integer]
+    weights: NDArray[np.float32]
+    steps: NDArray[np.float32]
+    depth: float = 1.0
+    sharpness: float = 20.0
+
+
+def maps(layers, samples, bits, triangles, parts=MIN, seed=1):
+    """Random maps; some of the triangles stand at a sample, all have a depth scale of their own."""
     rng = np.random.default_rng(seed)
     most = 2 ** (bits - 1) - 1
-    codes = rng.integers(-most, most + 1, (layers, samples, TEXELS)).astype(f"i{bits // 8}")
-    positions = rng.uniform(0, samples - 1, (triangles, layers)).astype(np.float32)
-    positions[::3] = np.rint(positions[::3])
-    steps = (rng.uniform(0.5, 2.0, (layers, samples)) / most).astype(np.float32)
-    return codes, positions, steps
+    codes = rng.integers(-most, most + 1, (layers, parts, samples, TEXELS))
+    if parts == MELLOW:  # valleys down, bulges up
+        codes = np.abs(codes) * np.array([-1, 1])[:, None, None]
+    place = rng.uniform(0, samples - 1, (triangles, layers))
+    place[::3] = np.rint(place[::3])
+    weights = np.stack([place, rng.uniform(0.25, 2, (triangles, layers))], axis=-1)
+    steps = rng.uniform(0.5, 2.0, (layers, samples)) / most
+    return Maps(
+        codes.astype(f"i{bits // 8}"), weights.astype(np.float32), steps.astype(np.float32)
+    )
 
 
-def blended(device, triangle, codes, positions, steps):
-    layers, samples, _ = codes.shape
-    bits = 8 * codes.itemsize
-    options = [f"-DCODE={C_TYPES[bits]}", f"-DCODE_BITS={bits}"]
+def blended(device, triangle, maps):
+    layers, parts, samples, _ = maps.codes.shape
+    bits = 8 * maps.codes.itemsize
+    options = [f"-DCODE={C_TYPES[bits]}", f"-DCODE_BITS={bits}", f"-DPARTS={parts}"]
     options += [f"-DLAYERS={layers}", f"-DSAMPLES={samples}"]
-    arguments = [triangle, codes, positions, steps, np.int32(TEXELS)]
+    merge = vector(maps.depth, maps.sharpness)
+    arguments = [triangle, maps.codes, maps.weights, maps.steps, merge, np.int32(TEXELS)]
     text, out = rhytid_kernels.source("blend"), np.zeros(TEXELS, np.float32)
     return run(device, text, "blend", (TEXELS // WIDTH,), arguments, out, options)
 
 
-def wanted(triangle, codes, positions, steps):
+def wanted(triangle, maps):
     """The same in double, (P,)."""
-    heights = codes * steps.astype(np.float64)[..., None]
-    place = positions.astype(np.float64)[triangle].T
-    below = np.minimum(place.astype(int), codes.shape[1] - 2)
-    layer, texel = np.ogrid[: len(codes), :TEXELS]
-    low, high = heights[layer, below, texel], heights[layer, below + 1, texel]
-    return ((1 - (place - below)) * low + (place - below) * high).min(axis=0)
+    heights = maps.codes * maps.steps.astype(np.float64)[:, None, :, None]
+    weights = maps.weights.astype(np.float64)[triangle]
+    place, scale = weights[..., 0].T, weights[..., 1].T
+    below = np.minimum(place.astype(int), maps.codes.shape[2] - 2)
+    layer, texel = np.ogrid[: len(heights), :TEXELS]
+    low, high = heights[layer, :, below, texel], heights[layer, :, below + 1, texel]
+    share = (place - below)[..., None]
+    layers = scale[..., None] * ((1 - share) * low + share * high)  # (L, P, parts)
+    if maps.codes.shape[1] == MIN:
+        return layers[..., 0].min(axis=0)
+    soft = [mellow_max(np.abs(side).T / maps.depth, maps.sharpness) for side in np.rollaxis(layers, 2)]
+    return maps.depth * (soft[1] - soft[0])
 
 
-def check(device, triangle, scene):
-    codes, _, steps = scene
-    found = blended(device, triangle.astype(np.int32), *scene)
-    largest = float(np.abs(codes).max() * steps.max())
-    assert np.abs(found - wanted(triangle, *scene)).max() <= 1e-6 * largest
+def check(device, triangle, maps):
+    found = blended(device, triangle.astype(np.int32), maps)
+    largest = float(np.abs(maps.codes).max() * maps.steps.max() * maps.weights[..., 1].max())
+    assert np.abs(found - wanted(triangle, maps)).max() <= 1e-6 * largest
 
 
+@pytest.mark.parametrize("parts", [MIN, MELLOW])
 @pytest.mark.parametrize("samples", [3, 5, 7])
 @pytest.mark.parametrize("bits", [8, 16])
 @pytest.mark.parametrize("bins", [1, 4, 16])
-def test_vectors_in_one_triangle_and_in_many_are_those_of_double(device, bins, samples, bits):
-    parts = scene(bins + 1, samples, bits, triangles=90)
+def test_vectors_in_one_triangle_and_in_many_are_those_of_double(
+    device, bins, samples, bits, parts
+):
+    made = maps(bins + 1, samples, bits, 90, parts)
     rng = np.random.default_rng(2)
     one_each = np.repeat(rng.integers(0, 90, TEXELS // WIDTH), WIDTH)
-    check(device, one_each, parts)
-    check(device, rng.integers(0, 90, TEXELS), parts)
+    check(device, one_each, made)
+    check(device, rng.integers(0, 90, TEXELS), made)
     mixed = one_each.copy()
     mixed[5::48] = 89  # one stranger in some of the vectors
-    check(device, mixed, parts)
+    check(device, mixed, made)
+
+
+@pytest.mark.parametrize("depth", [1e-6, 0.03, 1e6])
+@pytest.mark.parametrize("sharpness", [0.1, 3.0, 20.0])
+def test_the_mellow_merge_at_any_depth_and_sharpness(device, depth, sharpness):
+    made = maps(5, 3, 8, 90, MELLOW)._replace(depth=depth, sharpness=sharpness)
+    made = made._replace(steps=made.steps * np.float32(depth))
+    triangle = np.random.default_rng(3).integers(0, 90, TEXELS).astype(np.int32)
+    error = np.abs(blended(device, triangle, made) - wanted(triangle, made)).max() / depth
+    # A float32 beside 1 rounds by 2^-24; the logarithm of it is divided by the sharpness.
+    assert error <= 1e-6 * 4 + 16 * 2.0**-24 / sharpness
+
+
+@pytest.mark.parametrize("layers", [2, 17])
+def test_the_mellow_merge_of_the_largest_heights_is_finite(device, layers):
+    """4.8 depths at the largest sharpness, in every layer at once: e^96 is beyond a float32."""
+    made = maps(layers, 3, 8, 1, MELLOW)
+    made.codes[:] = np.array([-127, 127])[:, None, None]
+    made.steps[:] = 1.2 / 127
+    made.weights[:] = 1.0, 4.0
+    triangle = np.zeros(TEXELS, np.int32)
+    deep = made._replace(codes=made.codes * np.array([1, 0], np.int8)[:, None, None])
+    high = made._replace(codes=made.codes * np.array([0, 1], np.int8)[:, None, None])
+    for one, sign in ((deep, -1), (high, 1)):
+        found = blended(device, triangle, one)
+        # What is past e^85 is cut there: 4.25 depths, and what layers of that add up to.
+        np.testing.assert_allclose(found * sign, 85 / 20 + np.log(layers) / 20, rtol=1e-6)
+    np.testing.assert_array_equal(blended(device, triangle, made), 0.0)
 
 
 @pytest.mark.parametrize("samples", [3, 5, 7])
 def test_ends_and_samples_give_back_their_maps(device, samples):
-    codes, positions, steps = scene(1, samples, 8, triangles=samples)
-    positions[:, 0] = np.arange(samples)
+    made = maps(1, samples, 8, samples)
+    made.weights[:, 0, 0], made.weights[:, 0, 1] = np.arange(samples), 1.0
     for sample in range(samples):
         triangle = np.full(TEXELS, sample, np.int32)
-        exact = codes[0, sample].astype(np.float32) * steps[0, sample]
-        found = blended(device, triangle, codes, positions, steps)
-        np.testing.assert_array_equal(found, exact)
+        exact = made.codes[0, 0, sample].astype(np.float32) * made.steps[0, sample]
+        np.testing.assert_array_equal(blended(device, triangle, made), exact)
         triangle[::WIDTH] = (sample + 1) % samples
-        found = blended(device, triangle, codes, positions, steps)
+        found = blended(device, triangle, made)
         np.testing.assert_array_equal(found[1::WIDTH], exact[1::WIDTH])
 
 
-def test_nothing_behind_the_last_sample_is_read(device):
-    codes, positions, steps = scene(1, 3, 8, triangles=1)
-    positions[:] = 2.0
-    behind = np.append(steps, np.float32("nan"))
-    more = np.concatenate([codes, codes[:, :1]], axis=1)
-    options = ["-DCODE=char", "-DCODE_BITS=8", "-DLAYERS=1", "-DSAMPLES=3"]
-    arguments = [np.zeros(TEXELS, np.int32), more, positions, behind, np.int32(TEXELS)]
+@pytest.mark.parametrize("parts", [MIN, MELLOW])
+def test_nothing_behind_the_last_sample_is_read(device, parts):
+    made = maps(1, 3, 8, 1, parts)
+    made.weights[:] = 2.0, 1.0
+    triangle = np.zeros(TEXELS, np.int32)
+    plain = blended(device, triangle, made)
+    behind = made._replace(steps=np.append(made.steps, np.float32("nan"))[None])
+    options = ["-DCODE=char", "-DCODE_BITS=8", "-DLAYERS=1", "-DSAMPLES=3", f"-DPARTS={parts}"]
+    merge, count = vector(1.0, 20.0), np.int32(TEXELS)
+    arguments = [triangle, behind.codes, behind.weights, behind.steps, merge, count]
     text, out = rhytid_kernels.source("blend"), np.zeros(TEXELS, np.float32)
     found = run(device, text, "blend", (TEXELS // WIDTH,), arguments, out, options)
-    np.testing.assert_array_equal(found, codes[0, 2].astype(np.float32) * steps[0, 2])
+    np.testing.assert_array_equal(found, plain)
+    assert np.isfinite(found).all()

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from kernels.one_line import evaluate, run
-from reference.drawing import Pores, Wrinkles, crop, draw, mellow_max, segment_distance
+from reference.drawing import Pores, Wrinkles, crop, meet, mellow_max, segment_distance
 from reference.inputs import Shape
 
 BLOCK, LANES = 64, 8
+BOTH, VALLEYS, BULGES = range(3)  # the parts of draw.clh
 SHAPES = (
     Shape(),
     Shape(wrinkle_bulge=7.0, pore_bulge=4.0),
@@ -21,7 +22,7 @@ NO_PORES = np.zeros((0, 2), np.float32), np.zeros((0, 4), np.float32)
 DRAWING = """#include "draw.clh"
 __kernel void block(int wrinkles, __global const float4 *segments, __global const float2 *sizes,
                     int pores, __global const float2 *centres, __global const float4 *metrics,
-                    __global const float *s, __global float *out)
+                    __global const float *s, int part, __global float *out)
 {
     __local float valleys[BLOCK * STRIDE], bulges[BLOCK * STRIDE];
     sums_t sums = {valleys, bulges, get_local_id(0)};
@@ -31,7 +32,7 @@ __kernel void block(int wrinkles, __global const float4 *segments, __global cons
         draw_wrinkle(sums, segments[i].xy, segments[i].zw, sizes[i].x, sizes[i].y, shape);
     for (int i = 0; i < pores; i++)
         draw_pore(sums, centres[i], metrics[i].xyz, metrics[i].w, shape);
-    write_block(sums, shape, 1.0f, out, BLOCK);
+    write_block(sums, shape, 1.0f, part, out, BLOCK);
 }"""
 
 
@@ -59,30 +60,29 @@ def pores(seed, count):
     return centres.astype(np.float32), rows.astype(np.float32)
 
 
-def drawn(device, lines, discs, shape, items=1):
+def drawn(device, lines, discs, shape, items=1, part=BOTH):
     """(BLOCK, BLOCK) displacement of depth 1, top row first, by a group of `items` work-items."""
     values = [shape.wrinkle_bulge, shape.pore_bulge, shape.sharpness, shape.slots]
     arguments = [np.int32(len(lines[0])), *lines, np.int32(len(discs[0])), *discs]
     filled = [a if np.size(a) else np.zeros(4, np.float32) for a in arguments]
     out = np.zeros((BLOCK, BLOCK), np.float32)
     shape_values = np.array(values, np.float32)
-    return run(
-        device, DRAWING, "block", (items,), [*filled, shape_values], out, options(items), (items,)
-    )
+    given = [*filled, shape_values, np.int32(part)]
+    return run(device, DRAWING, "block", (items,), given, out, options(items), (items,))
 
 
-def wanted(lines, discs, shape):
+def wanted(lines, discs, shape, part=BOTH):
     segments, sizes = (x.astype(np.float64) for x in lines)
     ends = np.stack([segments[:, :2], segments[:, :2] + segments[:, 2:]], axis=1)
     metrics = discs[1].astype(np.float64)
     points = crop(0, 0, BLOCK, BLOCK, BLOCK) * BLOCK
-    height = draw(
+    valleys, bulges = meet(
         points,
         Wrinkles(ends, sizes[:, 0], sizes[:, 1]),
         Pores(discs[0].astype(np.float64), metrics[:, :3], metrics[:, 3]),
         shape,
-        1.0,
     )
+    height = {BOTH: bulges - valleys, VALLEYS: -valleys, BULGES: bulges}[part]
     return height.reshape(BLOCK, BLOCK)
 
 
@@ -101,6 +101,17 @@ def test_each_wrinkle_and_each_pore_alone(device, shape):
         for scene in ((line, NO_PORES), (NO_WRINKLES, disc)):
             found = drawn(device, *scene, shape)
             assert np.abs(found - wanted(*scene, shape)).max() <= 1e-4
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("part", [VALLEYS, BULGES])
+def test_one_part_is_that_of_double_and_of_one_sign(device, shape, part):
+    lines, discs = wrinkles(1, 40), pores(2, 30)
+    found = drawn(device, lines, discs, shape, part=part)
+    expected = wanted(lines, discs, shape, part)
+    assert np.abs(found - expected).max() <= 1e-4
+    np.testing.assert_array_equal(np.sign(found) * (1 if part == BULGES else -1) >= 0, True)
+    assert (np.abs(expected).max() > 0.1) == (part == VALLEYS or shape.wrinkle_bulge > 0)
 
 
 def test_any_number_of_work_items_gives_the_same_bits(device):

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 import rhytid_kernels
-from kernels.one_line import run
+from kernels.one_line import run, vector
 from reference import bins as reference
 from reference.inputs import Bins
+from reference.response import scales
 
 COUNT = 500
 
@@ -24,14 +25,20 @@ def frame(seed):
     return axes, logs
 
 
-def positions(device, axes, logs, bins):
+def weights(device, axes, logs, bins, exponents=(0.0, 0.0)):
+    """Positions (n, L) and depth scales (n, L)."""
     layers = bins.count + 1
     oriented = bins.count if bins.count > 1 else 0
     directions = reference.directions(bins.count).astype(np.float32)
     options = [f"-DLAYERS={layers}", f"-DSAMPLES={bins.samples}", f"-DORIENTED={oriented}"]
-    arguments = [axes, logs, directions, np.float32(bins.r_max)]
-    text, out = rhytid_kernels.source("weights"), np.zeros((COUNT, layers), np.float32)
-    return run(device, text, "sample_positions", (COUNT,), arguments, out, options)
+    arguments = [axes, logs, directions, np.float32(bins.r_max), vector(*exponents)]
+    text, out = rhytid_kernels.source("weights"), np.zeros((COUNT, layers, 2), np.float32)
+    found = run(device, text, "sample_weights", (COUNT,), arguments, out, options)
+    return found[..., 0], found[..., 1]
+
+
+def positions(device, axes, logs, bins):
+    return weights(device, axes, logs, bins)[0]
 
 
 @pytest.mark.parametrize("count", [1, 2, 4, 16])
@@ -66,3 +73,23 @@ def test_signs_of_axes_are_free(device):
     for signs in ((-1, 1), (1, -1), (-1, -1)):
         turned = axes * np.array(signs, np.float32)[:, None]
         np.testing.assert_array_equal(positions(device, turned, logs, Bins()), plain)
+
+
+@pytest.mark.parametrize("count", [1, 4, 16])
+@pytest.mark.parametrize("exponents", [(4.0, 10.0), (1.0, 64.0)])
+def test_depth_scales_are_those_of_the_stretch_before_its_clamp(device, count, exponents):
+    bins = Bins(count=count, r_max=0.05)
+    axes, logs = frame(5)
+    r = reference.layer_stretch(logs, axes, count)
+    assert (np.abs(r) > bins.r_max).mean() > 0.5
+    wanted = [scales(layer, 0.0, exponents[i == count])[1] for i, layer in enumerate(r)]
+    place, found = weights(device, axes, logs, bins, exponents)
+    # sigma_d = e^(-ar): an error of 1e-5 in r grows by a.
+    np.testing.assert_allclose(found, np.transpose(wanted), rtol=1e-5 * max(exponents))
+    assert (found.min(), found.max()) == pytest.approx((0.25, 4.0), rel=0.3)
+    np.testing.assert_array_equal(found[-1], 1.0)
+    np.testing.assert_array_equal(place, positions(device, axes, logs, bins))
+
+
+def test_maps_that_hold_their_depth_are_scaled_by_exactly_one(device):
+    np.testing.assert_array_equal(weights(device, *frame(6), Bins())[1], 1.0)
