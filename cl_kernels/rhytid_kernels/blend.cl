@@ -34,7 +34,7 @@ inline float16 blend_triangle(__global const CODE *maps, int texels, __global co
 #else
 // Valleys and bulges apart, by the mellow-max that drew them. merge: (depth, sharpness). Heights
 // are at most 4.8 depths and the sharpness is at most 20: past e^85 seventeen layers would not fit
-// into a float32, so there the deepest wins alone.
+// into a float32, so heights are cut there, at 4.25 depths or more.
 inline float16 grown(float16 height, float2 merge)
 {
     return exp(min(height * (merge.y / merge.x), (float16)(85.0f))) - 1.0f;

@@ -34,6 +34,6 @@ __kernel void redraw(__global const float4 *segments, __global const float2 *siz
         draw_pore(sums, centres[i] - corner, m.xyz / (scale.x * scale.x), m.w * scale.y, shape);
     }
     int stride = get_num_groups(0) * BLOCK;
-    write_block(sums, shape, depth, BOTH_PARTS, out + get_group_id(1) * BLOCK * stride + get_group_id(0) * BLOCK,
-                stride);
+    __global float *block_out = out + get_group_id(1) * BLOCK * stride + get_group_id(0) * BLOCK;
+    write_block(sums, shape, depth, BOTH_PARTS, block_out, stride);
 }

@@ -16,8 +16,12 @@ __kernel void vertex_tension(__global const float *positions, __global const int
     tension[v] = last > first ? sum / (last - first) : 1.0f;
 }
 
-// Per triangle the mean of the log over its vertices, each clamped to +-limit by the mean's clamp.
-// One work-item more than triangles, for points in none. ratios, axes, logs: as in stretch.cl.
+// Beyond the log of any float32, so that only infinities are changed: one vertex that collapses and
+// one that explodes have a mean.
+#define LOG_LIMIT 104.0f
+
+// Per triangle the mean of the log over its vertices; the mean is clamped to +-limit. One work-item
+// more than triangles, for points in none. ratios, axes, logs: as in stretch.cl.
 __kernel void stretch_tension(__global const float *tension, __global const int *faces,
                               int triangles, float limit, __global float2 *ratios,
                               __global float4 *axes, __global float2 *logs)
@@ -25,10 +29,10 @@ __kernel void stretch_tension(__global const float *tension, __global const int 
     int i = get_global_id(0);
     float r = 0.0f;
     if (i < triangles)
-        r = (log(tension[faces[3 * i]]) + log(tension[faces[3 * i + 1]]) +
-             log(tension[faces[3 * i + 2]])) / 3.0f;
-    float ratio = exp(r);
-    ratios[i] = (float2)(ratio);
+        r = (clamped_log(tension[faces[3 * i]], LOG_LIMIT) +
+             clamped_log(tension[faces[3 * i + 1]], LOG_LIMIT) +
+             clamped_log(tension[faces[3 * i + 2]], LOG_LIMIT)) / 3.0f;
+    ratios[i] = (float2)(exp(r));
     axes[i] = (float4)(1.0f, 0.0f, 0.0f, 1.0f);
     logs[i] = (float2)(clamped(r, limit));
 }

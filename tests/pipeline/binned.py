@@ -10,7 +10,7 @@ from pipeline.scenes import DEPTH, EDGE_BAND, Scene
 from reference import bins as reference
 from reference import drawing, locate
 from rhytid.domain.tiles import udim_origin
-from rhytid.pipeline.bins import BinMaker
+from rhytid.pipeline.bins import BinMaker, parts
 from rhytid.pipeline.blend import Blend
 from rhytid.pipeline.locate import UdimTriangles
 
@@ -28,25 +28,30 @@ class BinnedScene(Scene):
         self.tile = maker.tile(0, *at, TILE)
         self.points = drawing.crop(*at, TILE, TILE, settings.resolution)
 
-    def codes(self):
-        bins = self.settings.bins
-        shape = (bins.count + 1, bins.samples, TILE * TILE)
-        return self.device.read(self.tile.codes, shape, f"i{bins.bits // 8}")
+    def codes(self, tile=None, side=TILE):
+        """(N + 1, M, sides, P) as the reference has them: apart, valleys are positive too."""
+        tile, bins = tile or self.tile, self.settings.bins
+        shape = (bins.count + 1, len(parts(bins)), bins.samples, tile.texels)
+        stored = self.device.read(tile.codes, shape, f"i{bins.bits // 8}")
+        apart = [-1, 1] if bins.merge == "mellow" else [1]
+        signs = np.array(apart, stored.dtype)[:, None, None]
+        return np.swapaxes(stored * signs, 1, 2)[..., : side * side]
 
-    def blended(self, positions):
+    def blended(self, positions, model="tensor"):
         blend = Blend(self.device, self.settings, len(self.mesh.faces))
-        out = blend.tile(self.tile, blend.positions(self.stretch(positions)))
+        out = blend.tile(self.tile, blend.weights(self.stretch(positions, model)))
         return self.device.read(out, (TILE * TILE,), np.float32)
 
-    def reference_codes(self, layer, bits=None):
+    def reference_codes(self, layer, bits=None, points=None):
+        """(M, sides, P) of one layer."""
         settings = self.settings
         bins = replace(settings.bins, bits=bits or settings.bins.bits)
         return reference.codes(
-            self.points, self.graph, layer, settings.response, settings.shape, bins, DEPTH,
-            udim_origin(self.udim),
-        )[:, 0]  # fmt: skip
+            self.points if points is None else points, self.graph, layer, settings.response,
+            settings.shape, bins, DEPTH, udim_origin(self.udim),
+        )  # fmt: skip
 
-    def reference_blend(self, codes, positions):
+    def reference_blend(self, codes, positions, model="tensor"):
         """(P,) the blend of the product's own codes, and whether a texel's triangle is sure."""
         settings = self.settings
         index, margin = locate.locate(
@@ -54,8 +59,8 @@ class BinnedScene(Scene):
             self.mesh.triangle_uv(),
             settings.padding / settings.resolution,
         )
-        logs, axes = locate.sample(index, *self.reference_logs(positions))
+        logs, axes = locate.sample(index, *self.reference_logs(positions, model))
         r = reference.layer_stretch(logs, axes, settings.bins.count)
-        layers = [maps[:, None].astype(np.int64) for maps in codes]
+        layers = [maps.astype(np.int64) for maps in codes]
         found = reference.blend(layers, r, settings.response, settings.shape, settings.bins, DEPTH)
         return found, margin > EDGE_BAND

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshes import Positions, bumpy_grid
-from reference import locate, redraw, stretch
+from reference import locate, redraw, stretch, stretch_models
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
@@ -19,11 +19,17 @@ from rhytid.pipeline.elements import UdimElements, pore_arrays, wrinkle_arrays
 from rhytid.pipeline.levels import render_to_host
 from rhytid.pipeline.locate import locate_points
 from rhytid.pipeline.redraw import redrawing, respond
-from rhytid.pipeline.stretch import StretchBuffers, StretchStage
+from rhytid.pipeline.stretch import StretchStage
+from rhytid.pipeline.stretch_buffers import StretchBuffers
 
 DEPTH = 0.03
 # What float32 coordinates within a UDIM round to, with room for a cross product.
 EDGE_BAND = 1e-6
+MODELS = {
+    "tensor": stretch.stretch,
+    "tension": stretch_models.tension,
+    "uv": stretch_models.uv_stretch,
+}
 Places = NDArray[np.floating[Any]]
 
 
@@ -112,9 +118,9 @@ class Scene:
             settings.bins.count,
         )
 
-    def stretch(self, positions: Positions | None) -> StretchBuffers:
+    def stretch(self, positions: Positions | None, model: str = "tensor") -> StretchBuffers:
         limit = self.settings.response.log_stretch_limit
-        return StretchStage(self.device, self.mesh).run(positions, limit)
+        return StretchStage(self.device, self.mesh).run(positions, limit, model)
 
     def redrawn(
         self,
@@ -123,19 +129,24 @@ class Scene:
         level: int = 0,
         at: tuple[int, int] = (0, 0),
         side: int | None = None,
+        model: str = "tensor",
     ) -> NDArray[np.float32]:
         """(side, side) displacement by the product."""
         elements = self.elements(udim)
-        scales = respond(self.device, elements, self.settings, self.stretch(positions))
+        scales = respond(self.device, elements, self.settings, self.stretch(positions, model))
         draw = redrawing(self.device, elements, self.settings, scales)
         side = side or self.settings.resolution >> level
         return render_to_host(self.device, draw, level, *at, side)
 
     def expected(
-        self, points: NDArray[np.float64], positions: Positions, udim: int = 1001
+        self,
+        points: NDArray[np.float64],
+        positions: Positions,
+        udim: int = 1001,
+        model: str = "tensor",
     ) -> NDArray[np.float64]:
         """(P,) displacement by the reference at points local to the UDIM."""
-        logs, axes = self.reference_logs(positions)
+        logs, axes = self.reference_logs(positions, model)
         settings, origin = self.settings, udim_origin(udim)
         return redraw.redraw(
             points,
@@ -148,9 +159,9 @@ class Scene:
             origin,
         )
 
-    def reference_logs(self, positions: Positions) -> redraw.Stretch:
+    def reference_logs(self, positions: Positions, model: str = "tensor") -> redraw.Stretch:
         """Clamped log stretch (F, 2) and axes (F, 2, 2)."""
-        ratios, axes = reference_stretch(self.mesh, positions)
+        ratios, axes = reference_stretch(self.mesh, positions, model)
         return stretch.log_stretch(ratios, self.settings.response.log_stretch_limit), axes
 
     def _held(self, uv: Places) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
@@ -163,7 +174,8 @@ class Scene:
 
 
 def reference_stretch(
-    mesh: Mesh, positions: NDArray[np.float32]
+    mesh: Mesh, positions: NDArray[np.float32], model: str = "tensor"
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Ratios (F, 2) and axes (F, 2, 2)."""
-    return stretch.stretch(mesh.positions, mesh.faces, mesh.uv, mesh.face_uv, positions)
+    found = MODELS[model](mesh.positions, mesh.faces, mesh.uv, mesh.face_uv, positions)
+    return found

@@ -48,6 +48,17 @@ def test_every_triangle_of_every_composite_is_that_of_double(stage, mesh, face):
         assert (np.abs(sine).max(axis=1) * gap).max() <= 1e-5, name
 
 
+@pytest.mark.parametrize("model", ["tension", "uv"])
+def test_other_models_of_every_composite_are_those_of_double(stage, mesh, face, model):
+    assert len(face.composites) == 14
+    for name in face.composites:
+        found = stage.run(face.composite(name), LIMIT, model)
+        ratios, _ = stage.read(found)
+        found.release()
+        wanted, _ = reference_stretch(mesh, face.composite(name), model)
+        assert np.abs(ratios / wanted - 1).max() <= 1e-5, name
+
+
 def test_r_max_is_the_measured_percentile(stage, mesh, face):
     table = face_data.measured_stretch()
     for name in face.composites:
@@ -100,8 +111,10 @@ def test_redrawn_crops_are_those_of_double(drawn_face, face, name):
         assert np.abs(found - wanted).max() <= 1e-4 * DEPTH
 
 
-def test_blended_crops_are_those_of_double(device, mesh, face):
-    settings = settings_of(resolution=RESOLUTION, bins={"r_max": 0.25, "bits": 16})
+@pytest.mark.parametrize("merge", ["min", "mellow"])
+def test_blended_crops_are_those_of_double(device, mesh, face, merge):
+    bins = {"r_max": 0.25, "bits": 16, "merge": merge}
+    settings = settings_of(resolution=RESOLUTION, bins=bins)
     made = BinnedScene(device, mesh, wrinkles_in_the_crops(), settings, CROPS["mouth"])
     for name in ("smile", "jaw_open"):
         positions = face.composite(name)

@@ -104,7 +104,10 @@ def test_signs_of_axes_change_no_bit(device):
     maps = []
     for signs in ([1, 1, 1, 1], [-1, -1, 1, 1], [1, 1, -1, -1], [-1, -1, -1, -1]):
         turned = type(stretch)(
-            stretch.ratios, device.upload(axes * np.array(signs, np.float32)), stretch.logs
+            stretch.count,
+            stretch.ratios,
+            device.upload(axes * np.array(signs, np.float32)),
+            stretch.logs,
         )
         elements = scene.elements()
         scales = respond(device, elements, scene.settings, turned)

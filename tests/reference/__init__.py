@@ -5,6 +5,7 @@ paper (*Fast Dynamic Facial Wrinkles*, Eurographics 2024), so that a test can ch
 against the step it implements.
 
 stretch    stretch tensor of every triangle (section 2.2), clamp, calibration percentile
+stretch_models   the models that the paper compares with: mesh tension, and along u and v
 locate     which triangle a point of the UV plane takes its values from, and how sure that is
 response   widths and depths of wrinkles (Alg. 1) and pores (Alg. 2)
 drawing    profiles, and how heights meet in a displacement map

@@ -64,9 +64,14 @@ class TileCalls(EngineCore):
         return [self._tile(found, frame, query, address) for address in addresses]
 
     def displacement_scale(self, asset: str) -> float:
-        """What the largest code of a png tile stands for, mesh units: one scale an asset."""
-        depth = self._assets.get(asset).settings.depth
-        return (SCALE_LIMIT + HEADROOM) * (depth or 0.0)
+        """What the largest code of a png tile stands for, mesh units: one scale an asset.
+
+        The largest displacement that the maps of the fast method can hold.
+        """
+        settings = self._assets.get(asset).settings
+        factored = settings.bins.depth_factored
+        most = SCALE_LIMIT * (1.0 + HEADROOM) if factored else SCALE_LIMIT + HEADROOM
+        return most * (settings.depth or 0.0)
 
     def bins(self, asset: str) -> BinManifest:
         """The precomputed maps of an asset (section 2.4)."""

@@ -44,7 +44,8 @@ def edges_by_vertex(
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float32]]:
     """The edges of each vertex: offsets (V + 1,), the other ends (2E,), 1 / neutral length (2E,).
 
-    An edge counts once however many triangles share it; one without length does not count.
+    An edge counts once however many triangles share it. One without length does not count, nor
+    one so short that no float32 holds the inverse of its length.
     """
     pairs = np.stack([mesh.faces.reshape(-1), np.roll(mesh.faces, -1, axis=1).reshape(-1)], axis=1)
     edges = np.unique(np.sort(pairs, axis=1), axis=0)
@@ -52,7 +53,8 @@ def edges_by_vertex(
     both = both[np.lexsort((both[:, 1], both[:, 0]))]
     ends = mesh.positions[both].astype(np.float64)
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    both, length = both[length > 0], length[length > 0]
+    usable = length >= np.finfo(np.float32).tiny
+    both, length = both[usable], length[usable]
     count = np.bincount(both[:, 0], minlength=len(mesh.positions))
     offsets = np.concatenate([[0], np.cumsum(count)]).astype(np.int32)
     return offsets, both[:, 1].astype(np.int32), (1.0 / length).astype(np.float32)

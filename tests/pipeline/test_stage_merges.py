@@ -1,0 +1,131 @@
+"""How the layers of the fast method meet: mellow and min, with the depth drawn in or factored."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+import pytest
+
+from meshes import deform
+from pipeline.binned import BinnedScene
+from pipeline.scenes import DEPTH, random_graph, settings_of, sheet
+from rhytid.domain.mesh import Mesh
+from rhytid.pipeline.bins import layers, parts, quantisation_steps
+
+AT = (64, 128)
+GRAPH = random_graph(24, 200)
+R_MAX = 0.15
+MERGES = [
+    {"merge": merge, "depth_factored": factored}
+    for merge, factored in product(("min", "mellow"), (False, True))
+]
+# Every number of bins with every number of samples and of bits, each three in turn.
+SIZES = [
+    {"count": count, "samples": samples, "bits": bits}
+    for count, samples, bits in [
+        (1, 3, 8), (1, 7, 16), (2, 5, 8), (2, 3, 16), (4, 3, 8), (4, 5, 16),
+        (8, 7, 8), (8, 3, 16), (16, 5, 8), (16, 3, 16),
+    ]
+]  # fmt: skip
+
+
+# One sheet under the whole map and all around it, so that everything stretches alike.
+EVERYWHERE = Mesh(
+    [[0, 0, 0], [3, 0, 0], [3, 3, 0.5], [0, 3, 0]],
+    [[0, 1, 2], [0, 2, 3]],
+    [[-1, -1], [2, -1], [2, 2], [-1, 2]],
+    [[0, 1, 2], [0, 2, 3]],
+)
+
+
+def named(choice):
+    return "-".join(str(value) for value in choice.values())
+
+
+@pytest.mark.parametrize("merge", MERGES, ids=named)
+@pytest.mark.parametrize("size", SIZES, ids=named)
+def test_blending_is_that_of_the_reference(device, size, merge):
+    settings = settings_of(bins={**size, **merge, "r_max": R_MAX})
+    made = BinnedScene(device, sheet(), GRAPH, settings)
+    positions = deform(made.mesh.positions, 5, 0.15)
+    logs = made.reference_logs(positions)[0]
+    assert (np.abs(logs) > R_MAX).mean() > 0.2
+    wanted, sure = made.reference_blend(made.codes(), positions)
+    assert np.abs(wanted).max() > 0.3 * DEPTH
+    # r is exact to 1e-5, and sigma_d of it, which a factored depth is multiplied by, to 1e-4.
+    error = np.abs(made.blended(positions) - wanted)[sure].max()
+    assert error <= (4e-4 if merge["depth_factored"] else 1e-4) * DEPTH
+
+
+@pytest.mark.parametrize("slots", [1, 4, 16])
+@pytest.mark.parametrize("bits", [8, 16])
+@pytest.mark.parametrize("sample", [0, 1, 2])
+def test_mellow_at_a_sample_is_redraw_up_to_quantisation(device, sample, bits, slots):
+    """Growing alike everywhere, wrinkles and pores stand at one sample, so nothing is interpolated.
+
+    The layers merge as their elements did, x = log(1 + sum of (e^(beta x_l) - 1)) / beta, and each
+    slope e^(beta x_l) / (1 + sum) is at most 1: x errs by no more than the layers together, each by
+    half a step, once in the valleys and once in the bulges.
+    """
+    bins = {"merge": "mellow", "bits": bits, "r_max": R_MAX}
+    settings = settings_of(bins=bins, shape={"slots": slots, "pore_bulge": 4.0})
+    made = BinnedScene(device, EVERYWHERE, GRAPH, settings)
+    scale = np.exp((sample - 1) * R_MAX)
+    positions = (made.mesh.positions * scale).astype(np.float32)
+    found = made.blended(positions).reshape(64, 64)
+    wanted = made.redrawn(positions, at=AT, side=64)
+    assert np.abs(wanted).max() > 0.3 * DEPTH
+    assert (wanted > 0.01 * DEPTH).any()
+    bound = quantisation_steps(settings)[:, sample].sum()
+    # Positions round, Alg. 1 holds an epsilon of 1e-6 beside 0.6, both are drawn within 1e-4.
+    assert np.abs(found - wanted).max() <= bound + 3e-4 * DEPTH
+
+
+def test_min_of_the_same_maps_is_not_redraw(device):
+    """What mellow is there for: the minimum loses what meets and every bulge beside a bin."""
+    errors = {}
+    for merge in ("min", "mellow"):
+        settings = settings_of(bins={"merge": merge, "bits": 16})
+        made = BinnedScene(device, sheet(), GRAPH, settings)
+        away = made.blended(None).reshape(64, 64) - made.redrawn(None, at=AT, side=64)
+        errors[merge] = np.sqrt(np.square(away).mean())
+    assert errors["mellow"] < 0.01 * errors["min"]
+
+
+@pytest.mark.parametrize("merge", MERGES, ids=named)
+@pytest.mark.parametrize("sharpness", [0.1, 20.0])
+@pytest.mark.parametrize("growth", [1e-3, 1e3], ids=["compressed", "stretched"])
+def test_the_extremes_of_the_settings_stay_finite(device, merge, sharpness, growth):
+    """Depth scales at their clamp, the sharpest and the softest merge, and many wrinkles at once."""
+    settings = settings_of(
+        bins={**merge, "r_max": 4.0, "count": 16},
+        response={"alpha_d": 64.0, "beta_d": 64.0, "alpha_w": 64.0, "log_stretch_limit": 4.0},
+        shape={"sharpness": sharpness, "wrinkle_bulge": 9.0, "pore_bulge": 9.0},
+    )
+    made = BinnedScene(device, sheet(), random_graph(25, 600, (0.05, 0.1)), settings)
+    found = made.blended((made.mesh.positions * growth).astype(np.float32))
+    assert np.isfinite(found).all()
+    # 17 layers of 4.8 depths at most, each valleys or bulges, which soft merging adds up.
+    assert np.abs(found).max() <= 17 * 4.8 * DEPTH
+    assert growth > 1 or np.abs(found).max() > 2.0 * DEPTH
+
+
+@pytest.mark.parametrize("merge", MERGES, ids=named)
+def test_layers_name_every_map_once(merge):
+    bins = settings_of(bins={**merge, "count": 8}).bins
+    found = layers(bins)
+    apart = merge["merge"] == "mellow"
+    extra = {"wrinkle_bulges", "pore_bulges"} if apart else set()
+    assert set(found) == {"wrinkles", "pores"} | extra
+    places = sorted(place for bins_of in found.values() for place in bins_of)
+    assert places == list(range(9 * len(parts(bins))))
+    assert [len(found[name]) for name in found] == [8, 1] * len(parts(bins))
+
+
+def test_each_part_of_a_map_has_its_sign(device):
+    settings = settings_of(bins={"merge": "mellow"}, shape={"pore_bulge": 4.0})
+    codes = BinnedScene(device, sheet(), GRAPH, settings).codes()
+    assert codes.shape == (5, 3, 2, 64 * 64)
+    assert codes.min() == 0  # the scene turns the stored, negative, valleys
+    assert (codes.max(axis=(1, 3)) > 5).all()
