@@ -216,9 +216,12 @@ class FakeEngine:
         bins = self._built(asset).settings.bins
         angles = tuple(float(a) for a in np.pi * np.arange(bins.count) / bins.count)
         samples = (-bins.r_max, 0.0, bins.r_max)
-        steps = {"wrinkles": (1e-4,) * 3, "pores": (2e-4,) * 3}
         layers = {"wrinkles": bins.count, "pores": 1}
-        return BinManifest(angles, samples, steps, bins.bits, bins.merge, False, layers)
+        if bins.merge == "mellow":
+            layers |= {"wrinkle_bulges": bins.count, "pore_bulges": 1}
+        steps = dict.fromkeys(layers, (1e-4,) * 3)
+        factored = bins.depth_factored
+        return BinManifest(angles, samples, steps, bins.bits, bins.merge, factored, layers)
 
     def bin_tile(
         self, asset: str, address: TileAddress, layer: str, bin: int, sample: int

@@ -6,7 +6,8 @@ import httpx
 import numpy as np
 import pytest
 
-from api.asking import array_of, is_problem
+from api.asking import array_of, built, is_problem
+from api.patch import upload
 
 
 def test_the_manifest_counts_what_there_is(client: httpx.Client, asset: str) -> None:
@@ -15,6 +16,22 @@ def test_the_manifest_counts_what_there_is(client: httpx.Client, asset: str) -> 
     assert len(bins["samples"]) == 3
     assert {len(steps) for steps in bins["steps"].values()} == {3}
     assert (bins["bits"], bins["merge"], bins["depth_factored"]) == (8, "min", False)
+
+
+def test_a_mellow_merge_has_layers_of_bulges(client: httpx.Client) -> None:
+    mellow = built(client, upload(bins={"merge": "mellow", "depth_factored": True}))
+    bins = client.get(f"/v1/assets/{mellow}/bins").json()
+    assert (bins["merge"], bins["depth_factored"]) == ("mellow", True)
+    assert bins["layers"] == {
+        "wrinkles": 4, "pores": 1, "wrinkle_bulges": 4, "pore_bulges": 1,
+    }  # fmt: skip
+    assert bins["steps"].keys() == bins["layers"].keys()
+    path = f"/v1/assets/{mellow}/bins/1001/0/1/2"
+    for layer, count in bins["layers"].items():
+        query = {"bin": count - 1, "sample": 2, "layer": layer}
+        assert array_of(client.get(path, params=query)).shape == (64, 64)
+        beyond = client.get(path, params={**query, "bin": count})
+        assert layer in is_problem(beyond, 404, "not-found")
 
 
 def test_a_tile_of_codes_is_int8(client: httpx.Client, asset: str) -> None:
@@ -40,6 +57,7 @@ def test_a_tile_of_codes_is_int8(client: httpx.Client, asset: str) -> None:
         ("?bin=4&sample=0", 404, "not-found", "bin 4"),
         ("?bin=0&sample=3", 404, "not-found", "sample 3"),
         ("?bin=0&sample=0&layer=hair", 404, "not-found", "hair"),
+        ("?bin=0&sample=0&layer=pore_bulges", 404, "not-found", "pore_bulges"),
     ],
 )
 def test_bad_queries_are_refused(

@@ -83,6 +83,19 @@ def test_a_tag_names_frame_query_and_format(client: httpx.Client, frame: str) ->
     assert tag() == tags[0]
 
 
+@pytest.mark.parametrize("call", [TILE, "maps/1001"])
+@pytest.mark.parametrize("method", ["redraw", "binned"])
+def test_every_stretch_model_answers_under_a_tag_of_its_own(
+    client: httpx.Client, frame: str, call: str, method: str
+) -> None:
+    tags = set()
+    for model in ("tensor", "tension", "uv"):
+        response = client.get(f"{frame}/{call}", params={"method": method, "stretch": model})
+        assert np.isfinite(array_of(response)).all()
+        tags.add(response.headers["etag"])
+    assert len(tags) == 3
+
+
 class RacingEngine(FakeEngine):
     """Somebody replaces the frame whenever a tile is drawn."""
 

@@ -50,6 +50,7 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
         ["serve", "--port", "-1"],
         ["serve", "--port", "٣"],
         ["bake", "--out", "x"],
+        ["bake", "--stretch", "sideways"],
         ["bake", "--mesh", "no-such.obj", "--out", "x"],
         ["synthesize", "no-such.obj", "--out", "x"],
         ["demo", "--unit", "inch"],

@@ -38,4 +38,6 @@ def test_a_warning_stops_the_build(device: Device) -> None:
 
 
 def test_there_are_programs() -> None:
-    assert {"stretch", "tension", "uv_stretch", "redraw", "bins", "blend"} <= set(rhytid_kernels.names())
+    assert {"stretch", "tension", "uv_stretch", "redraw", "bins", "blend"} <= set(
+        rhytid_kernels.names()
+    )

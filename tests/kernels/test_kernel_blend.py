@@ -39,9 +39,7 @@ def maps(layers, samples, bits, triangles, parts=MIN, seed=1):
     place[::3] = np.rint(place[::3])
     weights = np.stack([place, rng.uniform(0.25, 2, (triangles, layers))], axis=-1)
     steps = rng.uniform(0.5, 2.0, (layers, samples)) / most
-    return Maps(
-        codes.astype(f"i{bits // 8}"), weights.astype(np.float32), steps.astype(np.float32)
-    )
+    return Maps(codes.astype(f"i{bits // 8}"), weights.astype(np.float32), steps.astype(np.float32))
 
 
 def blended(device, triangle, maps):
@@ -67,7 +65,9 @@ def wanted(triangle, maps):
     layers = scale[..., None] * ((1 - share) * low + share * high)  # (L, P, parts)
     if maps.codes.shape[1] == MIN:
         return layers[..., 0].min(axis=0)
-    soft = [mellow_max(np.abs(side).T / maps.depth, maps.sharpness) for side in np.rollaxis(layers, 2)]
+    soft = [
+        mellow_max(np.abs(side).T / maps.depth, maps.sharpness) for side in np.rollaxis(layers, 2)
+    ]
     return maps.depth * (soft[1] - soft[0])
 
 

@@ -97,7 +97,7 @@ def test_min_of_the_same_maps_is_not_redraw(device):
 @pytest.mark.parametrize("sharpness", [0.1, 20.0])
 @pytest.mark.parametrize("growth", [1e-3, 1e3], ids=["compressed", "stretched"])
 def test_the_extremes_of_the_settings_stay_finite(device, merge, sharpness, growth):
-    """Depth scales at their clamp, the sharpest and the softest merge, and many wrinkles at once."""
+    """Depth scales at their clamp, the sharpest and the softest merge, and a crowd of wrinkles."""
     settings = settings_of(
         bins={**merge, "r_max": 4.0, "count": 16},
         response={"alpha_d": 64.0, "beta_d": 64.0, "alpha_w": 64.0, "log_stretch_limit": 4.0},

@@ -197,7 +197,7 @@ def test_isolated_vertices_and_edges_without_length_do_not_count(device):
 
 
 def test_an_edge_too_short_for_a_float32_does_not_count():
-    positions = np.vstack([CORNERS, CORNERS[:1] + [1e-41, 0, 0]]).astype(np.float32)
+    positions = np.vstack([CORNERS, CORNERS[:1] + np.array([1e-41, 0, 0])]).astype(np.float32)
     faces = np.vstack([FACES, [[0, 4, 1]]])
     mesh = Mesh(positions, faces, UV, np.vstack([FACES, [[0, 1, 2]]]))
     offsets, neighbours, rest = edges_by_vertex(mesh)

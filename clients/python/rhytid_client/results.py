@@ -78,7 +78,8 @@ class Bins:
     """The precomputed maps of an asset.
 
     angles: direction of each bin, radians, θ = (sin, cos).  samples: log stretch of each sample.
-    steps: mesh units per code, by layer and sample.  layers: bins of each layer.
+    steps: mesh units per code, by layer and sample.  layers: bins of each layer: wrinkles and
+    pores; where merge is mellow these are the valleys, with wrinkle_bulges and pore_bulges.
     """
 
     angles: tuple[float, ...]

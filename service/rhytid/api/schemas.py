@@ -136,4 +136,6 @@ class Bins(_Answer):
     bits: int
     merge: str
     depth_factored: bool
-    layers: dict[str, int] = Field(description="bins of each layer")
+    layers: dict[str, int] = Field(
+        description="bins of each layer; a mellow merge has layers of bulges too"
+    )

@@ -22,7 +22,7 @@ from rhytid.cli.reporting import report
 from rhytid.cli.serve import chosen
 from rhytid.cli.timing import Stopwatch
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.engine.messages import METHODS, MapQuery, NewAsset
+from rhytid.engine.messages import METHODS, STRETCH_MODELS, MapQuery, NewAsset
 from rhytid.errors import InputError, SettingsError
 from rhytid.settings import ServiceSettings
 
@@ -51,6 +51,8 @@ def add_command(commands: Commands) -> None:
     add("--name", type=base_name, metavar="NAME", help="first part of file names (NEUTRAL's)")
     add("--resolution", type=int, metavar="R", help="texels per side, a power of two (4096)")
     add("--method", choices=METHODS, default="redraw", help="how to draw (%(default)s)")
+    stretch = "how stretch is measured (%(default)s)"
+    add("--stretch", choices=STRETCH_MODELS, default="tensor", help=stretch)
     wrinkles = parser.add_mutually_exclusive_group()
     add_wrinkles(wrinkles)
     graph = "take the wrinkles from safetensors, synthesise none"
@@ -83,7 +85,8 @@ def run(arguments: argparse.Namespace) -> None:
         with watch.step("build"):
             asset = build(engine, NewAsset(mesh.mesh, settings, graph))
         output = Output(arguments.out, name, arguments.half)
-        baker = Baker(engine, asset, MapQuery(arguments.method), frames, output, watch)
+        query = MapQuery(arguments.method, arguments.stretch)
+        baker = Baker(engine, asset, query, frames, output, watch)
         if arguments.method == "binned" and "r_max" not in given.get("bins", {}):
             baker.calibrate()
         baker.run()

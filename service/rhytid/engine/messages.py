@@ -125,7 +125,8 @@ class BinManifest:
     """The precomputed maps of an asset, in the order of `bin_tile`'s indices.
 
     angles (N,): bin directions αₙ = πn/N in radians; θₙ = (sin αₙ, cos αₙ).
-    samples (M,): log stretch of each sample.  layers: {"wrinkles": N, "pores": 1}.
+    samples (M,): log stretch of each sample.  layers: {"wrinkles": N, "pores": 1}; where merge
+    is mellow these are the valleys, and {"wrinkle_bulges": N, "pore_bulges": 1} the bulges.
     steps: displacement per code, mesh units, by layer and sample.
     """
 

@@ -36,6 +36,8 @@ def tile(
     """One tile of displacement, in mesh units; row 0 is at the top.
 
     method: redraw, binned, convolved or neutral.  format: npy (float32), f16, exr, exr16 or png.
+    stretch: how it is measured: tensor, tension (mesh tension, one value for all directions) or uv
+    (along u and v).
     if_none_match: a tile had before: it is returned itself where it has not changed.
     """
     query = {"method": method, "stretch": stretch, "sampling": sampling, "format": format}
@@ -56,7 +58,10 @@ def map(
     format: str = "npy",
     if_none_match: Tile | None = None,
 ) -> Flow[Tile]:
-    """The whole map of one UDIM at a level; it equals its tiles bit for bit."""
+    """The whole map of one UDIM at a level; it equals its tiles bit for bit.
+
+    method, stretch, sampling, format, if_none_match: as for a tile.
+    """
     query = {"method": method, "stretch": stretch, "sampling": sampling, "format": format}
     place = ("v1", "assets", asset_id(asset), "frames", frame, "maps", udim)
     wanted = get(*place, params={"level": level, **query}, headers=_known(if_none_match))
@@ -76,6 +81,7 @@ def tiles(
     """Positions (V, 3) in, tiles out in the order of `addresses`, in one round trip.
 
     An address is (udim, level, row, column). Nothing is stored.
+    method, stretch, sampling, format: as for a tile.
     """
     names = ["/".join(str(number) for number in address) for address in addresses]
     query = {"method": method, "stretch": stretch, "sampling": sampling, "format": format}
@@ -106,7 +112,11 @@ def bin_tile(
     sample: int,
     layer: str = "wrinkles",
 ) -> Flow[NDArray[Any]]:
-    """One tile of quantised codes, int8 or int16; the manifest's step turns them into heights."""
+    """One tile of quantised codes, int8 or int16; the manifest's step turns them into heights.
+
+    layer: one of the manifest's: wrinkles, pores, and for a mellow merge wrinkle_bulges and
+    pore_bulges.
+    """
     place = ("v1", "assets", asset_id(asset), "bins", udim, level, row, column)
     query: dict[str, str | int] = {"bin": bin, "sample": sample, "layer": layer}
     return npy.decode(parse.content((yield get(*place, params=query))))

@@ -1,0 +1,149 @@
+"""Stretch models and merges through the engine: what a query names, and the maps it reads."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+
+from engine.engines import BINNED, MIB, assembled, built, new_asset, running, same
+from meshes import deform
+from pipeline.scenes import DEPTH, Scene, random_graph, settings_of, sheet
+from reference import drawing
+from rhytid.domain.tiles import TileAddress
+from rhytid.engine.messages import METHODS, STRETCH_MODELS, MapQuery, NewAsset
+from rhytid.errors import NotFoundError
+
+ROWS = [MapQuery(method, model) for method, model in product(METHODS, STRETCH_MODELS)]
+ADDRESS = TileAddress(1001, 0, 1, 2)
+BENT = deform(sheet().positions, 3, 0.15)
+MELLOW = {"merge": "mellow", "depth_factored": True}
+
+
+def named(query):
+    return f"{query.method}-{query.stretch}"
+
+
+def test_every_model_has_a_key_and_a_map_of_its_own(made):
+    for method in ("redraw", "binned"):
+        queries = [MapQuery(method, model) for model in STRETCH_MODELS]
+        keys = {made.engine.tile_key(made.asset, "bent", query, ADDRESS) for query in queries}
+        keys |= {made.engine.map_key(made.asset, "bent", query, 1001, 0) for query in queries}
+        assert len(keys) == 2 * len(queries)
+        maps = [made.engine.map(made.asset, "bent", query, 1001, 0) for query in queries]
+        for one, other in ((0, 1), (0, 2), (1, 2)):
+            assert np.abs(maps[one] - maps[other]).max() > 0.05 * DEPTH
+
+
+@pytest.mark.parametrize("query", ROWS, ids=named)
+def test_tiles_of_every_row_are_the_map_and_those_of_positions_sent_along(made, query):
+    whole = made.engine.map(made.asset, "bent", query, 1002, 1)
+    assert same([whole], [assembled(made.engine, made.asset, "bent", query, 1002, 1)])
+    positions = made.engine.frame_positions(made.asset, "bent")
+    once = made.engine.tiles_once(made.asset, positions, query, [ADDRESS])
+    assert same(once, [made.engine.tile(made.asset, "bent", query, ADDRESS)])
+
+
+@pytest.mark.parametrize("model", STRETCH_MODELS)
+def test_the_neutral_is_unstretched_by_every_model(made, model):
+    for method in ("redraw", "binned"):
+        found = made.engine.map(made.asset, "neutral", MapQuery(method, model), 1001, 0)
+        plain = made.engine.map(made.asset, "neutral", MapQuery(method), 1001, 0)
+        assert same([found], [plain])
+
+
+@pytest.mark.parametrize("model", STRETCH_MODELS)
+def test_redraw_by_a_model_is_that_of_double(made, device, model):
+    positions = made.engine.frame_positions(made.asset, "bent")
+    scene = Scene(device, sheet(udims=2), random_graph(1, span=2.0), settings_of())
+    points = drawing.crop(64, 64, 64, 64, 256)
+    wanted = scene.expected(points, positions, 1002, model).reshape(64, 64)
+    found = made.engine.tile(
+        made.asset, "bent", MapQuery("redraw", model), TileAddress(1002, 0, 1, 1)
+    )
+    assert np.abs(found - wanted).max() <= 1e-4 * DEPTH
+
+
+def test_the_layers_of_a_mellow_merge_are_valleys_and_bulges(engine):
+    asset = built(engine, new_asset(bins=MELLOW, shape={"pore_bulge": 4.0}))
+    manifest = engine.bins(asset)
+    assert manifest.layers == {"wrinkles": 4, "pores": 1, "wrinkle_bulges": 4, "pore_bulges": 1}
+    assert (manifest.merge, manifest.depth_factored) == ("mellow", True)
+    # With the depth factored out, the steps of every layer and sample are the same.
+    assert manifest.steps.keys() == manifest.layers.keys()
+    steps = np.array(list(manifest.steps.values()))
+    np.testing.assert_allclose(steps, DEPTH * 1.2 / 127, rtol=1e-6)
+    for layer, count in manifest.layers.items():
+        sign = 1 if layer.endswith("bulges") else -1
+        for bin, sample in product(range(count), range(3)):
+            codes = engine.bin_tile(asset, TileAddress(1001, 2, 0, 0), layer, bin, sample)
+            assert (codes * sign >= 0).all(), layer
+            assert (codes != 0).any(), layer
+    for layer, bin in (("wrinkle_bulges", 4), ("pore_bulges", 1), ("bulges", 0)):
+        with pytest.raises(NotFoundError, match=layer):
+            engine.bin_tile(asset, ADDRESS, layer, bin, 0)
+
+
+def test_min_has_no_layers_of_bulges(made):
+    with pytest.raises(NotFoundError, match="layer 'wrinkle_bulges': one of wrinkles, pores"):
+        made.engine.bin_tile(made.asset, ADDRESS, "wrinkle_bulges", 0, 0)
+
+
+def test_binned_of_neutral_is_the_mellow_merge_of_the_middle_samples(engine):
+    asset = built(engine, new_asset(bins={"merge": "mellow"}))
+    manifest, heights = engine.bins(asset), {-1: [], 1: []}
+    for layer, count in manifest.layers.items():
+        sign = 1 if layer.endswith("bulges") else -1
+        for bin in range(count):
+            codes = engine.bin_tile(asset, ADDRESS, layer, bin, 1)
+            heights[sign].append(sign * codes * manifest.steps[layer][1] / DEPTH)
+    valleys, bulges = (drawing.mellow_max(np.stack(heights[s], -1), 20.0) for s in (-1, 1))
+    found = engine.tile(asset, "neutral", BINNED, ADDRESS)
+    np.testing.assert_allclose(found, DEPTH * (bulges - valleys), atol=2e-6 * DEPTH, rtol=0)
+    redrawn = engine.tile(asset, "neutral", MapQuery("redraw"), ADDRESS)
+    # Five layers by half a step of 1.2/127, in the valleys and in the bulges.
+    assert np.abs(found - redrawn).max() <= 5 * 1.2 / 127 * DEPTH
+
+
+@pytest.mark.parametrize("changes", [{"merge": "mellow"}, {"depth_factored": True}, MELLOW])
+def test_changing_the_merge_gives_the_bits_of_an_asset_made_so(engine, changes):
+    asset = built(engine, new_asset())
+    engine.put_frame(asset, "bent", BENT)
+    before, key = (call(asset, "bent", BINNED, 1001, 0) for call in (engine.map, engine.map_key))
+    engine.change_asset(asset, {"bins": changes})
+    assert engine.map_key(asset, "bent", BINNED, 1001, 0) != key
+    made_so = built(engine, new_asset(bins=changes))
+    engine.put_frame(made_so, "bent", BENT)
+    found = [engine.map(name, "bent", BINNED, 1001, 0) for name in (asset, made_so)]
+    assert same(found[:1], found[1:])
+    assert not same(found[:1], [before])
+    engine.change_asset(asset, {"bins": {"merge": "min", "depth_factored": False}})
+    assert same([engine.map(asset, "bent", BINNED, 1001, 0)], [before])
+
+
+@pytest.mark.parametrize("merge", ["min", "mellow"])
+def test_factored_maps_stay_within_the_scale_of_the_asset(engine, merge):
+    """Where wrinkles meet, maps hold 1.2 depths, and compression makes four times that of it."""
+    crowd = random_graph(9, 400, (0.05, 0.1))
+    crowd = replace(crowd, edge_weight=np.ones(400), node_weight=np.ones(800))
+    settings = settings_of(bins={"merge": merge, "depth_factored": True, "bits": 16})
+    asset = built(engine, NewAsset(sheet(), settings, crowd))
+    engine.put_frame(asset, "crushed", sheet().positions * 0.01)
+    found = engine.map(asset, "crushed", BINNED, 1001, 0)
+    assert 4.2 * DEPTH < np.abs(found).max() <= engine.displacement_scale(asset)
+
+
+def test_maps_of_a_mellow_merge_are_twice_the_memory(tmp_path):
+    """What an asset says that its maps need is what they take."""
+    with running(tmp_path, device_memory=64 * MIB) as engine:
+        for merge, parts in (("min", 1), ("mellow", 2)):
+            asset = built(engine, new_asset(bins={"merge": merge}))
+            resident = engine._assets.get(asset).ready()
+            tiles = [
+                engine._on_device(resident.bin_tile, TileAddress(1001, 0, row, column))
+                for row, column in product(range(4), repeat=2)
+            ]
+            assert resident.bins_size() == sum(tile.nbytes for tile in tiles)
+            assert resident.bins_size() == 256**2 * (5 * 3 * parts + 4)
