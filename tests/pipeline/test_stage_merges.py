@@ -58,6 +58,17 @@ def test_blending_is_that_of_the_reference(device, size, merge):
     assert error <= (4e-4 if merge["depth_factored"] else 1e-4) * DEPTH
 
 
+@pytest.mark.parametrize("sharpness", [0.5, 6.0])
+@pytest.mark.parametrize("merge", MERGES, ids=named)
+def test_a_softer_merge_is_that_of_the_reference(device, merge, sharpness):
+    shape = {"sharpness": sharpness, "slots": 3, "pore_bulge": 4.0}
+    made = BinnedScene(device, sheet(), GRAPH, settings_of(bins=merge, shape=shape))
+    positions = deform(made.mesh.positions, 5, 0.15)
+    wanted, sure = made.reference_blend(made.codes(), positions)
+    error = np.abs(made.blended(positions) - wanted)[sure].max()
+    assert error <= (4e-4 if merge["depth_factored"] else 1e-4) * DEPTH
+
+
 @pytest.mark.parametrize("slots", [1, 4, 16])
 @pytest.mark.parametrize("bits", [8, 16])
 @pytest.mark.parametrize("sample", [0, 1, 2])
