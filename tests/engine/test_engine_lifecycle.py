@@ -173,3 +173,13 @@ def test_removing_an_asset_cancels_all_its_jobs(engine, monkeypatch):
     engine.delete_asset(asset)
     gate.set()
     assert finish(engine, job.info.id).state == "cancelled"
+
+
+def test_a_build_stores_nothing_for_an_asset_that_was_removed(engine, monkeypatch, new):
+    gate = Gate(monkeypatch)
+    info = engine.create_asset(new)
+    assert gate.entered.wait(60)
+    engine._assets.remove(info.id)  # as if removed just after the build last asked
+    gate.free.set()
+    assert finish(engine, info.job).state == "cancelled"
+    assert engine._store.ids() == []
