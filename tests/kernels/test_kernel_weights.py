@@ -9,6 +9,7 @@ import rhytid_kernels
 from kernels.one_line import run
 from reference import bins as reference
 from reference.inputs import Bins
+from rhytid.pipeline.elements import RESPONSE_DEFINES
 
 COUNT = 500
 
@@ -29,6 +30,7 @@ def positions(device, axes, logs, bins):
     oriented = bins.count if bins.count > 1 else 0
     directions = reference.directions(bins.count).astype(np.float32)
     options = [f"-DLAYERS={layers}", f"-DSAMPLES={bins.samples}", f"-DORIENTED={oriented}"]
+    options += [f"-D{name}={value}" for name, value in RESPONSE_DEFINES.items()]
     arguments = [axes, logs, directions, np.float32(bins.r_max)]
     text, out = rhytid_kernels.source("weights"), np.zeros((COUNT, layers), np.float32)
     return run(device, text, "sample_positions", (COUNT,), arguments, out, options)

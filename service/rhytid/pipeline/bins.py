@@ -145,7 +145,7 @@ class BinMaker:
         def draw(row: int, column: int, side: int) -> Buffer:
             return launch_blocks(
                 self._device, "bins", "draw_pore_layer", self._settings, row, column, side,
-                elements.centres, elements.metrics, scales, lists.offsets, lists.members,
+                elements.centres, elements.roots, scales, lists.offsets, lists.members,
             )  # fmt: skip
 
         return draw

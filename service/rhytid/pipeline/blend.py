@@ -7,6 +7,7 @@ import numpy as np
 from rhytid.device.runtime import Buffer, Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.pipeline.bins import CODES, VECTOR, BinTile, directions, quantisation_steps
+from rhytid.pipeline.elements import RESPONSE_DEFINES
 from rhytid.pipeline.stretch import StretchBuffers
 
 
@@ -29,7 +30,11 @@ class Blend:
         self._device.launch(
             "weights", "sample_positions", (count,),
             stretch.axes, stretch.logs, self._directions, np.float32(self._bins.r_max), found,
-            defines={**self._layers, "ORIENTED": self._bins.count if self._bins.count > 1 else 0},
+            defines={
+                **self._layers,
+                **RESPONSE_DEFINES,
+                "ORIENTED": self._bins.count if self._bins.count > 1 else 0,
+            },
         )  # fmt: skip
         return found
 
