@@ -15,7 +15,7 @@ from rhytid.errors import NoDeviceError
 cl: Any = load_pyopencl()
 
 ADVICE = (
-    "Get a CPU runtime with  pip install 'rhytid[cpu]'  (x86-64), or PoCL with  "
+    "Get a CPU runtime with  pip install intel-opencl-rt intel-cmplr-lib-rt  (x86-64), or PoCL with  "
     "apt-get install pocl-opencl-icd  (Debian, Ubuntu), or install your GPU vendor's driver."
 )
 _PROBE = "__kernel void probe(__global float *x) { int i = get_global_id(0); x[i] = 2.0f * i; }"
