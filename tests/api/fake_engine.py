@@ -153,14 +153,14 @@ class FakeEngine:
         return self.frame(asset, frame)
 
     def frames(self, asset: str) -> list[FrameInfo]:
-        return [self.frame(asset, name) for name in (NEUTRAL, *self._find(asset).frames)]
+        return [self.frame(asset, name) for name in (NEUTRAL, *self._built(asset).frames)]
 
     def frame(self, asset: str, frame: str) -> FrameInfo:
         moved = self._moved(asset, self.frame_positions(asset, frame))
         return FrameInfo(frame, dict.fromkeys(PERCENTILES, moved))
 
     def frame_positions(self, asset: str, frame: str) -> NDArray[np.float32]:
-        found = self._find(asset)
+        found = self._built(asset)
         if frame == NEUTRAL:
             return found.new.mesh.positions
         if frame not in found.frames:

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from api.asking import NPY, array_of, is_problem, npy
-from api.patch import positions, smile
+from api.fake_engine import FakeEngine
+from api.live import serving
+from api.patch import positions, smile, upload
 
 RAW = {"Content-Type": "application/octet-stream"}
 
@@ -115,3 +117,22 @@ def test_bad_frame_names_are_refused(client: httpx.Client, asset: str, name: str
 @pytest.mark.parametrize("call", ["frames", "frames/a", "frames/neutral/stretch", "bins", "graph"])
 def test_an_unknown_asset_is_404(client: httpx.Client, call: str) -> None:
     assert "nobody" in is_problem(client.get(f"/v1/assets/nobody/{call}"), 404, "not-found")
+
+
+def test_the_frames_of_a_building_asset_are_not_ready() -> None:
+    with serving(FakeEngine(polls=1000)) as client:
+        path = f"/v1/assets/{client.post('/v1/assets', files=upload()).json()['id']}/frames"
+        for answer in (
+            client.get(path),
+            client.get(f"{path}/neutral"),
+            client.get(f"{path}/neutral/stretch"),
+            client.put(f"{path}/smile", content=npy(smile()), headers=NPY),
+        ):
+            is_problem(answer, 409, "not-ready")
+            assert answer.headers["retry-after"] == "1"
+
+
+def test_the_widest_frame_is_read(client: httpx.Client, frame: str) -> None:
+    body = npy(smile().astype(np.float64))
+    assert len(body) > 24 * len(smile())
+    assert client.put(frame, content=body, headers=NPY).status_code == 200

@@ -12,7 +12,7 @@ from typing import Any
 import httpx
 import pytest
 
-from api.asking import NPY, is_problem, npy
+from api.asking import NPY, is_problem
 from api.fake_engine import FakeEngine
 from api.live import serving
 from api.patch import smile, upload
@@ -134,11 +134,25 @@ LIMIT = 1 << 20
 
 
 @pytest.mark.parametrize("chunked", [False, True])
-def test_a_body_above_the_limit_is_413(client: httpx.Client, asset: str, chunked: bool) -> None:
-    piece = bytes(1 << 16)
-    body = iter([piece] * 17) if chunked else piece * 17
-    response = client.put(f"/v1/assets/{asset}/frames/big", content=body, headers=NPY)
-    assert str(LIMIT) in is_problem(response, 413, "limit")
+@pytest.mark.parametrize(
+    ("method", "call"), [("PUT", "frames/big"), ("PUT", "calibration"), ("POST", "tiles?tile=a")]
+)
+def test_a_body_above_what_a_frame_takes_is_413(
+    client: httpx.Client, asset: str, method: str, call: str, chunked: bool
+) -> None:
+    largest = 24 * len(smile()) + (1 << 16)
+    pieces = [bytes(largest), b"x"]
+    body = iter(pieces) if chunked else b"".join(pieces)
+    response = client.request(method, f"/v1/assets/{asset}/{call}", content=body, headers=NPY)
+    assert f"at most {largest}" in is_problem(response, 413, "limit")
+
+
+def test_no_frame_is_above_the_limit_of_all_uploads() -> None:
+    with serving(FakeEngine(), upload_limit=10_000) as client:
+        asset = client.post("/v1/assets", files=upload()).raise_for_status().json()["id"]
+        path = f"/v1/assets/{asset}/frames/big"
+        response = client.put(path, content=bytes(10_001), headers=NPY)
+        assert "at most 10000" in is_problem(response, 413, "limit")
 
 
 def test_an_upload_above_the_limit_is_413(client: httpx.Client) -> None:
@@ -148,22 +162,42 @@ def test_an_upload_above_the_limit_is_413(client: httpx.Client) -> None:
     assert response.request.headers["content-length"] in detail
 
 
-def test_a_declared_length_is_refused_before_any_of_it_is_read(client: httpx.Client) -> None:
-    head = f"PUT /v1/assets/a/frames/b HTTP/1.1\r\nHost: h\r\nContent-Length: {10**12}\r\n\r\n"
+def begun(client: httpx.Client, call: str, length: int, *headers: str) -> socket.socket:
+    """A connection on which only the head of a request was sent."""
+    lines = [f"{call} HTTP/1.1", "Host: h", f"Content-Length: {length}", *headers, "", ""]
     address = (client.base_url.host, client.base_url.port or 0)
-    with socket.create_connection(address, timeout=30) as raw:
-        raw.sendall(head.encode())
-        assert raw.recv(4096).startswith(b"HTTP/1.1 413 ")
+    raw = socket.create_connection(address, timeout=30)
+    raw.sendall("\r\n".join(lines).encode())
+    return raw
 
 
-def test_a_client_that_leaves_in_the_middle_is_no_error(caplog: pytest.LogCaptureFixture) -> None:
+@pytest.mark.parametrize(("known", "status"), [(True, 413), (False, 404)])
+def test_a_length_or_an_asset_is_refused_before_any_of_the_body_is_read(
+    client: httpx.Client, asset: str, known: bool, status: int
+) -> None:
+    name, length = (asset, 10**12) if known else ("nobody", 1000)
+    with begun(client, f"PUT /v1/assets/{name}/frames/b", length) as raw:
+        assert raw.recv(4096).startswith(f"HTTP/1.1 {status} ".encode())
+
+
+UPLOADS = [
+    ("PUT /v1/assets/{}/frames/cut", NPY["Content-Type"]),
+    ("POST /v1/assets/{}/tiles?tile=1001/0/0/0", NPY["Content-Type"]),
+    ("POST /v1/assets", "multipart/form-data; boundary=xyz"),
+    ("PATCH /v1/assets/{}", "application/json"),
+]
+
+
+@pytest.mark.parametrize(("call", "media_type"), UPLOADS)
+def test_a_client_that_leaves_in_the_middle_is_no_error(
+    call: str, media_type: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.INFO, "rhytid.api.metrics")
     with serving(FakeEngine()) as client:
         asset = client.post("/v1/assets", files=upload()).json()["id"]
-        path = f"/v1/assets/{asset}/frames/cut"
-        head = f"PUT {path} HTTP/1.1\r\nHost: h\r\nContent-Length: 1000\r\n\r\n"
-        address = (client.base_url.host, client.base_url.port or 0)
-        with socket.create_connection(address, timeout=30) as raw:
-            raw.sendall(head.encode() + npy(smile())[:100])
-        is_problem(client.get(path), 404, "not-found")
+        with begun(client, call.format(asset), 1000, f"Content-Type: {media_type}") as raw:
+            raw.sendall(b"--xyz\r\n")
+    # The server has ended: what it had to say of the request is said.
+    assert any(" 400 " in message for message in caplog.messages)
     ours = [r for r in caplog.records if r.name.startswith(("rhytid", "uvicorn"))]
     assert not [r for r in ours if r.levelno >= logging.WARNING]

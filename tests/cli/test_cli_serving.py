@@ -67,6 +67,6 @@ def test_demo_makes_maps_sheets_and_times(
         maps = sorted((out / method).iterdir())
         assert [file.name for file in maps] == ["face.1001.0001.exr", "face.1001.0002.exr"]
         assert read_exr(maps[0])[1]["method"] == method
-    assert [sheet["frame"] for sheet in figures["key_frames"]] == ["0002"]
+    assert [sheet["frame"] for sheet in figures["key_frames"]] == ["0002", "0001"]
     with Image.open(out / figures["key_frames"][0]["sheet"]) as sheet:
         assert sheet.width > 1000

@@ -14,6 +14,8 @@ import numpy as np
 import pytest
 
 from clients.shells import Script, Shell
+from rhytid.cli.serve import PORT
+from rhytid.engine.messages import METHODS
 from rhytid_client import Asset, AsyncClient, Bins, Client, Device, Frame, Job, calls
 
 ASSET = {"id": "a" * 16, "state": "ready", "job": None, "udims": [1001, 1002], "future": {"x": 1}}
@@ -242,6 +244,18 @@ def test_every_call_has_a_case_and_a_method_on_both_clients() -> None:
     for client in (Client, AsyncClient):
         public = {name for name in vars(client) if not name.startswith("_")}
         assert public == wanted | {"close"}
+
+
+@pytest.mark.parametrize("client", [Client, AsyncClient])
+def test_the_default_address_is_where_a_server_listens(client: type) -> None:
+    url = inspect.signature(client).parameters["url"].default
+    assert url == f"http://127.0.0.1:{PORT}"
+
+
+def test_the_methods_described_are_those_of_the_server() -> None:
+    (line,) = [x for x in str(calls.tile.__doc__).splitlines() if "method: " in x]
+    described = line.split("method: ")[1].split(".")[0].replace(" or ", ", ")
+    assert tuple(described.split(", ")) == METHODS
 
 
 @pytest.mark.parametrize("name", calls.__all__)

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from formats.writers import SQUARE, SQUARE_ARRAYS, SQUARE_UV, obj, same_mesh
 from rhytid.errors import LimitError, MeshError
 from rhytid.formats.obj import read_obj, read_obj_positions
+from rhytid.formats.obj_statements import split_statements
 
 PLAIN = """\
 v 0 0 0.5
@@ -186,6 +187,30 @@ def test_a_face_without_end_is_refused_before_it_is_matched() -> None:
 def test_a_long_run_of_digits_takes_no_long_time() -> None:
     with pytest.raises(MeshError, match="line 2: v has '1111"):
         read_obj(vertex("v " + "1" * 1_000_000 + "x 0 0"))
+
+
+def test_a_continuation_beside_a_long_line_takes_no_long_time() -> None:
+    long = "g " + "x" * 2_000_000
+    data = vertex(f"v 1 \\\n 0 \\ \n 0\n{long}\n{long} \\\n y").replace(b"2/2", b"9/2")
+    with pytest.raises(MeshError, match="line 14: face corner 2 '9/2'"):
+        read_obj(data)
+    same_mesh(read_obj(data.replace(b"9/2", b"2/2")), *SQUARE_ARRAYS)
+
+
+@pytest.mark.parametrize(
+    ("data", "texts"),
+    [
+        (b"v 1\\\n2\nv 3", [(1, b"1 2"), (3, b"3")]),
+        (b"v 1\\\n\\\n2", [(1, b"1  2")]),
+        (b"v 1 \\\n\nv 2", [(1, b"1  "), (3, b"2")]),
+        (b"v 1\\", [(1, b"1\\")]),
+        (b"v 1\\\n", [(1, b"1 ")]),
+        (b"v 1\\2\nv 3\\x\nv 4", [(1, b"1\\2"), (2, b"3\\x"), (3, b"4")]),
+    ],
+)
+def test_where_continued_statements_stand(data: bytes, texts: list[tuple[int, bytes]]) -> None:
+    found = split_statements(data)[b"v"]
+    assert list(zip(found.lines, found.texts, strict=True)) == texts
 
 
 def test_vertices_alone() -> None:

@@ -15,9 +15,25 @@ if TYPE_CHECKING:
 
 STRICT = "-Werror"
 # What the host may define, at both ends of its range; a program takes what it needs of it.
-SMALL = ("BLOCK=64", "ITEMS=1", "CODE=char", "CODE_BITS=8", "CODE_LIMIT=127")
+SMALL = (
+    "BLOCK=64",
+    "ROWS=32",
+    "ITEMS=1",
+    "SCALE_LIMIT=4.0f",
+    "CODE=char",
+    "CODE_BITS=8",
+    "CODE_LIMIT=127",
+)
 SMALL_LAYERS = ("LAYERS=2", "SAMPLES=3", "ORIENTED=0", "PARTS=1")
-LARGE = ("BLOCK=64", "ITEMS=64", "CODE=short", "CODE_BITS=16", "CODE_LIMIT=32767")
+LARGE = (
+    "BLOCK=64",
+    "ROWS=64",
+    "ITEMS=64",
+    "SCALE_LIMIT=4.0f",
+    "CODE=short",
+    "CODE_BITS=16",
+    "CODE_LIMIT=32767",
+)
 LARGE_LAYERS = ("LAYERS=17", "SAMPLES=7", "ORIENTED=16", "PARTS=2")
 RANGES = {"small": SMALL + SMALL_LAYERS, "large": LARGE + LARGE_LAYERS}
 

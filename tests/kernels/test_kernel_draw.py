@@ -21,23 +21,30 @@ NO_WRINKLES = np.zeros((0, 4), np.float32), np.zeros((0, 2), np.float32)
 NO_PORES = np.zeros((0, 2), np.float32), np.zeros((0, 4), np.float32)
 DRAWING = """#include "draw.clh"
 __kernel void block(int wrinkles, __global const float4 *segments, __global const float2 *sizes,
-                    int pores, __global const float2 *centres, __global const float4 *metrics,
+                    int pores, __global const float2 *centres, __global const float4 *roots,
                     __global const float *s, int part, __global float *out)
 {
-    __local float valleys[BLOCK * STRIDE], bulges[BLOCK * STRIDE];
-    sums_t sums = {valleys, bulges, get_local_id(0)};
-    shape_t shape = {s[0], s[1], s[2], s[3]};
-    clear_sums(sums);
+    __local float memory[2 * ROWS * STRIDE];
+    shape_t shape = shape_of(vload4(0, s));
+    place_t place = place_of_group(1, 0, 0, out);
+    sums_t sums = sums_at(place, memory);
     for (int i = 0; i < wrinkles; i++)
         draw_wrinkle(sums, segments[i].xy, segments[i].zw, sizes[i].x, sizes[i].y, shape);
     for (int i = 0; i < pores; i++)
-        draw_pore(sums, centres[i], metrics[i].xyz, metrics[i].w, shape);
-    write_block(sums, shape, 1.0f, part, out, BLOCK);
+        draw_pore(sums, centres[i], roots[i].xyz, roots[i].w, shape);
+    write_rows(sums, place, shape, 1.0f, part);
 }"""
 
 
-def options(items):
-    return [f"-DBLOCK={BLOCK}", f"-DITEMS={items}"]
+def options(items, rows=BLOCK):
+    return [f"-DBLOCK={BLOCK}", f"-DROWS={rows}", f"-DITEMS={items}"]
+
+
+def roots(metrics):
+    """(n, 4) factors with the strength last: root.T @ root is the metric."""
+    uu, uv, vv, strength = metrics.astype(np.float64).T
+    xx = np.sqrt(uu)
+    return np.stack([xx, uv / xx, np.sqrt((uu * vv - uv**2) / uu), strength], 1).astype(np.float32)
 
 
 def wrinkles(seed, count, half_width=(0.3, 12.0)):
@@ -60,15 +67,18 @@ def pores(seed, count):
     return centres.astype(np.float32), rows.astype(np.float32)
 
 
-def drawn(device, lines, discs, shape, items=1, part=BOTH):
-    """(BLOCK, BLOCK) displacement of depth 1, top row first, by a group of `items` work-items."""
+def drawn(device, lines, discs, shape, items=1, rows=BLOCK, part=BOTH):
+    """(BLOCK, BLOCK) displacement of depth 1, top row first, by groups of `items` work-items that
+    draw `rows` rows each."""
     values = [shape.wrinkle_bulge, shape.pore_bulge, shape.sharpness, shape.slots]
-    arguments = [np.int32(len(lines[0])), *lines, np.int32(len(discs[0])), *discs]
+    arguments = [np.int32(len(lines[0])), *lines, np.int32(len(discs[0])), discs[0]]
+    arguments.append(roots(discs[1]))
     filled = [a if np.size(a) else np.zeros(4, np.float32) for a in arguments]
     out = np.zeros((BLOCK, BLOCK), np.float32)
     shape_values = np.array(values, np.float32)
+    size, group = (items, BLOCK // rows), (items, 1)
     given = [*filled, shape_values, np.int32(part)]
-    return run(device, DRAWING, "block", (items,), given, out, options(items), (items,))
+    return run(device, DRAWING, "block", size, given, out, options(items, rows), group)
 
 
 def wanted(lines, discs, shape, part=BOTH):
@@ -119,6 +129,14 @@ def test_any_number_of_work_items_gives_the_same_bits(device):
     one = drawn(device, lines, discs, Shape())
     for items in (2, 16, 64):
         np.testing.assert_array_equal(drawn(device, lines, discs, Shape(), items), one)
+
+
+@pytest.mark.parametrize("items", [1, 16, 32])
+@pytest.mark.parametrize("rows", [16, 32])
+def test_any_number_of_rows_in_a_group_gives_the_same_bits(device, rows, items):
+    lines, discs = wrinkles(5, 60), pores(6, 60)
+    whole = drawn(device, lines, discs, Shape())
+    np.testing.assert_array_equal(drawn(device, lines, discs, Shape(), items, rows), whole)
 
 
 def test_a_lone_wrinkle_keeps_its_depth_and_the_rest_is_exactly_flat(device):

@@ -9,6 +9,9 @@ from hypothesis import strategies as st
 
 from kernels.one_line import evaluate
 from reference import response as reference
+from rhytid.pipeline.elements import RESPONSE_DEFINES
+
+OPTIONS = [f"-D{name}={value}" for name, value in RESPONSE_DEFINES.items()]
 
 
 def unit(angle):
@@ -28,7 +31,9 @@ def sampled(seed, count=3000):
 
 
 def across(device, inputs):
-    return evaluate(device, "response", "log_stretch_across(theta, axes, logs)", inputs)
+    return evaluate(
+        device, "response", "log_stretch_across(theta, axes, logs)", inputs, options=OPTIONS
+    )
 
 
 def test_log_stretch_across_is_algorithm_1(device):
@@ -60,7 +65,7 @@ def test_a_wrinkle_along_both_axes_is_not_stretched(device):
 
 def test_mean_log_stretch_is_algorithm_2(device):
     logs = sampled(3)["logs"]
-    found = evaluate(device, "response", "mean_log_stretch(logs)", {"logs": logs})
+    found = evaluate(device, "response", "mean_log_stretch(logs)", {"logs": logs}, options=OPTIONS)
     np.testing.assert_allclose(found, reference.pore_stretch(logs), atol=1e-7, rtol=0)
 
 
@@ -68,7 +73,7 @@ def scales(device, r, width, depth):
     expression = (
         f"(float2)(scales_of(r, {width}f, {depth}f).width, scales_of(r, {width}f, {depth}f).depth)"
     )
-    return evaluate(device, "response", expression, {"r": r}, width=2)
+    return evaluate(device, "response", expression, {"r": r}, width=2, options=OPTIONS)
 
 
 @pytest.mark.parametrize(("width", "depth"), [(1.0, 4.0), (4.0, 10.0), (0.5, 0.25)])
@@ -87,3 +92,26 @@ def test_scales_stay_within_a_quarter_and_four(device, r, exponent):
     found = scales(device, np.array([r], np.float32), exponent, exponent)
     assert (found >= 0.25).all()
     assert (found <= 4.0).all()
+
+
+@pytest.mark.parametrize("exponent", [1.0, 10.0, 64.0])
+def test_scales_are_as_exact_at_every_exponent(device, exponent):
+    r = np.linspace(-1.5 / exponent, 1.5 / exponent, 4001, dtype=np.float32)
+    wanted = np.stack(reference.scales(r, exponent, exponent), axis=1)
+    np.testing.assert_allclose(scales(device, r, exponent, exponent), wanted, rtol=1e-6)
+
+
+def test_an_error_of_r_counts_as_often_as_the_exponent(device):
+    inputs = sampled(4)
+    axes = inputs["axes"].reshape(-1, 2, 2)
+    exact = reference.wrinkle_stretch(inputs["logs"], axes, inputs["theta"])
+    found = scales(device, across(device, inputs), 64.0, 64.0)
+    wanted = np.stack(reference.scales(exact, 64.0, 64.0), axis=1)
+    np.testing.assert_allclose(found, wanted, rtol=1.3e-3)
+
+
+def test_the_limit_of_scales_is_the_one_that_is_given(device):
+    r = np.array([-2.0, 2.0], np.float32)
+    call = "(float2)(scales_of(r, 1.0f, 1.0f).width, scales_of(r, 1.0f, 1.0f).depth)"
+    found = evaluate(device, "response", call, {"r": r}, width=2, options=["-DSCALE_LIMIT=2.0f"])
+    np.testing.assert_array_equal(found, [[0.5, 2.0], [2.0, 0.5]])

@@ -10,6 +10,7 @@ from kernels.one_line import run, vector
 from reference import bins as reference
 from reference.inputs import Bins
 from reference.response import scales
+from rhytid.pipeline.elements import RESPONSE_DEFINES
 
 COUNT = 500
 
@@ -31,6 +32,7 @@ def weights(device, axes, logs, bins, exponents=(0.0, 0.0)):
     oriented = bins.count if bins.count > 1 else 0
     directions = reference.directions(bins.count).astype(np.float32)
     options = [f"-DLAYERS={layers}", f"-DSAMPLES={bins.samples}", f"-DORIENTED={oriented}"]
+    options += [f"-D{name}={value}" for name, value in RESPONSE_DEFINES.items()]
     arguments = [axes, logs, directions, np.float32(bins.r_max), vector(*exponents)]
     text, out = rhytid_kernels.source("weights"), np.zeros((COUNT, layers, 2), np.float32)
     found = run(device, text, "sample_weights", (COUNT,), arguments, out, options)

@@ -103,8 +103,10 @@ def test_elements_keep_their_own_triangle_size_and_strength():
     np.testing.assert_array_equal(lines.sizes[:, 1], graph.edge_weight[lines.triangle])
     discs = pore_arrays(graph, np.arange(160, dtype=np.int32), settings, 1001)
     np.testing.assert_array_equal(discs.centres, 256 * graph.node_uv[discs.triangle])
-    np.testing.assert_array_equal(discs.metrics[:, :3], graph.node_metric[discs.triangle] / 2**16)
-    np.testing.assert_array_equal(discs.metrics[:, 3], graph.node_weight[discs.triangle])
+    xx, xy, yy, weight = discs.roots.T * [[256], [256], [256], [1]]
+    metric = np.stack([xx * xx, xx * xy, xy * xy + yy * yy], axis=1)
+    np.testing.assert_allclose(metric, graph.node_metric[discs.triangle], rtol=1e-5)
+    np.testing.assert_array_equal(weight, graph.node_weight[discs.triangle])
 
 
 def test_more_cover_than_the_map_can_hold_is_refused(monkeypatch):

@@ -39,7 +39,7 @@ class AsyncClient:
 
     def __init__(
         self,
-        url: str = "http://127.0.0.1:8000",
+        url: str = "http://127.0.0.1:8717",
         *,
         max_wait: float = 60.0,
         http: httpx.AsyncClient | None = None,

@@ -37,7 +37,7 @@ class Client:
 
     def __init__(
         self,
-        url: str = "http://127.0.0.1:8000",
+        url: str = "http://127.0.0.1:8717",
         *,
         max_wait: float = 60.0,
         http: httpx.Client | None = None,

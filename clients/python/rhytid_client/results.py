@@ -109,10 +109,10 @@ class Tile:
     """
 
     format: str
-    content: bytes | memoryview
+    content: bytes | memoryview = field(repr=False)
     etag: str | None = None
     scale: float | None = None
-    values: NDArray[Any] | None = None
+    values: NDArray[Any] | None = field(default=None, repr=False)
 
     @property
     def array(self) -> NDArray[Any]:

@@ -11,6 +11,7 @@ from rhytid import __version__
 from rhytid.api import problems
 from rhytid.api.documentation import describe
 from rhytid.api.metrics import Metrics, Observe
+from rhytid.api.places import Places, threads
 from rhytid.api.routes import assets, bins, frames, health, jobs, tiles
 from rhytid.settings import ServiceSettings
 
@@ -22,9 +23,10 @@ ROUTERS = (assets.router, frames.router, tiles.router, bins.router, jobs.router,
 
 def create_app(engine: Engine, settings: ServiceSettings) -> FastAPI:
     """An application over `engine`, which stays the caller's to close."""
-    app = FastAPI(title="rhytid", version=__version__, redirect_slashes=False)
+    app = FastAPI(title="rhytid", version=__version__, redirect_slashes=False, lifespan=threads)
     app.state.engine = engine
     app.state.settings = settings
+    app.state.places = Places(settings.queue)
     app.state.metrics = Metrics(lambda: engine.waiting)
     app.state.routes = [route for router in ROUTERS for route in router.routes]
     for router in ROUTERS:

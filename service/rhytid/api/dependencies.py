@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from fastapi import Depends, Path, Request
 from numpy.typing import NDArray
+from starlette.concurrency import run_in_threadpool
 
 from rhytid.api import uploads
 from rhytid.api.metrics import Metrics
@@ -26,7 +28,10 @@ def _engine(request: Request) -> Any:
 
 
 EngineDep = Annotated[Engine, Depends(_engine)]
-Body = Annotated[bytes, Depends(uploads.read_body)]
+
+
+async def _place(request: Request) -> Any:
+    return request.app.state.places.one()
 
 
 def _metrics(request: Request) -> Any:
@@ -46,14 +51,20 @@ def no_repeats(request: Request) -> None:
             raise QueryError(f"query parameter {name!r} was sent more than once")
 
 
-def _positions(request: Request, body: Body, asset: str, engine: EngineDep) -> NDArray[np.float32]:
-    return read_positions(body, uploads.media_type_of(request), engine.asset(asset).vertices)
+async def _positions(request: Request, asset: str, engine: EngineDep) -> NDArray[np.float32]:
+    # The asset comes first: it says how much of a body is worth reading.
+    found = await run_in_threadpool(engine.asset, asset)
+    body = await uploads.read_frame(request, found.vertices)
+    media_type = uploads.media_type_of(request)
+    return await run_in_threadpool(read_positions, body, media_type, found.vertices)
 
 
-# The body as positions (V, 3) of the asset in the path; raises FrameError.
+# The body as positions (V, 3) of the asset in the path; raises FrameError or LimitError.
 Positions = Annotated[NDArray[np.float32], Depends(_positions)]
 NoQuery = Depends(no_query)
 NoRepeats = Depends(no_repeats)
+# Held by `with` for as long as a request waits for the device; raises BusyError on entry.
+Place = Annotated[AbstractContextManager[None], Depends(_place)]
 MetricsDep = Annotated[Metrics, Depends(_metrics)]
 Json = Annotated[Any, Depends(uploads.read_json)]
 Parts = Annotated[dict[str, Part], Depends(uploads.read_parts)]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any
 
@@ -55,8 +56,13 @@ def matches(if_none_match: str | None, tag: str) -> bool:
     return "*" in tags or any(t.removeprefix("W/") == tag for t in tags)
 
 
-def answer(request: Request, format: str, source: Source) -> Response:
-    """The encoded displacement, 304 where the client has it, headers alone for HEAD."""
+def answer(
+    request: Request, format: str, source: Source, place: AbstractContextManager[None]
+) -> Response:
+    """The encoded displacement, 304 where the client has it, headers alone for HEAD.
+
+    Only drawing takes a place among those who wait for the device; raises BusyError.
+    """
     check_format(format)
     key = source.key()
     header = source.header()
@@ -67,7 +73,8 @@ def answer(request: Request, format: str, source: Source) -> Response:
     about = {**validators, **scale_header(format, header)}
     if request.method == "HEAD":
         return bodiless(about, FORMATS[format].media_type)
-    drawn = encode(source.draw(), format, header)
+    with place:
+        drawn = encode(source.draw(), format, header)
     if source.key() != key:
         # Replaced while it was drawn: these bytes may belong to either content.
         about = {**scale_header(format, header), "Cache-Control": "no-store"}

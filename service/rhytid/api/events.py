@@ -9,10 +9,9 @@ from dataclasses import asdict, replace
 
 from starlette.concurrency import run_in_threadpool
 
-from rhytid.engine.messages import JobInfo
+from rhytid.engine.messages import ENDED_STATES, JobInfo
 from rhytid.errors import NotFoundError
 
-ENDED = ("done", "failed", "cancelled")
 POLL_SECONDS = 0.1
 # A comment now and then keeps proxies from closing a quiet stream.
 POLLS_PER_COMMENT = 150
@@ -34,7 +33,7 @@ async def job_events(
     """
     yield event("progress", job)
     quiet = 0
-    while job.state not in ENDED:
+    while job.state not in ENDED_STATES:
         await asyncio.sleep(POLL_SECONDS)
         if await disconnected():
             return

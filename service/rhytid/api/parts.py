@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from dataclasses import dataclass
 
 from python_multipart.exceptions import FormParserError
@@ -76,7 +77,7 @@ class PartReader:
         self._name = ""
         self._filename: str | None = None
         self._disposition = b""
-        self._data: list[bytes] = []
+        self._data = io.BytesIO()
 
     def _on_field(self, data: bytes, start: int, end: int) -> None:
         self._grow(self._field, data[start:end])
@@ -108,12 +109,11 @@ class PartReader:
             raise InputError(f"part {self._name} was sent twice")
 
     def _on_data(self, data: bytes, start: int, end: int) -> None:
-        self._data.append(data[start:end])
+        self._data.write(memoryview(data)[start:end])
 
     def _on_part(self) -> None:
-        data = b"".join(self._data)
-        self._data = []
-        self._parts[self._name] = Part(self._name, self._filename, data)
+        self._parts[self._name] = Part(self._name, self._filename, self._data.getvalue())
+        self._data = io.BytesIO()
 
     def _on_end(self) -> None:
         self._ended = True

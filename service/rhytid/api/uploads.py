@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 from collections.abc import AsyncIterator, Iterable
 from typing import Any
@@ -14,12 +15,16 @@ from rhytid.errors import InputError, LimitError, SettingsError
 from rhytid.settings import ServiceSettings
 
 JSON_LIMIT = 1 << 16
+# A frame in its widest form: three float64 a vertex behind the header of a .npy file.
+WIDEST_VERTEX = 24
+HEADER_ROOM = 1 << 16
 JSON_TYPES = ("application/json", "application/merge-patch+json")
 
 
-async def read_body(request: Request) -> bytes:
-    """The whole body; raises LimitError above `upload_limit`."""
-    return b"".join([chunk async for chunk in _chunks(request, _limit(request))])
+async def read_frame(request: Request, vertices: int) -> bytes:
+    """The body with one frame of so many vertices; raises LimitError above what that can take."""
+    largest = WIDEST_VERTEX * vertices + HEADER_ROOM
+    return await _body(request, min(largest, _limit(request)))
 
 
 async def read_parts(request: Request) -> dict[str, Part]:
@@ -38,8 +43,7 @@ async def read_json(request: Request) -> Any:
     media_type = media_type_of(request)
     if media_type not in JSON_TYPES:
         raise HTTPException(415, f"Content-Type is {media_type!r}: one of {', '.join(JSON_TYPES)}")
-    body = b"".join([chunk async for chunk in _chunks(request, JSON_LIMIT)])
-    return decode_json(body, "body")
+    return decode_json(await _body(request, JSON_LIMIT), "body")
 
 
 def media_type_of(request: Request) -> str:
@@ -60,6 +64,14 @@ def decode_json(data: bytes, what: str) -> Any:
         raise SettingsError(f"{what} is JSON nested too deeply") from error
     except ValueError as error:
         raise SettingsError(f"{what} is not JSON: {error}") from error
+
+
+async def _body(request: Request, limit: int) -> bytes:
+    # Unlike a list of chunks that are joined, the bytes are in memory once.
+    body = io.BytesIO()
+    async for chunk in _chunks(request, limit):
+        body.write(chunk)
+    return body.getvalue()
 
 
 async def _chunks(request: Request, limit: int) -> AsyncIterator[bytes]:

@@ -13,7 +13,7 @@ from rhytid.cli.bake_record import BakeRecord
 from rhytid.cli.frame_files import FrameFiles, FramePlace
 from rhytid.cli.reporting import counted, share_bar
 from rhytid.cli.timing import Stopwatch
-from rhytid.engine.messages import AssetInfo, JobInfo, MapQuery, NewAsset
+from rhytid.engine.messages import ENDED_STATES, AssetInfo, JobInfo, MapQuery, NewAsset
 from rhytid.errors import ConflictError
 from rhytid.formats.exr import write_exr
 from rhytid.formats.tile_header import TileHeader
@@ -21,7 +21,6 @@ from rhytid.formats.tile_header import TileHeader
 if TYPE_CHECKING:
     from rhytid.engine.engine import Engine
 
-ENDED = ("done", "failed", "cancelled")
 _POLL_SECONDS = 0.05
 
 
@@ -134,7 +133,7 @@ def build(engine: Engine, new: NewAsset) -> AssetInfo:
 def finish(engine: Engine, job: JobInfo, what: str) -> None:
     """Wait until a job is done; raises ConflictError with the reason if it fails."""
     with share_bar(what) as show:
-        while job.state not in ENDED:
+        while job.state not in ENDED_STATES:
             time.sleep(_POLL_SECONDS)
             job = engine.job(job.id)
             show(job.progress, job.stage)

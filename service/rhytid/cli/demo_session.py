@@ -65,6 +65,8 @@ class Session:
         for method in METHODS:
             folder = self.out / method
             folder.mkdir(exist_ok=True)
+            for earlier in folder.glob("face.*.exr"):  # of a longer animation, perhaps
+                earlier.unlink()
             for place in counted(self.places, method, "frame"):
                 for udim in self.asset.udims:
                     with self.watch.step(f"{method}, as EXR"):

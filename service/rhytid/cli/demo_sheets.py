@@ -22,11 +22,11 @@ SHEETS = 4
 def key_frames(sizes: Sequence[float], most: int = SHEETS) -> list[int]:
     """Indices of at most `most` frames, the largest first, with a part of the animation between.
 
-    Each takes an eighth of the animation to both sides with it; frames below a fifth of the
-    largest have little to show.
+    Each takes an eighth of the animation to both sides with it, rounded down: of a few key poses
+    none is dropped. Frames below a fifth of the largest have little to show.
     """
-    apart = max(len(sizes) // 8, 1)
-    shown = [i for i, size in enumerate(sizes) if size >= 0.2 * max(sizes)]
+    apart = len(sizes) // 8
+    shown = [i for i, size in enumerate(sizes) if size >= 0.2 * max(sizes) > 0] or [0]
     left = sorted(shown, key=lambda i: -sizes[i])
     chosen: list[int] = []
     for index in left:
@@ -37,6 +37,8 @@ def key_frames(sizes: Sequence[float], most: int = SHEETS) -> list[int]:
 
 def write_sheets(session: Session, unit_mm: float) -> list[dict[str, Any]]:
     """A sheet for each key frame, and what it shows in figures, the most stretched first."""
+    for earlier in session.out.glob("contact_*.png"):
+        earlier.unlink()
     indices = key_frames(session.sizes)
     udim = busiest_udim(session.face.mesh, session.asset.udims)
     figures = []
@@ -46,7 +48,7 @@ def write_sheets(session: Session, unit_mm: float) -> list[dict[str, Any]]:
         with session.watch.step("contact sheet"):
             name = f"contact_{place.label}.png"
             performance = _performance(session, place, udim)
-            note = f"Frame {place.label}, UDIM {udim}."
+            note = f"Frame {place.name}, UDIM {udim}."
             contact_sheet(performance, maps, unit_mm=unit_mm, note=note).save(session.out / name)
         rms = relative_rms(maps["binned"], maps["redraw"])
         figures.append(

@@ -31,6 +31,11 @@ class FramePlace:
         """The number as files carry it: at least four digits."""
         return f"{self.number:04d}"
 
+    @property
+    def name(self) -> str:
+        """The number, and the file that the frame lies in."""
+        return self.label if self.file is None else f"{self.label} of {self.file.name}"
+
 
 class FrameFiles:
     """The frames of some files, or of the mesh file where no files are given.

@@ -6,6 +6,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from typing import Protocol, TypeVar
 
+from rhytid.device.spares import Spares
 from rhytid.errors import DeviceMemoryError
 
 
@@ -28,13 +29,17 @@ T = TypeVar("T", bound=Releasable)
 class MemoryBudget:
     """Counts bytes on the device, and makes room by dropping what can be made again.
 
+    `used` leaves out what lies spare, but both together stay within `limit`: spare memory is the
+    first to go.
+
     Things kept under a key are dropped least recently used first, but never in the task that
     used them: `new_task` says when what was used before is no longer in anybody's hands.
     """
 
-    def __init__(self, limit: int) -> None:
+    def __init__(self, limit: int, spares: Spares) -> None:
         self.limit = limit
         self.used = 0
+        self._spares = spares
         self._kept: OrderedDict[Hashable, Releasable] = OrderedDict()
         self._in_hands: set[Hashable] = set()
         self._made: set[Hashable] = set()
@@ -50,16 +55,15 @@ class MemoryBudget:
 
     def reserve(self, nbytes: int) -> None:
         """Count `nbytes` in, dropping kept things where needed; raises DeviceMemoryError."""
-        for key in [k for k in self._kept if k not in self._in_hands]:
-            if self.used + nbytes <= self.limit:
-                break
-            self._kept.pop(key).release()
+        if self.used + nbytes > self.limit:
+            self._make_room(nbytes)
         if self.used + nbytes > self.limit:
             raise DeviceMemoryError(
                 f"{nbytes} bytes more than the {self.used} in use would pass the device memory "
                 f"budget of {self.limit} bytes (RHYTID_DEVICE_MEMORY_MB)"
             )
         self.used += nbytes
+        self._spares.shrink(self.limit - self.used)
 
     def free(self, nbytes: int) -> None:
         """Count `nbytes` out."""
@@ -79,4 +83,10 @@ class MemoryBudget:
     def drop(self, belongs: Callable[[Hashable], bool]) -> None:
         """Release everything kept under a key that `belongs`."""
         for key in [k for k in self._kept if belongs(k)]:
+            self._kept.pop(key).release()
+
+    def _make_room(self, nbytes: int) -> None:
+        for key in [k for k in self._kept if k not in self._in_hands]:
+            if self.used + nbytes <= self.limit:
+                return
             self._kept.pop(key).release()

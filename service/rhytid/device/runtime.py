@@ -17,6 +17,9 @@ from rhytid.device.spares import Spares
 from rhytid.errors import DeviceError, DeviceMemoryError, KernelBuildError
 
 BUILD_OPTIONS = ("-cl-std=CL1.2",)
+# Local memory from which on a work-group can hold both sums of a whole block, which take 36 KiB;
+# OpenCL promises 32.
+_ROOM_FOR_BLOCKS = 40 << 10
 _NO_DEFINES: Mapping[str, object] = MappingProxyType({})
 
 
@@ -35,13 +38,15 @@ class Buffer:
     """Bytes on the device, counted in its budget until released."""
 
     def __init__(self, device: Device, nbytes: int, host: NDArray[Any] | None = None) -> None:
+        spare = device.spares.take(nbytes) if host is None else None
         device.budget.reserve(nbytes)
         device.born.append(self)
         self.nbytes = nbytes
-        self.handle: Any = None
+        self.handle: Any = spare
         self._device = device
         self._released = False
-        self.handle = device.allocate(nbytes, host)
+        if spare is None:
+            self.handle = device.allocate(nbytes, host)
 
     def release(self) -> None:
         """Give the memory back; a second call does nothing."""
@@ -55,16 +60,17 @@ class Buffer:
 class Device:
     """A context and an in-order queue on one device. Used by one thread only.
 
-    `lanes` is the number of work-items that share a block when drawing: one on a CPU, where a
-    work-item is a vector loop, many on a GPU. It does not change results.
+    Work-groups draw `rows` rows of a block with `lanes` work-items: one on a CPU, where a work-item
+    is a vector loop, one a row on a GPU. Neither changes a bit of a result.
     """
 
     def __init__(self, candidate: Candidate, memory: int) -> None:
         self.info = candidate
-        self.budget = MemoryBudget(memory)
         self.spares = Spares()
+        self.budget = MemoryBudget(memory, self.spares)
         self.born: list[Buffer] = []
-        self.lanes = 1 if candidate.kind == "cpu" else 64
+        self.rows = 64 if candidate.local_memory >= _ROOM_FOR_BLOCKS else 32
+        self.lanes = 1 if candidate.kind == "cpu" else self.rows
         with _device_errors():
             self.context = cl.Context([candidate.handle])
             self._queue = cl.CommandQueue(self.context)
@@ -84,10 +90,15 @@ class Device:
             raise
 
     def allocate(self, nbytes: int, host: NDArray[Any] | None) -> Any:
-        """Memory of the driver with the bytes of `host`, or with anything in it."""
-        spare = self.spares.take(nbytes) if host is None else None
-        if spare is not None:
-            return spare
+        """Memory of the driver with the bytes of `host`, or with anything in it.
+
+        Raises DeviceMemoryError where one buffer of the device cannot be so large.
+        """
+        if nbytes > self.info.largest_buffer:
+            raise DeviceMemoryError(
+                f"a buffer of {nbytes} bytes: {self.info.name} gives {self.info.largest_buffer} "
+                "bytes at most"
+            )
         flags = cl.mem_flags.READ_WRITE
         if host is not None:
             flags |= cl.mem_flags.COPY_HOST_PTR

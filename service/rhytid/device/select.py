@@ -15,15 +15,16 @@ from rhytid.errors import NoDeviceError
 cl: Any = load_pyopencl()
 
 ADVICE = (
-    "Get a CPU runtime with  pip install 'rhytid[cpu]'  (x86-64), or PoCL with  "
-    "apt-get install pocl-opencl-icd  (Debian, Ubuntu), or install your GPU vendor's driver."
+    "Get a CPU runtime with  pip install intel-opencl-rt intel-cmplr-lib-rt  (x86-64), or PoCL "
+    "with  apt-get install pocl-opencl-icd  (Debian, Ubuntu), or install your GPU vendor's driver."
 )
 _PROBE = "__kernel void probe(__global float *x) { int i = get_global_id(0); x[i] = 2.0f * i; }"
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A device that a driver lists. `kind` is cpu, gpu or other; `memory` in bytes."""
+    """A device that a driver lists. `kind` is cpu, gpu or other; `memory`, the `largest_buffer` and
+    the `local_memory` of a work-group in bytes."""
 
     index: int
     name: str
@@ -32,6 +33,8 @@ class Candidate:
     version: str
     compute_units: int
     memory: int
+    largest_buffer: int
+    local_memory: int
     handle: Any
 
     def matches(self, wanted: str) -> bool:
@@ -76,7 +79,8 @@ def compile_program(context: Any, text: str, options: list[str]) -> Any:
 
 
 def choose(wanted: str | None = None) -> Candidate:
-    """The device to use: what `wanted` names, else the first GPU, else the first CPU that computes.
+    """The first device that computes, of those that `wanted` names or of all: GPUs first, then CPU
+    drivers other than PoCL, then PoCL, then the rest; of equals in the order of the drivers.
 
     Raises NoDeviceError; never falls back to a device that was not asked for.
     """
@@ -95,7 +99,7 @@ def choose(wanted: str | None = None) -> Candidate:
 
 
 def _rank(candidate: Candidate) -> tuple[int, bool, int]:
-    # Of two drivers for the same CPU, PoCL was the slower one on every kernel here.
+    # Of two drivers for the same CPU, PoCL has been the slower one on every kernel.
     is_pocl = candidate.platform == "Portable Computing Language"
     return {"gpu": 0, "cpu": 1}.get(candidate.kind, 2), is_pocl, candidate.index
 
@@ -118,5 +122,7 @@ def _candidate(index: int, platform: Any, device: Any) -> Candidate:
         version=device.version.strip(),
         compute_units=device.max_compute_units,
         memory=device.global_mem_size,
+        largest_buffer=device.max_mem_alloc_size,
+        local_memory=device.local_mem_size,
         handle=device,
     )

@@ -9,16 +9,17 @@ from __future__ import annotations
 from collections import OrderedDict
 from typing import Any
 
-# Bytes that may lie spare beside the budget, all sizes together.
+# Bytes that may lie spare, all sizes together; together with what is in use never over the budget.
 MOST_SPARE = 256 << 20
 
 
 class Spares:
-    """Handles by size. Safe on an in-order queue: who takes one is enqueued behind who left it."""
+    """Handles by size, `held` bytes in all. Safe on an in-order queue: who takes one is enqueued
+    behind who left it."""
 
     def __init__(self, limit: int = MOST_SPARE) -> None:
         self._limit = limit
-        self._held = 0
+        self.held = 0
         self._handles: OrderedDict[int, list[Any]] = OrderedDict()
 
     def take(self, nbytes: int) -> Any | None:
@@ -26,26 +27,22 @@ class Spares:
         handles = self._handles.get(nbytes)
         if not handles:
             return None
-        self._held -= nbytes
+        self.held -= nbytes
         return handles.pop()
 
     def leave(self, handle: Any, nbytes: int) -> None:
         """Keep a handle, in place of those of the sizes that were left longest ago."""
         self._handles.setdefault(nbytes, []).append(handle)
         self._handles.move_to_end(nbytes)
-        self._held += nbytes
-        while self._held > self._limit:
+        self.held += nbytes
+        self.shrink(self._limit)
+
+    def shrink(self, limit: int) -> None:
+        """Give back to the driver what is over `limit` bytes, sizes left longest ago first."""
+        while self.held > limit:
             size, handles = next(iter(self._handles.items()))
             if not handles:
                 del self._handles[size]
                 continue
             handles.pop().release()
-            self._held -= size
-
-    def clear(self) -> None:
-        """Give everything back to the driver."""
-        for handles in self._handles.values():
-            for handle in handles:
-                handle.release()
-        self._handles.clear()
-        self._held = 0
+            self.held -= size

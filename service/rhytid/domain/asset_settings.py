@@ -1,4 +1,4 @@
-"""The settings of an asset (section 8 of the specification), their defaults and their ranges."""
+"""The settings of an asset, their defaults and their ranges. Unknown keys are refused."""
 
 from __future__ import annotations
 
@@ -33,7 +33,8 @@ class ResponseSettings:
 
 @dataclass(frozen=True)
 class ShapeSettings:
-    """The profile (1 - t²)²(1 - b t²) and how heights meet (section 6 of the specification)."""
+    """The profile (1 - t²)²(1 - b t²), and how heights x meet: log(1 + Σ(e^{βx} - 1)/n)/β, valleys
+    and bulges apart; β is the sharpness, n the slots."""
 
     # Above 9 a bulge would rise over the depth of its furrow, past what the sums can hold.
     wrinkle_bulge: float = number(2.5, 0.0, 9.0)
@@ -64,7 +65,7 @@ class AssetSettings:
     unit: str = text("cm", 16)
     resolution: int = power_of_two(4096, 256, 16384)
     tile_size: int = power_of_two(512, 64, 4096)
-    depth: float | None = number(None, 1e-12, 1e12)
+    depth: float | None = number(None, 1e-30, 1e30)
     padding: int = whole(16, 0, 64)
     angles: str = choice("uv", "uv")
     preset: str = choice("paper", "paper")

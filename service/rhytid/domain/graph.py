@@ -12,6 +12,9 @@ from rhytid.domain.arrays import first_bad_row, fixed_array
 from rhytid.domain.mesh import UV_LIMIT
 from rhytid.errors import GraphError
 
+# The least length of a wrinkle, half width and radius, uv units: a 60,000th of the finest texel.
+# Below, squares underflow on the device.
+LEAST_SIZE = 1e-9
 _F32 = np.float32
 _SHAPES: dict[str, tuple[tuple[int | None, ...], Any]] = {
     "node_uv": ((None, 2), _F32),
@@ -38,7 +41,8 @@ class WrinkleGraph:
     the circle of node_radius: the rim is where dᵀ·metric·d = 1.
     node_triangle (N,), edge_triangle (M,) i32 or None: the triangle to sample; -1 = find it.
 
-    Raises GraphError naming the array and the first element that cannot be used.
+    Radii, those of a metric too, half widths and lengths are at least LEAST_SIZE; radii and half
+    widths at most 1. Raises GraphError naming the array and the first element that cannot be used.
     """
 
     node_uv: NDArray[np.float32]
@@ -89,9 +93,10 @@ class WrinkleGraph:
             _require(name, weight, (weight >= 0) & (weight <= 1), "from 0 to 1")
         for name in ("node_radius", "edge_half_width"):
             size = getattr(self, name)
-            _require(name, size, (size > 0) & (size <= 1), "above 0, at most 1")
+            _require(name, size, (size >= LEAST_SIZE) & (size <= 1), f"from {LEAST_SIZE:g} to 1")
         if self.node_metric is not None:
-            _require("node_metric", self.node_metric, _positive(self.node_metric), "a UV metric")
+            rule = f"a UV metric, positive definite, radii from {LEAST_SIZE:g} to 1"
+            _require("node_metric", self.node_metric, _is_metric(self.node_metric), rule)
         for name in ("node_triangle", "edge_triangle"):
             index = getattr(self, name)
             if index is not None:
@@ -101,15 +106,20 @@ class WrinkleGraph:
         ends = self.edge_nodes
         inside = (ends >= 0) & (ends < self.pores)
         _require("edge_nodes", ends, inside, f"from 0 to {self.pores - 1}")
-        length = np.abs(self.node_uv[ends[:, 0]] - self.node_uv[ends[:, 1]]).sum(axis=-1)
-        _require("edge_nodes", ends, length > 0, "two pores at different places")
+        uv = self.node_uv.astype(np.float64)
+        length = np.linalg.norm(uv[ends[:, 0]] - uv[ends[:, 1]], axis=-1)
+        rule = f"two pores at different places, {LEAST_SIZE:g} apart or more"
+        _require("edge_nodes", ends, length >= LEAST_SIZE, rule)
 
 
-def _positive(metric: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """Positive definite, and wider than nothing: every eigenvalue at least 1 (radius at most 1)."""
+def _is_metric(metric: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Positive definite, with radii from LEAST_SIZE to 1: eigenvalues are radii to the power -2."""
     uu, uv, vv = metric.astype(np.float64).T
-    smallest = 0.5 * (uu + vv) - np.hypot(0.5 * (uu - vv), uv)
-    good: NDArray[np.bool_] = np.isfinite(smallest) & (smallest >= 1.0 - 1e-6)
+    largest = 0.5 * (uu + vv) + np.hypot(0.5 * (uu - vv), uv)
+    # Products of two float32 are exact in double: this loses nothing where one is much smaller.
+    smallest = (uu * vv - uv * uv) / np.where(largest > 0, largest, 1.0)
+    sized = (largest <= (1.0 + 1e-6) / LEAST_SIZE**2) & (smallest >= 1.0 - 1e-6)
+    good: NDArray[np.bool_] = (uu > 0) & (vv > 0) & sized
     return good
 
 

@@ -54,11 +54,11 @@ class Mesh:
     def usable_triangles(self) -> NDArray[np.bool_]:
         """(F,) true where a triangle has area both in space and in UV."""
         corners = self.positions[self.faces].astype(np.float64)
-        return _has_area(corners) & self.triangles_with_uv()
+        return has_area(corners) & self.triangles_with_uv()
 
     def triangles_with_uv(self) -> NDArray[np.bool_]:
         """(F,) true where a triangle has area in UV, whatever it has in space."""
-        return _has_area(self.triangle_uv())
+        return has_area(self.triangle_uv())
 
     def triangle_uv(self) -> NDArray[np.float64]:
         """(F, 3, 2) texture coordinates of the corners."""
@@ -66,7 +66,8 @@ class Mesh:
         return corners
 
 
-def _has_area(corners: NDArray[np.float64]) -> NDArray[np.bool_]:
+def has_area(corners: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(F,) true where a triangle, corners (F, 3, 2) or (F, 3, 3), has a usable area."""
     a, b, c = (corners[:, i] for i in range(3))
     longest = np.maximum.reduce([np.sum(e * e, -1) for e in (b - a, c - b, a - c)])
     u, w = b - a, c - a

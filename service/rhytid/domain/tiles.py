@@ -8,8 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.domain.mesh import Mesh
+from rhytid.domain.mesh import UV_LIMIT, Mesh
 from rhytid.errors import NotFoundError, QueryError
+
+# UV units that a triangle must reach into a UDIM, unless it is as small itself: coordinates that
+# were float32 once lie this far beyond a border that they mean.
+_SLACK = 1e-6
 
 
 @dataclass(frozen=True, order=True)
@@ -78,18 +82,34 @@ def udim_origin(udim: int) -> tuple[int, int]:
 
 
 def mesh_udims(mesh: Mesh) -> tuple[int, ...]:
-    """The UDIMs that the mesh touches, ascending; u in [0, 10), v >= 0, the rest is clipped.
+    """The UDIMs that triangles with area in UV overlap, ascending; u in [0, 10), v >= 0, the rest
+    is clipped. Touching a border, or passing it by no more than 1e-6, is no overlap."""
+    corners = mesh.triangle_uv()[mesh.triangles_with_uv()]
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    first = np.clip(np.floor(low.min(axis=0, initial=UV_LIMIT)), 0, None).astype(int)
+    end = np.minimum(np.ceil(high.max(axis=0, initial=0.0)), (10, UV_LIMIT)).astype(int)
+    found = []
+    for v in range(first[1], end[1]):
+        for u in range(first[0], end[0]):
+            near = (high > (u, v)).all(axis=1) & (low < (u + 1, v + 1)).all(axis=1)
+            if _overlaps_square(corners[near], np.array([u, v])):
+                found.append(1001 + u + 10 * v)
+    return tuple(found)
 
-    A triangle touches the UDIMs that its UV bounding box overlaps.
-    """
-    corners = mesh.triangle_uv()
-    low = np.floor(corners.min(axis=1)).astype(np.int64)
-    high = np.maximum(np.ceil(corners.max(axis=1)).astype(np.int64), low + 1)
-    found: set[int] = set()
-    for u0, v0, u1, v1 in np.unique(np.concatenate([low, high], axis=1), axis=0):
-        for v in range(max(v0, 0), v1):
-            found.update(1001 + u + 10 * v for u in range(max(u0, 0), min(u1, 10)))
-    return tuple(sorted(int(u) for u in found))
+
+def _overlaps_square(corners: NDArray[np.float64], origin: NDArray[np.integer]) -> bool:
+    """Whether any triangle (K, 3, 2) overlaps the unit square at `origin`: no axis parts them, of
+    the sides of the square and the normals of the edges."""
+    centred = corners - (origin + 0.5)
+    extent = np.ptp(corners, axis=1).max(axis=-1, keepdims=True)
+    half = 0.5 - np.minimum(_SLACK, 0.25 * extent)
+    edges = np.roll(centred, -1, axis=1) - centred
+    normals = np.stack([-edges[..., 1], edges[..., 0]], axis=-1)
+    sides = np.broadcast_to(np.eye(2), (len(corners), 2, 2))
+    axes = np.concatenate([sides, normals], axis=1)
+    along = np.einsum("kac,kpc->kap", axes, centred)
+    reach = half * np.abs(axes).sum(axis=-1)
+    return bool(((along.min(axis=-1) < reach) & (along.max(axis=-1) > -reach)).all(axis=1).any())
 
 
 def texel_centres(start: int, count: int, resolution: int) -> NDArray[np.float64]:

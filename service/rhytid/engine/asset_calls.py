@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -13,19 +13,16 @@ from numpy.typing import ArrayLike, NDArray
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.frame import check_positions
 from rhytid.domain.graph import WrinkleGraph
-from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import mesh_udims
+from rhytid.engine.arrivals import AssetArrivals
 from rhytid.engine.assets import Asset
 from rhytid.engine.building import check_triangles
-from rhytid.engine.core import EngineCore
-from rhytid.engine.frame_calls import put_frame
-from rhytid.engine.frames import Frame, Frames
+from rhytid.engine.frames import Frame
 from rhytid.engine.jobs import Job
 from rhytid.engine.messages import AssetInfo, JobInfo, NewAsset
 from rhytid.engine.spacing import DEPTH_OF_SPACING
-from rhytid.errors import MeshError, NotFoundError, SettingsError, StorageError
+from rhytid.errors import MeshError, NotFoundError, SettingsError
 from rhytid.pipeline.stretch import r_max_of
-from rhytid.settings import ServiceSettings
 from rhytid.storage.contents import asset_id
 
 Positions = Sequence[NDArray[np.float32]]
@@ -34,15 +31,8 @@ _log = logging.getLogger(__name__)
 CHANGEABLE = ("depth", "response", "shape", "bins")
 
 
-class AssetCalls(EngineCore):
+class AssetCalls(AssetArrivals):
     """The calls about assets and their jobs."""
-
-    def __init__(self, settings: ServiceSettings) -> None:
-        super().__init__(settings)
-        for id in self._store.ids():
-            self._reload(id)
-        for id in self._store.pending():
-            self._resume(id)
 
     def create_asset(self, new: NewAsset) -> AssetInfo:
         """Take a mesh in; the build runs as a job. The same content again: the same asset.
@@ -57,11 +47,10 @@ class AssetCalls(EngineCore):
         sent = () if new.frames is None else new.frames
         frames = [check_positions(positions, len(new.mesh.positions)) for positions in sent]
         id = asset_id(new.mesh, new.settings, new.graph)
-        with self._assets.lock:
+        with self._assets.changing:
             asset = self._assets.find(id)
             if asset is None or asset.state == "failed":
-                self._store.put_request(id, new.mesh, new.settings, new.graph)
-                asset = self._start(id, new.mesh, new.settings, frames)
+                asset = self._welcome(id, new, frames)
             elif frames:
                 asset.job = self._jobs.start("frames", id, self._frames_work(asset, frames))
             return asset.info()
@@ -92,14 +81,14 @@ class AssetCalls(EngineCore):
 
     def delete_asset(self, asset: str) -> None:
         """Remove an asset from memory, device and disk; cancels what is being made of it."""
-        with self._assets.lock:
+        with self._assets.changing:
             found = self._assets.remove(asset)
-            self._store.delete(asset)
-        if found.job is not None:
-            found.job.cancel()
-        found.frames.clear()
-        # Behind a build that may still run, in the order of the jobs.
-        self._jobs.start("delete", asset, lambda job: self._clear_away(found))
+            self._jobs.cancel_of(asset)
+            with suppress(NotFoundError):  # a cancelled build has left nothing in the store
+                self._store.delete(asset)
+        found.frames.close()
+        if found.resident is not None:
+            self._builder.on_device(found.resident.release)
 
     def graph(self, asset: str) -> WrinkleGraph:
         """The wrinkle graph of a ready asset."""
@@ -133,71 +122,5 @@ class AssetCalls(EngineCore):
 
         return self._jobs.start("calibration", asset, work).info
 
-    def _start(self, id: str, mesh: Mesh, settings: AssetSettings, frames: Positions = ()) -> Asset:
-        """Know an asset and queue its build."""
-        asset = self._asset(id, mesh, settings)
-        put_frames = self._frames_work(asset, frames)
-
-        def work(job: Job) -> None:
-            self._builder.build(job, asset)
-            put_frames(job)
-
-        asset.job = self._jobs.start("build", id, work)
-        self._assets.add(asset)
-        return asset
-
-    def _reload(self, id: str) -> None:
-        """Know a stored asset and queue its way to the device."""
-        try:
-            stored = self._store.asset(id)
-            settings = self._store.overlay(id) or stored.settings
-        except StorageError as error:
-            self._give_up(id, error)
-            return
-        asset = self._asset(id, stored.mesh, settings)
-        asset.spacing = float(stored.extra["spacing"])
-        asset.job = self._jobs.start("load", id, lambda job: self._builder.load(job, asset))
-        self._assets.add(asset)
-
-    def _resume(self, id: str) -> None:
-        """Queue the build of an asset that was requested and never finished."""
-        try:
-            request = self._store.request(id)
-        except StorageError as error:
-            self._give_up(id, error)
-            return
-        self._start(id, request.mesh, request.settings)
-
-    def _give_up(self, id: str, error: StorageError) -> None:
-        """Know a damaged asset as failed; the log has the file, callers need not."""
-        _log.error("asset %s: %s", id, error)
-        reason = "damaged in the store: delete it and send it again"
-        self._assets.add(Asset.failed(id, reason, self._assets.frame_memory))
-
-    def _asset(self, id: str, mesh: Mesh, settings: AssetSettings) -> Asset:
-        return Asset(
-            id=id,
-            settings=settings,
-            vertices=len(mesh.positions),
-            triangles=len(mesh.faces),
-            udims=mesh_udims(mesh),
-            frames=Frames(self._assets.frame_memory),
-        )
-
     def _prepare_bins(self, asset: Asset) -> None:
         self._jobs.start("bins", asset.id, lambda job: self._builder.make_bins(job, asset))
-
-    def _frames_work(self, asset: Asset, frames: Positions) -> Callable[[Job], None]:
-        def work(job: Job) -> None:
-            for index, positions in enumerate(frames):
-                job.progress(0.0, "frames", f"{index + 1} of {len(frames)}")
-                put_frame(self._builder.on_device, asset, f"{index:04d}", positions)
-
-        return work
-
-    def _clear_away(self, asset: Asset) -> None:
-        if asset.resident is not None:
-            self._builder.on_device(asset.resident.release)
-        with self._assets.lock, suppress(NotFoundError):
-            if self._assets.find(asset.id) is None:
-                self._store.delete(asset.id)

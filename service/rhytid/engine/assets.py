@@ -89,12 +89,14 @@ class Assets:
 
     def __init__(self, frame_memory: int) -> None:
         self.frame_memory = FrameMemory(frame_memory)
-        self.lock = threading.RLock()
+        # Held while assets come and go in the store; looking one up never waits for the disk.
+        self.changing = threading.RLock()
+        self._lock = threading.Lock()
         self._assets: dict[str, Asset] = {}
 
     def find(self, id: str) -> Asset | None:
         """The asset of that id, if there is one."""
-        with self.lock:
+        with self._lock:
             return self._assets.get(id)
 
     def get(self, id: str) -> Asset:
@@ -106,17 +108,21 @@ class Assets:
 
     def all(self) -> list[Asset]:
         """Every asset, in the order in which they came."""
-        with self.lock:
+        with self._lock:
             return list(self._assets.values())
 
     def add(self, asset: Asset) -> None:
         """Know an asset, in place of one of the same id."""
-        with self.lock:
+        with self._lock:
             self._assets[asset.id] = asset
 
     def remove(self, id: str) -> Asset:
         """Forget an asset; raises NotFoundError."""
-        with self.lock:
-            found = self.get(id)
-            del self._assets[id]
-            return found
+        found = self.get(id)
+        with self._lock:
+            self._assets.pop(id, None)
+        return found
+
+    def knows(self, asset: Asset) -> bool:
+        """Whether it is this very asset that its id stands for: not removed, not made anew."""
+        return self.find(asset.id) is asset

@@ -10,7 +10,7 @@ from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
-from rhytid.engine.assets import Asset
+from rhytid.engine.assets import Asset, Assets
 from rhytid.engine.jobs import Job
 from rhytid.engine.resident import ResidentAsset
 from rhytid.engine.spacing import DEPTH_OF_SPACING, mean_spacing
@@ -30,8 +30,11 @@ _BINS_SHARE = 0.6
 class Builder:
     """The steps of a build. Runs on the thread of the jobs; device work goes to the worker."""
 
-    def __init__(self, device: Device, worker: DeviceWorker, store: AssetStore) -> None:
+    def __init__(
+        self, device: Device, worker: DeviceWorker, store: AssetStore, assets: Assets
+    ) -> None:
         self._device, self._worker, self._store = device, worker, store
+        self._assets = assets
 
     def build(self, job: Job, asset: Asset) -> None:
         """Make the asset of a stored request: synthesise, store, upload, make bins."""
@@ -43,8 +46,9 @@ class Builder:
                     spacing = mean_spacing(wanted.mesh, graph, resident.pore_triangle)
                 settings = wanted.settings.resolved(DEPTH_OF_SPACING * spacing)
                 job.progress(_SYNTHESIS, "storing")
-                facts = {"spacing": spacing}
-                self._store.put_asset(asset.id, wanted.mesh, graph, settings, facts)
+                with self._still_known(asset):
+                    facts = {"spacing": spacing}
+                    self._store.put_asset(asset.id, wanted.mesh, graph, settings, facts)
                 asset.spacing = spacing
                 self._finish(job, asset, resident, graph, settings)
         self.make_bins(job, asset, _UPLOAD)
@@ -60,13 +64,20 @@ class Builder:
     def change(self, asset: Asset, settings: AssetSettings) -> None:
         """Give a ready asset other settings, on the device and in the store."""
         resident, old = asset.ready(), asset.settings
-        if settings.response == old.response and settings.bins.count == old.bins.count:
-            self.on_device(resident.use, settings)
-        else:
-            graph = self._store.asset(asset.id).graph
-            self.on_device(resident.install, resident.prepare(graph, settings), settings)
+        prepared = None
+        if settings.response != old.response or settings.bins.count != old.bins.count:
+            prepared = resident.prepare(self._store.asset(asset.id).graph, settings)
+
+        def take() -> None:  # in one task: no tile is drawn between the two
+            resident.use(settings) if prepared is None else resident.install(prepared, settings)
+            asset.settings = settings
+
         self._store.put_overlay(asset.id, settings)
-        asset.settings = settings
+        try:
+            self.on_device(take)
+        except BaseException:
+            self._store.put_overlay(asset.id, old)
+            raise
 
     def make_bins(self, job: Job, asset: Asset, start: float = 0.0) -> None:
         """Make the level-0 maps of the fast method ahead, if they fit; else they stay lazy."""
@@ -80,6 +91,8 @@ class Builder:
             if asset.settings != settings:  # changed meanwhile: these bins are out of date
                 return
             self.on_device(resident.bin_tile, address)
+            if done == 0:
+                self.on_device(resident.warm_up_blend, address)
 
     def on_device(self, task: Callable[..., T], *arguments: Any) -> T:
         """Run one task on the device thread, waiting for a place in its queue."""
@@ -113,9 +126,19 @@ class Builder:
     ) -> None:
         job.progress(_SYNTHESIS, "uploading")
         self.on_device(resident.install, resident.prepare(graph, settings), settings)
-        asset.settings, asset.resident = settings, resident
-        asset.pores, asset.wrinkles = graph.pores, graph.wrinkles
-        asset.state = "ready"
+        self.on_device(resident.warm_up)
+        with self._still_known(asset):
+            asset.settings, asset.resident = settings, resident
+            asset.pores, asset.wrinkles = graph.pores, graph.wrinkles
+            asset.state = "ready"
+
+    @contextmanager
+    def _still_known(self, asset: Asset) -> Iterator[None]:
+        """Neither removed nor made anew meanwhile, nor while the block runs."""
+        with self._assets.changing:
+            if not self._assets.knows(asset):
+                raise CancelledError(f"asset {asset.id} was removed")
+            yield
 
     @contextmanager
     def _failing(self, job: Job, asset: Asset) -> Iterator[None]:
@@ -127,8 +150,9 @@ class Builder:
             asset.reason = str(error) if known else f"internal error: {type(error).__name__}"
             asset.state = "failed"
             if isinstance(error, CancelledError) and not job.resumes:
-                with suppress(NotFoundError):
-                    self._store.delete(asset.id)
+                with self._assets.changing, suppress(NotFoundError):
+                    if self._assets.knows(asset):
+                        self._store.delete(asset.id)
             raise
 
 

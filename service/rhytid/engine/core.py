@@ -26,11 +26,11 @@ class EngineCore:
 
     def __init__(self, settings: ServiceSettings) -> None:
         self._candidate = choose(settings.device)
-        self._store = AssetStore(settings.store)
         self._device = Device(self._candidate, settings.device_memory)
+        self._store = AssetStore(settings.store)
         self._worker = DeviceWorker(settings.queue)
-        self._builder = Builder(self._device, self._worker, self._store)
         self._assets = Assets(settings.frame_memory)
+        self._builder = Builder(self._device, self._worker, self._store, self._assets)
         self._jobs = Jobs()
 
     def close(self) -> None:
@@ -63,6 +63,10 @@ class EngineCore:
                 return task(*arguments)
 
         return self._worker.call(run)
+
+    @property
+    def _device_key(self) -> str:
+        return f"{self._candidate.platform}/{self._candidate.version}/{self._candidate.name}"
 
     def _probe(self) -> bool:
         buffer = self._device.full(1, np.float32(1.0))

@@ -31,11 +31,15 @@ class FrameCalls(EngineCore):
 
     def frames(self, asset: str) -> list[FrameInfo]:
         """Every frame of an asset, `neutral` first."""
-        return self._assets.get(asset).frames.infos()
+        found = self._assets.get(asset)
+        found.ready()
+        return found.frames.infos()
 
     def frame(self, asset: str, frame: str) -> FrameInfo:
         """What is known of a frame."""
-        return self._assets.get(asset).frames.info(frame)
+        found = self._assets.get(asset)
+        found.ready()
+        return found.frames.info(frame)
 
     def frame_positions(self, asset: str, frame: str) -> NDArray[np.float32]:
         """(V, 3) positions of a frame; those of the neutral mesh for `neutral`."""
@@ -48,7 +52,9 @@ class FrameCalls(EngineCore):
 
     def delete_frame(self, asset: str, frame: str) -> None:
         """Forget a frame."""
-        self._assets.get(asset).frames.delete(frame)
+        found = self._assets.get(asset)
+        found.ready()
+        found.frames.delete(frame)
 
     def stretch(self, asset: str, frame: str) -> FrameStretch:
         """Axes and unclamped ratios of every triangle in a frame (section 2.2)."""

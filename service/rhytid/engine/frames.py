@@ -67,12 +67,15 @@ class Frames:
         self._memory = memory
         self._lock = threading.Lock()
         self._frames: dict[str, tuple[Frame, FrameInfo]] = {}
+        self._closed = False
 
     def put(self, name: str, frame: Frame, info: FrameInfo) -> None:
         """Store a frame, in place of one of the same name."""
         assert frame.positions is not None
         refuse_neutral(name)
         with self._lock:
+            if self._closed:
+                raise NotFoundError("the asset was removed")
             self._memory.change(frame.positions.nbytes - self._bytes(name))
             self._frames[name] = (frame, info)
 
@@ -97,9 +100,10 @@ class Frames:
             self._memory.change(-self._bytes(name))
             self._frames.pop(name, None)
 
-    def clear(self) -> None:
-        """Forget every frame."""
+    def close(self) -> None:
+        """Forget every frame, and take no more: the asset was removed."""
         with self._lock:
+            self._closed = True
             self._memory.change(-sum(self._bytes(name) for name in self._frames))
             self._frames.clear()
 

@@ -10,12 +10,11 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
-from rhytid.engine.messages import JobInfo
+from rhytid.engine.messages import ENDED_STATES, JobInfo
 from rhytid.errors import CancelledError, NotFoundError, RhytidError
 
 _log = logging.getLogger(__name__)
 _REMEMBERED = 1000
-_ENDED = ("done", "failed", "cancelled")
 
 
 class Job:
@@ -42,8 +41,9 @@ class Job:
 
     def cancel(self, *, resumes: bool = False) -> None:
         """Ask the job to stop at its next step; `resumes` when its work shall be done later."""
-        self.resumes = resumes
-        self._cancelled.set()
+        if not self._cancelled.is_set():
+            self.resumes = resumes
+            self._cancelled.set()
 
     def update(self, **changes: str | float) -> None:
         """Replace parts of the info."""
@@ -53,7 +53,7 @@ class Job:
     @property
     def ended(self) -> bool:
         """Whether nothing more will happen."""
-        return self.info.state in _ENDED
+        return self.info.state in ENDED_STATES
 
 
 class Jobs:
@@ -79,6 +79,14 @@ class Jobs:
             if id not in self._jobs:
                 raise NotFoundError(f"no job {id!r}")
             return self._jobs[id]
+
+    def cancel_of(self, asset: str) -> None:
+        """Cancel every job of an asset."""
+        with self._lock:
+            jobs = list(self._jobs.values())
+        for job in jobs:
+            if job.info.asset == asset:
+                job.cancel()
 
     def close(self) -> None:
         """Cancel what is left and wait for its end."""

@@ -20,6 +20,8 @@ from rhytid.errors import QueryError
 METHODS = ("neutral", "redraw", "binned")
 STRETCH_MODELS = ("tensor", "tension", "uv")
 SAMPLINGS = ("nearest",)
+# The states of a job in which nothing more will happen.
+ENDED_STATES = ("done", "failed", "cancelled")
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,6 +20,7 @@ from rhytid.errors import NotFoundError
 from rhytid.pipeline.bins import VECTOR, BinMaker, BinTile, parts
 from rhytid.pipeline.blend import Blend
 from rhytid.pipeline.elements import (
+    BLOCK,
     PoreArrays,
     UdimElements,
     WrinkleArrays,
@@ -87,10 +88,10 @@ class ResidentAsset:
         """Take elements and settings in place of those before, in one step."""
         count = settings.bins.count
         fresh = {u: UdimElements(self._device, w, p, count) for u, (w, p) in prepared.items()}
+        self.use(settings)
         for elements in self._elements.values():
             elements.release()
         self._elements = fresh
-        self.use(settings)
 
     def use(self, settings: AssetSettings) -> None:
         """Take settings that leave the elements as they are; forget what the old ones made."""
@@ -99,6 +100,16 @@ class ResidentAsset:
         if self._blend is not None:
             self._blend.release()
         self.settings, self._blend = settings, blend
+
+    def warm_up(self) -> None:
+        """Draw one block a level up, so that no request waits for a compiler."""
+        for udim in self.udims[:1]:
+            self.drawn(NEUTRAL_FRAME, MapQuery(), udim, 1, 0, 0, BLOCK // 2)
+        self._forget_made()
+
+    def warm_up_blend(self, address: TileAddress) -> None:
+        """Blend one tile, for the same reason."""
+        self.blended(NEUTRAL_FRAME, MapQuery("binned"), address)
 
     def stretch(self, frame: Frame) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """(ratios (F, 2) unclamped, axes (F, 2, 2)) of a frame."""

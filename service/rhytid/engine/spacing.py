@@ -14,16 +14,18 @@ DEPTH_OF_SPACING = 0.15
 
 
 def mean_spacing(mesh: Mesh, graph: WrinkleGraph, triangle: NDArray[np.int32]) -> float:
-    """Mean distance from a pore to the nearest other one, in mesh units.
+    """Mean distance from a pore to the nearest one elsewhere, in mesh units.
 
     triangle: (N,) that holds each pore; the number of triangles for a pore in none, left out.
-    Falls back to the mean length of a mesh edge where fewer than two pores lie on the mesh.
+    Falls back to the mean length of a mesh edge where pores lie at fewer than two places of the
+    mesh.
     """
     on_mesh = triangle < len(mesh.faces)
-    if np.count_nonzero(on_mesh) < 2:
+    places = surface_points(mesh, graph.node_uv[on_mesh], triangle[on_mesh])
+    places = np.unique(places, axis=0)  # of pores that coincide one counts
+    if len(places) < 2:
         corners = mesh.positions[mesh.faces].astype(np.float64)
         return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=-1).mean())
-    places = surface_points(mesh, graph.node_uv[on_mesh], triangle[on_mesh])
     distance, _ = cKDTree(places).query(places, k=2)
     return float(distance[:, 1].mean())
 

@@ -13,11 +13,15 @@ from rhytid.engine.core import EngineCore
 from rhytid.engine.frames import Frame
 from rhytid.engine.keys import map_key, settings_key
 from rhytid.engine.messages import BinManifest, MapQuery
-from rhytid.errors import NotFoundError
+from rhytid.errors import ConflictError, NotFoundError
 from rhytid.pipeline.bins import HEADROOM, layers, quantisation_steps, sample_stretches
 from rhytid.pipeline.elements import SCALE_LIMIT
 
 Tile = NDArray[np.float32]
+# Level-0 texels per side of a map that are drawn in one go.
+_PIECE = 4096
+# How often a map is drawn anew because the settings changed meanwhile.
+_ATTEMPTS = 3
 
 
 class TileCalls(EngineCore):
@@ -45,13 +49,29 @@ class TileCalls(EngineCore):
         """(R, R) float32 displacement of a whole level of a UDIM, in mesh units."""
         found = self._assets.get(asset)
         found.check_address(TileAddress(udim, level, 0, 0))
-        stored, grid = found.frame(frame), found.settings.grid
-        if query.method != "binned":
-            resident, side = found.ready(), grid.side(level)
-            return self._on_device(resident.drawn, stored, query, udim, level, 0, 0, side)
-        # Tile by tile, so that one tile's maps are all that must be on the device at once.
-        tiles = [self._tile(found, stored, query, a) for a in grid.addresses(udim, level)]
-        return _assembled(tiles, grid.count(level))
+        stored = found.frame(frame)
+        for _ in range(_ATTEMPTS):
+            settings = found.settings
+            drawn = self._pieces(found, stored, query, udim, level)
+            if found.settings is settings:
+                return drawn
+        raise ConflictError(f"the settings of asset {asset} change while its map is drawn")
+
+    def _pieces(self, asset: Asset, frame: Frame, query: MapQuery, udim: int, level: int) -> Tile:
+        """A whole map, piece by piece: others get their turn on the device in between."""
+        grid, resident = asset.settings.grid, asset.ready()
+        if query.method == "binned":
+            tiles = [self._tile(asset, frame, query, a) for a in grid.addresses(udim, level)]
+            return _assembled(tiles, grid.count(level))
+        side = grid.side(level)
+        piece = min(side, max(_PIECE >> level, 1))
+        starts = range(0, side, piece)
+        drawn = [
+            self._on_device(resident.drawn, frame, query, udim, level, y, x, piece)
+            for y in starts
+            for x in starts
+        ]
+        return _assembled(drawn, side // piece)
 
     def tiles_once(
         self, asset: str, positions: ArrayLike, query: MapQuery, addresses: list[TileAddress]
@@ -100,7 +120,7 @@ class TileCalls(EngineCore):
         return self._on_device(found.ready().bin_codes, address, index)
 
     def _key(self, asset: Asset, frame: Frame, query: MapQuery, place: str) -> str:
-        revision = settings_key(asset.id, asset.settings, self._candidate.name)
+        revision = settings_key(asset.id, asset.settings, self._device_key)
         return map_key(revision, frame, query, place)
 
     def _tile(self, asset: Asset, frame: Frame, query: MapQuery, address: TileAddress) -> Tile:

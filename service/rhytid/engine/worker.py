@@ -22,7 +22,7 @@ class DeviceWorker:
 
     def __init__(self, size: int) -> None:
         self._tasks: queue.Queue[_Task | None] = queue.Queue(size)
-        self._closed = False
+        self._closed = threading.Event()
         self._thread = threading.Thread(target=self._work, name="rhytid-device", daemon=True)
         self._thread.start()
 
@@ -43,25 +43,39 @@ class DeviceWorker:
         return self._run(task, block=True)
 
     def close(self) -> None:
-        """Let the calls in the queue finish, then end the thread."""
-        if not self._closed:
-            self._closed = True
+        """Let the call at work finish, refuse those that wait, and end the thread."""
+        if not self._closed.is_set():
+            self._closed.set()
             self._tasks.put(None)
             self._thread.join()
+            self._refuse_waiting()
 
     def _run(self, task: Callable[[], T], *, block: bool) -> T:
-        if self._closed:
-            raise BusyError("the server is shutting down")
         future: Future[T] = Future()
         try:
             self._tasks.put((future, task), block=block)
         except queue.Full:
             raise BusyError(f"{self._tasks.maxsize} requests wait for the device already") from None
+        # Also after the put: nobody takes from the queue any more once the thread has ended.
+        if self._closed.is_set() and not self._thread.is_alive():
+            self._refuse_waiting()
         return future.result()
 
     def _work(self) -> None:
         while (item := self._tasks.get()) is not None:
-            _perform(*item)
+            if self._closed.is_set():
+                _refuse(item[0])
+            else:
+                _perform(*item)
+
+    def _refuse_waiting(self) -> None:
+        while True:
+            try:
+                item = self._tasks.get_nowait()
+            except queue.Empty:
+                return
+            if item is not None:
+                _refuse(item[0])
 
 
 def _perform(future: Future[T], task: Callable[[], T]) -> None:
@@ -69,3 +83,7 @@ def _perform(future: Future[T], task: Callable[[], T]) -> None:
         future.set_result(task())
     except BaseException as error:  # noqa: BLE001 handed to the caller, who waits for it
         future.set_exception(error)
+
+
+def _refuse(future: Future[Any]) -> None:
+    future.set_exception(BusyError("the server is shutting down"))

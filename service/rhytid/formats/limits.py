@@ -1,4 +1,8 @@
-"""How large one array of an uploaded file may be: checked before anything is allocated."""
+"""How large one array of an uploaded file may be.
+
+Where a header or a table says the size, it is checked before the array is allocated. The text of
+an OBJ says nothing: its lines, which the limit of an upload bounds, are split and counted first.
+"""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ _PASSED_OVER = frozenset(
     b"vn vp l p o g s mg lod bevel c_interp d_interp "
     b"mtllib usemtl maplib usemap shadow_obj trace_obj".split()
 )
-_CONTINUED = re.compile(rb"(?:[^\n]*\\ *\n)+[^\n]*")
+_CONTINUATION = re.compile(rb"\\ *\n")
 
 
 @dataclass
@@ -47,11 +47,19 @@ def _plain_lines(data: bytes) -> list[bytes]:
     if b"#" in text:
         text = re.sub(rb"#[^\n]*", b"", text)
     if b"\\" in text:
-        text = _CONTINUED.sub(_join, text)
+        text = _join_continued(text)
     return text.split(b"\n")
 
 
-def _join(continued: re.Match[bytes]) -> bytes:
-    parts = re.split(rb"\\ *\n", continued[0])
-    # The empty lines keep the numbers of those that follow.
-    return b" ".join(parts) + b"\n" * (len(parts) - 1)
+def _join_continued(text: bytes) -> bytes:
+    first, *others = _CONTINUATION.split(text)
+    joined, owed = [first], 0
+    for other in others:
+        line, end, rest = other.partition(b"\n")
+        joined += [b" ", line]
+        owed += 1
+        if end:
+            # The empty lines keep the numbers of those that follow.
+            joined += [b"\n" * owed, end, rest]
+            owed = 0
+    return b"".join(joined)

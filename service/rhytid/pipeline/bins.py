@@ -173,7 +173,7 @@ class BinMaker:
         def draw(row: int, column: int, side: int) -> Buffer:
             return launch_blocks(
                 self._device, "bins", "draw_pore_layer", self._settings, row, column, side,
-                elements.centres, elements.metrics, scales, np.int32(part),
+                elements.centres, elements.roots, scales, np.int32(part),
                 lists.offsets, lists.members,
             )  # fmt: skip
 

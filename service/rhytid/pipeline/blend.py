@@ -7,6 +7,7 @@ import numpy as np
 from rhytid.device.runtime import Buffer, Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.pipeline.bins import CODES, VECTOR, BinTile, directions, parts, quantisation_steps
+from rhytid.pipeline.elements import RESPONSE_DEFINES
 from rhytid.pipeline.stretch_buffers import StretchBuffers
 
 
@@ -36,7 +37,11 @@ class Blend:
             "weights", "sample_weights", (count,),
             stretch.axes, stretch.logs, self._directions, np.float32(self._bins.r_max),
             self._exponents, found,
-            defines={**self._layers, "ORIENTED": self._bins.count if self._bins.count > 1 else 0},
+            defines={
+                **self._layers,
+                **RESPONSE_DEFINES,
+                "ORIENTED": self._bins.count if self._bins.count > 1 else 0,
+            },
         )  # fmt: skip
         return found
 

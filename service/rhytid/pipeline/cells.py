@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from rhytid.errors import LimitError
 
-MOST_ENTRIES = 2**31 - 1
+# An entry takes some forty bytes while the lists are made.
+MOST_ENTRIES = 2**26
 
 
 @dataclass(frozen=True)
@@ -28,15 +29,17 @@ def list_by_cell(
 
     low, high: (K, 2) corners of the boxes, v up. Cells are numbered row by row, from the top
     where `top_down`, else from the bottom. A box outside the square is in no cell.
-    Raises LimitError where there would be more entries than an int32 can count.
+    Raises LimitError where there would be more than MOST_ENTRIES entries.
     """
-    start = np.floor(np.clip(low * cells, 0, cells)).astype(np.int64)
-    stop = np.floor(np.clip(high * cells + 1, 0, cells)).astype(np.int64)
-    width, height = np.maximum(stop - start, 0).T
+    start, size = _covered(low, high, cells)
+    width, height = size.T
     count = width * height
     total = int(count.sum())
     if total > MOST_ENTRIES:
-        raise LimitError(f"{total} entries of cells and elements: more than {MOST_ENTRIES}")
+        raise LimitError(
+            f"{total} entries in lists by cell, of {len(count)} boxes in {cells} x {cells} cells: "
+            f"more than {MOST_ENTRIES}"
+        )
     member = np.repeat(np.arange(len(count), dtype=np.int32), count)
     within = np.arange(total) - np.repeat(np.cumsum(count) - count, count)
     column = start[member, 0] + within % width[member]
@@ -46,3 +49,19 @@ def list_by_cell(
     offsets = np.zeros(cells * cells + 1, np.int32)
     offsets[1:] = np.cumsum(np.bincount(cell, minlength=cells * cells))
     return CellLists(cells, offsets, member[order])
+
+
+def cells_that_fit(low: NDArray[np.floating], high: NDArray[np.floating], cells: int) -> int:
+    """`cells`, halved until `list_by_cell` makes at most MOST_ENTRIES entries, or one is left."""
+    while cells > 1 and _covered(low, high, cells)[1].prod(axis=1).sum() > MOST_ENTRIES:
+        cells //= 2
+    return cells
+
+
+def _covered(
+    low: NDArray[np.floating], high: NDArray[np.floating], cells: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The first cell (K, 2) of each box, and over how many cells (K, 2) it goes."""
+    start = np.floor(np.clip(low * cells, 0, cells)).astype(np.int64)
+    stop = np.floor(np.clip(high * cells + 1, 0, cells)).astype(np.int64)
+    return start, np.maximum(stop - start, 0)

@@ -16,7 +16,10 @@ from rhytid.errors import LimitError
 from rhytid.pipeline.cells import CellLists, list_by_cell
 
 BLOCK = 64
+# σ_w and σ_d are kept in [1/SCALE_LIMIT, SCALE_LIMIT].
 SCALE_LIMIT = 4.0
+# What response.clh takes of this page.
+RESPONSE_DEFINES = {"SCALE_LIMIT": f"{SCALE_LIMIT}f"}
 # Texels that may be covered for each texel of the map, all elements together.
 _MOST_COVER = 4096.0
 _MARGIN = 1.001  # beyond the rounding of the scales on the device
@@ -35,11 +38,12 @@ class WrinkleArrays:
 
 @dataclass(frozen=True)
 class PoreArrays:
-    """K pores of a UDIM in texels, v up: centres (K, 2), metrics (K, 4) = (uu, uv, vv, weight),
-    triangle (K,) that each samples, lists by block."""
+    """K pores of a UDIM in texels, v up: centres (K, 2), roots (K, 4) = (xx, xy, yy, weight),
+    triangle (K,) that each samples, lists by block. The rim is where |root·d| = 1 with
+    root = [[xx, xy], [0, yy]]."""
 
     centres: NDArray[np.float32]
-    metrics: NDArray[np.float32]
+    roots: NDArray[np.float32]
     triangle: NDArray[np.int32]
     lists: CellLists
 
@@ -76,16 +80,15 @@ def pore_arrays(
 ) -> PoreArrays:
     """Those pores of strength above 0 that reach into the UDIM at any stretch."""
     centres = graph.node_uv - np.array(udim_origin(udim), np.float32)
-    metric = _metric(graph)
+    root = _roots(graph)
     response = settings.response
-    determinant = metric[:, 0] * metric[:, 2] - metric[:, 1] ** 2
-    reach = np.sqrt(metric[:, [2, 0]] / determinant[:, None])
-    reach *= widest(response.beta_w, response.log_stretch_limit)
+    reach = np.stack([np.hypot(root[:, 1], root[:, 2]) / root[:, 0], np.ones(len(root))], axis=1)
+    reach *= widest(response.beta_w, response.log_stretch_limit) / root[:, 2:]
     low, high = centres - reach, centres + reach
     chosen = _chosen(graph.node_weight, low, high)
     _check_cover(low[chosen], high[chosen], settings.resolution, "pores")
     size = np.float32(settings.resolution)
-    in_texels = metric[chosen] / float(settings.resolution) ** 2
+    in_texels = root[chosen] / float(settings.resolution)
     weight = graph.node_weight[chosen, None]
     return PoreArrays(
         centres[chosen] * size,
@@ -127,7 +130,7 @@ class UdimElements:
         self.wrinkle_triangle = device.upload(wrinkles.triangle)
         self.wrinkle_lists = Lists.upload(device, wrinkles.lists)
         self.centres = device.upload(pores.centres)
-        self.metrics = device.upload(pores.metrics)
+        self.roots = device.upload(pores.roots)
         self.pore_triangle = device.upload(pores.triangle)
         self.pore_lists = Lists.upload(device, pores.lists)
 
@@ -141,11 +144,15 @@ class UdimElements:
                 value.release()
 
 
-def _metric(graph: WrinkleGraph) -> NDArray[np.float64]:
-    if graph.node_metric is not None:
-        return graph.node_metric.astype(np.float64)
-    round_metric = 1.0 / graph.node_radius.astype(np.float64) ** 2
-    return np.stack([round_metric, np.zeros_like(round_metric), round_metric], axis=1)
+def _roots(graph: WrinkleGraph) -> NDArray[np.float64]:
+    """(N, 3) Cholesky factors (xx, xy, yy) of the metrics, UV units: rootᵀ·root = metric."""
+    if graph.node_metric is None:
+        across = 1.0 / graph.node_radius.astype(np.float64)
+        return np.stack([across, np.zeros_like(across), across], axis=1)
+    uu, uv, vv = graph.node_metric.astype(np.float64).T
+    xx = np.sqrt(uu)
+    # Products of two float32 are exact in double, so the determinant is rounded only once.
+    return np.stack([xx, uv / xx, np.sqrt((uu * vv - uv * uv) / uu)], axis=1)
 
 
 def _chosen(

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.device.runtime import Buffer, Device
-from rhytid.domain.mesh import Mesh
+from rhytid.domain.mesh import Mesh, has_area
 from rhytid.domain.tiles import udim_origin
-from rhytid.pipeline.cells import list_by_cell
+from rhytid.pipeline.cells import cells_that_fit, list_by_cell
 
 _MOST_CELLS = 256
 _TEXELS_A_CELL = 64
@@ -20,8 +20,9 @@ _TEXELS_A_CELL = 64
 class UdimTriangles:
     """The triangles of one UDIM on the device, listed by cell for look-up.
 
-    A triangle without area in UV holds nothing. A point outside all triangles takes the nearest
-    one within `padding` level-0 texels, else the index `none`, which is the number of triangles.
+    A triangle without area in UV, or with none left in float32, holds nothing. A point outside all
+    triangles takes the nearest one within `padding` level-0 texels, else the index `none`, which is
+    the number of triangles.
     """
 
     def __init__(
@@ -29,18 +30,20 @@ class UdimTriangles:
     ) -> None:
         reach = padding / resolution
         corners = mesh.triangle_uv() - np.array(udim_origin(udim), np.float64)
-        flat = ~mesh.triangles_with_uv()[:, None]
+        rounded = corners.astype(np.float32)
+        flat = ~(mesh.triangles_with_uv() & has_area(rounded.astype(np.float64)))[:, None]
         low = np.where(flat, np.inf, corners.min(axis=1))  # in no cell
         high = np.where(flat, -np.inf, corners.max(axis=1))
         margin = reach + 1e-6  # beyond the rounding of float32 coordinates
         cells = int(np.clip(resolution // _TEXELS_A_CELL, 1, _MOST_CELLS))
+        cells = cells_that_fit(low - margin, high + margin, cells)
         lists = list_by_cell(low - margin, high + margin, cells, top_down=False)
         self._device = device
         self._none = np.int32(len(mesh.faces))
         self._cells = np.int32(cells)
         self._reach2 = np.float32(reach * reach)
         self._buffers = (
-            device.upload(corners.astype(np.float32)),
+            device.upload(rounded),
             device.upload(lists.offsets),
             device.upload(lists.members),
         )

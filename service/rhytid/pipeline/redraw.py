@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rhytid.device.runtime import Buffer, Device
 from rhytid.domain.asset_settings import AssetSettings, ShapeSettings
-from rhytid.pipeline.elements import BLOCK, Lists, UdimElements
+from rhytid.pipeline.elements import BLOCK, RESPONSE_DEFINES, Lists, UdimElements
 from rhytid.pipeline.levels import Draw
 from rhytid.pipeline.stretch_buffers import StretchBuffers
 
@@ -46,11 +46,13 @@ def respond(
         "respond", "respond_wrinkles", (elements.wrinkles,),
         elements.segments, elements.wrinkle_triangle, stretch.axes, stretch.logs,
         np.float32(response.alpha_w), np.float32(response.alpha_d), scales.wrinkles,
+        defines=RESPONSE_DEFINES,
     )  # fmt: skip
     device.launch(
         "respond", "respond_pores", (elements.pores,),
         elements.pore_triangle, stretch.logs,
         np.float32(response.beta_w), np.float32(response.beta_d), scales.pores,
+        defines=RESPONSE_DEFINES,
     )  # fmt: skip
     return scales
 
@@ -64,7 +66,7 @@ def redrawing(
         return launch_blocks(
             device, "redraw", "redraw", settings, row, column, side,
             elements.segments, elements.sizes, scales.wrinkles, *_both(elements.wrinkle_lists),
-            elements.centres, elements.metrics, scales.pores, *_both(elements.pore_lists),
+            elements.centres, elements.roots, scales.pores, *_both(elements.pore_lists),
         )  # fmt: skip
 
     return draw
@@ -80,14 +82,16 @@ def launch_blocks(
     side: int,
     *elements: Any,
 ) -> Buffer:
-    """Run a drawing kernel, one work-group a block, over side² texels of level 0."""
+    """Run a drawing kernel over side² texels of level 0, a work-group for `device.rows` rows of a
+    block: all, where both sums of a block fit into local memory."""
     out = device.empty(side * side, np.float32)
-    blocks = side // BLOCK
+    blocks, rows = side // BLOCK, min(device.rows, BLOCK)
     device.launch(
-        program, kernel, (blocks * device.lanes, blocks), *elements,
+        program, kernel, (blocks * device.lanes, side // rows), *elements,
         shape_values(settings.shape), np.float32(settings.depth),
         np.int32(settings.resolution // BLOCK), np.int32(row // BLOCK), np.int32(column // BLOCK),
-        out, group=(device.lanes, 1), defines={"BLOCK": BLOCK, "ITEMS": device.lanes},
+        out, group=(device.lanes, 1),
+        defines={"BLOCK": BLOCK, "ROWS": rows, "ITEMS": device.lanes},
     )  # fmt: skip
     return out
 

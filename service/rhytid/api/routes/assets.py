@@ -6,7 +6,7 @@ from typing import Any
 
 from fastapi import APIRouter, Response
 
-from rhytid.api.dependencies import EngineDep, Json, NoQuery, Parts
+from rhytid.api.dependencies import EngineDep, Json, NoQuery, Parts, Place
 from rhytid.api.documentation import ASSET_FORM, binary, json_body, problems
 from rhytid.api.parts import Part
 from rhytid.api.schemas import Asset
@@ -68,14 +68,15 @@ def show(asset: str, engine: EngineDep) -> Any:
 @router.patch(
     "/{asset}",
     response_model=Asset,
-    responses=problems(404, 409, 413, 415, 422),
+    responses=problems(404, 409, 413, 415, 422, 503),
     openapi_extra=json_body("settings to change: response, shape, depth, bins, …"),
 )
-def change(asset: str, changes: Json, engine: EngineDep) -> Any:
+def change(asset: str, changes: Json, engine: EngineDep, place: Place) -> Any:
     """Change settings that need no new synthesis."""
     if not isinstance(changes, dict):
         raise InputError(f"body is a JSON {type(changes).__name__}: must be an object")
-    return engine.change_asset(asset, changes)
+    with place:
+        return engine.change_asset(asset, changes)
 
 
 @router.delete("/{asset}", status_code=204, response_model=None, responses=problems(404, 409, 422))

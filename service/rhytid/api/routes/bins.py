@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request, Response
 
-from rhytid.api.dependencies import EngineDep, Index, NoQuery, NoRepeats
+from rhytid.api.dependencies import EngineDep, Index, NoQuery, NoRepeats, Place
 from rhytid.api.documentation import binary, problems
 from rhytid.api.encoding import NPY, npy, tagged
 from rhytid.api.schemas import BinQuery, Bins
@@ -30,6 +30,7 @@ def manifest(asset: str, engine: EngineDep) -> Any:
 def tile(
     request: Request,
     engine: EngineDep,
+    place: Place,
     asset: str,
     udim: Index,
     level: Index,
@@ -39,5 +40,6 @@ def tile(
 ) -> Response:
     """One tile of codes, int8 or int16, as .npy; the manifest's step turns codes into heights."""
     address = TileAddress(udim, level, row, column)
-    codes = engine.bin_tile(asset, address, query.layer, query.bin, query.sample)
+    with place:
+        codes = engine.bin_tile(asset, address, query.layer, query.bin, query.sample)
     return tagged(request, npy(codes), NPY)

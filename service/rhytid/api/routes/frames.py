@@ -6,7 +6,7 @@ from typing import Any
 
 from fastapi import APIRouter, Request, Response
 
-from rhytid.api.dependencies import EngineDep, NoQuery, Positions
+from rhytid.api.dependencies import EngineDep, NoQuery, Place, Positions
 from rhytid.api.documentation import POSITIONS, binary, problems
 from rhytid.api.encoding import NPY, RAW, npy, npz, preferred
 from rhytid.api.schemas import Frame, Job
@@ -16,7 +16,7 @@ NPZ = "application/x-npz"
 router = APIRouter(prefix="/v1/assets/{asset}", tags=["frames"], dependencies=[NoQuery])
 
 
-@router.get("/frames", response_model=list[Frame], responses=problems(404, 422))
+@router.get("/frames", response_model=list[Frame], responses=problems(404, 409, 422))
 def listing(asset: str, engine: EngineDep) -> Any:
     """Every frame of an asset, `neutral` among them."""
     return engine.frames(asset)
@@ -28,15 +28,16 @@ def listing(asset: str, engine: EngineDep) -> Any:
     responses=problems(404, 409, 413, 422, 503),
     openapi_extra=POSITIONS,
 )
-def put(asset: str, frame: str, positions: Positions, engine: EngineDep) -> Any:
+def put(asset: str, frame: str, positions: Positions, engine: EngineDep, place: Place) -> Any:
     """Store positions under a name, replacing what was there."""
-    return engine.put_frame(asset, frame, positions)
+    with place:
+        return engine.put_frame(asset, frame, positions)
 
 
 @router.get(
     "/frames/{frame}",
     response_model=Frame,
-    responses={200: {"content": {NPY: {}, RAW: {}}}, **problems(404, 406, 422)},
+    responses={200: {"content": {NPY: {}, RAW: {}}}, **problems(404, 406, 409, 422)},
 )
 def show(asset: str, frame: str, request: Request, engine: EngineDep) -> Any:
     """A frame as JSON, or its positions with `Accept: application/x-npy` (or raw float32)."""
@@ -62,9 +63,11 @@ def delete(asset: str, frame: str, engine: EngineDep) -> None:
     response_class=Response,
     responses={**binary(NPZ), **problems(404, 409, 422, 503)},
 )
-def stretch(asset: str, frame: str, engine: EngineDep) -> Response:
+def stretch(asset: str, frame: str, engine: EngineDep, place: Place) -> Response:
     """`.npz` with axes (F, 2, 2), axes[f, i] = ŝᵢ, and ratios (F, 2), unclamped."""
-    return Response(npz(engine.stretch(asset, frame)), media_type=NPZ)
+    with place:
+        found = engine.stretch(asset, frame)
+    return Response(npz(found), media_type=NPZ)
 
 
 @router.put(

@@ -9,7 +9,14 @@ import numpy as np
 from fastapi import APIRouter, Query, Request, Response
 from numpy.typing import NDArray
 
-from rhytid.api.dependencies import EngineDep, Index, MetricsDep, NoRepeats, Positions
+from rhytid.api.dependencies import (
+    EngineDep,
+    Index,
+    MetricsDep,
+    NoRepeats,
+    Place,
+    Positions,
+)
 from rhytid.api.documentation import MIXED, POSITIONS, TILES, problems
 from rhytid.api.encoding import Source, answer, check_format, scale_header
 from rhytid.api.multipart import MixedPart, mixed_response
@@ -46,6 +53,7 @@ def tile(
     request: Request,
     engine: EngineDep,
     metrics: MetricsDep,
+    place: Place,
     asset: str,
     frame: str,
     udim: Index,
@@ -61,7 +69,7 @@ def tile(
         header=partial(header_of, engine, asset, frame, wanted.method, at),
         draw=metrics.counted(wanted.method, partial(engine.tile, asset, frame, wanted, at)),
     )
-    return answer(request, query.format, source)
+    return answer(request, query.format, source, place)
 
 
 @router.head("/frames/{frame}/maps/{udim}", include_in_schema=False)
@@ -70,6 +78,7 @@ def whole_map(
     request: Request,
     engine: EngineDep,
     metrics: MetricsDep,
+    place: Place,
     asset: str,
     frame: str,
     udim: Index,
@@ -83,7 +92,7 @@ def whole_map(
         header=partial(header_of, engine, asset, frame, wanted.method, at),
         draw=metrics.counted(wanted.method, partial(engine.map, asset, frame, wanted, udim, level)),
     )
-    return answer(request, query.format, source)
+    return answer(request, query.format, source, place)
 
 
 @router.post(
@@ -97,6 +106,7 @@ def tiles_once(
     metrics: MetricsDep,
     asset: str,
     positions: Positions,
+    place: Place,
     query: Annotated[TilesQuery, Query()],
 ) -> Response:
     """Positions in, tiles out, nothing stored: multipart/mixed in the order of `tile`."""
@@ -104,12 +114,13 @@ def tiles_once(
     wanted = query.map_query()
     addresses = [TileAddress.parse(text) for text in query.tile]
     check_texels(engine, asset, addresses)
-    drawn = engine.tiles_once(asset, positions, wanted, addresses)
-    metrics.tiles.labels(wanted.method).inc(len(drawn))
     parts = []
-    for at, tile in zip(addresses, drawn, strict=True):
-        header = header_of(engine, asset, ONCE, wanted.method, at)
-        parts.append(mixed_part(tile, query.format, header, at))
+    with place:
+        drawn = engine.tiles_once(asset, positions, wanted, addresses)
+        metrics.tiles.labels(wanted.method).inc(len(drawn))
+        for at, tile in zip(addresses, drawn, strict=True):
+            header = header_of(engine, asset, ONCE, wanted.method, at)
+            parts.append(mixed_part(tile, query.format, header, at))
     return mixed_response(parts)
 
 

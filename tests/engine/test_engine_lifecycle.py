@@ -1,0 +1,185 @@
+"""Assets that are removed, sent again or changed while something else happens to them."""
+
+from __future__ import annotations
+
+import threading
+
+import pytest
+
+from engine.engines import BINNED, REDRAW, built, finish, new_asset, running, settle
+from meshes import deform
+from pipeline.scenes import settings_of, sheet
+from rhytid.domain.tiles import TileAddress
+from rhytid.engine.frames import Frames
+from rhytid.engine.messages import NewAsset
+from rhytid.engine.resident import ResidentAsset
+from rhytid.errors import BusyError, DeviceMemoryError, NotFoundError, StorageError
+from rhytid.storage.store import AssetStore
+
+ADDRESS = TileAddress(1001, 0, 0, 0)
+
+
+class Gate:
+    """Stands in for the synthesis: waits to be let go, then returns what was made before."""
+
+    def __init__(self, monkeypatch):
+        from rhytid.engine import building
+
+        self.entered, self.free = threading.Event(), threading.Event()
+        self.real = building.synthesize
+        monkeypatch.setattr(building, "synthesize", self)
+
+    def __call__(self, mesh, settings, report):
+        self.entered.set()
+        assert self.free.wait(60)
+        return self.real(mesh, settings, report)
+
+
+@pytest.fixture
+def new():
+    """An asset that must be synthesised."""
+    return NewAsset(sheet(), settings_of(graph={"wrinkles": 300}, depth=None))
+
+
+def test_removed_and_sent_again_while_it_builds(engine, monkeypatch, new):
+    gate = Gate(monkeypatch)
+    first = engine.create_asset(new)
+    assert gate.entered.wait(60)
+    engine.delete_asset(first.id)
+    again = engine.create_asset(new)
+    gate.free.set()
+    assert finish(engine, first.job).state == "cancelled"
+    assert finish(engine, again.job).state == "done"
+    assert engine.asset(again.id).state == "ready"
+    assert engine.tile(again.id, "neutral", REDRAW, ADDRESS).shape == (64, 64)
+
+
+def test_a_build_that_failed_after_it_was_stored_is_taken_up_again(engine, monkeypatch):
+    def no_room(*_):
+        raise DeviceMemoryError("no room")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(ResidentAsset, "install", no_room)
+        info = engine.create_asset(new_asset())
+        assert finish(engine, info.job).state == "failed"
+    assert engine.asset(info.id).reason == "no room"
+    assert built(engine, new_asset()) == info.id
+
+
+def test_a_cancelled_asset_can_be_removed(engine, monkeypatch, new):
+    gate = Gate(monkeypatch)
+    info = engine.create_asset(new)
+    assert gate.entered.wait(60)
+    engine.cancel_job(info.job)
+    gate.free.set()
+    assert finish(engine, info.job).state == "cancelled"
+    engine.delete_asset(info.id)
+    assert engine.assets() == []
+
+
+def test_settings_that_cannot_be_stored_are_not_taken(engine, monkeypatch):
+    asset = built(engine, new_asset())
+    before = engine.tile(asset, "neutral", REDRAW, ADDRESS)
+    key = engine.tile_key(asset, "neutral", REDRAW, ADDRESS)
+
+    def full(*_):
+        raise StorageError("disk full")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(AssetStore, "put_overlay", full)
+        with pytest.raises(StorageError):
+            engine.change_asset(asset, {"shape": {"wrinkle_bulge": 0.0}})
+    assert engine.tile_key(asset, "neutral", REDRAW, ADDRESS) == key
+    assert engine.tile(asset, "neutral", REDRAW, ADDRESS).tobytes() == before.tobytes()
+
+
+def test_settings_that_the_device_refuses_are_not_kept(tmp_path, monkeypatch):
+    with running(tmp_path) as engine:
+        asset = built(engine, new_asset())
+        old = engine.asset(asset).settings
+
+        def no_room(*_):
+            raise DeviceMemoryError("no room")
+
+        with monkeypatch.context() as patch:
+            patch.setattr(ResidentAsset, "use", no_room)
+            with pytest.raises(DeviceMemoryError):
+                engine.change_asset(asset, {"shape": {"wrinkle_bulge": 0.0}})
+        assert engine.asset(asset).settings == old
+    with running(tmp_path) as engine:
+        settle(engine, asset)
+        assert engine.asset(asset).settings == old
+
+
+def test_a_change_that_fails_halfway_leaves_the_elements_in_place(engine, monkeypatch):
+    asset = built(engine, new_asset())
+    before = engine.tile(asset, "neutral", REDRAW, ADDRESS)
+
+    def no_room(*_):
+        raise DeviceMemoryError("no room")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("rhytid.engine.resident.Blend", no_room)
+        with pytest.raises(DeviceMemoryError):
+            engine.change_asset(asset, {"response": {"alpha_w": 2.0}})
+    assert engine.tile(asset, "neutral", REDRAW, ADDRESS).tobytes() == before.tobytes()
+
+
+def test_a_map_is_of_one_setting(engine, monkeypatch):
+    asset = built(engine, new_asset())
+    blended, calls = ResidentAsset.blended, []
+
+    def changing(resident, *arguments):
+        calls.append(1)
+        if len(calls) == 3:  # in the middle of the first attempt, on the device thread
+            found = engine._assets.get(asset)
+            changed = found.settings.changed({"depth": 2 * found.settings.depth})
+            resident.use(changed)
+            found.settings = changed
+        return blended(resident, *arguments)
+
+    monkeypatch.setattr(ResidentAsset, "blended", changing)
+    drawn = engine.map(asset, "neutral", BINNED, 1001, 0)
+    assert drawn.tobytes() == engine.map(asset, "neutral", BINNED, 1001, 0).tobytes()
+
+
+def test_a_removed_asset_takes_no_frame_and_gives_its_memory_back(engine, monkeypatch):
+    asset = built(engine, new_asset())
+    frames = engine._assets.get(asset).frames
+    put = Frames.put
+    bent = deform(sheet().positions, 3, 0.15)
+
+    def late(*arguments):
+        engine.delete_asset(asset)
+        put(*arguments)
+
+    monkeypatch.setattr(Frames, "put", late)
+    with pytest.raises(NotFoundError, match="removed"):
+        engine.put_frame(asset, "late", bent)
+    assert frames._memory._used == 0
+
+
+def test_no_call_hangs_on_an_engine_that_closed(tmp_path):
+    with running(tmp_path) as engine:
+        asset = built(engine, new_asset())
+    with pytest.raises(BusyError):
+        engine.tile(asset, "neutral", REDRAW, ADDRESS)
+
+
+def test_removing_an_asset_cancels_all_its_jobs(engine, monkeypatch):
+    asset = built(engine, new_asset())
+    gate = threading.Event()
+    job = engine._jobs.start("waiting", asset, lambda job: gate.wait(60) and job.progress(1.0, ""))
+    engine.delete_asset(asset)
+    gate.set()
+    assert finish(engine, job.info.id).state == "cancelled"
+
+
+def test_a_build_stores_nothing_for_an_asset_that_was_removed(engine, monkeypatch, new):
+    gate = Gate(monkeypatch)
+    info = engine.create_asset(new)
+    assert gate.entered.wait(60)
+    engine._assets.remove(info.id)  # as if removed just after the build last asked
+    gate.free.set()
+    assert finish(engine, info.job).state == "cancelled"
+    assert engine._store.ids() == []

@@ -1,0 +1,109 @@
+"""Device memory: the budget with what lies spare, and the largest buffer of a driver."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rhytid.device.budget import MemoryBudget
+from rhytid.device.runtime import Device
+from rhytid.device.spares import Spares
+from rhytid.errors import DeviceMemoryError
+
+
+class Handle:
+    """Memory of a driver that counts what is held of it."""
+
+    held = 0
+
+    def __init__(self, nbytes):
+        self.nbytes = nbytes
+        Handle.held += nbytes
+
+    def release(self):
+        Handle.held -= self.nbytes
+
+
+@given(st.lists(st.tuples(st.booleans(), st.integers(1, 40)), max_size=60))
+def test_what_is_used_and_spare_never_passes_the_limit(steps):
+    Handle.held = 0
+    spares = Spares(60)
+    budget = MemoryBudget(100, spares)
+    used = []
+    for take, size in steps:
+        if take:
+            spare = spares.take(size)
+            try:
+                budget.reserve(size)
+            except DeviceMemoryError:
+                if spare is not None:
+                    spares.leave(spare, size)
+                continue
+            used.append(spare or Handle(size))
+        elif used:
+            handle = used.pop()
+            budget.free(handle.nbytes)
+            spares.leave(handle, handle.nbytes)
+        assert Handle.held == budget.used + spares.held
+        assert Handle.held <= 100
+        assert spares.held <= 60
+
+
+class Kept:
+    def __init__(self, budget, nbytes):
+        budget.reserve(nbytes)
+        self._budget, self.nbytes, self.released = budget, nbytes, False
+
+    def release(self):
+        self.released = True
+        self._budget.free(self.nbytes)
+
+
+def test_spare_memory_goes_before_anything_that_is_kept():
+    spares = Spares()
+    budget = MemoryBudget(100, spares)
+    kept = budget.keep("map", lambda: Kept(budget, 40))
+    budget.new_task()
+    budget.reserve(50)
+    budget.free(50)
+    spares.leave(Handle(50), 50)
+    budget.reserve(60)
+    assert spares.held == 0
+    assert not kept.released
+    budget.free(60)
+    budget.reserve(61)
+    assert kept.released
+
+
+def test_buffers_of_a_device_stay_within_its_budget(device):
+    small = Device(device.info, 1000)
+    for size in (600, 300, 900, 200, 700, 1000):
+        buffer = small.empty(size, np.uint8)
+        assert small.budget.used == size
+        buffer.release()
+        assert small.budget.used + small.spares.held <= 1000
+        again = small.empty(size, np.uint8)
+        assert again.handle is buffer.handle
+        again.release()
+
+
+def test_a_buffer_above_the_largest_of_the_driver_is_refused_with_both_numbers(device):
+    limited = Device(replace(device.info, largest_buffer=4096), 1 << 20)
+    limited.empty(4096, np.uint8).release()
+    with (
+        pytest.raises(DeviceMemoryError, match=r"4100 bytes.* 4096 bytes at most"),
+        limited.task(),
+    ):
+        limited.empty(1025, np.float32)
+    assert limited.budget.used == 0
+    with pytest.raises(DeviceMemoryError, match=r"8192 bytes.* 4096 bytes"), limited.task():
+        limited.upload(np.zeros(2048, np.float32))
+    assert limited.budget.used == 0
+
+
+def test_the_driver_says_what_its_largest_buffer_is(device):
+    assert 0 < device.info.largest_buffer == device.info.handle.max_mem_alloc_size

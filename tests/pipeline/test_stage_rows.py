@@ -1,0 +1,53 @@
+"""Blocks drawn in parts, where a work-group has no more local memory than OpenCL promises."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import rhytid_kernels
+from meshes import deform
+from pipeline.binned import BinnedScene
+from pipeline.scenes import Scene, random_graph, settings_of, sheet
+from rhytid.device.runtime import BUILD_OPTIONS, Device
+from rhytid.device.select import cl
+from rhytid.pipeline.elements import BLOCK
+
+PROMISED = 32 << 10
+
+
+@pytest.fixture
+def small(device):
+    """The device, as if its work-groups had no more local memory than OpenCL 1.2 promises."""
+    return Device(replace(device.info, local_memory=PROMISED), device.budget.limit)
+
+
+def test_half_blocks_give_the_same_bits(device, small):
+    whole = Device(replace(device.info, local_memory=PROMISED * 2), device.budget.limit)
+    assert (whole.rows, small.rows) == (BLOCK, BLOCK // 2)
+    graph, settings = random_graph(31, 300), settings_of(bins={"count": 2})
+    positions = deform(sheet().positions, 3, 0.15)
+    drawn = [Scene(d, sheet(), graph, settings).redrawn(positions) for d in (whole, small)]
+    assert np.abs(drawn[0]).max() > 0
+    np.testing.assert_array_equal(*drawn)
+    codes = [BinnedScene(d, sheet(), graph, settings).codes() for d in (whole, small)]
+    np.testing.assert_array_equal(*codes)
+
+
+@pytest.mark.parametrize("program", ["redraw", "bins"])
+@pytest.mark.parametrize("lanes", [1, 32])
+def test_half_blocks_fit_into_what_is_promised(small, program, lanes):
+    defines = {"BLOCK": BLOCK, "ROWS": small.rows, "ITEMS": lanes}
+    options = [*BUILD_OPTIONS, *(f"-D{k}={v}" for k, v in defines.items())]
+    built = small.build(rhytid_kernels.source(program), options)
+    asked = cl.kernel_work_group_info.LOCAL_MEM_SIZE
+    for kernel in built.all_kernels():
+        assert 0 < kernel.get_work_group_info(asked, small.info.handle) < PROMISED
+
+
+def test_a_gpu_has_a_work_item_for_each_row(device):
+    for memory in (PROMISED, 2 * PROMISED):
+        gpu = Device(replace(device.info, kind="gpu", local_memory=memory), 1)
+        assert gpu.lanes == gpu.rows
