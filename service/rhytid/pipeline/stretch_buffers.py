@@ -15,30 +15,36 @@ from rhytid.device.runtime import Buffer, Device
 class StretchBuffers:
     """Stretch on the device, F triangles and one neutral entry for points in no triangle.
 
-    count: F + 1.  ratios: float2, unclamped.  axes: float4, (ŝ₁, ŝ₂).
-    logs: float2, log ρ, clamped.
+    model: what measured it.  count: F + 1.  ratios: float2, unclamped.  axes: float4, (ŝ₁, ŝ₂).
+    logs: float2, log ρ, clamped.  tension: ρ of each vertex by the model `tension`, else empty.
     """
 
+    model: str
     count: int
     ratios: Buffer
     axes: Buffer
     logs: Buffer
+    tension: Buffer
 
     @classmethod
-    def allocate(cls, device: Device, triangles: int) -> StretchBuffers:
+    def allocate(cls, device: Device, model: str, triangles: int, vertices: int) -> StretchBuffers:
         """Room for the stretch of that many triangles, not initialised."""
         count = triangles + 1
-        widths = (2, 4, 2)
-        return cls(count, *(device.empty(width * count, np.float32) for width in widths))
+        sizes = (2 * count, 4 * count, 2 * count, vertices if model == "tension" else 0)
+        return cls(model, count, *(device.empty(size, np.float32) for size in sizes))
+
+    @property
+    def _buffers(self) -> tuple[Buffer, ...]:
+        return (self.ratios, self.axes, self.logs, self.tension)
 
     @property
     def nbytes(self) -> int:
         """Bytes on the device."""
-        return self.ratios.nbytes + self.axes.nbytes + self.logs.nbytes
+        return sum(buffer.nbytes for buffer in self._buffers)
 
     def release(self) -> None:
         """Give the memory back."""
-        for buffer in (self.ratios, self.axes, self.logs):
+        for buffer in self._buffers:
             buffer.release()
 
 
