@@ -6,6 +6,7 @@
 #define WIDTH 16
 #define REAL float16
 #define MASK int16
+#define ANY(mask) any(mask)
 #include "smooth.clh"
 
 // Places of texels at, at + 1, ... of a tile of `width` texels a side, a power of two.
@@ -34,11 +35,11 @@ inline field_t fields_at(__global const int *triangle, float16 x, float16 y,
                          __global const float8 *fields, int none)
 {
     int16 t = vload16(0, triangle);
-    field_t found = field_at(triangle[0], x, y, corners, vertices, fields, none);
+    field_t found = field_at(triangle[0], t == triangle[0], x, y, corners, vertices, fields, none);
     for (int lane = 1; lane < WIDTH; lane++)
         if (triangle[lane] != triangle[lane - 1]) {
-            field_t other = field_at(triangle[lane], x, y, corners, vertices, fields, none);
             int16 second = t == triangle[lane];
+            field_t other = field_at(triangle[lane], second, x, y, corners, vertices, fields, none);
             found.metric = chosen(found.metric, other.metric, second);
             found.log_stretch = chosen(found.log_stretch, other.log_stretch, second);
         }
@@ -100,7 +101,7 @@ __kernel void blend_smooth(__global const int *triangles, __global const CODE *c
     float16 heights = 0.0f, valleys = 1.0f, bulges = 1.0f;
     for (int n = 0; n < LAYERS; n++) {
         float16 r = n < ORIENTED ? across(directions[n], p) : 0.5f * (p.log1 + p.log2);
-        float16 share = clamp(r / r_max, -1.0f, 1.0f);
+        float16 share = clamp(r * (1.0f / r_max), -1.0f, 1.0f);
         float16 position = (share + 1.0f) * (0.5f * (SAMPLES - 1));
         float16 depth = depth_scale(r, n < LAYERS - 1 ? exponents.x : exponents.y);
         __global const CODE *maps = codes + n * PARTS * SAMPLES * texels + at;

@@ -77,7 +77,7 @@ __kernel void respond_smooth_wrinkles(__global const float4 *segments, __global 
     float4 s = segments[i];
     float2 middle = (s.xy + 0.5f * s.zw) / texels;
     principal_t p = principal(
-        field_at(triangle[i], middle.x, middle.y, corners, vertices, fields, none), limit);
+        field_at(triangle[i], 1, middle.x, middle.y, corners, vertices, fields, none), limit);
     float r = log_stretch_across(normalize(s.zw), (float4)(p.u1, p.v1, p.u2, p.v2),
                                  (float2)(p.log1, p.log2));
     scales_t found = scales_of(r, width_exponent, depth_exponent);
@@ -94,7 +94,7 @@ __kernel void respond_smooth_pores(__global const float2 *centres, __global cons
     int i = get_global_id(0);
     float2 centre = centres[i] / texels;
     principal_t p = principal(
-        field_at(triangle[i], centre.x, centre.y, corners, vertices, fields, none), limit);
+        field_at(triangle[i], 1, centre.x, centre.y, corners, vertices, fields, none), limit);
     float r = mean_log_stretch((float2)(p.log1, p.log2));
     scales_t found = scales_of(r, width_exponent, depth_exponent);
     scales[i] = (float2)(found.width, found.depth);
