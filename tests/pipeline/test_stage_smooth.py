@@ -238,3 +238,21 @@ def smooth_values(device, mesh, found):
     """The fields of UV vertices, as the device has them."""
     fields = SmoothStage(device, mesh).run(found, LIMIT)
     return device.read(fields.values, (fields.nbytes // 32, 8), np.float32)
+
+
+def test_triangles_without_area_in_space_count_for_nothing(device):
+    mesh = sheet()
+    positions = mesh.positions.copy()
+    fallen = mesh.faces[
+        UdimTriangles(device, mesh, 1001, 256, 0).points(PLACES.astype("f4"))[::9] % 200
+    ]
+    positions[fallen[:, 1]] = positions[fallen[:, 0]]
+    broken = Mesh(positions, mesh.faces, mesh.uv, mesh.face_uv)
+    used = unit_jacobians(broken)[1]
+    assert 0.2 < used.mean() < 0.95
+    around = np.diff(UvVertices.of(broken, used).offsets)
+    assert (around == 0).any()
+    for model in MODELS:
+        found = stretch_at(device, broken, bent(broken), PLACES, model)
+        assert np.isfinite(found).all()
+        assert np.abs(found).max() <= LIMIT + 1e-6

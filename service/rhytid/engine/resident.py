@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -186,18 +187,15 @@ class ResidentAsset:
         )  # fmt: skip
 
     def _scales(self, frame: Frame, query: MapQuery, udim: int) -> ScaleBuffers:
-        return self._keep(
-            "scales", udim, query.stretch, query.sampling, frame.digest,
-            make=lambda: self._respond(frame, query, udim),
-        )  # fmt: skip
-
-    def _respond(self, frame: Frame, query: MapQuery, udim: int) -> ScaleBuffers:
-        elements, located = self._elements[udim], self._located[udim]
-        if query.sampling == "smooth":
-            fields = self._fields(frame, query.stretch)
-            return respond_smooth(self._device, elements, located, self.settings, fields)
-        stretch = self._stretch_buffers(frame, query.stretch)
-        return respond(self._device, elements, self.settings, stretch)
+        device, elements, located = self._device, self._elements[udim], self._located[udim]
+        model, sampling = query.stretch, query.sampling
+        if sampling == "smooth":
+            fields = self._fields(frame, model)
+            make = partial(respond_smooth, device, elements, located, self.settings, fields)
+        else:
+            stretch = self._stretch_buffers(frame, model)
+            make = partial(respond, device, elements, self.settings, stretch)
+        return self._keep("scales", udim, model, sampling, frame.digest, make=make)
 
     def _make_bins(self, address: TileAddress) -> BinTile:
         texels = self.settings.grid.texels(address.level)

@@ -15,27 +15,30 @@ from rhytid.device.runtime import Buffer, Device
 class StretchBuffers:
     """Stretch on the device, F triangles and one neutral entry for points in no triangle.
 
-    model: what measured it.  count: F + 1.  ratios: float2, unclamped.  axes: float4, (ŝ₁, ŝ₂).
-    logs: float2, log ρ, clamped.  tension: ρ of each vertex by the model `tension`, else empty.
+    count: F + 1.  ratios: float2, unclamped.  axes: float4, (ŝ₁, ŝ₂).
+    logs: float2, log ρ, clamped.  model: what measured it.
+    tension: ρ of each vertex, by the model `tension` only.
     """
 
-    model: str
     count: int
     ratios: Buffer
     axes: Buffer
     logs: Buffer
-    tension: Buffer
+    model: str = "tensor"
+    tension: Buffer | None = None
 
     @classmethod
     def allocate(cls, device: Device, model: str, triangles: int, vertices: int) -> StretchBuffers:
         """Room for the stretch of that many triangles, not initialised."""
         count = triangles + 1
-        sizes = (2 * count, 4 * count, 2 * count, vertices if model == "tension" else 0)
-        return cls(model, count, *(device.empty(size, np.float32) for size in sizes))
+        ratios, axes, logs = (device.empty(width * count, np.float32) for width in (2, 4, 2))
+        tension = device.empty(vertices, np.float32) if model == "tension" else None
+        return cls(count, ratios, axes, logs, model, tension)
 
     @property
     def _buffers(self) -> tuple[Buffer, ...]:
-        return (self.ratios, self.axes, self.logs, self.tension)
+        held = (self.ratios, self.axes, self.logs, self.tension)
+        return tuple(buffer for buffer in held if buffer is not None)
 
     @property
     def nbytes(self) -> int:
