@@ -2,13 +2,9 @@
 // Sixteen texels a work-item. What Alg. 3 computes up to line 10 is the same in a whole triangle,
 // so a vector is blended once for each triangle in it, and each texel takes its own.
 
-#define WIDTH 16
+#include "merge.clh"
 
-#if CODE_BITS == 8
-#define FLOATS_OF(address) convert_float16(vload16(0, (__global const char *)(address)))
-#else
-#define FLOATS_OF(address) convert_float16(vload16(0, (__global const short *)(address)))
-#endif
+#define WIDTH 16
 
 // Linear between the two samples around weight.x, times weight.y. Only these two are read.
 inline float16 between(__global const CODE *maps, int texels, float2 weight,
@@ -32,14 +28,7 @@ inline float16 blend_triangle(__global const CODE *maps, int texels, __global co
     return d;
 }
 #else
-// Valleys and bulges apart, by the mellow-max that drew them. merge: (depth, sharpness). Heights
-// are at most 4.8 depths and the sharpness is at most 20: past e^85 seventeen layers would not fit
-// into a float32, so heights are cut there, at 4.25 depths or more.
-inline float16 grown(float16 height, float2 merge)
-{
-    return exp(min(height * (merge.y / merge.x), (float16)(85.0f))) - 1.0f;
-}
-
+// Valleys and bulges apart, by the mellow-max that drew them. merge: (depth, sharpness).
 inline float16 blend_triangle(__global const CODE *maps, int texels, __global const float2 *weights,
                               __global const float *steps, float2 merge)
 {

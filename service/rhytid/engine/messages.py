@@ -19,7 +19,7 @@ from rhytid.errors import QueryError
 
 METHODS = ("neutral", "redraw", "binned")
 STRETCH_MODELS = ("tensor", "tension", "uv")
-SAMPLINGS = ("nearest",)
+SAMPLINGS = ("nearest", "smooth")
 # The states of a job in which nothing more will happen.
 ENDED_STATES = ("done", "failed", "cancelled")
 

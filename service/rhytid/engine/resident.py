@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -30,6 +31,7 @@ from rhytid.pipeline.elements import (
 from rhytid.pipeline.levels import render_to_host
 from rhytid.pipeline.locate import UdimTriangles, locate_points
 from rhytid.pipeline.redraw import ScaleBuffers, redrawing, respond
+from rhytid.pipeline.smooth import SmoothFields, SmoothStage, respond_smooth
 from rhytid.pipeline.stretch import StretchStage
 from rhytid.pipeline.stretch_buffers import StretchBuffers
 
@@ -48,6 +50,7 @@ class ResidentAsset:
         self._device, self._mesh = device, mesh
         self.settings = settings
         self._stretch = StretchStage(device, mesh)
+        self._smooth = SmoothStage(device, mesh)
         self._located = {
             udim: UdimTriangles(device, mesh, udim, settings.resolution, settings.padding)
             for udim in mesh_udims(mesh)
@@ -120,20 +123,19 @@ class ResidentAsset:
     ) -> NDArray[np.float32]:
         """(side, side) displacement drawn anew: `redraw` of the frame, or `neutral`."""
         deformed = NEUTRAL_FRAME if query.method == "neutral" else frame
-        scales = self._scales(deformed, query.stretch, udim)
+        scales = self._scales(deformed, query, udim)
         draw = redrawing(self._device, self._elements[udim], self.settings, scales)
         return render_to_host(self._device, draw, level, row, column, side)
 
     def blended(self, frame: Frame, query: MapQuery, address: TileAddress) -> NDArray[np.float32]:
         """One tile of `binned`; makes the tile's maps where they are not there."""
         assert self._blend is not None
-        blend = self._blend
-        model = query.stretch
-        weights = self._keep(
-            "weights", model, frame.digest, make=lambda: self._weights(frame, model)
-        )
-        maps = self.bin_tile(address)
-        out = blend.tile(maps, weights)
+        blend, model = self._blend, query.stretch
+        if query.sampling == "smooth":
+            fields = self._fields(frame, model)
+            out = blend.smooth_tile(self.bin_tile(address), fields, self._located[address.udim])
+        else:
+            out = blend.tile(self.bin_tile(address), self._weights(frame, model))
         side = self.settings.grid.texels(address.level)
         result: NDArray[np.float32] = self._device.read(out, (side, side), np.float32)
         out.release()
@@ -161,7 +163,8 @@ class ResidentAsset:
         """Give everything back; every later call raises NotFoundError."""
         self._forget_made()
         self._released = True
-        for part in (self._stretch, self._blend, *self._located.values(), *self._elements.values()):
+        held = (self._stretch, self._smooth, self._blend)
+        for part in (*held, *self._located.values(), *self._elements.values()):
             if part is not None:
                 part.release()
 
@@ -174,7 +177,18 @@ class ResidentAsset:
 
     def _weights(self, frame: Frame, model: str) -> Buffer:
         assert self._blend is not None
-        return self._blend.weights(self._stretch_buffers(frame, model))
+        blend = self._blend
+        return self._keep(
+            "weights", model, frame.digest,
+            make=lambda: blend.weights(self._stretch_buffers(frame, model)),
+        )  # fmt: skip
+
+    def _fields(self, frame: Frame, model: str) -> SmoothFields:
+        limit = self.settings.response.log_stretch_limit
+        return self._keep(
+            "fields", model, frame.digest,
+            make=lambda: self._smooth.run(self._stretch_buffers(frame, model), limit),
+        )  # fmt: skip
 
     def _stretch_buffers(self, frame: Frame, model: str) -> StretchBuffers:
         limit = self.settings.response.log_stretch_limit
@@ -183,13 +197,16 @@ class ResidentAsset:
             make=lambda: self._stretch.run(frame.positions, limit, model),
         )  # fmt: skip
 
-    def _scales(self, frame: Frame, model: str, udim: int) -> ScaleBuffers:
-        stretch = self._stretch_buffers(frame, model)
-        elements = self._elements[udim]
-        return self._keep(
-            "scales", udim, model, frame.digest,
-            make=lambda: respond(self._device, elements, self.settings, stretch),
-        )  # fmt: skip
+    def _scales(self, frame: Frame, query: MapQuery, udim: int) -> ScaleBuffers:
+        device, elements, located = self._device, self._elements[udim], self._located[udim]
+        model, sampling = query.stretch, query.sampling
+        if sampling == "smooth":
+            fields = self._fields(frame, model)
+            make = partial(respond_smooth, device, elements, located, self.settings, fields)
+        else:
+            stretch = self._stretch_buffers(frame, model)
+            make = partial(respond, device, elements, self.settings, stretch)
+        return self._keep("scales", udim, model, sampling, frame.digest, make=make)
 
     def _make_bins(self, address: TileAddress) -> BinTile:
         texels = self.settings.grid.texels(address.level)

@@ -91,11 +91,13 @@ def quantisation_steps(settings: AssetSettings) -> NDArray[np.float32]:
 @dataclass(frozen=True)
 class BinTile:
     """One tile of every precomputed map: texels² codes a map, padded to a vector, and the
-    triangle of each texel. codes: (N + 1) layers x parts x M samples."""
+    triangle of each texel. codes: (N + 1) layers x parts x M samples.
+    place: texels a side of the tile and of its level, row and column of its first texel."""
 
     triangles: Buffer
     codes: Buffer
     texels: int
+    place: tuple[np.int32, np.int32, np.int32, np.int32]
 
     @property
     def nbytes(self) -> int:
@@ -134,7 +136,8 @@ class BinMaker:
             self._quantise(heights, texels * texels, layer, sample, index * size, codes)
             heights.release()
         side = self._settings.resolution >> level
-        return BinTile(self._located.texels(side, row, column, texels), codes, size)
+        place = (np.int32(texels), np.int32(side), np.int32(row), np.int32(column))
+        return BinTile(self._located.texels(side, row, column, texels), codes, size, place)
 
     def _quantise(
         self, heights: Buffer, count: int, layer: int, sample: int, first: int, codes: Buffer

@@ -1,4 +1,5 @@
-"""Blends precomputed maps by the stretch of a frame (Alg. 3). Kernels: weights.cl, blend.cl."""
+"""Blends precomputed maps by the stretch of a frame (Alg. 3). Kernels: weights.cl, blend.cl,
+blend_smooth.cl."""
 
 from __future__ import annotations
 
@@ -8,6 +9,8 @@ from rhytid.device.runtime import Buffer, Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.pipeline.bins import CODES, VECTOR, BinTile, directions, parts, quantisation_steps
 from rhytid.pipeline.elements import RESPONSE_DEFINES
+from rhytid.pipeline.locate import UdimTriangles
+from rhytid.pipeline.smooth import SmoothFields
 from rhytid.pipeline.stretch_buffers import StretchBuffers
 
 
@@ -27,6 +30,12 @@ class Blend:
             "LAYERS": bins.count + 1,
             "SAMPLES": bins.samples,
         }
+        self._oriented = {"ORIENTED": bins.count if bins.count > 1 else 0}
+        self._codes = {
+            "CODE": CODES[bins.bits],
+            "CODE_BITS": bins.bits,
+            "PARTS": len(parts(bins)),
+        }
 
     def weights(self, stretch: StretchBuffers) -> Buffer:
         """Where each triangle stands between the samples, and the depth scale that its maps lack,
@@ -37,26 +46,30 @@ class Blend:
             "weights", "sample_weights", (count,),
             stretch.axes, stretch.logs, self._directions, np.float32(self._bins.r_max),
             self._exponents, found,
-            defines={
-                **self._layers,
-                **RESPONSE_DEFINES,
-                "ORIENTED": self._bins.count if self._bins.count > 1 else 0,
-            },
+            defines={**self._layers, **RESPONSE_DEFINES, **self._oriented},
         )  # fmt: skip
         return found
 
     def tile(self, maps: BinTile, weights: Buffer) -> Buffer:
         """float32 displacement of one tile, on the device (Alg. 3, lines 11 to 15)."""
         out = self._device.empty(maps.texels, np.float32)
-        bits = self._bins.bits
         self._device.launch(
             "blend", "blend", (maps.texels // VECTOR,),
             maps.triangles, maps.codes, weights, self._steps, self._merge,
             np.int32(maps.texels), out,
-            defines={
-                "CODE": CODES[bits], "CODE_BITS": bits, "PARTS": len(parts(self._bins)),
-                **self._layers,
-            },
+            defines={**self._layers, **self._codes},
+        )  # fmt: skip
+        return out
+
+    def smooth_tile(self, maps: BinTile, fields: SmoothFields, located: UdimTriangles) -> Buffer:
+        """As `tile`, with a stretch of its own for every texel (Alg. 3, lines 2 to 15)."""
+        out = self._device.empty(maps.texels, np.float32)
+        self._device.launch(
+            "blend_smooth", "blend_smooth", (maps.texels // VECTOR,),
+            maps.triangles, maps.codes, self._steps, self._directions,
+            np.float32(self._bins.r_max), self._exponents, self._merge, np.int32(maps.texels),
+            *maps.place, *fields.arguments(located), out,
+            defines={**self._layers, **RESPONSE_DEFINES, **self._oriented, **self._codes},
         )  # fmt: skip
         return out
 

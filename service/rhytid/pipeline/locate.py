@@ -39,7 +39,7 @@ class UdimTriangles:
         cells = cells_that_fit(low - margin, high + margin, cells)
         lists = list_by_cell(low - margin, high + margin, cells, top_down=False)
         self._device = device
-        self._none = np.int32(len(mesh.faces))
+        self.none = np.int32(len(mesh.faces))
         self._cells = np.int32(cells)
         self._reach2 = np.float32(reach * reach)
         self._buffers = (
@@ -48,10 +48,15 @@ class UdimTriangles:
             device.upload(lists.members),
         )
 
+    @property
+    def corners(self) -> Buffer:
+        """float32 UV of three corners a triangle, local to the UDIM."""
+        return self._buffers[0]
+
     def texels(self, side: int, row: int, column: int, count: int) -> Buffer:
         """int32 triangle of each of count² texels of a level of `side` texels, on the device."""
         # Room for a whole vector, so that the smallest levels can be blended like the others.
-        found = self._device.full(max(count * count, 16), self._none)
+        found = self._device.full(max(count * count, 16), self.none)
         self._device.launch(
             "locate", "locate_texels", (count, count), *self._arguments(),
             np.int32(side), np.int32(row), np.int32(column), found,
@@ -76,7 +81,7 @@ class UdimTriangles:
             buffer.release()
 
     def _arguments(self) -> tuple[object, ...]:
-        return (*self._buffers, self._cells, self._reach2, self._none)
+        return (*self._buffers, self._cells, self._reach2, self.none)
 
 
 def locate_points(

@@ -22,6 +22,12 @@ class ScaleBuffers:
     wrinkles: Buffer
     pores: Buffer
 
+    @classmethod
+    def allocate(cls, device: Device, elements: UdimElements) -> ScaleBuffers:
+        """Room for the scales of those elements, not initialised."""
+        counts = (elements.wrinkles, elements.pores)
+        return cls(*(device.empty(2 * count, np.float32) for count in counts))
+
     @property
     def nbytes(self) -> int:
         """Bytes on the device."""
@@ -38,10 +44,7 @@ def respond(
 ) -> ScaleBuffers:
     """Alg. 1 for every wrinkle and Alg. 2 for every pore."""
     response = settings.response
-    scales = ScaleBuffers(
-        device.empty(2 * elements.wrinkles, np.float32),
-        device.empty(2 * elements.pores, np.float32),
-    )
+    scales = ScaleBuffers.allocate(device, elements)
     device.launch(
         "respond", "respond_wrinkles", (elements.wrinkles,),
         elements.segments, elements.wrinkle_triangle, stretch.axes, stretch.logs,

@@ -82,10 +82,16 @@ class StretchStage:
         self, positions: NDArray[np.float32] | None, limit: float, model: str = "tensor"
     ) -> StretchBuffers:
         """Stretch of deformed positions (V, 3); of the neutral by definition where None."""
-        found = StretchBuffers.allocate(self._device, self.triangles)
-        frame = self._device.upload(self._neutral if positions is None else positions)
-        # No triangle is stretched in the neutral frame, whatever rounding would say.
-        triangles = 0 if positions is None else self.triangles
+        # Nothing is stretched in the neutral frame: not by any model, whatever rounding would say.
+        if positions is None:
+            return self._measure(self._neutral, 0, limit, "tensor")
+        return self._measure(positions, self.triangles, limit, model)
+
+    def _measure(
+        self, positions: NDArray[np.float32], triangles: int, limit: float, model: str
+    ) -> StretchBuffers:
+        found = StretchBuffers.allocate(self._device, model, self.triangles, len(positions))
+        frame = self._device.upload(positions)
         self._models[model].launch(frame, self._faces, triangles, limit, found)
         frame.release()
         return found

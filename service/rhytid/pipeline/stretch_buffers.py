@@ -16,29 +16,38 @@ class StretchBuffers:
     """Stretch on the device, F triangles and one neutral entry for points in no triangle.
 
     count: F + 1.  ratios: float2, unclamped.  axes: float4, (ŝ₁, ŝ₂).
-    logs: float2, log ρ, clamped.
+    logs: float2, log ρ, clamped.  model: what measured it.
+    tension: ρ of each vertex, by the model `tension` only.
     """
 
     count: int
     ratios: Buffer
     axes: Buffer
     logs: Buffer
+    model: str = "tensor"
+    tension: Buffer | None = None
 
     @classmethod
-    def allocate(cls, device: Device, triangles: int) -> StretchBuffers:
+    def allocate(cls, device: Device, model: str, triangles: int, vertices: int) -> StretchBuffers:
         """Room for the stretch of that many triangles, not initialised."""
         count = triangles + 1
-        widths = (2, 4, 2)
-        return cls(count, *(device.empty(width * count, np.float32) for width in widths))
+        ratios, axes, logs = (device.empty(width * count, np.float32) for width in (2, 4, 2))
+        tension = device.empty(vertices, np.float32) if model == "tension" else None
+        return cls(count, ratios, axes, logs, model, tension)
+
+    @property
+    def _buffers(self) -> tuple[Buffer, ...]:
+        held = (self.ratios, self.axes, self.logs, self.tension)
+        return tuple(buffer for buffer in held if buffer is not None)
 
     @property
     def nbytes(self) -> int:
         """Bytes on the device."""
-        return self.ratios.nbytes + self.axes.nbytes + self.logs.nbytes
+        return sum(buffer.nbytes for buffer in self._buffers)
 
     def release(self) -> None:
         """Give the memory back."""
-        for buffer in (self.ratios, self.axes, self.logs):
+        for buffer in self._buffers:
             buffer.release()
 
 

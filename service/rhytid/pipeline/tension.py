@@ -18,24 +18,23 @@ class Tension:
         self._device = device
         self._vertices = len(mesh.positions)
         self._edges = (device.upload(offsets), device.upload(neighbours), device.upload(rest))
-        self._tension = device.empty(self._vertices, np.float32)
 
     def launch(
         self, frame: Buffer, faces: Buffer, triangles: int, limit: float, found: StretchBuffers
     ) -> None:
         """Fill `found` for the first `triangles`; the rest is unstretched."""
         self._device.launch(
-            "tension", "vertex_tension", (self._vertices,), frame, *self._edges, self._tension
+            "tension", "vertex_tension", (self._vertices,), frame, *self._edges, found.tension
         )
         self._device.launch(
             "tension", "stretch_tension", (found.count,),
-            self._tension, faces, np.int32(triangles), np.float32(limit),
+            found.tension, faces, np.int32(triangles), np.float32(limit),
             found.ratios, found.axes, found.logs,
         )  # fmt: skip
 
     def release(self) -> None:
         """Give the memory back."""
-        for buffer in (*self._edges, self._tension):
+        for buffer in self._edges:
             buffer.release()
 
 

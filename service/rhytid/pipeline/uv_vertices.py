@@ -1,0 +1,91 @@
+"""The UV vertices of a mesh: its vertices, each once for every place that it has in UV."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.domain.mesh import Mesh
+
+# Jacobians in units of their mean. Beyond these, squares would leave float32.
+_LEAST_JACOBIAN, _MOST_JACOBIAN = 1e-15, 1e15
+
+
+@dataclass(frozen=True)
+class UvVertices:
+    """W UV vertices, and the triangles that each is a mean of.
+
+    vertex (W,): of the mesh.  corners (F, 3): the UV vertices of each triangle.
+    offsets (W + 1,), members, shares: the triangles of each UV vertex and their shares of the
+    neutral area around it, which sum to 1; none for a UV vertex without triangles of use.
+    """
+
+    vertex: NDArray[np.int32]
+    corners: NDArray[np.int32]
+    offsets: NDArray[np.int32]
+    members: NDArray[np.int32]
+    shares: NDArray[np.float32]
+
+    @classmethod
+    def of(cls, mesh: Mesh, used: NDArray[np.bool_]) -> UvVertices:
+        """Of all triangles; only those `used` (F,) count in means."""
+        vertex, corners = _welded(mesh)
+        count = len(vertex)
+        members = np.repeat(np.flatnonzero(used), 3)
+        owner = corners[used].reshape(-1)
+        order = np.argsort(owner, kind="stable")
+        owner, members = owner[order], members[order]
+        area = _areas(mesh)[members]
+        around = np.bincount(owner, area, count)
+        offsets = np.concatenate([[0], np.cumsum(np.bincount(owner, minlength=count))])
+        return cls(
+            vertex.astype(np.int32),
+            corners.astype(np.int32),
+            offsets.astype(np.int32),
+            members.astype(np.int32),
+            (area / around[owner]).astype(np.float32),
+        )
+
+
+def unit_jacobians(mesh: Mesh) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """(F, 4) J = ∂X/∂(u, v) of each neutral triangle in a frame of its plane, row by row, in units
+    of the mesh's mean; and (F,) which triangles have one that float32 can square."""
+    usable = mesh.usable_triangles()
+    edges_uv, edges = _edges(mesh.triangle_uv()), _edges(mesh.positions[mesh.faces])
+    edges_uv[~usable] = np.eye(2)
+    length = np.where(usable, np.linalg.norm(edges[:, :, 0], axis=1), 1.0)
+    along = np.sum(edges[:, :, 0] * edges[:, :, 1], axis=1) / length
+    across = np.linalg.norm(np.cross(edges[:, :, 0], edges[:, :, 1]), axis=1) / length
+    plane = np.stack([length, along, np.zeros_like(length), across], axis=1).reshape(-1, 2, 2)
+    jacobians = (plane @ np.linalg.inv(edges_uv)).reshape(-1, 4)
+    size = np.linalg.norm(jacobians, axis=1)
+    area = _areas(mesh)[usable]
+    mean = np.sqrt(0.5 * np.average((size[usable] / size[usable].max()) ** 2, weights=area))
+    mean *= size[usable].max()
+    used = usable & (size > _LEAST_JACOBIAN * mean) & (size < _MOST_JACOBIAN * mean)
+    return np.where(used[:, None], jacobians / mean, 0.0).astype(np.float32), used
+
+
+def _welded(mesh: Mesh) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """(W,) the vertex of each UV vertex, and (F, 3) the UV vertices of each triangle."""
+    _, place = np.unique(mesh.uv + 0.0, axis=0, return_inverse=True)  # -0 is 0
+    places = int(place.max()) + 1
+    pairs = mesh.faces.astype(np.int64) * places + place.reshape(-1)[mesh.face_uv]
+    welded, corners = np.unique(pairs, return_inverse=True)
+    return welded // places, corners.reshape(-1, 3)
+
+
+def _areas(mesh: Mesh) -> NDArray[np.float64]:
+    """(F,) areas in space, of the largest; the rule of each share is a ratio."""
+    edges = _edges(mesh.positions[mesh.faces])
+    edges /= np.abs(edges).max()
+    areas: NDArray[np.float64] = np.linalg.norm(np.cross(edges[:, :, 0], edges[:, :, 1]), axis=1)
+    return areas
+
+
+def _edges(corners: NDArray[np.floating]) -> NDArray[np.float64]:
+    """(F, k, 2) the two edges from the first corner, as columns."""
+    wide = corners.astype(np.float64)
+    return np.stack([wide[:, 1] - wide[:, 0], wide[:, 2] - wide[:, 0]], axis=2)
