@@ -22,7 +22,6 @@ from rhytid.engine.frame_calls import put_frame
 from rhytid.engine.frames import Frame, Frames
 from rhytid.engine.jobs import Job
 from rhytid.engine.messages import AssetInfo, JobInfo, NewAsset
-from rhytid.engine.spacing import DEPTH_OF_SPACING
 from rhytid.errors import MeshError, NotFoundError, SettingsError, StorageError
 from rhytid.pipeline.stretch import r_max_of
 from rhytid.settings import ServiceSettings
@@ -31,7 +30,7 @@ from rhytid.storage.contents import asset_id
 Positions = Sequence[NDArray[np.float32]]
 _log = logging.getLogger(__name__)
 # What can change without synthesising or looking up anything again.
-CHANGEABLE = ("depth", "response", "shape", "bins")
+CHANGEABLE = ("depth", "response", "shape", "bins", "convolve")
 
 
 class AssetCalls(EngineCore):
@@ -75,9 +74,10 @@ class AssetCalls(EngineCore):
         return self._assets.get(asset).info()
 
     def change_asset(self, asset: str, changes: Mapping[str, Any]) -> AssetInfo:
-        """Change response, shape, depth or bins; tiles and their keys change.
+        """Change response, shape, depth, bins or convolve; tiles and their keys change.
 
-        `depth` null means the default again. Raises SettingsError for what cannot be changed.
+        `depth` or `convolve.sigma` null means the default again. Raises SettingsError for what
+        cannot be changed.
         """
         found = self._assets.get(asset)
         found.ready()
@@ -86,7 +86,7 @@ class AssetCalls(EngineCore):
                 raise SettingsError(f"{key} is fixed once an asset is made: make a new one")
         with found.changing:
             settings = found.settings.changed(changes)
-            self._builder.change(found, settings.resolved(DEPTH_OF_SPACING * found.spacing))
+            self._builder.change(found, settings.resolved(found.spacing))
         self._prepare_bins(found)
         return found.info()
 
@@ -154,8 +154,9 @@ class AssetCalls(EngineCore):
         except StorageError as error:
             self._give_up(id, error)
             return
-        asset = self._asset(id, stored.mesh, settings)
-        asset.spacing = float(stored.extra["spacing"])
+        spacing = float(stored.extra["spacing"])
+        asset = self._asset(id, stored.mesh, settings.resolved(spacing))
+        asset.spacing = spacing
         asset.job = self._jobs.start("load", id, lambda job: self._builder.load(job, asset))
         self._assets.add(asset)
 

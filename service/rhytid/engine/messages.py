@@ -17,7 +17,7 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import QueryError
 
-METHODS = ("neutral", "redraw", "binned")
+METHODS = ("neutral", "redraw", "binned", "convolved")
 STRETCH_MODELS = ("tensor", "tension", "uv")
 SAMPLINGS = ("nearest",)
 

@@ -19,6 +19,7 @@ from rhytid.engine.messages import MapQuery
 from rhytid.errors import NotFoundError
 from rhytid.pipeline.bins import VECTOR, BinMaker, BinTile, parts
 from rhytid.pipeline.blend import Blend
+from rhytid.pipeline.convolve import Convolve, NeutralTile
 from rhytid.pipeline.elements import (
     PoreArrays,
     UdimElements,
@@ -26,7 +27,7 @@ from rhytid.pipeline.elements import (
     pore_arrays,
     wrinkle_arrays,
 )
-from rhytid.pipeline.levels import render_to_host
+from rhytid.pipeline.levels import Draw, render_to_host
 from rhytid.pipeline.locate import UdimTriangles, locate_points
 from rhytid.pipeline.redraw import ScaleBuffers, redrawing, respond
 from rhytid.pipeline.stretch import StretchStage
@@ -54,6 +55,7 @@ class ResidentAsset:
         self._elements: dict[int, UdimElements] = {}
         self.pore_triangle = self._wrinkle_triangle = np.zeros(0, np.int32)
         self._blend: Blend | None = None
+        self._convolve = Convolve(device, mesh)
         self._released = False
 
     @property
@@ -109,9 +111,23 @@ class ResidentAsset:
     ) -> NDArray[np.float32]:
         """(side, side) displacement drawn anew: `redraw` of the frame, or `neutral`."""
         deformed = NEUTRAL_FRAME if query.method == "neutral" else frame
-        scales = self._scales(deformed, query.stretch, udim)
-        draw = redrawing(self._device, self._elements[udim], self.settings, scales)
+        draw = self._redrawing(deformed, query.stretch, udim)
         return render_to_host(self._device, draw, level, row, column, side)
+
+    def convolved(self, frame: Frame, query: MapQuery, address: TileAddress) -> NDArray[np.float32]:
+        """One tile of `convolved`; the finest tiles keep the neutral map that they convolve."""
+        kernels = self._kernels(frame, query.stretch)
+        texels = self.settings.grid.texels(address.level)
+
+        def draw(row: int, column: int, side: int) -> Buffer:
+            neutral = self._neutral_tile(address, row, column, side)
+            out = self._convolve.tile(neutral, kernels, self.settings)
+            if address.level > 0:
+                neutral.release()
+            return out
+
+        row, column = address.row * texels, address.column * texels
+        return render_to_host(self._device, draw, address.level, row, column, texels)
 
     def blended(self, frame: Frame, query: MapQuery, address: TileAddress) -> NDArray[np.float32]:
         """One tile of `binned`; makes the tile's maps where they are not there."""
@@ -150,7 +166,8 @@ class ResidentAsset:
         """Give everything back; every later call raises NotFoundError."""
         self._forget_made()
         self._released = True
-        for part in (self._stretch, self._blend, *self._located.values(), *self._elements.values()):
+        stages = (self._stretch, self._blend, self._convolve)
+        for part in (*stages, *self._located.values(), *self._elements.values()):
             if part is not None:
                 part.release()
 
@@ -171,6 +188,30 @@ class ResidentAsset:
             "stretch", model, frame.digest,
             make=lambda: self._stretch.run(frame.positions, limit, model),
         )  # fmt: skip
+
+    def _kernels(self, frame: Frame, model: str) -> Buffer:
+        return self._keep(
+            "kernels", model, frame.digest,
+            make=lambda: self._convolve.kernels(
+                self._stretch_buffers(frame, model), self.settings
+            ),
+        )  # fmt: skip
+
+    def _neutral_tile(self, address: TileAddress, row: int, column: int, side: int) -> NeutralTile:
+        """What is convolved for `side`² texels of level 0; kept where that is a tile."""
+        udim = address.udim
+
+        def make() -> NeutralTile:
+            draw = self._redrawing(NEUTRAL_FRAME, "tensor", udim)
+            return self._convolve.neutral_tile(
+                draw, self._located[udim], self.settings, udim, row, column, side
+            )
+
+        return self._keep("neutral", address, make=make) if address.level == 0 else make()
+
+    def _redrawing(self, frame: Frame, model: str, udim: int) -> Draw:
+        scales = self._scales(frame, model, udim)
+        return redrawing(self._device, self._elements[udim], self.settings, scales)
 
     def _scales(self, frame: Frame, model: str, udim: int) -> ScaleBuffers:
         stretch = self._stretch_buffers(frame, model)

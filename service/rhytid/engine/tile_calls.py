@@ -18,6 +18,8 @@ from rhytid.pipeline.bins import HEADROOM, layers, quantisation_steps, sample_st
 from rhytid.pipeline.elements import SCALE_LIMIT
 
 Tile = NDArray[np.float32]
+# Methods that keep something of each tile from one frame to the next.
+_BY_TILE = ("binned", "convolved")
 
 
 class TileCalls(EngineCore):
@@ -46,10 +48,10 @@ class TileCalls(EngineCore):
         found = self._assets.get(asset)
         found.check_address(TileAddress(udim, level, 0, 0))
         stored, grid = found.frame(frame), found.settings.grid
-        if query.method != "binned":
+        if query.method not in _BY_TILE:
             resident, side = found.ready(), grid.side(level)
             return self._on_device(resident.drawn, stored, query, udim, level, 0, 0, side)
-        # Tile by tile, so that one tile's maps are all that must be on the device at once.
+        # One tile's maps are all that must be on the device at once.
         tiles = [self._tile(found, stored, query, a) for a in grid.addresses(udim, level)]
         return _assembled(tiles, grid.count(level))
 
@@ -100,8 +102,9 @@ class TileCalls(EngineCore):
 
     def _tile(self, asset: Asset, frame: Frame, query: MapQuery, address: TileAddress) -> Tile:
         resident = asset.ready()
-        if query.method == "binned":
-            return self._on_device(resident.blended, frame, query, address)
+        if query.method in _BY_TILE:
+            draw = resident.blended if query.method == "binned" else resident.convolved
+            return self._on_device(draw, frame, query, address)
         side = asset.settings.grid.texels(address.level)
         row, column = address.row * side, address.column * side
         return self._on_device(
