@@ -106,6 +106,16 @@ def test_convolved_goes_with_any_stretch_model(made):
         seen.append(found)
 
 
+def test_convolved_drawn_in_pieces_is_the_same_bits(made, monkeypatch):
+    def tiles():
+        addresses = [TileAddress(1001, 0, 1, 2), TileAddress(1001, 2, 0, 0)]
+        return [made.engine.tile(made.asset, "bent", CONVOLVED, a) for a in addresses]
+
+    plain = tiles()
+    monkeypatch.setattr("rhytid.pipeline.levels._CHUNK", 64)
+    assert same(tiles(), plain)
+
+
 def test_displacement_stays_within_its_scale(made):
     scale = made.engine.displacement_scale(made.asset)
     for found in maps(made.engine, made.asset, "bent"):

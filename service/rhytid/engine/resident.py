@@ -115,14 +115,19 @@ class ResidentAsset:
         return render_to_host(self._device, draw, level, row, column, side)
 
     def convolved(self, frame: Frame, query: MapQuery, address: TileAddress) -> NDArray[np.float32]:
-        """One tile of `convolved`; the finest tiles keep the neutral map that they convolve."""
+        """One tile of `convolved`; what no frame changes is kept where it is one piece."""
         kernels = self._kernels(frame, query.stretch)
         texels = self.settings.grid.texels(address.level)
 
         def draw(row: int, column: int, side: int) -> Buffer:
-            neutral = self._neutral_tile(address, row, column, side)
+            def make() -> NeutralTile:
+                return self._neutral_tile(address.udim, row, column, side)
+
+            # Of a tile drawn piece by piece, one piece is all that must be on the device at once.
+            whole = side == texels << address.level
+            neutral = self._keep("neutral", address, make=make) if whole else make()
             out = self._convolve.tile(neutral, kernels, self.settings)
-            if address.level > 0:
+            if not whole:
                 neutral.release()
             return out
 
@@ -197,17 +202,12 @@ class ResidentAsset:
             ),
         )  # fmt: skip
 
-    def _neutral_tile(self, address: TileAddress, row: int, column: int, side: int) -> NeutralTile:
-        """What is convolved for `side`² texels of level 0; kept where that is a tile."""
-        udim = address.udim
-
-        def make() -> NeutralTile:
-            draw = self._redrawing(NEUTRAL_FRAME, "tensor", udim)
-            return self._convolve.neutral_tile(
-                draw, self._located[udim], self.settings, udim, row, column, side
-            )
-
-        return self._keep("neutral", address, make=make) if address.level == 0 else make()
+    def _neutral_tile(self, udim: int, row: int, column: int, side: int) -> NeutralTile:
+        """What is convolved for `side`² texels of level 0."""
+        draw = self._redrawing(NEUTRAL_FRAME, "tensor", udim)
+        return self._convolve.neutral_tile(
+            draw, self._located[udim], self.settings, udim, row, column, side
+        )
 
     def _redrawing(self, frame: Frame, model: str, udim: int) -> Draw:
         scales = self._scales(frame, model, udim)
