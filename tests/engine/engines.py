@@ -19,8 +19,8 @@ from rhytid.engine.messages import JobInfo, MapQuery, NewAsset
 from rhytid.settings import ServiceSettings
 
 ENDED = ("done", "failed", "cancelled")
-QUERIES = tuple(MapQuery(method) for method in ("neutral", "redraw", "binned"))
-REDRAW, BINNED = QUERIES[1:]
+QUERIES = tuple(MapQuery(method) for method in ("neutral", "redraw", "binned", "convolved"))
+REDRAW, BINNED, CONVOLVED = QUERIES[1:]
 MIB = 1 << 20
 
 

@@ -67,9 +67,28 @@ def drawn(service, positions, **query):
     return np.frombuffer(part.get_payload(decode=True), "<f2").reshape(TILE)
 
 
-@pytest.mark.parametrize("sampling", SAMPLINGS)
-@pytest.mark.parametrize("model", STRETCH_MODELS)
-@pytest.mark.parametrize("method", METHODS)
+def test_convolved_has_no_smooth_sampling_yet(service, frames):
+    client, asset = service
+    response = client.post(
+        f"{asset}/tiles",
+        params={"tile": WHOLE, "method": "convolved", "sampling": "smooth"},
+        content=npy(frames["smile"].astype(np.float32)),
+        headers=NPY,
+    )
+    assert response.status_code == 422
+    assert "'convolved' has sampling 'nearest' alone" in response.json()["detail"]
+
+
+ROWS = [
+    (method, model, sampling)
+    for method in METHODS
+    for model in STRETCH_MODELS
+    for sampling in SAMPLINGS
+    if (method, sampling) != ("convolved", "smooth")
+]
+
+
+@pytest.mark.parametrize(("method", "model", "sampling"), ROWS)
 def test_every_row_answers_with_finite_values(service, frames, method, model, sampling):
     seen = set()
     for name, positions in frames.items():

@@ -10,6 +10,7 @@ import pytest
 
 from engine.engines import (
     BINNED,
+    CONVOLVED,
     MIB,
     REDRAW,
     built,
@@ -77,6 +78,19 @@ def test_bins_made_one_by_one_under_a_small_budget_are_the_same_bits(stored):
             found = engine.map(asset, "bent", BINNED, 1001, level)
             assert same([found], [wanted[2]])
         assert used(engine) <= resident + 3 * TILE_BYTES + 256 * 256 * 8
+
+
+def test_neutral_tiles_kept_under_a_small_budget_are_the_same_bits(stored):
+    store, asset, resident, plenty = stored
+    # Around a tile of 64² texels: 128² triangles, 192² of the neutral map, drawn as 256² at first.
+    budget = resident + 4 * (128**2 + 192**2 + 256**2 + 2 * 128**2)
+    with running(store, device_memory=budget) as engine:
+        settle(engine, asset)
+        engine.put_frame(asset, "bent", BENT)
+        for _ in range(2):
+            found = engine.map(asset, "bent", CONVOLVED, 1001, 0)
+            assert same([found], [plenty[0][3]])
+        assert used(engine) <= budget
 
 
 def test_an_asset_that_does_not_fit_fails_with_numbers_and_leaves_nothing(tmp_path):

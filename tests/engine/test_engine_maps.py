@@ -5,13 +5,23 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from engine.engines import BINNED, QUERIES, REDRAW, assembled, built, maps, new_asset, same
+from engine.engines import (
+    BINNED,
+    CONVOLVED,
+    QUERIES,
+    REDRAW,
+    assembled,
+    built,
+    maps,
+    new_asset,
+    same,
+)
 from meshes import deform, rotate_translate
 from pipeline.scenes import DEPTH, Scene, random_graph, settings_of, sheet
 from reference import drawing
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import TileAddress
-from rhytid.engine.messages import MapQuery
+from rhytid.engine.messages import STRETCH_MODELS, MapQuery
 from rhytid.errors import QueryError
 
 UDIMS = (1001, 1002, 1011, 1012)
@@ -22,19 +32,20 @@ def ids(query):
 
 
 @pytest.mark.parametrize("level", [0, 1, 4, 8])
-def test_redraw_of_neutral_is_neutral(made, level):
+def test_redraw_and_convolved_of_neutral_are_neutral(made, level):
     for udim in UDIMS:
         neutral, redrawn = (
             made.engine.map(made.asset, "neutral", query, udim, level) for query in QUERIES[:2]
         )
         assert same([neutral], [redrawn])
+        assert same([neutral], [made.engine.map(made.asset, "neutral", CONVOLVED, udim, level)])
     assert np.abs(neutral).max() > 0
 
 
 def test_neutral_is_the_same_in_every_frame(made):
-    for query, equal in zip(QUERIES, (True, False, False), strict=True):
+    for query in QUERIES:
         frames = [made.engine.map(made.asset, f, query, 1001, 0) for f in ("neutral", "bent")]
-        assert same(frames[:1], frames[1:]) == equal
+        assert same(frames[:1], frames[1:]) == (query.method == "neutral")
 
 
 def test_binned_of_neutral_is_the_middle_sample_of_each_layer(made):
@@ -56,7 +67,7 @@ def test_tiles_put_together_are_the_map(made, query, level):
         assert same([whole], [assembled(made.engine, made.asset, "bent", query, udim, level)])
 
 
-@pytest.mark.parametrize("query", QUERIES[:2], ids=ids)
+@pytest.mark.parametrize("query", [*QUERIES[:2], CONVOLVED], ids=ids)
 def test_a_level_is_the_mean_of_the_one_below(made, query):
     fine = made.engine.map(made.asset, "bent", query, 1001, 0)
     for level in range(1, 9):
@@ -82,6 +93,27 @@ def test_positions_sent_along_give_the_tiles_of_a_stored_frame(made):
         once = made.engine.tiles_once(made.asset, positions, query, addresses)
         stored = [made.engine.tile(made.asset, "bent", query, a) for a in addresses]
         assert same(once, stored)
+
+
+def test_convolved_goes_with_any_stretch_model(made):
+    neutral = made.engine.map(made.asset, "bent", QUERIES[0], 1001, 0)
+    seen = [neutral]
+    for model in STRETCH_MODELS:
+        query = MapQuery("convolved", model)
+        found = made.engine.map(made.asset, "bent", query, 1001, 0)
+        assert same([found], [assembled(made.engine, made.asset, "bent", query, 1001, 0)])
+        assert all(np.abs(found - other).max() > 0.1 * DEPTH for other in seen)
+        seen.append(found)
+
+
+def test_convolved_drawn_in_pieces_is_the_same_bits(made, monkeypatch):
+    def tiles():
+        addresses = [TileAddress(1001, 0, 1, 2), TileAddress(1001, 2, 0, 0)]
+        return [made.engine.tile(made.asset, "bent", CONVOLVED, a) for a in addresses]
+
+    plain = tiles()
+    monkeypatch.setattr("rhytid.pipeline.levels._CHUNK", 64)
+    assert same(tiles(), plain)
 
 
 def test_displacement_stays_within_its_scale(made):

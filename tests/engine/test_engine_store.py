@@ -84,7 +84,7 @@ def test_keys_of_different_content_differ(engine):
     found = [
         *keys(engine, asset, "bent"),
         *keys(engine, other, "bent"),
-        *keys(engine, asset, "other")[1:3],
+        *keys(engine, asset, "other")[1:4],
         engine.tile_key(asset, "bent", REDRAW, TileAddress(1001, 1, 1, 0)),
         engine.map_key(asset, "bent", REDRAW, 1001, 3),
     ]
@@ -101,7 +101,9 @@ def test_keys_change_with_a_frame_and_only_then(engine):
     assert keys(engine, asset, "copy") == first
     engine.put_frame(asset, "bent", OTHER)
     changed = [a != b for a, b in zip(keys(engine, asset, "bent"), first, strict=True)]
-    assert changed == [False, True, True] * 2  # the neutral map has nothing to do with a frame
+    assert (
+        changed == [False, True, True, True] * 2
+    )  # the neutral map has nothing to do with a frame
     engine.put_frame(asset, "bent", BENT)
     assert keys(engine, asset, "bent") == first
     engine.delete_frame(asset, "bent")
@@ -114,6 +116,7 @@ CHANGES = [
     {"response": {"alpha_w": 2.0}},
     {"response": {"beta_d": 3.0, "log_stretch_limit": 0.25}},
     {"shape": {"sharpness": 5.0, "slots": 4}},
+    {"convolve": {"blur_gain": 1.0, "sharpen_gain": 9.0, "sigma": 0.05}},
     {"bins": {"count": 2, "samples": 5, "bits": 16, "r_max": 0.3}},
 ]
 
@@ -132,6 +135,17 @@ def test_changing_an_asset_gives_the_bits_of_one_made_so(engine, changes):
         assert same(*(maps(engine, id, "bent", level) for id in (asset, made_so)))
     engine.change_asset(asset, {key: new_asset().settings.as_json()[key] for key in changes})
     assert keys(engine, asset, "bent") == before
+
+
+def test_sigma_is_a_quarter_of_the_spacing_unless_it_is_set(engine):
+    asset = built(engine, new_asset(depth=None))
+    made = engine.asset(asset).settings
+    sigma = made["convolve"]["sigma"]
+    assert sigma == pytest.approx(0.25 / 0.15 * made["depth"])
+    engine.change_asset(asset, {"convolve": {"sigma": 2 * sigma}})
+    assert engine.asset(asset).settings["convolve"]["sigma"] == 2 * sigma
+    engine.change_asset(asset, {"convolve": {"sigma": None}})
+    assert engine.asset(asset).settings == made
 
 
 def test_a_damaged_asset_fails_with_its_reason_and_the_others_live(tmp_path):
@@ -188,7 +202,7 @@ def interrupted(engine):
 
 
 def test_queries_stay_apart():
-    assert len({MapQuery(method) for method in ("neutral", "redraw", "binned")}) == 3
+    assert len({*QUERIES, MapQuery("redraw", "uv")}) == len(QUERIES) + 1
 
 
 def test_bins_are_those_that_a_blend_reads(engine):

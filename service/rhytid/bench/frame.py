@@ -1,4 +1,4 @@
-"""What one frame costs on a device: stretch, redraw, blend, and the maps made ahead.
+"""What one frame costs on a device: stretch, redraw, blend, convolution, and the maps made ahead.
 
 Every time is the median of a few runs, after one that does not count, and comes with its ratio to
 *one map copy* taken in the same run: a kernel that reads and writes R² float32.
@@ -19,12 +19,15 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import mesh_udims
+from rhytid.engine.spacing import mean_spacing
 from rhytid.pipeline.bins import BinMaker, BinTile
 from rhytid.pipeline.blend import Blend
+from rhytid.pipeline.convolve import Convolve, NeutralTile
 from rhytid.pipeline.elements import UdimElements, pore_arrays, wrinkle_arrays
 from rhytid.pipeline.locate import UdimTriangles, locate_points
 from rhytid.pipeline.redraw import redrawing, respond
 from rhytid.pipeline.stretch import StretchStage
+from rhytid.pipeline.stretch_buffers import StretchBuffers
 
 
 @dataclass(frozen=True)
@@ -39,7 +42,7 @@ class Cost:
 class FrameBench:
     """The first UDIM of a face on a device, ready to be timed.
 
-    mesh, graph: the face.  deformed: (V, 3) float32 positions of the frame.  settings.depth is set.
+    mesh, graph: the face.  deformed: (V, 3) float32 positions of the frame.
     """
 
     def __init__(
@@ -51,14 +54,15 @@ class FrameBench:
         settings: AssetSettings,
     ) -> None:
         self.device, self.wrinkles = device, graph.wrinkles
-        self._settings, self._deformed = settings, deformed
+        self._deformed = deformed
         self._copy: float | None = None
-        udim = mesh_udims(mesh)[0]
+        self._udim = udim = mesh_udims(mesh)[0]
         size, padding = settings.resolution, settings.padding
         ends = graph.node_uv[graph.edge_nodes]
         middle = (0.5 * (ends[:, 0] + ends[:, 1])).astype(np.float32)
         pore = locate_points(device, mesh, graph.node_uv, size, padding)
         wrinkle = locate_points(device, mesh, middle, size, padding)
+        self._settings = settings = settings.resolved(mean_spacing(mesh, graph, pore))
         self._elements = UdimElements(
             device,
             wrinkle_arrays(graph, wrinkle, settings, udim),
@@ -69,10 +73,12 @@ class FrameBench:
         self._stage = StretchStage(device, mesh)
         self._blend = Blend(device, settings, len(mesh.faces))
         self._bins: list[BinTile] = []
+        self._convolve = Convolve(device, mesh)
+        self._neutral: list[NeutralTile] = []
 
     def cases(self) -> list[str]:
         """What can be timed, in an order in which each has what it needs."""
-        return ["copy", "stretch", "redraw", "precompute", "binned"]
+        return ["copy", "stretch", "redraw", "precompute", "binned", "convolved"]
 
     def cost(self, case: str, repeats: int) -> Cost:
         """Time one case of `cases`; the copy is timed first."""
@@ -82,6 +88,8 @@ class FrameBench:
             return Cost(case, self._copy, 1.0)
         if case == "binned" and not self._bins:
             self._precompute()
+        if case == "convolved" and not self._neutral:
+            self._draw_neutral()
         seconds = self._time(getattr(self, f"_{case}"), 1 if case == "precompute" else repeats)
         return Cost(case, seconds, seconds / self._copy)
 
@@ -100,11 +108,20 @@ class FrameBench:
         source, target = (self.device.full(count, np.float32(1.0)) for _ in range(2))
         return lambda: self.device.launch("copy", "copy_map", (count // 16,), source, target)
 
+    def _stretched(self, positions: NDArray[np.float32] | None) -> StretchBuffers:
+        return self._stage.run(positions, self._settings.response.log_stretch_limit)
+
+    def _tiles(self) -> list[tuple[int, int, int]]:
+        """(row, column, side) of every tile of level 0."""
+        side = self._settings.tile_size
+        starts = range(0, self._settings.resolution, side)
+        return [(row, column, side) for row in starts for column in starts]
+
     def _stretch(self) -> None:
-        self._stage.run(self._deformed, self._settings.response.log_stretch_limit).release()
+        self._stretched(self._deformed).release()
 
     def _redraw(self) -> None:
-        stretch = self._stage.run(self._deformed, self._settings.response.log_stretch_limit)
+        stretch = self._stretched(self._deformed)
         scales = respond(self.device, self._elements, self._settings, stretch)
         draw = redrawing(self.device, self._elements, self._settings, scales)
         out = draw(0, 0, self._settings.resolution)
@@ -114,15 +131,30 @@ class FrameBench:
         _release(*self._bins)
         self._bins.clear()
         maker = BinMaker(self.device, self._elements, self._located, self._settings)
-        side = self._settings.tile_size
-        starts = range(0, self._settings.resolution, side)
-        self._bins = [maker.tile(0, row, column, side) for row in starts for column in starts]
+        self._bins = [maker.tile(0, *tile) for tile in self._tiles()]
 
     def _binned(self) -> None:
-        stretch = self._stage.run(self._deformed, self._settings.response.log_stretch_limit)
+        stretch = self._stretched(self._deformed)
         weights = self._blend.weights(stretch)
         tiles: list[Buffer] = [self._blend.tile(maps, weights) for maps in self._bins]
         _release(stretch, weights, *tiles)
+
+    def _draw_neutral(self) -> None:
+        scales = respond(self.device, self._elements, self._settings, self._stretched(None))
+        draw = redrawing(self.device, self._elements, self._settings, scales)
+        self._neutral = [
+            self._convolve.neutral_tile(
+                draw, self._located, self._settings, self._udim, row, column, side
+            )
+            for row, column, side in self._tiles()
+        ]
+        scales.release()
+
+    def _convolved(self) -> None:
+        stretch = self._stretched(self._deformed)
+        kernels = self._convolve.kernels(stretch, self._settings)
+        tiles = [self._convolve.tile(n, kernels, self._settings) for n in self._neutral]
+        _release(stretch, kernels, *tiles)
 
 
 def _release(*things: object) -> None:

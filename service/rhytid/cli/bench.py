@@ -75,18 +75,17 @@ def frame_bench(arguments: argparse.Namespace) -> FrameBench:
 def _skin(mesh: Mesh, arguments: argparse.Namespace) -> tuple[WrinkleGraph, AssetSettings]:
     """The wrinkles of the arguments, given or synthesised, and the settings to draw them with."""
     from rhytid.cli.input_files import graph_file
-    from rhytid.engine.spacing import DEPTH_OF_SPACING
     from rhytid.synthesis.generate import synthesize
 
     data: dict[str, Any] = {"resolution": arguments.size, "tile_size": min(512, arguments.size)}
     if arguments.wrinkles is not None:
         data["graph"] = {"wrinkles": arguments.wrinkles}
     settings = AssetSettings.parse(data)
-    if arguments.graph is not None:  # the depth changes no time
-        return graph_file(arguments.graph), settings.resolved(1.0)
+    if arguments.graph is not None:
+        return graph_file(arguments.graph), settings
     with share_bar("synthesis") as show:
         made = synthesize(mesh, settings.graph, show)
-    return made.graph, settings.resolved(DEPTH_OF_SPACING * made.spacing)
+    return made.graph, settings.resolved(made.spacing)
 
 
 def _result(cost: Cost) -> dict[str, Any]:

@@ -56,6 +56,25 @@ class BinSettings:
 
 
 @dataclass(frozen=True)
+class ConvolveSettings:
+    """How the neutral map is blurred and sharpened (after Nagano et al. 2015).
+
+    The published fit is not public: these gains are ours. 4 is `alpha_d`, so that to first order
+    features much finer than `sigma` lose and gain as much depth as Alg. 1 takes and gives.
+    `sigma` is in mesh units.
+    """
+
+    blur_gain: float = number(4.0, 0.0, 64.0)
+    sharpen_gain: float = number(4.0, 0.0, 64.0)
+    sigma: float | None = number(None, 1e-12, 1e12)
+
+
+# In units of the mean pore spacing, unless they are set.
+DEPTH_OF_SPACING = 0.15
+SIGMA_OF_SPACING = 0.25
+
+
+@dataclass(frozen=True)
 class AssetSettings:
     """Everything that can be set for an asset; `None` is resolved when the asset is built.
 
@@ -73,6 +92,7 @@ class AssetSettings:
     response: ResponseSettings = field(default_factory=ResponseSettings)
     shape: ShapeSettings = field(default_factory=ShapeSettings)
     bins: BinSettings = field(default_factory=BinSettings)
+    convolve: ConvolveSettings = field(default_factory=ConvolveSettings)
 
     @classmethod
     def parse(cls, data: Any) -> AssetSettings:
@@ -90,9 +110,16 @@ class AssetSettings:
             raise SettingsError("bins.r_max is above response.log_stretch_limit")
         return settings
 
-    def resolved(self, depth: float) -> AssetSettings:
-        """A copy whose `depth` is `depth` unless it was set."""
-        return self if self.depth is not None else replace(self, depth=depth)
+    def resolved(self, spacing: float) -> AssetSettings:
+        """A copy with everything set, for a mean pore spacing in mesh units."""
+        depth, sigma = self.depth, self.convolve.sigma
+        if sigma is None:
+            sigma = SIGMA_OF_SPACING * spacing
+        return replace(
+            self,
+            depth=DEPTH_OF_SPACING * spacing if depth is None else depth,
+            convolve=replace(self.convolve, sigma=sigma),
+        )
 
     def with_r_max(self, r_max: float) -> AssetSettings:
         """A copy with a calibrated `bins.r_max`."""

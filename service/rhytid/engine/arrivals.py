@@ -61,8 +61,10 @@ class AssetArrivals(EngineCore):
         return asset
 
     def _load(self, id: str, stored: StoredAsset, frames: Positions = ()) -> Asset:
-        asset = self._asset(id, stored.mesh, self._store.overlay(id) or stored.settings)
-        asset.spacing = float(stored.extra["spacing"])
+        spacing = float(stored.extra["spacing"])
+        settings = self._store.overlay(id) or stored.settings
+        asset = self._asset(id, stored.mesh, settings.resolved(spacing))
+        asset.spacing = spacing
         self._begin("load", asset, lambda job: self._builder.load(job, asset), frames)
         return asset
 

@@ -20,7 +20,6 @@ from rhytid.engine.building import check_triangles
 from rhytid.engine.frames import Frame
 from rhytid.engine.jobs import Job
 from rhytid.engine.messages import AssetInfo, JobInfo, NewAsset
-from rhytid.engine.spacing import DEPTH_OF_SPACING
 from rhytid.errors import MeshError, NotFoundError, SettingsError
 from rhytid.pipeline.stretch import r_max_of
 from rhytid.storage.contents import asset_id
@@ -28,7 +27,7 @@ from rhytid.storage.contents import asset_id
 Positions = Sequence[NDArray[np.float32]]
 _log = logging.getLogger(__name__)
 # What can change without synthesising or looking up anything again.
-CHANGEABLE = ("depth", "response", "shape", "bins")
+CHANGEABLE = ("depth", "response", "shape", "bins", "convolve")
 
 
 class AssetCalls(AssetArrivals):
@@ -64,9 +63,10 @@ class AssetCalls(AssetArrivals):
         return self._assets.get(asset).info()
 
     def change_asset(self, asset: str, changes: Mapping[str, Any]) -> AssetInfo:
-        """Change response, shape, depth or bins; tiles and their keys change.
+        """Change response, shape, depth, bins or convolve; tiles and their keys change.
 
-        `depth` null means the default again. Raises SettingsError for what cannot be changed.
+        `depth` or `convolve.sigma` null means the default again. Raises SettingsError for what
+        cannot be changed.
         """
         found = self._assets.get(asset)
         found.ready()
@@ -75,7 +75,7 @@ class AssetCalls(AssetArrivals):
                 raise SettingsError(f"{key} is fixed once an asset is made: make a new one")
         with found.changing:
             settings = found.settings.changed(changes)
-            self._builder.change(found, settings.resolved(DEPTH_OF_SPACING * found.spacing))
+            self._builder.change(found, settings.resolved(found.spacing))
         self._prepare_bins(found)
         return found.info()
 

@@ -13,7 +13,7 @@ from rhytid.domain.mesh import Mesh
 from rhytid.engine.assets import Asset, Assets
 from rhytid.engine.jobs import Job
 from rhytid.engine.resident import ResidentAsset
-from rhytid.engine.spacing import DEPTH_OF_SPACING, mean_spacing
+from rhytid.engine.spacing import mean_spacing
 from rhytid.engine.worker import DeviceWorker
 from rhytid.errors import CancelledError, GraphError, NotFoundError, RhytidError
 from rhytid.storage.store import AssetStore
@@ -44,7 +44,7 @@ class Builder:
             with self._placed(job, wanted.mesh, graph, wanted.settings) as resident:
                 if spacing is None:
                     spacing = mean_spacing(wanted.mesh, graph, resident.pore_triangle)
-                settings = wanted.settings.resolved(DEPTH_OF_SPACING * spacing)
+                settings = wanted.settings.resolved(spacing)
                 job.progress(_SYNTHESIS, "storing")
                 with self._still_known(asset):
                     facts = {"spacing": spacing}

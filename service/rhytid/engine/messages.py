@@ -17,7 +17,7 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import QueryError
 
-METHODS = ("neutral", "redraw", "binned")
+METHODS = ("neutral", "redraw", "binned", "convolved")
 STRETCH_MODELS = ("tensor", "tension", "uv")
 SAMPLINGS = ("nearest", "smooth")
 # The states of a job in which nothing more will happen.
@@ -94,6 +94,8 @@ class MapQuery:
             value = getattr(self, name)
             if value not in known:
                 raise QueryError(f"{name} {value!r}: one of {', '.join(known)}")
+        if (self.method, self.sampling) == ("convolved", "smooth"):
+            raise QueryError("method 'convolved' has sampling 'nearest' alone")
 
 
 _QUERY = {"method": METHODS, "stretch": STRETCH_MODELS, "sampling": SAMPLINGS}

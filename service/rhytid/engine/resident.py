@@ -20,6 +20,7 @@ from rhytid.engine.messages import MapQuery
 from rhytid.errors import NotFoundError
 from rhytid.pipeline.bins import VECTOR, BinMaker, BinTile, parts
 from rhytid.pipeline.blend import Blend
+from rhytid.pipeline.convolve import Convolve, NeutralTile
 from rhytid.pipeline.elements import (
     BLOCK,
     PoreArrays,
@@ -28,7 +29,7 @@ from rhytid.pipeline.elements import (
     pore_arrays,
     wrinkle_arrays,
 )
-from rhytid.pipeline.levels import render_to_host
+from rhytid.pipeline.levels import Draw, render_to_host
 from rhytid.pipeline.locate import UdimTriangles, locate_points
 from rhytid.pipeline.redraw import ScaleBuffers, redrawing, respond
 from rhytid.pipeline.smooth import SmoothFields, SmoothStage, respond_smooth
@@ -58,6 +59,7 @@ class ResidentAsset:
         self._elements: dict[int, UdimElements] = {}
         self.pore_triangle = self._wrinkle_triangle = np.zeros(0, np.int32)
         self._blend: Blend | None = None
+        self._convolve = Convolve(device, mesh)
         self._released = False
 
     @property
@@ -123,9 +125,28 @@ class ResidentAsset:
     ) -> NDArray[np.float32]:
         """(side, side) displacement drawn anew: `redraw` of the frame, or `neutral`."""
         deformed = NEUTRAL_FRAME if query.method == "neutral" else frame
-        scales = self._scales(deformed, query, udim)
-        draw = redrawing(self._device, self._elements[udim], self.settings, scales)
+        draw = self._redrawing(deformed, query, udim)
         return render_to_host(self._device, draw, level, row, column, side)
+
+    def convolved(self, frame: Frame, query: MapQuery, address: TileAddress) -> NDArray[np.float32]:
+        """One tile of `convolved`; what no frame changes is kept where it is one piece."""
+        kernels = self._kernels(frame, query.stretch)
+        texels = self.settings.grid.texels(address.level)
+
+        def draw(row: int, column: int, side: int) -> Buffer:
+            def make() -> NeutralTile:
+                return self._neutral_tile(address.udim, row, column, side)
+
+            # Of a tile drawn piece by piece, one piece is all that must be on the device at once.
+            whole = side == texels << address.level
+            neutral = self._keep("neutral", address, make=make) if whole else make()
+            out = self._convolve.tile(neutral, kernels, self.settings)
+            if not whole:
+                neutral.release()
+            return out
+
+        row, column = address.row * texels, address.column * texels
+        return render_to_host(self._device, draw, address.level, row, column, texels)
 
     def blended(self, frame: Frame, query: MapQuery, address: TileAddress) -> NDArray[np.float32]:
         """One tile of `binned`; makes the tile's maps where they are not there."""
@@ -163,7 +184,7 @@ class ResidentAsset:
         """Give everything back; every later call raises NotFoundError."""
         self._forget_made()
         self._released = True
-        held = (self._stretch, self._smooth, self._blend)
+        held = (self._stretch, self._smooth, self._blend, self._convolve)
         for part in (*held, *self._located.values(), *self._elements.values()):
             if part is not None:
                 part.release()
@@ -196,6 +217,25 @@ class ResidentAsset:
             "stretch", model, frame.digest,
             make=lambda: self._stretch.run(frame.positions, limit, model),
         )  # fmt: skip
+
+    def _kernels(self, frame: Frame, model: str) -> Buffer:
+        return self._keep(
+            "kernels", model, frame.digest,
+            make=lambda: self._convolve.kernels(
+                self._stretch_buffers(frame, model), self.settings
+            ),
+        )  # fmt: skip
+
+    def _neutral_tile(self, udim: int, row: int, column: int, side: int) -> NeutralTile:
+        """What is convolved for `side`² texels of level 0."""
+        draw = self._redrawing(NEUTRAL_FRAME, MapQuery("neutral"), udim)
+        return self._convolve.neutral_tile(
+            draw, self._located[udim], self.settings, udim, row, column, side
+        )
+
+    def _redrawing(self, frame: Frame, query: MapQuery, udim: int) -> Draw:
+        scales = self._scales(frame, query, udim)
+        return redrawing(self._device, self._elements[udim], self.settings, scales)
 
     def _scales(self, frame: Frame, query: MapQuery, udim: int) -> ScaleBuffers:
         device, elements, located = self._device, self._elements[udim], self._located[udim]

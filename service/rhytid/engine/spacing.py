@@ -1,4 +1,4 @@
-"""How far pores stand apart on the surface: the unit in which a depth is chosen."""
+"""How far pores stand apart on the surface: the unit in which depth and blur are chosen."""
 
 from __future__ import annotations
 
@@ -8,9 +8,6 @@ from scipy.spatial import cKDTree
 
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
-
-# The depth of strength 1, as a share of the mean pore spacing, unless it is set.
-DEPTH_OF_SPACING = 0.15
 
 
 def mean_spacing(mesh: Mesh, graph: WrinkleGraph, triangle: NDArray[np.int32]) -> float:

@@ -22,6 +22,8 @@ Tile = NDArray[np.float32]
 _PIECE = 4096
 # How often a map is drawn anew because the settings changed meanwhile.
 _ATTEMPTS = 3
+# Methods that keep something of each tile from one frame to the next.
+_BY_TILE = ("binned", "convolved")
 
 
 class TileCalls(EngineCore):
@@ -60,7 +62,7 @@ class TileCalls(EngineCore):
     def _pieces(self, asset: Asset, frame: Frame, query: MapQuery, udim: int, level: int) -> Tile:
         """A whole map, piece by piece: others get their turn on the device in between."""
         grid, resident = asset.settings.grid, asset.ready()
-        if query.method == "binned":
+        if query.method in _BY_TILE:
             tiles = [self._tile(asset, frame, query, a) for a in grid.addresses(udim, level)]
             return _assembled(tiles, grid.count(level))
         side = grid.side(level)
@@ -125,8 +127,9 @@ class TileCalls(EngineCore):
 
     def _tile(self, asset: Asset, frame: Frame, query: MapQuery, address: TileAddress) -> Tile:
         resident = asset.ready()
-        if query.method == "binned":
-            return self._on_device(resident.blended, frame, query, address)
+        if query.method in _BY_TILE:
+            draw = resident.blended if query.method == "binned" else resident.convolved
+            return self._on_device(draw, frame, query, address)
         side = asset.settings.grid.texels(address.level)
         row, column = address.row * side, address.column * side
         return self._on_device(

@@ -35,7 +35,7 @@ def tile(
 ) -> Flow[Tile]:
     """One tile of displacement, in mesh units; row 0 is at the top.
 
-    method: neutral, redraw or binned.  format: npy (float32), f16, exr, exr16 or png.
+    method: neutral, redraw, binned or convolved.  format: npy (float32), f16, exr, exr16 or png.
     stretch: how it is measured: tensor, tension (mesh tension, one value for all directions) or uv
     (along u and v).
     if_none_match: a tile had before: it is returned itself where it has not changed.

@@ -1,0 +1,78 @@
+"""The neutral map blurred along stretched axes and sharpened along compressed ones (after Nagano
+et al. 2015)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from reference.inputs import Array
+
+MOST_TAPS = 63
+
+
+def share(logs: ArrayLike, blur_gain: float, sharpen_gain: float) -> Array:
+    """alpha of log stretch: blurs where positive, sharpens where negative."""
+    r = np.asarray(logs, np.float64)
+    clamped: Array = np.clip(np.where(r > 0, blur_gain, sharpen_gain) * r, -1.0, 1.0)
+    return clamped
+
+
+def deviation(jacobian: Array, axes: Array, sigma: float, resolution: int) -> Array:
+    """(F, 2) sigma in texels along the axes (F, 2, 2); jacobian: (F, k, 2), not zero."""
+    speed = np.linalg.norm(np.einsum("fkd,fid->fik", jacobian, axes), axis=-1)
+    texels: Array = np.minimum(sigma * resolution / speed, MOST_TAPS / 3)
+    return texels
+
+
+def along(heights: Array, axis: Array, alpha: Array, sigma: Array) -> Array:
+    """(R, C) one pass: (1 - alpha) delta + alpha G with taps one texel apart to 3 sigma.
+
+    axis: (R, C, 2) unit vectors in UV, v up, so down the rows where it is negative.  alpha, sigma
+    (in texels): (R, C).  Beyond the border the texel at the border is read.
+    """
+    rows, columns = np.indices(heights.shape, np.float64)
+    taps = np.floor(3.0 * sigma)
+    total, weighted = np.ones(heights.shape), np.array(heights, np.float64)
+    for k in range(1, int(taps.max(initial=0)) + 1):
+        weight = np.where(k <= taps, np.exp(-0.5 * np.square(k / np.maximum(sigma, 0.1))), 0.0)
+        for sign in (-k, k):
+            at = (rows - sign * axis[..., 1], columns + sign * axis[..., 0])
+            weighted += weight * bilinear(heights, *at)
+            total += weight
+    return (1.0 - alpha) * heights + alpha * weighted / total
+
+
+def convolved(heights: Array, axes: Array, alpha: Array, sigma: Array) -> Array:
+    """(R, C) both passes; axes: (R, C, 2, 2), alpha, sigma: (R, C, 2)."""
+    found = heights
+    for i in range(2):
+        found = along(found, axes[:, :, i], alpha[:, :, i], sigma[:, :, i])
+    return found
+
+
+def gain(alpha: float, sigma: float, frequency: ArrayLike) -> Array:
+    """What one pass along an axis of the map makes of a wave of so many periods a texel."""
+    k = np.arange(1, int(3.0 * sigma) + 1)
+    weight = np.exp(-0.5 * np.square(k / sigma))
+    waves = np.cos(2 * np.pi * np.multiply.outer(np.asarray(frequency, np.float64), k))
+    response: Array = (1 + 2 * waves @ weight) / (1 + 2 * weight.sum())
+    return 1.0 - alpha * (1.0 - response)
+
+
+def bilinear(heights: Array, rows: Array, columns: Array) -> Array:
+    """Values between the centres of texels; beyond the border that of the border."""
+    top, left = np.floor(rows).astype(int), np.floor(columns).astype(int)
+    y, x = rows - top, columns - left
+
+    def at(down: int, right: int) -> Array:
+        last_row, last_column = heights.shape[0] - 1, heights.shape[1] - 1
+        found: Array = heights[
+            np.clip(top + down, 0, last_row), np.clip(left + right, 0, last_column)
+        ]
+        return found
+
+    upper = (1 - x) * at(0, 0) + x * at(0, 1)
+    lower = (1 - x) * at(1, 0) + x * at(1, 1)
+    blended: Array = (1 - y) * upper + y * lower
+    return blended
