@@ -85,6 +85,11 @@ class FrameBench:
         seconds = self._time(getattr(self, f"_{case}"), 1 if case == "precompute" else repeats)
         return Cost(case, seconds, seconds / self._copy)
 
+    def release(self) -> None:
+        """Give the device memory back."""
+        _release(*self._bins, self._elements, self._located, self._stage, self._blend)
+        self._bins.clear()
+
     def _time(self, work: Callable[[], None], repeats: int) -> float:
         taken = []
         for _ in range(repeats + 1):
