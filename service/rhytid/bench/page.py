@@ -108,8 +108,8 @@ def _accuracy(accuracy: dict[str, Any]) -> list[str]:
         _note(
             f"Measured at {accuracy['resolution']}² texels, mean over the frames of a subject. "
             "rms: of the difference over that of redraw. Worst: mean difference of the worst "
-            "0.1 % of texels, in units of the depth of a wrinkle of strength 1. Marked rows are on the "
-            "front of the plot. Closest at no more than twice the time of the first row: "
+            "0.1 % of texels, in units of the depth of a wrinkle of strength 1. Marked rows are on "
+            "the front of the plot. Closest at no more than twice the time of the first row: "
             f"N = {best['count']}, M = {best['samples']}, {best['bits']} bits, merge "
             f"{best['merge']}, depth {'factored' if best['depth_factored'] else 'drawn'}."
         ),

@@ -47,7 +47,7 @@ def shade_displaced(
 def _uv_gradient(heights: NDArray[Any], uv: NDArray[np.float64]) -> NDArray[np.float64]:
     """(H, W, 2): ∂h/∂u and ∂h/∂v at texture coordinates (H, W, 2)."""
     size = len(heights)
-    by_row, by_column = np.gradient(np.asarray(heights, np.float64), 1.0 / size)
+    by_row, by_column = np.gradient(np.asarray(heights, np.float64), 1.0 / size, axis=(0, 1))
     row: NDArray[np.float64] = (1 - uv[..., 1]) * size - 0.5
     column: NDArray[np.float64] = uv[..., 0] * size - 0.5
     slopes = (spline_samples(by_column, row, column), -spline_samples(by_row, row, column))

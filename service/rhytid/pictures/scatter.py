@@ -69,9 +69,7 @@ def scatter(points: Sequence[Point], x_title: str, y_title: str) -> Image.Image:
     _front(draw, sorted(at for p, at in zip(points, places, strict=True) if p.on_front))
     for point, at in zip(points, places, strict=True):
         _dot(draw, at, 8 if point.on_front else 5, colour[point.series])
-    for point, at in zip(points, places, strict=True):
-        if point.on_front:
-            _text(draw, (at[0] + 11, at[1] - 11), point.label, 14, "ls")
+    _labels(draw, [(at, p.label) for p, at in zip(points, places, strict=True) if p.on_front])
     _legend(draw, colour)
     return canvas.resize((_WIDTH, _HEIGHT), Image.Resampling.LANCZOS)
 
@@ -99,6 +97,21 @@ def _front(draw: ImageDraw.ImageDraw, places: list[Place]) -> None:
         steps.append((x, y))
     if len(steps) > 1:
         _line(draw, steps, _FRONT, 2)
+
+
+def _labels(draw: ImageDraw.ImageDraw, labels: list[tuple[Place, str]]) -> None:
+    """Above and to the right of a point; below and to the left where another label is there."""
+    taken: list[tuple[float, float, float]] = []
+    for (x, y), label in sorted(labels):
+        width = font(14).getlength(label)
+        left, base = x + 11, y - 11
+        crowded = any(
+            abs(base - b) < 16 and left < stop and left + width > start for start, stop, b in taken
+        )
+        if crowded or left + width > _WIDTH - 8:
+            left, base = x - 11 - width, y + 22
+        taken.append((left, left + width, base))
+        _text(draw, (left, base), label, 14, "ls")
 
 
 def _legend(draw: ImageDraw.ImageDraw, colours: dict[str, tuple[int, int, int]]) -> None:
