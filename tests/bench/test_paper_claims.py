@@ -66,7 +66,7 @@ def furrows(step: float, count: int = 80) -> WrinkleGraph:
 def one_pore() -> WrinkleGraph:
     furrow = one_furrow(0.0)
     return WrinkleGraph(
-        node_uv=np.full((2, 2), (SIZE / 2 + 0.5) / SIZE, np.float32) + [[0, 0], [0.2, 0]],
+        node_uv=np.array([[0, 0], [0.2, 0]], np.float32) + np.float32((SIZE / 2 + 0.5) / SIZE),
         node_weight=np.array([1, 0], np.float32),
         node_radius=np.full(2, 0.03, np.float32),
         edge_nodes=furrow.edge_nodes,

@@ -51,5 +51,5 @@ def test_settings_read_back_what_they_write(name: str, bins: BinSettings) -> Non
 
 @pytest.mark.parametrize("name", ["fastest", 1, None, ["best"]])
 def test_an_unknown_preset_is_refused(name: object) -> None:
-    with pytest.raises(SettingsError, match="preset is .*'paper', 'best'"):
+    with pytest.raises(SettingsError, match=r"preset is .*'paper', 'best'"):
         AssetSettings.parse({"preset": name})

@@ -47,10 +47,10 @@ def shade_displaced(
 def _uv_gradient(heights: NDArray[Any], uv: NDArray[np.float64]) -> NDArray[np.float64]:
     """(H, W, 2): ∂h/∂u and ∂h/∂v at texture coordinates (H, W, 2)."""
     size = len(heights)
-    by_row, by_column = np.gradient(np.asarray(heights, np.float64), 1.0 / size, axis=(0, 1))
+    down, across = np.asarray(np.gradient(np.asarray(heights, np.float64), 1.0 / size))
     row: NDArray[np.float64] = (1 - uv[..., 1]) * size - 0.5
     column: NDArray[np.float64] = uv[..., 0] * size - 0.5
-    slopes = (spline_samples(by_column, row, column), -spline_samples(by_row, row, column))
+    slopes = (spline_samples(across, row, column), -spline_samples(down, row, column))
     return np.stack(slopes, axis=-1)
 
 
