@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -43,6 +43,9 @@ _COLUMNS = (
 )
 # Only methods that this version has.
 COLUMNS = tuple(column for column in _COLUMNS if column.method in METHODS)
+
+# What draws those methods that come tile by tile.
+_BY_TILE = {"binned": "blended", "convolved": "convolved"}
 
 
 class Skin:
@@ -89,26 +92,25 @@ class Skin:
 
     def map(self, frame: Frame, method: str) -> Map:
         """(R, R) displacement of a frame, mesh units, row 0 at the top."""
-        query = MapQuery(method)
-        if method != "binned":
-            side = self.settings.resolution
+        query, grid = MapQuery(method), self.settings.grid
+        if method not in _BY_TILE:
             with self.device.task():
-                return self._asset.drawn(frame, query, self.udim, 0, 0, 0, side)
-        grid = self.settings.grid
-        tiles = list(self.blended(frame, grid.addresses(self.udim, 0)))
+                return self._asset.drawn(frame, query, self.udim, 0, 0, 0, grid.resolution)
+        draw = getattr(self._asset, _BY_TILE[method])
+        tiles = [self._tile(draw, frame, query, a) for a in grid.addresses(self.udim, 0)]
         count = grid.count(0)
         return np.block([tiles[i : i + count] for i in range(0, len(tiles), count)])
-
-    def blended(self, frame: Frame, addresses: list[TileAddress]) -> Iterator[Map]:
-        """Tiles of `binned`."""
-        for address in addresses:
-            with self.device.task():
-                yield self._asset.blended(frame, MapQuery("binned"), address)
 
     def bin_map(self, address: TileAddress, index: int) -> NDArray[np.integer]:
         """Codes (n, n) of one precomputed map; `index` counts samples within layers."""
         with self.device.task():
             return self._asset.bin_codes(address, index)
+
+    def _tile(
+        self, draw: Callable[..., Map], frame: Frame, query: MapQuery, address: TileAddress
+    ) -> Map:
+        with self.device.task():
+            return draw(frame, query, address)
 
     def release(self) -> None:
         """Give the device memory back."""
