@@ -25,7 +25,6 @@ from rhytid.bench.sphere_figure import PORES, figure_5
 from rhytid.bench.subject import Grown, Subject, built_in_sphere, describe, grow
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings, BinSettings
-from rhytid.engine.spacing import DEPTH_OF_SPACING
 from rhytid.synthesis.progress import Progress, part
 
 _SMALLEST = 256
@@ -70,7 +69,7 @@ class Report:
         skin = self.face.skin(self.device, grown, self.resolution)
         self.figures["frames"] = describe(self.face, skin)
         self.figures["r_max"] = self.face.r_max
-        shown = scene(self.face, skin, grown.depth / DEPTH_OF_SPACING, self.unit_mm)
+        shown = scene(self.face, skin, grown.spacing, self.unit_mm)
         progress(0.5, "figure 3")
         self._save(figure_3(shown.performance), "figure_3")
         progress(0.6, "figure 4")

@@ -50,16 +50,16 @@ class Subject:
     def settings(self, grown: Grown, resolution: int, **changes: object) -> AssetSettings:
         """Settings for these wrinkles, calibrated.  changes: more of them, as JSON."""
         tile = min(AssetSettings().tile_size, resolution)
-        data = {"resolution": resolution, "tile_size": tile, "depth": grown.depth}
-        return AssetSettings.parse({**data, **changes}).with_r_max(self.r_max)
+        settings = AssetSettings.parse({"resolution": resolution, "tile_size": tile, **changes})
+        return settings.resolved(DEPTH_OF_SPACING * grown.spacing).with_r_max(self.r_max)
 
 
 @dataclass(frozen=True, eq=False)
 class Grown:
-    """A wrinkle graph and the depth of its strength 1, mesh units."""
+    """A wrinkle graph and the mean spacing of its pores, mesh units."""
 
     graph: WrinkleGraph
-    depth: float
+    spacing: float
 
 
 def built_in_face(device: Device) -> Subject:
@@ -107,7 +107,7 @@ def grow(mesh: Mesh, wrinkles: int, progress: Progress = silent) -> Grown:
     """Synthesise a graph of so many wrinkles."""
     graph = AssetSettings.parse({"graph": {"wrinkles": wrinkles}}).graph
     made = synthesize(mesh, graph, progress)
-    return Grown(made.graph, DEPTH_OF_SPACING * made.spacing)
+    return Grown(made.graph, made.spacing)
 
 
 def _sizes(device: Device, mesh: Mesh, frames: Sequence[Frame]) -> list[float]:
