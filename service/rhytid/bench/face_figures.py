@@ -28,6 +28,7 @@ from rhytid.pictures.stretch_colours import Performance, axis_colours, stretch_b
 CROP_SPACINGS = 16.0
 # At most this share of the face, where few wrinkles stand far apart.
 _CROP_SHARE = 0.08
+_CONVOLVED = "(c) The neutral map blurred along stretched axes, sharpened along compressed ones. "
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +94,7 @@ def figure_1(scene: Scene, maps: dict[str, Map]) -> tuple[Image.Image, dict[str,
     caption = (
         f"(a) The neutral face and the frame '{scene.frame}': patch A is the most stretched one, "
         "B the most compressed one. (b) The neutral map on the deformed skin, unchanged. "
+        f"{_CONVOLVED if any(c.letter == 'c' for c in columns) else ''}"
         "(d) Every wrinkle redrawn by its stretch. (e) Precomputed maps blended. Crops are "
         f"{scene.side * scene.unit_mm:.1f} mm wide on the surface that they lie on, heights true "
         "to scale, one light from the upper left."
