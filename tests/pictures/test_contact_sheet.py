@@ -7,10 +7,11 @@ from numpy.typing import NDArray
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import InputError, MeshError
 from rhytid.pictures.contact import contact_sheet, relative_rms
-from rhytid.pictures.contact_rows import SIZE, Performance
+from rhytid.pictures.contact_rows import SIZE
 from rhytid.pictures.crops import surface_crop
 from rhytid.pictures.places import Place, find_places
 from rhytid.pictures.sheet import GAP, MARGIN
+from rhytid.pictures.stretch_colours import Performance
 from rhytid.samples.sphere import RADIUS, sphere, sphere_stretch
 
 RATIOS = (1.25, 0.8)

@@ -93,6 +93,14 @@ class FrameBench:
         seconds = self._time(getattr(self, f"_{case}"), 1 if case == "precompute" else repeats)
         return Cost(case, seconds, seconds / self._copy)
 
+    def release(self) -> None:
+        """Give the device memory back."""
+        made = (*self._bins, *self._neutral)
+        stages = (self._elements, self._located, self._stage, self._blend, self._convolve)
+        _release(*made, *stages)
+        self._bins.clear()
+        self._neutral.clear()
+
     def _time(self, work: Callable[[], None], repeats: int) -> float:
         taken = []
         for _ in range(repeats + 1):

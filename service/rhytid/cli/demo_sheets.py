@@ -5,16 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.cli.demo_session import Session
 from rhytid.cli.frame_files import FramePlace
 from rhytid.cli.reporting import counted
-from rhytid.domain.mesh import Mesh
-from rhytid.domain.tiles import udim_origin
+from rhytid.domain.tiles import busiest_udim, triangles_inside, udim_origin
 from rhytid.pictures.contact import contact_sheet, relative_rms
-from rhytid.pictures.contact_rows import METHODS, Performance
+from rhytid.pictures.contact_rows import METHODS
+from rhytid.pictures.stretch_colours import Performance
 
 SHEETS = 4
 
@@ -40,7 +39,7 @@ def write_sheets(session: Session, unit_mm: float) -> list[dict[str, Any]]:
     for earlier in session.out.glob("contact_*.png"):
         earlier.unlink()
     indices = key_frames(session.sizes)
-    udim = busiest_udim(session.face.mesh, session.asset.udims)
+    udim = busiest_udim(session.face.mesh)
     figures = []
     for index in counted(indices, "sheets", "sheet"):
         place = session.places[index]
@@ -62,17 +61,6 @@ def write_sheets(session: Session, unit_mm: float) -> list[dict[str, Any]]:
     return figures
 
 
-def busiest_udim(mesh: Mesh, udims: Sequence[int]) -> int:
-    """The UDIM with the most triangles."""
-    return max(udims, key=lambda udim: int(_inside(mesh, udim).sum()))
-
-
-def _inside(mesh: Mesh, udim: int) -> NDArray[np.bool_]:
-    cells = np.floor(mesh.triangle_uv().mean(axis=1))
-    inside: NDArray[np.bool_] = (cells == udim_origin(udim)).all(axis=1)
-    return inside
-
-
 def _maps(session: Session, place: FramePlace, udim: int) -> dict[str, NDArray[Any]]:
     maps = {}
     for method in METHODS:
@@ -84,7 +72,7 @@ def _maps(session: Session, place: FramePlace, udim: int) -> dict[str, NDArray[A
 
 def _performance(session: Session, place: FramePlace, udim: int) -> Performance:
     mesh, stretch = session.face.mesh, session.client.stretch(session.asset, place.label)
-    inside = _inside(mesh, udim)
+    inside = triangles_inside(mesh, udim)
     return Performance(
         neutral=mesh.positions,
         deformed=session.face.frames.read(place),

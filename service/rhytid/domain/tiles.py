@@ -112,6 +112,18 @@ def _overlaps_square(corners: NDArray[np.float64], origin: NDArray[np.integer]) 
     return bool(((along.min(axis=-1) < reach) & (along.max(axis=-1) > -reach)).all(axis=1).any())
 
 
+def triangles_inside(mesh: Mesh, udim: int) -> NDArray[np.bool_]:
+    """(F,) which triangles have the middle of their corners in a UDIM."""
+    cells = np.floor(mesh.triangle_uv().mean(axis=1))
+    inside: NDArray[np.bool_] = (cells == udim_origin(udim)).all(axis=1)
+    return inside
+
+
+def busiest_udim(mesh: Mesh) -> int:
+    """The UDIM with the most triangles, the lowest on ties."""
+    return max(mesh_udims(mesh), key=lambda udim: int(triangles_inside(mesh, udim).sum()))
+
+
 def texel_centres(start: int, count: int, resolution: int) -> NDArray[np.float64]:
     """Centres of `count` columns from `start` on, in UV units local to the UDIM: (i + ½)/R."""
     return (np.arange(start, start + count, dtype=np.float64) + 0.5) / resolution

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from rhytid.errors import InputError
-from rhytid.pictures.contact_rows import METHODS, SIZE, Performance, face_row, skin_row
+from rhytid.pictures.contact_rows import METHODS, SIZE, face_row, skin_row
 from rhytid.pictures.crops import surface_crop
 from rhytid.pictures.places import Place, find_places
 from rhytid.pictures.sheet import sheet
+from rhytid.pictures.stretch_colours import Performance
 
 
 def contact_sheet(

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.pictures.colours import axis_wheel, diverging, signed_grey
+from rhytid.pictures.colours import diverging, signed_grey
 from rhytid.pictures.images import Picture, to_picture
 from rhytid.pictures.legends import (
     axis_arrows,
@@ -23,75 +22,43 @@ from rhytid.pictures.places import Place
 from rhytid.pictures.relief import relief
 from rhytid.pictures.shade_mesh import View, shade_mesh
 from rhytid.pictures.sheet import Panel
+from rhytid.pictures.stretch_colours import Performance, axis_colours, stretch_bar, stretch_limit
 
 SIZE = 380
 METHODS = ("neutral", "redraw", "binned")
 _MARKS = ((96, 20, 150), (190, 25, 30))
 
 
-@dataclass(frozen=True, eq=False)
-class Performance:
-    """One frame of a face as plain arrays.
-
-    neutral, deformed: (V, 3).  faces: (F, 3).  triangle_uv: (F, 3, 2), local to the UDIM of the
-    maps.  axes: (F, 2, 2), axes[f, i] = ŝᵢ in UV.  ratios: (F, 2).
-    """
-
-    neutral: NDArray[Any]
-    deformed: NDArray[Any]
-    faces: NDArray[Any]
-    triangle_uv: NDArray[Any]
-    axes: NDArray[Any]
-    ratios: NDArray[Any]
-
-
 def face_row(frame: Performance, places: tuple[Place, Place], side: float) -> list[Panel]:
     """Neutral, deformed, both ratios, the first axis; squares of `side` mesh units mark places."""
     view = View.around(np.concatenate([frame.neutral, frame.deformed]))
-    logs = np.log(np.maximum(frame.ratios, 1e-6))
-    limit = _stretch_limit(logs)
+    logs = frame.logs
+    limit = stretch_limit(logs)
     first, second = (diverging(logs[:, axis], limit) for axis in (0, 1))
 
     def panel(title: str, x: NDArray[Any], strip: Picture, colours: Any = None) -> Panel:
         picture = shade_mesh(x, frame.faces, SIZE, view, colours)
-        return Panel(
-            title, _stack(_with_places(picture, x[frame.faces], places, view, side), strip)
-        )
+        return Panel(title, stack(with_places(picture, x[frame.faces], places, view, side), strip))
 
-    plain, bar = blank_strip(SIZE), _stretch_bar(limit)
+    plain, bar = blank_strip(SIZE), stretch_bar(SIZE, limit)
     wheel = wheel_legend(SIZE, "direction in UV; grey: no axis")
     return [
         panel("neutral", frame.neutral, plain),
         panel("deformed", frame.deformed, plain),
         panel("stretch ratio, axis 1", frame.deformed, bar, first),
         panel("stretch ratio, axis 2", frame.deformed, bar, second),
-        panel("principal axis 1", frame.deformed, wheel, _axis_colours(frame, logs)),
+        panel("principal axis 1", frame.deformed, wheel, axis_colours(frame, 0)),
     ]
 
 
-def _with_places(
+def with_places(
     picture: Picture, corners: NDArray[Any], places: tuple[Place, Place], view: View, side: float
 ) -> Picture:
+    """A picture of a mesh with a square of `side` mesh units around each place, A and B."""
     centres = [view.pixels(corners[place.triangle].mean(axis=0), SIZE) for place in places]
     width = SIZE / view.height * side
     boxes = zip(centres, "AB", _MARKS, strict=True)
     return marked(picture, [(centre, width, name, colour) for centre, name, colour in boxes])
-
-
-def _axis_colours(frame: Performance, logs: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Axes fade to grey where the two ratios are the same within a few per cent."""
-    angle = np.arctan2(frame.axes[:, 0, 1], frame.axes[:, 0, 0])
-    return axis_wheel(angle, np.abs(logs[:, 0] - logs[:, 1]) / 0.06)
-
-
-def _stretch_limit(logs: NDArray[np.float64]) -> float:
-    """The end of the colour scale: nearly all of this frame, slivers left out."""
-    return float(np.clip(np.percentile(np.abs(logs), 99), 0.05, 0.7))
-
-
-def _stretch_bar(limit: float) -> Picture:
-    ticks = [(t * limit, f"{np.exp(t * limit):.2f}" if t else "1") for t in (-1, -0.5, 0, 0.5, 1)]
-    return colour_bar(SIZE, -limit, limit, lambda v: diverging(v, limit), ticks)
 
 
 def skin_row(
@@ -113,11 +80,11 @@ def skin_row(
     grey = _height_bar(limit * unit_mm, signed_grey)
     signed = _height_bar(limit * unit_mm, diverging)
     return [
-        Panel(f"{name}: neutral", _stack(pictures["neutral"], blank_strip(SIZE))),
-        Panel(f"{name}: redraw", _stack(pictures["redraw"], blank_strip(SIZE))),
-        Panel(f"{name}: binned", _stack(pictures["binned"], blank_strip(SIZE))),
-        Panel(f"{name}: displacement of redraw", _stack(raw, grey)),
-        Panel(f"{name}: binned - redraw", _stack(error, signed)),
+        Panel(f"{name}: neutral", stack(pictures["neutral"], blank_strip(SIZE))),
+        Panel(f"{name}: redraw", stack(pictures["redraw"], blank_strip(SIZE))),
+        Panel(f"{name}: binned", stack(pictures["binned"], blank_strip(SIZE))),
+        Panel(f"{name}: displacement of redraw", stack(raw, grey)),
+        Panel(f"{name}: binned - redraw", stack(error, signed)),
     ]
 
 
@@ -128,5 +95,6 @@ def _height_bar(
     return colour_bar(SIZE, -limit_mm, limit_mm, lambda v: colours(v, limit_mm), ticks)
 
 
-def _stack(*pictures: Picture) -> Picture:
+def stack(*pictures: Picture) -> Picture:
+    """Pictures of one width, one below the other."""
     return np.concatenate(pictures, axis=0)

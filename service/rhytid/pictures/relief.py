@@ -27,14 +27,19 @@ def relief(
     unit of `height`; a pair is (across, down).  light: direction to the light, x right, y up,
     z to the viewer.  exaggeration: multiplies the height.
     """
-    normals = height_normals(height, texel, exaggeration)
+    return to_picture(lit(height_normals(height, texel, exaggeration), light))
+
+
+def lit(normals: NDArray[Any], light: tuple[float, float, float] = LIGHT) -> NDArray[np.float64]:
+    """(H, W, 3) sRGB of skin with unit normals (H, W, 3) under one distant light."""
     to_light = np.array(light) / np.linalg.norm(light)
     half = to_light + np.array([0.0, 0.0, 1.0])
     facing = np.clip(normals @ to_light, 0, None)
     mirror = np.clip(normals @ (half / np.linalg.norm(half)), 0, None)
     gloss = sum(strength * mirror**power for strength, power in (_BROAD, _TIGHT))
-    colour = _ALBEDO * (_AMBIENT + _DIFFUSE * facing)[..., None] + gloss[..., None]
-    return to_picture(colour)
+    colour: NDArray[np.float64] = _ALBEDO * (_AMBIENT + _DIFFUSE * facing)[..., None]
+    colour += gloss[..., None]
+    return colour
 
 
 def height_normals(

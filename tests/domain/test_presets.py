@@ -1,0 +1,55 @@
+"""Presets of the bins, and what goes before them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from rhytid.domain.asset_settings import PRESETS, AssetSettings, BinSettings
+from rhytid.errors import SettingsError
+
+
+def test_the_default_is_the_papers_choice() -> None:
+    assert AssetSettings() == AssetSettings.parse({"preset": "paper"})
+    assert PRESETS["paper"] == AssetSettings().bins
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_a_preset_sets_the_bins(name: str) -> None:
+    settings = AssetSettings.parse({"preset": name})
+
+    assert settings.preset == name
+    assert settings.bins == PRESETS[name]
+
+
+def test_keys_of_bins_go_before_the_preset() -> None:
+    bins = AssetSettings.parse({"preset": "best", "bins": {"count": 2, "r_max": 0.3}}).bins
+
+    assert bins == replace(PRESETS["best"], count=2, r_max=0.3)
+
+
+def test_a_preset_keeps_the_calibration() -> None:
+    calibrated = AssetSettings().with_r_max(0.123)
+
+    assert calibrated.changed({"preset": "best"}).bins == replace(PRESETS["best"], r_max=0.123)
+
+
+def test_other_changes_leave_the_bins_of_a_preset() -> None:
+    best = AssetSettings.parse({"preset": "best"})
+
+    assert best.changed({"depth": 0.5}).bins == PRESETS["best"]
+
+
+@pytest.mark.parametrize("bins", [BinSettings(), BinSettings(count=16, merge="mellow")])
+@pytest.mark.parametrize("name", PRESETS)
+def test_settings_read_back_what_they_write(name: str, bins: BinSettings) -> None:
+    settings = replace(AssetSettings.parse({"preset": name}), bins=bins)
+
+    assert AssetSettings.parse(settings.as_json()) == settings
+
+
+@pytest.mark.parametrize("name", ["fastest", 1, None, ["best"]])
+def test_an_unknown_preset_is_refused(name: object) -> None:
+    with pytest.raises(SettingsError, match=r"preset is .*'paper', 'best'"):
+        AssetSettings.parse({"preset": name})
