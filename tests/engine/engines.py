@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 from pipeline.scenes import random_graph, settings_of, sheet
 from rhytid.domain.mesh import Mesh
 from rhytid.engine.engine import Engine
-from rhytid.engine.messages import JobInfo, MapQuery, NewAsset
+from rhytid.engine.messages import ENDED_STATES, JobInfo, MapQuery, NewAsset
 from rhytid.settings import ServiceSettings
 
-ENDED = ("done", "failed", "cancelled")
 QUERIES = tuple(MapQuery(method) for method in ("neutral", "redraw", "binned", "convolved"))
 REDRAW, BINNED, CONVOLVED = QUERIES[1:]
 MIB = 1 << 20
@@ -54,7 +53,7 @@ def finish(engine: Engine, job: str | None) -> JobInfo:
     assert job is not None
     for _ in range(6000):
         info = engine.job(job)
-        if info.state in ENDED:
+        if info.state in ENDED_STATES:
             return info
         time.sleep(0.01)
     raise AssertionError(f"job hangs: {info}")

@@ -31,9 +31,7 @@ class BlendClock:
         self._settings = settings = subject.settings(grown, resolution)
         graph, mesh, udim = grown.graph, subject.mesh, subject.udim
         padding = settings.padding
-        ends = graph.node_uv[graph.edge_nodes]
-        middle = (0.5 * (ends[:, 0] + ends[:, 1])).astype(np.float32)
-        wrinkle = locate_points(device, mesh, middle, resolution, padding)
+        wrinkle = locate_points(device, mesh, graph.centres(), resolution, padding)
         pore = locate_points(device, mesh, graph.node_uv, resolution, padding)
         self._wrinkles = wrinkle_arrays(graph, wrinkle, settings, udim)
         self._pores = pore_arrays(graph, pore, settings, udim)

@@ -58,10 +58,8 @@ class FrameBench:
         self._copy: float | None = None
         self._udim = udim = mesh_udims(mesh)[0]
         size, padding = settings.resolution, settings.padding
-        ends = graph.node_uv[graph.edge_nodes]
-        middle = (0.5 * (ends[:, 0] + ends[:, 1])).astype(np.float32)
         pore = locate_points(device, mesh, graph.node_uv, size, padding)
-        wrinkle = locate_points(device, mesh, middle, size, padding)
+        wrinkle = locate_points(device, mesh, graph.centres(), size, padding)
         self._settings = settings = settings.resolved(mean_spacing(mesh, graph, pore))
         self._elements = UdimElements(
             device,
@@ -148,7 +146,8 @@ class FrameBench:
         _release(stretch, weights, *tiles)
 
     def _draw_neutral(self) -> None:
-        scales = respond(self.device, self._elements, self._settings, self._stretched(None))
+        stretch = self._stretched(None)
+        scales = respond(self.device, self._elements, self._settings, stretch)
         draw = redrawing(self.device, self._elements, self._settings, scales)
         self._neutral = [
             self._convolve.neutral_tile(
@@ -156,7 +155,7 @@ class FrameBench:
             )
             for row, column, side in self._tiles()
         ]
-        scales.release()
+        _release(stretch, scales)
 
     def _convolved(self) -> None:
         stretch = self._stretched(self._deformed)

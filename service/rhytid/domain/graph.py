@@ -74,6 +74,12 @@ class WrinkleGraph:
         """Number of edges."""
         return len(self.edge_nodes)
 
+    def centres(self) -> NDArray[np.float32]:
+        """(M, 2) the middle of each wrinkle, where it samples stretch (Alg. 1, line 1)."""
+        ends = self.node_uv[self.edge_nodes]
+        middle: NDArray[np.float32] = (0.5 * (ends[:, 0] + ends[:, 1])).astype(np.float32)
+        return middle
+
     def arrays(self) -> dict[str, NDArray[Any]]:
         """The arrays by name, absent ones left out."""
         pairs = ((f.name, getattr(self, f.name)) for f in fields(self))

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.frame import check_positions
@@ -24,8 +22,6 @@ from rhytid.errors import MeshError, NotFoundError, SettingsError
 from rhytid.pipeline.stretch import r_max_of
 from rhytid.storage.contents import asset_id
 
-Positions = Sequence[NDArray[np.float32]]
-_log = logging.getLogger(__name__)
 # What can change without synthesising or looking up anything again.
 CHANGEABLE = ("depth", "response", "shape", "bins", "convolve")
 

@@ -74,10 +74,8 @@ class ResidentAsset:
 
     def locate(self, graph: WrinkleGraph) -> None:
         """Find the triangle that each pore and each wrinkle samples."""
-        ends = graph.node_uv[graph.edge_nodes]
-        middle = (0.5 * (ends[:, 0] + ends[:, 1])).astype(np.float32)
         self.pore_triangle = self._find(graph.node_uv, graph.node_triangle)
-        self._wrinkle_triangle = self._find(middle, graph.edge_triangle)
+        self._wrinkle_triangle = self._find(graph.centres(), graph.edge_triangle)
 
     def prepare(self, graph: WrinkleGraph, settings: AssetSettings) -> Prepared:
         """The elements of each UDIM as they go to the device; host work, on any thread."""
