@@ -1,9 +1,9 @@
 // As blend.cl with smooth sampling: every texel has a stretch of its own (Alg. 3, lines 2 to 14).
-// Sixteen texels a work-item.
+// A vector of texels a work-item.
 #include "merge.clh"
 #include "response.clh"
+#include "vectors.clh"
 
-#define WIDTH 16
 #define REAL float16
 #define MASK int16
 #define ANY(mask) any(mask)
@@ -29,20 +29,19 @@ inline form_t chosen(form_t one, form_t other, int16 second)
     return form;
 }
 
-// The fields at sixteen texels, once for each triangle among them.
-inline field_t fields_at(__global const int *triangle, float16 x, float16 y,
+// The fields at the texels of a vector, once for each triangle among them. first, end: its members.
+inline field_t fields_at(__global const int2 *first, __global const int2 *end, float16 x, float16 y,
                          __global const float *corners, __global const int *vertices,
                          __global const float8 *fields, int none)
 {
-    int16 t = vload16(0, triangle);
-    field_t found = field_at(triangle[0], t == triangle[0], x, y, corners, vertices, fields, none);
-    for (int lane = 1; lane < WIDTH; lane++)
-        if (triangle[lane] != triangle[lane - 1]) {
-            int16 second = t == triangle[lane];
-            field_t other = field_at(triangle[lane], second, x, y, corners, vertices, fields, none);
-            found.metric = chosen(found.metric, other.metric, second);
-            found.log_stretch = chosen(found.log_stretch, other.log_stretch, second);
-        }
+    int16 own = lanes_of(first->y);
+    field_t found = field_at(first->x, own, x, y, corners, vertices, fields, none);
+    for (first++; first < end; first++) {
+        own = lanes_of(first->y);
+        field_t other = field_at(first->x, own, x, y, corners, vertices, fields, none);
+        found.metric = chosen(found.metric, other.metric, own);
+        found.log_stretch = chosen(found.log_stretch, other.log_stretch, own);
+    }
     return found;
 }
 
@@ -74,43 +73,44 @@ inline float least(float16 x)
 }
 
 // Linear between the two samples around each position. Only those that a texel needs are read.
-inline float16 between(__global const CODE *maps, int texels, float16 position,
-                       __global const float *steps)
+inline float16 between(__global const CODE *maps, float16 position, __global const float *steps)
 {
     int first = (int)least(position), last = (int)ceil(-least(-position));
     float16 sum = 0.0f;
     for (int m = first; m <= last; m++)
-        sum += FLOATS_OF(maps + m * texels) * (fmax(1.0f - fabs(position - m), 0.0f) * steps[m]);
+        sum += FLOATS_OF(maps + m * WIDTH) * (fmax(1.0f - fabs(position - m), 0.0f) * steps[m]);
     return sum;
 }
 
-// triangles: of each texel of a tile of `width` texels a side, from texel (row, column) of a level
-// of `side` texels. codes, steps, directions, r_max, exponents, merge: as in blend.cl, weights.cl.
-__kernel void blend_smooth(__global const int *triangles, __global const CODE *codes,
-                           __global const float *steps, __global const float2 *directions,
-                           float r_max, float2 exponents, float2 merge, int texels, int width,
-                           int side, int row, int column, __global const float *corners,
-                           __global const int *vertices, __global const float8 *fields, int none,
-                           float limit, __global float *out)
+// firsts, members, codes, steps, merge: as in blend.cl, of a tile of `width` texels a side, from texel
+// (row, column) of a level of `side` texels on. directions, r_max, exponents: as in weights.cl.
+__kernel void blend_smooth(__global const int *firsts, __global const int2 *members,
+                           __global const CODE *codes, __global const float *steps,
+                           __global const float2 *directions, float r_max, float2 exponents,
+                           float2 merge, int width, int side, int row, int column,
+                           __global const float *corners, __global const int *vertices,
+                           __global const float8 *fields, int none, float limit, __global float *out)
 {
-    int at = get_global_id(0) * WIDTH;
+    int i = get_global_id(0), at = i * WIDTH;
     float16 x = (columns(at, width) + (column + 0.5f)) / side;
     float16 y = (side - row - 0.5f - rows(at, width)) / side;
-    principal_t p =
-        principal(fields_at(triangles + at, x, y, corners, vertices, fields, none), limit);
+    field_t field = fields_at(members + firsts[i], members + firsts[i + 1], x, y, corners, vertices,
+                              fields, none);
+    principal_t p = principal(field, limit);
+    codes += (size_t)i * (LAYERS * PARTS * SAMPLES * WIDTH);
     float16 heights = 0.0f, valleys = 1.0f, bulges = 1.0f;
     for (int n = 0; n < LAYERS; n++) {
         float16 r = n < ORIENTED ? across(directions[n], p) : 0.5f * (p.log1 + p.log2);
         float16 share = clamp(r * (1.0f / r_max), -1.0f, 1.0f);
         float16 position = (share + 1.0f) * (0.5f * (SAMPLES - 1));
         float16 depth = depth_scale(r, n < LAYERS - 1 ? exponents.x : exponents.y);
-        __global const CODE *maps = codes + n * PARTS * SAMPLES * texels + at;
-        float16 d = depth * between(maps, texels, position, steps + n * SAMPLES);
+        __global const CODE *maps = codes + n * PARTS * SAMPLES * WIDTH;
+        float16 d = depth * between(maps, position, steps + n * SAMPLES);
 #if PARTS == 1
         heights = n == 0 ? d : min(heights, d);
 #else
         valleys += grown(-d, merge);
-        bulges += grown(depth * between(maps + SAMPLES * texels, texels, position, steps + n * SAMPLES), merge);
+        bulges += grown(depth * between(maps + SAMPLES * WIDTH, position, steps + n * SAMPLES), merge);
 #endif
     }
 #if PARTS != 1

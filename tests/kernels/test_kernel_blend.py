@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 import rhytid_kernels
 from kernels.one_line import run, vector
 from reference.drawing import mellow_max
+from rhytid.pipeline.vectors import VectorTriangles
 
 WIDTH = 16
 TEXELS = 64 * WIDTH
@@ -47,10 +48,18 @@ def blended(device, triangle, maps):
     bits = 8 * maps.codes.itemsize
     options = [f"-DCODE={C_TYPES[bits]}", f"-DCODE_BITS={bits}", f"-DPARTS={parts}"]
     options += [f"-DLAYERS={layers}", f"-DSAMPLES={samples}"]
-    merge = vector(maps.depth, maps.sharpness)
-    arguments = [triangle, maps.codes, maps.weights, maps.steps, merge, np.int32(TEXELS)]
+    arguments = [*placed(device, triangle, maps.codes), maps.weights, maps.steps]
+    arguments.append(vector(maps.depth, maps.sharpness))
     text, out = rhytid_kernels.source("blend"), np.zeros(TEXELS, np.float32)
     return run(device, text, "blend", (TEXELS // WIDTH,), arguments, out, options)
+
+
+def placed(device, triangle, codes):
+    """Triangles of the vectors, and codes (L, parts, M, P) as they lie in memory."""
+    found = VectorTriangles.of(device, device.upload(triangle.astype(np.int32)), TEXELS)
+    firsts = device.read(found.firsts, (TEXELS // WIDTH + 1,), np.int32)
+    members = device.read(found.members, (firsts[-1], 2), np.int32)
+    return firsts, members, np.moveaxis(codes.reshape(-1, TEXELS // WIDTH, WIDTH), 0, 1)
 
 
 def wanted(triangle, maps):
@@ -143,8 +152,8 @@ def test_nothing_behind_the_last_sample_is_read(device, parts):
     plain = blended(device, triangle, made)
     behind = made._replace(steps=np.append(made.steps, np.float32("nan"))[None])
     options = ["-DCODE=char", "-DCODE_BITS=8", "-DLAYERS=1", "-DSAMPLES=3", f"-DPARTS={parts}"]
-    merge, count = vector(1.0, 20.0), np.int32(TEXELS)
-    arguments = [triangle, behind.codes, behind.weights, behind.steps, merge, count]
+    arguments = [*placed(device, triangle, behind.codes), behind.weights, behind.steps]
+    arguments.append(vector(1.0, 20.0))
     text, out = rhytid_kernels.source("blend"), np.zeros(TEXELS, np.float32)
     found = run(device, text, "blend", (TEXELS // WIDTH,), arguments, out, options)
     np.testing.assert_array_equal(found, plain)

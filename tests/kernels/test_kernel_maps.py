@@ -7,17 +7,20 @@ import pytest
 
 import rhytid_kernels
 from kernels.one_line import run
+from rhytid.pipeline.vectors import VECTOR
 
 C_TYPES = {8: "char", 16: "short"}
 
 
-def quantised(device, heights, step, bits, first=0):
-    limit = 2 ** (bits - 1) - 1
-    out = np.full(first + len(heights), 77, f"i{bits // 8}")
-    options = [f"-DCODE={C_TYPES[bits]}", f"-DCODE_LIMIT={limit}"]
-    arguments = [heights, np.float32(step), np.int32(first)]
+def quantised(device, heights, step, bits, maps=1, index=0):
+    """Codes of one of some maps, (P,) or all that is in memory where there are more."""
+    limit, vectors = 2 ** (bits - 1) - 1, -(-len(heights) // VECTOR)
+    out = np.full((vectors, maps, VECTOR), 77, f"i{bits // 8}")
+    options = [f"-DCODE={C_TYPES[bits]}", f"-DCODE_LIMIT={limit}", f"-DMAPS={maps}"]
+    arguments = [heights, np.float32(step), np.int32(index)]
     text = rhytid_kernels.source("quantise")
-    return run(device, text, "quantise", (len(heights),), arguments, out, options)
+    found = run(device, text, "quantise", (len(heights),), arguments, out, options)
+    return found.ravel()[: len(heights)] if maps == 1 else found
 
 
 @pytest.mark.parametrize("bits", [8, 16])
@@ -41,9 +44,11 @@ def test_codes_are_symmetric_saturate_and_keep_nothing_as_nothing(device, bits):
     np.testing.assert_array_equal(found, [0, 0, limit, -limit, limit, -limit])
 
 
-def test_codes_go_behind_those_that_are_there(device):
-    found = quantised(device, np.array([2.0, -3.0], np.float32), 1.0, 8, first=5)
-    np.testing.assert_array_equal(found, [77] * 5 + [2, -3])
+def test_codes_of_a_map_lie_beside_those_of_the_others(device):
+    heights = np.arange(2 * VECTOR + 3, dtype=np.float32)
+    wanted = np.full((3, 5, VECTOR), 77)
+    wanted[:, 2] = np.append(heights, [77] * (VECTOR - 3)).reshape(3, VECTOR)
+    np.testing.assert_array_equal(quantised(device, heights, 1.0, 8, maps=5, index=2), wanted)
 
 
 @pytest.mark.parametrize("side", [2, 8, 64])

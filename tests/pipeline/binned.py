@@ -13,8 +13,17 @@ from rhytid.domain.tiles import udim_origin
 from rhytid.pipeline.bins import BinMaker, parts
 from rhytid.pipeline.blend import Blend
 from rhytid.pipeline.locate import UdimTriangles
+from rhytid.pipeline.vectors import VECTOR
 
 TILE = 64
+
+
+def stored_codes(device, tile, bins):
+    """(N + 1, parts, M, P) codes of a tile, signed as they are stored."""
+    count = (bins.count + 1) * len(parts(bins)) * bins.samples
+    shape = (tile.texels // VECTOR, count, VECTOR)
+    codes = device.read(tile.codes, shape, f"i{bins.bits // 8}").swapaxes(0, 1)
+    return codes.reshape(bins.count + 1, len(parts(bins)), bins.samples, tile.texels)
 
 
 class BinnedScene(Scene):
@@ -31,8 +40,7 @@ class BinnedScene(Scene):
     def codes(self, tile=None, side=TILE):
         """(N + 1, M, sides, P) as the reference has them: apart, valleys are positive too."""
         tile, bins = tile or self.tile, self.settings.bins
-        shape = (bins.count + 1, len(parts(bins)), bins.samples, tile.texels)
-        stored = self.device.read(tile.codes, shape, f"i{bins.bits // 8}")
+        stored = stored_codes(self.device, tile, bins)
         apart = [-1, 1] if bins.merge == "mellow" else [1]
         signs = np.array(apart, stored.dtype)[:, None, None]
         return np.swapaxes(stored * signs, 1, 2)[..., : side * side]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from meshes import bumpy_grid, deform, rotate_translate
-from pipeline.binned import BinnedScene
+from pipeline.binned import BinnedScene, stored_codes
 from pipeline.scenes import DEPTH, random_graph, settings_of, sheet
 from pipeline.smooth_scenes import (
     LIMIT,
@@ -118,8 +118,7 @@ class SmoothBinned(BinnedScene, SmoothScene):
         logs, axes = reference_sample(self.mesh, positions, model, self.points, index)
         r = reference.layer_stretch(logs, axes, bins.count)
         sides = 2 if bins.merge == "mellow" else 1
-        shape = (bins.count + 1, sides, bins.samples, len(self.points))
-        codes = self.device.read(self.tile.codes, shape, f"i{bins.bits // 8}").astype(np.int64)
+        codes = stored_codes(self.device, self.tile, bins).astype(np.int64)
         codes[:, 0] *= -1 if sides == 2 else 1  # the reference counts valleys downwards
         layers = [np.moveaxis(maps, 0, 1) for maps in codes]
         return (

@@ -18,7 +18,7 @@ from rhytid.domain.tiles import TileAddress, mesh_udims
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
 from rhytid.engine.messages import MapQuery
 from rhytid.errors import NotFoundError
-from rhytid.pipeline.bins import VECTOR, BinMaker, BinTile, parts
+from rhytid.pipeline.bins import BinMaker, BinTile, map_count
 from rhytid.pipeline.blend import Blend
 from rhytid.pipeline.convolve import Convolve, NeutralTile
 from rhytid.pipeline.elements import (
@@ -35,6 +35,7 @@ from rhytid.pipeline.redraw import ScaleBuffers, redrawing, respond
 from rhytid.pipeline.smooth import SmoothFields, SmoothStage, respond_smooth
 from rhytid.pipeline.stretch import StretchStage
 from rhytid.pipeline.stretch_buffers import StretchBuffers
+from rhytid.pipeline.vectors import BYTES_A_TEXEL, VECTOR
 
 _Kept = TypeVar("_Kept", bound=Releasable)
 Prepared = dict[int, tuple[WrinkleArrays, PoreArrays]]
@@ -168,15 +169,15 @@ class ResidentAsset:
         """Codes (n, n) of one precomputed map; `index` counts samples within layers."""
         texels = self.settings.grid.texels(address.level)
         dtype = np.dtype(f"i{self.settings.bins.bits // 8}")
-        size = max(texels * texels, VECTOR)
-        codes = self._device.read(self.bin_tile(address).codes, ((index + 1) * size,), dtype)
-        return codes[-size:][: texels * texels].reshape(texels, texels)
+        tile, maps = self.bin_tile(address), map_count(self.settings.bins)
+        codes = self._device.read(tile.codes, (tile.texels // VECTOR, maps, VECTOR), dtype)
+        return codes[:, index].ravel()[: texels * texels].reshape(texels, texels)
 
     def bins_size(self) -> int:
         """Bytes that the level-0 maps of every UDIM need."""
         bins = self.settings.bins
-        codes = (bins.count + 1) * len(parts(bins)) * bins.samples * bins.bits // 8
-        return len(self._located) * self.settings.resolution**2 * (codes + 4)
+        texels = len(self._located) * self.settings.resolution**2
+        return texels * (map_count(bins) * bins.bits // 8 + BYTES_A_TEXEL)
 
     def release(self) -> None:
         """Give everything back; every later call raises NotFoundError."""

@@ -15,11 +15,10 @@ from rhytid.pipeline.elements import SCALE_LIMIT, UdimElements
 from rhytid.pipeline.levels import Draw, render
 from rhytid.pipeline.locate import UdimTriangles
 from rhytid.pipeline.redraw import launch_blocks
+from rhytid.pipeline.vectors import VECTOR, VectorTriangles
 
 # What bulges and overlaps may add to the deepest furrow, in units of depth.
 HEADROOM = 0.2
-# A vector of the blend kernel: the smallest levels are padded to it.
-VECTOR = 16
 # The C type of a code, by its bits.
 CODES = {8: "char", 16: "short"}
 
@@ -70,6 +69,11 @@ def layers(bins: BinSettings) -> dict[str, tuple[int, ...]]:
     return found
 
 
+def map_count(bins: BinSettings) -> int:
+    """How many maps a tile has: layers x parts x samples."""
+    return (bins.count + 1) * len(parts(bins)) * bins.samples
+
+
 def code_limit(bits: int) -> int:
     """The largest code of a symmetric quantisation."""
     return int(2 ** (bits - 1) - 1)
@@ -90,11 +94,12 @@ def quantisation_steps(settings: AssetSettings) -> NDArray[np.float32]:
 
 @dataclass(frozen=True)
 class BinTile:
-    """One tile of every precomputed map: texels² codes a map, padded to a vector, and the
-    triangle of each texel. codes: (N + 1) layers x parts x M samples.
+    """One tile of every precomputed map, padded to a vector, and the triangles of its texels.
+
+    codes: (texels / VECTOR, maps, VECTOR), maps being M samples within parts within N + 1 layers.
     place: texels a side of the tile and of its level, row and column of its first texel."""
 
-    triangles: Buffer
+    triangles: VectorTriangles
     codes: Buffer
     texels: int
     place: tuple[np.int32, np.int32, np.int32, np.int32]
@@ -133,20 +138,24 @@ class BinMaker:
         for index, (layer, part, sample) in enumerate(maps):
             draw = self._draw(layer, part, sample)
             heights = render(self._device, draw, level, row, column, texels)
-            self._quantise(heights, texels * texels, layer, sample, index * size, codes)
+            self._quantise(heights, texels * texels, self._steps[layer, sample], index, codes)
             heights.release()
         side = self._settings.resolution >> level
         place = (np.int32(texels), np.int32(side), np.int32(row), np.int32(column))
-        return BinTile(self._located.texels(side, row, column, texels), codes, size, place)
+        triangles = self._located.texels(side, row, column, texels)
+        vectors = VectorTriangles.of(self._device, triangles, size)
+        triangles.release()
+        return BinTile(vectors, codes, size, place)
 
     def _quantise(
-        self, heights: Buffer, count: int, layer: int, sample: int, first: int, codes: Buffer
+        self, heights: Buffer, count: int, step: np.float32, index: int, codes: Buffer
     ) -> None:
-        bits = self._settings.bins.bits
+        bins = self._settings.bins
         self._device.launch(
             "quantise", "quantise", (count,),
-            heights, self._steps[layer, sample], np.int32(first), codes,
-            defines={"CODE": CODES[bits], "CODE_LIMIT": code_limit(bits)},
+            heights, step, np.int32(index), codes,
+            defines={"CODE": CODES[bins.bits], "CODE_LIMIT": code_limit(bins.bits),
+                     "MAPS": map_count(bins)},
         )  # fmt: skip
         self._device.finish()
 

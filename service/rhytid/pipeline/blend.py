@@ -7,11 +7,12 @@ import numpy as np
 
 from rhytid.device.runtime import Buffer, Device
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.pipeline.bins import CODES, VECTOR, BinTile, directions, parts, quantisation_steps
+from rhytid.pipeline.bins import CODES, BinTile, directions, parts, quantisation_steps
 from rhytid.pipeline.elements import RESPONSE_DEFINES
 from rhytid.pipeline.locate import UdimTriangles
 from rhytid.pipeline.smooth import SmoothFields
 from rhytid.pipeline.stretch_buffers import StretchBuffers
+from rhytid.pipeline.vectors import VECTOR
 
 
 class Blend:
@@ -55,8 +56,8 @@ class Blend:
         out = self._device.empty(maps.texels, np.float32)
         self._device.launch(
             "blend", "blend", (maps.texels // VECTOR,),
-            maps.triangles, maps.codes, weights, self._steps, self._merge,
-            np.int32(maps.texels), out,
+            maps.triangles.firsts, maps.triangles.members, maps.codes,
+            weights, self._steps, self._merge, out,
             defines={**self._layers, **self._codes},
         )  # fmt: skip
         return out
@@ -66,8 +67,8 @@ class Blend:
         out = self._device.empty(maps.texels, np.float32)
         self._device.launch(
             "blend_smooth", "blend_smooth", (maps.texels // VECTOR,),
-            maps.triangles, maps.codes, self._steps, self._directions,
-            np.float32(self._bins.r_max), self._exponents, self._merge, np.int32(maps.texels),
+            maps.triangles.firsts, maps.triangles.members, maps.codes, self._steps,
+            self._directions, np.float32(self._bins.r_max), self._exponents, self._merge,
             *maps.place, *fields.arguments(located), out,
             defines={**self._layers, **RESPONSE_DEFINES, **self._oriented, **self._codes},
         )  # fmt: skip

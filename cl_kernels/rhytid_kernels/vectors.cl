@@ -1,0 +1,33 @@
+// Which triangles the texels of each vector lie in, so that a frame need not compare texel by texel.
+#include "vectors.clh"
+
+// The texels of a vector that lie in the triangle of texel `first`, as bits.
+inline int alike(__global const int *triangles, int first)
+{
+    int texels = 0;
+    for (int lane = 0; lane < WIDTH; lane++)
+        texels |= (triangles[lane] == triangles[first]) << lane;
+    return texels;
+}
+
+// counts: how many triangles each vector has.
+__kernel void count_triangles(__global const int *triangles, __global int *counts)
+{
+    int i = get_global_id(0), count = 0;
+    for (int left = (1 << WIDTH) - 1; left; count++)
+        left &= ~alike(triangles + i * WIDTH, 31 - clz(left));
+    counts[i] = count;
+}
+
+// members: the triangles of vector i from firsts[i] on.
+__kernel void list_triangles(__global const int *triangles, __global const int *firsts,
+                             __global int2 *members)
+{
+    int i = get_global_id(0), at = firsts[i];
+    triangles += i * WIDTH;
+    for (int left = (1 << WIDTH) - 1; left; at++) {
+        int lane = 31 - clz(left), texels = alike(triangles, lane);
+        members[at] = (int2)(triangles[lane], texels);
+        left &= ~texels;
+    }
+}

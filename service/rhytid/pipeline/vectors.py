@@ -1,0 +1,51 @@
+"""Which triangles the texels of each vector of a tile lie in. Kernel: vectors.cl.
+
+Texture coordinates never move, so this is found once a tile; a frame then blends each vector once
+for each of its triangles.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rhytid.device.runtime import Buffer, Device
+
+# Texels that the blend kernels take at once: the smallest levels are padded to it.
+VECTOR = 16
+# About what the triangles of a map take where they are many texels wide.
+BYTES_A_TEXEL = 1
+
+
+@dataclass(frozen=True)
+class VectorTriangles:
+    """firsts (V + 1,) int32: where the members of a vector begin.  members (K, 2) int32: a
+    triangle and the texels of the vector that lie in it, as bits."""
+
+    firsts: Buffer
+    members: Buffer
+
+    @classmethod
+    def of(cls, device: Device, triangles: Buffer, texels: int) -> VectorTriangles:
+        """From the int32 triangle of each of `texels` texels, a multiple of VECTOR."""
+        count = texels // VECTOR
+        counts = device.empty(count, np.int32)
+        device.launch("vectors", "count_triangles", (count,), triangles, counts)
+        ends = np.cumsum(device.read(counts, (count,), np.int32), dtype=np.int32)
+        counts.release()
+        found = cls(
+            device.upload(np.append(np.int32(0), ends)), device.empty(2 * int(ends[-1]), np.int32)
+        )
+        device.launch("vectors", "list_triangles", (count,), triangles, found.firsts, found.members)
+        return found
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes on the device."""
+        return self.firsts.nbytes + self.members.nbytes
+
+    def release(self) -> None:
+        """Give the memory back."""
+        self.firsts.release()
+        self.members.release()
