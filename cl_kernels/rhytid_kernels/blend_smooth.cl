@@ -1,13 +1,12 @@
 // As blend.cl with smooth sampling: every texel has a stretch of its own (Alg. 3, lines 2 to 14).
 // A vector of texels a work-item.
-#include "merge.clh"
-#include "response.clh"
-#include "vectors.clh"
+#include "texel_blend.clh"
 
 #define REAL float16
 #define MASK int16
 #define ANY(mask) any(mask)
 #include "smooth.clh"
+#include "surface.clh"
 
 // Places of texels at, at + 1, ... of a tile of `width` texels a side, a power of two.
 inline float16 columns(int at, int width)
@@ -45,76 +44,36 @@ inline field_t fields_at(__global const int2 *first, __global const int2 *end, f
     return found;
 }
 
-inline float16 difference(float2 theta, float16 u, float16 v) // 1 - |theta . s|
-{
-    return fmax(1.0f - fabs(theta.x * u + theta.y * v), 0.0f);
-}
-
-// Alg. 1, lines 4 and 5, for wrinkles along theta.
-inline float16 across(float2 theta, principal_t p)
-{
-    float16 d1 = difference(theta, p.u1, p.v1), d2 = difference(theta, p.u2, p.v2);
-    return (d1 * p.log1 + d2 * p.log2) / (d1 + d2 + EPSILON);
-}
-
-inline float16 depth_scale(float16 r, float exponent) // as scales_of; exponent 0 gives 1
-{
-    if (exponent == 0.0f)
-        return 1.0f;
-    return clamp(exp(-exponent * r), 1.0f / SCALE_LIMIT, SCALE_LIMIT);
-}
-
-inline float least(float16 x)
-{
-    float8 a = fmin(x.lo, x.hi);
-    float4 b = fmin(a.lo, a.hi);
-    float2 c = fmin(b.lo, b.hi);
-    return fmin(c.x, c.y);
-}
-
-// Linear between the two samples around each position. Only those that a texel needs are read.
-inline float16 between(__global const CODE *maps, float16 position, __global const float *steps)
-{
-    int first = (int)least(position), last = (int)ceil(-least(-position));
-    float16 sum = 0.0f;
-    for (int m = first; m <= last; m++)
-        sum += FLOATS_OF(maps + m * WIDTH) * (fmax(1.0f - fabs(position - m), 0.0f) * steps[m]);
-    return sum;
-}
-
 // firsts, members, codes, steps, merge: as in blend.cl, of a tile of `width` texels a side, from texel
 // (row, column) of a level of `side` texels on. directions, r_max, exponents: as in weights.cl.
+// neutral: fields of the neutral for angles on the surface, NULL for angles in UV. stiffness: of each
+// texel, or NULL.
 __kernel void blend_smooth(__global const int *firsts, __global const int2 *members,
                            __global const CODE *codes, __global const float *steps,
                            __global const float2 *directions, float r_max, float2 exponents,
                            float2 merge, int width, int side, int row, int column,
                            __global const float *corners, __global const int *vertices,
-                           __global const float8 *fields, int none, float limit, __global float *out)
+                           __global const float8 *fields, int none, float limit,
+                           __global const float8 *neutral, __global const float *stiffness,
+                           __global float *out)
 {
     int i = get_global_id(0), at = i * WIDTH;
     float16 x = (columns(at, width) + (column + 0.5f)) / side;
     float16 y = (side - row - 0.5f - rows(at, width)) / side;
-    field_t field = fields_at(members + firsts[i], members + firsts[i + 1], x, y, corners, vertices,
-                              fields, none);
-    principal_t p = principal(field, limit);
-    codes += (size_t)i * (LAYERS * PARTS * SAMPLES * WIDTH);
-    float16 heights = 0.0f, valleys = 1.0f, bulges = 1.0f;
+    __global const int2 *first = members + firsts[i], *end = members + firsts[i + 1];
+    principal_t p = principal(fields_at(first, end, x, y, corners, vertices, fields, none), limit);
+    form_t metric = unstretched().metric;
+    if (neutral)
+        metric = fields_at(first, end, x, y, corners, vertices, neutral, none).metric;
+    float16 stiff = stiffness ? vload16(0, stiffness + at) : (float16)(1.0f);
+    codes += (size_t)i * VECTOR_CODES;
+    blend_t blend = {steps, r_max, exponents, merge};
+    merged_t sum = NOTHING_MERGED;
     for (int n = 0; n < LAYERS; n++) {
-        float16 r = n < ORIENTED ? across(directions[n], p) : 0.5f * (p.log1 + p.log2);
-        float16 share = clamp(r * (1.0f / r_max), -1.0f, 1.0f);
-        float16 position = (share + 1.0f) * (0.5f * (SAMPLES - 1));
-        float16 depth = depth_scale(r, n < LAYERS - 1 ? exponents.x : exponents.y);
-        __global const CODE *maps = codes + n * PARTS * SAMPLES * WIDTH;
-        float16 d = depth * between(maps, position, steps + n * SAMPLES);
-#if PARTS == 1
-        heights = n == 0 ? d : min(heights, d);
-#else
-        valleys += grown(-d, merge);
-        bulges += grown(depth * between(maps + SAMPLES * WIDTH, position, steps + n * SAMPLES), merge);
-#endif
+        float16 r = 0.5f * (p.log1 + p.log2);
+        if (n < ORIENTED)
+            r = neutral ? across_surface(directions[n], p, metric) : across(directions[n], p);
+        merge_layer(&sum, n, stiff * r, codes, blend);
     }
-#if PARTS != 1
-    heights = log(bulges / valleys) * (merge.x / merge.y);
-#endif
-    vstore16(heights, 0, out + at);
+    vstore16(merged(sum, blend), 0, out + at);
 }

@@ -6,6 +6,7 @@
 #include "clamped_log.clh"
 #include "response.clh"
 #include "smooth.clh"
+#include "surface.clh"
 
 inline float8 field_of(float3 metric, float3 log_stretch)
 {
@@ -66,11 +67,13 @@ __kernel void tension_fields(__global const int *vertex, __global const float *t
 }
 
 // As respond.cl, with the stretch at the wrinkle's middle in the triangle that it samples.
-// texels: a side of level 0, the unit of segments. scales: (sigma_w, sigma_d).
+// texels: a side of level 0, the unit of segments. neutral: fields of the neutral for angles on the
+// surface, NULL for angles in UV. stiffness: of each wrinkle, or NULL. scales: (sigma_w, sigma_d).
 __kernel void respond_smooth_wrinkles(__global const float4 *segments, __global const int *triangle,
                                       float texels, __global const float *corners,
                                       __global const int *vertices, __global const float8 *fields,
-                                      int none, float limit, float width_exponent,
+                                      int none, float limit, __global const float8 *neutral,
+                                      __global const float *stiffness, float width_exponent,
                                       float depth_exponent, __global float2 *scales)
 {
     int i = get_global_id(0);
@@ -78,9 +81,13 @@ __kernel void respond_smooth_wrinkles(__global const float4 *segments, __global 
     float2 middle = (s.xy + 0.5f * s.zw) / texels;
     principal_t p = principal(
         field_at(triangle[i], 1, middle.x, middle.y, corners, vertices, fields, none), limit);
-    float r = log_stretch_across(normalize(s.zw), (float4)(p.u1, p.v1, p.u2, p.v2),
-                                 (float2)(p.log1, p.log2));
-    scales_t found = scales_of(r, width_exponent, depth_exponent);
+    float2 theta = normalize(s.zw);
+    float r = across(theta, p);
+    if (neutral) {
+        field_t at = field_at(triangle[i], 1, middle.x, middle.y, corners, vertices, neutral, none);
+        r = across_surface(theta, p, at.metric);
+    }
+    scales_t found = scales_of(stiffened(r, stiffness, i), width_exponent, depth_exponent);
     scales[i] = (float2)(found.width, found.depth);
 }
 
@@ -88,14 +95,15 @@ __kernel void respond_smooth_wrinkles(__global const float4 *segments, __global 
 __kernel void respond_smooth_pores(__global const float2 *centres, __global const int *triangle,
                                    float texels, __global const float *corners,
                                    __global const int *vertices, __global const float8 *fields,
-                                   int none, float limit, float width_exponent,
-                                   float depth_exponent, __global float2 *scales)
+                                   int none, float limit, __global const float *stiffness,
+                                   float width_exponent, float depth_exponent,
+                                   __global float2 *scales)
 {
     int i = get_global_id(0);
     float2 centre = centres[i] / texels;
     principal_t p = principal(
         field_at(triangle[i], 1, centre.x, centre.y, corners, vertices, fields, none), limit);
     float r = mean_log_stretch((float2)(p.log1, p.log2));
-    scales_t found = scales_of(r, width_exponent, depth_exponent);
+    scales_t found = scales_of(stiffened(r, stiffness, i), width_exponent, depth_exponent);
     scales[i] = (float2)(found.width, found.depth);
 }

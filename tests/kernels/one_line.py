@@ -59,7 +59,7 @@ def run(
     group: tuple[int, ...] | None = None,
 ) -> NDArray[Any]:
     """Launch a kernel of `text`, its helpers put in; arrays are uploaded, numpy scalars are passed
-    as they are, and `out`, the last argument, comes back as the kernel left it."""
+    as they are (None is NULL), and `out`, the last argument, comes back as the kernel left it."""
     compiled = _kernel(device, text, kernel, tuple(options))
     queue = cl.CommandQueue(device.context)
     flags = cl.mem_flags.READ_WRITE | cl.mem_flags.COPY_HOST_PTR

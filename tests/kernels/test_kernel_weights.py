@@ -33,7 +33,8 @@ def weights(device, axes, logs, bins, exponents=(0.0, 0.0)):
     directions = reference.directions(bins.count).astype(np.float32)
     options = [f"-DLAYERS={layers}", f"-DSAMPLES={bins.samples}", f"-DORIENTED={oriented}"]
     options += [f"-D{name}={value}" for name, value in RESPONSE_DEFINES.items()]
-    arguments = [axes, logs, directions, np.float32(bins.r_max), vector(*exponents)]
+    in_uv = None
+    arguments = [axes, logs, in_uv, directions, np.float32(bins.r_max), vector(*exponents)]
     text, out = rhytid_kernels.source("weights"), np.zeros((COUNT, layers, 2), np.float32)
     found = run(device, text, "sample_weights", (COUNT,), arguments, out, options)
     return found[..., 0], found[..., 1]

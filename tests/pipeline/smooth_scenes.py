@@ -86,6 +86,7 @@ class Points:
         self.segments = device.upload(segments.astype(np.float32))
         self.centres = device.upload(centres.astype(np.float32))
         self.wrinkle_triangle = self.pore_triangle = device.upload(triangle)
+        self.wrinkle_stiffness = self.pore_stiffness = None
 
 
 class SmoothScene(Scene):

@@ -95,7 +95,7 @@ class AssetSettings:
     tile_size: int = power_of_two(512, 64, 4096)
     depth: float | None = number(None, 1e-30, 1e30)
     padding: int = whole(16, 0, 64)
-    angles: str = choice("uv", "uv")
+    angles: str = choice("uv", "uv", "surface")
     preset: str = choice("paper", *PRESETS)
     graph: GraphSettings = field(default_factory=GraphSettings)
     response: ResponseSettings = field(default_factory=ResponseSettings)

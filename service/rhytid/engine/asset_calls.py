@@ -23,7 +23,7 @@ from rhytid.pipeline.stretch import r_max_of
 from rhytid.storage.contents import asset_id
 
 # What can change without synthesising or looking up anything again.
-CHANGEABLE = ("depth", "response", "shape", "bins", "convolve")
+CHANGEABLE = ("depth", "angles", "response", "shape", "bins", "convolve")
 
 
 class AssetCalls(AssetArrivals):
@@ -33,15 +33,18 @@ class AssetCalls(AssetArrivals):
         """Take a mesh in; the build runs as a job. The same content again: the same asset.
 
         Raises GraphError where a given graph does not fit the mesh, MeshError where the mesh has
-        no UV inside the range of UDIMs.
+        no UV inside the range of UDIMs, InputError where a stiffness map is of a UDIM without mesh.
         """
         if new.graph is not None:
             check_triangles(new.graph, len(new.mesh.faces))
-        if not mesh_udims(new.mesh):
+        udims = mesh_udims(new.mesh)
+        if not udims:
             raise MeshError("no triangle lies in a UDIM: u goes from 0 to 10, v from 0 up")
+        if new.stiffness is not None:
+            new.stiffness.check_udims(udims)
         sent = () if new.frames is None else new.frames
         frames = [check_positions(positions, len(new.mesh.positions)) for positions in sent]
-        id = asset_id(new.mesh, new.settings, new.graph)
+        id = asset_id(new.mesh, new.settings, new.graph, new.stiffness)
         with self._assets.changing:
             asset = self._assets.find(id)
             if asset is None or asset.state == "failed":
@@ -59,7 +62,7 @@ class AssetCalls(AssetArrivals):
         return self._assets.get(asset).info()
 
     def change_asset(self, asset: str, changes: Mapping[str, Any]) -> AssetInfo:
-        """Change response, shape, depth, bins or convolve; tiles and their keys change.
+        """Change response, shape, depth, angles, bins or convolve; tiles and their keys change.
 
         `depth` or `convolve.sigma` null means the default again. Raises SettingsError for what
         cannot be changed.

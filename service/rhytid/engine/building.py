@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 from typing import Any, TypeVar
 
 from rhytid.device.runtime import Device
@@ -16,6 +17,7 @@ from rhytid.engine.resident import ResidentAsset
 from rhytid.engine.spacing import mean_spacing
 from rhytid.engine.worker import DeviceWorker
 from rhytid.errors import CancelledError, GraphError, NotFoundError, RhytidError
+from rhytid.storage.records import StoredAsset, StoredRequest
 from rhytid.storage.store import AssetStore
 from rhytid.synthesis.generate import synthesize
 
@@ -41,14 +43,16 @@ class Builder:
         with self._failing(job, asset):
             wanted = self._store.request(asset.id)
             graph, spacing = _graph(job, wanted.mesh, wanted.settings, wanted.graph)
-            with self._placed(job, wanted.mesh, graph, wanted.settings) as resident:
+            with self._placed(job, wanted, graph, wanted.settings) as resident:
                 if spacing is None:
                     spacing = mean_spacing(wanted.mesh, graph, resident.pore_triangle)
                 settings = wanted.settings.resolved(spacing)
                 job.progress(_SYNTHESIS, "storing")
                 with self._still_known(asset):
                     facts = {"spacing": spacing}
-                    self._store.put_asset(asset.id, wanted.mesh, graph, settings, facts)
+                    self._store.put_asset(
+                        asset.id, wanted.mesh, graph, settings, facts, wanted.stiffness
+                    )
                 asset.spacing = spacing
                 self._finish(job, asset, resident, graph, settings)
         self.make_bins(job, asset, _UPLOAD)
@@ -57,7 +61,7 @@ class Builder:
         """Bring a stored asset to the device."""
         with self._failing(job, asset):
             stored = self._store.asset(asset.id)
-            with self._placed(job, stored.mesh, stored.graph, asset.settings) as resident:
+            with self._placed(job, stored, stored.graph, asset.settings) as resident:
                 self._finish(job, asset, resident, stored.graph, asset.settings)
         self.make_bins(job, asset, _UPLOAD)
 
@@ -104,11 +108,16 @@ class Builder:
 
     @contextmanager
     def _placed(
-        self, job: Job, mesh: Mesh, graph: WrinkleGraph, settings: AssetSettings
+        self,
+        job: Job,
+        stored: StoredRequest | StoredAsset,
+        graph: WrinkleGraph,
+        settings: AssetSettings,
     ) -> Iterator[ResidentAsset]:
         """A mesh on the device, its elements located; given back where what follows fails."""
         job.progress(_SYNTHESIS, "placing pores and wrinkles")
-        resident = self.on_device(ResidentAsset, self._device, mesh, settings)
+        made = partial(ResidentAsset, self._device, stored.mesh, settings, stored.stiffness)
+        resident = self.on_device(made)
         try:
             self.on_device(resident.locate, graph)
             yield resident

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.stiffness import Stiffness
 from rhytid.errors import QueryError
 
 METHODS = ("neutral", "redraw", "binned", "convolved")
@@ -26,7 +27,8 @@ ENDED_STATES = ("done", "failed", "cancelled")
 
 @dataclass(frozen=True, eq=False)
 class NewAsset:
-    """A neutral mesh to build an asset from; `graph` absent means synthesise one.
+    """A neutral mesh to build an asset from; `graph` absent means synthesise one, `stiffness`
+    absent means 1 everywhere.
 
     `frames` are stored as frames 0000, 0001, … once the asset exists: (N, V, 3) float32.
     """
@@ -35,6 +37,7 @@ class NewAsset:
     settings: AssetSettings = field(default_factory=AssetSettings)
     graph: WrinkleGraph | None = None
     frames: NDArray[np.float32] | None = None
+    stiffness: Stiffness | None = None
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from rhytid.device.runtime import Buffer, Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.stiffness import Stiffness
 from rhytid.domain.tiles import TileAddress, mesh_udims
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
 from rhytid.engine.messages import MapQuery
@@ -33,6 +34,7 @@ from rhytid.pipeline.levels import Draw, render_to_host
 from rhytid.pipeline.locate import UdimTriangles, locate_points
 from rhytid.pipeline.redraw import ScaleBuffers, redrawing, respond
 from rhytid.pipeline.smooth import SmoothFields, SmoothStage, respond_smooth
+from rhytid.pipeline.stiffness import stiffness_of_elements
 from rhytid.pipeline.stretch import StretchStage
 from rhytid.pipeline.stretch_buffers import StretchBuffers
 from rhytid.pipeline.vectors import BYTES_A_TEXEL, VECTOR
@@ -48,8 +50,14 @@ class ResidentAsset:
     short; the rest stays until `release`.
     """
 
-    def __init__(self, device: Device, mesh: Mesh, settings: AssetSettings) -> None:
-        self._device, self._mesh = device, mesh
+    def __init__(
+        self,
+        device: Device,
+        mesh: Mesh,
+        settings: AssetSettings,
+        stiffness: Stiffness | None = None,
+    ) -> None:
+        self._device, self._mesh, self._stiffness = device, mesh, stiffness
         self.settings = settings
         self._stretch = StretchStage(device, mesh)
         self._smooth = SmoothStage(device, mesh)
@@ -60,7 +68,9 @@ class ResidentAsset:
         self._elements: dict[int, UdimElements] = {}
         self.pore_triangle = self._wrinkle_triangle = np.zeros(0, np.int32)
         self._blend: Blend | None = None
-        self._convolve = Convolve(device, mesh)
+        self._pore_stiffness: NDArray[np.float32] | None = None
+        self._wrinkle_stiffness: NDArray[np.float32] | None = None
+        self._convolve = Convolve(device, mesh, stiffness)
         self._released = False
 
     @property
@@ -75,15 +85,21 @@ class ResidentAsset:
 
     def locate(self, graph: WrinkleGraph) -> None:
         """Find the triangle that each pore and each wrinkle samples."""
-        self.pore_triangle = self._find(graph.node_uv, graph.node_triangle)
-        self._wrinkle_triangle = self._find(graph.centres(), graph.edge_triangle)
+        pores, wrinkles = graph.node_uv, graph.centres()
+        self.pore_triangle = self._find(pores, graph.node_triangle)
+        self._wrinkle_triangle = self._find(wrinkles, graph.edge_triangle)
+        of = partial(stiffness_of_elements, self._stiffness, self._mesh)
+        self._pore_stiffness = of(pores, self.pore_triangle)
+        self._wrinkle_stiffness = of(wrinkles, self._wrinkle_triangle)
 
     def prepare(self, graph: WrinkleGraph, settings: AssetSettings) -> Prepared:
         """The elements of each UDIM as they go to the device; host work, on any thread."""
         return {
             udim: (
-                wrinkle_arrays(graph, self._wrinkle_triangle, settings, udim),
-                pore_arrays(graph, self.pore_triangle, settings, udim),
+                wrinkle_arrays(
+                    graph, self._wrinkle_triangle, settings, udim, self._wrinkle_stiffness
+                ),
+                pore_arrays(graph, self.pore_triangle, settings, udim, self._pore_stiffness),
             )
             for udim in self._located
         }
@@ -150,12 +166,13 @@ class ResidentAsset:
     def blended(self, frame: Frame, query: MapQuery, address: TileAddress) -> NDArray[np.float32]:
         """One tile of `binned`; makes the tile's maps where they are not there."""
         assert self._blend is not None
-        blend, model = self._blend, query.stretch
+        blend, model, maps = self._blend, query.stretch, self.bin_tile(address)
         if query.sampling == "smooth":
-            fields = self._fields(frame, model)
-            out = blend.smooth_tile(self.bin_tile(address), fields, self._located[address.udim])
+            out = blend.smooth_tile(maps, self._fields(frame, model), self._located[address.udim])
+        elif maps.stiffness is not None:
+            out = blend.stiff_tile(maps, self._stretches(frame, model))
         else:
-            out = blend.tile(self.bin_tile(address), self._weights(frame, model))
+            out = blend.tile(maps, self._weights(frame, model))
         side = self.settings.grid.texels(address.level)
         result: NDArray[np.float32] = self._device.read(out, (side, side), np.float32)
         out.release()
@@ -177,7 +194,8 @@ class ResidentAsset:
         """Bytes that the level-0 maps of every UDIM need."""
         bins = self.settings.bins
         texels = len(self._located) * self.settings.resolution**2
-        return texels * (map_count(bins) * bins.bits // 8 + BYTES_A_TEXEL)
+        places = BYTES_A_TEXEL + (0 if self._stiffness is None else 4)
+        return texels * (map_count(bins) * bins.bits // 8 + places)
 
     def release(self) -> None:
         """Give everything back; every later call raises NotFoundError."""
@@ -203,11 +221,21 @@ class ResidentAsset:
             make=lambda: blend.weights(self._stretch_buffers(frame, model)),
         )  # fmt: skip
 
+    def _stretches(self, frame: Frame, model: str) -> Buffer:
+        assert self._blend is not None
+        blend = self._blend
+        return self._keep(
+            "stretches", model, frame.digest,
+            make=lambda: blend.stretches(self._stretch_buffers(frame, model)),
+        )  # fmt: skip
+
     def _fields(self, frame: Frame, model: str) -> SmoothFields:
         limit = self.settings.response.log_stretch_limit
         return self._keep(
             "fields", model, frame.digest,
-            make=lambda: self._smooth.run(self._stretch_buffers(frame, model), limit),
+            make=lambda: self._smooth.run(
+                self._stretch_buffers(frame, model), limit, self.settings.angles
+            ),
         )  # fmt: skip
 
     def _stretch_buffers(self, frame: Frame, model: str) -> StretchBuffers:
@@ -250,7 +278,7 @@ class ResidentAsset:
     def _make_bins(self, address: TileAddress) -> BinTile:
         texels = self.settings.grid.texels(address.level)
         elements, located = self._elements[address.udim], self._located[address.udim]
-        maker = BinMaker(self._device, elements, located, self.settings)
+        maker = BinMaker(self._device, elements, located, self.settings, self._stiffness)
         row, column = address.row * texels, address.column * texels
         return maker.tile(address.level, row, column, texels)
 

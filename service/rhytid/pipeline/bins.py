@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 
 from rhytid.device.runtime import Buffer, Device
 from rhytid.domain.asset_settings import AssetSettings, BinSettings
+from rhytid.domain.stiffness import Stiffness
 from rhytid.pipeline.elements import SCALE_LIMIT, UdimElements
 from rhytid.pipeline.levels import Draw, render
 from rhytid.pipeline.locate import UdimTriangles
 from rhytid.pipeline.redraw import launch_blocks
+from rhytid.pipeline.stiffness import stiffness_of_texels
 from rhytid.pipeline.vectors import VECTOR, VectorTriangles
 
 # What bulges and overlaps may add to the deepest furrow, in units of depth.
@@ -97,22 +99,29 @@ class BinTile:
     """One tile of every precomputed map, padded to a vector, and the triangles of its texels.
 
     codes: (texels / VECTOR, maps, VECTOR), maps being M samples within parts within N + 1 layers.
+    stiffness: float32 of each texel, or None: 1 throughout.
     place: texels a side of the tile and of its level, row and column of its first texel."""
 
     triangles: VectorTriangles
     codes: Buffer
     texels: int
     place: tuple[np.int32, np.int32, np.int32, np.int32]
+    stiffness: Buffer | None = None
+
+    @property
+    def _held(self) -> tuple[VectorTriangles | Buffer, ...]:
+        held = (self.triangles, self.codes)
+        return held if self.stiffness is None else (*held, self.stiffness)
 
     @property
     def nbytes(self) -> int:
         """Bytes on the device."""
-        return self.triangles.nbytes + self.codes.nbytes
+        return sum(part.nbytes for part in self._held)
 
     def release(self) -> None:
         """Give the memory back."""
-        self.triangles.release()
-        self.codes.release()
+        for part in self._held:
+            part.release()
 
 
 class BinMaker:
@@ -124,8 +133,10 @@ class BinMaker:
         elements: UdimElements,
         located: UdimTriangles,
         settings: AssetSettings,
+        stiffness: Stiffness | None = None,
     ) -> None:
         self._device, self._elements, self._located = device, elements, located
+        self._stiffness = stiffness
         self._settings = settings
         self._steps = quantisation_steps(settings)
 
@@ -145,7 +156,10 @@ class BinMaker:
         triangles = self._located.texels(side, row, column, texels)
         vectors = VectorTriangles.of(self._device, triangles, size)
         triangles.release()
-        return BinTile(vectors, codes, size, place)
+        stiffness = stiffness_of_texels(
+            self._device, self._stiffness, self._located.udim, side, row, column, texels
+        )
+        return BinTile(vectors, codes, size, place, stiffness)
 
     def _quantise(
         self, heights: Buffer, count: int, step: np.float32, index: int, codes: Buffer

@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 from rhytid.device.runtime import Buffer, Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.stiffness import Stiffness
 from rhytid.domain.tiles import udim_origin
 from rhytid.pipeline.elements import BLOCK
 from rhytid.pipeline.levels import Draw
 from rhytid.pipeline.locate import UdimTriangles
+from rhytid.pipeline.stiffness import stiffness_of_texels
 from rhytid.pipeline.stretch_buffers import StretchBuffers
 
 # Taps on either side of a texel, at most: 3 sigma, so that sigma is 21 texels at most.
@@ -28,6 +30,7 @@ class NeutralTile:
 
     heights: (side + 4 apron)² float32, the neutral map around the tile; beyond the border of the
     map the texel at the border.  triangles: (side + 2 apron)² int32, which holds each texel.
+    stiffness: float32 of the same texels, or None: 1 throughout.
     """
 
     row: int
@@ -36,37 +39,45 @@ class NeutralTile:
     apron: int
     heights: Buffer
     triangles: Buffer
+    stiffness: Buffer | None = None
+
+    @property
+    def _buffers(self) -> tuple[Buffer, ...]:
+        held = (self.heights, self.triangles, self.stiffness)
+        return tuple(buffer for buffer in held if buffer is not None)
 
     @property
     def nbytes(self) -> int:
         """Bytes on the device."""
-        return self.heights.nbytes + self.triangles.nbytes
+        return sum(buffer.nbytes for buffer in self._buffers)
 
     def release(self) -> None:
         """Give the memory back."""
-        self.heights.release()
-        self.triangles.release()
+        for buffer in self._buffers:
+            buffer.release()
 
 
 class Convolve:
     """What convolving needs of an asset, on the device."""
 
-    def __init__(self, device: Device, mesh: Mesh) -> None:
-        self._device = device
+    def __init__(self, device: Device, mesh: Mesh, stiffness: Stiffness | None = None) -> None:
+        self._device, self._stiffness = device, stiffness
         jacobians = neutral_jacobians(mesh)
         self._jacobians = device.upload(jacobians)
         self._slowest = _slowest(jacobians)
         self._corners = mesh.triangle_uv()
 
     def kernels(self, stretch: StretchBuffers, settings: AssetSettings) -> Buffer:
-        """(F + 1, 2, 4) float32: of each triangle and axis (step x, step y, α, σ), in texels."""
+        """(F + 1, 2, 4) float32: of each triangle and axis (step x, step y, α, σ), in texels. With
+        a stiffness α is not clamped to [−1, 1] until it is multiplied by that of the texel."""
         convolve = settings.convolve
         found = self._device.empty(8 * stretch.count, np.float32)
         self._device.launch(
             "convolve", "triangle_kernels", (stretch.count,),
             stretch.axes, stretch.logs, self._jacobians,
             np.array([convolve.blur_gain, convolve.sharpen_gain], np.float32),
-            np.float32(_reach(settings)), np.float32(MOST_TAPS / 3), found,
+            np.float32(_reach(settings)), np.float32(MOST_TAPS / 3),
+            np.int32(self._stiffness is not None), found,
         )  # fmt: skip
         return found
 
@@ -81,7 +92,11 @@ class Convolve:
             self._device, draw, resolution, row - 2 * apron, column - 2 * apron, side + 4 * apron
         )
         triangles = located.texels(resolution, row - apron, column - apron, side + 2 * apron)
-        return NeutralTile(row, column, side, apron, heights, triangles)
+        stiffness = stiffness_of_texels(
+            self._device, self._stiffness, udim, resolution, row - apron, column - apron,
+            side + 2 * apron,
+        )  # fmt: skip
+        return NeutralTile(row, column, side, apron, heights, triangles, stiffness)
 
     def tile(self, neutral: NeutralTile, kernels: Buffer, settings: AssetSettings) -> Buffer:
         """float32 displacement of one tile of level 0, on the device."""
@@ -122,7 +137,7 @@ class Convolve:
         self._device.launch(
             "convolve", "convolve", (side // _WIDTH, side),
             source, np.int32(neutral.apron), neutral.triangles, np.int32(neutral.apron - apron),
-            kernels, np.int32(axis), np.int32(settings.resolution),
+            neutral.stiffness, kernels, np.int32(axis), np.int32(settings.resolution),
             np.int32(neutral.row - apron), np.int32(neutral.column - apron), out,
         )  # fmt: skip
         return out

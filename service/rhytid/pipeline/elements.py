@@ -28,24 +28,27 @@ _MARGIN = 1.001  # beyond the rounding of the scales on the device
 @dataclass(frozen=True)
 class WrinkleArrays:
     """K wrinkles of a UDIM in texels, v up: segments (K, 4) = start and extent, sizes (K, 2) =
-    half width and weight, triangle (K,) that each samples, lists by block."""
+    half width and weight, triangle (K,) that each samples, lists by block, stiffness (K,) or
+    None: 1 throughout."""
 
     segments: NDArray[np.float32]
     sizes: NDArray[np.float32]
     triangle: NDArray[np.int32]
     lists: CellLists
+    stiffness: NDArray[np.float32] | None = None
 
 
 @dataclass(frozen=True)
 class PoreArrays:
     """K pores of a UDIM in texels, v up: centres (K, 2), roots (K, 4) = (xx, xy, yy, weight),
     triangle (K,) that each samples, lists by block. The rim is where |root·d| = 1 with
-    root = [[xx, xy], [0, yy]]."""
+    root = [[xx, xy], [0, yy]]. stiffness (K,) or None: 1 throughout."""
 
     centres: NDArray[np.float32]
     roots: NDArray[np.float32]
     triangle: NDArray[np.int32]
     lists: CellLists
+    stiffness: NDArray[np.float32] | None = None
 
 
 def widest(exponent: float, log_stretch_limit: float) -> float:
@@ -54,9 +57,16 @@ def widest(exponent: float, log_stretch_limit: float) -> float:
 
 
 def wrinkle_arrays(
-    graph: WrinkleGraph, triangle: NDArray[np.int32], settings: AssetSettings, udim: int
+    graph: WrinkleGraph,
+    triangle: NDArray[np.int32],
+    settings: AssetSettings,
+    udim: int,
+    stiffness: NDArray[np.float32] | None = None,
 ) -> WrinkleArrays:
-    """Those wrinkles of strength above 0 that reach into the UDIM at any stretch."""
+    """Those wrinkles of strength above 0 that reach into the UDIM at any stretch.
+
+    triangle, stiffness: (M,) of every wrinkle of the graph.
+    """
     ends = (graph.node_uv - np.array(udim_origin(udim), np.float32))[graph.edge_nodes]
     response = settings.response
     scale = widest(response.alpha_w, response.log_stretch_limit)
@@ -72,13 +82,21 @@ def wrinkle_arrays(
         np.stack([graph.edge_half_width[chosen] * size, graph.edge_weight[chosen]], axis=1),
         triangle[chosen],
         _blocks(low[chosen], high[chosen], settings.resolution),
+        None if stiffness is None else stiffness[chosen],
     )
 
 
 def pore_arrays(
-    graph: WrinkleGraph, triangle: NDArray[np.int32], settings: AssetSettings, udim: int
+    graph: WrinkleGraph,
+    triangle: NDArray[np.int32],
+    settings: AssetSettings,
+    udim: int,
+    stiffness: NDArray[np.float32] | None = None,
 ) -> PoreArrays:
-    """Those pores of strength above 0 that reach into the UDIM at any stretch."""
+    """Those pores of strength above 0 that reach into the UDIM at any stretch.
+
+    triangle, stiffness: (N,) of every pore of the graph.
+    """
     centres = graph.node_uv - np.array(udim_origin(udim), np.float32)
     root = _roots(graph)
     response = settings.response
@@ -95,6 +113,7 @@ def pore_arrays(
         np.concatenate([in_texels, weight], axis=1).astype(np.float32),
         triangle[chosen],
         _blocks(low[chosen], high[chosen], settings.resolution),
+        None if stiffness is None else stiffness[chosen],
     )
 
 
@@ -128,10 +147,12 @@ class UdimElements:
         self.sizes = device.upload(wrinkles.sizes)
         self.bins = device.upload(orientation_bins(wrinkles.segments, bin_count))
         self.wrinkle_triangle = device.upload(wrinkles.triangle)
+        self.wrinkle_stiffness = _upload(device, wrinkles.stiffness)
         self.wrinkle_lists = Lists.upload(device, wrinkles.lists)
         self.centres = device.upload(pores.centres)
         self.roots = device.upload(pores.roots)
         self.pore_triangle = device.upload(pores.triangle)
+        self.pore_stiffness = _upload(device, pores.stiffness)
         self.pore_lists = Lists.upload(device, pores.lists)
 
     def release(self) -> None:
@@ -142,6 +163,10 @@ class UdimElements:
                 value.members.release()
             elif isinstance(value, Buffer):
                 value.release()
+
+
+def _upload(device: Device, stiffness: NDArray[np.float32] | None) -> Buffer | None:
+    return None if stiffness is None else device.upload(stiffness)
 
 
 def _roots(graph: WrinkleGraph) -> NDArray[np.float64]:

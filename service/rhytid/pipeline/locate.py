@@ -38,7 +38,7 @@ class UdimTriangles:
         cells = int(np.clip(resolution // _TEXELS_A_CELL, 1, _MOST_CELLS))
         cells = cells_that_fit(low - margin, high + margin, cells)
         lists = list_by_cell(low - margin, high + margin, cells, top_down=False)
-        self._device = device
+        self._device, self.udim = device, udim
         self.none = np.int32(len(mesh.faces))
         self._cells = np.int32(cells)
         self._reach2 = np.float32(reach * reach)

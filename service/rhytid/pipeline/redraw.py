@@ -44,16 +44,18 @@ def respond(
 ) -> ScaleBuffers:
     """Alg. 1 for every wrinkle and Alg. 2 for every pore."""
     response = settings.response
+    jacobians = stretch.jacobians if settings.angles == "surface" else None
     scales = ScaleBuffers.allocate(device, elements)
     device.launch(
         "respond", "respond_wrinkles", (elements.wrinkles,),
         elements.segments, elements.wrinkle_triangle, stretch.axes, stretch.logs,
+        jacobians, elements.wrinkle_stiffness,
         np.float32(response.alpha_w), np.float32(response.alpha_d), scales.wrinkles,
         defines=RESPONSE_DEFINES,
     )  # fmt: skip
     device.launch(
         "respond", "respond_pores", (elements.pores,),
-        elements.pore_triangle, stretch.logs,
+        elements.pore_triangle, stretch.logs, elements.pore_stiffness,
         np.float32(response.beta_w), np.float32(response.beta_d), scales.pores,
         defines=RESPONSE_DEFINES,
     )  # fmt: skip

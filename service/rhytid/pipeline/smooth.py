@@ -26,12 +26,14 @@ class SmoothFields:
     """Metric and log stretch of the UV vertices in one frame, on the device.
 
     values: float8 a UV vertex (G uu, uv, vv, H uu, uv, vv, 0, 0).  corners: of each triangle, the
-    stage's.  limit: what log stretch was clamped to.
+    stage's.  limit: what log stretch was clamped to.  neutral: values of the neutral for angles on
+    the surface, or None; the stage's.
     """
 
     values: Buffer
     corners: Buffer
     limit: float
+    neutral: Buffer | None = None
 
     @property
     def nbytes(self) -> int:
@@ -55,6 +57,8 @@ class SmoothStage:
         jacobians, used = unit_jacobians(mesh)
         vertices = UvVertices.of(mesh, used)
         self._device, self._count = device, len(vertices.vertex)
+        self._triangles = len(mesh.faces)
+        self._neutral: Buffer | None = None
         self._jacobians = device.upload(jacobians)
         self._vertex = device.upload(vertices.vertex)
         self._corners = device.upload(vertices.corners)
@@ -64,19 +68,36 @@ class SmoothStage:
             device.upload(vertices.shares),
         )
 
-    def run(self, stretch: StretchBuffers, limit: float) -> SmoothFields:
+    def run(self, stretch: StretchBuffers, limit: float, angles: str = "uv") -> SmoothFields:
         """The fields of a frame, whatever model measured it."""
-        values = self._device.empty(8 * self._count, np.float32)
-        self._device.launch(
-            "smooth", f"{stretch.model}_fields", (self._count,),
-            *self._inputs(stretch, limit), values, defines=RESPONSE_DEFINES,
-        )  # fmt: skip
-        return SmoothFields(values, self._corners, limit)
+        values = self._fields(f"{stretch.model}_fields", *self._inputs(stretch, limit))
+        if angles == "surface" and self._neutral is None:
+            self._neutral = self._neutral_fields()
+        neutral = self._neutral if angles == "surface" else None
+        return SmoothFields(values, self._corners, limit, neutral)
 
     def release(self) -> None:
         """Give the memory back."""
-        for buffer in (self._jacobians, self._vertex, self._corners, *self._means):
-            buffer.release()
+        for buffer in (self._jacobians, self._vertex, self._corners, *self._means, self._neutral):
+            if buffer is not None:
+                buffer.release()
+
+    def _fields(self, kernel: str, *inputs: object) -> Buffer:
+        values = self._device.empty(8 * self._count, np.float32)
+        self._device.launch(
+            "smooth", kernel, (self._count,), *inputs, values, defines=RESPONSE_DEFINES
+        )
+        return values
+
+    def _neutral_fields(self) -> Buffer:
+        """The metric of the neutral at the UV vertices, whatever the model of a frame."""
+        axes = self._device.upload(np.tile(np.eye(2, dtype=np.float32), (self._triangles, 1)))
+        logs = self._device.upload(np.zeros((self._triangles, 2), np.float32))
+        values = self._fields("tensor_fields", *self._means, self._jacobians, axes, logs)
+        self._device.finish()
+        axes.release()
+        logs.release()
+        return values
 
     def _inputs(self, stretch: StretchBuffers, limit: float) -> tuple[object, ...]:
         if stretch.model == "tension":
@@ -99,12 +120,14 @@ def respond_smooth(
     device.launch(
         "smooth", "respond_smooth_wrinkles", (elements.wrinkles,),
         elements.segments, elements.wrinkle_triangle, texels, *fields.arguments(located),
+        fields.neutral, elements.wrinkle_stiffness,
         np.float32(response.alpha_w), np.float32(response.alpha_d), scales.wrinkles,
         defines=RESPONSE_DEFINES,
     )  # fmt: skip
     device.launch(
         "smooth", "respond_smooth_pores", (elements.pores,),
         elements.centres, elements.pore_triangle, texels, *fields.arguments(located),
+        elements.pore_stiffness,
         np.float32(response.beta_w), np.float32(response.beta_d), scales.pores,
         defines=RESPONSE_DEFINES,
     )  # fmt: skip

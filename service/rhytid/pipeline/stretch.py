@@ -12,6 +12,7 @@ from rhytid.domain.mesh import Mesh
 from rhytid.pipeline.stretch_buffers import StretchBuffers, StretchModel, in_two_parts
 from rhytid.pipeline.tension import Tension
 from rhytid.pipeline.uv_stretch import UvStretch
+from rhytid.pipeline.uv_vertices import unit_jacobians
 
 
 @dataclass(frozen=True)
@@ -72,6 +73,7 @@ class StretchStage:
         self.triangles = len(mesh.faces)
         self._neutral = mesh.positions
         self._faces = device.upload(mesh.faces)
+        self._jacobians = device.upload(_surface_jacobians(mesh))
         self._models: dict[str, StretchModel] = {
             "tensor": Tensor(device, mesh),
             "tension": Tension(device, mesh),
@@ -90,7 +92,9 @@ class StretchStage:
     def _measure(
         self, positions: NDArray[np.float32], triangles: int, limit: float, model: str
     ) -> StretchBuffers:
-        found = StretchBuffers.allocate(self._device, model, self.triangles, len(positions))
+        found = StretchBuffers.allocate(
+            self._device, model, self.triangles, len(positions), self._jacobians
+        )
         frame = self._device.upload(positions)
         self._models[model].launch(frame, self._faces, triangles, limit, found)
         frame.release()
@@ -105,8 +109,18 @@ class StretchStage:
     def release(self) -> None:
         """Give the memory back."""
         self._faces.release()
+        self._jacobians.release()
         for model in self._models.values():
             model.release()
+
+
+def _surface_jacobians(mesh: Mesh) -> NDArray[np.float32]:
+    """(F + 1, 4) J of each neutral triangle; the identity, whose angles are those of UV, for
+    triangles without area and for the last entry, which stands for none."""
+    jacobians, used = unit_jacobians(mesh)
+    found = np.tile(np.array([1, 0, 0, 1], np.float32), (len(jacobians) + 1, 1))
+    found[:-1][used] = jacobians[used]
+    return found
 
 
 def r_max_of(ratios: NDArray[np.float32], limit: float) -> float:

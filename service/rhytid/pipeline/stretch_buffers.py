@@ -18,6 +18,7 @@ class StretchBuffers:
     count: F + 1.  ratios: float2, unclamped.  axes: float4, (ŝ₁, ŝ₂).
     logs: float2, log ρ, clamped.  model: what measured it.
     tension: ρ of each vertex, by the model `tension` only.
+    jacobians: float4, ∂X/∂(u, v) of the neutral for angles on the surface, or None; the stage's.
     """
 
     count: int
@@ -26,14 +27,17 @@ class StretchBuffers:
     logs: Buffer
     model: str = "tensor"
     tension: Buffer | None = None
+    jacobians: Buffer | None = None
 
     @classmethod
-    def allocate(cls, device: Device, model: str, triangles: int, vertices: int) -> StretchBuffers:
+    def allocate(
+        cls, device: Device, model: str, triangles: int, vertices: int, jacobians: Buffer | None
+    ) -> StretchBuffers:
         """Room for the stretch of that many triangles, not initialised."""
         count = triangles + 1
         ratios, axes, logs = (device.empty(width * count, np.float32) for width in (2, 4, 2))
         tension = device.empty(vertices, np.float32) if model == "tension" else None
-        return cls(count, ratios, axes, logs, model, tension)
+        return cls(count, ratios, axes, logs, model, tension, jacobians)
 
     @property
     def _buffers(self) -> tuple[Buffer, ...]:

@@ -1,4 +1,4 @@
-"""What is inside stored files: meshes and graphs as safetensors, and the id of a content."""
+"""What is inside stored files: meshes and stiffness maps as safetensors; the id of a content."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from safetensors.numpy import load, save
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.stiffness import Stiffness
 from rhytid.storage.canonical import canonical
 
 # Part of every id: raise it when the same input shall build another asset.
@@ -20,7 +21,12 @@ ID_VERSION = 1
 _MESH_ARRAYS = ("positions", "faces", "uv", "face_uv")
 
 
-def asset_id(mesh: Mesh, settings: AssetSettings, graph: WrinkleGraph | None) -> str:
+def asset_id(
+    mesh: Mesh,
+    settings: AssetSettings,
+    graph: WrinkleGraph | None,
+    stiffness: Stiffness | None = None,
+) -> str:
     """The id of the asset that these build: 16 hex digits of a SHA-256 over their content.
 
     The same arrays and settings give the same id on every machine.
@@ -28,6 +34,8 @@ def asset_id(mesh: Mesh, settings: AssetSettings, graph: WrinkleGraph | None) ->
     digest = hashlib.sha256(canonical({"version": ID_VERSION, "settings": settings.as_json()}))
     _add_arrays(digest, "mesh", _mesh_arrays(mesh))
     _add_arrays(digest, "graph", {} if graph is None else graph.arrays())
+    if stiffness is not None:
+        _add_arrays(digest, "stiffness", stiffness.arrays())
     return digest.hexdigest()[:16]
 
 
@@ -40,6 +48,17 @@ def write_mesh(mesh: Mesh) -> bytes:
 def read_mesh(data: bytes) -> Mesh:
     """The inverse of `write_mesh`; raises MeshError, TypeError or SafetensorError."""
     return Mesh(**load(data))
+
+
+def write_stiffness(stiffness: Stiffness) -> bytes:
+    """The maps as safetensors, by UDIM."""
+    data: bytes = save(stiffness.arrays())
+    return data
+
+
+def read_stiffness(data: bytes) -> Stiffness:
+    """The inverse of `write_stiffness`; raises InputError, ValueError or SafetensorError."""
+    return Stiffness.of_arrays(load(data))
 
 
 def _mesh_arrays(mesh: Mesh) -> dict[str, NDArray[Any]]:

@@ -12,15 +12,17 @@ from safetensors import SafetensorError
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.stiffness import Stiffness
 from rhytid.errors import InputError, LimitError
 from rhytid.formats.graphs import read_graph, write_graph
 from rhytid.storage.canonical import canonical, damaged, hashed, parse_canonical, parse_hashed
-from rhytid.storage.contents import read_mesh, write_mesh
+from rhytid.storage.contents import read_mesh, read_stiffness, write_mesh, write_stiffness
 
 T = TypeVar("T")
 Files = Mapping[str, bytes]
 
 MESH, GRAPH, FACTS = "mesh.safetensors", "graph.safetensors", "facts.json"
+STIFFNESS = "stiffness.safetensors"
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,17 +32,20 @@ class StoredRequest:
     mesh: Mesh
     settings: AssetSettings
     graph: WrinkleGraph | None
+    stiffness: Stiffness | None = None
 
     def files(self) -> dict[str, bytes]:
         """The files of the request, by name."""
-        return _files(self.mesh, self.graph, {"settings": self.settings.as_json()})
+        facts = {"settings": self.settings.as_json()}
+        return _files(self.mesh, self.graph, facts, self.stiffness)
 
     @classmethod
     def read(cls, files: Files, folder: Path) -> StoredRequest:
         """The inverse of `files`; raises StorageError naming the file in `folder`."""
         graph = _decode(files, folder / GRAPH, read_graph) if GRAPH in files else None
         facts = _facts(files, folder)
-        return cls(_decode(files, folder / MESH, read_mesh), _settings(facts, folder), graph)
+        mesh = _decode(files, folder / MESH, read_mesh)
+        return cls(mesh, _settings(facts, folder), graph, _stiffness(files, folder))
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,11 +56,12 @@ class StoredAsset:
     graph: WrinkleGraph
     settings: AssetSettings
     extra: dict[str, Any]
+    stiffness: Stiffness | None = None
 
     def files(self) -> dict[str, bytes]:
         """The files of the asset, by name."""
         facts = {"settings": self.settings.as_json(), "extra": self.extra}
-        return _files(self.mesh, self.graph, facts)
+        return _files(self.mesh, self.graph, facts, self.stiffness)
 
     @classmethod
     def read(cls, files: Files, folder: Path) -> StoredAsset:
@@ -63,7 +69,8 @@ class StoredAsset:
         mesh = _decode(files, folder / MESH, read_mesh)
         graph = _decode(files, folder / GRAPH, read_graph)
         facts = _facts(files, folder)
-        return cls(mesh, graph, _settings(facts, folder), facts["extra"])
+        settings, stiffness = _settings(facts, folder), _stiffness(files, folder)
+        return cls(mesh, graph, settings, facts["extra"], stiffness)
 
 
 def write_overlay(label: str, settings: AssetSettings) -> bytes:
@@ -79,9 +86,22 @@ def read_overlay(label: str, data: bytes, path: Path) -> AssetSettings:
     return _parse_settings(value.get("settings"), path)
 
 
-def _files(mesh: Mesh, graph: WrinkleGraph | None, facts: dict[str, Any]) -> dict[str, bytes]:
+def _files(
+    mesh: Mesh,
+    graph: WrinkleGraph | None,
+    facts: dict[str, Any],
+    stiffness: Stiffness | None,
+) -> dict[str, bytes]:
     files = {FACTS: canonical(facts), MESH: write_mesh(mesh)}
-    return files if graph is None else {**files, GRAPH: write_graph(graph)}
+    if graph is not None:
+        files[GRAPH] = write_graph(graph)
+    if stiffness is not None:
+        files[STIFFNESS] = write_stiffness(stiffness)
+    return files
+
+
+def _stiffness(files: Files, folder: Path) -> Stiffness | None:
+    return _decode(files, folder / STIFFNESS, read_stiffness) if STIFFNESS in files else None
 
 
 def _decode(files: Files, path: Path, read: Callable[[bytes], T]) -> T:

@@ -22,6 +22,7 @@ from typing import Any
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.stiffness import Stiffness
 from rhytid.errors import NotFoundError, StorageError
 from rhytid.storage import durable
 from rhytid.storage.durable import reported
@@ -77,12 +78,18 @@ class AssetStore:
         return [home.name for home in waiting if not (home / _ASSET).is_dir()]
 
     def put_request(
-        self, id: str, mesh: Mesh, settings: AssetSettings, graph: WrinkleGraph | None
+        self,
+        id: str,
+        mesh: Mesh,
+        settings: AssetSettings,
+        graph: WrinkleGraph | None,
+        stiffness: Stiffness | None = None,
     ) -> None:
         """Keep what a caller sent until the asset is built; a known id is left as it is."""
         home = self._home(id)
         if not (home / _ASSET).is_dir() and not (home / _REQUEST).is_dir():
-            self._put(home, _REQUEST, StoredRequest(mesh, settings, graph).files())
+            request = StoredRequest(mesh, settings, graph, stiffness)
+            self._put(home, _REQUEST, request.files())
 
     def request(self, id: str) -> StoredRequest:
         """What a caller sent for an asset that is not built yet."""
@@ -96,6 +103,7 @@ class AssetStore:
         graph: WrinkleGraph,
         settings: AssetSettings,
         extra: Mapping[str, Any],
+        stiffness: Stiffness | None = None,
     ) -> None:
         """Keep a built asset, for good, and drop its request.
 
@@ -103,7 +111,8 @@ class AssetStore:
         there already: it does not change, only `delete` removes it.
         """
         home = self._home(id)
-        if not self._put(home, _ASSET, StoredAsset(mesh, graph, settings, dict(extra)).files()):
+        asset = StoredAsset(mesh, graph, settings, dict(extra), stiffness)
+        if not self._put(home, _ASSET, asset.files()):
             raise StorageError(f"asset {id} is stored already, and stored assets do not change")
         with self._changing, reported(f"the request of asset {id} cannot be removed"):
             if (home / _REQUEST).is_dir():
