@@ -235,7 +235,7 @@ def test_what_does_not_fit_the_mesh_is_refused(engine):
         engine.create_asset(NewAsset(new.mesh, new.settings, graph))
 
 
-@pytest.mark.parametrize("key", ["resolution", "tile_size", "graph", "padding", "unit", "angles"])
+@pytest.mark.parametrize("key", ["resolution", "tile_size", "graph", "padding", "unit"])
 def test_what_is_fixed_cannot_be_changed(engine, key):
     asset = built(engine, new_asset())
     with pytest.raises(SettingsError, match=key):

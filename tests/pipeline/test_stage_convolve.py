@@ -40,10 +40,11 @@ def square(n=4):
 class Stage:
     """A mesh on the device, and any map of R² texels in place of its neutral one."""
 
-    def __init__(self, device, mesh, heights, sigma=SMALL, **changes):
+    def __init__(self, device, mesh, heights, sigma=SMALL, stiffness=None, **changes):
         self.device, self.mesh, self.heights = device, mesh, np.float32(heights)
         self.settings = settings_of(resolution=R, convolve={"sigma": sigma, **changes})
-        self.stage, self.convolve = StretchStage(device, mesh), Convolve(device, mesh)
+        self.stage = StretchStage(device, mesh)
+        self.convolve, self.stiffness = Convolve(device, mesh, stiffness), stiffness
         self.located = UdimTriangles(device, mesh, 1001, R, self.settings.padding)
 
     def stretch(self, positions, model="tensor"):

@@ -11,6 +11,7 @@ response   widths and depths of wrinkles (Alg. 1) and pores (Alg. 2)
 drawing    profiles, and how heights meet in a displacement map
 redraw     a graph under stretch, drawn anew (section 2.3)
 bins       the fast method: quantised maps by angle and stretch, blended (section 2.4, Alg. 3)
+stiffness  a painted map at texels and elements
 convolve   the neutral map blurred and sharpened along the axes of stretch (Nagano et al. 2015)
 pyramid    levels of a map
 inputs     the records that go in; the product's own graph and settings have the same fields

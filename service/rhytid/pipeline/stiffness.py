@@ -20,7 +20,8 @@ def stiffness_of_elements(
     """(P,) at elements with their centres at (P, 2), UDIM offset included; None without a map.
 
     triangle: (P,) that each samples. An element whose centre lies outside of its triangle, beyond
-    a border or a seam, takes the point of the triangle that is closest: the skin that moves it.
+    a border or a seam, takes the point of the triangle that is closest: the skin that moves it. One
+    in no triangle is 1.
     """
     if stiffness is None:
         return None
@@ -30,7 +31,7 @@ def stiffness_of_elements(
     found = np.ones(len(points), np.float32)
     for udim in stiffness.maps:
         local = points - udim_origin(udim)
-        inside = ((local >= 0) & (local < 1)).all(axis=1)
+        inside = held & ((local >= 0) & (local < 1)).all(axis=1)
         found[inside] = stiffness.at(udim, local[inside])
     return found
 

@@ -1,0 +1,105 @@
+"""Stiffness maps between their texel centres, and what is refused of them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from reference import stiffness as reference
+from rhytid.domain import stiffness as domain
+from rhytid.domain.stiffness import Stiffness
+from rhytid.domain.tiles import texel_centres
+from rhytid.errors import InputError, LimitError
+
+RNG = np.random.default_rng(7)
+SHAPES = [(1, 1), (1, 5), (7, 1), (16, 16), (13, 40)]
+
+
+def painted(shape):
+    return RNG.uniform(0, 1, shape).astype(np.float32)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_points_are_bilinear_between_centres(shape):
+    map, points = painted(shape), RNG.uniform(-0.1, 1.1, (200, 2))
+    found = Stiffness({1001: map}).at(1001, points)
+    np.testing.assert_allclose(found, reference.bilinear(map, points), atol=3e-7, rtol=0)
+
+
+def test_row_0_is_the_top_and_centres_are_exact():
+    map = np.array([[0.0, 0.25], [0.5, 1.0]], np.float32)
+    made = Stiffness({1011: map})
+    centres = np.array([[0.25, 0.75], [0.75, 0.75], [0.25, 0.25], [0.75, 0.25]])
+    np.testing.assert_array_equal(made.at(1011, centres), map.ravel())
+    np.testing.assert_array_equal(made.texels(1011, 2, 0, 0, 2), map)
+    corners = np.array([[0.0, 1.0], [1.0, 0.0]])
+    np.testing.assert_array_equal(made.at(1011, corners), [0.0, 1.0])
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_texels_are_points_at_their_centres(shape):
+    made = Stiffness({1001: painted(shape)})
+    side, row, column, count = 64, 16, 40, 24
+    u = texel_centres(column, count, side)
+    v = 1.0 - texel_centres(row, count, side)
+    points = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
+    found = made.texels(1001, side, row, column, count)
+    np.testing.assert_allclose(found.ravel(), made.at(1001, points), atol=2e-7, rtol=0)
+    whole = made.texels(1001, side, 0, 0, side)
+    crop = whole[row : row + count, column : column + count]
+    np.testing.assert_array_equal(found, crop)
+
+
+def test_between_equal_texels_nothing_is_lost():
+    for value in (0.0, 0.3, 1.0):
+        made = Stiffness({1001: np.full((5, 3), value, np.float32)})
+        assert (made.at(1001, RNG.uniform(0, 1, (500, 2))) == np.float32(value)).all()
+
+
+def test_where_all_is_1_there_are_no_texels():
+    map = np.ones((8, 8), np.float32)
+    map[0, 0] = 0.5
+    made = Stiffness({1001: map})
+    assert made.texels(1001, 64, 32, 32, 32) is None
+    assert made.texels(1002, 64, 0, 0, 32) is None
+    assert made.texels(1001, 64, 0, 0, 32).min() == 0.5
+    np.testing.assert_array_equal(made.at(1002, RNG.uniform(0, 1, (5, 2))), 1.0)
+
+
+def test_maps_are_copies_that_do_not_change():
+    map = painted((4, 4))
+    made = Stiffness({1001: map})
+    before = map[0, 0]
+    map[0, 0] = 0.0
+    assert made.maps[1001][0, 0] == before
+    with pytest.raises(ValueError, match="read-only"):
+        made.maps[1001][0, 0] = 0.0
+    again = Stiffness.of_arrays(made.arrays())
+    np.testing.assert_array_equal(again.maps[1001], made.maps[1001])
+
+
+@pytest.mark.parametrize("value", [-1e-7, 1.0000001, np.nan, np.inf])
+def test_what_is_not_from_0_to_1_is_refused(value):
+    map = painted((3, 3))
+    map[1, 2] = value
+    with pytest.raises(InputError, match="stiffness of UDIM 1002: numbers from 0 to 1"):
+        Stiffness({1001: painted((3, 3)), 1002: map})
+
+
+@pytest.mark.parametrize("map", [np.zeros((3, 3, 3)), np.zeros(3), np.zeros((0, 3))])
+def test_other_shapes_are_refused(map):
+    with pytest.raises(InputError, match="stiffness of UDIM 1001"):
+        Stiffness({1001: map})
+
+
+def test_all_maps_together_have_a_limit(monkeypatch):
+    monkeypatch.setattr(domain, "MOST_TEXELS", 40)
+    with pytest.raises(LimitError, match="50 texels in all: at most 40"):
+        Stiffness({1001: painted((5, 5)), 1002: painted((5, 5))})
+
+
+def test_a_udim_without_mesh_is_refused():
+    made = Stiffness({1002: painted((2, 2))})
+    made.check_udims((1001, 1002))
+    with pytest.raises(InputError, match="UDIM 1002: it has no mesh; the mesh has 1001, 1011"):
+        made.check_udims((1001, 1011))
