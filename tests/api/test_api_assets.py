@@ -151,8 +151,20 @@ BAD_PARTS = {
     "unknown": ([("mesh", ("a.obj", obj())), ("meshes", ("a", b""))], "unknown part 'meshes'"),
     "twice": ([("mesh", ("a.obj", obj()))] * 2, "part mesh was sent twice"),
     "stiffness": (
-        [("mesh", ("a.obj", obj())), ("stiffness", ("a.png", b""))],
-        "stiffness is not supported in this version",
+        [("mesh", ("a.obj", obj())), ("stiffness", ("a.png", b"GIF"))],
+        "a.png: not a PNG image",
+    ),
+    "stiffness without name": (
+        [("mesh", ("a.obj", obj())), ("stiffness", (None, b"GIF"))],
+        "part stiffness: not a PNG image",
+    ),
+    "stiffness elsewhere": (
+        [("mesh", ("a.obj", obj())), ("stiffness", ("a.1002.png", b""))],
+        "a.1002.png is of UDIM 1002, which has no mesh; the mesh has 1001",
+    ),
+    "stiffness twice": (
+        [("mesh", ("a.obj", obj())), *[("stiffness", ("a.1001.png", b""))] * 2],
+        "a.1001.png and a.1001.png are both of UDIM 1001",
     ),
 }
 

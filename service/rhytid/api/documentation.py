@@ -67,7 +67,13 @@ ASSET_FORM = body(
                     "mesh": {**BINARY, "description": "OBJ, PLY, glTF, GLB or .npz, by filename"},
                     "settings": {"type": "string", "description": "JSON object, all optional"},
                     "graph": {**BINARY, "description": "safetensors; absent = synthesise"},
-                    "stiffness": {**BINARY, "description": "not supported in this version"},
+                    "stiffness": {
+                        "type": "array",
+                        "items": BINARY,
+                        "description": "grey PNG of 8 or 16 bits, one a UDIM (repeat the part), "
+                        "named by it: stiffness.1002.png; 1 moves freely, 0 is rigid; "
+                        "a UDIM without one is 1",
+                    },
                 },
             }
         }

@@ -1,9 +1,10 @@
-"""multipart/form-data, strictly: known parts, each at most once, the closing boundary seen."""
+"""multipart/form-data, strictly: known parts, each at most once but for one, the closing boundary
+seen."""
 
 from __future__ import annotations
 
 import io
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from python_multipart.exceptions import FormParserError
 from python_multipart.multipart import MultipartParser, parse_options_header
@@ -12,17 +13,19 @@ from starlette.exceptions import HTTPException
 from rhytid.errors import InputError
 
 PARTS = ("mesh", "settings", "graph", "stiffness")
+REPEATED = ("stiffness",)
 HEADER_LIMIT = 8192
 LONGEST_BOUNDARY = 70  # RFC 2046, section 5.1.1
 
 
 @dataclass(frozen=True)
 class Part:
-    """One part; `filename` is None for a plain field."""
+    """One part; `filename` is None for a plain field. `again`: those of the same name after it."""
 
     name: str
     filename: str | None
     data: bytes
+    again: tuple[Part, ...] = ()
 
 
 def boundary(content_type: str) -> bytes:
@@ -105,14 +108,18 @@ class PartReader:
         self._filename = None if filename is None else filename.decode("utf-8", "replace")
         if self._name not in PARTS:
             raise InputError(f"unknown part {self._name!r}: one of {', '.join(PARTS)}")
-        if self._name in self._parts:
+        if self._name in self._parts and self._name not in REPEATED:
             raise InputError(f"part {self._name} was sent twice")
 
     def _on_data(self, data: bytes, start: int, end: int) -> None:
         self._data.write(memoryview(data)[start:end])
 
     def _on_part(self) -> None:
-        self._parts[self._name] = Part(self._name, self._filename, self._data.getvalue())
+        part = Part(self._name, self._filename, self._data.getvalue())
+        first = self._parts.get(self._name)
+        self._parts[self._name] = (
+            part if first is None else replace(first, again=(*first.again, part))
+        )
         self._data = io.BytesIO()
 
     def _on_end(self) -> None:

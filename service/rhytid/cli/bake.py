@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from rhytid.cli.options import (
     Commands,
     add_json,
+    add_stiffness,
     add_wrinkles,
     base_name,
     new_command,
@@ -57,6 +58,7 @@ def add_command(commands: Commands) -> None:
     add_wrinkles(wrinkles)
     graph = "take the wrinkles from safetensors, synthesise none"
     wrinkles.add_argument("--graph", type=readable, metavar="FILE", help=graph)
+    add_stiffness(parser)
     add("--settings", type=readable, metavar="FILE", help="asset settings as JSON")
     add("--half", action="store_true", help="write half floats")
     add("--store", type=Path, metavar="DIR", help="keep the built asset here (a temporary folder)")
@@ -70,7 +72,7 @@ def run(arguments: argparse.Namespace) -> None:
     # Imported here, so that --help does not wait for OpenCL.
     from rhytid.cli.baking import Baker, Output, build
     from rhytid.cli.frame_files import FrameFiles
-    from rhytid.cli.input_files import graph_file, mesh_file
+    from rhytid.cli.input_files import graph_file, mesh_file, stiffness_files
     from rhytid.engine.engine import Engine
 
     given = asset_settings(arguments)
@@ -78,12 +80,15 @@ def run(arguments: argparse.Namespace) -> None:
     mesh = mesh_file(arguments.mesh)
     frames = FrameFiles(mesh, arguments.frames)
     graph = graph_file(arguments.graph) if arguments.graph else None
+    new = NewAsset(
+        mesh.mesh, settings, graph, stiffness=stiffness_files(arguments.stiffness, mesh.mesh)
+    )
     name = arguments.name or _own_name(arguments.mesh)
     arguments.out.mkdir(parents=True, exist_ok=True)
     watch = Stopwatch()
     with _service(arguments) as service, closing(Engine(service)) as engine:
         with watch.step("build"):
-            asset = build(engine, NewAsset(mesh.mesh, settings, graph))
+            asset = build(engine, new)
         output = Output(arguments.out, name, arguments.half)
         query = MapQuery(arguments.method, arguments.stretch)
         baker = Baker(engine, asset, query, frames, output, watch)

@@ -8,7 +8,14 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from rhytid.cli.options import Commands, add_json, add_wrinkles, new_command, readable
+from rhytid.cli.options import (
+    Commands,
+    add_json,
+    add_stiffness,
+    add_wrinkles,
+    new_command,
+    readable,
+)
 from rhytid.cli.reporting import report, table, write_json
 from rhytid.cli.serve import chosen
 from rhytid.domain.asset_settings import AssetSettings
@@ -39,6 +46,7 @@ def add_command(commands: Commands) -> None:
         "--resolution", type=int, default=RESOLUTION, metavar="R", help="2048 or 4096 (%(default)s)"
     )
     add_wrinkles(parser)
+    add_stiffness(parser)
     add("--unit", choices=UNITS, default="cm", help="length unit of NEUTRAL (%(default)s)")
     add("--device", metavar="D", help="number or part of the name of a device")
     add_json(parser)
@@ -65,7 +73,7 @@ def run(arguments: argparse.Namespace) -> None:
         service = chosen(Path(store), arguments.device)
         with serving(service) as url, closing(Client(url)) as client:
             session = Session(client, face, out)
-            session.build(_settings(arguments))
+            session.build(_settings(arguments), arguments.stiffness)
             session.send_frames()
             session.draw()
             sheets = write_sheets(session, UNITS[arguments.unit])

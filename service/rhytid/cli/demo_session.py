@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -34,13 +34,16 @@ class Session:
         """Every frame of the animation."""
         return self.face.frames.places
 
-    def build(self, settings: Mapping[str, Any]) -> None:
-        """Send the mesh and wait for its wrinkles."""
+    def build(self, settings: Mapping[str, Any], stiffness: Sequence[Path] = ()) -> None:
+        """Send the mesh, and stiffness maps, and wait for its wrinkles."""
         mesh = self.face.mesh
         arrays = {name: getattr(mesh, name) for name in MESH_ARRAYS}
         with self.watch.step("upload"), share_bar("upload") as show:
             asset = self.client.create_asset(
-                arrays, settings=settings, progress=lambda sent, total: show(sent / total, "")
+                arrays,
+                settings=settings,
+                stiffness=stiffness,
+                progress=lambda sent, total: show(sent / total, ""),
             )
         with share_bar("build") as show:
             clock = StepClock(self.watch, show)

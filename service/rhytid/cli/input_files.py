@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -10,10 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.domain.graph import WrinkleGraph
+from rhytid.domain.mesh import Mesh
+from rhytid.domain.stiffness import Stiffness
+from rhytid.domain.tiles import mesh_udims
 from rhytid.errors import InputError, LimitError
 from rhytid.formats.frames import read_frame_file
 from rhytid.formats.graphs import read_graph
 from rhytid.formats.meshes import MeshFile, read_mesh
+from rhytid.formats.stiffness import read_stiffness
 
 
 def mesh_file(file: Path) -> MeshFile:
@@ -32,6 +36,12 @@ def graph_file(file: Path) -> WrinkleGraph:
     """A wrinkle graph."""
     with _named(file):
         return read_graph(file.read_bytes())
+
+
+def stiffness_files(files: Sequence[Path], mesh: Mesh) -> Stiffness | None:
+    """Stiffness maps by the UDIM in their names; None where there are no files."""
+    images = [(str(file), file.read_bytes()) for file in files]
+    return read_stiffness(images, mesh_udims(mesh)) if images else None
 
 
 @contextmanager

@@ -41,6 +41,14 @@ def add_wrinkles(parser: argparse._ActionsContainer) -> None:
     parser.add_argument("--wrinkles", type=int, metavar="N", help="how many wrinkles to synthesise")
 
 
+def add_stiffness(parser: argparse.ArgumentParser) -> None:
+    """`--stiffness FILE ...`."""
+    stiffness = "grey PNG, one a UDIM, named NAME.<UDIM>.png: white moves freely, black is rigid"
+    parser.add_argument(
+        "--stiffness", type=readable, nargs="+", default=[], metavar="FILE", help=stiffness
+    )
+
+
 def readable(text: str) -> Path:
     """A file that is there; as an argparse type."""
     path = Path(text)

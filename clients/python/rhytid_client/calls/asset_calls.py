@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +30,7 @@ def create_asset(
     name: str | None = None,
     settings: Mapping[str, Any] | None = None,
     graph: File | None = None,
-    stiffness: File | None = None,
+    stiffness: File | Sequence[File] | Mapping[int, File] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Flow[Asset]:
     """Send a mesh and have an asset built of it; `wait` for it before asking for tiles.
@@ -38,7 +38,9 @@ def create_asset(
     mesh: the path of an OBJ, PLY, glTF, GLB or npz file; or the bytes of one, with a `name` whose
     extension tells the format; or the arrays positions (V, 3), faces (F, 3), uv (T, 2),
     face_uv (F, 3) and optionally frames (N, V, 3).  graph: safetensors, absent to synthesise one.
-    stiffness: a grey image.  progress: called with bytes sent and bytes in all.
+    stiffness: grey PNG images by UDIM; or paths whose names end on the UDIM, as in skin.1002.png;
+    or one image for a mesh of one UDIM. 1 moves freely, 0 is rigid.
+    progress: called with bytes sent and bytes in all.
 
     The same content gives the same asset. Raises RequestError naming what is wrong with it.
     """
@@ -46,9 +48,9 @@ def create_asset(
     if settings is not None:
         text = json.dumps(dict(settings), allow_nan=False).encode()
         parts.append(Part("settings", text, "application/json"))
-    for field, given in (("graph", graph), ("stiffness", stiffness)):
-        if given is not None:
-            parts.append(_file(field, given, None))
+    if graph is not None:
+        parts.append(_file("graph", graph, None))
+    parts += _stiffness(stiffness)
     response = yield request("POST", "v1", "assets", content=Form(tuple(parts), progress))
     return parse.one(Asset, response)
 
@@ -64,7 +66,7 @@ def asset(asset: Asset | str) -> Flow[Asset]:
 
 
 def change_asset(asset: Asset | str, settings: Mapping[str, Any]) -> Flow[Asset]:
-    """Change response, shape, depth, bins or convolve, without synthesising again."""
+    """Change response, shape, depth, angles, bins or convolve, without synthesising again."""
     changes = with_json("PATCH", "v1", "assets", asset_id(asset), value=dict(settings))
     return parse.one(Asset, (yield changes))
 
@@ -85,6 +87,15 @@ def _mesh(mesh: File | Mapping[str, ArrayLike], name: str | None) -> Part:
     if isinstance(mesh, bytes) and name is None:
         raise ValueError("mesh bytes need a name: its extension tells their format")
     return _file("mesh", mesh, name)
+
+
+def _stiffness(given: File | Sequence[File] | Mapping[int, File] | None) -> list[Part]:
+    if given is None:
+        return []
+    if isinstance(given, Mapping):
+        return [_file("stiffness", image, f"{udim}.png") for udim, image in given.items()]
+    images = [given] if isinstance(given, (str, bytes, os.PathLike)) else given
+    return [_file("stiffness", image, None) for image in images]
 
 
 def _file(field: str, given: File, name: str | None) -> Part:

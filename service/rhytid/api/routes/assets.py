@@ -12,10 +12,14 @@ from rhytid.api.parts import Part
 from rhytid.api.schemas import Asset
 from rhytid.api.uploads import decode_json, require
 from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.mesh import Mesh
+from rhytid.domain.stiffness import Stiffness
+from rhytid.domain.tiles import mesh_udims
 from rhytid.engine.messages import NewAsset
 from rhytid.errors import InputError
 from rhytid.formats.graphs import read_graph, write_graph
 from rhytid.formats.meshes import read_mesh
+from rhytid.formats.stiffness import read_stiffness
 
 SAFETENSORS = "application/vnd.safetensors"
 router = APIRouter(prefix="/v1/assets", tags=["assets"], dependencies=[NoQuery])
@@ -38,8 +42,6 @@ def create(parts: Parts, engine: EngineDep, response: Response) -> Any:
 
 def new_asset(parts: dict[str, Part]) -> NewAsset:
     """Decode the parts of an upload; raises InputError, or one of its kinds, naming the part."""
-    if "stiffness" in parts:
-        raise InputError("part stiffness is not supported in this version")
     mesh = require(parts, "mesh")
     if not mesh.filename:
         raise InputError("part mesh has no filename: its extension names the format")
@@ -50,7 +52,13 @@ def new_asset(parts: dict[str, Part]) -> NewAsset:
         settings=AssetSettings.parse(settings),
         graph=read_graph(parts["graph"].data) if "graph" in parts else None,
         frames=read.frames,
+        stiffness=_stiffness(parts["stiffness"], read.mesh) if "stiffness" in parts else None,
     )
+
+
+def _stiffness(first: Part, mesh: Mesh) -> Stiffness:
+    images = [(part.filename or "part stiffness", part.data) for part in (first, *first.again)]
+    return read_stiffness(images, mesh_udims(mesh))
 
 
 @router.get("", response_model=list[Asset], responses=problems(422))
@@ -69,7 +77,7 @@ def show(asset: str, engine: EngineDep) -> Any:
     "/{asset}",
     response_model=Asset,
     responses=problems(404, 409, 413, 415, 422, 503),
-    openapi_extra=json_body("settings to change: response, shape, depth, bins, …"),
+    openapi_extra=json_body("settings to change: response, shape, depth, angles, bins, …"),
 )
 def change(asset: str, changes: Json, engine: EngineDep, place: Place) -> Any:
     """Change settings that need no new synthesis."""
