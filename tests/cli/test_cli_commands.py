@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from cli.running import write_animation, write_neutral
 from meshes import SmallMesh
@@ -148,3 +149,28 @@ def test_bake_needs_a_usable_name(
 
     assert main(["bake", "--mesh", mesh, "--out", str(tmp_path / "maps")]) == 1
     assert "--name gives another" in capsys.readouterr().err
+
+
+def test_bake_takes_stiffness_maps(
+    tmp_path: Path, small_mesh: SmallMesh, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mesh = str(write_animation(tmp_path / "shot.npz", small_mesh, 2))
+    for grey in (0, 255):
+        Image.new("L", (4, 4), grey).save(tmp_path / f"grey{grey}.1001.png")
+
+    def baked(out: str, *more: str) -> bytes:
+        given = ["bake", "--mesh", mesh, "--out", str(tmp_path / out), *SMALL, *more]
+        assert main(given) == 0
+        texels, _ = read_exr(tmp_path / out / "shot.1001.0002.exr")
+        return texels.tobytes()
+
+    plain = baked("plain")
+    assert baked("white", "--stiffness", str(tmp_path / "grey255.1001.png")) == plain
+    rigid = baked("black", "--stiffness", str(tmp_path / "grey0.1001.png"))
+    assert rigid == baked("neutral", "--method", "neutral") != plain
+
+    capsys.readouterr()
+    (tmp_path / "a.1003.png").write_bytes(b"")
+    given = ["bake", "--mesh", mesh, "--out", str(tmp_path / "x"), *SMALL]
+    assert main([*given, "--stiffness", str(tmp_path / "a.1003.png")]) == 1
+    assert "a.1003.png is of UDIM 1003, which has no mesh" in capsys.readouterr().err

@@ -5,8 +5,10 @@ from __future__ import annotations
 import inspect
 import io
 import json
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import httpx
@@ -308,6 +310,25 @@ def test_form_of_a_new_asset(shell: Callable[..., Shell], monkeypatch: pytest.Mo
     assert sent.headers["content-length"] == str(len(text))
     assert "transfer-encoding" not in sent.headers
     assert told[-1] == (len(text), len(text))
+
+
+@pytest.mark.parametrize("kind", ["bytes", "path", "paths", "by UDIM"])
+def test_every_stiffness_map_is_a_part_that_names_its_udim(
+    shell: Callable[..., Shell], tmp_path: Path, kind: str
+) -> None:
+    paths = [tmp_path / f"skin.{udim}.png" for udim in (1001, 1002)]
+    for path in paths:
+        path.write_bytes(path.name.encode())
+    given: dict[str, tuple[Any, list[str]]] = {
+        "bytes": (b"x", ["stiffness"]),
+        "path": (str(paths[0]), ["skin.1001.png"]),
+        "paths": (paths, ["skin.1001.png", "skin.1002.png"]),
+        "by UDIM": ({1002: paths[0], 1001: b"x"}, ["1002.png", "1001.png"]),
+    }
+    script = Script(httpx.Response(202, json=ASSET))
+    shell(script).create_asset(b"v", name="a.obj", stiffness=given[kind][0])
+    (body,) = script.bodies
+    assert re.findall('name="stiffness"; filename="(.*?)"', body.decode()) == given[kind][1]
 
 
 @pytest.mark.parametrize("frame", ["", ".", ".."])

@@ -17,8 +17,13 @@ from hypothesis.extra.numpy import arrays
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.stiffness import Stiffness
 from rhytid.storage import asset_id
 from rhytid.storage.contents import read_mesh, write_mesh
+
+ONE = np.ones((2, 3), np.float32)
+MAPS = ({}, {1001: ONE}, {1002: ONE}, {1001: ONE.T}, {1001: ONE, 1002: ONE}, {1001: 0 * ONE})
+STIFFNESS = [Stiffness(maps) for maps in MAPS]
 
 
 def test_same_content_same_id(mesh: Mesh, graph: WrinkleGraph, settings: AssetSettings) -> None:
@@ -62,8 +67,9 @@ def test_graph_and_settings_count(mesh: Mesh, graph: WrinkleGraph, settings: Ass
         asset_id(mesh, settings, graph),
         asset_id(mesh, settings, without_triangles),
         asset_id(mesh, settings.with_r_max(0.15), None),
+        *(asset_id(mesh, settings, graph, stiffness) for stiffness in STIFFNESS),
     }
-    assert len(ids) == 4
+    assert len(ids) == 4 + len(STIFFNESS)
 
 
 _corner = arrays(np.float32, (3, 3), elements=st.floats(-1e6, 1e6, width=32))

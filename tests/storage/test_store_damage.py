@@ -5,16 +5,25 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.stiffness import Stiffness
 from rhytid.errors import StorageError
 from rhytid.storage import AssetStore
 
 ID = "00112233aabbccdd"
-FILES = ("manifest.json", "facts.json", "mesh.safetensors", "graph.safetensors")
+FILES = (
+    "manifest.json",
+    "facts.json",
+    "mesh.safetensors",
+    "graph.safetensors",
+    "stiffness.safetensors",
+)
+STIFFNESS = Stiffness({1001: np.full((3, 3), 0.5)})
 
 
 def flip(path: Path, at: int) -> None:
@@ -34,9 +43,9 @@ def stored(
 ) -> tuple[Path, Callable[[], object]]:
     """The sealed folder and the call that reads it."""
     if request.param == "asset":
-        store.put_asset(ID, mesh, graph, settings, {"spacing": 1.5})
+        store.put_asset(ID, mesh, graph, settings, {"spacing": 1.5}, STIFFNESS)
     else:
-        store.put_request(ID, mesh, settings, graph)
+        store.put_request(ID, mesh, settings, graph, STIFFNESS)
     read = getattr(store, request.param)
     return folder / "assets" / ID / request.param, lambda: read(ID)
 

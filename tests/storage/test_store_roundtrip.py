@@ -12,6 +12,7 @@ import pytest
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.stiffness import Stiffness
 from rhytid.errors import NotFoundError, StorageError
 from rhytid.storage import AssetStore
 
@@ -43,6 +44,21 @@ def test_asset_comes_back_after_reopening(
     assert same_graph(kept.graph, graph)
     assert kept.settings == settings
     assert kept.extra == {"spacing": 0.1, "note": "é"}
+
+
+def test_stiffness_comes_back_of_requests_and_assets(
+    folder: Path, mesh: Mesh, graph: WrinkleGraph, settings: AssetSettings
+) -> None:
+    maps = {1002: np.linspace(0, 1, 12, dtype=np.float32).reshape(3, 4), 1001: np.ones((1, 1))}
+    with AssetStore(folder) as store:
+        store.put_request(ID, mesh, settings, graph, Stiffness(maps))
+        store.put_asset(OTHER, mesh, graph, settings, {}, Stiffness(maps))
+    with AssetStore(folder) as store:
+        for kept in (store.request(ID).stiffness, store.asset(OTHER).stiffness):
+            assert kept is not None
+            assert list(kept.maps) == [1001, 1002]
+            for udim, map in kept.maps.items():
+                np.testing.assert_array_equal(map, maps[udim])
 
 
 @pytest.mark.parametrize("given", [True, False])

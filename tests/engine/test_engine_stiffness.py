@@ -1,0 +1,147 @@
+"""Assets with a painted stiffness, and angles changed later: kept, told apart, cut bit for bit."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from engine.engines import (
+    BINNED,
+    CONVOLVED,
+    QUERIES,
+    REDRAW,
+    assembled,
+    built,
+    finish,
+    maps,
+    new_asset,
+    running,
+    same,
+    settle,
+)
+from meshes import deform
+from pipeline.scenes import sheet
+from pipeline.stiff_scenes import painted
+from rhytid.domain.stiffness import Stiffness
+from rhytid.domain.tiles import TileAddress
+from rhytid.engine.messages import MapQuery
+from rhytid.errors import InputError
+from rhytid.storage import AssetStore
+
+MESH = sheet(udims=2)
+BENT = deform(MESH.positions, 3, 0.15)
+SMOOTH = tuple(MapQuery(method, sampling="smooth") for method in ("redraw", "binned"))
+# Coarser than a tile, 1 in some tiles of 1001 and in all of 1011, nothing of 1002.
+MAP = np.ones((4, 4), np.float32)
+MAP[1:3, 1:3] = painted((2, 2)).maps[1001]
+STIFFNESS = Stiffness({1001: MAP, 1011: np.ones((2, 2)), 1012: painted((5, 7)).maps[1001]})
+
+
+def stiff(stiffness=STIFFNESS, **settings):
+    return replace(new_asset(MESH, **settings), stiffness=stiffness)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """An engine with an asset that has a stiffness and one that has none, both bent."""
+    with running(tmp_path_factory.mktemp("stiff")) as engine:
+        ids = built(engine, stiff()), built(engine, stiff(None))
+        for id in ids:
+            engine.put_frame(id, "bent", BENT)
+        yield engine, *ids
+
+
+def test_it_acts_where_it_is_painted_alone(made):
+    engine, asset, plain = made
+    for query in (*QUERIES[1:], *SMOOTH):
+        changed = {
+            udim
+            for udim in (1001, 1002, 1011, 1012)
+            if not same(*([engine.map(id, "bent", query, udim, 0)] for id in (asset, plain)))
+        }
+        # What is drawn anew may reach over a border from a place that is painted.
+        assert changed - ({1002} if query.method == "redraw" else set()) == {1001, 1012}, query
+
+
+def test_the_neutral_is_the_same_bit_for_bit(made):
+    engine, asset, plain = made
+    assert same(*(maps(engine, id, "neutral") for id in (asset, plain)))
+
+
+@pytest.mark.parametrize("query", [*QUERIES[1:], *SMOOTH], ids=str)
+@pytest.mark.parametrize("level", [0, 1, 3, 8])
+def test_tiles_put_together_are_the_map(made, query, level):
+    engine, asset, _ = made
+    for udim in (1001, 1012):
+        whole = engine.map(asset, "bent", query, udim, level)
+        assert np.isfinite(whole).all()
+        assert same([whole], [assembled(engine, asset, "bent", query, udim, level)])
+
+
+def test_it_is_part_of_the_id_and_survives_a_restart(tmp_path):
+    other = Stiffness({**STIFFNESS.maps, 1001: 1.0 - MAP})
+    with running(tmp_path) as engine:
+        ids = [built(engine, stiff(k)) for k in (STIFFNESS, other, None)]
+        assert len(set(ids)) == 3
+        assert engine.create_asset(stiff()).id == ids[0]
+        engine.put_frame(ids[0], "bent", BENT)
+        before = maps(engine, ids[0], "bent")
+    with running(tmp_path) as engine:
+        settle(engine, ids[0])
+        engine.put_frame(ids[0], "bent", BENT)
+        assert same(before, maps(engine, ids[0], "bent"))
+
+
+def test_an_interrupted_build_goes_on_with_it(tmp_path):
+    with running(tmp_path / "one") as engine:
+        asset = built(engine, stiff())
+        engine.put_frame(asset, "bent", BENT)
+        wanted = maps(engine, asset, "bent")
+    new = stiff()
+    with AssetStore(tmp_path / "two") as store:
+        store.put_request(asset, new.mesh, new.settings, new.graph, new.stiffness)
+    with running(tmp_path / "two") as engine:
+        settle(engine, asset)
+        engine.put_frame(asset, "bent", BENT)
+        assert same(wanted, maps(engine, asset, "bent"))
+
+
+def test_a_change_of_response_keeps_it(tmp_path):
+    with running(tmp_path) as engine:
+        one, other = built(engine, stiff()), built(engine, stiff(response={"alpha_d": 2.0}))
+        engine.change_asset(one, {"response": {"alpha_d": 2.0}})
+        for id in (one, other):
+            engine.put_frame(id, "bent", BENT)
+        assert same(*(maps(engine, id, "bent") for id in (one, other)))
+
+
+def test_angles_can_change_and_change_what_is_drawn(tmp_path):
+    with running(tmp_path) as engine:
+        one, other = (built(engine, stiff(angles=angles)) for angles in ("uv", "surface"))
+        for id in (one, other):
+            engine.put_frame(id, "bent", BENT)
+        address = TileAddress(1001, 0, 1, 1)
+        before = maps(engine, one, "bent"), engine.tile_key(one, "bent", REDRAW, address)
+        assert engine.change_asset(one, {"angles": "surface"}).settings["angles"] == "surface"
+        finish(engine, engine.asset(one).job)
+        after = maps(engine, one, "bent"), engine.tile_key(one, "bent", REDRAW, address)
+        assert before[1] != after[1]
+        assert same(after[0], maps(engine, other, "bent"))
+        for query in (REDRAW, BINNED, *SMOOTH):
+            found = engine.map(one, "bent", query, 1001, 0)
+            assert same([found], [engine.map(other, "bent", query, 1001, 0)])
+        count = len(engine.asset(one).udims)
+        redrawn, binned, convolved = (slice(i * count, (i + 1) * count) for i in (1, 2, 3))
+        for part in (redrawn, binned):
+            assert not same(before[0][part], after[0][part])
+        assert QUERIES[3] == CONVOLVED
+        assert same(before[0][convolved], after[0][convolved])  # it has no angles
+
+
+def test_a_udim_without_mesh_is_refused(tmp_path):
+    with running(tmp_path) as engine:
+        with pytest.raises(InputError, match="UDIM 1005: it has no mesh"):
+            engine.create_asset(stiff(Stiffness({1005: MAP})))
+        assert engine.assets() == []
