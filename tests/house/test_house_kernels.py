@@ -23,6 +23,7 @@ SMALL = (
     "CODE=char",
     "CODE_BITS=8",
     "CODE_LIMIT=127",
+    "MAPS=6",
 )
 SMALL_LAYERS = ("LAYERS=2", "SAMPLES=3", "ORIENTED=0", "PARTS=1")
 LARGE = (
@@ -33,6 +34,7 @@ LARGE = (
     "CODE=short",
     "CODE_BITS=16",
     "CODE_LIMIT=32767",
+    "MAPS=238",
 )
 LARGE_LAYERS = ("LAYERS=17", "SAMPLES=7", "ORIENTED=16", "PARTS=2")
 RANGES = {"small": SMALL + SMALL_LAYERS, "large": LARGE + LARGE_LAYERS}
