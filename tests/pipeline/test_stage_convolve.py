@@ -8,87 +8,11 @@ import numpy as np
 import pytest
 
 from meshes import deform, rotate_translate
-from pipeline.scenes import settings_of, sheet
+from pipeline.convolving import BOUND, LARGE, SMALL, R, Stage, noise, square
+from pipeline.scenes import sheet
 from reference import convolve, stretch
 from rhytid.domain.mesh import Mesh
-from rhytid.pipeline.convolve import MOST_TAPS, Convolve, neutral_jacobians
-from rhytid.pipeline.levels import render_to_host
-from rhytid.pipeline.locate import UdimTriangles
-from rhytid.pipeline.stretch import StretchStage
-
-R = 256
-# What a tap is off: its weight by 3e-4 at most, its place by 1e-5 of a texel; two passes.
-BOUND = 5e-5
-# One unit of length is R texels on the square, about 70 on the sheet.
-SMALL, LARGE = 0.02, 0.4
-
-
-def noise(seed=1):
-    return np.random.default_rng(seed).uniform(-1, 1, (R, R)).astype(np.float32)
-
-
-def square(n=4):
-    """The unit square over the whole UDIM, x along u and y along v."""
-    lattice = np.stack(np.meshgrid(*2 * [np.linspace(0, 1, n + 1)]), axis=-1).reshape(-1, 2)
-    corner = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).reshape(-1, 1)
-    lower, upper = np.array([0, 1, n + 2]), np.array([0, n + 2, n + 1])
-    faces = np.concatenate([corner + lower, corner + upper])
-    positions = np.concatenate([lattice, np.zeros((len(lattice), 1))], axis=1)
-    return Mesh(positions, faces, lattice, faces)
-
-
-class Stage:
-    """A mesh on the device, and any map of R² texels in place of its neutral one."""
-
-    def __init__(self, device, mesh, heights, sigma=SMALL, stiffness=None, **changes):
-        self.device, self.mesh, self.heights = device, mesh, np.float32(heights)
-        self.settings = settings_of(resolution=R, convolve={"sigma": sigma, **changes})
-        self.stage = StretchStage(device, mesh)
-        self.convolve, self.stiffness = Convolve(device, mesh, stiffness), stiffness
-        self.located = UdimTriangles(device, mesh, 1001, R, self.settings.padding)
-
-    def stretch(self, positions, model="tensor"):
-        return self.stage.run(positions, self.settings.response.log_stretch_limit, model)
-
-    def draw(self, row, column, side):
-        assert min(row, column) >= 0
-        assert max(row, column) + side <= R
-        return self.device.upload(self.heights[row : row + side, column : column + side])
-
-    def convolved(self, stretch, row=0, column=0, side=R, level=0):
-        kernels = self.convolve.kernels(stretch, self.settings)
-
-        def draw(row, column, side):
-            neutral = self.convolve.neutral_tile(
-                self.draw, self.located, self.settings, 1001, row, column, side
-            )
-            out = self.convolve.tile(neutral, kernels, self.settings)
-            neutral.release()
-            return out
-
-        found = render_to_host(self.device, draw, level, row, column, side)
-        kernels.release()
-        return found
-
-    def frame(self, positions, model="tensor", **crop):
-        return self.convolved(self.stretch(positions, model), **crop)
-
-    def expected(self, found):
-        """The reference with the product's stretch and triangles."""
-        count = found.count
-        axes = self.device.read(found.axes, (count, 2, 2), np.float32).astype(np.float64)
-        logs = self.device.read(found.logs, (count, 2), np.float32)
-        mesh, settings = self.mesh, self.settings.convolve
-        jacobian = stretch.jacobians(mesh.positions, mesh.faces, mesh.uv, mesh.face_uv)
-        sigma = np.ones((count, 2))
-        sigma[:-1] = convolve.deviation(jacobian, axes[:-1], settings.sigma, R)
-        # A last tap that rounding could take away would leave both sides right.
-        taps = 3 * sigma[:-1]
-        assert np.abs(taps - np.rint(taps))[taps < MOST_TAPS].min(initial=1.0) > 1e-4
-        alpha = convolve.share(logs, settings.blur_gain, settings.sharpen_gain)
-        triangles = self.device.read(self.located.texels(R, 0, 0, R), (R, R), np.int32)
-        heights = self.heights.astype(np.float64)
-        return convolve.convolved(heights, *(x[triangles] for x in (axes, alpha, sigma)))
+from rhytid.pipeline.convolve import neutral_jacobians
 
 
 @pytest.mark.parametrize("model", ["tensor", "tension", "uv"])

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from meshes import deform
+from pipeline.convolving import BOUND, LARGE, SMALL, R, Stage, noise, square
 from pipeline.scenes import sheet
 from pipeline.stiff_scenes import painted
-from pipeline.test_stage_convolve import BOUND, LARGE, SMALL, R, Stage, noise, square
 from reference import convolve, stretch
 from reference.drawing import crop
 from reference.stiffness import bilinear

@@ -25,6 +25,13 @@ def deviation(jacobian: Array, axes: Array, sigma: float, resolution: int) -> Ar
     return texels
 
 
+def deviation_in(metric: Array, axes: Array, sigma: float, resolution: int) -> Array:
+    """(P, 2) the same from metrics G = JᵀJ (P, 2, 2): |J s|² = sᵀGs."""
+    speed = np.sqrt(np.einsum("pik,pkl,pil->pi", axes, metric, axes))
+    texels: Array = np.minimum(sigma * resolution / speed, MOST_TAPS / 3)
+    return texels
+
+
 def along(heights: Array, axis: Array, alpha: Array, sigma: Array) -> Array:
     """(R, C) one pass: (1 - alpha) delta + alpha G with taps one texel apart to 3 sigma.
 

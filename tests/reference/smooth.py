@@ -104,12 +104,27 @@ def sample(
     triangle (P,): -1 is none, which is unstretched. A point outside takes the closest point.
     """
     logs, axes = np.zeros((len(triangle), 2)), np.tile(np.eye(2), (len(triangle), 1, 1))
+    forms = interpolated(points, triangle, triangle_uv, owner, fields)
+    for i in np.flatnonzero(triangle >= 0):
+        logs[i], axes[i] = principal(*(form[i] for form in forms))
+    return logs, axes
+
+
+def interpolated(
+    points: ArrayLike, triangle: Indices, triangle_uv: Array, owner: Indices, fields: tuple
+) -> list[Array]:
+    """Fields (W, ...) of UV vertices at points (P, 2) in UV, as for `sample`: (P, ...) each.
+
+    In no triangle the first is 1 and the others 0.
+    """
+    found = [np.zeros((len(triangle), 2, 2)) for _ in fields]
+    found[0][:] = np.eye(2)
     for i in np.flatnonzero(triangle >= 0):
         t = triangle[i]
         weights = barycentric(np.asarray(points, np.float64)[i], triangle_uv[t])
-        metric, log_stretch = (np.einsum("k,kij->ij", weights, f[owner[t]]) for f in fields)
-        logs[i], axes[i] = principal(metric, log_stretch)
-    return logs, axes
+        for form, field in zip(found, fields, strict=True):
+            form[i] = np.tensordot(weights, field[owner[t]], 1)
+    return found
 
 
 def barycentric(point: Array, triangle: Array) -> Array:

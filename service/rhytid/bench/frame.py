@@ -22,9 +22,10 @@ from rhytid.domain.tiles import mesh_udims
 from rhytid.engine.spacing import mean_spacing
 from rhytid.pipeline.bins import BinMaker, BinTile
 from rhytid.pipeline.blend import Blend
-from rhytid.pipeline.convolve import Convolve, NeutralTile
+from rhytid.pipeline.convolve import Convolve
 from rhytid.pipeline.elements import UdimElements, pore_arrays, wrinkle_arrays
 from rhytid.pipeline.locate import UdimTriangles, locate_points
+from rhytid.pipeline.neutral_tiles import NeutralTile
 from rhytid.pipeline.redraw import redrawing, respond
 from rhytid.pipeline.stretch import StretchStage
 from rhytid.pipeline.stretch_buffers import StretchBuffers

@@ -97,8 +97,6 @@ class MapQuery:
             value = getattr(self, name)
             if value not in known:
                 raise QueryError(f"{name} {value!r}: one of {', '.join(known)}")
-        if (self.method, self.sampling) == ("convolved", "smooth"):
-            raise QueryError("method 'convolved' has sampling 'nearest' alone")
 
 
 _QUERY = {"method": METHODS, "stretch": STRETCH_MODELS, "sampling": SAMPLINGS}

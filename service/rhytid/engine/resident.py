@@ -21,7 +21,8 @@ from rhytid.engine.messages import MapQuery
 from rhytid.errors import NotFoundError
 from rhytid.pipeline.bins import BinMaker, BinTile, map_count
 from rhytid.pipeline.blend import Blend
-from rhytid.pipeline.convolve import Convolve, NeutralTile
+from rhytid.pipeline.convolve import Convolve
+from rhytid.pipeline.convolve_smooth import SmoothConvolve
 from rhytid.pipeline.elements import (
     BLOCK,
     PoreArrays,
@@ -32,6 +33,7 @@ from rhytid.pipeline.elements import (
 )
 from rhytid.pipeline.levels import Draw, render_to_host
 from rhytid.pipeline.locate import UdimTriangles, locate_points
+from rhytid.pipeline.neutral_tiles import NeutralTile, NeutralTiles
 from rhytid.pipeline.redraw import ScaleBuffers, redrawing, respond
 from rhytid.pipeline.smooth import SmoothFields, SmoothStage, respond_smooth
 from rhytid.pipeline.stiffness import stiffness_of_elements
@@ -71,6 +73,7 @@ class ResidentAsset:
         self._pore_stiffness: NDArray[np.float32] | None = None
         self._wrinkle_stiffness: NDArray[np.float32] | None = None
         self._convolve = Convolve(device, mesh, stiffness)
+        self._smooth_convolve = SmoothConvolve(device, mesh, self._smooth, stiffness)
         self._released = False
 
     @property
@@ -145,17 +148,17 @@ class ResidentAsset:
 
     def convolved(self, frame: Frame, query: MapQuery, address: TileAddress) -> NDArray[np.float32]:
         """One tile of `convolved`; what no frame changes is kept where it is one piece."""
-        kernels = self._kernels(frame, query.stretch)
+        maker, convolve = self._convolving(frame, query, address.udim)
         texels = self.settings.grid.texels(address.level)
 
         def draw(row: int, column: int, side: int) -> Buffer:
             def make() -> NeutralTile:
-                return self._neutral_tile(address.udim, row, column, side)
+                return self._neutral_tile(maker, address.udim, row, column, side)
 
             # Of a tile drawn piece by piece, one piece is all that must be on the device at once.
             whole = side == texels << address.level
-            neutral = self._keep("neutral", address, make=make) if whole else make()
-            out = self._convolve.tile(neutral, kernels, self.settings)
+            neutral = self._keep("neutral", query.sampling, address, make=make) if whole else make()
+            out = convolve(neutral)
             if not whole:
                 neutral.release()
             return out
@@ -253,12 +256,24 @@ class ResidentAsset:
             ),
         )  # fmt: skip
 
-    def _neutral_tile(self, udim: int, row: int, column: int, side: int) -> NeutralTile:
+    def _convolving(
+        self, frame: Frame, query: MapQuery, udim: int
+    ) -> tuple[NeutralTiles, Callable[[NeutralTile], Buffer]]:
+        """What makes the neutral tiles of a sampling, and what convolves them in a frame."""
+        model, settings = query.stretch, self.settings
+        if query.sampling == "nearest":
+            kernels = self._kernels(frame, model)
+            return self._convolve, lambda tile: self._convolve.tile(tile, kernels, settings)
+        smooth = self._smooth_convolve
+        fields, located = self._fields(frame, model), self._located[udim]
+        return smooth, lambda tile: smooth.tile(tile, fields, located, settings)
+
+    def _neutral_tile(
+        self, maker: NeutralTiles, udim: int, row: int, column: int, side: int
+    ) -> NeutralTile:
         """What is convolved for `side`² texels of level 0."""
         draw = self._redrawing(NEUTRAL_FRAME, MapQuery("neutral"), udim)
-        return self._convolve.neutral_tile(
-            draw, self._located[udim], self.settings, udim, row, column, side
-        )
+        return maker.neutral_tile(draw, self._located[udim], self.settings, udim, row, column, side)
 
     def _redrawing(self, frame: Frame, query: MapQuery, udim: int) -> Draw:
         scales = self._scales(frame, query, udim)

@@ -3,8 +3,6 @@ Kernel: convolve.cl."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,60 +10,17 @@ from rhytid.device.runtime import Buffer, Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.stiffness import Stiffness
-from rhytid.domain.tiles import udim_origin
-from rhytid.pipeline.elements import BLOCK
-from rhytid.pipeline.levels import Draw
-from rhytid.pipeline.locate import UdimTriangles
-from rhytid.pipeline.stiffness import stiffness_of_texels
+from rhytid.pipeline.neutral_tiles import MOST_TAPS, WIDTH, NeutralTile, NeutralTiles, reach
 from rhytid.pipeline.stretch_buffers import StretchBuffers
 
-# Taps on either side of a texel, at most: 3 sigma, so that sigma is 21 texels at most.
-MOST_TAPS = 63
-_WIDTH = 16
 
-
-@dataclass(frozen=True)
-class NeutralTile:
-    """What convolving `side`² texels from (row, column) on needs and no frame changes.
-
-    heights: (side + 4 apron)² float32, the neutral map around the tile; beyond the border of the
-    map the texel at the border.  triangles: (side + 2 apron)² int32, which holds each texel.
-    stiffness: float32 of the same texels, or None: 1 throughout.
-    """
-
-    row: int
-    column: int
-    side: int
-    apron: int
-    heights: Buffer
-    triangles: Buffer
-    stiffness: Buffer | None = None
-
-    @property
-    def _buffers(self) -> tuple[Buffer, ...]:
-        held = (self.heights, self.triangles, self.stiffness)
-        return tuple(buffer for buffer in held if buffer is not None)
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes on the device."""
-        return sum(buffer.nbytes for buffer in self._buffers)
-
-    def release(self) -> None:
-        """Give the memory back."""
-        for buffer in self._buffers:
-            buffer.release()
-
-
-class Convolve:
+class Convolve(NeutralTiles):
     """What convolving needs of an asset, on the device."""
 
     def __init__(self, device: Device, mesh: Mesh, stiffness: Stiffness | None = None) -> None:
-        self._device, self._stiffness = device, stiffness
         jacobians = neutral_jacobians(mesh)
+        super().__init__(device, mesh, _slowest(jacobians), stiffness)
         self._jacobians = device.upload(jacobians)
-        self._slowest = _slowest(jacobians)
-        self._corners = mesh.triangle_uv()
 
     def kernels(self, stretch: StretchBuffers, settings: AssetSettings) -> Buffer:
         """(F + 1, 2, 4) float32: of each triangle and axis (step x, step y, α, σ), in texels. With
@@ -76,27 +31,10 @@ class Convolve:
             "convolve", "triangle_kernels", (stretch.count,),
             stretch.axes, stretch.logs, self._jacobians,
             np.array([convolve.blur_gain, convolve.sharpen_gain], np.float32),
-            np.float32(_reach(settings)), np.float32(MOST_TAPS / 3),
+            np.float32(reach(settings)), np.float32(MOST_TAPS / 3),
             np.int32(self._stiffness is not None), found,
         )  # fmt: skip
         return found
-
-    def neutral_tile(
-        self, draw: Draw, located: UdimTriangles, settings: AssetSettings,
-        udim: int, row: int, column: int, side: int,
-    ) -> NeutralTile:  # fmt: skip
-        """What can be made ahead of a tile of level 0; `draw` draws the neutral map."""
-        apron = self.apron(settings, udim, row, column, side)
-        resolution = settings.resolution
-        heights = _extended(
-            self._device, draw, resolution, row - 2 * apron, column - 2 * apron, side + 4 * apron
-        )
-        triangles = located.texels(resolution, row - apron, column - apron, side + 2 * apron)
-        stiffness = stiffness_of_texels(
-            self._device, self._stiffness, udim, resolution, row - apron, column - apron,
-            side + 2 * apron,
-        )  # fmt: skip
-        return NeutralTile(row, column, side, apron, heights, triangles, stiffness)
 
     def tile(self, neutral: NeutralTile, kernels: Buffer, settings: AssetSettings) -> Buffer:
         """float32 displacement of one tile of level 0, on the device."""
@@ -106,22 +44,6 @@ class Convolve:
         assert out.nbytes == 4 * side * side
         wide.release()
         return out
-
-    def apron(self, settings: AssetSettings, udim: int, row: int, column: int, side: int) -> int:
-        """How far one pass over a tile can read at most, whatever the frame; a multiple of 16.
-
-        The bits of a tile do not depend on it, only its cost.
-        """
-        resolution = settings.resolution
-        margin = (MOST_TAPS + 1 + settings.padding + 1) / resolution
-        low = np.array([column, resolution - row - side]) / resolution - margin
-        high = low + side / resolution + 2 * margin
-        corners = self._corners - udim_origin(udim)
-        touches = (corners.max(axis=1) >= low) & (corners.min(axis=1) <= high)
-        slowest = self._slowest[touches.all(axis=1)].min(initial=np.inf)
-        # One more for rounding, one for the texel that bilinear reads beside the last tap.
-        taps = min(3.0 * _reach(settings) / slowest + 1.0, MOST_TAPS) + 1.0
-        return _WIDTH * int(np.ceil(taps / _WIDTH))
 
     def release(self) -> None:
         """Give the memory back."""
@@ -135,7 +57,7 @@ class Convolve:
         side = neutral.side + 2 * apron
         out = self._device.empty(side * side, np.float32)
         self._device.launch(
-            "convolve", "convolve", (side // _WIDTH, side),
+            "convolve", "convolve", (side // WIDTH, side),
             source, np.int32(neutral.apron), neutral.triangles, np.int32(neutral.apron - apron),
             neutral.stiffness, kernels, np.int32(axis), np.int32(settings.resolution),
             np.int32(neutral.row - apron), np.int32(neutral.column - apron), out,
@@ -163,27 +85,3 @@ def _slowest(jacobians: NDArray[np.float32]) -> NDArray[np.float64]:
     matrices = jacobians[:-1].reshape(-1, 2, 2).astype(np.float64)
     least = np.linalg.svd(matrices, compute_uv=False)[:, 1]
     return np.where(matrices.any(axis=(1, 2)), np.maximum(least, 1e-300), np.inf)
-
-
-def _reach(settings: AssetSettings) -> float:
-    """σ in mesh units times texels a side: over |J ŝ| it is σ in texels."""
-    assert settings.convolve.sigma is not None
-    return settings.convolve.sigma * settings.resolution
-
-
-def _extended(
-    device: Device, draw: Draw, resolution: int, row: int, column: int, side: int
-) -> Buffer:
-    """`side`² texels from (row, column) on, which may lie beyond the border of the map."""
-    blocks = max(-(-(at % BLOCK + side) // BLOCK) for at in (row, column))
-    inside = min(blocks * BLOCK, resolution)
-    corner = [int(np.clip(at // BLOCK * BLOCK, 0, resolution - inside)) for at in (column, row)]
-    part = draw(corner[1], corner[0], inside)
-    out = device.empty(side * side, np.float32)
-    device.launch(
-        "convolve", "extend", (side, side),
-        part, np.array(corner, np.int32), np.int32(inside), np.int32(resolution),
-        np.int32(row), np.int32(column), out,
-    )  # fmt: skip
-    part.release()
-    return out

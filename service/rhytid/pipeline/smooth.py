@@ -27,13 +27,14 @@ class SmoothFields:
 
     values: float8 a UV vertex (G uu, uv, vv, H uu, uv, vv, 0, 0).  corners: of each triangle, the
     stage's.  limit: what log stretch was clamped to.  neutral: values of the neutral for angles on
-    the surface, or None; the stage's.
+    the surface, or None; the stage's.  model: of stretch.
     """
 
     values: Buffer
     corners: Buffer
     limit: float
     neutral: Buffer | None = None
+    model: str = "tensor"
 
     @property
     def nbytes(self) -> int:
@@ -51,14 +52,18 @@ class SmoothFields:
 
 
 class SmoothStage:
-    """The UV vertices of an asset, ready to take the stretch of any frame."""
+    """The UV vertices of an asset, ready to take the stretch of any frame.
+
+    neutral: fields of the neutral, for its metric G.  unit: mesh units that a 1 in G stands for,
+    squared.  slowest: (F,) a bound from below of |J ŝ|, mesh units, at any point of each triangle.
+    """
 
     def __init__(self, device: Device, mesh: Mesh) -> None:
-        jacobians, used = unit_jacobians(mesh)
+        jacobians, used, self.unit = unit_jacobians(mesh)
         vertices = UvVertices.of(mesh, used)
         self._device, self._count = device, len(vertices.vertex)
         self._triangles = len(mesh.faces)
-        self._neutral: Buffer | None = None
+        self.slowest = self.unit * vertices.slowest(jacobians)
         self._jacobians = device.upload(jacobians)
         self._vertex = device.upload(vertices.vertex)
         self._corners = device.upload(vertices.corners)
@@ -67,20 +72,18 @@ class SmoothStage:
             device.upload(vertices.members),
             device.upload(vertices.shares),
         )
+        self.neutral = self._neutral_fields()
 
     def run(self, stretch: StretchBuffers, limit: float, angles: str = "uv") -> SmoothFields:
         """The fields of a frame, whatever model measured it."""
         values = self._fields(f"{stretch.model}_fields", *self._inputs(stretch, limit))
-        if angles == "surface" and self._neutral is None:
-            self._neutral = self._neutral_fields()
-        neutral = self._neutral if angles == "surface" else None
-        return SmoothFields(values, self._corners, limit, neutral)
+        neutral = self.neutral if angles == "surface" else None
+        return SmoothFields(values, self._corners, limit, neutral, stretch.model)
 
     def release(self) -> None:
         """Give the memory back."""
-        for buffer in (self._jacobians, self._vertex, self._corners, *self._means, self._neutral):
-            if buffer is not None:
-                buffer.release()
+        for buffer in (self._jacobians, self._vertex, self._corners, *self._means, self.neutral):
+            buffer.release()
 
     def _fields(self, kernel: str, *inputs: object) -> Buffer:
         values = self._device.empty(8 * self._count, np.float32)

@@ -117,7 +117,7 @@ class StretchStage:
 def _surface_jacobians(mesh: Mesh) -> NDArray[np.float32]:
     """(F + 1, 4) J of each neutral triangle; the identity, whose angles are those of UV, for
     triangles without area and for the last entry, which stands for none."""
-    jacobians, used = unit_jacobians(mesh)
+    jacobians, used, _ = unit_jacobians(mesh)
     found = np.tile(np.array([1, 0, 0, 1], np.float32), (len(jacobians) + 1, 1))
     found[:-1][used] = jacobians[used]
     return found

@@ -11,6 +11,8 @@ from rhytid.domain.mesh import Mesh
 
 # Jacobians in units of their mean. Beyond these, squares would leave float32.
 _LEAST_JACOBIAN, _MOST_JACOBIAN = 1e-15, 1e15
+# Of |J s|² found as sᵀGs in float32, in units of the trace of G; and the least that is taken.
+_ROUNDING, _LEAST_SPEED2 = 2e-6, 1e-10
 
 
 @dataclass(frozen=True)
@@ -48,10 +50,28 @@ class UvVertices:
             (area / around[owner]).astype(np.float32),
         )
 
+    def slowest(self, jacobians: NDArray[np.float32]) -> NDArray[np.float64]:
+        """(F,) the least √(sᵀGs) that float32 finds for unit s, G interpolated in each triangle.
 
-def unit_jacobians(mesh: Mesh) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        G is the mean of JᵀJ at each UV vertex, 1 where it has no triangles.
+        """
+        count, matrices = len(self.vertex), jacobians.reshape(-1, 2, 2).astype(np.float64)
+        own = (np.swapaxes(matrices, 1, 2) @ matrices)[self.members] * self.shares[:, None, None]
+        without = np.diff(self.offsets) == 0
+        owner = np.repeat(np.arange(count), np.diff(self.offsets))
+        entries = [np.bincount(owner, own[:, i, j], count) for i, j in ((0, 0), (0, 1), (1, 1))]
+        uu, uv, vv = (np.where(without, one, x) for x, one in zip(entries, (1, 0, 1), strict=True))
+        # The least eigenvalue of a mean is no less than the least of them.
+        least = (0.5 * (uu + vv) - np.hypot(0.5 * (uu - vv), uv))[self.corners].min(axis=1)
+        trace = (uu + vv)[self.corners]
+        floor = _LEAST_SPEED2 * trace.min(axis=1)
+        bound: NDArray[np.float64] = np.maximum(least - _ROUNDING * trace.max(axis=1), floor)
+        return np.sqrt(bound)
+
+
+def unit_jacobians(mesh: Mesh) -> tuple[NDArray[np.float32], NDArray[np.bool_], float]:
     """(F, 4) J = ∂X/∂(u, v) of each neutral triangle in a frame of its plane, row by row, in units
-    of the mesh's mean; and (F,) which triangles have one that float32 can square."""
+    of the mesh's mean; (F,) which triangles have one that float32 can square; and the mean."""
     usable = mesh.usable_triangles()
     edges_uv, edges = _edges(mesh.triangle_uv()), _edges(mesh.positions[mesh.faces])
     edges_uv[~usable] = np.eye(2)
@@ -65,7 +85,8 @@ def unit_jacobians(mesh: Mesh) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     mean = np.sqrt(0.5 * np.average((size[usable] / size[usable].max()) ** 2, weights=area))
     mean *= size[usable].max()
     used = usable & (size > _LEAST_JACOBIAN * mean) & (size < _MOST_JACOBIAN * mean)
-    return np.where(used[:, None], jacobians / mean, 0.0).astype(np.float32), used
+    units = np.where(used[:, None], jacobians / mean, 0.0).astype(np.float32)
+    return units, used, float(mean)
 
 
 def _welded(mesh: Mesh) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
