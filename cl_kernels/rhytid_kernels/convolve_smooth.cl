@@ -1,43 +1,5 @@
 // As convolve.cl with smooth sampling: every texel has a kernel of its own. One work-item a texel.
-#define HEIGHTS float
-#define LOAD(at) (*(at))
-#include "convolve.clh"
-#include "smooth.clh"
-
-// Below this difference of log rho, a few times its rounding, axes are that rounding's.
-#define EVEN 1e-5f
-
-// Axes that turn from texel to texel only where the stretch does. The models without axes of their
-// own keep u first, then v, whichever is stretched more. So does, up to a conjugate direction, a
-// stretch that is the same in all directions.
-inline principal_t in_order(field_t f, int own_axes, float limit)
-{
-    principal_t p = principal(f, limit);
-    if (own_axes && p.log1 - p.log2 > EVEN)
-        return p;
-    if (!own_axes) {
-        p.log1 = clamp(f.log_stretch.uu / f.metric.uu, -limit, limit);
-        p.log2 = clamp(f.log_stretch.vv / f.metric.vv, -limit, limit);
-    }
-    float over_length = rsqrt(f.metric.uv * f.metric.uv + f.metric.uu * f.metric.uu);
-    p.u1 = 1.0f;
-    p.v1 = 0.0f;
-    p.u2 = -f.metric.uv * over_length;
-    p.v2 = f.metric.uu * over_length;
-    return p;
-}
-
-// metric: G = J^T J, so that |J s|^2 = s^T G s, within 2^-22 of its trace. reach: sigma times texels
-// a side, in the unit of sqrt(G).
-inline kernel_t kernel_in(form_t metric, float2 axis, float r, float2 gains, float reach,
-                          float largest)
-{
-    float speed2 = axis.x * axis.x * metric.uu + 2.0f * axis.x * axis.y * metric.uv +
-                   axis.y * axis.y * metric.vv;
-    speed2 = fmax(speed2, LEAST_DETERMINANT * (metric.uu + metric.vv));
-    float sigma = fmin(reach * rsqrt(speed2), largest);
-    return (kernel_t)(axis.x, -axis.y, share_of(r, gains.x, gains.y), sigma);
-}
+#include "convolve_smooth.clh"
 
 // A square of a map of side² texels, from (row, column) on; source, triangles, stiffness and axis as
 // in convolve.cl. metrics: fields of the neutral, for G, which only the model `tensor` has in its own.

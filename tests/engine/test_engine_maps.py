@@ -21,7 +21,7 @@ from pipeline.scenes import DEPTH, Scene, random_graph, settings_of, sheet
 from reference import drawing
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import TileAddress
-from rhytid.engine.messages import STRETCH_MODELS, MapQuery
+from rhytid.engine.messages import SAMPLINGS, STRETCH_MODELS, MapQuery
 from rhytid.errors import QueryError
 
 UDIMS = (1001, 1002, 1011, 1012)
@@ -106,10 +106,13 @@ def test_convolved_goes_with_any_stretch_model(made):
         seen.append(found)
 
 
-def test_convolved_drawn_in_pieces_is_the_same_bits(made, monkeypatch):
+@pytest.mark.parametrize("sampling", SAMPLINGS)
+def test_convolved_drawn_in_pieces_is_the_same_bits(made, monkeypatch, sampling):
+    query = MapQuery("convolved", sampling=sampling)
+
     def tiles():
         addresses = [TileAddress(1001, 0, 1, 2), TileAddress(1001, 2, 0, 0)]
-        return [made.engine.tile(made.asset, "bent", CONVOLVED, a) for a in addresses]
+        return [made.engine.tile(made.asset, "bent", query, a) for a in addresses]
 
     plain = tiles()
     monkeypatch.setattr("rhytid.pipeline.levels._CHUNK", 64)

@@ -9,7 +9,7 @@ from engine.engines import REDRAW, assembled, same
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.messages import STRETCH_MODELS, MapQuery
 
-METHODS = ("redraw", "binned")
+METHODS = ("redraw", "binned", "convolved")
 QUERIES = [MapQuery(m, stretch, "smooth") for m in METHODS for stretch in STRETCH_MODELS]
 
 
