@@ -56,7 +56,8 @@ class FakeEngine:
 
     def map_key(self, asset: str, frame: str, query: MapQuery, udim: int, level: int) -> str:
         value = self.frames[frame][0, 0]
-        return f"{self.revision}/{value}/{query.method}/{query.stretch}/{udim}/{level}"
+        about = f"{query.method}/{query.stretch}/{query.sampling}"
+        return f"{self.revision}/{value}/{about}/{udim}/{level}"
 
     def map(
         self, asset: str, frame: str, query: MapQuery, udim: int, level: int

@@ -101,7 +101,7 @@ def test_bake_goes_on_with_the_same_inputs_alone(
     assert header["method"] == "binned"
 
 
-def test_bake_takes_a_stretch_model_and_a_merge(
+def test_bake_takes_a_stretch_model_a_sampling_and_a_merge(
     tmp_path: Path, small_mesh: SmallMesh, capsys: pytest.CaptureFixture[str]
 ) -> None:
     mesh = str(write_animation(tmp_path / "shot.npz", small_mesh, 1))
@@ -110,15 +110,19 @@ def test_bake_takes_a_stretch_model_and_a_merge(
     out = tmp_path / "maps"
     given = ["bake", "--mesh", mesh, "--out", str(out), *SMALL]
     maps = []
+    rows = [[], ["--method", "convolved", "--sampling", "smooth"], ["--method", "binned"]]
 
-    for method in ([], ["--method", "binned"], ["--method", "binned", "--settings", str(merge)]):
+    for method in (*rows, ["--method", "binned", "--settings", str(merge)]):
         for model in ("tensor", "tension", "uv"):
             assert main([*given, *method, "--stretch", model]) == 0
             assert "1 maps written" in capsys.readouterr().out
-            maps.append(read_exr(out / "shot.1001.0001.exr")[0])
+            texels, header = read_exr(out / "shot.1001.0001.exr")
+            assert header["stretch"] == model
+            assert header["sampling"] == ("smooth" if "smooth" in method else "nearest")
+            maps.append(texels)
 
     assert all(np.isfinite(texels).all() for texels in maps)
-    assert len({texels.tobytes() for texels in maps}) == 9
+    assert len({texels.tobytes() for texels in maps}) == 12
 
 
 def test_bake_takes_a_graph_and_numbered_frames(

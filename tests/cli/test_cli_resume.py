@@ -26,12 +26,14 @@ SQUARE = Mesh(
     face_uv=[[0, 1, 2], [0, 2, 3]],
 )
 
+QUERY = ("method", "stretch", "sampling")
+
 
 def baker(engine: FakeEngine, folder: Path, values: list[float], **changes: Any) -> Baker:
     """A baker of frames full of one value each."""
     frames = np.stack([np.full((4, 3), value, np.float32) for value in values])
     output = Output(folder, "face", changes.get("half", False))
-    query = MapQuery(changes.get("method", "redraw"), changes.get("stretch", "tensor"))
+    query = MapQuery(**{key: changes[key] for key in QUERY if key in changes})
     files = FrameFiles(MeshFile(SQUARE, frames), [])
     return Baker(cast("Any", engine), ASSET, query, files, output, Stopwatch())
 
@@ -101,7 +103,9 @@ def test_another_frame_is_drawn_again(engine: FakeEngine, tmp_path: Path) -> Non
     assert engine.drawn == [("0002", 1001), ("0002", 1002)]
 
 
-@pytest.mark.parametrize("change", [{"method": "neutral"}, {"stretch": "uv"}, {"half": True}])
+@pytest.mark.parametrize(
+    "change", [{"method": "neutral"}, {"stretch": "uv"}, {"sampling": "smooth"}, {"half": True}]
+)
 def test_other_options_are_drawn_again(
     change: dict[str, Any], engine: FakeEngine, tmp_path: Path
 ) -> None:

@@ -57,16 +57,19 @@ def test_demo_makes_maps_sheets_and_times(
     np.savez(tmp_path / "face.npz", **arrays, frames=frames)
     out = tmp_path / "demo"
 
+    query = ["--stretch", "uv", "--sampling", "smooth"]
     given = ["demo", "--mesh", str(tmp_path / "face.npz"), "--out", str(out)]
-    assert main([*given, "--resolution", "256", "--wrinkles", "500", "--json"]) == 0
+    assert main([*given, "--resolution", "256", "--wrinkles", "500", "--json", *query]) == 0
 
     figures = json.loads(capsys.readouterr().out)
     assert figures == json.loads((out / "times.json").read_text())
     assert (figures["wrinkles"], figures["frames"]) == (500, 2)
+    assert (figures["stretch"], figures["sampling"]) == ("uv", "smooth")
     for method in ("redraw", "binned"):
         maps = sorted((out / method).iterdir())
         assert [file.name for file in maps] == ["face.1001.0001.exr", "face.1001.0002.exr"]
-        assert read_exr(maps[0])[1]["method"] == method
+        header = read_exr(maps[0])[1]
+        assert [header[key] for key in ("method", "stretch", "sampling")] == [method, *query[1::2]]
     assert [sheet["frame"] for sheet in figures["key_frames"]] == ["0002", "0001"]
     with Image.open(out / figures["key_frames"][0]["sheet"]) as sheet:
         assert sheet.width > 1000

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from itertools import product
 
 import numpy as np
@@ -12,9 +12,10 @@ from engine.engines import BINNED, MIB, assembled, built, new_asset, running, sa
 from meshes import deform
 from pipeline.scenes import DEPTH, Scene, random_graph, settings_of, sheet
 from reference import drawing
+from rhytid.domain.asset_settings import PRESETS
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.messages import METHODS, STRETCH_MODELS, MapQuery, NewAsset
-from rhytid.errors import NotFoundError
+from rhytid.errors import NotFoundError, SettingsError
 
 ROWS = [MapQuery(method, model) for method, model in product(METHODS, STRETCH_MODELS)]
 ADDRESS = TileAddress(1001, 0, 1, 2)
@@ -121,6 +122,21 @@ def test_changing_the_merge_gives_the_bits_of_an_asset_made_so(engine, changes):
     assert not same(found[:1], [before])
     engine.change_asset(asset, {"bins": {"merge": "min", "depth_factored": False}})
     assert same([engine.map(asset, "bent", BINNED, 1001, 0)], [before])
+
+
+def test_a_preset_can_be_changed_like_the_bins(engine):
+    asset = built(engine, new_asset(bins={"r_max": 0.1, "count": 8}))
+    engine.put_frame(asset, "bent", BENT)
+    settings = engine.change_asset(asset, {"preset": "best", "bins": {"bits": 16}}).settings
+    best = {**asdict(PRESETS["best"]), "r_max": 0.1, "bits": 16}
+    assert (settings["preset"], settings["bins"]) == ("best", best)
+    made_so = built(engine, new_asset(preset="best", bins={"r_max": 0.1, "bits": 16}))
+    engine.put_frame(made_so, "bent", BENT)
+    found = [engine.map(name, "bent", BINNED, 1001, 0) for name in (asset, made_so)]
+    assert same(found[:1], found[1:])
+    with pytest.raises(SettingsError, match="preset is"):
+        engine.change_asset(asset, {"preset": "fastest"})
+    assert engine.asset(asset).settings == settings
 
 
 @pytest.mark.parametrize("merge", ["min", "mellow"])

@@ -12,7 +12,7 @@ from rhytid.errors import InputError, StorageError
 from rhytid.formats.exr import decode_exr, encode_exr, read_exr, write_exr
 from rhytid.formats.tile_header import TileHeader
 
-HEADER = TileHeader("cm", "0001", "a1b2", "binned", 1001, 0, 0, 0, scale=1.0)
+HEADER = TileHeader("cm", "0001", "a1b2", "binned", "uv", "smooth", 1001, 0, 0, 0, scale=1.0)
 # Compressible, because what ZIP cannot shrink is stored as it is, without a checksum.
 MAP = np.sin(np.arange(128 * 128).reshape(128, 128) / 40).round(2).astype(np.float32)
 

@@ -18,7 +18,8 @@ from rhytid.errors import QueryError
 from rhytid.formats.exr import decode_exr
 from rhytid.formats.tiles import FORMATS, Encoded, TileHeader, encode, quantise
 
-HEADER = TileHeader("cm", "smile.0001", "a1b2", "redraw", 1002, 3, 1, 2, scale=0.5)
+DRAWN = ("redraw", "tension", "smooth")
+HEADER = TileHeader("cm", "smile.0001", "a1b2", *DRAWN, 1002, 3, 1, 2, scale=0.5)
 TILE = np.random.default_rng(3).normal(scale=0.1, size=(24, 40)).astype(np.float32)
 TILE[0, :4] = 0.0, -0.0, 1e-7, 0.75
 
@@ -49,6 +50,7 @@ def test_exr_has_one_channel_and_its_attributes(format: str, dtype: type[np.gene
     assert [channel.name for channel in attributes["channels"]] == ["Y"]
     assert attributes["compression"] == OpenEXR.ZIP_COMPRESSION
     wanted = {"unit": "cm", "frame": "smile.0001", "asset": "a1b2", "method": "redraw"}
+    wanted |= {"stretch": "tension", "sampling": "smooth"}
     wanted |= {"udim": 1002, "level": 3, "row": 1, "column": 2, "rhytid_version": __version__}
     assert {name: attributes[name] for name in wanted} == wanted
 
@@ -67,6 +69,7 @@ def test_png_is_grey_of_16_bits_around_32768() -> None:
     half_step = HEADER.scale / 32767 / 2
     assert np.abs(heights - TILE)[inside].max() <= half_step * (1 + 1e-9)
     assert (notes["scale"], notes["unit"], notes["frame"]) == ("0.5", "cm", "smile.0001")
+    assert (notes["method"], notes["stretch"], notes["sampling"]) == DRAWN
 
 
 @given(st.floats(-2, 2, width=32), st.floats(1e-6, 1e6))

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from rhytid.cli.options import (
     Commands,
     add_json,
+    add_query,
     add_stiffness,
     add_wrinkles,
     base_name,
@@ -23,7 +24,7 @@ from rhytid.cli.reporting import report
 from rhytid.cli.serve import chosen
 from rhytid.cli.timing import Stopwatch
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.engine.messages import METHODS, STRETCH_MODELS, MapQuery, NewAsset
+from rhytid.engine.messages import METHODS, MapQuery, NewAsset
 from rhytid.errors import InputError, SettingsError
 from rhytid.settings import ServiceSettings
 
@@ -44,6 +45,7 @@ def add_command(commands: Commands) -> None:
         commands, "bake", SUMMARY, "rhytid bake --mesh face.obj --frames shot/*.obj --out maps"
     )
     parser.description = SUMMARY + DETAILS
+    parser.epilog = f"{parser.epilog}, or with: --method convolved --sampling smooth"
     add = parser.add_argument
     add("--mesh", type=readable, required=True, metavar="NEUTRAL", help="OBJ, PLY, glTF, GLB, npz")
     frames = "npy, obj, or npz with 'frames'; not needed where NEUTRAL is a npz that holds frames"
@@ -52,8 +54,7 @@ def add_command(commands: Commands) -> None:
     add("--name", type=base_name, metavar="NAME", help="first part of file names (NEUTRAL's)")
     add("--resolution", type=int, metavar="R", help="texels per side, a power of two (4096)")
     add("--method", choices=METHODS, default="redraw", help="how to draw (%(default)s)")
-    stretch = "how stretch is measured (%(default)s)"
-    add("--stretch", choices=STRETCH_MODELS, default="tensor", help=stretch)
+    add_query(parser)
     wrinkles = parser.add_mutually_exclusive_group()
     add_wrinkles(wrinkles)
     graph = "take the wrinkles from safetensors, synthesise none"
@@ -90,7 +91,7 @@ def run(arguments: argparse.Namespace) -> None:
         with watch.step("build"):
             asset = build(engine, new)
         output = Output(arguments.out, name, arguments.half)
-        query = MapQuery(arguments.method, arguments.stretch)
+        query = MapQuery(arguments.method, arguments.stretch, arguments.sampling)
         baker = Baker(engine, asset, query, frames, output, watch)
         if arguments.method == "binned" and "r_max" not in given.get("bins", {}):
             baker.calibrate()

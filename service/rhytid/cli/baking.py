@@ -104,6 +104,8 @@ class Baker:
             frame=place.label,
             asset=self.asset.id,
             method=self.query.method,
+            stretch=self.query.stretch,
+            sampling=self.query.sampling,
             udim=udim,
             level=0,
             row=0,

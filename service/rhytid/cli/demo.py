@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from rhytid.cli.options import (
     Commands,
     add_json,
+    add_query,
     add_stiffness,
     add_wrinkles,
     new_command,
@@ -35,7 +36,7 @@ def add_command(commands: Commands) -> None:
     """Add `demo` to the parser."""
     parser = new_command(commands, "demo", SUMMARY, "rhytid demo --out rhytid-demo")
     parser.description = SUMMARY + DETAILS
-    parser.epilog = f"{parser.epilog}, or: rhytid demo --mesh animation.npz --resolution 4096"
+    parser.epilog = f"{parser.epilog}, or: rhytid demo --mesh animation.npz --sampling smooth"
     add = parser.add_argument
     add("--out", type=Path, default=Path("rhytid-demo"), metavar="DIR", help="(%(default)s)")
     mesh = "OBJ, PLY, glTF, GLB, or npz, which may hold the frames"
@@ -46,6 +47,7 @@ def add_command(commands: Commands) -> None:
         "--resolution", type=int, default=RESOLUTION, metavar="R", help="2048 or 4096 (%(default)s)"
     )
     add_wrinkles(parser)
+    add_query(parser)
     add_stiffness(parser)
     add("--unit", choices=UNITS, default="cm", help="length unit of NEUTRAL (%(default)s)")
     add("--device", metavar="D", help="number or part of the name of a device")
@@ -72,7 +74,8 @@ def run(arguments: argparse.Namespace) -> None:
     with TemporaryDirectory(prefix="rhytid-demo-") as store:
         service = chosen(Path(store), arguments.device)
         with serving(service) as url, closing(Client(url)) as client:
-            session = Session(client, face, out)
+            query = {"stretch": arguments.stretch, "sampling": arguments.sampling}
+            session = Session(client, face, out, query)
             session.build(_settings(arguments), arguments.stiffness)
             session.send_frames()
             session.draw()

@@ -12,7 +12,7 @@ from rhytid.cli.demo_face import MESH_ARRAYS, Animation
 from rhytid.cli.frame_files import FramePlace
 from rhytid.cli.reporting import counted, share_bar
 from rhytid.cli.timing import Stopwatch
-from rhytid_client import Asset, Client, Job
+from rhytid_client import Asset, Client, Job, Tile
 
 METHODS = ("redraw", "binned")
 # The stages of a build at which another step of the table begins.
@@ -20,10 +20,13 @@ _STEPS = {"placing pores and wrinkles": "placing", "making bins": "bins"}
 
 
 class Session:
-    """One asset and its animation, by way of the SDK."""
+    """One asset and its animation, by way of the SDK.  query: stretch and sampling of its maps."""
 
-    def __init__(self, client: Client, face: Animation, out: Path) -> None:
+    def __init__(
+        self, client: Client, face: Animation, out: Path, query: Mapping[str, str]
+    ) -> None:
         self.client, self.face, self.out = client, face, out
+        self.query = query
         self.watch = Stopwatch()
         self.asset: Asset
         # The 90th percentile of the absolute log stretch of every frame.
@@ -73,10 +76,16 @@ class Session:
             for place in counted(self.places, method, "frame"):
                 for udim in self.asset.udims:
                     with self.watch.step(f"{method}, as EXR"):
-                        map = self.client.map(
-                            self.asset, place.label, udim, method=method, format="exr"
-                        )
+                        map = self.map(place, udim, method, "exr")
                     (folder / f"face.{udim}.{place.label}.exr").write_bytes(map.content)
+
+    def map(self, place: FramePlace, udim: int, method: str, format: str = "npy") -> Tile:
+        """A whole map of a frame."""
+        stretch, sampling = self.query["stretch"], self.query["sampling"]
+        return self.client.map(
+            self.asset, place.label, udim,
+            method=method, stretch=stretch, sampling=sampling, format=format,
+        )  # fmt: skip
 
     def figures(self) -> dict[str, Any]:
         """What was computed, on what, and how long it took."""
@@ -92,6 +101,7 @@ class Session:
             "resolution": settings["resolution"],
             "udims": list(self.asset.udims),
             "frames": len(self.places),
+            **self.query,
             "r_max": round(settings["bins"]["r_max"], 4),
             "steps": self.watch.figures(),
         }

@@ -65,7 +65,7 @@ def _maps(session: Session, place: FramePlace, udim: int) -> dict[str, NDArray[A
     maps = {}
     for method in METHODS:
         with session.watch.step(f"{method}, as npy"):
-            map = session.client.map(session.asset, place.label, udim, method=method)
+            map = session.map(place, udim, method)
         maps[method] = map.array
     return maps
 

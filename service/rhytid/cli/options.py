@@ -7,6 +7,8 @@ import re
 from pathlib import Path
 from typing import Any
 
+from rhytid.engine.messages import SAMPLINGS, STRETCH_MODELS
+
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}", re.ASCII)
 STDOUT = Path("-")
 MAX_PORT = 65535
@@ -47,6 +49,14 @@ def add_stiffness(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--stiffness", type=readable, nargs="+", default=[], metavar="FILE", help=stiffness
     )
+
+
+def add_query(parser: argparse.ArgumentParser) -> None:
+    """`--stretch` and `--sampling`, as a tile's query has them."""
+    stretch = "how stretch is measured (%(default)s)"
+    parser.add_argument("--stretch", choices=STRETCH_MODELS, default="tensor", help=stretch)
+    sampling = "where stretch is taken: of whole triangles, or interpolated (%(default)s)"
+    parser.add_argument("--sampling", choices=SAMPLINGS, default="nearest", help=sampling)
 
 
 def readable(text: str) -> Path:

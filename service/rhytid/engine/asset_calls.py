@@ -23,7 +23,7 @@ from rhytid.pipeline.stretch import r_max_of
 from rhytid.storage.contents import asset_id
 
 # What can change without synthesising or looking up anything again.
-CHANGEABLE = ("depth", "angles", "response", "shape", "bins", "convolve")
+CHANGEABLE = ("depth", "angles", "response", "shape", "preset", "bins", "convolve")
 
 
 class AssetCalls(AssetArrivals):
@@ -62,10 +62,11 @@ class AssetCalls(AssetArrivals):
         return self._assets.get(asset).info()
 
     def change_asset(self, asset: str, changes: Mapping[str, Any]) -> AssetInfo:
-        """Change response, shape, depth, angles, bins or convolve; tiles and their keys change.
+        """Change response, shape, depth, angles, preset, bins or convolve; tiles and keys change.
 
-        `depth` or `convolve.sigma` null means the default again. Raises SettingsError for what
-        cannot be changed.
+        A `preset` sets the bins but for `r_max`; keys of `bins` beside it go before it. `depth` or
+        `convolve.sigma` null means the default again. Raises SettingsError for what cannot be
+        changed.
         """
         found = self._assets.get(asset)
         found.ready()

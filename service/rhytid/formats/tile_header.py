@@ -11,13 +11,16 @@ from rhytid import __version__
 class TileHeader:
     """Where a tile belongs. A whole map is row 0, column 0 of its level.
 
-    unit: of length.  scale: the displacement, in that unit, that png stores as its largest value.
+    unit: of length.  stretch, sampling: how the method was told of stretch.  scale: the
+    displacement, in that unit, that png stores as its largest value.
     """
 
     unit: str
     frame: str
     asset: str
     method: str
+    stretch: str
+    sampling: str
     udim: int
     level: int
     row: int

@@ -66,7 +66,7 @@ def asset(asset: Asset | str) -> Flow[Asset]:
 
 
 def change_asset(asset: Asset | str, settings: Mapping[str, Any]) -> Flow[Asset]:
-    """Change response, shape, depth, angles, bins or convolve, without synthesising again."""
+    """Change response, shape, depth, angles, preset, bins or convolve; nothing is synthesised."""
     changes = with_json("PATCH", "v1", "assets", asset_id(asset), value=dict(settings))
     return parse.one(Asset, (yield changes))
 

@@ -77,7 +77,7 @@ def show(asset: str, engine: EngineDep) -> Any:
     "/{asset}",
     response_model=Asset,
     responses=problems(404, 409, 413, 415, 422, 503),
-    openapi_extra=json_body("settings to change: response, shape, depth, angles, bins, …"),
+    openapi_extra=json_body("settings to change: response, shape, depth, angles, preset, bins, …"),
 )
 def change(asset: str, changes: Json, engine: EngineDep, place: Place) -> Any:
     """Change settings that need no new synthesis."""

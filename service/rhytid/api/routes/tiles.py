@@ -22,6 +22,7 @@ from rhytid.api.encoding import Source, answer, check_format, scale_header
 from rhytid.api.multipart import MixedPart, mixed_response
 from rhytid.api.schemas import TileQuery, TilesQuery, WholeMapQuery
 from rhytid.domain.tiles import TileAddress, TileGrid
+from rhytid.engine.messages import MapQuery
 from rhytid.errors import LimitError
 from rhytid.formats.tile_header import TileHeader
 from rhytid.formats.tiles import encode
@@ -35,12 +36,13 @@ router = APIRouter(prefix="/v1/assets/{asset}", tags=["tiles"], dependencies=[No
 
 
 def header_of(
-    engine: EngineDep, asset: str, frame: str, method: str, at: TileAddress
+    engine: EngineDep, asset: str, frame: str, query: MapQuery, at: TileAddress
 ) -> TileHeader:
     """What a file of that tile says of itself."""
     unit = engine.asset(asset).settings["unit"]
     scale = engine.displacement_scale(asset)
-    return TileHeader(unit, frame, asset, method, at.udim, at.level, at.row, at.column, scale)
+    drawn = (query.method, query.stretch, query.sampling)
+    return TileHeader(unit, frame, asset, *drawn, at.udim, at.level, at.row, at.column, scale)
 
 
 @router.head("/frames/{frame}/tiles/{udim}/{level}/{row}/{column}", include_in_schema=False)
@@ -66,7 +68,7 @@ def tile(
     wanted, at = query.map_query(), TileAddress(udim, level, row, column)
     source = Source(
         key=partial(engine.tile_key, asset, frame, wanted, at),
-        header=partial(header_of, engine, asset, frame, wanted.method, at),
+        header=partial(header_of, engine, asset, frame, wanted, at),
         draw=metrics.counted(wanted.method, partial(engine.tile, asset, frame, wanted, at)),
     )
     return answer(request, query.format, source, place)
@@ -89,7 +91,7 @@ def whole_map(
     at = TileAddress(udim, level, 0, 0)
     source = Source(
         key=partial(engine.map_key, asset, frame, wanted, udim, level),
-        header=partial(header_of, engine, asset, frame, wanted.method, at),
+        header=partial(header_of, engine, asset, frame, wanted, at),
         draw=metrics.counted(wanted.method, partial(engine.map, asset, frame, wanted, udim, level)),
     )
     return answer(request, query.format, source, place)
@@ -119,7 +121,7 @@ def tiles_once(
         drawn = engine.tiles_once(asset, positions, wanted, addresses)
         metrics.tiles.labels(wanted.method).inc(len(drawn))
         for at, tile in zip(addresses, drawn, strict=True):
-            header = header_of(engine, asset, ONCE, wanted.method, at)
+            header = header_of(engine, asset, ONCE, wanted, at)
             parts.append(mixed_part(tile, query.format, header, at))
     return mixed_response(parts)
 
