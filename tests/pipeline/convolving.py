@@ -9,6 +9,7 @@ from pipeline.scenes import settings_of
 from pipeline.smooth_scenes import mesh_of, reference_fields
 from reference import convolve, drawing, stretch
 from reference import smooth as reference
+from reference.stiffness import bilinear
 from rhytid.domain.mesh import Mesh
 from rhytid.pipeline import smooth
 from rhytid.pipeline.convolve import Convolve
@@ -124,6 +125,8 @@ class SmoothStage(Stage):
         triangle[triangle == len(self.mesh.faces)] = -1
         points = drawing.crop(row - around, column - around, wide, wide, R)
         metric, logs, axes = reference_forms(self.mesh, positions, model, points, triangle)
+        if self.stiffness is not None:
+            logs = logs * bilinear(self.stiffness.maps[1001], points)[:, None]
         settings = self.settings.convolve
         sigma = convolve.deviation_in(metric, axes, settings.sigma, R)
         alpha = convolve.share(logs, settings.blur_gain, settings.sharpen_gain)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from meshes import deform
-from pipeline.convolving import BOUND, LARGE, SMALL, R, Stage, noise, square
+from pipeline.convolving import BOUND, LARGE, SMALL, R, SmoothStage, Stage, noise, square
 from pipeline.scenes import sheet
 from pipeline.stiff_scenes import painted
 from reference import convolve, stretch
@@ -48,11 +48,24 @@ def test_the_map_is_that_of_double(device, sigma, gain):
     assert np.abs(convolved - expected(stage, found)).max() <= BOUND
 
 
+@pytest.mark.parametrize("gain", [4.0, 30.0])
+def test_a_tile_of_smooth_sampling_is_that_of_double(device, gain):
+    stage = SmoothStage(
+        device, sheet(), noise(), SMALL, painted(), blur_gain=gain, sharpen_gain=gain
+    )
+    positions = deform(stage.mesh.positions, 3, 0.15)
+    found = stage.frame(positions, row=96, column=128, side=48)
+    wanted, sure = stage.expected(positions, "tensor", 96, 128, 48)
+    assert sure.mean() > 0.5
+    assert np.abs(found - wanted)[sure].max() <= BOUND
+
+
+@pytest.mark.parametrize("kind", [Stage, SmoothStage])
 @pytest.mark.parametrize("mesh", [sheet(), square()], ids=["charts", "up to the border"])
-def test_a_tile_is_the_crop_of_the_map_bit_for_bit(device, mesh):
+def test_a_tile_is_the_crop_of_the_map_bit_for_bit(device, mesh, kind):
     map = np.ones((8, 8), np.float32)
     map[:5, :5] = painted((5, 5)).maps[1001]  # tiles without a stiffness below 1, too
-    stage = Stage(device, mesh, noise(), SMALL, Stiffness({1001: map}))
+    stage = kind(device, mesh, noise(), SMALL, Stiffness({1001: map}))
     found = frame(stage)
     whole = stage.convolved(found)
     for row in range(0, R, 64):
@@ -61,9 +74,10 @@ def test_a_tile_is_the_crop_of_the_map_bit_for_bit(device, mesh):
             np.testing.assert_array_equal(tile, whole[row : row + 64, column : column + 64])
 
 
+@pytest.mark.parametrize("kind", [Stage, SmoothStage])
 @pytest.mark.parametrize("value", [0.0, 1.0])
-def test_rigid_is_the_neutral_and_1_is_the_paper_bit_for_bit(device, value):
-    stage = Stage(device, sheet(), noise(), SMALL, Stiffness({1001: np.full((3, 2), value)}))
-    plain = Stage(device, sheet(), noise())
+def test_rigid_is_the_neutral_and_1_is_the_paper_bit_for_bit(device, value, kind):
+    stage = kind(device, sheet(), noise(), SMALL, Stiffness({1001: np.full((3, 2), value)}))
+    plain = kind(device, sheet(), noise())
     wanted = plain.convolved(frame(plain)) if value else noise()
     np.testing.assert_array_equal(stage.convolved(frame(stage)), wanted)
