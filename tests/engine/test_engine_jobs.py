@@ -23,7 +23,14 @@ from reference.stretch import calibrated_r_max
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.jobs import Job
 from rhytid.engine.messages import NewAsset
-from rhytid.errors import FrameError, GraphError, NotFoundError, NotReadyError, SettingsError
+from rhytid.errors import (
+    FrameError,
+    GraphError,
+    LimitError,
+    NotFoundError,
+    NotReadyError,
+    SettingsError,
+)
 
 ADDRESS = TileAddress(1001, 0, 0, 0)
 
@@ -233,6 +240,13 @@ def test_what_does_not_fit_the_mesh_is_refused(engine):
     graph = type(new.graph)(**{**new.graph.arrays(), "edge_triangle": [200] * 80})
     with pytest.raises(GraphError, match=r"edge_triangle\[0\] is 200: .* 200 triangles"):
         engine.create_asset(NewAsset(new.mesh, new.settings, graph))
+
+
+def test_a_graph_that_covers_too_much_is_refused_at_once(engine, monkeypatch):
+    monkeypatch.setattr("rhytid.pipeline.elements._MOST_COVER", 0.5)
+    with pytest.raises(LimitError, match=r"wrinkles cover \d+ times the map"):
+        engine.create_asset(new_asset())
+    assert engine.assets() == []
 
 
 @pytest.mark.parametrize("key", ["resolution", "tile_size", "graph", "padding", "unit"])

@@ -15,7 +15,13 @@ from reference.response import scales
 from rhytid.domain.tiles import udim_origin
 from rhytid.errors import LimitError
 from rhytid.pipeline import elements
-from rhytid.pipeline.elements import orientation_bins, pore_arrays, widest, wrinkle_arrays
+from rhytid.pipeline.elements import (
+    check_cover,
+    orientation_bins,
+    pore_arrays,
+    widest,
+    wrinkle_arrays,
+)
 
 BLOCK = elements.BLOCK
 UDIMS = (1001, 1002, 1011, 1012)
@@ -116,6 +122,11 @@ def test_more_cover_than_the_map_can_hold_is_refused(monkeypatch):
         wrinkle_arrays(graph, np.zeros(80, np.int32), settings_of(), 1001)
     with pytest.raises(LimitError, match=r"pores cover \d+ times"):
         pore_arrays(graph, np.zeros(160, np.int32), settings_of(), 1001)
+    with pytest.raises(LimitError, match=r"wrinkles cover \d+ times"):
+        check_cover(graph, settings_of(), 1001)
+    with pytest.raises(LimitError, match=r"pores cover \d+ times"):
+        check_cover(replace(graph, edge_weight=0 * graph.edge_weight), settings_of(), 1001)
+    check_cover(graph, settings_of(), 1002)  # of which the graph has no part
 
 
 @pytest.mark.parametrize("count", [1, 2, 4, 8, 16])

@@ -135,6 +135,7 @@ def test_statistics_are_plain_and_right(made: Synthesis) -> None:
     assert json.loads(json.dumps(figures)) == figures
     assert figures["wrinkles"] == sum(figures["strengths"]) == 3000
     assert figures["pores"] == made.graph.pores
+    assert figures["drawn_pores"] == np.count_nonzero(made.graph.node_weight)
     assert figures["spacing"]["mean"] == pytest.approx(made.spacing, rel=1e-5)
     assert figures["degree"] == pytest.approx(6000 / made.graph.pores)
     assert figures["crossings"] < 0.001
@@ -155,7 +156,7 @@ def test_the_real_face(face: face_data.Face) -> None:
     assert figures["wrinkles"] == 20_000
     assert found.stretched == 0
     # No seam in this layout, so no node without weight.
-    assert figures["pores"] == found.graph.pores
+    assert figures["pores"] == figures["drawn_pores"] == found.graph.pores
     assert figures["spacing"]["deviation"] < 0.12 * figures["spacing"]["mean"]
     assert figures["crossings"] < 0.001
     assert 3.9 < figures["degree"] < 4.5

@@ -19,6 +19,7 @@ from rhytid.engine.frames import Frame
 from rhytid.engine.jobs import Job
 from rhytid.engine.messages import AssetInfo, JobInfo, NewAsset
 from rhytid.errors import MeshError, NotFoundError, SettingsError
+from rhytid.pipeline.elements import check_cover
 from rhytid.pipeline.stretch import r_max_of
 from rhytid.storage.contents import asset_id
 
@@ -32,14 +33,17 @@ class AssetCalls(AssetArrivals):
     def create_asset(self, new: NewAsset) -> AssetInfo:
         """Take a mesh in; the build runs as a job. The same content again: the same asset.
 
-        Raises GraphError where a given graph does not fit the mesh, MeshError where the mesh has
-        no UV inside the range of UDIMs, InputError where a stiffness map is of a UDIM without mesh.
+        Raises GraphError where a given graph does not fit the mesh, LimitError where it covers too
+        many texels, MeshError where the mesh has no UV inside the range of UDIMs, InputError where
+        a stiffness map is of a UDIM without mesh.
         """
-        if new.graph is not None:
-            check_triangles(new.graph, len(new.mesh.faces))
         udims = mesh_udims(new.mesh)
         if not udims:
             raise MeshError("no triangle lies in a UDIM: u goes from 0 to 10, v from 0 up")
+        if new.graph is not None:
+            check_triangles(new.graph, len(new.mesh.faces))
+            for udim in udims:
+                check_cover(new.graph, new.settings, udim)
         if new.stiffness is not None:
             new.stiffness.check_udims(udims)
         sent = () if new.frames is None else new.frames

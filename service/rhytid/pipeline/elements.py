@@ -68,10 +68,7 @@ def wrinkle_arrays(
     triangle, stiffness: (M,) of every wrinkle of the graph.
     """
     ends = (graph.node_uv - np.array(udim_origin(udim), np.float32))[graph.edge_nodes]
-    response = settings.response
-    scale = widest(response.alpha_w, response.log_stretch_limit)
-    reach = (graph.edge_half_width * scale)[:, None]
-    low, high = ends.min(axis=1) - reach, ends.max(axis=1) + reach
+    low, high = _around_wrinkles(graph, ends, settings)
     chosen = _chosen(graph.edge_weight, low, high)
     _check_cover(low[chosen], high[chosen], settings.resolution, "wrinkles")
     size = np.float32(settings.resolution)
@@ -99,10 +96,7 @@ def pore_arrays(
     """
     centres = graph.node_uv - np.array(udim_origin(udim), np.float32)
     root = _roots(graph)
-    response = settings.response
-    reach = np.stack([np.hypot(root[:, 1], root[:, 2]) / root[:, 0], np.ones(len(root))], axis=1)
-    reach *= widest(response.beta_w, response.log_stretch_limit) / root[:, 2:]
-    low, high = centres - reach, centres + reach
+    low, high = _around_pores(centres, root, settings)
     chosen = _chosen(graph.node_weight, low, high)
     _check_cover(low[chosen], high[chosen], settings.resolution, "pores")
     size = np.float32(settings.resolution)
@@ -115,6 +109,18 @@ def pore_arrays(
         _blocks(low[chosen], high[chosen], settings.resolution),
         None if stiffness is None else stiffness[chosen],
     )
+
+
+def check_cover(graph: WrinkleGraph, settings: AssetSettings, udim: int) -> None:
+    """Raise LimitError where `wrinkle_arrays` or `pore_arrays` would, for what they cover."""
+    local = graph.node_uv - np.array(udim_origin(udim), np.float32)
+    around = (
+        ("wrinkles", graph.edge_weight, _around_wrinkles(graph, local[graph.edge_nodes], settings)),
+        ("pores", graph.node_weight, _around_pores(local, _roots(graph), settings)),
+    )
+    for what, weight, (low, high) in around:
+        inside = _reaching_in(weight, low, high)
+        _check_cover(low[inside], high[inside], settings.resolution, what)
 
 
 def orientation_bins(segments: NDArray[np.float32], count: int) -> NDArray[np.uint8]:
@@ -169,6 +175,26 @@ def _upload(device: Device, stiffness: NDArray[np.float32] | None) -> Buffer | N
     return None if stiffness is None else device.upload(stiffness)
 
 
+def _around_wrinkles(
+    graph: WrinkleGraph, ends: NDArray[np.float32], settings: AssetSettings
+) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+    """Corners (M, 2) and (M, 2) of the boxes around wrinkles of ends (M, 2, 2) at any stretch."""
+    response = settings.response
+    scale = widest(response.alpha_w, response.log_stretch_limit)
+    reach = (graph.edge_half_width * scale)[:, None]
+    return ends.min(axis=1) - reach, ends.max(axis=1) + reach
+
+
+def _around_pores(
+    centres: NDArray[np.float32], root: NDArray[np.float64], settings: AssetSettings
+) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+    """Corners (N, 2) and (N, 2) of the boxes around pores at any stretch."""
+    response = settings.response
+    reach = np.stack([np.hypot(root[:, 1], root[:, 2]) / root[:, 0], np.ones(len(root))], axis=1)
+    reach *= widest(response.beta_w, response.log_stretch_limit) / root[:, 2:]
+    return centres - reach, centres + reach
+
+
 def _roots(graph: WrinkleGraph) -> NDArray[np.float64]:
     """(N, 3) Cholesky factors (xx, xy, yy) of the metrics, UV units: rootᵀ·root = metric."""
     if graph.node_metric is None:
@@ -184,10 +210,16 @@ def _chosen(
     weight: NDArray[np.float32], low: NDArray[np.floating], high: NDArray[np.floating]
 ) -> NDArray[np.int64]:
     """Indices of what is drawn, sorted by the block of the centre for locality of memory."""
-    inside = (weight > 0) & (high > 0).all(axis=1) & (low < 1).all(axis=1)
-    members = np.flatnonzero(inside)
+    members = np.flatnonzero(_reaching_in(weight, low, high))
     cell = np.clip((low[members] + high[members]) * 128.0, 0, 255).astype(np.int64)
     return members[np.argsort(cell[:, 1] * 256 + cell[:, 0], kind="stable")]
+
+
+def _reaching_in(
+    weight: NDArray[np.float32], low: NDArray[np.floating], high: NDArray[np.floating]
+) -> NDArray[np.bool_]:
+    inside: NDArray[np.bool_] = (weight > 0) & (high > 0).all(axis=1) & (low < 1).all(axis=1)
+    return inside
 
 
 def _blocks(low: NDArray[np.floating], high: NDArray[np.floating], resolution: int) -> CellLists:

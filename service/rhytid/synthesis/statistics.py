@@ -19,9 +19,10 @@ BINS = 10
 def statistics(mesh: Mesh, graph: WrinkleGraph) -> dict[str, Any]:
     """Plain values for JSON.
 
+    pores: nodes in the graph.  drawn_pores: those of weight above 0, of which the rest tells.
     spacing: mean and deviation of the distance from a pore to the nearest on the surface, mesh
     units.  degree: wrinkles per pore.  crossings: pairs of wrinkles that cross, per wrinkle.
-    strengths: wrinkles by weight, in tenths from 0 to 1.  Nodes of weight 0 are no pores. Raises
+    strengths: wrinkles by weight, in tenths from 0 to 1.  Raises
     GraphError where the graph does not say on which triangles its pores lie.
     """
     surface = Surface.of(mesh)
@@ -37,7 +38,8 @@ def statistics(mesh: Mesh, graph: WrinkleGraph) -> dict[str, Any]:
     histogram, _ = np.histogram(graph.edge_weight, BINS, (0.0, 1.0))
     touched = np.count_nonzero(drawn[graph.edge_nodes])
     return {
-        "pores": len(pores),
+        "pores": graph.pores,
+        "drawn_pores": len(pores),
         "wrinkles": graph.wrinkles,
         "spacing": {"mean": mean * surface.scale, "deviation": deviation * surface.scale},
         "degree": int(touched) / max(len(pores), 1),
