@@ -25,7 +25,15 @@ SMALL = (
     "CODE_LIMIT=127",
     "MAPS=6",
 )
-SMALL_LAYERS = ("LAYERS=2", "SAMPLES=3", "ORIENTED=0", "PARTS=1")
+SMALL_LAYERS = (
+    "LAYERS=2",
+    "SAMPLES=3",
+    "ORIENTED=0",
+    "PARTS=1",
+    "MERGE=MIN",
+    "TILT=0",
+    "WEIGHT=float2",
+)
 LARGE = (
     "BLOCK=64",
     "ROWS=64",
@@ -34,10 +42,13 @@ LARGE = (
     "CODE=short",
     "CODE_BITS=16",
     "CODE_LIMIT=32767",
-    "MAPS=238",
+    "MAPS=254",
 )
-LARGE_LAYERS = ("LAYERS=17", "SAMPLES=7", "ORIENTED=16", "PARTS=2")
-RANGES = {"small": SMALL + SMALL_LAYERS, "large": LARGE + LARGE_LAYERS}
+LARGE_LAYERS = ("LAYERS=17", "SAMPLES=7", "ORIENTED=16")
+TILTED = ("TILT=1", "TILT_NODE=0.6f", "WEIGHT=float4")
+MELLOW = (*LARGE_LAYERS, *TILTED, "PARTS=2", "MERGE=MELLOW")
+SOFT = (*LARGE_LAYERS, *TILTED, "PARTS=1", "MERGE=SOFT")
+RANGES = {"small": SMALL + SMALL_LAYERS, "mellow": LARGE + MELLOW, "soft": LARGE + SOFT}
 
 
 @pytest.mark.parametrize("defines", RANGES.values(), ids=RANGES)

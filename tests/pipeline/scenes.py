@@ -34,8 +34,9 @@ Places = NDArray[np.floating[Any]]
 
 
 def settings_of(**changes: Any) -> AssetSettings:
-    """Settings with a depth, 256 texels and tiles of 64, and what is given."""
-    return AssetSettings.parse({"depth": DEPTH, "resolution": 256, "tile_size": 64, **changes})
+    """Settings with a depth, 256 texels, tiles of 64 and the paper's bins, and what is given."""
+    given = {"depth": DEPTH, "resolution": 256, "tile_size": 64, "preset": "paper", **changes}
+    return AssetSettings.parse(given)
 
 
 def sheet(n: int = 10, seed: int = 1, udims: int = 1) -> Mesh:

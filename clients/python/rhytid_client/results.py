@@ -79,7 +79,9 @@ class Bins:
 
     angles: direction of each bin, radians, θ = (sin, cos).  samples: log stretch of each sample.
     steps: mesh units per code, by layer and sample.  layers: bins of each layer: wrinkles and
-    pores; where merge is mellow these are the valleys, with wrinkle_bulges and pore_bulges.
+    pores; where merge is mellow these are the valleys, with wrinkle_bulges and pore_bulges; with
+    tilts also wrinkle_tilts, of one sample, whose codes run from one edge of a bin in angle, -1, to
+    the other, 1.
     """
 
     angles: tuple[float, ...]

@@ -137,5 +137,5 @@ class Bins(_Answer):
     merge: str
     depth_factored: bool
     layers: dict[str, int] = Field(
-        description="bins of each layer; a mellow merge has layers of bulges too"
+        description="bins of each layer; a mellow merge has layers of bulges too, tilts theirs"
     )

@@ -45,13 +45,15 @@ class ShapeSettings:
 
 @dataclass(frozen=True)
 class BinSettings:
-    """The precomputed maps of the fast method (section 2.4)."""
+    """The precomputed maps of the fast method (section 2.4); the defaults are the paper's."""
 
     count: int = choice(4, 1, 2, 4, 8, 16)
     samples: int = choice(3, 3, 5, 7)
     bits: int = choice(8, 8, 16)
-    merge: str = choice("min", "min", "mellow")
+    merge: str = choice("min", "min", "soft", "signed", "mellow")
     depth_factored: bool = choice(False, False, True)
+    tilt: bool = choice(False, False, True)
+    reach: float = number(1.0, 1.0, 4.0)
     r_max: float = number(0.2, 0.01, 4.0)
 
 
@@ -59,8 +61,13 @@ class BinSettings:
 # than twice the time of `paper`, the paper's own choice.
 PRESETS: dict[str, BinSettings] = {
     "paper": BinSettings(),
-    "best": BinSettings(count=4, samples=7, depth_factored=True),
+    "best": BinSettings(
+        count=4, samples=7, merge="soft", depth_factored=True, tilt=True, reach=1.5
+    ),
 }
+
+
+DEFAULT_PRESET = "best"
 
 
 @dataclass(frozen=True)
@@ -96,11 +103,11 @@ class AssetSettings:
     depth: float | None = number(None, 1e-30, 1e30)
     padding: int = whole(16, 0, 64)
     angles: str = choice("uv", "uv", "surface")
-    preset: str = choice("paper", *PRESETS)
+    preset: str = choice(DEFAULT_PRESET, *PRESETS)
     graph: GraphSettings = field(default_factory=GraphSettings)
     response: ResponseSettings = field(default_factory=ResponseSettings)
     shape: ShapeSettings = field(default_factory=ShapeSettings)
-    bins: BinSettings = field(default_factory=BinSettings)
+    bins: BinSettings = field(default_factory=lambda: PRESETS[DEFAULT_PRESET])
     convolve: ConvolveSettings = field(default_factory=ConvolveSettings)
 
     @classmethod
@@ -117,6 +124,8 @@ class AssetSettings:
             raise SettingsError(f"tile_size {settings.tile_size} is above the resolution")
         if settings.bins.r_max > settings.response.log_stretch_limit:
             raise SettingsError("bins.r_max is above response.log_stretch_limit")
+        if settings.bins.tilt and not settings.bins.depth_factored:
+            raise SettingsError("bins.tilt is true: bins.depth_factored must be true too")
         return settings
 
     def _with_preset(self, name: Any) -> AssetSettings:
@@ -139,6 +148,11 @@ class AssetSettings:
     def with_r_max(self, r_max: float) -> AssetSettings:
         """A copy with a calibrated `bins.r_max`."""
         return replace(self, bins=replace(self.bins, r_max=r_max))
+
+    @property
+    def last_sample(self) -> float:
+        """Log stretch of the outer samples of the bins: no more than the response can ask for."""
+        return min(self.bins.reach * self.bins.r_max, self.response.log_stretch_limit)
 
     @property
     def grid(self) -> TileGrid:
