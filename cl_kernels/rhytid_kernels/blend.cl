@@ -5,52 +5,45 @@
 #include "merge.clh"
 #include "vectors.clh"
 
-// Linear between the two samples around `position`, times `scale`. Only these two are read.
-inline float16 between(__global const CODE *maps, float position, float scale,
-                       __global const float *steps)
+// Linear between two neighbouring samples. Only these are read.
+inline float16 between(__global const CODE *maps, float4 coefficient)
 {
-    int m = min((int)position, SAMPLES - 2);
-    float f = position - m;
-    return FLOATS_OF(maps + m * WIDTH) * (scale * (1.0f - f) * steps[m])
-         + FLOATS_OF(maps + (m + 1) * WIDTH) * (scale * f * steps[m + 1]);
+    maps += (int)coefficient.z * WIDTH;
+    return FLOATS_OF(maps) * coefficient.x + FLOATS_OF(maps + WIDTH) * coefficient.y;
 }
 
-// Alg. 3, lines 5 to 14, as if every texel lay in one triangle. weights: of that triangle. With
-// TILT, the depth scale of a bin is a line over the angle at which the wrinkle of a texel runs.
-inline float16 blend_triangle(__global const CODE *maps, __global const WEIGHT *weights,
-                              __global const float *steps, float unit)
+// Alg. 3, lines 5 to 14, as if every texel lay in one triangle, in units of the merge. coefficients:
+// of that triangle. With TILT, the depth scale of a bin is a line over the angle at which the wrinkle
+// of a texel runs.
+inline float16 blend_triangle(__global const CODE *maps, __global const float4 *coefficients)
 {
     met_t met = NONE_MET;
-    for (int n = 0; n < LAYERS; n++) {
-        float scale = weights[n].y * (1.0f / unit);
+    for (int n = 0; n < LAYERS; n++)
         for (int part = 0; part < PARTS; part++) {
-            __global const CODE *layer = maps + (n * PARTS + part) * SAMPLES * WIDTH;
-            float16 d = between(layer, weights[n].x, scale, steps + n * SAMPLES);
+            float16 d = between(maps + (n * PARTS + part) * SAMPLES * WIDTH, coefficients[n]);
 #if TILT
             if (n < LAYERS - 1)
-                d += d * (FLOATS_OF(maps + TILT_AT(n)) * weights[n].z);
+                d += d * (FLOATS_OF(maps + TILT_AT(n)) * coefficients[n].w);
 #endif
             met = meet(met, d);
         }
-    }
-    return height_of(met) * unit;
+    return height_of(met);
 }
 
 // firsts, members: the triangles of each vector. codes: of each vector those of LAYERS x PARTS x
 // SAMPLES maps, then with TILT one of each bin, side by side in memory: what a work-item reads is one
-// stream. weights: LAYERS a triangle. steps: displacement of a code, LAYERS x SAMPLES. unit: of the
-// merge, mesh units. out: displacement, mesh units; within 1e-6 of the largest step times code of the
-// same in double.
+// stream. coefficients: LAYERS a triangle, of weights.cl. unit: of the merge, mesh units. out:
+// displacement, mesh units; within 1e-6 of the largest step times code of the same in double.
 __kernel void blend(__global const int *firsts, __global const int2 *members,
-                    __global const CODE *codes, __global const WEIGHT *weights,
-                    __global const float *steps, float unit, __global float *out)
+                    __global const CODE *codes, __global const float4 *coefficients,
+                    float unit, __global float *out)
 {
     int i = get_global_id(0), member = firsts[i], end = firsts[i + 1];
     codes += (size_t)i * VECTOR_CODES;
-    float16 d = blend_triangle(codes, weights + members[member].x * LAYERS, steps, unit);
+    float16 d = blend_triangle(codes, coefficients + members[member].x * LAYERS);
     for (member++; member < end; member++) {
-        float16 other = blend_triangle(codes, weights + members[member].x * LAYERS, steps, unit);
+        float16 other = blend_triangle(codes, coefficients + members[member].x * LAYERS);
         d = select(d, other, lanes_of(members[member].y));
     }
-    vstore16(d, 0, out + i * WIDTH);
+    vstore16(d * unit, 0, out + i * WIDTH);
 }

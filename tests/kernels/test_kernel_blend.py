@@ -15,6 +15,7 @@ from reference.inputs import Bins, Shape
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.pipeline.blend import MERGES as MERGE_NAMES
 from rhytid.pipeline.blend import unit_of
+from rhytid.pipeline.elements import RESPONSE_DEFINES
 from rhytid.pipeline.vectors import VectorTriangles
 
 WIDTH = 16
@@ -24,8 +25,8 @@ MERGES = ("min", "soft", "signed", "mellow")
 
 
 class Maps(NamedTuple):
-    """codes (L, parts, M, P), tilts (L - 1, P) or none, weights (T, L, 2), or 4 with tilts, steps
-    (L, M); heights in units of `depth`."""
+    """codes (L, parts, M, P), tilts (L - 1, P) or none, weights (T, L, 4), steps (L, M);
+    heights in units of `depth`."""
 
     codes: NDArray[np.integer]
     tilts: NDArray[np.integer] | None
@@ -48,11 +49,11 @@ def maps(layers, samples, bits, triangles, merge="min", tilt=False, seed=1):
     place[::3] = np.rint(place[::3])
     weights = np.stack([place, rng.uniform(0.25, 1 if tilt else 2, (triangles, layers))], axis=-1)
     steps = rng.uniform(0.5, 2.0, (layers, samples)) / most
-    kind, tilts = f"i{bits // 8}", None
+    kind, tilts, rise = f"i{bits // 8}", None, np.zeros((triangles, layers))
     if tilt:
         tilts = rng.integers(-most, most + 1, (layers - 1, TEXELS)).astype(kind)
         rise = rng.uniform(-1, 1, (triangles, layers)) / most
-        weights = np.concatenate([weights, np.stack([rise, 0 * rise], axis=-1)], axis=-1)
+    weights = np.concatenate([weights, np.stack([rise, 0 * rise], axis=-1)], axis=-1)
     return Maps(
         codes.astype(kind), tilts, weights.astype(np.float32), steps.astype(np.float32), merge
     )
@@ -63,7 +64,7 @@ def options(bits, merge, layers, samples, tilt=False):
         "CODE": C_TYPES[bits], "CODE_BITS": bits, "MERGE": MERGE_NAMES[merge],
         "PARTS": 2 if merge == "mellow" else 1, "LAYERS": layers, "SAMPLES": samples,
         "MAPS": layers * samples * (2 if merge == "mellow" else 1) + (layers - 1 if tilt else 0),
-        "TILT": int(tilt), "WEIGHT": "float4" if tilt else "float2",
+        "TILT": int(tilt),
     }  # fmt: skip
     return [f"-D{name}={value}" for name, value in values.items()]
 
@@ -79,9 +80,19 @@ def blended(device, triangle, maps):
     given = options(8 * maps.codes.itemsize, maps.merge, layers, samples, tilt)
     codes = maps.codes.reshape(-1, TEXELS)
     codes = np.concatenate([codes, maps.tilts]) if tilt else codes
-    arguments = [*placed(device, triangle, codes), maps.weights, maps.steps, unit(maps)]
+    arguments = [*placed(device, triangle, codes), coefficients(device, maps), unit(maps)]
     text, out = rhytid_kernels.source("blend"), np.zeros(TEXELS, np.float32)
     return run(device, text, "blend", (TEXELS // WIDTH,), arguments, out, given)
+
+
+def coefficients(device, maps):
+    """(T, L, 4), of weights.cl."""
+    triangles, layers, _ = maps.weights.shape
+    given = [f"-DLAYERS={layers}", f"-DSAMPLES={maps.codes.shape[2]}", "-DORIENTED=0", "-DTILT=0"]
+    given += [f"-D{name}={value}" for name, value in RESPONSE_DEFINES.items()]
+    text, found = rhytid_kernels.source("weights"), maps.weights.copy()
+    size = (triangles * layers,)
+    return run(device, text, "coefficients", size, [maps.steps, unit(maps)], found, given)
 
 
 def placed(device, triangle, codes):
@@ -155,7 +166,7 @@ def test_the_mellow_merge_of_the_largest_heights_is_finite(device, layers):
     made = maps(layers, 3, 8, 1, "mellow")
     made.codes[:] = np.array([-127, 127])[:, None, None]
     made.steps[:] = 1.2 / 127
-    made.weights[:] = 1.0, 4.0
+    made.weights[:] = 1.0, 4.0, 0.0, 0.0
     triangle = np.zeros(TEXELS, np.int32)
     deep = made._replace(codes=made.codes * np.array([1, 0], np.int8)[:, None, None])
     high = made._replace(codes=made.codes * np.array([0, 1], np.int8)[:, None, None])
@@ -183,12 +194,10 @@ def test_ends_and_samples_give_back_their_maps(device, samples):
 @pytest.mark.parametrize("merge", MERGES)
 def test_nothing_behind_the_last_sample_is_read(device, merge):
     made = maps(1, 3, 8, 1, merge)
-    made.weights[:] = 2.0, 1.0
+    made.weights[:] = 2.0, 1.0, 0.0, 0.0
     triangle = np.zeros(TEXELS, np.int32)
     plain = blended(device, triangle, made)
     behind = made._replace(steps=np.append(made.steps, np.float32("nan"))[None])
-    arguments = [*placed(device, triangle, behind.codes), behind.weights, behind.steps, unit(made)]
-    text, out = rhytid_kernels.source("blend"), np.zeros(TEXELS, np.float32)
-    found = run(device, text, "blend", (TEXELS // WIDTH,), arguments, out, options(8, merge, 1, 3))
+    found = blended(device, triangle, behind)
     np.testing.assert_array_equal(found, plain)
     assert np.isfinite(found).all()

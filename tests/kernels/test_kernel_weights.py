@@ -30,22 +30,22 @@ def frame(seed):
 
 
 def weights(device, axes, logs, bins, exponents=(0.0, 0.0)):
-    """Positions (n, L) and depth scales (n, L); with tilts their rise a code, too, and zeros."""
+    """Positions (n, L), depth scales (n, L), their rise a code, and zeros."""
     layers = bins.count + 1
     oriented = bins.count if bins.count > 1 else 0
     turns = (0.0, -reference.TILT_NODE, reference.TILT_NODE) if bins.tilt else (0.0,)
     turned = [reference.directions(bins.count, turn) for turn in turns]
     directions = np.concatenate(turned).astype(np.float32)
-    size, most = 4 if bins.tilt else 2, 2 ** (bins.bits - 1) - 1
+    most = 2 ** (bins.bits - 1) - 1
     options = [f"-DLAYERS={layers}", f"-DSAMPLES={bins.samples}", f"-DORIENTED={oriented}"]
     options += [f"-DTILT={int(bins.tilt)}", f"-DTILT_NODE={TILT_NODE}f"]
-    options += [f"-DWEIGHT=float{size}", f"-DCODE_LIMIT={most}"]
+    options += [f"-DCODE_LIMIT={most}"]
     options += [f"-D{name}={value}" for name, value in RESPONSE_DEFINES.items()]
     in_uv = None
     arguments = [axes, logs, in_uv, directions, np.float32(bins.r_max), vector(*exponents)]
-    text, out = rhytid_kernels.source("weights"), np.zeros((COUNT, layers, size), np.float32)
+    text, out = rhytid_kernels.source("weights"), np.zeros((COUNT, layers, 4), np.float32)
     found = run(device, text, "sample_weights", (COUNT,), arguments, out, options)
-    return (found[..., 0], found[..., 1], *(found[..., i] for i in range(2, size)))
+    return np.moveaxis(found, -1, 0)
 
 
 def positions(device, axes, logs, bins):
@@ -94,12 +94,14 @@ def test_depth_scales_are_those_of_the_stretch_before_its_clamp(device, count, e
     r = reference.layer_stretch(logs, axes, count)
     assert (np.abs(r) > bins.r_max).mean() > 0.5
     wanted = [scales(layer, 0.0, exponents[i == count])[1] for i, layer in enumerate(r)]
-    place, found = weights(device, axes, logs, bins, exponents)
+    place, found, rise, nothing = weights(device, axes, logs, bins, exponents)
     # sigma_d = e^(-ar): an error of 1e-5 in r grows by a.
     np.testing.assert_allclose(found, np.transpose(wanted), rtol=1e-5 * max(exponents))
     assert (found.min(), found.max()) == pytest.approx((0.25, 4.0), rel=0.3)
     np.testing.assert_array_equal(found[-1], 1.0)
     np.testing.assert_array_equal(place, positions(device, axes, logs, bins))
+    assert not rise.any()
+    assert not nothing.any()
 
 
 def test_maps_that_hold_their_depth_are_scaled_by_exactly_one(device):

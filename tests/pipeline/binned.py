@@ -58,7 +58,7 @@ class BinnedScene(Scene):
 
     def blended(self, positions, model="tensor"):
         blend = Blend(self.device, self.settings, len(self.mesh.faces))
-        out = blend.tile(self.tile, blend.weights(self.stretch(positions, model)))
+        out = blend.tile(self.tile, blend.coefficients(self.stretch(positions, model)))
         return self.device.read(out, (TILE * TILE,), np.float32)
 
     def reference_codes(self, layer, bits=None, points=None):

@@ -71,7 +71,7 @@ class StiffScene(BinnedScene):
         elif self.tile.stiffness is not None:
             out = blend.stiff_tile(self.tile, blend.stretches(stretch))
         else:
-            out = blend.tile(self.tile, blend.weights(stretch))
+            out = blend.tile(self.tile, blend.coefficients(stretch))
         return self.device.read(out, (TILE * TILE,), np.float32)
 
     def reference_at(self, points, index, positions, model, sampling):

@@ -222,7 +222,7 @@ def test_smooth_is_nearest_where_a_flat_patch_is_deformed_linearly(device):
     found = scene.redrawn_smooth(positions, "tensor", 1001)
     assert np.abs(found - nearest).max() <= 1e-4 * DEPTH
     blend = Blend(device, scene.settings, len(mesh.faces))
-    blended = blend.tile(scene.tile, blend.weights(scene.stretch(positions)))
+    blended = blend.tile(scene.tile, blend.coefficients(scene.stretch(positions)))
     expected = device.read(blended, (len(scene.points),), np.float32)
     assert np.abs(scene.blended_smooth(positions) - expected).max() <= 1e-4 * DEPTH
 

@@ -68,13 +68,13 @@ class BlendClock:
         self._stage.release()
 
     def _blend(self, blend: Blend, maps: list[BinTile]) -> float:
-        weights = blend.weights(self._stretch)
+        coefficients = blend.coefficients(self._stretch)
         self._device.finish()
         start = self._now()
-        tiles = [blend.tile(one, weights) for one in maps]
+        tiles = [blend.tile(one, coefficients) for one in maps]
         self._device.finish()
         taken = self._now() - start
-        for buffer in (weights, *tiles):
+        for buffer in (coefficients, *tiles):
             buffer.release()
         return taken
 

@@ -175,7 +175,7 @@ class ResidentAsset:
         elif maps.stiffness is not None:
             out = blend.stiff_tile(maps, self._stretches(frame, model))
         else:
-            out = blend.tile(maps, self._weights(frame, model))
+            out = blend.tile(maps, self._coefficients(frame, model))
         side = self.settings.grid.texels(address.level)
         result: NDArray[np.float32] = self._device.read(out, (side, side), np.float32)
         out.release()
@@ -216,12 +216,12 @@ class ResidentAsset:
         found = locate_points(self._device, self._mesh, uv, settings.resolution, settings.padding)
         return found if given is None else np.where(given >= 0, given, found)
 
-    def _weights(self, frame: Frame, model: str) -> Buffer:
+    def _coefficients(self, frame: Frame, model: str) -> Buffer:
         assert self._blend is not None
         blend = self._blend
         return self._keep(
-            "weights", model, frame.digest,
-            make=lambda: blend.weights(self._stretch_buffers(frame, model)),
+            "coefficients", model, frame.digest,
+            make=lambda: blend.coefficients(self._stretch_buffers(frame, model)),
         )  # fmt: skip
 
     def _stretches(self, frame: Frame, model: str) -> Buffer:

@@ -38,10 +38,6 @@ def unit_of(settings: AssetSettings) -> float:
     return {"MIN": 1.0, "SOFT": 4.0 * twice, "MELLOW": twice}[MERGES[settings.bins.merge]]
 
 
-def _weight_size(bins: BinSettings) -> int:
-    return 4 if bins.tilt else 2
-
-
 def _directions(bins: BinSettings) -> NDArray[np.float32]:
     """θ of each bin; then, for tilts, TILT_NODE half bins to either side of each."""
     turns = (0.0, -TILT_NODE / 2, TILT_NODE / 2) if bins.tilt else (0.0,)
@@ -68,7 +64,6 @@ class Blend:
             "TILT": int(bins.tilt),
             "TILT_NODE": f"{TILT_NODE}f",
             "CODE_LIMIT": code_limit(bins.bits),
-            "WEIGHT": f"float{_weight_size(bins)}",
         }
         self._oriented = {"ORIENTED": bins.count if bins.count > 1 else 0}
         self._codes = {
@@ -79,22 +74,24 @@ class Blend:
             "MAPS": map_count(bins),
         }
 
-    def weights(self, stretch: StretchBuffers) -> Buffer:
-        """Where each triangle stands between the samples, and the depth scale that its maps lack,
-        per layer (Alg. 3, lines 6 to 10)."""
-        count = self._triangles + 1
-        found = self._device.empty(
-            _weight_size(self._bins) * count * (self._bins.count + 1), np.float32
-        )
+    def coefficients(self, stretch: StretchBuffers) -> Buffer:
+        """What the codes of each layer are multiplied by in each triangle: where it stands between
+        the samples and the depth scale that its maps lack (Alg. 3, lines 6 to 10)."""
+        count, layers = self._triangles + 1, self._bins.count + 1
+        found = self._device.empty(4 * count * layers, np.float32)
         self._device.launch(
             "weights", "sample_weights", (count,),
             *self._stretch(stretch), self._last_sample, self._exponents, found,
             defines={**self._layers, **RESPONSE_DEFINES, **self._oriented},
         )  # fmt: skip
+        self._device.launch(
+            "weights", "coefficients", (count * layers,), self._steps, self._unit, found,
+            defines={**self._layers, **RESPONSE_DEFINES, **self._oriented},
+        )  # fmt: skip
         return found
 
     def stretches(self, stretch: StretchBuffers) -> Buffer:
-        """Log stretch of each triangle and layer: what `stiff_tile` takes in place of weights
+        """Log stretch of each triangle and layer: what `stiff_tile` takes in place of coefficients
         (Alg. 3, lines 6 and 7)."""
         count = self._triangles + 1
         sides = 3 if self._bins.tilt else 1
@@ -105,13 +102,13 @@ class Blend:
         )  # fmt: skip
         return found
 
-    def tile(self, maps: BinTile, weights: Buffer) -> Buffer:
+    def tile(self, maps: BinTile, coefficients: Buffer) -> Buffer:
         """float32 displacement of one tile, on the device (Alg. 3, lines 11 to 15)."""
         out = self._device.empty(maps.texels, np.float32)
         self._device.launch(
             "blend", "blend", (maps.texels // VECTOR,),
             maps.triangles.firsts, maps.triangles.members, maps.codes,
-            weights, self._steps, self._unit, out,
+            coefficients, self._unit, out,
             defines={**self._layers, **self._codes},
         )  # fmt: skip
         return out
