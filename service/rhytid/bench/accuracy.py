@@ -47,7 +47,7 @@ CHOICES: tuple[BinSettings, ...] = (
     ),
     *(choice(**_TILTED, merge=merge, samples=7) for merge in ("min", "signed", "mellow")),
     *(choice(**_TILTED, merge="soft", count=n, samples=7) for n in (2, 8)),
-    *(choice(**_TILTED, merge="soft", samples=m) for m in (3, 5, 7)),
+    *(choice(**_TILTED, merge="soft", samples=m) for m in (3, 5)),
     *(choice(**_TILTED, merge="soft", samples=7, reach=reach) for reach in (1.5, 2.0)),
     choice(**_TILTED, merge="soft", samples=7, reach=1.5, bits=16),
     choice(**_TILTED, merge="signed", samples=7, reach=1.5),
