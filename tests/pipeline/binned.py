@@ -68,6 +68,7 @@ class BinnedScene(Scene):
         return reference.codes(
             self.points if points is None else points, self.graph, layer, settings.response,
             settings.shape, bins, DEPTH, udim_origin(self.udim),
+            self.reference_waves(),
         )  # fmt: skip
 
     def reference_blend(self, codes, positions, model="tensor"):

@@ -16,6 +16,7 @@ from reference import redraw
 from reference.drawing import Pores, Wrinkles, meet, mellow_max
 from reference.inputs import Array, Bins, Graph, Indices, Response, Shape
 from reference.response import WIDEST, on_surface, pore_stretch, scales, wrinkle_stretch
+from reference.waves import Waves
 
 HEADROOM = 0.2
 TILT_SHARE = 0.25
@@ -111,13 +112,14 @@ def codes(
     bins: Bins,
     depth: float,
     origin: ArrayLike = redraw.ORIGIN,
+    waves: Waves | None = None,
 ) -> Indices:
     """(M, sides, P) quantised maps of one layer at points (P, 2); layer N is the pores."""
     exponent = _exponents(layer, response, bins)
     found = []
     for r, step in zip(samples(bins), steps(bins, depth, exponent[1]), strict=True):
         width, depth_scale = scales(r, *exponent)
-        elements = _elements(graph, layer, bins, width, depth_scale, origin)
+        elements = _elements(graph, layer, bins, width, depth_scale, origin, waves)
         valleys, bulges = meet(points, *elements, shape)
         sides = [valleys, bulges] if bins.merge == "mellow" else [bulges - valleys]
         found.append(quantise(depth * np.stack(sides), step, bins.bits))
@@ -265,11 +267,19 @@ def _exponents(layer: int, response: Response, bins: Bins) -> tuple[float, float
 
 
 def _elements(
-    graph: Graph, layer: int, bins: Bins, width: Array, depth: Array, origin: ArrayLike
+    graph: Graph,
+    layer: int,
+    bins: Bins,
+    width: Array,
+    depth: Array,
+    origin: ArrayLike,
+    waves: Waves | None = None,
 ) -> tuple[Wrinkles | None, Pores | None]:
     if bins.depth_factored:
         depth = np.ones_like(depth)
     if layer == bins.count:
         return None, redraw.pores(graph, width, depth, origin)
     mine = assign(redraw.directions(graph), bins.count)[0] == layer
-    return Wrinkles(*(a[mine] for a in redraw.wrinkles(graph, width, depth, origin))), None
+    whole = redraw.wrinkles(graph, width, depth, origin)
+    own = None if waves is None else Waves(*(values[mine] for values in waves))
+    return Wrinkles(*(values[mine] for values in whole[:3]), own), None

@@ -34,13 +34,20 @@ class ResponseSettings:
 @dataclass(frozen=True)
 class ShapeSettings:
     """The profile (1 - t²)²(1 - b t²), and how heights x meet: log(1 + Σ(e^{βx} - 1)/n)/β, valleys
-    and bulges apart; β is the sharpness, n the slots."""
+    and bulges apart; β is the sharpness, n the slots.
+
+    Wrinkles run to and fro by `wave_amplitude`, mesh units on the neutral surface, `wave_frequency`
+    times a mesh unit; at 0 they are straight. No wrinkle runs aside by more than a fifth of its
+    length.
+    """
 
     # Above 9 a bulge would rise over the depth of its furrow, past what the sums can hold.
     wrinkle_bulge: float = number(2.5, 0.0, 9.0)
     pore_bulge: float = number(0.0, 0.0, 9.0)
     sharpness: float = number(20.0, 0.1, 20.0)
     slots: int = whole(1, 1, 1024)
+    wave_amplitude: float = number(0.0, 0.0, 1e30)
+    wave_frequency: float | None = number(None, 1e-30, 1e30)
 
 
 @dataclass(frozen=True)
@@ -87,6 +94,8 @@ class ConvolveSettings:
 # In units of the mean pore spacing, unless they are set.
 DEPTH_OF_SPACING = 0.15
 SIGMA_OF_SPACING = 0.25
+# Waves in a mean pore spacing, unless the frequency is set: most wrinkles get a bend.
+WAVES_OF_SPACING = 0.4
 
 
 @dataclass(frozen=True)
@@ -139,9 +148,13 @@ class AssetSettings:
         depth, sigma = self.depth, self.convolve.sigma
         if sigma is None:
             sigma = SIGMA_OF_SPACING * spacing
+        frequency = self.shape.wave_frequency
+        if frequency is None:
+            frequency = WAVES_OF_SPACING / spacing
         return replace(
             self,
             depth=DEPTH_OF_SPACING * spacing if depth is None else depth,
+            shape=replace(self.shape, wave_frequency=frequency),
             convolve=replace(self.convolve, sigma=sigma),
         )
 

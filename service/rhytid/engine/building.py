@@ -69,7 +69,7 @@ class Builder:
         """Give a ready asset other settings, on the device and in the store."""
         resident, old = asset.ready(), asset.settings
         prepared = None
-        if settings.response != old.response or settings.bins.count != old.bins.count:
+        if resident.prepares(settings):
             prepared = resident.prepare(self._store.asset(asset.id).graph, settings)
 
         def take() -> None:  # in one task: no tile is drawn between the two

@@ -221,9 +221,11 @@ class BinMaker:
 
         def draw(row: int, column: int, side: int) -> Buffer:
             return launch_blocks(
-                self._device, "bins", "draw_wrinkle_bin", self._settings, row, column, side,
+                self._device, "bins", "draw_wrinkle_bin", self._settings, elements,
+                row, column, side,
                 elements.segments, elements.sizes, elements.bins, np.int32(index), scales,
                 np.int32(part), leaning, lists.offsets, lists.members,
+                *elements.wave_arguments,
             )  # fmt: skip
 
         return draw
@@ -233,7 +235,8 @@ class BinMaker:
 
         def draw(row: int, column: int, side: int) -> Buffer:
             return launch_blocks(
-                self._device, "bins", "draw_pore_layer", self._settings, row, column, side,
+                self._device, "bins", "draw_pore_layer", self._settings, elements,
+                row, column, side,
                 elements.centres, elements.roots, scales, np.int32(part),
                 lists.offsets, lists.members,
             )  # fmt: skip
