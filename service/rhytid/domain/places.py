@@ -10,7 +10,7 @@ from rhytid.domain.mesh import Mesh
 
 
 def surface_points(
-    mesh: Mesh, uv: NDArray[np.float32], triangle: NDArray[np.integer]
+    mesh: Mesh, uv: NDArray[np.floating], triangle: NDArray[np.integer]
 ) -> NDArray[np.float64]:
     """(P, 3) points of the surface at texture coordinates (P, 2) of known triangles; coordinates
     outside their triangle go on in its plane."""

@@ -37,6 +37,16 @@ def seam_halves(mesh: Mesh, graph: WrinkleGraph) -> NDArray[np.int64]:
     return np.stack([first, first + 1], axis=1)
 
 
+def whole_wrinkles(mesh: Mesh, graph: WrinkleGraph) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Rows (W,) of the wrinkles, each once, and the nodes (W, 2) that each joins: of one across a
+    seam its first half, and both of its pores."""
+    pairs = seam_halves(mesh, graph)
+    nodes = graph.edge_nodes.astype(np.int64)
+    nodes[pairs[:, 0], 1] = nodes[pairs[:, 1], 0]
+    rows = np.delete(np.arange(graph.wrinkles), pairs[:, 1])
+    return rows, nodes[rows]
+
+
 def _half(graph: WrinkleGraph, triangle: NDArray[np.int32]) -> NDArray[np.bool_]:
     """(M,) from a pore on a known triangle to a node beyond the border of the chart."""
     near, beyond = graph.edge_nodes.T

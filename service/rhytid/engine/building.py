@@ -139,6 +139,7 @@ class Builder:
         with self._still_known(asset):
             asset.settings, asset.resident = settings, resident
             asset.pores, asset.wrinkles = graph.pores, graph.wrinkles
+            asset.statistics = {"spacing": asset.spacing, **graph.figures()}
             asset.state = "ready"
 
     @contextmanager

@@ -23,6 +23,13 @@ def smooth_noise(position: FloatArray, size: float, rng: np.random.Generator) ->
     return noise
 
 
+def level_directions(normal: FloatArray) -> FloatArray:
+    """(N, 3) unit tangents around the vertical axis (y) where the surface has normals (N, 3)."""
+    level = np.cross(_UP, normal) + _FALLBACK * _RIGHT
+    level -= normal * np.einsum("nx,nx->n", level, normal)[:, None]
+    return unit(level)
+
+
 def preferred_directions(
     points: Points, spacing: float, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray]:
@@ -31,9 +38,7 @@ def preferred_directions(
     A plain stand-in for relaxed skin tension lines: level around the vertical axis (y), as on
     the forehead, the eyelids and the neck, bent by smooth noise at two sizes.
     """
-    level = np.cross(_UP, points.normal) + _FALLBACK * _RIGHT
-    level -= points.normal * np.einsum("nx,nx->n", level, points.normal)[:, None]
-    along = unit(level)
+    along = level_directions(points.normal)
     left = np.cross(points.normal, along)
     angle = sum(bend * smooth_noise(points.position, size * spacing, rng) for bend, size in _BEND)
     cosine, sine = np.cos(angle)[:, None], np.sin(angle)[:, None]

@@ -2,57 +2,122 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.seams import whole_wrinkles
 from rhytid.errors import GraphError
 from rhytid.synthesis.crossings import crossings
+from rhytid.synthesis.directions import level_directions
 from rhytid.synthesis.pores import mean_spacing
-from rhytid.synthesis.surface import Points, Surface
+from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray, Points, Surface
 
-BINS = 10
+STRENGTHS = 10  # tenths from 0 to 1
+ANGLES = 9  # of ten degrees, from 0 to 90
 
 
 def statistics(mesh: Mesh, graph: WrinkleGraph) -> dict[str, Any]:
     """Plain values for JSON.
 
-    pores: nodes in the graph.  drawn_pores: those of weight above 0, of which the rest tells.
+    pores, wrinkles: as many as the graph holds.  undrawn_pores, undrawn_wrinkles: those of them
+    that have strength 0.  seam_wrinkles: how many across a UV seam are stored as two halves.
+
+    Of what is drawn, a wrinkle across a seam counting once:
     spacing: mean and deviation of the distance from a pore to the nearest on the surface, mesh
-    units.  degree: wrinkles per pore.  crossings: pairs of wrinkles that cross, per wrinkle.
-    strengths: wrinkles by weight, in tenths from 0 to 1.  Raises
-    GraphError where the graph does not say on which triangles its pores lie.
+    units.  length: the same of wrinkles.  degree: wrinkles at a pore, mean, and how many pores
+    have 0, 1, 2 … of them.  crossings: pairs of wrinkles that cross, per wrinkle.
+    strengths: wrinkles by weight, in tenths from 0 to 1.
+    angles: wrinkles by their angle on the surface to the level around the vertical axis, which
+    synthesis prefers, in tens of degrees from 0 to 90.  angle_strengths: the mean weight of each.
+
+    Nodes on no triangle (-1) are left out. Raises GraphError where the graph does not say on which
+    triangles its pores lie.
     """
     surface = Surface.of(mesh)
-    drawn = graph.node_weight > 0
-    points = _points(surface, graph)
-    pores = points.take(drawn)
-    number = np.cumsum(drawn) - 1
-    both = drawn[graph.edge_nodes].all(axis=1)
-    nodes = number[graph.edge_nodes[both]]
-    ends = pores.position[nodes]
-    length = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=-1)
-    mean, deviation = mean_spacing(pores, np.inf)
-    histogram, _ = np.histogram(graph.edge_weight, BINS, (0.0, 1.0))
-    touched = np.count_nonzero(drawn[graph.edge_nodes])
+    net = _net(mesh, surface, graph)
+    mean, deviation = mean_spacing(net.points.take(net.pores), np.inf)
+    count = max(len(net.weight), 1)
     return {
         "pores": graph.pores,
-        "drawn_pores": len(pores),
+        "undrawn_pores": int(np.count_nonzero(graph.node_weight == 0)),
         "wrinkles": graph.wrinkles,
+        "undrawn_wrinkles": int(np.count_nonzero(graph.edge_weight == 0)),
+        "seam_wrinkles": net.seams,
         "spacing": {"mean": mean * surface.scale, "deviation": deviation * surface.scale},
-        "degree": int(touched) / max(len(pores), 1),
-        "crossings": len(crossings(pores, nodes, length)) / max(graph.wrinkles, 1),
-        "strengths": histogram.tolist(),
+        "length": _moments(net.length * surface.scale),
+        "degree": _degrees(net),
+        "crossings": len(crossings(net.points, net.nodes, net.length)) / count,
+        "strengths": np.histogram(net.weight, STRENGTHS, (0.0, 1.0))[0].tolist(),
+        **_angles(net),
     }
 
 
-def _points(surface: Surface, graph: WrinkleGraph) -> Points:
-    """The nodes on the surface, with the normals of their triangles."""
-    if graph.node_triangle is None or (graph.node_triangle < 0).any():
+@dataclass(frozen=True, eq=False)
+class _Net:
+    """What is drawn. points (N,): the nodes on the surface.  pores (N,): those with a strength.
+    Of wrinkles nodes (W, 2), step (W, 3), length (W,), weight (W,).  seams: how many of them are
+    stored as two halves."""
+
+    points: Points
+    pores: BoolArray
+    nodes: IntArray
+    step: FloatArray
+    length: FloatArray
+    weight: FloatArray
+    seams: int
+
+
+def _net(mesh: Mesh, surface: Surface, graph: WrinkleGraph) -> _Net:
+    if graph.node_triangle is None:
         raise GraphError("node_triangle is missing: statistics need the triangle of every pore")
-    triangle = graph.node_triangle.astype(np.int64)
-    uv = graph.node_uv.astype(np.float64)
+    rows, nodes = whole_wrinkles(mesh, graph)
+    seams = graph.wrinkles - len(rows)
+    placed = graph.node_triangle >= 0
+    shown = (graph.edge_weight[rows] > 0) & placed[nodes].all(axis=1)
+    nodes, weight = (
+        (np.cumsum(placed) - 1)[nodes[shown]],
+        graph.edge_weight[rows[shown]].astype(np.float64),
+    )
+    points = _points(surface, graph, np.flatnonzero(placed))
+    step = points.position[nodes[:, 1]] - points.position[nodes[:, 0]]
+    length, pores = np.linalg.norm(step, axis=-1), graph.node_weight[placed] > 0
+    return _Net(points, pores, nodes, step, length, weight, seams)
+
+
+def _points(surface: Surface, graph: WrinkleGraph, nodes: IntArray) -> Points:
+    """Some nodes on the surface, with the normals of their triangles."""
+    assert graph.node_triangle is not None
+    triangle = graph.node_triangle[nodes].astype(np.int64)
+    uv = graph.node_uv[nodes].astype(np.float64)
     normal = surface.normals[triangle].mean(axis=1)
     return Points(triangle, uv, surface.place(triangle, uv), normal)
+
+
+def _moments(values: FloatArray) -> dict[str, float]:
+    if not len(values):
+        return {"mean": 0.0, "deviation": 0.0}
+    return {"mean": float(values.mean()), "deviation": float(values.std())}
+
+
+def _degrees(net: _Net) -> dict[str, Any]:
+    degree = np.bincount(net.nodes.ravel(), minlength=len(net.points))[net.pores]
+    mean = float(degree.mean()) if len(degree) else 0.0
+    return {"mean": mean, "histogram": np.bincount(degree).tolist()}
+
+
+def _angles(net: _Net) -> dict[str, Any]:
+    """In the tangent plane of the first node, mirrored into 0 to 90 degrees."""
+    normal = net.points.normal[net.nodes[:, 0]]
+    level = level_directions(normal)
+    along = np.abs(np.einsum("nx,nx->n", net.step, level))
+    across = np.abs(np.einsum("nx,nx->n", net.step, np.cross(normal, level)))
+    angle = np.degrees(np.arctan2(across, along))
+    bins = np.minimum((angle * (ANGLES / 90.0)).astype(np.int64), ANGLES - 1)
+    count = np.bincount(bins, minlength=ANGLES)
+    total = np.bincount(bins, weights=net.weight, minlength=ANGLES)
+    means = [round(float(t / max(c, 1)), 6) for t, c in zip(total, count, strict=True)]
+    return {"angles": count.tolist(), "angle_strengths": means}
