@@ -182,8 +182,8 @@ class UdimElements:
                 value.release()
 
 
-def _upload(device: Device, stiffness: NDArray[np.float32] | None) -> Buffer | None:
-    return None if stiffness is None else device.upload(stiffness)
+def _upload(device: Device, array: NDArray[np.float32] | None) -> Buffer | None:
+    return None if array is None else device.upload(array)
 
 
 def _around_wrinkles(
