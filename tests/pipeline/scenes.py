@@ -116,7 +116,7 @@ class Scene:
         wavy = wrinkle_waves(self.mesh, self.graph, wrinkle, settings.shape)
         return UdimElements(
             self.device,
-            wrinkle_arrays(self.graph, wrinkle, settings, udim, wavy),
+            wrinkle_arrays(self.graph, wrinkle, settings, udim, waves=wavy),
             pore_arrays(self.graph, pore, settings, udim),
             settings.bins.count,
         )
