@@ -12,6 +12,7 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.seams import seam_halves, whole_wrinkles
 from rhytid.errors import GraphError
+from rhytid.samples.face import procedural_face
 from rhytid.synthesis.generate import synthesize
 from rhytid.synthesis.shapes import NARROW, WIDE
 from synthesis import sheets
@@ -75,6 +76,13 @@ def test_a_wrinkle_across_a_seam_is_one_line(tube: tuple[Mesh, WrinkleGraph]) ->
     np.testing.assert_allclose(np.hypot(ends[..., 0], ends[..., 2]), 1, atol=0.02)
     if not alone:
         assert len(curves.points) == np.count_nonzero(graph.node_weight)
+
+
+def test_halves_meet_at_sharp_folds() -> None:
+    mesh = procedural_face().mesh
+    graph = synthesize(mesh, sheets.wanted(8000)).graph
+    half = (graph.node_weight[graph.edge_nodes] == 0).any(axis=1)
+    assert 2 * len(seam_halves(mesh, graph)) == half.sum() >= 8
 
 
 def test_widths_are_those_that_synthesis_meant(tube: tuple[Mesh, WrinkleGraph]) -> None:

@@ -10,9 +10,9 @@ from rhytid.domain.mesh import Mesh
 from rhytid.domain.places import node_places
 
 # A half points at the pore of the other half: the least cosine of its angle to the way there, for
-# it lies in the plane of one triangle and the other pore does not; and the most of the way that it
-# goes, with room for rounding.
-_COSINE, _MOST = 0.7, 1.05
+# it lies in the plane of one triangle and the other pore does not, at folds not by far; and the
+# most of the way that it goes, with room for rounding.
+_COSINE, _MOST = 0.1, 1.05
 
 
 def seam_halves(mesh: Mesh, graph: WrinkleGraph) -> NDArray[np.int64]:
