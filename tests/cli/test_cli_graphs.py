@@ -24,6 +24,13 @@ def mesh(tmp_path: Path, small_mesh: SmallMesh) -> str:
     return str(write_neutral(tmp_path / "mesh.npz", small_mesh))
 
 
+def frame_of(mesh: str, file: Path) -> str:
+    """The neutral positions of a mesh, as a frame."""
+    with np.load(mesh) as arrays:
+        np.save(file, arrays["positions"])
+    return str(file)
+
+
 def told(capsys: pytest.CaptureFixture[str]) -> Any:
     return json.loads(capsys.readouterr().out)
 
@@ -52,15 +59,17 @@ def test_synthesize_tells_what_the_file_holds(
 def test_what_is_asked_for_is_written_and_folders_are_made(tmp_path: Path, mesh: str) -> None:
     out = tmp_path / "a" / "g.safetensors"
     files = {name: tmp_path / name[0] / f"g.{name}" for name in ("obj", "json", "png")}
+    options = {"--curves": files["obj"], "--json": files["json"], "--preview": files["png"]}
     given = ["synthesize", mesh, "--out", str(out), "--wrinkles", "300", "--unit", "m"]
-    assert main([*given, "--curves", str(files["obj"]), "--preview", str(files["png"])]) == 0
+    assert main([*given, *(str(word) for pair in options.items() for word in pair)]) == 0
+    assert json.loads(files["json"].read_text())["wrinkles"] == 300
     assert files["obj"].read_text().startswith("# ")
     assert "in m\n" in files["obj"].read_text()[:40]
     with Image.open(files["png"]) as picture:
         assert picture.width > 500
         assert np.asarray(picture).std() > 5
     kept = {path.name for path in tmp_path.rglob("*") if path.is_file()}
-    assert kept == {"mesh.npz", "g.safetensors", "g.obj", "g.png"}
+    assert kept == {"mesh.npz", "g.safetensors", "g.obj", "g.json", "g.png"}
 
 
 @pytest.mark.parametrize(
@@ -98,11 +107,9 @@ def test_a_hand_made_graph_is_described_and_baked(
     assert "curveVertexCounts = [2, 2, 2, 2, 2, 2, 2]" in curves.read_text()
     assert picture.stat().st_size > 1000
 
-    frame = tmp_path / "f_0001.npy"
-    with np.load(mesh) as arrays:
-        np.save(frame, arrays["positions"])
+    frame = frame_of(mesh, tmp_path / "f_0001.npy")
     out = tmp_path / "maps"
-    bake = ["bake", "--mesh", mesh, "--frames", str(frame), "--out", str(out), "--graph", graph]
+    bake = ["bake", "--mesh", mesh, "--frames", frame, "--out", str(out), "--graph", graph]
     assert main([*bake, "--resolution", "256"]) == 0
     texels = read_exr(out / "mesh.1001.0001.exr")[0]
     assert 10 < np.count_nonzero(texels) < texels.size / 4
@@ -115,25 +122,19 @@ def test_what_is_wrong_with_a_graph_is_named(
 ) -> None:
     changes, wrong = handmade.BAD[name]
     graph = str(handmade.write(tmp_path / "bad.safetensors", **changes))
-    given = [mesh, graph] if command == "graph" else ["--mesh", mesh, "--graph", graph]
-    more = [] if command == "graph" else ["--frames", mesh, "--out", str(tmp_path / "maps")]
-    frames = np.load(mesh)["positions"]
-    np.save(tmp_path / "f.npy", frames)
-    more = [str(tmp_path / "f.npy") if m == mesh else m for m in more]
-    assert main([command, *given, *more]) == 1
+    frame = frame_of(mesh, tmp_path / "f_0001.npy")
+    given = {
+        "graph": [mesh, graph],
+        "bake": ["--mesh", mesh, "--graph", graph, "--frames", frame, "--out", str(tmp_path / "m")],
+    }
+    assert main([command, *given[command]]) == 1
     assert wrong in capsys.readouterr().err
 
 
 def test_stages_are_timed_by_name() -> None:
     seen: list[tuple[float, str]] = []
     clock, seconds = clocked(lambda *report: seen.append(report))
-    for report in (
-        (0.0, "pores"),
-        (0.2, "edges"),
-        (0.3, "pores"),
-        (0.9, "shapes"),
-        (1.0, "shapes"),
-    ):
-        clock(*report)
+    for stage in ("pores", "edges", "pores", "shapes", "shapes"):
+        clock(0.5, stage)
     assert list(seconds) == ["pores", "edges", "shapes"]
     assert len(seen) == 5

@@ -92,6 +92,17 @@ def test_wrinkles_on_no_triangle_are_straight():
     assert np.isfinite(found).all()
 
 
+def test_halves_on_no_triangle_are_straight() -> None:
+    mesh = sheets.tube()
+    graph = synthesize(mesh, sheets.wanted(500)).graph
+    shape = settings_of(shape=WAVES).shape
+    nowhere = np.full(graph.wrinkles, len(mesh.faces), np.int32)
+    found = wrinkle_waves(mesh, graph, nowhere, shape)
+    assert len(seam_halves(mesh, graph)) > 0
+    np.testing.assert_array_equal(found[:, 0], 0.0)
+    assert np.isfinite(found).all()
+
+
 def test_phases_do_not_depend_on_their_neighbours_and_spread_evenly():
     mesh, shape = sheet(), settings_of(shape=WAVES).shape
     graph = random_graph(33, 4000)

@@ -45,7 +45,7 @@ def wrinkle_waves(
     across = uv_length * density
     in_uv = np.divide(shift, across, out=np.zeros_like(shift), where=across > 0)
     columns = (
-        sense * np.minimum(in_uv, LARGEST * uv_length / np.abs(part)),
+        sense * np.minimum(in_uv, LARGEST * uv_length / np.maximum(np.abs(part), 1e-6)),
         shape.wave_frequency * whole,
         _phase(row),
         part,
@@ -73,8 +73,9 @@ def _apart(mesh: Mesh, graph: WrinkleGraph, pairs: NDArray[np.int64]) -> NDArray
 
 
 def _handed(mesh: Mesh, triangle: NDArray[np.int32]) -> NDArray[np.float64]:
-    """(...) -1 where the UV of a triangle is mirrored, else 1."""
-    a, b, c = np.moveaxis(mesh.triangle_uv()[triangle.ravel()], 1, 0)
+    """(...) -1 where the UV of a triangle is mirrored, else 1, for none as well."""
+    index = np.minimum(triangle.ravel(), len(mesh.faces) - 1)
+    a, b, c = np.moveaxis(mesh.triangle_uv()[index], 1, 0)
     u, w = b - a, c - a
     mirrored = u[:, 0] * w[:, 1] < u[:, 1] * w[:, 0]
     return np.where(mirrored, -1.0, 1.0).reshape(triangle.shape)
