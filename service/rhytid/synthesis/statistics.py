@@ -23,8 +23,8 @@ ANGLES = 9  # of ten degrees, from 0 to 90
 def statistics(mesh: Mesh, graph: WrinkleGraph) -> dict[str, Any]:
     """Plain values for JSON.
 
-    pores, wrinkles: as many as the graph holds.  undrawn_pores, undrawn_wrinkles: those of them
-    that have strength 0.  seam_wrinkles: how many across a UV seam are stored as two halves.
+    pores, wrinkles: as many as the graph holds.  drawn_pores, drawn_wrinkles: those of them that
+    have a strength above 0.  seam_wrinkles: how many across a UV seam are stored as two halves.
 
     Of what is drawn, a wrinkle across a seam counting once:
     spacing: mean and deviation of the distance from a pore to the nearest on the surface, mesh
@@ -43,9 +43,9 @@ def statistics(mesh: Mesh, graph: WrinkleGraph) -> dict[str, Any]:
     count = max(len(net.weight), 1)
     return {
         "pores": graph.pores,
-        "undrawn_pores": int(np.count_nonzero(graph.node_weight == 0)),
+        "drawn_pores": int(np.count_nonzero(graph.node_weight)),
         "wrinkles": graph.wrinkles,
-        "undrawn_wrinkles": int(np.count_nonzero(graph.edge_weight == 0)),
+        "drawn_wrinkles": int(np.count_nonzero(graph.edge_weight)),
         "seam_wrinkles": net.seams,
         "spacing": {"mean": mean * surface.scale, "deviation": deviation * surface.scale},
         "length": _moments(net.length * surface.scale),
