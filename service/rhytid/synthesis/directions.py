@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
+from rhytid.synthesis.fields import Fields
+from rhytid.synthesis.rows import row_blocks
 from rhytid.synthesis.surface import FloatArray, Points, unit
 
 _WAVES = 24
@@ -15,26 +18,50 @@ _FALLBACK = 0.2
 _BEND = ((0.35, 60.0), (0.35, 12.0))
 
 
-def smooth_noise(position: FloatArray, size: float, rng: np.random.Generator) -> FloatArray:
-    """(N,) values of mean 0 and deviation 1 that change over about `size`: a sum of plane waves."""
-    waves = rng.normal(size=(3, _WAVES)) / size
-    phases = rng.uniform(0.0, 2.0 * np.pi, _WAVES)
-    noise: FloatArray = np.cos(position @ waves + phases).sum(axis=1) * np.sqrt(2.0 / _WAVES)
-    return noise
+class SmoothNoise:
+    """Values of mean 0 and deviation 1 that change over about `size`: a sum of plane waves."""
+
+    def __init__(self, size: float, rng: np.random.Generator) -> None:
+        self._waves = rng.normal(size=(3, _WAVES)) / size
+        self._phases = rng.uniform(0.0, 2.0 * np.pi, _WAVES)
+
+    def at(self, position: FloatArray) -> NDArray[np.float32]:
+        """(N,) values at positions (N, 3)."""
+        found = np.empty(len(position), np.float32)
+        for rows in row_blocks(len(position)):
+            angle = position[rows] @ self._waves + self._phases
+            # Turns are taken off in double; what is left is small enough for single.
+            angle -= 2.0 * np.pi * np.rint(angle / (2.0 * np.pi))
+            found[rows] = np.cos(angle.astype(np.float32)).sum(axis=1)
+        found *= np.float32(np.sqrt(2.0 / _WAVES))
+        return found
 
 
 def preferred_directions(
-    points: Points, spacing: float, rng: np.random.Generator
-) -> tuple[FloatArray, FloatArray]:
+    points: Points, spacing: float, rng: np.random.Generator, fields: Fields | None = None
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """(N, 3) unit tangents along the main lines, and those a right angle to the left.
 
     A plain stand-in for relaxed skin tension lines: level around the vertical axis (y), as on
     the forehead, the eyelids and the neck, bent by smooth noise at two sizes.
     """
-    level = np.cross(_UP, points.normal) + _FALLBACK * _RIGHT
-    level -= points.normal * np.einsum("nx,nx->n", level, points.normal)[:, None]
+    fields = fields or Fields()
+    bends = [(bend, SmoothNoise(size * spacing, rng)) for bend, size in _BEND]
+    angle = fields.turn(points.triangle, points.uv).astype(np.float32)
+    for bend, noise in bends:
+        angle += np.float32(bend) * noise.at(points.position)
+    along, left = (np.empty((len(points), 3), np.float32) for _ in range(2))
+    for rows in row_blocks(len(points)):
+        level, beside = _level(points.normal[rows].astype(np.float64))
+        cosine, sine = np.cos(angle[rows])[:, None], np.sin(angle[rows])[:, None]
+        along[rows] = cosine * level + sine * beside
+        left[rows] = cosine * beside - sine * level
+    return along, left
+
+
+def _level(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(N, 3) tangents around the vertical axis, and those to their left."""
+    level = np.cross(_UP, normal) + _FALLBACK * _RIGHT
+    level -= normal * np.einsum("nx,nx->n", level, normal)[:, None]
     along = unit(level)
-    left = np.cross(points.normal, along)
-    angle = sum(bend * smooth_noise(points.position, size * spacing, rng) for bend, size in _BEND)
-    cosine, sine = np.cos(angle)[:, None], np.sin(angle)[:, None]
-    return cosine * along + sine * left, cosine * left - sine * along
+    return along, np.cross(normal, along)

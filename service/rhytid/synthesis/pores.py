@@ -1,13 +1,21 @@
-"""Pores: Poisson-disk sampling that is even on the surface, whatever its UV layout."""
+"""Pores: Poisson-disk sampling that is even on the surface, whatever its UV. Kernels: pores.cl."""
 
 from __future__ import annotations
 
-import numpy as np
-from scipy.spatial import cKDTree
+from dataclasses import dataclass
 
-from rhytid.synthesis.independent import independent_set
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.device.runtime import Buffer
+from rhytid.synthesis.darts import Darts, Throw, total_room
+from rhytid.synthesis.fields import Fields
+from rhytid.synthesis.grid import Grid
+from rhytid.synthesis.lattice import Lattice, spatial_order
 from rhytid.synthesis.progress import Progress
-from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray, Points, Surface
+from rhytid.synthesis.rounds import KEPT, until_decided
+from rhytid.synthesis.surface import Points, Surface, unit
+from rhytid.synthesis.workspace import Workspace
 
 # Centres per r² once DARTS are thrown. (Thrown for ever, discs jam at 0.547 · 4/π = 0.696; the
 # last of them fit into rooms too small to see.)
@@ -15,72 +23,151 @@ PACKING = 0.605
 # Darts thrown per expected pore, in rounds. Where so many miss, another centre would have had a
 # room of a few per cent of r².
 DARTS = (2.0, 3.0, 4.0, 5.0, 6.0)
-# No more than seven centres that are r apart lie within r of one point.
-KISSING = 7
+# Darts thrown at a time.
+BATCH = 1 << 20
+# A pore this much beyond the radius is still too close: what the device rounds.
+_ROUNDING = 1.0 + 1e-6
 
 
 def scatter_pores(
-    surface: Surface, radius: float, rng: np.random.Generator, progress: Progress
+    work: Workspace,
+    surface: Surface,
+    radius: float,
+    seed: int,
+    progress: Progress,
+    fields: Fields | None = None,
 ) -> Points:
-    """Pores no two of which are nearer than `radius` on one sheet, with next to no room for more.
+    """Pores of one sheet at least `radius` apart, with next to no room for more.
 
-    Dart throwing, many at a time: the darts of a round that hit no older pore are thinned by a
-    greedy independent set in their random order, which is what throwing them one by one gives.
-    Distances are Euclidean; surfaces that touch face to face (lips, eyelids) are kept apart by
-    their normals.
+    Times the mean of their spacing factors, where `fields` has such. Dart throwing, many at a time:
+    those of a batch that no older pore is too close to are kept in the order of their priorities,
+    as throwing them one by one would. Distances are Euclidean; surfaces that touch face to face
+    (lips, eyelids) are kept apart by their normals. Pores come in spatial order.
     """
-    expected = PACKING / radius**2
-    pores = surface.sample(0, rng)
-    for done, share in enumerate(DARTS):
-        progress(done / len(DARTS), "pores")
-        darts = surface.sample(int(np.ceil(share * expected)), rng)
-        if len(pores):
-            darts = darts.take(_fits(pores, darts, radius))
-        darts = darts.take(independent_set(len(darts), _conflicts(darts, radius)))
-        pores = pores.followed_by(darts)
-    return pores
+    fields = fields or Fields()
+    with work.room() as room:
+        darts = Darts(room, surface, fields, seed, BATCH)
+        sieve = Sieve.of(room, darts, radius, fields.most_spacing)
+        rounds = [int(np.ceil(share * sieve.expected)) for share in DARTS]
+        done = 0
+        for turn, total in enumerate(rounds):
+            for start in range(0, total, BATCH):
+                progress(done / sum(rounds), "pores")
+                count = min(BATCH, total - start)
+                sieve.take(darts.throw(start, count, total, turn))
+                done += count
+        return sieve.points()
 
 
-def nearest(pores: Points, reach: float, count: int) -> IntArray:
-    """(N, count) the nearest pores on the same sheet, nearest first; N where there are no more."""
-    tree = cKDTree(pores.position)
-    _, near = tree.query(pores.position, k=count + KISSING, distance_upper_bound=reach, workers=-1)
-    near[near == np.arange(len(pores))[:, None]] = len(pores)
-    near[~_same_sheet(pores.normal, pores.normal, near)] = len(pores)
-    order = np.argsort(near == len(pores), axis=1, kind="stable")[:, :count]
-    result: IntArray = np.take_along_axis(near, order, axis=1)
-    return result
+def packed_radius(surface: Surface, fields: Fields, pores: float) -> float:
+    """The radius at which about so many pores fit on the surface."""
+    return float(np.sqrt(PACKING * total_room(surface, fields) / pores))
 
 
-def mean_spacing(pores: Points, reach: float) -> tuple[float, float]:
-    """Mean and deviation of the distance to the nearest pore; 0 where none has one."""
-    near = nearest(pores, reach, 1)[:, 0]
-    own = np.flatnonzero(near < len(pores))
-    if not len(own):
-        return 0.0, 0.0
-    distance = np.linalg.norm(pores.position[own] - pores.position[near[own]], axis=-1)
-    return float(distance.mean()), float(distance.std())
+@dataclass(frozen=True, eq=False)
+class _Kept:
+    """Room on the device for so many pores: as Throw, without priorities."""
+
+    most: int
+    triangle: Buffer
+    place: Buffer
+    normal: Buffer
+    uv: Buffer
+    factor: Buffer
+
+    @classmethod
+    def empty(cls, work: Workspace, most: int) -> _Kept:
+        triangle, factor = work.empty(most, np.int32), work.empty(most, np.float32)
+        place, normal = work.empty(3 * most, np.int32), work.empty(3 * most, np.float32)
+        return cls(most, triangle, place, normal, work.empty(2 * most, np.float32), factor)
+
+    @property
+    def arrays(self) -> tuple[Buffer, ...]:
+        return self.triangle, self.place, self.normal, self.uv, self.factor
 
 
-def _fits(pores: Points, darts: Points, radius: float) -> BoolArray:
-    """(darts,) true where no pore of the same sheet is within `radius`."""
-    tree = cKDTree(pores.position)
-    _, near = tree.query(darts.position, k=KISSING + 1, distance_upper_bound=radius, workers=-1)
-    hit: BoolArray = np.any(_same_sheet(pores.normal, darts.normal, near), axis=1)
-    return ~hit
+class Sieve:
+    """The pores so far, and what a batch of darts adds to them.
 
+    expected: how many pores there will be, about.
+    """
 
-def _same_sheet(normals: FloatArray, own: FloatArray, near: IntArray) -> BoolArray:
-    """(Q, k) true where point `near` exists (< N) and faces the same way as the query point."""
-    same: BoolArray = np.asarray(near < len(normals), bool)
-    query, slot = np.nonzero(same)
-    same[query, slot] = np.einsum("px,px->p", normals[near[query, slot]], own[query]) > 0
-    return same
+    def __init__(
+        self, work: Workspace, lattice: Lattice, reach: int, radius: float, expected: float
+    ) -> None:
+        self.expected = expected
+        self.count = 0
+        self._work, self._lattice, self._reach = work, lattice, reach
+        self._scale = float(lattice.unit / (radius * _ROUNDING))
+        self._make_room(int(1.1 * expected) + BATCH // 64)
 
+    @classmethod
+    def of(cls, work: Workspace, darts: Darts, radius: float, most_spacing: float) -> Sieve:
+        """For pores of a radius among darts."""
+        reach = darts.lattice.steps(radius * most_spacing * _ROUNDING)
+        expected = PACKING * darts.room / radius**2
+        return cls(work, darts.lattice, reach, radius, expected)
 
-def _conflicts(darts: Points, radius: float) -> IntArray:
-    """(P, 2) pairs of darts on one sheet within `radius` of each other."""
-    pairs = cKDTree(darts.position).query_pairs(radius, output_type="ndarray")
-    facing = np.einsum("px,px->p", darts.normal[pairs[:, 0]], darts.normal[pairs[:, 1]])
-    conflicts: IntArray = pairs[facing > 0]
-    return conflicts
+    def take(self, darts: Throw) -> None:
+        """Keep what fits of a throw."""
+        room = self._work.empty(darts.count, np.uint8)
+        self._work.run(
+            "pores", "find_room", darts.count, darts.triangle, darts.place, darts.normal,
+            darts.factor, self._kept.place, self._kept.normal, self._kept.factor,
+            *self._grid.arguments, self._scale, room,
+        )  # fmt: skip
+        fitting = np.flatnonzero(self._work.read(room, (darts.count,), np.uint8))
+        self._work.release(room)
+        if len(fitting):
+            self._add(darts, self._thinned(darts, fitting.astype(np.int32)))
+
+    def points(self) -> Points:
+        """The pores, neighbours near each other."""
+        read, count = self._work.read, self.count
+        place = read(self._kept.place, (count, 3), np.int32)
+        order = spatial_order(place)
+        triangle = read(self._kept.triangle, (count,), np.int32)[order]
+        uv = read(self._kept.uv, (count, 2), np.float32)[order]
+        normal = read(self._kept.normal, (count, 3), np.float32)[order]
+        return Points(triangle, uv, self._lattice.positions(place[order]), unit(normal))
+
+    def _thinned(self, darts: Throw, fitting: NDArray[np.int32]) -> NDArray[np.int32]:
+        """Those of the fitting darts that are kept when they come in the order of priority."""
+        with self._work.room() as room:
+            listed = room.upload(fitting)
+            grid = Grid.empty(room, self._reach, len(fitting), darts.count)
+            grid.insert_listed(room, darts.place, listed, len(fitting))
+            arguments = (
+                listed, darts.place, darts.normal, darts.factor, darts.priority, *grid.arguments,
+                self._scale,
+            )  # fmt: skip
+            state = until_decided(
+                room, "pores", "decide_darts", len(fitting), arguments, darts.count
+            )
+            kept = room.read(state, (darts.count,), np.uint8)[fitting] == KEPT
+        return fitting[kept]
+
+    def _add(self, darts: Throw, chosen: NDArray[np.int32]) -> None:
+        if self.count + len(chosen) > self._kept.most:
+            self._make_room(2 * (self.count + len(chosen)))
+        listed = self._work.upload(chosen)
+        self._work.run(
+            "pores", "take_darts", len(chosen), self.count, listed, darts.triangle, darts.place,
+            darts.normal, darts.uv, darts.factor, *self._kept.arrays,
+        )  # fmt: skip
+        self._grid.insert(self._work, self._kept.place, self.count, len(chosen))
+        self._work.release(listed)
+        self.count += len(chosen)
+
+    def _make_room(self, most: int) -> None:
+        """Move what there is to larger arrays: borders can make for more pores than areas do."""
+        kept = _Kept.empty(self._work, most)
+        grid = Grid.empty(self._work, self._reach, most)
+        if self.count:
+            everyone = self._work.upload(np.arange(self.count, dtype=np.int32))
+            self._work.run(
+                "pores", "take_darts", self.count, 0, everyone, *self._kept.arrays, *kept.arrays
+            )
+            grid.insert(self._work, kept.place, 0, self.count)
+            self._work.release(everyone, *self._kept.arrays, self._grid.head, self._grid.next)
+        self._kept, self._grid = kept, grid

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from time import perf_counter
 
 Progress = Callable[[float, str], None]
 
@@ -18,3 +19,22 @@ def part(progress: Progress, low: float, high: float) -> Progress:
         progress(low + (high - low) * fraction, stage)
 
     return report
+
+
+class Clock:
+    """Passes reports on, and adds up how long each stage takes.
+
+    A report says what is done next: time until the following report is its stage's.
+    """
+
+    def __init__(self, progress: Progress) -> None:
+        self.seconds: dict[str, float] = {}
+        self._progress, self._stage, self._since = progress, "", perf_counter()
+
+    def __call__(self, fraction: float, stage: str) -> None:
+        """Take the time and report."""
+        now = perf_counter()
+        if self._stage:
+            self.seconds[self._stage] = self.seconds.get(self._stage, 0.0) + now - self._since
+        self._stage, self._since = stage, now
+        self._progress(fraction, stage)

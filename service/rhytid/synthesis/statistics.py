@@ -5,18 +5,22 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from rhytid.device.runtime import Device
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import GraphError
 from rhytid.synthesis.crossings import crossings
-from rhytid.synthesis.pores import mean_spacing
+from rhytid.synthesis.rows import row_blocks
+from rhytid.synthesis.spacing import mean_spacing
 from rhytid.synthesis.surface import Points, Surface
+from rhytid.synthesis.workspace import Workspace
 
 BINS = 10
 
 
-def statistics(mesh: Mesh, graph: WrinkleGraph) -> dict[str, Any]:
+def statistics(mesh: Mesh, graph: WrinkleGraph, device: Device) -> dict[str, Any]:
     """Plain values for JSON.
 
     pores: nodes in the graph.  drawn_pores: those of weight above 0, of which the rest tells.
@@ -27,14 +31,13 @@ def statistics(mesh: Mesh, graph: WrinkleGraph) -> dict[str, Any]:
     """
     surface = Surface.of(mesh)
     drawn = graph.node_weight > 0
-    points = _points(surface, graph)
-    pores = points.take(drawn)
-    number = np.cumsum(drawn) - 1
+    pores = _points(surface, graph, np.flatnonzero(drawn))
+    number = np.cumsum(drawn, dtype=np.int32) - np.int32(1)
     both = drawn[graph.edge_nodes].all(axis=1)
     nodes = number[graph.edge_nodes[both]]
-    ends = pores.position[nodes]
-    length = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=-1)
-    mean, deviation = mean_spacing(pores, np.inf)
+    with Workspace(device) as work:
+        mean, deviation = mean_spacing(work, pores)
+        crossing = len(crossings(work, pores, nodes, _lengths(pores, nodes)))
     histogram, _ = np.histogram(graph.edge_weight, BINS, (0.0, 1.0))
     touched = np.count_nonzero(drawn[graph.edge_nodes])
     return {
@@ -43,16 +46,27 @@ def statistics(mesh: Mesh, graph: WrinkleGraph) -> dict[str, Any]:
         "wrinkles": graph.wrinkles,
         "spacing": {"mean": mean * surface.scale, "deviation": deviation * surface.scale},
         "degree": int(touched) / max(len(pores), 1),
-        "crossings": len(crossings(pores, nodes, length)) / max(graph.wrinkles, 1),
+        "crossings": crossing / max(graph.wrinkles, 1),
         "strengths": histogram.tolist(),
     }
 
 
-def _points(surface: Surface, graph: WrinkleGraph) -> Points:
-    """The nodes on the surface, with the normals of their triangles."""
+def _lengths(pores: Points, nodes: NDArray[np.int32]) -> NDArray[np.float32]:
+    """(E,) distances of the nodes (E, 2)."""
+    lengths = np.empty(len(nodes), np.float32)
+    for rows in row_blocks(len(nodes)):
+        one, two = (pores.position[end] for end in nodes[rows].T)
+        lengths[rows] = np.linalg.norm(one - two, axis=-1)
+    return lengths
+
+
+def _points(surface: Surface, graph: WrinkleGraph, chosen: NDArray[np.intp]) -> Points:
+    """The chosen nodes on the surface, with the normals of their triangles."""
     if graph.node_triangle is None or (graph.node_triangle < 0).any():
         raise GraphError("node_triangle is missing: statistics need the triangle of every pore")
-    triangle = graph.node_triangle.astype(np.int64)
-    uv = graph.node_uv.astype(np.float64)
-    normal = surface.normals[triangle].mean(axis=1)
-    return Points(triangle, uv, surface.place(triangle, uv), normal)
+    triangle, uv = graph.node_triangle[chosen], graph.node_uv[chosen]
+    position = np.empty((len(chosen), 3))
+    for rows in row_blocks(len(chosen)):
+        position[rows] = surface.place(triangle[rows], uv[rows].astype(np.float64))
+    normal = surface.normals.mean(axis=1).astype(np.float32)[triangle]
+    return Points(triangle, uv, position, normal)
