@@ -86,7 +86,7 @@ def skin_of(device: Device, graph: WrinkleGraph, **changes: object) -> Skin:
 @pytest.fixture(scope="module")
 def skin(device: Device) -> Skin:
     """Synthesised wrinkles."""
-    return skin_of(device, grow(MESH, 600).graph)
+    return skin_of(device, grow(device, MESH, 600).graph)
 
 
 @pytest.mark.parametrize("method", ["redraw", "binned"])

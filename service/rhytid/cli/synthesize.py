@@ -25,30 +25,36 @@ def add_command(commands: Commands) -> None:
     )
     add_wrinkles(parser)
     parser.add_argument("--seed", type=int, metavar="S", help="another seed, another skin")
+    parser.add_argument("--device", metavar="D", help="number or part of the name of a device")
     add_json(parser)
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> None:
     """Read, synthesise, write, and tell figures of what came out."""
-    # Imported here, so that --help does not wait for scipy.
+    # Imported here, so that --help needs no OpenCL.
     from rhytid.cli.input_files import mesh_file
+    from rhytid.device.runtime import Device
+    from rhytid.device.select import choose
     from rhytid.formats.graphs import write_graph
+    from rhytid.settings import ServiceSettings
     from rhytid.storage.durable import install, workplace, write_file
     from rhytid.synthesis.generate import synthesize
     from rhytid.synthesis.statistics import statistics
 
     settings = graph_settings(arguments.wrinkles, arguments.seed)
     mesh = mesh_file(arguments.mesh).mesh
+    service = ServiceSettings.from_environment()
+    device = Device(choose(arguments.device or service.device), service.device_memory)
     out: Path = arguments.out
     out.parent.mkdir(parents=True, exist_ok=True)
     with workplace(out.parent) as place:
         with share_bar("synthesis") as show:
-            graph = synthesize(mesh, settings, show).graph
+            graph = synthesize(mesh, settings, device, show).graph
         aside = place / out.name
         write_file(aside, write_graph(graph))
         install(aside, out)
-    figures = {"file": str(out), **statistics(mesh, graph)}
+    figures = {"file": str(out), **statistics(mesh, graph, device)}
     report(figures, table(("figure", "value"), _rows(figures)), arguments.json)
 
 

@@ -92,7 +92,7 @@ def spacings(fields: Fields, triangle: NDArray[Any], uv: NDArray[Any]) -> NDArra
 
 
 def map_corners(uv: FloatArray) -> NDArray[np.float32]:
-    """(F, 8) the origin of the UDIM where a triangle begins and its corners (F, 3, 2) from there."""
+    """(F, 8) the origin of the UDIM where a triangle begins and its corners from there."""
     origin = np.floor(uv.min(axis=1, keepdims=True))
     local = (uv - origin).reshape(len(uv), 6)
     return np.concatenate([origin[:, 0], local], axis=1).astype(np.float32)
@@ -115,4 +115,5 @@ def _rooms(surface: Surface, fields: Fields, carriers: NDArray[np.intp]) -> Floa
 def _ends(weights: FloatArray) -> NDArray[np.uint32]:
     """(C,) where the stretch of each ends on [0, 2³²)."""
     share = np.cumsum(weights) / weights.sum()
-    return np.minimum(np.rint(share * 2.0**32), 2.0**32 - 1).astype(np.uint32)
+    ends: NDArray[np.uint32] = np.minimum(np.rint(share * 2.0**32), 2.0**32 - 1).astype(np.uint32)
+    return ends

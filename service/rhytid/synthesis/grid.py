@@ -13,7 +13,7 @@ from rhytid.synthesis.workspace import Workspace
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """Lists of point numbers.  cell: side in steps of the lattice.  mask: of the numbers of lists."""
+    """Lists of point numbers.  cell: side in steps of the lattice.  mask: of list numbers."""
 
     cell: int
     mask: np.uint32
@@ -21,9 +21,7 @@ class Grid:
     next: Buffer
 
     @classmethod
-    def empty(
-        cls, work: Workspace, cell: int, points: int, numbers: int | None = None
-    ) -> Grid:
+    def empty(cls, work: Workspace, cell: int, points: int, numbers: int | None = None) -> Grid:
         """Lists for about so many points, none in yet; their numbers are below `numbers`."""
         lists = 1 << max(points, 64).bit_length()
         head = work.full(lists, np.int32(-1))

@@ -99,7 +99,7 @@ class Sieve:
         self.count = 0
         self._work, self._lattice, self._reach = work, lattice, reach
         self._scale = float(lattice.unit / (radius * _ROUNDING))
-        self._make_room(int(1.1 * expected) + BATCH // 64)
+        self._kept, self._grid = self._empty(int(1.1 * expected) + BATCH // 64)
 
     @classmethod
     def of(cls, work: Workspace, darts: Darts, radius: float, most_spacing: float) -> Sieve:
@@ -145,7 +145,8 @@ class Sieve:
                 room, "pores", "decide_darts", len(fitting), arguments, darts.count
             )
             kept = room.read(state, (darts.count,), np.uint8)[fitting] == KEPT
-        return fitting[kept]
+        chosen: NDArray[np.int32] = fitting[kept]
+        return chosen
 
     def _add(self, darts: Throw, chosen: NDArray[np.int32]) -> None:
         if self.count + len(chosen) > self._kept.most:
@@ -159,15 +160,16 @@ class Sieve:
         self._work.release(listed)
         self.count += len(chosen)
 
+    def _empty(self, most: int) -> tuple[_Kept, Grid]:
+        return _Kept.empty(self._work, most), Grid.empty(self._work, self._reach, most)
+
     def _make_room(self, most: int) -> None:
         """Move what there is to larger arrays: borders can make for more pores than areas do."""
-        kept = _Kept.empty(self._work, most)
-        grid = Grid.empty(self._work, self._reach, most)
-        if self.count:
-            everyone = self._work.upload(np.arange(self.count, dtype=np.int32))
-            self._work.run(
-                "pores", "take_darts", self.count, 0, everyone, *self._kept.arrays, *kept.arrays
-            )
-            grid.insert(self._work, kept.place, 0, self.count)
-            self._work.release(everyone, *self._kept.arrays, self._grid.head, self._grid.next)
+        kept, grid = self._empty(most)
+        everyone = self._work.upload(np.arange(self.count, dtype=np.int32))
+        self._work.run(
+            "pores", "take_darts", self.count, 0, everyone, *self._kept.arrays, *kept.arrays
+        )
+        grid.insert(self._work, kept.place, 0, self.count)
+        self._work.release(everyone, *self._kept.arrays, self._grid.head, self._grid.next)
         self._kept, self._grid = kept, grid

@@ -28,12 +28,14 @@ REGION, REGION_VARIATION = 40.0, 0.12
 def edge_weights(strength: Floats, mean: float) -> Singles:
     """(E,) weights in (0, 1): few strong, many weak.  mean: of all strengths."""
     worn = strength / (strength + HALF * mean)
-    return (FAINTEST + (STRONGEST - FAINTEST) * worn**CONTRAST).astype(np.float32)
+    weights: Singles = (FAINTEST + (STRONGEST - FAINTEST) * worn**CONTRAST).astype(np.float32)
+    return weights
 
 
 def widths(weight: Floats, spacing: float) -> Singles:
     """(E,) half widths on the surface: the stronger the wider."""
-    return ((NARROW + (WIDE - NARROW) * weight) * spacing).astype(np.float32)
+    half: Singles = ((NARROW + (WIDE - NARROW) * weight) * spacing).astype(np.float32)
+    return half
 
 
 def half_widths_uv(surface: Surface, triangle: Triangles, step: Floats, width: Floats) -> Singles:
@@ -72,7 +74,8 @@ def pore_weights(
     meeting = total / (total + 2.0 * np.mean(total))
     chance = np.exp(0.35 * rng.standard_normal(count, np.float32))
     chance *= np.sqrt(sizes / np.median(sizes))
-    return np.clip(1.1 * meeting * chance, FAINTEST, 1.0).astype(np.float32)
+    strengths: Singles = np.clip(1.1 * meeting * chance, FAINTEST, 1.0).astype(np.float32)
+    return strengths
 
 
 def pore_ellipses(surface: Surface, triangle: Triangles, radius: Floats) -> tuple[Singles, Singles]:

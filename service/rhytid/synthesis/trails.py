@@ -87,9 +87,7 @@ class _Trails:
     appeal: Buffer
 
     @classmethod
-    def of(
-        cls, work: Workspace, paths: Paths, crossings: NDArray[np.int32], seed: int
-    ) -> _Trails:
+    def of(cls, work: Workspace, paths: Paths, crossings: NDArray[np.int32], seed: int) -> _Trails:
         found = Incidence.of(work, work.upload(crossings), len(crossings), paths.edges)
         strength = work.full(paths.edges, np.float32(0.0))
         deposit = work.full(paths.edges, np.int32(0))
@@ -137,7 +135,6 @@ class _Trails:
         self.work.run("trails", kernel, count, *arguments, defines=DEFINES, **named)
 
 
-def _float2(x: float, y: float) -> np.void:
+def _float2(x: float, y: float) -> Any:
     """A small vector as a kernel takes it."""
-    pair: np.void = np.array((x, y), [("x", np.float32), ("y", np.float32)])[()]
-    return pair
+    return np.array((x, y), [("x", np.float32), ("y", np.float32)])[()]

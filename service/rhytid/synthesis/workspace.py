@@ -1,4 +1,4 @@
-"""A piece of work on a device: its launches in bounded blocks, its buffers given back at its end."""
+"""A piece of work on a device: launches in bounded blocks, buffers given back at the end."""
 
 from __future__ import annotations
 
