@@ -82,7 +82,7 @@ def test_strong_lines_go_on(worn: Worn) -> None:
 def test_what_is_wanted_first_is_flat_and_closed(device: Device, worn: Worn) -> None:
     pores, edges, found, strength = worn
     with Workspace(device) as work:
-        order = preference(work, len(pores), edges, strength, found)
+        order = preference(work, len(pores), edges, strength, found, silent)
     assert sorted(order.tolist()) == list(range(len(edges)))
     first = edges.take(order[: int(2.1 * len(pores))])
     with Workspace(device) as work:

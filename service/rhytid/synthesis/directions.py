@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.synthesis.fields import Fields
+from rhytid.synthesis.progress import Progress
 from rhytid.synthesis.rows import row_blocks
 from rhytid.synthesis.surface import FloatArray, Points, unit
 
@@ -38,7 +39,11 @@ class SmoothNoise:
 
 
 def preferred_directions(
-    points: Points, spacing: float, rng: np.random.Generator, fields: Fields | None = None
+    points: Points,
+    spacing: float,
+    rng: np.random.Generator,
+    progress: Progress,
+    fields: Fields | None = None,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """(N, 3) unit tangents along the main lines, and those a right angle to the left.
 
@@ -46,14 +51,15 @@ def preferred_directions(
     the forehead, the eyelids and the neck, bent by smooth noise at two sizes.
     """
     fields = fields or Fields()
-    bends = [(bend, SmoothNoise(size * spacing, rng)) for bend, size in _BEND]
-    angle = fields.turn(points.triangle, points.uv).astype(np.float32)
-    for bend, noise in bends:
-        angle += np.float32(bend) * noise.at(points.position)
+    noises = [(bend, SmoothNoise(size * spacing, rng)) for bend, size in _BEND]
+    turn = fields.turn(points.triangle, points.uv).astype(np.float32)
     along, left = (np.empty((len(points), 3), np.float32) for _ in range(2))
     for rows in row_blocks(len(points)):
+        progress(rows.start / len(points), "directions")
+        position = points.position[rows]
+        angle = turn[rows] + sum(np.float32(bend) * noise.at(position) for bend, noise in noises)
+        cosine, sine = np.cos(angle)[:, None], np.sin(angle)[:, None]
         level, beside = _level(points.normal[rows].astype(np.float64))
-        cosine, sine = np.cos(angle[rows])[:, None], np.sin(angle[rows])[:, None]
         along[rows] = cosine * level + sine * beside
         left[rows] = cosine * beside - sine * level
     return along, left

@@ -82,8 +82,9 @@ def synthesize(
     with Workspace(device, call) as work:
         net = _net(work, surface, across, settings, fields, part(clock, 0.0, 0.6))
         strength = _worn(work, net, fields, settings.seed, rng, part(clock, 0.6, 0.9))
-        clock(0.9, "selection")
-        order = preference(work, len(net.pores), net.edges, strength, net.crossings)
+        order = preference(
+            work, len(net.pores), net.edges, strength, net.crossings, part(clock, 0.9, 0.94)
+        )
     clock(0.94, "shapes")
     edge, side = stored(net.edges, order, settings.wrinkles)
     lines = draw(surface, across, net.pores, net.edges, edge, side, net.spacing)
@@ -115,7 +116,8 @@ def _net(
             work, surface, across, pores, radius, settings.neighbours, part(progress, 0.5, 0.8),
             fields,
         )  # fmt: skip
-        found = crossings(work, pores, edges.nodes, edges.length, part(progress, 0.8, 1.0))
+        found = crossings(work, pores, edges.nodes, edges.length, part(progress, 0.8, 0.97))
+        progress(0.97, "crossings")
         flat = edges.take(independent_set(work, edges.length, found))
         lines = lines_of(flat)
         if lines >= wanted:
@@ -133,8 +135,10 @@ def _worn(
     progress: Progress,
 ) -> NDArray[np.float32]:
     """(E,) how strong walkers make the edges."""
-    progress(0.0, "directions")
-    along, left = preferred_directions(net.pores, net.spacing, rng, fields)
+    along, left = preferred_directions(
+        net.pores, net.spacing, rng, part(progress, 0.0, 0.15), fields
+    )
+    progress(0.15, "trails")
     anisotropy = fields.anisotropy(net.pores.triangle, net.pores.uv)
     with work.room() as room:
         paths = Paths.of(room, net.pores, net.edges, along, left, anisotropy)

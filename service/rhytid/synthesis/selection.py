@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from rhytid.synthesis.edges import Edges
 from rhytid.synthesis.incidence import Incidence
 from rhytid.synthesis.independent import chosen
+from rhytid.synthesis.progress import Progress, part
 from rhytid.synthesis.rounds import DROPPED, KEPT, NEEDED
 from rhytid.synthesis.workspace import Workspace
 
@@ -22,14 +23,17 @@ def preference(
     edges: Edges,
     strength: NDArray[np.float32],
     crossings: NDArray[np.int32],
+    progress: Progress,
 ) -> NDArray[np.int32]:
     """(E,) indices of the edges in the order in which they are wanted.
 
     First those that belong to the strongest of a pore and cross nothing stronger, then the others
     that cross nothing stronger, then the rest; by strength in each.
     """
-    mark = _marks(work, pores, edges, strength, crossings)
+    mark = _marks(work, pores, edges, strength, crossings, part(progress, 0.0, 0.6))
+    progress(0.6, "selection")
     by_strength = np.argsort(-strength, kind="stable").astype(np.int32)
+    progress(0.9, "selection")
     ordered = mark[by_strength]
     return np.concatenate([by_strength[ordered == state] for state in (NEEDED, KEPT, DROPPED)])
 
@@ -40,15 +44,20 @@ def _marks(
     edges: Edges,
     strength: NDArray[np.float32],
     crossings: NDArray[np.int32],
+    progress: Progress,
 ) -> NDArray[np.uint8]:
     """(E,) NEEDED, KEPT or DROPPED."""
     count = len(edges)
+    progress(0.0, "selection")
     with work.room() as room:
         key = room.upload(-strength)
         conflicts = Incidence.of(room, room.upload(crossings), len(crossings), count)
+        progress(0.2, "selection")
         state = chosen(room, key, count, conflicts)
+        progress(0.5, "selection")
         nodes, marked = room.upload(edges.nodes), room.empty(count, np.uint8)
         lists = Incidence.of(room, nodes, count, pores)
+        progress(0.8, "selection")
         room.run(
             "independent", "mark_needed", count, ENDS, key, nodes, lists.offsets, lists.pairs,
             state, marked,
