@@ -33,6 +33,9 @@ def crossings(
     """
     if not len(nodes):
         return np.empty((0, 2), np.int32)
+    if not (nodes[1:, 0] >= nodes[:-1, 0]).all():  # neighbours at work see the same memory
+        order = np.argsort(nodes[:, 0], kind="stable").astype(np.int32)
+        return order[crossings(work, pores, nodes[order], length[order], progress)]
     with work.room() as room:
         return np.concatenate(list(_blocks(room, pores, nodes, length, progress)))
 

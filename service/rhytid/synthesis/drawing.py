@@ -40,7 +40,8 @@ def lines_of(edges: Edges) -> int:
 
 
 def stored(edges: Edges, order: Indices, count: int) -> tuple[Indices, NDArray[np.uint8]]:
-    """The first `count` lines of the edges in `order`: edge (W,) and side 0 or 1 (W,).
+    """The first `count` lines of the edges in `order`, in the order of their numbers, which is that
+    of space: edge (W,) and side 0 or 1 (W,).
 
     Where the last is one of two halves the wrinkle ends at the seam: the least wanted of all.
     """
@@ -49,7 +50,8 @@ def stored(edges: Edges, order: Indices, count: int) -> tuple[Indices, NDArray[n
     edge = np.repeat(order, copies)[:count]
     side = np.zeros(copies.sum(), np.uint8)
     side[(np.cumsum(copies) - 1)[copies == 2]] = 1
-    return edge, side[:count]
+    by_place = np.argsort(edge, kind="stable")
+    return edge[by_place], side[by_place]
 
 
 def draw(
