@@ -21,6 +21,7 @@ def assemble(
     pores: Points,
     lines: Lines,
     strength: NDArray[np.float32],
+    hubs: NDArray[np.int32],
     spacing: float,
     rng: np.random.Generator,
     fields: Fields,
@@ -28,12 +29,13 @@ def assemble(
 ) -> WrinkleGraph:
     """Pores and lines with what they are drawn with.
 
-    strength: of all candidate edges.  spacing: mean, of pores.  Nodes beyond a border are as large
-    as their pore and not drawn.
+    strength: of all candidate edges.  hubs: the pores where primary lines meet.  spacing: mean, of
+    pores.  Nodes beyond a border are as large as their pore and not drawn.
     """
     weight, half_width = _lines(surface, pores, lines, strength, spacing, fields, progress)
     progress(0.4, "shapes")
     size = shapes.pore_sizes(pores.position, spacing, rng)
+    size[hubs] *= np.float32(shapes.HUB)
     size *= fields.pore_radius(pores.triangle, pores.uv)
     progress(0.6, "shapes")
     depth = shapes.pore_weights(lines.nodes, weight, size, rng)

@@ -38,31 +38,36 @@ class SmoothNoise:
         return found
 
 
-def preferred_directions(
-    points: Points,
-    spacing: float,
-    rng: np.random.Generator,
-    progress: Progress,
-    fields: Fields | None = None,
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """(N, 3) unit tangents along the main lines, and those a right angle to the left.
+class Directions:
+    """A smooth field of directions, the same for everyone who asks.
 
     A plain stand-in for relaxed skin tension lines: level around the vertical axis (y), as on
     the forehead, the eyelids and the neck, bent by smooth noise at two sizes.
     """
-    fields = fields or Fields()
-    noises = [(bend, SmoothNoise(size * spacing, rng)) for bend, size in _BEND]
-    turn = fields.turn(points.triangle, points.uv).astype(np.float32)
-    along, left = (np.empty((len(points), 3), np.float32) for _ in range(2))
-    for rows in row_blocks(len(points)):
-        progress(rows.start / len(points), "directions")
-        position = points.position[rows]
-        angle = turn[rows] + sum(np.float32(bend) * noise.at(position) for bend, noise in noises)
-        cosine, sine = np.cos(angle)[:, None], np.sin(angle)[:, None]
-        level, beside = _level(points.normal[rows].astype(np.float64))
-        along[rows] = cosine * level + sine * beside
-        left[rows] = cosine * beside - sine * level
-    return along, left
+
+    def __init__(self, spacing: float, rng: np.random.Generator, fields: Fields) -> None:
+        self._noises = [(bend, SmoothNoise(size * spacing, rng)) for bend, size in _BEND]
+        self._fields = fields
+
+    def frames(
+        self, points: Points, progress: Progress
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """(N, 3) unit tangents along the main lines, and those a right angle to the left."""
+        turn = self._fields.turn(points.triangle, points.uv).astype(np.float32)
+        along, left = (np.empty((len(points), 3), np.float32) for _ in range(2))
+        for rows in row_blocks(len(points)):
+            progress(rows.start / len(points), "directions")
+            angle = turn[rows] + self._bend(points.position[rows])
+            cosine, sine = np.cos(angle)[:, None], np.sin(angle)[:, None]
+            level, beside = _level(points.normal[rows].astype(np.float64))
+            along[rows] = cosine * level + sine * beside
+            left[rows] = cosine * beside - sine * level
+        return along, left
+
+    def _bend(self, position: FloatArray) -> NDArray[np.float32]:
+        bends = [np.float32(bend) * noise.at(position) for bend, noise in self._noises]
+        total: NDArray[np.float32] = np.sum(bends, axis=0, dtype=np.float32)
+        return total
 
 
 def _level(normal: FloatArray) -> tuple[FloatArray, FloatArray]:

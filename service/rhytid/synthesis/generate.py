@@ -14,19 +14,17 @@ from rhytid.domain.mesh import Mesh
 from rhytid.errors import MeshError
 from rhytid.synthesis.assembly import assemble
 from rhytid.synthesis.charts import neighbours
-from rhytid.synthesis.crossings import crossings
-from rhytid.synthesis.directions import preferred_directions
+from rhytid.synthesis.directions import Directions
 from rhytid.synthesis.drawing import draw, lines_of, stored
-from rhytid.synthesis.edges import Edges, candidates
 from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.independent import independent_set
-from rhytid.synthesis.paths import Paths
-from rhytid.synthesis.pores import packed_radius, scatter_pores
+from rhytid.synthesis.net import Ground, Net
+from rhytid.synthesis.pores import packed_radius
+from rhytid.synthesis.primary import Primary, deepened
 from rhytid.synthesis.progress import Clock, Progress, part, silent
 from rhytid.synthesis.selection import preference
 from rhytid.synthesis.spacing import mean_spacing
-from rhytid.synthesis.surface import Points, Surface
-from rhytid.synthesis.trails import wear
+from rhytid.synthesis.surface import Surface
 from rhytid.synthesis.workspace import Caller, Workspace, directly
 
 # Wrinkles per pore; a triangulation would have three.
@@ -50,16 +48,6 @@ class Synthesis:
     seconds: dict[str, float]
 
 
-@dataclass(frozen=True, eq=False)
-class Net:
-    """Pores, the edges that may become wrinkles, and which of those cross: (P, 2)."""
-
-    pores: Points
-    edges: Edges
-    crossings: NDArray[np.int32]
-    spacing: float
-
-
 def synthesize(
     mesh: Mesh,
     settings: GraphSettings,
@@ -80,67 +68,54 @@ def synthesize(
     surface, across = Surface.of(mesh), neighbours(mesh)
     rng = np.random.Generator(np.random.PCG64(settings.seed))
     with Workspace(device, call) as work:
-        net = _net(work, surface, across, settings, fields, part(clock, 0.0, 0.6))
-        strength = _worn(work, net, fields, settings.seed, rng, part(clock, 0.6, 0.9))
+        ground = Ground(work, surface, across, fields)
+        net, radius, spacing = _net(ground, settings, part(clock, 0.0, 0.55))
+        directions = Directions(spacing, rng, fields)
+        strength, hubs = _worn(ground, net, settings, radius, directions, part(clock, 0.55, 0.9))
         order = preference(
             work, len(net.pores), net.edges, strength, net.crossings, part(clock, 0.9, 0.94)
         )
     clock(0.94, "shapes")
     edge, side = stored(net.edges, order, settings.wrinkles)
-    lines = draw(surface, across, net.pores, net.edges, edge, side, net.spacing)
+    lines = draw(surface, across, net.pores, net.edges, edge, side, spacing)
     graph = assemble(
-        surface, net.pores, lines, strength, net.spacing, rng, fields, part(clock, 0.95, 1.0)
+        surface, net.pores, lines, strength, hubs, spacing, rng, fields, part(clock, 0.95, 1.0)
     )
     clock(1.0, "shapes")
-    return Synthesis(graph, net.spacing * surface.scale, surface.stretched, clock.seconds)
+    return Synthesis(graph, spacing * surface.scale, surface.stretched, clock.seconds)
 
 
-def _net(
-    work: Workspace,
-    surface: Surface,
-    across: NDArray[np.int32],
-    settings: GraphSettings,
-    fields: Fields,
-    progress: Progress,
-) -> Net:
-    """As many pores as it takes for the wanted wrinkles.
+def _net(ground: Ground, settings: GraphSettings, progress: Progress) -> tuple[Net, float, float]:
+    """As many pores as it takes for the wanted wrinkles, their disc radius and mean spacing.
 
     The first guess holds but for a mesh in shreds, where many edges end at a border.
     """
     wanted = settings.wrinkles
-    radius = packed_radius(surface, fields, wanted / EDGES_PER_PORE)
+    radius = packed_radius(ground.surface, ground.fields, wanted / EDGES_PER_PORE)
     for _ in range(ATTEMPTS):
-        scattering = part(progress, 0.0, 0.5)
-        pores = scatter_pores(work, surface, radius, settings.seed, scattering, fields)
-        edges = candidates(
-            work, surface, across, pores, radius, settings.neighbours, part(progress, 0.5, 0.8),
-            fields,
-        )  # fmt: skip
-        found = crossings(work, pores, edges.nodes, edges.length, part(progress, 0.8, 0.97))
-        progress(0.97, "crossings")
-        flat = edges.take(independent_set(work, edges.length, found))
-        lines = lines_of(flat)
+        spinning = part(progress, 0.0, 0.95)
+        net = Net.spun(ground, radius, settings.neighbours, settings.seed, spinning)
+        flat = independent_set(ground.work, net.edges.length, net.crossings)
+        lines = lines_of(net.edges.take(flat))
         if lines >= wanted:
-            return Net(pores, edges, found, mean_spacing(work, pores)[0])
+            return net, radius, mean_spacing(ground.work, net.pores)[0]
         radius *= 0.97 * float(np.sqrt(max(lines / wanted, 0.5)))
     raise MeshError(f"the UV of the mesh has room for {lines} wrinkles: graph.wrinkles is {wanted}")
 
 
 def _worn(
-    work: Workspace,
+    ground: Ground,
     net: Net,
-    fields: Fields,
-    seed: int,
-    rng: np.random.Generator,
+    settings: GraphSettings,
+    radius: float,
+    directions: Directions,
     progress: Progress,
-) -> NDArray[np.float32]:
-    """(E,) how strong walkers make the edges."""
-    along, left = preferred_directions(
-        net.pores, net.spacing, rng, part(progress, 0.0, 0.15), fields
-    )
-    progress(0.15, "trails")
-    anisotropy = fields.anisotropy(net.pores.triangle, net.pores.uv)
-    with work.room() as room:
-        paths = Paths.of(room, net.pores, net.edges, along, left, anisotropy)
-        del along, left
-        return wear(room, paths, net.crossings, seed, part(progress, 0.2, 1.0))
+) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+    """(E,) how strong the edges are, and the pores where primary lines meet."""
+    spinning = part(progress, 0.0, 0.1)
+    primary = Primary.spun(ground, radius, settings.neighbours, settings.seed, directions, spinning)
+    with ground.work.room() as room:
+        paths = net.paths(room, directions, ground.fields, part(progress, 0.1, 0.2))
+        strength = net.worn(room, paths, settings.seed, part(progress, 0.2, 0.98))
+        weight, hubs = primary.laid(ground, net, paths, radius)
+    return deepened(strength, weight), hubs

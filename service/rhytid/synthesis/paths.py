@@ -21,7 +21,8 @@ class Paths:
 
     ways: lists of edges by pore.  direction (2E, 2) int16: cosine and sine of each way out against
     the preferred direction of the pore, times 32767.  length (E,) float32.
-    anisotropy (N,) float32: how far walkers keep to those directions.
+    anisotropy (N,) float32: how far walkers keep to those directions.  place (N, 3) int32: of the
+    pores, in steps of `unit`.
     """
 
     pores: int
@@ -31,6 +32,8 @@ class Paths:
     length: Buffer
     mean_length: float
     anisotropy: Buffer
+    place: Buffer
+    unit: float
 
     @classmethod
     def of(
@@ -44,15 +47,16 @@ class Paths:
     ) -> Paths:
         """Lay out the edges; `along`, `left` (N, 3) is the frame of each pore."""
         ways = Incidence.of(work, work.upload(edges.nodes), len(edges), len(pores))
-        place = work.upload(Lattice.around(pores.position).places(pores.position))
+        lattice = Lattice.around(pores.position)
+        place = work.upload(lattice.places(pores.position))
         frame = work.upload(along), work.upload(left)
         direction = work.empty(2 * ways.entries, np.int16)
         work.run(
             "trails", "lay_directions", len(pores), ways.offsets, ways.others, place, *frame,
             direction, defines=DEFINES,
         )  # fmt: skip
-        work.release(place, *frame)
+        work.release(*frame)
         return cls(
             len(pores), len(edges), ways, direction, work.upload(edges.length),
-            float(edges.length.mean()), work.upload(anisotropy),
+            float(edges.length.mean()), work.upload(anisotropy), place, lattice.unit,
         )  # fmt: skip

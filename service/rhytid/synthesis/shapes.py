@@ -22,6 +22,8 @@ HALF, CONTRAST = 1.3, 1.5
 # Typical radius of a pore in pore spacings; deviation of its logarithm from one pore to the next
 # and by regions of REGION spacings.
 PORE_SIZE, PORE_VARIATION = 0.30, 0.22
+# How much larger a pore is where primary lines meet.
+HUB = 1.5
 REGION, REGION_VARIATION = 40.0, 0.12
 
 
