@@ -1,7 +1,7 @@
 // The lines of a coarse net laid along the edges of a fine one, from pore to pore.
 #include "points.clh"
 
-// The point nearest to each of some places, within one cell and on its sheet; -1 for none.
+// The point nearest to each of some places, within 1/scale and on its sheet; -1 for none.
 __kernel void nearest_point(int first, int count, __global const int *place,
                             __global const float *normal, __global const int *point_place,
                             __global const float *point_normal, int cell, uint mask,
@@ -13,13 +13,13 @@ __kernel void nearest_point(int first, int count, __global const int *place,
         return;
     int3 p = vload3(i, place), at = p / cell;
     float3 n = vload3(i, normal);
-    float best = INFINITY;
+    float best = 1.0f;
     int found = -1;
     FOR_POINTS(j, at - 1, at + 1)
     {
         float3 d = between(p, vload3(j, point_place), scale);
         float distance2 = dot(d, d);
-        bool nearer = distance2 < best || (distance2 == best && j < found);
+        bool nearer = distance2 < best || (distance2 == best && (j < found || found < 0));
         if (nearer && same_sheet(n, vload3(j, point_normal))) {
             best = distance2;
             found = j;

@@ -89,3 +89,21 @@ def points_on(corners: Floats, area: Floats, count: int, seed: int) -> Floats:
     a, b, c = corners[triangle].transpose(1, 0, 2)
     points: Floats = (1 - root) * a + root * (1 - along) * b + root * along * c
     return points
+
+
+def route(start: int, end: int, ways: list[list[tuple[int, int]]], position: Floats) -> list[int]:
+    """The edges of a line that takes the way of least detour, nearer to `end` at every step; none
+    where it does not arrive.  ways: for each point its (edge, other point)."""
+    node, taken = start, list[int]()
+    left = np.linalg.norm(position - position[end], axis=-1)
+    while node != end:
+        onward = [
+            (np.linalg.norm(position[other] - position[node]) + left[other], edge, other)
+            for edge, other in ways[node]
+            if left[other] < left[node]
+        ]
+        if not onward:
+            return []
+        _, edge, node = min(onward)
+        taken.append(edge)
+    return taken

@@ -25,9 +25,11 @@ class Cloud:
     grid: Grid
 
     @classmethod
-    def of(cls, work: Workspace, points: Points, cell: float) -> Cloud:
-        """Upload points, in cells of side `cell`."""
-        lattice = Lattice.around(points.position)
+    def of(
+        cls, work: Workspace, points: Points, cell: float, lattice: Lattice | None = None
+    ) -> Cloud:
+        """Upload points, in cells of side `cell`; on a lattice around them if none is given."""
+        lattice = lattice or Lattice.around(points.position)
         place = work.upload(lattice.places(points.position))
         normal = work.upload(points.normal.astype(np.float32))
         grid = Grid.empty(work, lattice.steps(cell), len(points))

@@ -22,9 +22,10 @@ class Lattice:
     unit: float
 
     @classmethod
-    def around(cls, points: NDArray[np.floating]) -> Lattice:
-        """The finest that holds all points (N, 3)."""
-        low, high = points.min(axis=0).astype(np.float64), points.max(axis=0)
+    def around(cls, *points: NDArray[np.floating]) -> Lattice:
+        """The finest that holds all points of arrays (N, 3)."""
+        low = np.min([p.min(axis=0) for p in points], axis=0).astype(np.float64)
+        high = np.max([p.max(axis=0) for p in points], axis=0)
         extent = max(float((high - low).max()), 1e-30)
         return cls(low, 2.0 ** (int(np.floor(np.log2(extent))) + 1 - _STEPS))
 

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from rhytid.device.runtime import Buffer
 from rhytid.synthesis.cloud import Cloud
+from rhytid.synthesis.lattice import Lattice
 from rhytid.synthesis.paths import Paths
 from rhytid.synthesis.surface import Points
 from rhytid.synthesis.workspace import Workspace
@@ -48,13 +49,14 @@ def nearest_pores(
 ) -> NDArray[np.int32]:
     """(H,) the pore nearest to each place on its sheet, -1 where none is within `reach`."""
     with work.room() as room:
-        cloud = Cloud.of(room, pores, reach)
+        lattice = Lattice.around(pores.position, places.position)
+        cloud = Cloud.of(room, pores, reach, lattice)
         nearest: Buffer = room.empty(len(places), np.int32)
+        at = room.upload(lattice.places(places.position))
+        facing = room.upload(places.normal.astype(np.float32))
         room.run(
-            "routes", "nearest_point", len(places),
-            room.upload(np.maximum(cloud.lattice.places(places.position), 0)),
-            room.upload(places.normal.astype(np.float32)), *cloud.points, *cloud.grid.arguments,
-            float(cloud.lattice.unit / reach), nearest,
+            "routes", "nearest_point", len(places), at, facing, *cloud.points,
+            *cloud.grid.arguments, float(lattice.unit / reach), nearest,
         )  # fmt: skip
         found: NDArray[np.int32] = room.read(nearest, (len(places),), np.int32)
     return found
