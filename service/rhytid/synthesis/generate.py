@@ -69,13 +69,13 @@ def synthesize(
     rng = np.random.Generator(np.random.PCG64(settings.seed))
     with Workspace(device, call) as work:
         ground = Ground(work, surface, across, fields)
-        net, radius, spacing = _net(ground, settings, part(clock, 0.0, 0.55))
+        net, radius, spacing = _net(ground, settings, part(clock, 0.0, 0.48))
         directions = Directions(spacing, rng, fields)
-        strength, hubs = _worn(ground, net, settings, radius, directions, part(clock, 0.55, 0.9))
+        strength, hubs = _worn(ground, net, settings, radius, directions, part(clock, 0.48, 0.92))
         order = preference(
-            work, len(net.pores), net.edges, strength, net.crossings, part(clock, 0.9, 0.94)
+            work, len(net.pores), net.edges, strength, net.crossings, part(clock, 0.92, 0.945)
         )
-    clock(0.94, "shapes")
+    clock(0.945, "shapes")
     edge, side = stored(net.edges, order, settings.wrinkles)
     lines = draw(surface, across, net.pores, net.edges, edge, side, spacing)
     graph = assemble(
@@ -93,7 +93,7 @@ def _net(ground: Ground, settings: GraphSettings, progress: Progress) -> tuple[N
     wanted = settings.wrinkles
     radius = packed_radius(ground.surface, ground.fields, wanted / EDGES_PER_PORE)
     for _ in range(ATTEMPTS):
-        spinning = part(progress, 0.0, 0.95)
+        spinning = part(progress, 0.0, 0.98)
         net = Net.spun(ground, radius, settings.neighbours, settings.seed, spinning)
         flat = independent_set(ground.work, net.edges.length, net.crossings)
         lines = lines_of(net.edges.take(flat))
@@ -112,10 +112,10 @@ def _worn(
     progress: Progress,
 ) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
     """(E,) how strong the edges are, and the pores where primary lines meet."""
-    spinning = part(progress, 0.0, 0.1)
+    spinning = part(progress, 0.0, 0.07)
     primary = Primary.spun(ground, radius, settings.neighbours, settings.seed, directions, spinning)
     with ground.work.room() as room:
-        paths = net.paths(room, directions, ground.fields, part(progress, 0.1, 0.2))
-        strength = net.worn(room, paths, settings.seed, part(progress, 0.2, 0.98))
+        paths = net.paths(room, directions, ground.fields, part(progress, 0.07, 0.15))
+        strength = net.worn(room, paths, settings.seed, part(progress, 0.15, 0.98))
         weight, hubs = primary.laid(ground, net, paths, radius)
     return deepened(strength, weight), hubs

@@ -41,11 +41,11 @@ class Net:
     def spun(cls, ground: Ground, radius: float, count: int, seed: int, progress: Progress) -> Net:
         """Pores at least `radius` apart, joined each to its `count` nearest."""
         work, surface, fields = ground.work, ground.surface, ground.fields
-        pores = scatter_pores(work, surface, radius, seed, part(progress, 0.0, 0.6), fields)
-        joining, crossing = part(progress, 0.6, 0.8), part(progress, 0.8, 0.98)
+        pores = scatter_pores(work, surface, radius, seed, part(progress, 0.0, 0.64), fields)
+        joining, crossing = part(progress, 0.64, 0.79), part(progress, 0.79, 0.97)
         edges = candidates(work, surface, ground.across, pores, radius, count, joining, fields)
         found = crossings(work, pores, edges.nodes, edges.length, crossing)
-        progress(0.98, "crossings")
+        progress(0.97, "crossings")
         return cls(pores, edges, found)
 
     def paths(

@@ -22,7 +22,7 @@ def part(progress: Progress, low: float, high: float) -> Progress:
 
 
 class Clock:
-    """Passes reports on, and adds up how long each stage takes.
+    """Passes reports on, none below the one before, and adds up how long each stage takes.
 
     A report says what is done next: time until the following report is its stage's.
     """
@@ -30,6 +30,7 @@ class Clock:
     def __init__(self, progress: Progress) -> None:
         self.seconds: dict[str, float] = {}
         self._progress, self._stage, self._since = progress, "", perf_counter()
+        self._reached = 0.0
 
     def __call__(self, fraction: float, stage: str) -> None:
         """Take the time and report."""
@@ -37,4 +38,5 @@ class Clock:
         if self._stage:
             self.seconds[self._stage] = self.seconds.get(self._stage, 0.0) + now - self._since
         self._stage, self._since = stage, now
-        self._progress(fraction, stage)
+        self._reached = max(fraction, self._reached)
+        self._progress(self._reached, stage)
