@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from reference.synthesis import crossing_pairs, pairs_in_sight, thrown_one_by_one
 from rhytid.device.runtime import Device
@@ -25,23 +26,34 @@ RADIUS = 0.05
 MESHES = pytest.mark.parametrize("make", [sheets.sheet, sheets.tube, sheets.face_to_face])
 
 
+class Wider(Fields):
+    """Pores the further apart the further right in the map."""
+
+    least_spacing, most_spacing = 0.5, 2.0
+
+    def spacing(self, triangle: NDArray[np.int32], uv: NDArray[np.float32]) -> NDArray[np.float32]:
+        return np.float32(0.5) + uv[:, 0]
+
+
 @MESHES
-def test_darts_are_kept_as_if_thrown_one_by_one(device: Device, make: Callable[[], Mesh]) -> None:
+@pytest.mark.parametrize("fields", [Fields(), Wider()], ids=["even", "wider"])
+def test_darts_are_kept_as_if_thrown_one_by_one(
+    device: Device, make: Callable[[], Mesh], fields: Fields
+) -> None:
     with Workspace(device) as work:
-        darts = Darts(work, Surface.of(make()), Fields(), 5, 2000)
-        sieve, thrown = Sieve.of(work, darts, RADIUS, 1.0), []
+        darts = Darts(work, Surface.of(make()), fields, 5, 2000)
+        sieve, thrown = Sieve.of(work, darts, RADIUS, fields.most_spacing), []
         for turn in range(2):
             throw = darts.throw(0, 2000, 2000, turn)
             sieve.take(throw)
             place = work.read(throw.place, (2000, 3), np.int32)
             normal = work.read(throw.normal, (2000, 3), np.float32)
             order = np.argsort(work.read(throw.priority, (2000,), np.uint32), kind="stable")
-            thrown.append((place[order], normal[order]))
+            factor = work.read(throw.factor, (2000,), np.float32)
+            thrown.append((place[order], normal[order], factor[order]))
         pores = sieve.points()
-    place, normal = (np.concatenate(arrays) for arrays in zip(*thrown, strict=True))
-    kept = thrown_one_by_one(
-        place, normal, np.ones(len(place)), range(len(place)), RADIUS / darts.lattice.unit
-    )
+    place, normal, factor = (np.concatenate(arrays) for arrays in zip(*thrown, strict=True))
+    kept = thrown_one_by_one(place, normal, factor, range(len(place)), RADIUS / darts.lattice.unit)
     wanted = darts.lattice.positions(place[kept])
     assert sorted(pores.position.tolist()) == sorted(wanted.tolist())
 

@@ -32,7 +32,7 @@ def assemble(
     strength: of all candidate edges.  hubs: the pores where primary lines meet.  spacing: mean, of
     pores.  Nodes beyond a border are as large as their pore and not drawn.
     """
-    weight, half_width = _lines(surface, pores, lines, strength, spacing, fields, progress)
+    weight, factor, half_width = _lines(surface, pores, lines, strength, spacing, fields, progress)
     progress(0.4, "shapes")
     size = shapes.pore_sizes(pores.position, spacing, rng)
     size[hubs] *= np.float32(shapes.HUB)
@@ -40,6 +40,7 @@ def assemble(
     progress(0.6, "shapes")
     depth = shapes.pore_weights(lines.nodes, weight, size, rng)
     _scale(depth, fields.strength(pores.triangle, pores.uv))
+    _scale(weight, factor)
     metric, radius = shapes.pore_ellipses(surface, pores.triangle, size)
     progress(0.8, "shapes")
     none = np.zeros(len(lines.owner), np.float32)
@@ -64,11 +65,11 @@ def _lines(
     spacing: float,
     fields: Fields,
     progress: Progress,
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """(W,) weights and (W,) half widths in UV."""
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+    """(W,) weights, factors that these still lack, and half widths in UV."""
     chosen = strength[lines.edge]
     mean = float(chosen.mean(dtype=np.float64))
-    weight, half_width = (np.empty(len(chosen), np.float32) for _ in range(2))
+    weight, factor, half_width = (np.empty(len(chosen), np.float32) for _ in range(3))
     for rows in row_blocks(len(chosen)):
         progress(0.4 * rows.start / len(chosen), "shapes")
         triangle, step = lines.triangle[rows], lines.step[rows]
@@ -76,8 +77,8 @@ def _lines(
         weight[rows] = shapes.edge_weights(chosen[rows], mean)
         width = shapes.widths(weight[rows], spacing) * fields.width(triangle, middle)
         half_width[rows] = shapes.half_widths_uv(surface, triangle, step, width)
-        _scale(weight[rows], fields.strength(triangle, middle))
-    return weight, half_width
+        factor[rows] = fields.strength(triangle, middle)
+    return weight, factor, half_width
 
 
 def _scale(weight: NDArray[np.float32], factor: NDArray[np.float32]) -> None:
