@@ -65,13 +65,14 @@ inline float straightness(float cosine) // nothing for a turn beyond a right ang
     return c * c * (c * c);
 }
 
-// Walkers start evenly all over, either way along `along`, and each time choose a way out by chance
-// in proportion to its appeal and to how straight on it goes.
+// Walkers start evenly all over, either way along `along` or, as far as anisotropy falls short of 1,
+// any way, and each time choose a way out by chance in proportion to its appeal and to how straight
+// on it goes.
 __kernel void walk(int first, int count, int walkers, int pores, uint round, uint seed, int steps,
                    int amount, float2 along, __global const int *offsets,
                    __global const int *edges, __global const int *others,
-                   __global const short2 *direction, __global const float *appeal,
-                   __global int *deposit)
+                   __global const short2 *direction, __global const float *anisotropy,
+                   __global const float *appeal, __global int *deposit)
 {
     int w = first + get_global_id(0);
     if (w >= count)
@@ -79,6 +80,10 @@ __kernel void walk(int first, int count, int walkers, int pores, uint round, uin
     uint4 r = random4(w, round, seed, 1u);
     int node = (int)(((ulong)stratum(w, r.x, walkers) * (ulong)pores) >> 32);
     float2 heading = r.y & 1u ? -along : along;
+    if (unit_interval(r.z) >= anisotropy[node]) {
+        float angle = 2.0f * M_PI_F * unit_interval(r.w);
+        heading = (float2)(cos(angle), sin(angle));
+    }
     for (int step = 0; step < steps; step++) {
         if ((step & 3) == 0)
             r = random4(w, round, seed, 2u + step);

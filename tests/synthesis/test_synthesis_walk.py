@@ -48,7 +48,7 @@ def test_walkers_choose_in_proportion_to_appeal_and_straightness(device: Device)
         work.run(
             "trails", "walk", count, count, paths.pores, np.uint32(1), np.uint32(7), 1, 3,
             two_floats(np.cos(heading), np.sin(heading)), ways.offsets, ways.pairs, ways.others,
-            paths.direction, work.upload(given), deposit, defines=DEFINES,
+            paths.direction, paths.anisotropy, work.upload(given), deposit, defines=DEFINES,
         )  # fmt: skip
         found = work.read(deposit, (len(SPOKES),), np.int32)
     assert (found % 3 == 0).all()

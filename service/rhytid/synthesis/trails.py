@@ -119,7 +119,8 @@ class _Trails:
         self._run(
             "walk", walkers, walkers, paths.pores, np.uint32(turn), self.seed, STEPS,
             family.deposit, along, ways.offsets, ways.pairs, ways.others, paths.direction,
-            self.appeal, self.deposit, report=lambda share: progress(share, "trails"),
+            paths.anisotropy, self.appeal, self.deposit,
+            report=lambda share: progress(share, "trails"),
         )  # fmt: skip
 
     def _deposits(self) -> float:
