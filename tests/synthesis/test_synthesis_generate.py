@@ -87,6 +87,7 @@ def test_progress_rises_to_one_and_can_cancel(device: Device) -> None:
     assert fractions == sorted(fractions)
     assert fractions[-1] == 1.0
     assert {stage for _, stage in seen} >= {"pores", "edges", "trails", "shapes"}
+    used = device.budget.used
     for stop in range(0, len(seen), 5):
         left = iter(range(stop))
 
@@ -96,6 +97,7 @@ def test_progress_rises_to_one_and_can_cancel(device: Device) -> None:
 
         with pytest.raises(CancelledError, match="enough"):
             synthesize(sheets.sheet(), wanted(500), device, cancel)
+        assert device.budget.used == used
 
 
 @pytest.mark.parametrize("make", [sheets.sheet, sheets.tube, sheets.with_hole])

@@ -17,7 +17,7 @@ from rhytid.synthesis.darts import Darts
 from rhytid.synthesis.edges import LEAST_ANGLE, REACH
 from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.generate import synthesize
-from rhytid.synthesis.pores import Sieve
+from rhytid.synthesis.sieve import Sieve
 from rhytid.synthesis.surface import Surface
 from rhytid.synthesis.workspace import Workspace
 from synthesis import sheets
@@ -42,7 +42,7 @@ def test_darts_are_kept_as_if_thrown_one_by_one(
 ) -> None:
     with Workspace(device) as work:
         darts = Darts(work, Surface.of(make()), fields, 5, 2000)
-        sieve, thrown = Sieve.of(work, darts, RADIUS, fields.most_spacing), []
+        sieve, thrown = Sieve(work, darts, RADIUS, fields, 10.0), []
         for turn in range(2):
             throw = darts.throw(0, 2000, 2000, turn)
             sieve.take(throw)
