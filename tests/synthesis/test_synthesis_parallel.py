@@ -38,8 +38,9 @@ class Wider(Fields):
 @MESHES
 @pytest.mark.parametrize("fields", [Fields(), Wider()], ids=["even", "wider"])
 def test_darts_are_kept_as_if_thrown_one_by_one(
-    device: Device, make: Callable[[], Mesh], fields: Fields
+    device: Device, monkeypatch: pytest.MonkeyPatch, make: Callable[[], Mesh], fields: Fields
 ) -> None:
+    monkeypatch.setattr("rhytid.synthesis.sieve._SPARE", 16)  # so that it must make room
     with Workspace(device) as work:
         darts = Darts(work, Surface.of(make()), fields, 5, 2000)
         sieve, thrown = Sieve(work, darts, RADIUS, fields, 10.0), []

@@ -46,12 +46,17 @@ def stored(edges: Edges, order: Indices, count: int) -> tuple[Indices, NDArray[n
     Where the last is one of two halves the wrinkle ends at the seam: the least wanted of all.
     """
     order = order[:count]
-    copies = 1 + (edges.middle[order] == BORDER)
-    edge = np.repeat(order, copies)[:count]
-    side = np.zeros(copies.sum(), np.uint8)
-    side[(np.cumsum(copies) - 1)[copies == 2]] = 1
-    by_place = np.argsort(edge, kind="stable")
-    return edge[by_place], side[by_place]
+    copies = 1 + (edges.middle[order] == BORDER).astype(np.uint8)
+    ends = np.cumsum(copies, dtype=np.int64)
+    last = int(np.searchsorted(ends, count))
+    copies[last] -= ends[last] - count
+    lines = np.zeros(len(edges), np.uint8)
+    lines[order[: last + 1]] = copies[: last + 1]
+    drawn = np.flatnonzero(lines).astype(np.int32)
+    edge = np.repeat(drawn, lines[drawn])
+    side = np.zeros(len(edge), np.uint8)
+    side[1:] = edge[1:] == edge[:-1]
+    return edge, side
 
 
 def draw(

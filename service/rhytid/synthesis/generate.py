@@ -77,6 +77,7 @@ def synthesize(
         )
     clock(0.945, "shapes")
     edge, side = stored(net.edges, order, settings.wrinkles)
+    clock(0.947, "shapes")
     lines = draw(surface, across, net.pores, net.edges, edge, side, spacing)
     graph = assemble(
         surface, net.pores, lines, strength, hubs, spacing, rng, fields, part(clock, 0.95, 1.0)
@@ -117,5 +118,7 @@ def _worn(
     with ground.work.room() as room:
         paths = net.paths(room, directions, ground.fields, part(progress, 0.07, 0.15))
         strength = net.worn(room, paths, settings.seed, part(progress, 0.15, 0.98))
+        progress(0.98, "trails")
         weight, hubs = primary.laid(ground, net, paths, radius)
+    progress(1.0, "selection")
     return deepened(strength, weight), hubs

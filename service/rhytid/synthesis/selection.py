@@ -31,11 +31,12 @@ def preference(
     that cross nothing stronger, then the rest; by strength in each.
     """
     mark = _marks(work, pores, edges, strength, crossings, part(progress, 0.0, 0.6))
-    progress(0.6, "selection")
-    by_strength = np.argsort(-strength, kind="stable").astype(np.int32)
-    progress(0.9, "selection")
-    ordered = mark[by_strength]
-    return np.concatenate([by_strength[ordered == state] for state in (NEEDED, KEPT, DROPPED)])
+    wanted = []
+    for index, state in enumerate((NEEDED, KEPT, DROPPED)):
+        progress(0.6 + 0.1 * index, "selection")
+        members = np.flatnonzero(mark == state).astype(np.int32)
+        wanted.append(members[np.argsort(-strength[members], kind="stable")])
+    return np.concatenate(wanted)
 
 
 def _marks(

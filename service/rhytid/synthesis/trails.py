@@ -100,6 +100,7 @@ class _Trails:
         self._run(
             "pull_of_edges", self.paths.edges, UNWORN, DRAW, WORN, SHY, self.strength,
             self.crossings.offsets, self.crossings.others, self.pull,
+            report=lambda _: progress(0.0, "trails"),
         )  # fmt: skip
         for index, family in enumerate(FAMILIES):
             share = part(progress, index / len(FAMILIES), (index + 1) / len(FAMILIES))
@@ -114,6 +115,7 @@ class _Trails:
         self._run(
             "appeal_of_ways", paths.pores, ways.offsets, paths.direction, ways.pairs, paths.length,
             self.pull, paths.anisotropy, paths.mean_length, along, ASKEW, self.appeal,
+            report=lambda _: progress(0.0, "trails"),
         )  # fmt: skip
         walkers = int(np.ceil(family.walkers * paths.pores))
         self._run(

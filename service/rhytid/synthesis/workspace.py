@@ -15,7 +15,7 @@ T = TypeVar("T")
 # Runs one call on the thread that owns the device.
 Caller = Callable[..., Any]
 # Work-items of a launch: few enough that none keeps the device, or a cancellation, waiting long.
-BLOCK = 1 << 19
+BLOCK = 1 << 18
 _GROUP = 64
 
 
