@@ -44,14 +44,14 @@ inline field_t fields_at(__global const int2 *first, __global const int2 *end, f
     return found;
 }
 
-// firsts, members, codes, steps, merge: as in blend.cl, of a tile of `width` texels a side, from texel
+// firsts, members, codes, steps, unit: as in blend.cl, of a tile of `width` texels a side, from texel
 // (row, column) of a level of `side` texels on. directions, r_max, exponents: as in weights.cl.
 // neutral: fields of the neutral for angles on the surface, NULL for angles in UV. stiffness: of each
 // texel, or NULL.
 __kernel void blend_smooth(__global const int *firsts, __global const int2 *members,
                            __global const CODE *codes, __global const float *steps,
                            __global const float2 *directions, float r_max, float2 exponents,
-                           float2 merge, int width, int side, int row, int column,
+                           float unit, int width, int side, int row, int column,
                            __global const float *corners, __global const int *vertices,
                            __global const float8 *fields, int none, float limit,
                            __global const float8 *neutral, __global const float *stiffness,
@@ -67,13 +67,18 @@ __kernel void blend_smooth(__global const int *firsts, __global const int2 *memb
         metric = fields_at(first, end, x, y, corners, vertices, neutral, none).metric;
     float16 stiff = stiffness ? vload16(0, stiffness + at) : (float16)(1.0f);
     codes += (size_t)i * VECTOR_CODES;
-    blend_t blend = {steps, r_max, exponents, merge};
-    merged_t sum = NOTHING_MERGED;
+    blend_t blend = {steps, r_max, exponents, unit};
+    met_t met = NONE_MET;
     for (int n = 0; n < LAYERS; n++) {
-        float16 r = 0.5f * (p.log1 + p.log2);
-        if (n < ORIENTED)
-            r = neutral ? across_surface(directions[n], p, metric) : across(directions[n], p);
-        merge_layer(&sum, n, stiff * r, codes, blend);
+        stretches_t s;
+        for (int side = 0; side < SIDES; side++) {
+            float16 r = 0.5f * (p.log1 + p.log2);
+            float2 theta = directions[side * ORIENTED + n];
+            if (n < ORIENTED)
+                r = neutral ? across_surface(theta, p, metric) : across(theta, p);
+            s.r[side] = stiff * r;
+        }
+        met = meet_layer(met, n, s, codes, blend);
     }
-    vstore16(merged(sum, blend), 0, out + at);
+    vstore16(height_of(met) * unit, 0, out + at);
 }

@@ -6,7 +6,6 @@
 __kernel void quantise(__global const float *heights, float step, int index, __global CODE *codes)
 {
     int i = get_global_id(0);
-    size_t place = ((size_t)(i / WIDTH) * MAPS + index) * WIDTH + i % WIDTH;
     int code = convert_int_sat_rte(heights[i] / step);
-    codes[place] = (CODE)clamp(code, -CODE_LIMIT, CODE_LIMIT);
+    codes[place_of(i, index)] = (CODE)clamp(code, -CODE_LIMIT, CODE_LIMIT);
 }

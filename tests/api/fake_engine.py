@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.curves import Curves
 from rhytid.domain.frame import NEUTRAL, check_frame_name, check_positions
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.tiles import TileAddress, mesh_udims
@@ -32,6 +33,12 @@ GRAPH = WrinkleGraph(
     edge_nodes=[[0, 1]],
     edge_weight=[1.0],
     edge_half_width=[0.02],
+)
+CURVES = Curves(
+    points=np.array([[0, 0, 0], [1, 2, 3], [0.5, -0.25, 1e-7]], np.float32),
+    lines=np.array([[0, 1], [2, 0]]),
+    widths=np.array([0.5, 0.25], np.float32),
+    strengths=np.array([1.0, 0.125], np.float32),
 )
 PERCENTILES = ("p1", "p10", "p50", "p90", "p99", "abs_p90")
 
@@ -101,6 +108,7 @@ class FakeEngine:
             triangles=len(mesh.faces),
             pores=graph.pores if built else 0,
             wrinkles=graph.wrinkles if built else 0,
+            statistics={"spacing": 0.01, **graph.figures()} if built else None,
         )
 
     def change_asset(self, asset: str, changes: dict[str, Any]) -> AssetInfo:
@@ -117,6 +125,10 @@ class FakeEngine:
 
     def graph(self, asset: str) -> WrinkleGraph:
         return self._built(asset).new.graph or GRAPH
+
+    def curves(self, asset: str) -> Curves:
+        self._built(asset)
+        return CURVES
 
     def job(self, job: str) -> JobInfo:
         if job not in self._jobs:

@@ -70,6 +70,26 @@ def test_the_graph_comes_as_safetensors(client: httpx.Client, asset: str) -> Non
     assert post(client, sent).status_code in (200, 202)
 
 
+def test_the_graph_comes_as_lines_in_space(client: httpx.Client, asset: str) -> None:
+    path = f"/v1/assets/{asset}/graph"
+    obj, usda = (client.get(path, params={"format": kind}) for kind in ("obj", "usda"))
+    assert (obj.status_code, obj.headers["content-type"]) == (200, "model/obj")
+    assert obj.text.splitlines()[-2:] == ["l 1 2", "l 3 1"]
+    assert (usda.status_code, usda.headers["content-type"]) == (200, "model/vnd.usda")
+    assert usda.text.startswith("#usda 1.0\n")
+    stored = client.get(path, params={"format": "safetensors"})
+    assert stored.content == client.get(path).content
+    for query in ({"format": "abc"}, {"format": ["obj", "usda"]}):
+        is_problem(client.get(path, params=query), 422, "query")
+    assert "colour" in is_problem(client.get(path, params={"colour": "red"}), 422)
+    is_problem(client.get("/v1/assets/none/graph?format=obj"), 404, "not-found")
+
+
+def test_an_asset_has_figures_of_its_graph(client: httpx.Client, asset: str) -> None:
+    found = client.get(f"/v1/assets/{asset}").json()["statistics"]
+    assert found == {"spacing": 0.01, "degree": 1.0, "strengths": [0] * 9 + [1]}
+
+
 def test_settings_change_without_a_new_asset(client: httpx.Client) -> None:
     path = f"/v1/assets/{built(client, upload(depth=0.25))}"
     changed = client.patch(path, json={"depth": 0.5, "response": {"beta_w": 2}})

@@ -15,7 +15,7 @@ def test_the_manifest_counts_what_there_is(client: httpx.Client, asset: str) -> 
     assert len(bins["angles"]) == bins["layers"]["wrinkles"] == 4
     assert len(bins["samples"]) == 3
     assert {len(steps) for steps in bins["steps"].values()} == {3}
-    assert (bins["bits"], bins["merge"], bins["depth_factored"]) == (8, "min", False)
+    assert (bins["bits"], bins["merge"], bins["depth_factored"]) == (8, "soft", True)
 
 
 def test_a_mellow_merge_has_layers_of_bulges(client: httpx.Client) -> None:

@@ -21,7 +21,7 @@ def ends(arguments: list[str]) -> int:
 
 
 def test_every_command_is_there() -> None:
-    known = ["bake", "bench", "demo", "devices", "reproduce", "serve", "synthesize"]
+    known = ["bake", "bench", "demo", "devices", "graph", "reproduce", "serve", "synthesize"]
     assert sorted(NAMES) == known
 
 

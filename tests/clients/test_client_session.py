@@ -101,6 +101,13 @@ def test_arrays_and_their_frames(call: Call) -> None:
     assert np.array_equal(call("positions", built, "0001"), 2 * corners)
 
 
+def test_graph_comes_as_curves_too(call: Call, asset: str) -> None:
+    assert call("graph", asset, format="obj").startswith(b"# 2 wrinkles")
+    assert call("graph", asset, format="usda").startswith(b"#usda 1.0\n")
+    with pytest.raises(RequestError, match="'abc': one of safetensors, obj, usda"):
+        call("graph", asset, format="abc")
+
+
 def test_graph_goes_back_where_it_came_from(call: Call, asset: str) -> None:
     graph = call("graph", asset)
     made = call("create_asset", patch.obj(2.0), **MADE, graph=graph)

@@ -10,9 +10,9 @@ from rhytid.domain.asset_settings import PRESETS, AssetSettings, BinSettings
 from rhytid.errors import SettingsError
 
 
-def test_the_default_is_the_papers_choice() -> None:
-    assert AssetSettings() == AssetSettings.parse({"preset": "paper"})
-    assert PRESETS["paper"] == AssetSettings().bins
+def test_the_default_is_the_preset_best_and_bins_alone_are_the_papers() -> None:
+    assert AssetSettings() == AssetSettings.parse({}) == AssetSettings.parse({"preset": "best"})
+    assert AssetSettings().bins == PRESETS["best"] != PRESETS["paper"] == BinSettings()
 
 
 @pytest.mark.parametrize("name", PRESETS)

@@ -87,6 +87,19 @@ def test_the_layers_of_a_mellow_merge_are_valleys_and_bulges(engine):
             engine.bin_tile(asset, ADDRESS, layer, bin, 0)
 
 
+def test_tilts_are_a_layer_of_one_sample(engine):
+    asset = built(engine, new_asset(bins={"depth_factored": True, "tilt": True, "samples": 5}))
+    manifest = engine.bins(asset)
+    assert manifest.layers == {"wrinkles": 4, "pores": 1, "wrinkle_tilts": 4}
+    assert manifest.steps["wrinkle_tilts"] == (1 / 127,)
+    tilts = [engine.bin_tile(asset, ADDRESS, "wrinkle_tilts", bin, 0) for bin in range(4)]
+    assert len({codes.tobytes() for codes in tilts}) == 4
+    assert max(np.abs(codes).max() for codes in tilts) > 60
+    for bin, sample in ((4, 0), (0, 1)):
+        with pytest.raises(NotFoundError, match="wrinkle_tilts: 0 to"):
+            engine.bin_tile(asset, ADDRESS, "wrinkle_tilts", bin, sample)
+
+
 def test_min_has_no_layers_of_bulges(made):
     with pytest.raises(NotFoundError, match="layer 'wrinkle_bulges': one of wrinkles, pores"):
         made.engine.bin_tile(made.asset, ADDRESS, "wrinkle_bulges", 0, 0)
@@ -108,7 +121,12 @@ def test_binned_of_neutral_is_the_mellow_merge_of_the_middle_samples(engine):
     assert np.abs(found - redrawn).max() <= 5 * 1.2 / 127 * DEPTH
 
 
-@pytest.mark.parametrize("changes", [{"merge": "mellow"}, {"depth_factored": True}, MELLOW])
+BEST = {"merge": "soft", "depth_factored": True, "tilt": True, "reach": 1.5}
+
+
+@pytest.mark.parametrize(
+    "changes", [{"merge": "mellow"}, {"depth_factored": True}, MELLOW, BEST, {"merge": "signed"}]
+)
 def test_changing_the_merge_gives_the_bits_of_an_asset_made_so(engine, changes):
     asset = built(engine, new_asset())
     engine.put_frame(asset, "bent", BENT)
@@ -120,7 +138,8 @@ def test_changing_the_merge_gives_the_bits_of_an_asset_made_so(engine, changes):
     found = [engine.map(name, "bent", BINNED, 1001, 0) for name in (asset, made_so)]
     assert same(found[:1], found[1:])
     assert not same(found[:1], [before])
-    engine.change_asset(asset, {"bins": {"merge": "min", "depth_factored": False}})
+    papers = {"merge": "min", "depth_factored": False, "tilt": False, "reach": 1.0}
+    engine.change_asset(asset, {"bins": papers})
     assert same([engine.map(asset, "bent", BINNED, 1001, 0)], [before])
 
 
@@ -139,7 +158,7 @@ def test_a_preset_can_be_changed_like_the_bins(engine):
     assert engine.asset(asset).settings == settings
 
 
-@pytest.mark.parametrize("merge", ["min", "mellow"])
+@pytest.mark.parametrize("merge", ["min", "soft", "signed", "mellow"])
 def test_factored_maps_stay_within_the_scale_of_the_asset(engine, merge):
     """Where wrinkles meet, maps hold 1.2 depths, and compression makes four times that of it."""
     crowd = random_graph(9, 400, (0.05, 0.1))

@@ -27,7 +27,14 @@ SMALL = (
     "WAYS=12",
     "CROSSINGS=1",
 )
-SMALL_LAYERS = ("LAYERS=2", "SAMPLES=3", "ORIENTED=0", "PARTS=1")
+SMALL_LAYERS = (
+    "LAYERS=2",
+    "SAMPLES=3",
+    "ORIENTED=0",
+    "PARTS=1",
+    "MERGE=MIN",
+    "TILT=0",
+)
 LARGE = (
     "BLOCK=64",
     "ROWS=64",
@@ -36,12 +43,15 @@ LARGE = (
     "CODE=short",
     "CODE_BITS=16",
     "CODE_LIMIT=32767",
-    "MAPS=238",
+    "MAPS=254",
     "WAYS=12",
     "CROSSINGS=64",
 )
-LARGE_LAYERS = ("LAYERS=17", "SAMPLES=7", "ORIENTED=16", "PARTS=2")
-RANGES = {"small": SMALL + SMALL_LAYERS, "large": LARGE + LARGE_LAYERS}
+LARGE_LAYERS = ("LAYERS=17", "SAMPLES=7", "ORIENTED=16")
+TILTED = ("TILT=1", "TILT_NODE=0.6f")
+MELLOW = (*LARGE_LAYERS, *TILTED, "PARTS=2", "MERGE=MELLOW")
+SOFT = (*LARGE_LAYERS, *TILTED, "PARTS=1", "MERGE=SOFT", "WAVY=1")
+RANGES = {"small": SMALL + SMALL_LAYERS, "mellow": LARGE + MELLOW, "soft": LARGE + SOFT}
 
 
 @pytest.mark.parametrize("defines", RANGES.values(), ids=RANGES)

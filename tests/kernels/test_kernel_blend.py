@@ -9,53 +9,95 @@ import pytest
 from numpy.typing import NDArray
 
 import rhytid_kernels
-from kernels.one_line import run, vector
-from reference.drawing import mellow_max
+from kernels.one_line import run
+from reference import bins as reference
+from reference.inputs import Bins, Shape
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.pipeline.blend import MERGES as MERGE_NAMES
+from rhytid.pipeline.blend import unit_of
+from rhytid.pipeline.elements import RESPONSE_DEFINES
 from rhytid.pipeline.vectors import VectorTriangles
 
 WIDTH = 16
 TEXELS = 64 * WIDTH
 C_TYPES = {8: "char", 16: "short"}
-MIN, MELLOW = 1, 2  # parts of a map
+MERGES = ("min", "soft", "signed", "mellow")
 
 
 class Maps(NamedTuple):
-    """codes (L, parts, M, P), weights (T, L, 2), steps (L, M); heights in units of `depth`."""
+    """codes (L, parts, M, P), tilts (L - 1, P) or none, weights (T, L, 4), steps (L, M);
+    heights in units of `depth`."""
 
     codes: NDArray[np.integer]
+    tilts: NDArray[np.integer] | None
     weights: NDArray[np.float32]
     steps: NDArray[np.float32]
+    merge: str
     depth: float = 1.0
     sharpness: float = 20.0
 
 
-def maps(layers, samples, bits, triangles, parts=MIN, seed=1):
+def maps(layers, samples, bits, triangles, merge="min", tilt=False, seed=1):
     """Random maps; some of the triangles stand at a sample, all have a depth scale of their own."""
     rng = np.random.default_rng(seed)
-    most = 2 ** (bits - 1) - 1
+    most, parts = 2 ** (bits - 1) - 1, 2 if merge == "mellow" else 1
     codes = rng.integers(-most, most + 1, (layers, parts, samples, TEXELS))
-    if parts == MELLOW:  # valleys down, bulges up
+    if merge == "mellow":  # valleys down, bulges up
         codes = np.abs(codes) * np.array([-1, 1])[:, None, None]
+    codes[..., ::7] //= 8  # shallow places, too
     place = rng.uniform(0, samples - 1, (triangles, layers))
     place[::3] = np.rint(place[::3])
-    weights = np.stack([place, rng.uniform(0.25, 2, (triangles, layers))], axis=-1)
+    weights = np.stack([place, rng.uniform(0.25, 1 if tilt else 2, (triangles, layers))], axis=-1)
     steps = rng.uniform(0.5, 2.0, (layers, samples)) / most
-    return Maps(codes.astype(f"i{bits // 8}"), weights.astype(np.float32), steps.astype(np.float32))
+    kind, tilts, rise = f"i{bits // 8}", None, np.zeros((triangles, layers))
+    if tilt:
+        tilts = rng.integers(-most, most + 1, (layers - 1, TEXELS)).astype(kind)
+        rise = rng.uniform(-1, 1, (triangles, layers)) / most
+    weights = np.concatenate([weights, np.stack([rise, 0 * rise], axis=-1)], axis=-1)
+    return Maps(
+        codes.astype(kind), tilts, weights.astype(np.float32), steps.astype(np.float32), merge
+    )
+
+
+def options(bits, merge, layers, samples, tilt=False):
+    values = {
+        "CODE": C_TYPES[bits], "CODE_BITS": bits, "MERGE": MERGE_NAMES[merge],
+        "PARTS": 2 if merge == "mellow" else 1, "LAYERS": layers, "SAMPLES": samples,
+        "MAPS": layers * samples * (2 if merge == "mellow" else 1) + (layers - 1 if tilt else 0),
+        "TILT": int(tilt),
+    }  # fmt: skip
+    return [f"-D{name}={value}" for name, value in values.items()]
+
+
+def unit(maps):
+    shape = {"depth": maps.depth, "shape": {"sharpness": maps.sharpness}}
+    return np.float32(unit_of(AssetSettings.parse({**shape, "bins": {"merge": maps.merge}})))
 
 
 def blended(device, triangle, maps):
-    layers, parts, samples, _ = maps.codes.shape
-    bits = 8 * maps.codes.itemsize
-    options = [f"-DCODE={C_TYPES[bits]}", f"-DCODE_BITS={bits}", f"-DPARTS={parts}"]
-    options += [f"-DLAYERS={layers}", f"-DSAMPLES={samples}"]
-    arguments = [*placed(device, triangle, maps.codes), maps.weights, maps.steps]
-    arguments.append(vector(maps.depth, maps.sharpness))
+    layers, _, samples, _ = maps.codes.shape
+    tilt = maps.tilts is not None
+    given = options(8 * maps.codes.itemsize, maps.merge, layers, samples, tilt)
+    codes = maps.codes.reshape(-1, TEXELS)
+    codes = np.concatenate([codes, maps.tilts]) if tilt else codes
+    arguments = [*placed(device, triangle, codes), coefficients(device, maps), unit(maps)]
     text, out = rhytid_kernels.source("blend"), np.zeros(TEXELS, np.float32)
-    return run(device, text, "blend", (TEXELS // WIDTH,), arguments, out, options)
+    return run(device, text, "blend", (TEXELS // WIDTH,), arguments, out, given)
+
+
+def coefficients(device, maps):
+    """(T, L, 4), of weights.cl."""
+    triangles, layers, _ = maps.weights.shape
+    given = [f"-DLAYERS={layers}", f"-DSAMPLES={maps.codes.shape[2]}", "-DORIENTED=0", "-DTILT=0"]
+    given += [f"-D{name}={value}" for name, value in RESPONSE_DEFINES.items()]
+    text, found = rhytid_kernels.source("weights"), maps.weights.copy()
+    size = (triangles * layers,)
+    return run(device, text, "coefficients", size, [maps.steps, unit(maps)], found, given)
 
 
 def placed(device, triangle, codes):
-    """Triangles of the vectors, and codes (L, parts, M, P) as they lie in memory."""
+    """Triangles of the vectors, and codes (maps, P), in any shape, as they lie in
+    memory."""
     found = VectorTriangles.of(device, device.upload(triangle.astype(np.int32)), TEXELS)
     firsts = device.read(found.firsts, (TEXELS // WIDTH + 1,), np.int32)
     members = device.read(found.members, (firsts[-1], 2), np.int32)
@@ -71,29 +113,32 @@ def wanted(triangle, maps):
     layer, texel = np.ogrid[: len(heights), :TEXELS]
     low, high = heights[layer, :, below, texel], heights[layer, :, below + 1, texel]
     share = (place - below)[..., None]
+    if maps.tilts is not None:
+        scale = scale.copy()
+        scale[:-1] *= 1 + maps.tilts * weights[:, :-1, 2].T
     layers = scale[..., None] * ((1 - share) * low + share * high)  # (L, P, parts)
-    if maps.codes.shape[1] == MIN:
-        return layers[..., 0].min(axis=0)
-    soft = [
-        mellow_max(np.abs(side).T / maps.depth, maps.sharpness) for side in np.rollaxis(layers, 2)
-    ]
-    return maps.depth * (soft[1] - soft[0])
+    if maps.merge == "mellow":
+        layers = layers * np.array([-1, 1])
+    shape, bins = Shape(sharpness=maps.sharpness), Bins(merge=maps.merge)
+    return reference.merge(np.moveaxis(layers, 2, 1), shape, bins, maps.depth)
 
 
 def check(device, triangle, maps):
     found = blended(device, triangle.astype(np.int32), maps)
     largest = float(np.abs(maps.codes).max() * maps.steps.max() * maps.weights[..., 1].max())
+    largest *= 1 if maps.tilts is None else 2
     assert np.abs(found - wanted(triangle, maps)).max() <= 1e-6 * largest
 
 
-@pytest.mark.parametrize("parts", [MIN, MELLOW])
+@pytest.mark.parametrize("tilt", [False, True], ids=["plain", "tilt"])
+@pytest.mark.parametrize("merge", MERGES)
 @pytest.mark.parametrize("samples", [3, 5, 7])
 @pytest.mark.parametrize("bits", [8, 16])
 @pytest.mark.parametrize("bins", [1, 4, 16])
 def test_vectors_in_one_triangle_and_in_many_are_those_of_double(
-    device, bins, samples, bits, parts
+    device, bins, samples, bits, merge, tilt
 ):
-    made = maps(bins + 1, samples, bits, 90, parts)
+    made = maps(bins + 1, samples, bits, 90, merge, tilt)
     rng = np.random.default_rng(2)
     one_each = np.repeat(rng.integers(0, 90, TEXELS // WIDTH), WIDTH)
     check(device, one_each, made)
@@ -103,10 +148,11 @@ def test_vectors_in_one_triangle_and_in_many_are_those_of_double(
     check(device, mixed, made)
 
 
+@pytest.mark.parametrize("merge", ["soft", "signed", "mellow"])
 @pytest.mark.parametrize("depth", [1e-6, 0.03, 1e6])
 @pytest.mark.parametrize("sharpness", [0.1, 3.0, 20.0])
-def test_the_mellow_merge_at_any_depth_and_sharpness(device, depth, sharpness):
-    made = maps(5, 3, 8, 90, MELLOW)._replace(depth=depth, sharpness=sharpness)
+def test_the_smooth_merges_at_any_depth_and_sharpness(device, depth, sharpness, merge):
+    made = maps(5, 3, 8, 90, merge)._replace(depth=depth, sharpness=sharpness)
     made = made._replace(steps=made.steps * np.float32(depth))
     triangle = np.random.default_rng(3).integers(0, 90, TEXELS).astype(np.int32)
     error = np.abs(blended(device, triangle, made) - wanted(triangle, made)).max() / depth
@@ -117,17 +163,18 @@ def test_the_mellow_merge_at_any_depth_and_sharpness(device, depth, sharpness):
 @pytest.mark.parametrize("layers", [2, 17])
 def test_the_mellow_merge_of_the_largest_heights_is_finite(device, layers):
     """4.8 depths at the largest sharpness, in every layer at once: e^96 is beyond a float32."""
-    made = maps(layers, 3, 8, 1, MELLOW)
+    made = maps(layers, 3, 8, 1, "mellow")
     made.codes[:] = np.array([-127, 127])[:, None, None]
     made.steps[:] = 1.2 / 127
-    made.weights[:] = 1.0, 4.0
+    made.weights[:] = 1.0, 4.0, 0.0, 0.0
     triangle = np.zeros(TEXELS, np.int32)
     deep = made._replace(codes=made.codes * np.array([1, 0], np.int8)[:, None, None])
     high = made._replace(codes=made.codes * np.array([0, 1], np.int8)[:, None, None])
     for one, sign in ((deep, -1), (high, 1)):
         found = blended(device, triangle, one)
-        # What is past e^85 is cut there: 4.25 depths, and what layers of that add up to.
-        np.testing.assert_allclose(found * sign, 85 / 20 + np.log(layers) / 20, rtol=1e-6)
+        # What is past 2^121.9 is cut there: 4.22 depths, and what layers of that add up to.
+        largest = 121.9 * np.log(2) / 20 + np.log(layers) / 20
+        np.testing.assert_allclose(found * sign, largest, rtol=1e-6)
     np.testing.assert_array_equal(blended(device, triangle, made), 0.0)
 
 
@@ -144,17 +191,13 @@ def test_ends_and_samples_give_back_their_maps(device, samples):
         np.testing.assert_array_equal(found[1::WIDTH], exact[1::WIDTH])
 
 
-@pytest.mark.parametrize("parts", [MIN, MELLOW])
-def test_nothing_behind_the_last_sample_is_read(device, parts):
-    made = maps(1, 3, 8, 1, parts)
-    made.weights[:] = 2.0, 1.0
+@pytest.mark.parametrize("merge", MERGES)
+def test_nothing_behind_the_last_sample_is_read(device, merge):
+    made = maps(1, 3, 8, 1, merge)
+    made.weights[:] = 2.0, 1.0, 0.0, 0.0
     triangle = np.zeros(TEXELS, np.int32)
     plain = blended(device, triangle, made)
     behind = made._replace(steps=np.append(made.steps, np.float32("nan"))[None])
-    options = ["-DCODE=char", "-DCODE_BITS=8", "-DLAYERS=1", "-DSAMPLES=3", f"-DPARTS={parts}"]
-    arguments = [*placed(device, triangle, behind.codes), behind.weights, behind.steps]
-    arguments.append(vector(1.0, 20.0))
-    text, out = rhytid_kernels.source("blend"), np.zeros(TEXELS, np.float32)
-    found = run(device, text, "blend", (TEXELS // WIDTH,), arguments, out, options)
+    found = blended(device, triangle, behind)
     np.testing.assert_array_equal(found, plain)
     assert np.isfinite(found).all()

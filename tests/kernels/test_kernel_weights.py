@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ from kernels.one_line import run, vector
 from reference import bins as reference
 from reference.inputs import Bins
 from reference.response import scales
+from rhytid.pipeline.blend import TILT_NODE
 from rhytid.pipeline.elements import RESPONSE_DEFINES
 
 COUNT = 500
@@ -27,17 +30,22 @@ def frame(seed):
 
 
 def weights(device, axes, logs, bins, exponents=(0.0, 0.0)):
-    """Positions (n, L) and depth scales (n, L)."""
+    """Positions (n, L), depth scales (n, L), their rise a code, and zeros."""
     layers = bins.count + 1
     oriented = bins.count if bins.count > 1 else 0
-    directions = reference.directions(bins.count).astype(np.float32)
+    turns = (0.0, -reference.TILT_NODE, reference.TILT_NODE) if bins.tilt else (0.0,)
+    turned = [reference.directions(bins.count, turn) for turn in turns]
+    directions = np.concatenate(turned).astype(np.float32)
+    most = 2 ** (bins.bits - 1) - 1
     options = [f"-DLAYERS={layers}", f"-DSAMPLES={bins.samples}", f"-DORIENTED={oriented}"]
+    options += [f"-DTILT={int(bins.tilt)}", f"-DTILT_NODE={TILT_NODE}f"]
+    options += [f"-DCODE_LIMIT={most}"]
     options += [f"-D{name}={value}" for name, value in RESPONSE_DEFINES.items()]
     in_uv = None
     arguments = [axes, logs, in_uv, directions, np.float32(bins.r_max), vector(*exponents)]
-    text, out = rhytid_kernels.source("weights"), np.zeros((COUNT, layers, 2), np.float32)
+    text, out = rhytid_kernels.source("weights"), np.zeros((COUNT, layers, 4), np.float32)
     found = run(device, text, "sample_weights", (COUNT,), arguments, out, options)
-    return found[..., 0], found[..., 1]
+    return np.moveaxis(found, -1, 0)
 
 
 def positions(device, axes, logs, bins):
@@ -86,13 +94,52 @@ def test_depth_scales_are_those_of_the_stretch_before_its_clamp(device, count, e
     r = reference.layer_stretch(logs, axes, count)
     assert (np.abs(r) > bins.r_max).mean() > 0.5
     wanted = [scales(layer, 0.0, exponents[i == count])[1] for i, layer in enumerate(r)]
-    place, found = weights(device, axes, logs, bins, exponents)
+    place, found, rise, nothing = weights(device, axes, logs, bins, exponents)
     # sigma_d = e^(-ar): an error of 1e-5 in r grows by a.
     np.testing.assert_allclose(found, np.transpose(wanted), rtol=1e-5 * max(exponents))
     assert (found.min(), found.max()) == pytest.approx((0.25, 4.0), rel=0.3)
     np.testing.assert_array_equal(found[-1], 1.0)
     np.testing.assert_array_equal(place, positions(device, axes, logs, bins))
+    assert not rise.any()
+    assert not nothing.any()
 
 
 def test_maps_that_hold_their_depth_are_scaled_by_exactly_one(device):
     np.testing.assert_array_equal(weights(device, *frame(6), Bins())[1], 1.0)
+
+
+@pytest.mark.parametrize("count", [1, 2, 4, 16])
+@pytest.mark.parametrize("bits", [8, 16])
+@pytest.mark.parametrize("exponents", [(4.0, 10.0), (64.0, 1.0)])
+def test_depth_scales_with_tilts_are_the_lines_of_the_reference(device, count, bits, exponents):
+    bins = Bins(count=count, bits=bits, tilt=True, depth_factored=True)
+    axes, logs = frame(7)
+    plain = weights(device, axes, logs, replace(bins, tilt=False), exponents)
+    place, middle, rise, nothing = weights(device, axes, logs, bins, exponents)
+    np.testing.assert_array_equal(place, plain[0])
+    np.testing.assert_array_equal(nothing, 0.0)
+    sides = reference.sides_of(logs, axes, count)
+    most = 2 ** (bits - 1) - 1
+    for layer in range(count + 1):
+        if layer == count or count == 1:
+            np.testing.assert_array_equal(middle[:, layer], plain[1][:, layer])
+            np.testing.assert_array_equal(rise[:, layer], 0.0)
+            continue
+        low, high = (scales(side[layer], 0.0, exponents[0])[1] for side in sides)
+        for tilt in (-1.0, -0.4, 0.0, 1.0):
+            found = middle[:, layer] * (1 + rise[:, layer] * most * tilt)
+            wanted = reference.tilted_depth(tilt, low, high)
+            np.testing.assert_allclose(found, wanted, atol=1e-4 * max(exponents))
+            assert -1e-6 <= found.min() <= found.max() <= 4.0 * (1 + 1e-6)
+
+
+def test_a_tilt_reaches_the_depth_of_its_own_angle(device):
+    """At TILT_NODE half bins off, a wrinkle is as deep as Alg. 1 has it at its own angle."""
+    bins = Bins(count=4, tilt=True, depth_factored=True)
+    axes, logs = frame(8)
+    logs *= 0.3
+    _, middle, rise, _ = weights(device, axes, logs, bins, (4.0, 10.0))
+    for turn in (-TILT_NODE, TILT_NODE):
+        r = reference.layer_stretch(logs, axes, 4, turn=turn)[:4]
+        found = (middle * (1 + rise * 127 * turn))[:, :4]
+        np.testing.assert_allclose(found, scales(r, 0.0, 4.0)[1].T, rtol=1e-4)

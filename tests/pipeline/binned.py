@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,7 @@ from pipeline.scenes import DEPTH, EDGE_BAND, Scene
 from reference import bins as reference
 from reference import drawing, locate
 from rhytid.domain.tiles import udim_origin
-from rhytid.pipeline.bins import BinMaker, parts
+from rhytid.pipeline.bins import BinMaker, map_count, parts
 from rhytid.pipeline.blend import Blend
 from rhytid.pipeline.locate import UdimTriangles
 from rhytid.pipeline.vectors import VECTOR
@@ -18,12 +19,17 @@ from rhytid.pipeline.vectors import VECTOR
 TILE = 64
 
 
+def stored_maps(device, tile, bins):
+    """(maps, P) codes of a tile, as they are stored."""
+    shape = (tile.texels // VECTOR, map_count(bins), VECTOR)
+    codes = device.read(tile.codes, shape, f"i{bins.bits // 8}").swapaxes(0, 1)
+    return codes.reshape(map_count(bins), tile.texels)
+
+
 def stored_codes(device, tile, bins):
     """(N + 1, parts, M, P) codes of a tile, signed as they are stored."""
-    count = (bins.count + 1) * len(parts(bins)) * bins.samples
-    shape = (tile.texels // VECTOR, count, VECTOR)
-    codes = device.read(tile.codes, shape, f"i{bins.bits // 8}").swapaxes(0, 1)
-    return codes.reshape(bins.count + 1, len(parts(bins)), bins.samples, tile.texels)
+    shape = (bins.count + 1, len(parts(bins)), bins.samples, tile.texels)
+    return stored_maps(device, tile, bins)[: math.prod(shape[:3])].reshape(shape)
 
 
 class BinnedScene(Scene):
@@ -45,9 +51,14 @@ class BinnedScene(Scene):
         signs = np.array(apart, stored.dtype)[:, None, None]
         return np.swapaxes(stored * signs, 1, 2)[..., : side * side]
 
+    def tilts(self):
+        """(N, P) codes of the tilts of each bin."""
+        bins = self.settings.bins
+        return stored_maps(self.device, self.tile, bins)[-bins.count :]
+
     def blended(self, positions, model="tensor"):
         blend = Blend(self.device, self.settings, len(self.mesh.faces))
-        out = blend.tile(self.tile, blend.weights(self.stretch(positions, model)))
+        out = blend.tile(self.tile, blend.coefficients(self.stretch(positions, model)))
         return self.device.read(out, (TILE * TILE,), np.float32)
 
     def reference_codes(self, layer, bits=None, points=None):
@@ -57,6 +68,7 @@ class BinnedScene(Scene):
         return reference.codes(
             self.points if points is None else points, self.graph, layer, settings.response,
             settings.shape, bins, DEPTH, udim_origin(self.udim),
+            self.reference_waves(),
         )  # fmt: skip
 
     def reference_blend(self, codes, positions, model="tensor"):
@@ -70,5 +82,11 @@ class BinnedScene(Scene):
         logs, axes = locate.sample(index, *self.reference_logs(positions, model))
         r = reference.layer_stretch(logs, axes, settings.bins.count)
         layers = [maps.astype(np.int64) for maps in codes]
-        found = reference.blend(layers, r, settings.response, settings.shape, settings.bins, DEPTH)
+        tilted = None
+        if settings.bins.tilt:
+            sides = reference.sides_of(logs, axes, settings.bins.count)
+            tilted = reference.Tilts(self.tilts().astype(np.int64), *sides)
+        found = reference.blend(
+            layers, r, settings.response, settings.shape, settings.bins, DEPTH, tilted
+        )
         return found, margin > EDGE_BAND

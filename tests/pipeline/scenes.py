@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshes import Positions, bumpy_grid
-from reference import locate, redraw, stretch, stretch_models
+from reference import locate, redraw, stretch, stretch_models, waves
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
@@ -21,6 +21,7 @@ from rhytid.pipeline.locate import locate_points
 from rhytid.pipeline.redraw import redrawing, respond
 from rhytid.pipeline.stretch import StretchStage
 from rhytid.pipeline.stretch_buffers import StretchBuffers
+from rhytid.pipeline.waves import wrinkle_waves
 
 DEPTH = 0.03
 # What float32 coordinates within a UDIM round to, with room for a cross product.
@@ -34,8 +35,9 @@ Places = NDArray[np.floating[Any]]
 
 
 def settings_of(**changes: Any) -> AssetSettings:
-    """Settings with a depth, 256 texels and tiles of 64, and what is given."""
-    return AssetSettings.parse({"depth": DEPTH, "resolution": 256, "tile_size": 64, **changes})
+    """Settings with a depth, 256 texels, tiles of 64 and the paper's bins, and what is given."""
+    given = {"depth": DEPTH, "resolution": 256, "tile_size": 64, "preset": "paper", **changes}
+    return AssetSettings.parse(given)
 
 
 def sheet(n: int = 10, seed: int = 1, udims: int = 1) -> Mesh:
@@ -111,9 +113,10 @@ class Scene:
             locate_points(self.device, self.mesh, uv, settings.resolution, settings.padding)
             for uv in (self.middles, self.graph.node_uv)
         )
+        wavy = wrinkle_waves(self.mesh, self.graph, wrinkle, settings.shape)
         return UdimElements(
             self.device,
-            wrinkle_arrays(self.graph, wrinkle, settings, udim),
+            wrinkle_arrays(self.graph, wrinkle, settings, udim, waves=wavy),
             pore_arrays(self.graph, pore, settings, udim),
             settings.bins.count,
         )
@@ -157,7 +160,19 @@ class Scene:
             settings.shape,
             DEPTH,
             origin,
+            waves=self.reference_waves(),
         )
+
+    def reference_waves(self) -> waves.Waves | None:
+        """Of the wrinkles, none of which crosses a seam; None where all are straight."""
+        shape = self.settings.shape
+        if shape.wave_amplitude == 0:
+            return None
+        corners = self.mesh.positions[self.mesh.faces].astype(np.float64)
+        return waves.on_mesh(
+            self.graph, corners, self.mesh.triangle_uv(), self._wrinkle,
+            shape.wave_amplitude, shape.wave_frequency,
+        )  # fmt: skip
 
     def reference_logs(self, positions: Positions, model: str = "tensor") -> redraw.Stretch:
         """Clamped log stretch (F, 2) and axes (F, 2, 2)."""

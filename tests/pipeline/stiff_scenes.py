@@ -71,7 +71,7 @@ class StiffScene(BinnedScene):
         elif self.tile.stiffness is not None:
             out = blend.stiff_tile(self.tile, blend.stretches(stretch))
         else:
-            out = blend.tile(self.tile, blend.weights(stretch))
+            out = blend.tile(self.tile, blend.coefficients(stretch))
         return self.device.read(out, (TILE * TILE,), np.float32)
 
     def reference_at(self, points, index, positions, model, sampling):
@@ -127,7 +127,13 @@ class StiffScene(BinnedScene):
         jacobian = jacobian if settings.angles == "surface" else None
         r = bins.layer_stretch(logs * k, axes, settings.bins.count, jacobian)
         layers = [maps.astype(np.int64) for maps in self.codes()]
-        found = bins.blend(layers, r, settings.response, settings.shape, settings.bins, DEPTH)
+        tilted = None
+        if settings.bins.tilt:
+            sides = bins.sides_of(logs * k, axes, settings.bins.count, jacobian)
+            tilted = bins.Tilts(self.tilts().astype(np.int64), *sides)
+        found = bins.blend(
+            layers, r, settings.response, settings.shape, settings.bins, DEPTH, tilted
+        )
         return found, margin > 1e-6
 
 

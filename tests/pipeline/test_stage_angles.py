@@ -14,6 +14,7 @@ from rhytid.domain.mesh import Mesh
 from rhytid.pipeline.redraw import respond
 
 GRAPH = random_graph(22, 240)
+CHOICES = ({}, {"merge": "soft", "depth_factored": True, "tilt": True})
 
 
 def sheared(factor=3.0):
@@ -46,8 +47,9 @@ def test_redrawn_maps_are_those_of_double(device, model, sampling):
 
 @pytest.mark.parametrize("sampling", SAMPLINGS)
 @pytest.mark.parametrize("stiffness", [None, painted()], ids=["plain", "stiff"])
-def test_blended_tiles_are_those_of_double(device, stiffness, sampling):
-    made = scene(device, stiffness=stiffness, bins={"r_max": 0.3})
+@pytest.mark.parametrize("choice", CHOICES, ids=["paper", "tilts"])
+def test_blended_tiles_are_those_of_double(device, choice, stiffness, sampling):
+    made = scene(device, stiffness=stiffness, bins={"r_max": 0.3, **choice})
     for model in MODELS:
         wanted, sure = made.expected_blend(bent(made), model, sampling)
         found = made.blended_by(bent(made), model, sampling)

@@ -65,7 +65,7 @@ def test_blending_the_codes_is_that_of_the_reference(device, choice):
     assert np.abs(found - wanted)[sure].max() <= 1e-4 * DEPTH
 
 
-@pytest.mark.parametrize("merge", ["min", "mellow"])
+@pytest.mark.parametrize("merge", ["min", "soft", "signed", "mellow"])
 def test_the_whole_fast_method_is_that_of_the_reference(device, merge):
     made = scene(device, {**CHOICES[0], "merge": merge})
     positions = deform(made.mesh.positions, 6, 0.15)
@@ -103,8 +103,8 @@ def test_steps_samples_and_directions_are_those_of_the_reference(choice):
     for layer in range(bins.count + 1):
         factor = response.beta_d if layer == bins.count else response.alpha_d
         np.testing.assert_allclose(found[layer], reference.steps(bins, DEPTH, factor), rtol=1e-6)
-    np.testing.assert_allclose(sample_stretches(bins), reference.samples(bins), atol=1e-15)
-    assert sample_stretches(bins)[bins.samples // 2] == 0.0
+    np.testing.assert_allclose(sample_stretches(settings), reference.samples(bins), atol=1e-15)
+    assert sample_stretches(settings)[bins.samples // 2] == 0.0
     np.testing.assert_allclose(directions(bins.count), reference.directions(bins.count), atol=1e-15)
 
 

@@ -11,14 +11,19 @@ from meshes import deform
 from pipeline.binned import BinnedScene
 from pipeline.scenes import DEPTH, random_graph, settings_of, sheet
 from rhytid.domain.mesh import Mesh
-from rhytid.pipeline.bins import layers, parts, quantisation_steps
+from rhytid.pipeline.bins import layers, map_count, quantisation_steps
 
 AT = (64, 128)
 GRAPH = random_graph(24, 200)
 R_MAX = 0.15
+DEPTHS = [
+    {"depth_factored": False},
+    {"depth_factored": True},
+    {"depth_factored": True, "tilt": True},
+]
 MERGES = [
-    {"merge": merge, "depth_factored": factored}
-    for merge, factored in product(("min", "mellow"), (False, True))
+    {"merge": merge, **depth}
+    for merge, depth in product(("min", "soft", "signed", "mellow"), DEPTHS)
 ]
 # Every number of bins with every number of samples and of bits, each three in turn.
 SIZES = [
@@ -93,15 +98,16 @@ def test_mellow_at_a_sample_is_redraw_up_to_quantisation(device, sample, bits, s
     assert np.abs(found - wanted).max() <= bound + 3e-4 * DEPTH
 
 
-def test_min_of_the_same_maps_is_not_redraw(device):
+def test_merges_come_closer_to_redraw_in_their_order(device):
     """What mellow is there for: the minimum loses what meets and every bulge beside a bin."""
     errors = {}
-    for merge in ("min", "mellow"):
+    for merge in ("min", "soft", "signed", "mellow"):
         settings = settings_of(bins={"merge": merge, "bits": 16})
         made = BinnedScene(device, sheet(), GRAPH, settings)
         away = made.blended(None).reshape(64, 64) - made.redrawn(None, at=AT, side=64)
         errors[merge] = np.sqrt(np.square(away).mean())
     assert errors["mellow"] < 0.01 * errors["min"]
+    assert errors["signed"] < errors["soft"] < 0.5 * errors["min"]
 
 
 @pytest.mark.parametrize("merge", MERGES, ids=named)
@@ -128,10 +134,16 @@ def test_layers_name_every_map_once(merge):
     found = layers(bins)
     apart = merge["merge"] == "mellow"
     extra = {"wrinkle_bulges", "pore_bulges"} if apart else set()
-    assert set(found) == {"wrinkles", "pores"} | extra
-    places = sorted(place for bins_of in found.values() for place in bins_of)
-    assert places == list(range(9 * len(parts(bins))))
-    assert [len(found[name]) for name in found] == [8, 1] * len(parts(bins))
+    tilts = {"wrinkle_tilts"} if bins.tilt else set()
+    assert set(found) == {"wrinkles", "pores"} | extra | tilts
+    places = [
+        first + sample
+        for name, firsts in found.items()
+        for first in firsts
+        for sample in range(1 if name in tilts else bins.samples)
+    ]
+    assert sorted(places) == list(range(map_count(bins)))
+    assert {len(firsts) for name, firsts in found.items() if name.startswith("w")} == {8}
 
 
 def test_each_part_of_a_map_has_its_sign(device):

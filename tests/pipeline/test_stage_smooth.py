@@ -85,10 +85,12 @@ BINS = (
     {"count": 4, "samples": 3},
     {"count": 1, "samples": 5, "bits": 16},
     {"count": 8, "samples": 3, "merge": "mellow", "depth_factored": True},
+    {"count": 4, "samples": 7, "merge": "soft", "depth_factored": True, "tilt": True, "reach": 1.5},
+    {"count": 2, "samples": 3, "merge": "signed", "depth_factored": True, "tilt": True, "bits": 16},
 )
 
 
-@pytest.mark.parametrize("bins", BINS, ids=["paper", "one", "mellow"])
+@pytest.mark.parametrize("bins", BINS, ids=["paper", "one", "mellow", "best", "signed"])
 @pytest.mark.parametrize("model", MODELS)
 def test_blended_tiles_are_those_of_double(device, model, bins):
     mesh = sheet()
@@ -121,8 +123,12 @@ class SmoothBinned(BinnedScene, SmoothScene):
         codes = stored_codes(self.device, self.tile, bins).astype(np.int64)
         codes[:, 0] *= -1 if sides == 2 else 1  # the reference counts valleys downwards
         layers = [np.moveaxis(maps, 0, 1) for maps in codes]
+        tilted = None
+        if bins.tilt:
+            sides_of_bins = reference.sides_of(logs, axes, bins.count)
+            tilted = reference.Tilts(self.tilts().astype(np.int64), *sides_of_bins)
         return (
-            reference.blend(layers, r, settings.response, settings.shape, bins, DEPTH),
+            reference.blend(layers, r, settings.response, settings.shape, bins, DEPTH, tilted),
             margin > 1e-6,
         )
 
@@ -216,7 +222,7 @@ def test_smooth_is_nearest_where_a_flat_patch_is_deformed_linearly(device):
     found = scene.redrawn_smooth(positions, "tensor", 1001)
     assert np.abs(found - nearest).max() <= 1e-4 * DEPTH
     blend = Blend(device, scene.settings, len(mesh.faces))
-    blended = blend.tile(scene.tile, blend.weights(scene.stretch(positions)))
+    blended = blend.tile(scene.tile, blend.coefficients(scene.stretch(positions)))
     expected = device.read(blended, (len(scene.points),), np.float32)
     assert np.abs(scene.blended_smooth(positions) - expected).max() <= 1e-4 * DEPTH
 

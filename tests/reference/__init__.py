@@ -9,6 +9,7 @@ stretch_models   the models that the paper compares with: mesh tension, and alon
 locate     which triangle a point of the UV plane takes its values from, and how sure that is
 response   widths and depths of wrinkles (Alg. 1) and pores (Alg. 2)
 drawing    profiles, and how heights meet in a displacement map
+waves      wrinkles that run to and fro across their segments
 redraw     a graph under stretch, drawn anew (section 2.3)
 bins       the fast method: quantised maps by angle and stretch, blended (section 2.4, Alg. 3)
 stiffness  a painted map at texels and elements

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from reference.boxes import PointsByU
 from reference.inputs import Array, Shape
+from reference.waves import Waves, wave
 
 
 class Wrinkles(NamedTuple):
@@ -17,6 +18,7 @@ class Wrinkles(NamedTuple):
     segments: Array  # (M, 2, 2) ends in UV
     half_width: Array  # (M,)
     strength: Array  # (M,) in units of depth
+    waves: Waves | None = None  # None: all are straight
 
 
 class Pores(NamedTuple):
@@ -50,6 +52,17 @@ def segment_distance(points: Array, start: Array, end: Array) -> Array:
     along = end - start
     share = np.clip((points - start) @ along / (along @ along), 0.0, 1.0)
     return np.linalg.norm(points - start - share[:, None] * along, axis=-1)
+
+
+def wavy_distance(points: Array, start: Array, end: Array, waves: Waves) -> Array:
+    """(P,) distance to the point of a segment that is nearest, after that point is moved aside by
+    the wave of the one wrinkle in `waves`."""
+    along = end - start
+    share = np.clip((points - start) @ along / (along @ along), 0.0, 1.0)
+    left = np.array([-along[1], along[0]]) / np.linalg.norm(along)
+    whole = share * waves.share + (waves.share < 0)
+    aside = waves.amplitude * wave(whole, waves.count, waves.phase)
+    return np.linalg.norm(points - start - share[:, None] * along - aside[:, None] * left, axis=-1)
 
 
 def metric_distance(points: Array, centre: Array, metric: Array) -> Array:
@@ -98,11 +111,17 @@ def draw(
 def _add_wrinkles(
     sums: Array, points: Array, strips: PointsByU, wrinkles: Wrinkles, shape: Shape
 ) -> None:
-    low = wrinkles.segments.min(axis=1) - wrinkles.half_width[:, None]
-    high = wrinkles.segments.max(axis=1) + wrinkles.half_width[:, None]
+    waves = wrinkles.waves
+    reach = wrinkles.half_width if waves is None else wrinkles.half_width + np.abs(waves.amplitude)
+    low = wrinkles.segments.min(axis=1) - reach[:, None]
+    high = wrinkles.segments.max(axis=1) + reach[:, None]
     for i in strips.touched_by(low, high):
         rows = strips.within(low[i], high[i])
-        t = segment_distance(points[rows], *wrinkles.segments[i]) / wrinkles.half_width[i]
+        if waves is None:
+            distance = segment_distance(points[rows], *wrinkles.segments[i])
+        else:
+            distance = wavy_distance(points[rows], *wrinkles.segments[i], waves.of(i))
+        t = distance / wrinkles.half_width[i]
         height = -wrinkles.strength[i] * profile(t, shape.wrinkle_bulge)
         _add(sums, rows, height, shape.sharpness)
 

@@ -49,11 +49,13 @@ class Shape:
 
 @dataclass(frozen=True)
 class Bins:
-    """The precomputed maps: N angles, M stretches from -r_max to r_max."""
+    """The precomputed maps: N angles, M stretches over reach times -r_max to r_max."""
 
     count: int = 4
     samples: int = 3
     bits: int = 8
     merge: str = "min"
     depth_factored: bool = False
+    tilt: bool = False
+    reach: float = 1.0
     r_max: float = 0.2

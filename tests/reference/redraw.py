@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 from reference.drawing import Pores, Wrinkles, disc_metric, draw
 from reference.inputs import Array, Graph, Response, Shape
 from reference.response import on_surface, pore_stretch, scales, wrinkle_stretch
+from reference.waves import Waves
 
 ORIGIN = (0.0, 0.0)
 Stretch = tuple[Array, Array]
@@ -33,12 +34,16 @@ def directions(graph: Graph) -> Array:
 
 
 def wrinkles(
-    graph: Graph, width: ArrayLike = 1.0, depth: ArrayLike = 1.0, origin: ArrayLike = ORIGIN
+    graph: Graph,
+    width: ArrayLike = 1.0,
+    depth: ArrayLike = 1.0,
+    origin: ArrayLike = ORIGIN,
+    waves: Waves | None = None,
 ) -> Wrinkles:
     """What is drawn for the edges under σ_w = `width` and σ_d = `depth`, scalars or (M,)."""
     half_width = np.asarray(graph.edge_half_width, np.float64) * np.asarray(width)
     strength = np.asarray(graph.edge_weight, np.float64) * np.asarray(depth)
-    return Wrinkles(segments(graph, origin), half_width, strength)
+    return Wrinkles(segments(graph, origin), half_width, strength, waves)
 
 
 def pores(
@@ -71,6 +76,7 @@ def redraw(
     depth: float,
     origin: ArrayLike = ORIGIN,
     jacobian: Array | None = None,
+    waves: Waves | None = None,
 ) -> Array:
     """(P,) displacement under stretch.
 
@@ -81,7 +87,7 @@ def redraw(
     if jacobian is not None:
         axes, theta = on_surface(jacobian[:, None], axes), on_surface(jacobian, theta)
     r = wrinkle_stretch(logs, axes, theta)
-    lines = wrinkles(graph, *scales(r, response.alpha_w, response.alpha_d), origin)
+    lines = wrinkles(graph, *scales(r, response.alpha_w, response.alpha_d), origin, waves)
     r = pore_stretch(at_pores[0])
     discs = pores(graph, *scales(r, response.beta_w, response.beta_d), origin)
     return draw(points, lines, discs, shape, depth)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
 
@@ -11,7 +9,7 @@ import face_data
 from rhytid.device.runtime import Device
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
-from rhytid.errors import CancelledError, GraphError, MeshError
+from rhytid.errors import CancelledError, MeshError
 from rhytid.synthesis.charts import neighbours, trace
 from rhytid.synthesis.generate import Synthesis, synthesize
 from rhytid.synthesis.statistics import statistics
@@ -135,24 +133,6 @@ def test_halves_meet_on_the_surface_and_end_beyond_the_border(device: Device) ->
             assert cosine > 0.95
 
 
-def test_statistics_are_plain_and_right(device: Device, made: Synthesis) -> None:
-    figures = statistics(sheets.sheet(sheets.uneven), made.graph, device)
-    assert json.loads(json.dumps(figures)) == figures
-    assert figures["wrinkles"] == sum(figures["strengths"]) == 3000
-    assert figures["pores"] == made.graph.pores
-    assert figures["drawn_pores"] == np.count_nonzero(made.graph.node_weight)
-    assert figures["spacing"]["mean"] == pytest.approx(made.spacing, rel=1e-5)
-    assert figures["degree"] == pytest.approx(6000 / made.graph.pores)
-    assert figures["crossings"] < 0.001
-
-
-def test_statistics_need_the_triangles_of_pores(device: Device, made: Synthesis) -> None:
-    arrays = made.graph.arrays()
-    del arrays["node_triangle"]
-    with pytest.raises(GraphError, match="node_triangle"):
-        statistics(sheets.sheet(sheets.uneven), WrinkleGraph(**arrays), device)
-
-
 @pytest.mark.face
 def test_the_real_face(device: Device, face: face_data.Face) -> None:
     mesh = Mesh(face.positions, face.faces, face.uv.astype(np.float64), face.face_uv)
@@ -164,7 +144,7 @@ def test_the_real_face(device: Device, face: face_data.Face) -> None:
     assert figures["pores"] == figures["drawn_pores"] == found.graph.pores
     assert figures["spacing"]["deviation"] < 0.12 * figures["spacing"]["mean"]
     assert figures["crossings"] < 0.001
-    assert 3.9 < figures["degree"] < 4.5
+    assert 3.9 < figures["degree"]["mean"] < 4.5
     # Half of all wrinkles are faint, a few are deep, none is at the limit.
     assert np.median(found.graph.edge_weight) < 0.35
     assert 0.6 < found.graph.edge_weight.max() < 1.0

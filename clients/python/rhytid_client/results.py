@@ -50,6 +50,8 @@ class Asset:
     """A mesh with its wrinkles. `state`: building, ready or failed (with `reason`).
 
     `levels` counts the levels of a map; `pores` and `wrinkles` are 0 until the graph exists.
+    `statistics`, None until then, has the mean `spacing` of pores in mesh units, the mean `degree`
+    and `strengths`, wrinkles by weight in tenths from 0 to 1.
     """
 
     id: str
@@ -63,6 +65,7 @@ class Asset:
     triangles: int = 0
     pores: int = 0
     wrinkles: int = 0
+    statistics: Mapping[str, Any] | None = None
 
 
 @dataclass(frozen=True)
@@ -79,7 +82,9 @@ class Bins:
 
     angles: direction of each bin, radians, θ = (sin, cos).  samples: log stretch of each sample.
     steps: mesh units per code, by layer and sample.  layers: bins of each layer: wrinkles and
-    pores; where merge is mellow these are the valleys, with wrinkle_bulges and pore_bulges.
+    pores; where merge is mellow these are the valleys, with wrinkle_bulges and pore_bulges; with
+    tilts also wrinkle_tilts, of one sample, whose codes run from one edge of a bin in angle, -1, to
+    the other, 1.
     """
 
     angles: tuple[float, ...]

@@ -12,13 +12,21 @@ from rhytid.api import problems
 from rhytid.api.documentation import describe
 from rhytid.api.metrics import Metrics, Observe
 from rhytid.api.places import Places, threads
-from rhytid.api.routes import assets, bins, frames, health, jobs, tiles
+from rhytid.api.routes import assets, bins, frames, graphs, health, jobs, tiles
 from rhytid.settings import ServiceSettings
 
 if TYPE_CHECKING:
     from rhytid.engine.engine import Engine
 
-ROUTERS = (assets.router, frames.router, tiles.router, bins.router, jobs.router, health.router)
+ROUTERS = (
+    assets.router,
+    graphs.router,
+    frames.router,
+    tiles.router,
+    bins.router,
+    jobs.router,
+    health.router,
+)
 
 
 def create_app(engine: Engine, settings: ServiceSettings) -> FastAPI:

@@ -7,7 +7,10 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field
 
 from rhytid.engine.messages import METHODS, SAMPLINGS, STRETCH_MODELS, MapQuery
+from rhytid.formats.curves import CURVE_FORMATS
 from rhytid.formats.tiles import FORMATS
+
+GRAPH_FORMATS = ("safetensors", *CURVE_FORMATS)
 
 
 def _options(values: Any) -> dict[str, Any]:
@@ -53,6 +56,12 @@ class BinQuery(_Query):
     layer: str = Field("wrinkles", description="a layer of the manifest")
 
 
+class GraphQuery(_Query):
+    """In which form a wrinkle graph comes."""
+
+    format: str = Field("safetensors", json_schema_extra=_options(GRAPH_FORMATS))
+
+
 class _Answer(BaseModel):
     """Read from the engine's message of the same shape."""
 
@@ -88,6 +97,14 @@ class Device(_Answer):
     selected: bool
 
 
+class GraphStatistics(BaseModel):
+    """Figures of a wrinkle graph."""
+
+    spacing: float = Field(description="mean distance of pores on the surface, mesh units")
+    degree: float = Field(description="mean number of wrinkles at a pore")
+    strengths: list[int] = Field(description="wrinkles by weight, in tenths from 0 to 1")
+
+
 class Asset(_Answer):
     """An asset; `settings` are fully resolved once it is ready."""
 
@@ -102,6 +119,7 @@ class Asset(_Answer):
     triangles: int
     pores: int = Field(description="0 until the graph exists")
     wrinkles: int = Field(description="0 until the graph exists")
+    statistics: GraphStatistics | None = Field(description="null until the graph exists")
 
 
 class Job(_Answer):
@@ -137,5 +155,5 @@ class Bins(_Answer):
     merge: str
     depth_factored: bool
     layers: dict[str, int] = Field(
-        description="bins of each layer; a mellow merge has layers of bulges too"
+        description="bins of each layer; a mellow merge has layers of bulges too, tilts theirs"
     )

@@ -14,7 +14,7 @@ from rhytid.bench.skin import Map, Skin
 from rhytid.bench.subject import Subject
 from rhytid.domain.asset_settings import BinSettings
 from rhytid.pictures.contact import relative_rms
-from rhytid.pipeline.bins import parts
+from rhytid.pipeline.bins import map_count
 
 # The worst texels of a map, as a share of all.
 WORST = 0.001
@@ -27,16 +27,31 @@ def choice(**changes: Any) -> BinSettings:
 
 
 _FINE = {"merge": "mellow", "depth_factored": True}
+_TILTED = {"depth_factored": True, "tilt": True}
 # The paper's choice, one step away from it each way, and what is worth its price together.
 CHOICES: tuple[BinSettings, ...] = (
     PAPER,
     *(choice(count=n) for n in (1, 2, 8, 16)),
     *(choice(samples=m) for m in (5, 7)),
     choice(bits=16),
-    choice(merge="mellow"),
+    *(choice(merge=merge) for merge in ("soft", "signed", "mellow")),
+    choice(reach=1.5),
     choice(depth_factored=True),
     *(choice(depth_factored=True, samples=m) for m in (5, 7)),
     *(choice(depth_factored=True, count=8, samples=m) for m in (3, 5, 7)),
+    *(
+        choice(depth_factored=True, merge=merge, count=n, samples=m)
+        for merge in ("soft", "signed")
+        for n in (4, 8)
+        for m in (3, 5, 7)
+    ),
+    *(choice(**_TILTED, merge=merge, samples=7) for merge in ("min", "signed", "mellow")),
+    *(choice(**_TILTED, merge="soft", count=n, samples=7) for n in (2, 8)),
+    *(choice(**_TILTED, merge="soft", samples=m) for m in (3, 5)),
+    *(choice(**_TILTED, merge="soft", samples=7, reach=reach) for reach in (1.5, 2.0)),
+    choice(**_TILTED, merge="soft", samples=7, reach=1.5, bits=16),
+    choice(**_TILTED, merge="signed", samples=7, reach=1.5),
+    choice(**_TILTED, merge="signed", count=8, samples=7, reach=1.5),
     *(choice(**_FINE, count=n) for n in (1, 2, 4, 8, 16)),
     *(choice(**_FINE, count=n, samples=5) for n in (2, 4, 8)),
     choice(**_FINE, bits=16),
@@ -110,7 +125,7 @@ def worst_mean(values: Map, reference: Map) -> float:
 
 def memory(bins: BinSettings) -> float:
     """Bytes a texel of the precomputed maps and of the triangle index beside them."""
-    return (bins.count + 1) * len(parts(bins)) * bins.samples * bins.bits / 8 + 4
+    return map_count(bins) * bins.bits / 8 + 4
 
 
 def front(found: Iterable[Accuracy]) -> list[Accuracy]:

@@ -50,7 +50,7 @@ def figure_4(scene: Scene) -> Image.Image:
 def _title(skin: Skin, row: str, layer: int, sample: int) -> str:
     count = skin.settings.bins.count
     bin = "pores" if layer == count else f"bin {layer}, {_direction(layer, count)}"
-    r = sample_stretches(skin.settings.bins)[sample]
+    r = sample_stretches(skin.settings)[sample]
     return f"{bin}: {row} ({np.exp(r):.2f})"
 
 

@@ -32,6 +32,11 @@ class Source:
 SOURCES = (
     Source("angle bins: N = 4 for 16", choice(**_FINEST), choice(**{**_FINEST, "count": 4})),
     Source(
+        "angle bins: N = 4 with tilts for 16",
+        choice(**_FINEST),
+        choice(**{**_FINEST, "count": 4, "tilt": True}),
+    ),
+    Source(
         "interpolation: M = 3 for 7, depth drawn",
         choice(**{**_FINEST, "depth_factored": False}),
         choice(**{**_FINEST, "depth_factored": False, "samples": 3}),
@@ -46,6 +51,16 @@ SOURCES = (
         "merge: min for mellow, N = 4",
         choice(**{**_FINEST, "count": 4}),
         choice(**{**_FINEST, "count": 4, "merge": "min"}),
+    ),
+    Source(
+        "merge: soft for mellow, N = 4",
+        choice(**{**_FINEST, "count": 4}),
+        choice(**{**_FINEST, "count": 4, "merge": "soft"}),
+    ),
+    Source(
+        "merge: signed for mellow, N = 4",
+        choice(**{**_FINEST, "count": 4}),
+        choice(**{**_FINEST, "count": 4, "merge": "signed"}),
     ),
 )
 

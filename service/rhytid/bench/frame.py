@@ -142,9 +142,9 @@ class FrameBench:
 
     def _binned(self) -> None:
         stretch = self._stretched(self._deformed)
-        weights = self._blend.weights(stretch)
-        tiles: list[Buffer] = [self._blend.tile(maps, weights) for maps in self._bins]
-        _release(stretch, weights, *tiles)
+        coefficients = self._blend.coefficients(stretch)
+        tiles: list[Buffer] = [self._blend.tile(maps, coefficients) for maps in self._bins]
+        _release(stretch, coefficients, *tiles)
 
     def _draw_neutral(self) -> None:
         stretch = self._stretched(None)

@@ -111,7 +111,7 @@ def _accuracy(accuracy: dict[str, Any]) -> list[str]:
             "0.1 % of texels, in units of the depth of a wrinkle of strength 1. Marked rows are on "
             "the front of the plot. Closest at no more than twice the time of the first row: "
             f"N = {best['count']}, M = {best['samples']}, {best['bits']} bits, merge "
-            f"{best['merge']}, depth {'factored' if best['depth_factored'] else 'drawn'}."
+            f"{best['merge']}, depth {_depth(best)}."
         ),
         "<h2>Where the error comes from</h2>",
         _table(
@@ -135,10 +135,17 @@ def _accuracy_row(row: dict[str, Any], subjects: list[str]) -> tuple[str, ...]:
     return (
         f"N {bins['count']}, M {bins['samples']}, {bins['bits']} bit",
         bins["merge"],
-        "factored" if bins["depth_factored"] else "drawn",
+        _depth(bins),
         *(f"{100 * row['errors'][name]:.1f} %" for name in subjects),
         *(f"{row['worst'][name]:.2f}" for name in subjects),
         f"{row['map_copies']:.1f}",
         f"{row['relative_time']:.2f}",
         f"{row['memory']:g}",
     )
+
+
+def _depth(bins: dict[str, Any]) -> str:
+    words = ["factored" if bins["depth_factored"] else "drawn"]
+    words += ["with tilts"] if bins["tilt"] else []
+    words += [f"reach {bins['reach']:g}"] if bins["reach"] > 1.0 else []
+    return ", ".join(words)

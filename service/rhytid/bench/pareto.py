@@ -12,10 +12,12 @@ from rhytid.pictures.scatter import Point, scatter
 
 
 def pareto(found: Sequence[Accuracy]) -> Image.Image:
-    """Mean relative rms over blending time; colours tell the merge and the depth."""
+    """Mean relative rms over blending time; colours tell the merge."""
     best = front(found)
     points = [
-        Point(one.map_copies, 100 * one.error, _series(one.bins), short(one.bins), one in best)
+        Point(
+            one.map_copies, 100 * one.error, f"merge {one.bins.merge}", short(one.bins), one in best
+        )
         for one in found
     ]
     return scatter(
@@ -25,9 +27,7 @@ def pareto(found: Sequence[Accuracy]) -> Image.Image:
 
 def short(bins: BinSettings) -> str:
     """A choice of bins in a few letters; the colour tells the rest."""
-    return f"N {bins.count}, M {bins.samples}, {bins.bits} bit"
-
-
-def _series(bins: BinSettings) -> str:
-    factored = "depth factored" if bins.depth_factored else "depth drawn"
-    return f"merge {bins.merge}, {factored}"
+    depth = ", factored" if bins.depth_factored else ""
+    tilt = ", tilt" if bins.tilt else ""
+    reach = f", reach {bins.reach:g}" if bins.reach > 1.0 else ""
+    return f"N {bins.count}, M {bins.samples}, {bins.bits} bit{depth}{tilt}{reach}"

@@ -80,10 +80,10 @@ class Skin:
         if settings == before:
             return
         with self.device.task():
-            if settings.response == before.response and settings.bins.count == before.bins.count:
-                self._asset.use(settings)
-            else:
+            if self._asset.prepares(settings):
                 self._asset.install(self._asset.prepare(self._graph, settings), settings)
+            else:
+                self._asset.use(settings)
 
     def stretch(self, frame: Frame) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """(ratios (F, 2) unclamped, axes (F, 2, 2)) of a frame."""

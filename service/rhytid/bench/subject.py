@@ -47,9 +47,10 @@ class Subject:
         return Skin(device, self.mesh, grown.graph, settings, self.udim)
 
     def settings(self, grown: Grown, resolution: int, **changes: object) -> AssetSettings:
-        """Settings for these wrinkles, calibrated.  changes: more of them, as JSON."""
+        """Settings for these wrinkles, calibrated, the paper's bins.  changes: more, as JSON."""
         tile = min(AssetSettings().tile_size, resolution)
-        settings = AssetSettings.parse({"resolution": resolution, "tile_size": tile, **changes})
+        sizes = {"resolution": resolution, "tile_size": tile}
+        settings = AssetSettings.parse({**sizes, "preset": "paper", **changes})
         return settings.resolved(grown.spacing).with_r_max(self.r_max)
 
 

@@ -80,7 +80,8 @@ def _skin(
     from rhytid.cli.input_files import graph_file
     from rhytid.synthesis.generate import synthesize
 
-    data: dict[str, Any] = {"resolution": arguments.size, "tile_size": min(512, arguments.size)}
+    sizes = {"resolution": arguments.size, "tile_size": min(512, arguments.size)}
+    data: dict[str, Any] = {**sizes, "preset": "paper"}
     if arguments.wrinkles is not None:
         data["graph"] = {"wrinkles": arguments.wrinkles}
     settings = AssetSettings.parse(data)

@@ -62,11 +62,12 @@ def report(figures: Any, text: str, destination: Path | None) -> None:
 
 
 def write_json(figures: Any, destination: Path) -> None:
-    """Write figures as JSON to a file, or to stdout."""
+    """Write figures as JSON to a file, whose folder is made, or to stdout."""
     content = json.dumps(figures, indent=2)
     if destination == STDOUT:
         print(content)
     else:
+        destination.parent.mkdir(parents=True, exist_ok=True)
         destination.write_text(f"{content}\n", encoding="utf-8")
 
 

@@ -34,24 +34,33 @@ class ResponseSettings:
 @dataclass(frozen=True)
 class ShapeSettings:
     """The profile (1 - t²)²(1 - b t²), and how heights x meet: log(1 + Σ(e^{βx} - 1)/n)/β, valleys
-    and bulges apart; β is the sharpness, n the slots."""
+    and bulges apart; β is the sharpness, n the slots.
+
+    Wrinkles run to and fro by `wave_amplitude`, mesh units on the neutral surface, `wave_frequency`
+    times a mesh unit; at 0 they are straight. No wrinkle runs aside by more than a fifth of its
+    length.
+    """
 
     # Above 9 a bulge would rise over the depth of its furrow, past what the sums can hold.
     wrinkle_bulge: float = number(2.5, 0.0, 9.0)
     pore_bulge: float = number(0.0, 0.0, 9.0)
     sharpness: float = number(20.0, 0.1, 20.0)
     slots: int = whole(1, 1, 1024)
+    wave_amplitude: float = number(0.0, 0.0, 1e30)
+    wave_frequency: float | None = number(None, 1e-30, 1e30)
 
 
 @dataclass(frozen=True)
 class BinSettings:
-    """The precomputed maps of the fast method (section 2.4)."""
+    """The precomputed maps of the fast method (section 2.4); the defaults are the paper's."""
 
     count: int = choice(4, 1, 2, 4, 8, 16)
     samples: int = choice(3, 3, 5, 7)
     bits: int = choice(8, 8, 16)
-    merge: str = choice("min", "min", "mellow")
+    merge: str = choice("min", "min", "soft", "signed", "mellow")
     depth_factored: bool = choice(False, False, True)
+    tilt: bool = choice(False, False, True)
+    reach: float = number(1.0, 1.0, 4.0)
     r_max: float = number(0.2, 0.01, 4.0)
 
 
@@ -59,8 +68,13 @@ class BinSettings:
 # than twice the time of `paper`, the paper's own choice.
 PRESETS: dict[str, BinSettings] = {
     "paper": BinSettings(),
-    "best": BinSettings(count=4, samples=7, depth_factored=True),
+    "best": BinSettings(
+        count=4, samples=7, merge="soft", depth_factored=True, tilt=True, reach=1.5
+    ),
 }
+
+
+DEFAULT_PRESET = "best"
 
 
 @dataclass(frozen=True)
@@ -80,6 +94,8 @@ class ConvolveSettings:
 # In units of the mean pore spacing, unless they are set.
 DEPTH_OF_SPACING = 0.15
 SIGMA_OF_SPACING = 0.25
+# Waves in a mean pore spacing, unless the frequency is set: most wrinkles get a bend.
+WAVES_OF_SPACING = 0.4
 
 
 @dataclass(frozen=True)
@@ -96,11 +112,11 @@ class AssetSettings:
     depth: float | None = number(None, 1e-30, 1e30)
     padding: int = whole(16, 0, 64)
     angles: str = choice("uv", "uv", "surface")
-    preset: str = choice("paper", *PRESETS)
+    preset: str = choice(DEFAULT_PRESET, *PRESETS)
     graph: GraphSettings = field(default_factory=GraphSettings)
     response: ResponseSettings = field(default_factory=ResponseSettings)
     shape: ShapeSettings = field(default_factory=ShapeSettings)
-    bins: BinSettings = field(default_factory=BinSettings)
+    bins: BinSettings = field(default_factory=lambda: PRESETS[DEFAULT_PRESET])
     convolve: ConvolveSettings = field(default_factory=ConvolveSettings)
 
     @classmethod
@@ -117,6 +133,8 @@ class AssetSettings:
             raise SettingsError(f"tile_size {settings.tile_size} is above the resolution")
         if settings.bins.r_max > settings.response.log_stretch_limit:
             raise SettingsError("bins.r_max is above response.log_stretch_limit")
+        if settings.bins.tilt and not settings.bins.depth_factored:
+            raise SettingsError("bins.tilt is true: bins.depth_factored must be true too")
         return settings
 
     def _with_preset(self, name: Any) -> AssetSettings:
@@ -130,15 +148,24 @@ class AssetSettings:
         depth, sigma = self.depth, self.convolve.sigma
         if sigma is None:
             sigma = SIGMA_OF_SPACING * spacing
+        frequency = self.shape.wave_frequency
+        if frequency is None:
+            frequency = WAVES_OF_SPACING / spacing
         return replace(
             self,
             depth=DEPTH_OF_SPACING * spacing if depth is None else depth,
+            shape=replace(self.shape, wave_frequency=frequency),
             convolve=replace(self.convolve, sigma=sigma),
         )
 
     def with_r_max(self, r_max: float) -> AssetSettings:
         """A copy with a calibrated `bins.r_max`."""
         return replace(self, bins=replace(self.bins, r_max=r_max))
+
+    @property
+    def last_sample(self) -> float:
+        """Log stretch of the outer samples of the bins: no more than the response can ask for."""
+        return min(self.bins.reach * self.bins.r_max, self.response.log_stretch_limit)
 
     @property
     def grid(self) -> TileGrid:

@@ -83,6 +83,17 @@ class WrinkleGraph:
         middle: NDArray[np.float32] = (0.5 * (ends[:, 0] + ends[:, 1])).astype(np.float32)
         return middle
 
+    def figures(self) -> dict[str, Any]:
+        """What the graph tells by itself, for JSON. degree: wrinkles at a pore, the mean of those
+        drawn.  strengths: wrinkles by weight, in tenths from 0 to 1."""
+        drawn = self.node_weight > 0
+        ends = np.count_nonzero(drawn[self.edge_nodes[self.edge_weight > 0]])
+        shown = self.edge_weight[self.edge_weight > 0]
+        return {
+            "degree": int(ends) / max(int(np.count_nonzero(drawn)), 1),
+            "strengths": np.histogram(shown, 10, (0.0, 1.0))[0].tolist(),
+        }
+
     def arrays(self) -> dict[str, NDArray[Any]]:
         """The arrays by name, absent ones left out."""
         pairs = ((f.name, getattr(self, f.name)) for f in fields(self))

@@ -9,6 +9,7 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.curves import Curves, graph_curves, with_triangles
 from rhytid.domain.frame import check_positions
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.tiles import mesh_udims
@@ -98,6 +99,15 @@ class AssetCalls(AssetArrivals):
         """The wrinkle graph of a ready asset."""
         self._assets.get(asset).ready()
         return self._store.asset(asset).graph
+
+    def curves(self, asset: str) -> Curves:
+        """The wrinkles of a ready asset as lines in space; those with an end off the mesh are not
+        among them."""
+        resident = self._assets.get(asset).ready()
+        stored = self._store.asset(asset)
+        triangles = len(stored.mesh.faces)
+        placed = with_triangles(stored.graph, resident.pore_triangle, triangles)
+        return graph_curves(stored.mesh, placed)
 
     def job(self, job: str) -> JobInfo:
         """How far a job is."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from dataclasses import dataclass, field
+from typing import Any
 
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.tiles import TileAddress
@@ -31,6 +32,7 @@ class Asset:
     wrinkles: int = 0
     # Mean distance of neighbouring pores on the surface, in mesh units.
     spacing: float = 0.0
+    statistics: dict[str, Any] | None = None
     resident: ResidentAsset | None = None
     # Held while settings change, so that no two changes are lost in one another.
     changing: threading.Lock = field(default_factory=threading.Lock)
@@ -56,6 +58,7 @@ class Asset:
             triangles=self.triangles,
             pores=self.pores,
             wrinkles=self.wrinkles,
+            statistics=self.statistics,
         )
 
     def ready(self) -> ResidentAsset:

@@ -69,7 +69,7 @@ class Builder:
         """Give a ready asset other settings, on the device and in the store."""
         resident, old = asset.ready(), asset.settings
         prepared = None
-        if settings.response != old.response or settings.bins.count != old.bins.count:
+        if resident.prepares(settings):
             prepared = resident.prepare(self._store.asset(asset.id).graph, settings)
 
         def take() -> None:  # in one task: no tile is drawn between the two
@@ -152,6 +152,7 @@ class Builder:
         with self._still_known(asset):
             asset.settings, asset.resident = settings, resident
             asset.pores, asset.wrinkles = graph.pores, graph.wrinkles
+            asset.statistics = {"spacing": asset.spacing, **graph.figures()}
             asset.state = "ready"
 
     @contextmanager

@@ -45,6 +45,9 @@ class AssetInfo:
     """An asset as a caller sees it. `state`: building, ready or failed (with `reason`).
 
     `levels` counts the levels of a map; `pores` and `wrinkles` are 0 until the graph exists.
+    `statistics`, None until then: "spacing", the mean distance of pores on the surface in mesh
+    units; "degree", the mean number of wrinkles at a pore; "strengths", wrinkles by weight, in
+    tenths from 0 to 1.
     """
 
     id: str
@@ -58,6 +61,7 @@ class AssetInfo:
     triangles: int
     pores: int
     wrinkles: int
+    statistics: dict[str, Any] | None = None
 
 
 @dataclass(frozen=True)
@@ -131,8 +135,9 @@ class BinManifest:
 
     angles (N,): bin directions αₙ = πn/N in radians; θₙ = (sin αₙ, cos αₙ).
     samples (M,): log stretch of each sample.  layers: {"wrinkles": N, "pores": 1}; where merge
-    is mellow these are the valleys, and {"wrinkle_bulges": N, "pore_bulges": 1} the bulges.
-    steps: displacement per code, mesh units, by layer and sample.
+    is mellow these are the valleys, and {"wrinkle_bulges": N, "pore_bulges": 1} the bulges; with
+    tilts {"wrinkle_tilts": N}, of one sample, from one edge of a bin in angle, -1, to the other, 1.
+    steps: displacement per code, mesh units, by layer and sample; of tilts their unit.
     """
 
     angles: tuple[float, ...]

@@ -40,6 +40,7 @@ from rhytid.pipeline.stiffness import stiffness_of_elements
 from rhytid.pipeline.stretch import StretchStage
 from rhytid.pipeline.stretch_buffers import StretchBuffers
 from rhytid.pipeline.vectors import BYTES_A_TEXEL, VECTOR
+from rhytid.pipeline.waves import wrinkle_waves
 
 _Kept = TypeVar("_Kept", bound=Releasable)
 Prepared = dict[int, tuple[WrinkleArrays, PoreArrays]]
@@ -97,15 +98,22 @@ class ResidentAsset:
 
     def prepare(self, graph: WrinkleGraph, settings: AssetSettings) -> Prepared:
         """The elements of each UDIM as they go to the device; host work, on any thread."""
+        wrinkle = self._wrinkle_triangle
+        waves = wrinkle_waves(self._mesh, graph, wrinkle, settings.shape)
         return {
             udim: (
-                wrinkle_arrays(
-                    graph, self._wrinkle_triangle, settings, udim, self._wrinkle_stiffness
-                ),
+                wrinkle_arrays(graph, wrinkle, settings, udim, self._wrinkle_stiffness, waves),
                 pore_arrays(graph, self.pore_triangle, settings, udim, self._pore_stiffness),
             )
             for udim in self._located
         }
+
+    def prepares(self, settings: AssetSettings) -> bool:
+        """Whether elements are other ones with these settings, so that `use` is not enough."""
+        old = self.settings
+        waves = [(s.shape.wave_amplitude, s.shape.wave_frequency) for s in (settings, old)]
+        other = settings.response != old.response or settings.bins.count != old.bins.count
+        return other or waves[0] != waves[1]
 
     def install(self, prepared: Prepared, settings: AssetSettings) -> None:
         """Take elements and settings in place of those before, in one step."""
@@ -175,7 +183,7 @@ class ResidentAsset:
         elif maps.stiffness is not None:
             out = blend.stiff_tile(maps, self._stretches(frame, model))
         else:
-            out = blend.tile(maps, self._weights(frame, model))
+            out = blend.tile(maps, self._coefficients(frame, model))
         side = self.settings.grid.texels(address.level)
         result: NDArray[np.float32] = self._device.read(out, (side, side), np.float32)
         out.release()
@@ -216,12 +224,12 @@ class ResidentAsset:
         found = locate_points(self._device, self._mesh, uv, settings.resolution, settings.padding)
         return found if given is None else np.where(given >= 0, given, found)
 
-    def _weights(self, frame: Frame, model: str) -> Buffer:
+    def _coefficients(self, frame: Frame, model: str) -> Buffer:
         assert self._blend is not None
         blend = self._blend
         return self._keep(
-            "weights", model, frame.digest,
-            make=lambda: blend.weights(self._stretch_buffers(frame, model)),
+            "coefficients", model, frame.digest,
+            make=lambda: blend.coefficients(self._stretch_buffers(frame, model)),
         )  # fmt: skip
 
     def _stretches(self, frame: Frame, model: str) -> Buffer:

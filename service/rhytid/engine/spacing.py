@@ -8,6 +8,7 @@ from scipy.spatial import cKDTree
 
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.places import surface_points
 
 
 def mean_spacing(mesh: Mesh, graph: WrinkleGraph, triangle: NDArray[np.int32]) -> float:
@@ -25,18 +26,3 @@ def mean_spacing(mesh: Mesh, graph: WrinkleGraph, triangle: NDArray[np.int32]) -
         return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=-1).mean())
     distance, _ = cKDTree(places).query(places, k=2)
     return float(distance[:, 1].mean())
-
-
-def surface_points(
-    mesh: Mesh, uv: NDArray[np.float32], triangle: NDArray[np.int32]
-) -> NDArray[np.float64]:
-    """(P, 3) points of the surface at texture coordinates (P, 2) of known triangles."""
-    a, b, c = np.moveaxis(mesh.triangle_uv()[triangle], 1, 0)
-    first, second, gap = b - a, c - a, uv - a
-    area = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
-    area = np.where(area == 0.0, 1.0, area)
-    x = (gap[:, 0] * second[:, 1] - gap[:, 1] * second[:, 0]) / area
-    y = (first[:, 0] * gap[:, 1] - first[:, 1] * gap[:, 0]) / area
-    p, q, r = np.moveaxis(mesh.positions[mesh.faces[triangle]].astype(np.float64), 1, 0)
-    points: NDArray[np.float64] = p + x[:, None] * (q - p) + y[:, None] * (r - p)
-    return points

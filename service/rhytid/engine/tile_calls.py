@@ -14,7 +14,14 @@ from rhytid.engine.frames import Frame
 from rhytid.engine.keys import map_key, settings_key
 from rhytid.engine.messages import BinManifest, MapQuery
 from rhytid.errors import ConflictError, NotFoundError
-from rhytid.pipeline.bins import HEADROOM, layers, quantisation_steps, sample_stretches
+from rhytid.pipeline.bins import (
+    HEADROOM,
+    TILTS,
+    code_limit,
+    layers,
+    quantisation_steps,
+    sample_stretches,
+)
 from rhytid.pipeline.elements import SCALE_LIMIT
 
 Tile = NDArray[np.float32]
@@ -100,12 +107,15 @@ class TileCalls(EngineCore):
         found = self._assets.get(asset)
         found.ready()
         bins, steps = found.settings.bins, quantisation_steps(found.settings)
-        by_layer = {"w": tuple(steps[0].tolist()), "p": tuple(steps[-1].tolist())}
+        wrinkles, pores = tuple(steps[0].tolist()), tuple(steps[-1].tolist())
         names = layers(bins)
+        by_layer = {name: pores if name.startswith("pore") else wrinkles for name in names}
+        if bins.tilt:
+            by_layer[TILTS] = (1.0 / code_limit(bins.bits),)
         return BinManifest(
             angles=tuple(float(np.pi * n / bins.count) for n in range(bins.count)),
-            samples=tuple(sample_stretches(bins).tolist()),
-            steps={name: by_layer[name[0]] for name in names},
+            samples=tuple(sample_stretches(found.settings).tolist()),
+            steps=by_layer,
             bits=bins.bits,
             merge=bins.merge,
             depth_factored=bins.depth_factored,
@@ -144,11 +154,11 @@ def _assembled(tiles: list[Tile], count: int) -> Tile:
 
 def _map_index(settings: AssetSettings, layer: str, bin: int, sample: int) -> int:
     """Position among the maps of a tile; raises NotFoundError naming what does not exist."""
-    places = layers(settings.bins).get(layer)
-    if places is None:
+    first = layers(settings.bins).get(layer)
+    if first is None:
         raise NotFoundError(f"layer {layer!r}: one of {', '.join(layers(settings.bins))}")
-    samples = settings.bins.samples
-    for name, index, size in (("bin", bin, len(places)), ("sample", sample, samples)):
+    samples = 1 if layer == TILTS else settings.bins.samples
+    for name, index, size in (("bin", bin, len(first)), ("sample", sample, samples)):
         if not 0 <= index < size:
             raise NotFoundError(f"{name} {index} of layer {layer}: 0 to {size - 1}")
-    return places[bin] * samples + sample
+    return first[bin] + sample

@@ -87,6 +87,24 @@ def find_places(
     return stretched, _place(patches, int(chosen[least]), tensors[least])
 
 
+def flat_places(
+    corners: NDArray[Any], triangle_uv: NDArray[Any], radius: float
+) -> tuple[Place, ...]:
+    """The flattest patch that faces the viewer, and the flattest of those far from it, if any.
+
+    As `find_places`, of a mesh at rest. Raises MeshError where no patch of that size fits.
+    """
+    rest = np.ones((len(corners), 2))
+    patches = _patches(corners, triangle_uv, np.tile(np.eye(2), (len(corners), 1, 1)), rest)
+    chosen = _candidates(patches, radius)
+    tensors, flatness = _means(patches, chosen, radius)
+    first = int(np.argmax(flatness))
+    away = np.linalg.norm(patches.centre[chosen] - patches.centre[chosen[first]], axis=1)
+    far = away >= max(0.5 * away.max(), 3.0 * radius)
+    second = [int(np.argmax(np.where(far, flatness, -1.0)))] if far.any() else []
+    return tuple(_place(patches, int(chosen[i]), tensors[i]) for i in (first, *second))
+
+
 def _patches(
     corners: NDArray[Any], uv: NDArray[Any], axes: NDArray[Any], ratios: NDArray[Any]
 ) -> Patches:

@@ -23,18 +23,23 @@ from rhytid.pipeline.vectors import VECTOR, VectorTriangles
 HEADROOM = 0.2
 # The C type of a code, by its bits.
 CODES = {8: "char", 16: "short"}
+# Tilts are drawn from wrinkles whose depths are scaled by 1 ± this from edge to edge of a bin.
+TILT_SHARE = 0.25
+# The layer of tilts; its maps follow those of all others.
+TILTS = "wrinkle_tilts"
 
 
-def directions(count: int) -> NDArray[np.float64]:
-    """(N, 2) θₙ = (sin αₙ, cos αₙ) with αₙ = πn/N (Alg. 3, line 7)."""
-    angles = np.pi * np.arange(count) / count
+def directions(count: int, turn: float = 0.0) -> NDArray[np.float64]:
+    """(N, 2) θₙ = (sin αₙ, cos αₙ) with αₙ = πn/N (Alg. 3, line 7).  turn: all of them, in bins."""
+    angles = np.pi * (np.arange(count) + turn) / count
     return np.stack([np.sin(angles), np.cos(angles)], axis=1)
 
 
-def sample_stretches(bins: BinSettings) -> NDArray[np.float64]:
-    """(M,) log stretch of each sample, evenly spaced from -r_max to r_max; the middle is 0."""
-    steps = np.arange(bins.samples, dtype=np.float64) - (bins.samples - 1) / 2
-    return steps * (2.0 * bins.r_max / (bins.samples - 1))
+def sample_stretches(settings: AssetSettings) -> NDArray[np.float64]:
+    """(M,) log stretch of each sample, evenly spaced around 0, which is the middle."""
+    samples = settings.bins.samples
+    steps = np.arange(samples, dtype=np.float64) - (samples - 1) / 2
+    return steps * (2.0 * settings.last_sample / (samples - 1))
 
 
 def scale(r: float, exponent: float) -> float:
@@ -53,27 +58,31 @@ def drawn_depth_exponents(settings: AssetSettings) -> list[float]:
 
 def parts(bins: BinSettings) -> tuple[int, ...]:
     """The maps of one bin and sample: one signed map, or valleys and bulges apart (draw.clh)."""
-    return {"min": (0,), "mellow": (1, 2)}[bins.merge]
+    return (1, 2) if bins.merge == "mellow" else (0,)
 
 
 def layers(bins: BinSettings) -> dict[str, tuple[int, ...]]:
-    """The layers of maps by name, each with the place of its bins among a tile's (layer, part)s.
+    """The layers of maps by name, each with the index of the first map of every bin of it.
 
-    `wrinkles` and `pores`; merged by the mellow-max these are the valleys, and
-    `wrinkle_bulges` and `pore_bulges` are the bulges.
+    `wrinkles` and `pores`; of `mellow` these are the valleys, and `wrinkle_bulges` and
+    `pore_bulges` are the bulges. Each has the maps of all samples. With tilts `wrinkle_tilts`, one
+    map a bin.
     """
-    count = len(parts(bins))
+    count, samples = len(parts(bins)), bins.samples
     names = (("wrinkles", "pores"), ("wrinkle_bulges", "pore_bulges"))
     found: dict[str, tuple[int, ...]] = {}
     for part, (wrinkles, pores) in enumerate(names[:count]):
-        found[wrinkles] = tuple(n * count + part for n in range(bins.count))
-        found[pores] = (bins.count * count + part,)
+        found[wrinkles] = tuple((n * count + part) * samples for n in range(bins.count))
+        found[pores] = ((bins.count * count + part) * samples,)
+    if bins.tilt:
+        found[TILTS] = tuple(range(map_count(bins) - bins.count, map_count(bins)))
     return found
 
 
 def map_count(bins: BinSettings) -> int:
-    """How many maps a tile has: layers x parts x samples."""
-    return (bins.count + 1) * len(parts(bins)) * bins.samples
+    """Precomputed maps of a tile: those of every layer, part and sample, then the tilt of a bin."""
+    tilts = bins.count if bins.tilt else 0
+    return (bins.count + 1) * len(parts(bins)) * bins.samples + tilts
 
 
 def code_limit(bits: int) -> int:
@@ -88,7 +97,7 @@ def quantisation_steps(settings: AssetSettings) -> NDArray[np.float32]:
     """
     assert settings.depth is not None
     bins = settings.bins
-    stretches = sample_stretches(bins)
+    stretches = sample_stretches(settings)
     exponents = drawn_depth_exponents(settings)
     depths = np.array([[scale(r, -e) for r in stretches] for e in exponents])
     return (settings.depth * (depths + HEADROOM) / code_limit(bins.bits)).astype(np.float32)
@@ -98,7 +107,8 @@ def quantisation_steps(settings: AssetSettings) -> NDArray[np.float32]:
 class BinTile:
     """One tile of every precomputed map, padded to a vector, and the triangles of its texels.
 
-    codes: (texels / VECTOR, maps, VECTOR), maps being M samples within parts within N + 1 layers.
+    codes: (texels / VECTOR, maps, VECTOR), maps being M samples within parts within N + 1
+    layers, then the tilts of N bins.
     stiffness: float32 of each texel, or None: 1 throughout.
     place: texels a side of the tile and of its level, row and column of its first texel."""
 
@@ -145,12 +155,15 @@ class BinMaker:
         bins = self._settings.bins
         size = max(texels * texels, VECTOR)
         maps = list(product(range(bins.count + 1), parts(bins), range(bins.samples)))
-        codes = self._device.empty(len(maps) * size, f"i{bins.bits // 8}")
+        tilts = range(map_count(bins) - len(maps))
+        codes = self._device.empty(map_count(bins) * size, f"i{bins.bits // 8}")
         for index, (layer, part, sample) in enumerate(maps):
             draw = self._draw(layer, part, sample)
             heights = render(self._device, draw, level, row, column, texels)
             self._quantise(heights, texels * texels, self._steps[layer, sample], index, codes)
             heights.release()
+        for index in tilts:
+            self._tilt(index, (level, row, column, texels), len(maps) + index, codes)
         side = self._settings.resolution >> level
         place = (np.int32(texels), np.int32(side), np.int32(row), np.int32(column))
         triangles = self._located.texels(side, row, column, texels)
@@ -164,31 +177,55 @@ class BinMaker:
     def _quantise(
         self, heights: Buffer, count: int, step: np.float32, index: int, codes: Buffer
     ) -> None:
-        bins = self._settings.bins
         self._device.launch(
             "quantise", "quantise", (count,),
             heights, step, np.int32(index), codes,
-            defines={"CODE": CODES[bins.bits], "CODE_LIMIT": code_limit(bins.bits),
-                     "MAPS": map_count(bins)},
+            defines=self._code_defines(),
         )  # fmt: skip
         self._device.finish()
 
+    def _tilt(self, index: int, place: tuple[int, int, int, int], at: int, codes: Buffer) -> None:
+        """Codes of where in the bin the wrinkles run, drawn as wide as they ever are."""
+        r = self._settings.last_sample
+        scales = _float2(scale(r, self._settings.response.alpha_w), 1.0)
+        draws = (self._draw_bin(index, scales, 0, s) for s in (TILT_SHARE, -TILT_SHARE))
+        up, down = (render(self._device, draw, *place) for draw in draws)
+        self._device.launch(
+            "tilt", "tilt_codes", (place[-1] ** 2,),
+            up, down, np.float32(TILT_SHARE), np.int32(at), codes,
+            defines=self._code_defines(),
+        )  # fmt: skip
+        self._device.finish()
+        up.release()
+        down.release()
+
+    def _code_defines(self) -> dict[str, object]:
+        bins = self._settings.bins
+        limit = code_limit(bins.bits)
+        return {"CODE": CODES[bins.bits], "CODE_LIMIT": limit, "MAPS": map_count(bins)}
+
     def _draw(self, layer: int, part: int, sample: int) -> Draw:
         settings, response = self._settings, self._settings.response
-        r = float(sample_stretches(settings.bins)[sample])
+        r = float(sample_stretches(settings)[sample])
         depth = scale(r, -drawn_depth_exponents(settings)[layer])
         if layer == settings.bins.count:
             return self._draw_pores(_float2(scale(r, response.beta_w), depth), part)
         return self._draw_bin(layer, _float2(scale(r, response.alpha_w), depth), part)
 
-    def _draw_bin(self, index: int, scales: NDArray[np.float32], part: int) -> Draw:
+    def _draw_bin(
+        self, index: int, scales: NDArray[np.float32], part: int, tilt: float = 0.0
+    ) -> Draw:
         elements, lists = self._elements, self._elements.wrinkle_lists
+        count = self._settings.bins.count
+        leaning = np.array([*directions(count)[index], tilt * 2 * count / np.pi, 0.0], np.float32)
 
         def draw(row: int, column: int, side: int) -> Buffer:
             return launch_blocks(
-                self._device, "bins", "draw_wrinkle_bin", self._settings, row, column, side,
+                self._device, "bins", "draw_wrinkle_bin", self._settings, elements,
+                row, column, side,
                 elements.segments, elements.sizes, elements.bins, np.int32(index), scales,
-                np.int32(part), lists.offsets, lists.members,
+                np.int32(part), leaning, lists.offsets, lists.members,
+                *elements.wave_arguments,
             )  # fmt: skip
 
         return draw
@@ -198,7 +235,8 @@ class BinMaker:
 
         def draw(row: int, column: int, side: int) -> Buffer:
             return launch_blocks(
-                self._device, "bins", "draw_pore_layer", self._settings, row, column, side,
+                self._device, "bins", "draw_pore_layer", self._settings, elements,
+                row, column, side,
                 elements.centres, elements.roots, scales, np.int32(part),
                 lists.offsets, lists.members,
             )  # fmt: skip

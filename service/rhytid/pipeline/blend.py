@@ -3,16 +3,45 @@ blend_smooth.cl, blend_stiff.cl."""
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
+from numpy.typing import NDArray
 
 from rhytid.device.runtime import Buffer, Device
-from rhytid.domain.asset_settings import AssetSettings
-from rhytid.pipeline.bins import CODES, BinTile, directions, parts, quantisation_steps
+from rhytid.domain.asset_settings import AssetSettings, BinSettings
+from rhytid.pipeline.bins import (
+    CODES,
+    BinTile,
+    code_limit,
+    directions,
+    map_count,
+    parts,
+    quantisation_steps,
+)
 from rhytid.pipeline.elements import RESPONSE_DEFINES
 from rhytid.pipeline.locate import UdimTriangles
 from rhytid.pipeline.smooth import SmoothFields
 from rhytid.pipeline.stretch_buffers import StretchBuffers
 from rhytid.pipeline.vectors import VECTOR
+
+# How merge.clh calls a merge. `signed` is `mellow` of one signed map in place of two.
+MERGES = {"min": "MIN", "soft": "SOFT", "signed": "MELLOW", "mellow": "MELLOW"}
+# Half bins from the middle of a bin to where the line through its depth scales is taken.
+TILT_NODE = 0.6
+
+
+def unit_of(settings: AssetSettings) -> float:
+    """In which merge.clh lets heights meet, mesh units."""
+    assert settings.depth is not None
+    twice = math.log(2.0) * settings.depth / settings.shape.sharpness
+    return {"MIN": 1.0, "SOFT": 4.0 * twice, "MELLOW": twice}[MERGES[settings.bins.merge]]
+
+
+def _directions(bins: BinSettings) -> NDArray[np.float32]:
+    """θ of each bin; then, for tilts, TILT_NODE half bins to either side of each."""
+    turns = (0.0, -TILT_NODE / 2, TILT_NODE / 2) if bins.tilt else (0.0,)
+    return np.concatenate([directions(bins.count, turn) for turn in turns]).astype(np.float32)
 
 
 class Blend:
@@ -23,52 +52,63 @@ class Blend:
         bins, response = settings.bins, settings.response
         self._device, self._bins, self._triangles = device, bins, triangles
         self._surface = settings.angles == "surface"
-        self._merge = np.array([settings.depth, settings.shape.sharpness], np.float32)
+        self._last_sample = np.float32(settings.last_sample)
+        self._unit = np.float32(unit_of(settings))
         exponents = [response.alpha_d, response.beta_d] if bins.depth_factored else [0.0, 0.0]
         self._exponents = np.array(exponents, np.float32)
-        self._directions = device.upload(directions(settings.bins.count).astype(np.float32))
+        self._directions = device.upload(_directions(bins))
         self._steps = device.upload(quantisation_steps(settings))
         self._layers: dict[str, object] = {
             "LAYERS": bins.count + 1,
             "SAMPLES": bins.samples,
+            "TILT": int(bins.tilt),
+            "TILT_NODE": f"{TILT_NODE}f",
+            "CODE_LIMIT": code_limit(bins.bits),
         }
         self._oriented = {"ORIENTED": bins.count if bins.count > 1 else 0}
         self._codes = {
             "CODE": CODES[bins.bits],
             "CODE_BITS": bins.bits,
             "PARTS": len(parts(bins)),
+            "MERGE": MERGES[bins.merge],
+            "MAPS": map_count(bins),
         }
 
-    def weights(self, stretch: StretchBuffers) -> Buffer:
-        """Where each triangle stands between the samples, and the depth scale that its maps lack,
-        per layer (Alg. 3, lines 6 to 10)."""
-        count = self._triangles + 1
-        found = self._device.empty(2 * count * (self._bins.count + 1), np.float32)
+    def coefficients(self, stretch: StretchBuffers) -> Buffer:
+        """What the codes of each layer are multiplied by in each triangle: where it stands between
+        the samples and the depth scale that its maps lack (Alg. 3, lines 6 to 10)."""
+        count, layers = self._triangles + 1, self._bins.count + 1
+        found = self._device.empty(4 * count * layers, np.float32)
         self._device.launch(
             "weights", "sample_weights", (count,),
-            *self._stretch(stretch), np.float32(self._bins.r_max), self._exponents, found,
+            *self._stretch(stretch), self._last_sample, self._exponents, found,
+            defines={**self._layers, **RESPONSE_DEFINES, **self._oriented},
+        )  # fmt: skip
+        self._device.launch(
+            "weights", "coefficients", (count * layers,), self._steps, self._unit, found,
             defines={**self._layers, **RESPONSE_DEFINES, **self._oriented},
         )  # fmt: skip
         return found
 
     def stretches(self, stretch: StretchBuffers) -> Buffer:
-        """Log stretch of each triangle and layer: what `stiff_tile` takes in place of weights
+        """Log stretch of each triangle and layer: what `stiff_tile` takes in place of coefficients
         (Alg. 3, lines 6 and 7)."""
         count = self._triangles + 1
-        found = self._device.empty(count * (self._bins.count + 1), np.float32)
+        sides = 3 if self._bins.tilt else 1
+        found = self._device.empty(sides * count * (self._bins.count + 1), np.float32)
         self._device.launch(
             "weights", "layer_stretches", (count,), *self._stretch(stretch), found,
             defines={**self._layers, **RESPONSE_DEFINES, **self._oriented},
         )  # fmt: skip
         return found
 
-    def tile(self, maps: BinTile, weights: Buffer) -> Buffer:
+    def tile(self, maps: BinTile, coefficients: Buffer) -> Buffer:
         """float32 displacement of one tile, on the device (Alg. 3, lines 11 to 15)."""
         out = self._device.empty(maps.texels, np.float32)
         self._device.launch(
             "blend", "blend", (maps.texels // VECTOR,),
             maps.triangles.firsts, maps.triangles.members, maps.codes,
-            weights, self._steps, self._merge, out,
+            coefficients, self._unit, out,
             defines={**self._layers, **self._codes},
         )  # fmt: skip
         return out
@@ -79,8 +119,8 @@ class Blend:
         self._device.launch(
             "blend_stiff", "blend_stiff", (maps.texels // VECTOR,),
             maps.triangles.firsts, maps.triangles.members, maps.stiffness, maps.codes, stretches,
-            self._steps, np.float32(self._bins.r_max), self._exponents, self._merge, out,
-            defines={**self._layers, **RESPONSE_DEFINES, **self._codes},
+            self._steps, self._last_sample, self._exponents, self._unit, out,
+            defines={**self._layers, **RESPONSE_DEFINES, **self._oriented, **self._codes},
         )  # fmt: skip
         return out
 
@@ -90,7 +130,7 @@ class Blend:
         self._device.launch(
             "blend_smooth", "blend_smooth", (maps.texels // VECTOR,),
             maps.triangles.firsts, maps.triangles.members, maps.codes, self._steps,
-            self._directions, np.float32(self._bins.r_max), self._exponents, self._merge,
+            self._directions, self._last_sample, self._exponents, self._unit,
             *maps.place, *fields.arguments(located),
             fields.neutral, maps.stiffness, out,
             defines={**self._layers, **RESPONSE_DEFINES, **self._oriented, **self._codes},

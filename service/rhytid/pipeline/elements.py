@@ -29,13 +29,14 @@ _MARGIN = 1.001  # beyond the rounding of the scales on the device
 class WrinkleArrays:
     """K wrinkles of a UDIM in texels, v up: segments (K, 4) = start and extent, sizes (K, 2) =
     half width and weight, triangle (K,) that each samples, lists by block, stiffness (K,) or
-    None: 1 throughout."""
+    None: 1 throughout. waves (K, 4) as in wave.clh, or None where all are straight."""
 
     segments: NDArray[np.float32]
     sizes: NDArray[np.float32]
     triangle: NDArray[np.int32]
     lists: CellLists
     stiffness: NDArray[np.float32] | None = None
+    waves: NDArray[np.float32] | None = None
 
 
 @dataclass(frozen=True)
@@ -62,13 +63,15 @@ def wrinkle_arrays(
     settings: AssetSettings,
     udim: int,
     stiffness: NDArray[np.float32] | None = None,
+    waves: NDArray[np.float32] | None = None,
 ) -> WrinkleArrays:
     """Those wrinkles of strength above 0 that reach into the UDIM at any stretch.
 
-    triangle, stiffness: (M,) of every wrinkle of the graph.
+    triangle, stiffness: (M,) of every wrinkle of the graph.  waves: (M, 4) what `wrinkle_waves`
+    makes of the settings.
     """
     ends = (graph.node_uv - np.array(udim_origin(udim), np.float32))[graph.edge_nodes]
-    low, high = _around_wrinkles(graph, ends, settings)
+    low, high = _around_wrinkles(graph, ends, settings, waves)
     chosen = _chosen(graph.edge_weight, low, high)
     _check_cover(low[chosen], high[chosen], settings.resolution, "wrinkles")
     size = np.float32(settings.resolution)
@@ -80,6 +83,7 @@ def wrinkle_arrays(
         triangle[chosen],
         _blocks(low[chosen], high[chosen], settings.resolution),
         None if stiffness is None else stiffness[chosen],
+        None if waves is None else waves[chosen] * np.array([size, 1, 1, 1], np.float32),
     )
 
 
@@ -112,7 +116,8 @@ def pore_arrays(
 
 
 def check_cover(graph: WrinkleGraph, settings: AssetSettings, udim: int) -> None:
-    """Raise LimitError where `wrinkle_arrays` or `pore_arrays` would, for what they cover."""
+    """Raise LimitError where `wrinkle_arrays` or `pore_arrays` would, for what they cover; of
+    straight wrinkles, for how far waves reach is known only where the wrinkles are located."""
     local = graph.node_uv - np.array(udim_origin(udim), np.float32)
     around = (
         ("wrinkles", graph.edge_weight, _around_wrinkles(graph, local[graph.edge_nodes], settings)),
@@ -155,11 +160,17 @@ class UdimElements:
         self.wrinkle_triangle = device.upload(wrinkles.triangle)
         self.wrinkle_stiffness = _upload(device, wrinkles.stiffness)
         self.wrinkle_lists = Lists.upload(device, wrinkles.lists)
+        self.waves = _upload(device, wrinkles.waves)
         self.centres = device.upload(pores.centres)
         self.roots = device.upload(pores.roots)
         self.pore_triangle = device.upload(pores.triangle)
         self.pore_stiffness = _upload(device, pores.stiffness)
         self.pore_lists = Lists.upload(device, pores.lists)
+
+    @property
+    def wave_arguments(self) -> tuple[Buffer, ...]:
+        """What drawing kernels take of waves, last of their elements."""
+        return () if self.waves is None else (self.waves,)
 
     def release(self) -> None:
         """Give the memory back."""
@@ -171,17 +182,22 @@ class UdimElements:
                 value.release()
 
 
-def _upload(device: Device, stiffness: NDArray[np.float32] | None) -> Buffer | None:
-    return None if stiffness is None else device.upload(stiffness)
+def _upload(device: Device, array: NDArray[np.float32] | None) -> Buffer | None:
+    return None if array is None else device.upload(array)
 
 
 def _around_wrinkles(
-    graph: WrinkleGraph, ends: NDArray[np.float32], settings: AssetSettings
+    graph: WrinkleGraph,
+    ends: NDArray[np.float32],
+    settings: AssetSettings,
+    waves: NDArray[np.float32] | None = None,
 ) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
     """Corners (M, 2) and (M, 2) of the boxes around wrinkles of ends (M, 2, 2) at any stretch."""
     response = settings.response
     scale = widest(response.alpha_w, response.log_stretch_limit)
     reach = (graph.edge_half_width * scale)[:, None]
+    if waves is not None:
+        reach = reach + np.abs(waves[:, :1])
     return ends.min(axis=1) - reach, ends.max(axis=1) + reach
 
 

@@ -69,9 +69,10 @@ def redrawing(
 
     def draw(row: int, column: int, side: int) -> Buffer:
         return launch_blocks(
-            device, "redraw", "redraw", settings, row, column, side,
+            device, "redraw", "redraw", settings, elements, row, column, side,
             elements.segments, elements.sizes, scales.wrinkles, *_both(elements.wrinkle_lists),
             elements.centres, elements.roots, scales.pores, *_both(elements.pore_lists),
+            *elements.wave_arguments,
         )  # fmt: skip
 
     return draw
@@ -82,21 +83,23 @@ def launch_blocks(
     program: str,
     kernel: str,
     settings: AssetSettings,
+    elements: UdimElements,
     row: int,
     column: int,
     side: int,
-    *elements: Any,
+    *arguments: Any,
 ) -> Buffer:
     """Run a drawing kernel over side² texels of level 0, a work-group for `device.rows` rows of a
-    block: all, where both sums of a block fit into local memory."""
+    block: all, where both sums of a block fit into local memory. arguments: of the elements."""
     out = device.empty(side * side, np.float32)
     blocks, rows = side // BLOCK, min(device.rows, BLOCK)
+    wavy = {} if elements.waves is None else {"WAVY": 1}
     device.launch(
-        program, kernel, (blocks * device.lanes, side // rows), *elements,
+        program, kernel, (blocks * device.lanes, side // rows), *arguments,
         shape_values(settings.shape), np.float32(settings.depth),
         np.int32(settings.resolution // BLOCK), np.int32(row // BLOCK), np.int32(column // BLOCK),
         out, group=(device.lanes, 1),
-        defines={"BLOCK": BLOCK, "ROWS": rows, "ITEMS": device.lanes},
+        defines={"BLOCK": BLOCK, "ROWS": rows, "ITEMS": device.lanes, **wavy},
     )  # fmt: skip
     return out
 

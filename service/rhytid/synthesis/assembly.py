@@ -78,6 +78,8 @@ def _lines(
         width = shapes.widths(weight[rows], spacing) * fields.width(triangle, middle)
         half_width[rows] = shapes.half_widths_uv(surface, triangle, step, width)
         factor[rows] = fields.strength(triangle, middle)
+    second = 1 + np.flatnonzero(lines.edge[1:] == lines.edge[:-1])
+    factor[second] = factor[second - 1]  # both halves across a seam are one wrinkle
     return weight, factor, half_width
 
 

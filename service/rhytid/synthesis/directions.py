@@ -38,6 +38,13 @@ class SmoothNoise:
         return found
 
 
+def level_directions(normal: FloatArray) -> FloatArray:
+    """(N, 3) unit tangents around the vertical axis (y) where the surface has normals (N, 3)."""
+    level = np.cross(_UP, normal) + _FALLBACK * _RIGHT
+    level -= normal * np.einsum("nx,nx->n", level, normal)[:, None]
+    return unit(level)
+
+
 class Directions:
     """A smooth field of directions, the same for everyone who asks.
 
@@ -59,7 +66,9 @@ class Directions:
             progress(rows.start / len(points), "directions")
             angle = turn[rows] + self._bend(points.position[rows])
             cosine, sine = np.cos(angle)[:, None], np.sin(angle)[:, None]
-            level, beside = _level(points.normal[rows].astype(np.float64))
+            normal = points.normal[rows].astype(np.float64)
+            level = level_directions(normal)
+            beside = np.cross(normal, level)
             along[rows] = cosine * level + sine * beside
             left[rows] = cosine * beside - sine * level
         return along, left
@@ -68,11 +77,3 @@ class Directions:
         bends = [np.float32(bend) * noise.at(position) for bend, noise in self._noises]
         total: NDArray[np.float32] = np.sum(bends, axis=0, dtype=np.float32)
         return total
-
-
-def _level(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(N, 3) tangents around the vertical axis, and those to their left."""
-    level = np.cross(_UP, normal) + _FALLBACK * _RIGHT
-    level -= normal * np.einsum("nx,nx->n", level, normal)[:, None]
-    along = unit(level)
-    return along, np.cross(normal, along)

@@ -21,7 +21,7 @@ from rhytid.synthesis.independent import independent_set
 from rhytid.synthesis.net import Ground, Net
 from rhytid.synthesis.pores import packed_radius
 from rhytid.synthesis.primary import Primary, deepened
-from rhytid.synthesis.progress import Clock, Progress, part, silent
+from rhytid.synthesis.progress import Progress, part, rising, silent
 from rhytid.synthesis.selection import preference
 from rhytid.synthesis.spacing import mean_spacing
 from rhytid.synthesis.surface import Surface
@@ -39,13 +39,11 @@ class Synthesis:
 
     spacing: mean distance of a pore to the nearest, on the surface, mesh units.
     stretched: how many triangles hold no pore because their UV is stretched beyond reason.
-    seconds: by stage.
     """
 
     graph: WrinkleGraph
     spacing: float
     stretched: int
-    seconds: dict[str, float]
 
 
 def synthesize(
@@ -63,27 +61,27 @@ def synthesize(
     CancelledError. fields: what differs from place to place. call: runs each step on the device's
     thread. Raises MeshError where the mesh has no room for pores, or its UV none for the wrinkles.
     """
-    clock, fields = Clock(progress), fields or Fields()
-    clock(0.0, "pores")
+    report, fields = rising(progress), fields or Fields()
+    report(0.0, "pores")
     surface, across = Surface.of(mesh), neighbours(mesh)
     rng = np.random.Generator(np.random.PCG64(settings.seed))
     with Workspace(device, call) as work:
         ground = Ground(work, surface, across, fields)
-        net, radius, spacing = _net(ground, settings, part(clock, 0.0, 0.48))
+        net, radius, spacing = _net(ground, settings, part(report, 0.0, 0.48))
         directions = Directions(spacing, rng, fields)
-        strength, hubs = _worn(ground, net, settings, radius, directions, part(clock, 0.48, 0.92))
+        strength, hubs = _worn(ground, net, settings, radius, directions, part(report, 0.48, 0.92))
         order = preference(
-            work, len(net.pores), net.edges, strength, net.crossings, part(clock, 0.92, 0.945)
+            work, len(net.pores), net.edges, strength, net.crossings, part(report, 0.92, 0.945)
         )
-    clock(0.945, "shapes")
+    report(0.945, "shapes")
     edge, side = stored(net.edges, order, settings.wrinkles)
-    clock(0.947, "shapes")
+    report(0.947, "shapes")
     lines = draw(surface, across, net.pores, net.edges, edge, side, spacing)
     graph = assemble(
-        surface, net.pores, lines, strength, hubs, spacing, rng, fields, part(clock, 0.95, 1.0)
+        surface, net.pores, lines, strength, hubs, spacing, rng, fields, part(report, 0.95, 1.0)
     )
-    clock(1.0, "shapes")
-    return Synthesis(graph, spacing * surface.scale, surface.stretched, clock.seconds)
+    report(1.0, "shapes")
+    return Synthesis(graph, spacing * surface.scale, surface.stretched)
 
 
 def _net(ground: Ground, settings: GraphSettings, progress: Progress) -> tuple[Net, float, float]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from time import perf_counter
 
 Progress = Callable[[float, str], None]
 
@@ -21,22 +20,13 @@ def part(progress: Progress, low: float, high: float) -> Progress:
     return report
 
 
-class Clock:
-    """Passes reports on, none below the one before, and adds up how long each stage takes.
+def rising(progress: Progress) -> Progress:
+    """Passes reports on, none below the one before."""
+    reached = 0.0
 
-    A report says what is done next: time until the following report is its stage's.
-    """
+    def report(fraction: float, stage: str) -> None:
+        nonlocal reached
+        reached = max(fraction, reached)
+        progress(reached, stage)
 
-    def __init__(self, progress: Progress) -> None:
-        self.seconds: dict[str, float] = {}
-        self._progress, self._stage, self._since = progress, "", perf_counter()
-        self._reached = 0.0
-
-    def __call__(self, fraction: float, stage: str) -> None:
-        """Take the time and report."""
-        now = perf_counter()
-        if self._stage:
-            self.seconds[self._stage] = self.seconds.get(self._stage, 0.0) + now - self._since
-        self._stage, self._since = stage, now
-        self._reached = max(fraction, self._reached)
-        self._progress(self._reached, stage)
+    return report

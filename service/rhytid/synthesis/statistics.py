@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,63 +11,122 @@ from numpy.typing import NDArray
 from rhytid.device.runtime import Device
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.seams import whole_wrinkles
 from rhytid.errors import GraphError
 from rhytid.synthesis.crossings import crossings
+from rhytid.synthesis.directions import level_directions
 from rhytid.synthesis.rows import row_blocks
 from rhytid.synthesis.spacing import mean_spacing
-from rhytid.synthesis.surface import Points, Surface
+from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray, Points, Surface
 from rhytid.synthesis.workspace import Workspace
 
-BINS = 10
+STRENGTHS = 10  # tenths from 0 to 1
+ANGLES = 9  # of ten degrees, from 0 to 90
 
 
 def statistics(mesh: Mesh, graph: WrinkleGraph, device: Device) -> dict[str, Any]:
     """Plain values for JSON.
 
-    pores: nodes in the graph.  drawn_pores: those of weight above 0, of which the rest tells.
+    pores, wrinkles: as many as the graph holds.  drawn_pores, drawn_wrinkles: those of them that
+    have a strength above 0.  seam_wrinkles: how many across a UV seam are stored as two halves.
+
+    Of what is drawn, a wrinkle across a seam counting once:
     spacing: mean and deviation of the distance from a pore to the nearest on the surface, mesh
-    units.  degree: wrinkles per pore.  crossings: pairs of wrinkles that cross, per wrinkle.
-    strengths: wrinkles by weight, in tenths from 0 to 1.  Raises
-    GraphError where the graph does not say on which triangles its pores lie.
+    units.  length: the same of wrinkles.  degree: wrinkles at a pore, mean, and how many pores
+    have 0, 1, 2 … of them.  crossings: pairs of wrinkles that cross, per wrinkle.
+    strengths: wrinkles by weight, in tenths from 0 to 1.
+    angles: wrinkles by their angle on the surface to the level around the vertical axis, which
+    synthesis prefers, in tens of degrees from 0 to 90.  angle_strengths: the mean weight of each.
+
+    Nodes on no triangle (-1) are left out. Raises GraphError where the graph does not say on which
+    triangles its pores lie.
     """
     surface = Surface.of(mesh)
-    drawn = graph.node_weight > 0
-    pores = _points(surface, graph, np.flatnonzero(drawn))
-    number = np.cumsum(drawn, dtype=np.int32) - np.int32(1)
-    both = drawn[graph.edge_nodes].all(axis=1)
-    nodes = number[graph.edge_nodes[both]]
+    net = _net(mesh, surface, graph)
     with Workspace(device) as work:
-        mean, deviation = mean_spacing(work, pores)
-        crossing = len(crossings(work, pores, nodes, _lengths(pores, nodes)))
-    histogram, _ = np.histogram(graph.edge_weight, BINS, (0.0, 1.0))
-    touched = np.count_nonzero(drawn[graph.edge_nodes])
+        mean, deviation = mean_spacing(work, net.points.take(net.pores))
+        crossing = len(crossings(work, net.points, net.nodes, net.length.astype(np.float32)))
+    count = max(len(net.weight), 1)
     return {
         "pores": graph.pores,
-        "drawn_pores": len(pores),
+        "drawn_pores": int(np.count_nonzero(graph.node_weight)),
         "wrinkles": graph.wrinkles,
+        "drawn_wrinkles": int(np.count_nonzero(graph.edge_weight)),
+        "seam_wrinkles": net.seams,
         "spacing": {"mean": mean * surface.scale, "deviation": deviation * surface.scale},
-        "degree": int(touched) / max(len(pores), 1),
-        "crossings": crossing / max(graph.wrinkles, 1),
-        "strengths": histogram.tolist(),
+        "length": _moments(net.length * surface.scale),
+        "degree": _degrees(net),
+        "crossings": crossing / count,
+        "strengths": np.histogram(net.weight, STRENGTHS, (0.0, 1.0))[0].tolist(),
+        **_angles(net),
     }
 
 
-def _lengths(pores: Points, nodes: NDArray[np.int32]) -> NDArray[np.float32]:
-    """(E,) distances of the nodes (E, 2)."""
-    lengths = np.empty(len(nodes), np.float32)
-    for rows in row_blocks(len(nodes)):
-        one, two = (pores.position[end] for end in nodes[rows].T)
-        lengths[rows] = np.linalg.norm(one - two, axis=-1)
-    return lengths
+@dataclass(frozen=True, eq=False)
+class _Net:
+    """What is drawn. points (N,): the nodes on the surface.  pores (N,): those with a strength.
+    Of wrinkles nodes (W, 2), step (W, 3), length (W,), weight (W,).  seams: how many of them are
+    stored as two halves."""
+
+    points: Points
+    pores: BoolArray
+    nodes: NDArray[np.int32]
+    step: FloatArray
+    length: FloatArray
+    weight: FloatArray
+    seams: int
 
 
-def _points(surface: Surface, graph: WrinkleGraph, chosen: NDArray[np.intp]) -> Points:
-    """The chosen nodes on the surface, with the normals of their triangles."""
-    if graph.node_triangle is None or (graph.node_triangle < 0).any():
+def _net(mesh: Mesh, surface: Surface, graph: WrinkleGraph) -> _Net:
+    if graph.node_triangle is None:
         raise GraphError("node_triangle is missing: statistics need the triangle of every pore")
-    triangle, uv = graph.node_triangle[chosen], graph.node_uv[chosen]
-    position = np.empty((len(chosen), 3))
-    for rows in row_blocks(len(chosen)):
-        position[rows] = surface.place(triangle[rows], uv[rows].astype(np.float64))
-    normal = surface.normals.mean(axis=1).astype(np.float32)[triangle]
-    return Points(triangle, uv, position, normal)
+    rows, nodes = whole_wrinkles(mesh, graph)
+    seams = graph.wrinkles - len(rows)
+    placed = graph.node_triangle >= 0
+    shown = (graph.edge_weight[rows] > 0) & placed[nodes].all(axis=1)
+    nodes, weight = (
+        (np.cumsum(placed, dtype=np.int32) - np.int32(1))[nodes[shown]],
+        graph.edge_weight[rows[shown]].astype(np.float64),
+    )
+    points = _points(surface, graph, np.flatnonzero(placed))
+    step = points.position[nodes[:, 1]] - points.position[nodes[:, 0]]
+    length, pores = np.linalg.norm(step, axis=-1), graph.node_weight[placed] > 0
+    return _Net(points, pores, nodes, step, length, weight, seams)
+
+
+def _points(surface: Surface, graph: WrinkleGraph, nodes: IntArray) -> Points:
+    """Some nodes on the surface, with the normals of their triangles."""
+    assert graph.node_triangle is not None
+    triangle = graph.node_triangle[nodes].astype(np.int64)
+    uv = graph.node_uv[nodes].astype(np.float64)
+    normal = surface.normals[triangle].mean(axis=1)
+    return Points(triangle, uv, surface.place(triangle, uv), normal)
+
+
+def _moments(values: FloatArray) -> dict[str, float]:
+    if not len(values):
+        return {"mean": 0.0, "deviation": 0.0}
+    return {"mean": float(values.mean()), "deviation": float(values.std())}
+
+
+def _degrees(net: _Net) -> dict[str, Any]:
+    degree = np.bincount(net.nodes.ravel(), minlength=len(net.points))[net.pores]
+    mean = float(degree.mean()) if len(degree) else 0.0
+    return {"mean": mean, "histogram": np.bincount(degree).tolist()}
+
+
+def _angles(net: _Net) -> dict[str, Any]:
+    """In the tangent plane of the first node, mirrored into 0 to 90 degrees."""
+    count, total = np.zeros(ANGLES, np.int64), np.zeros(ANGLES)
+    for rows in row_blocks(len(net.nodes)):
+        step = net.step[rows]
+        normal = net.points.normal[net.nodes[rows, 0]].astype(np.float64)
+        level = level_directions(normal)
+        along = np.abs(np.einsum("nx,nx->n", step, level))
+        across = np.abs(np.einsum("nx,nx->n", step, np.cross(normal, level)))
+        angle = np.degrees(np.arctan2(across, along))
+        bins = np.minimum((angle * (ANGLES / 90.0)).astype(np.int64), ANGLES - 1)
+        count += np.bincount(bins, minlength=ANGLES)
+        total += np.bincount(bins, weights=net.weight[rows], minlength=ANGLES)
+    means = np.round(total / np.maximum(count, 1), 6).tolist()
+    return {"angles": count.tolist(), "angle_strengths": means}

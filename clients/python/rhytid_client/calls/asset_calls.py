@@ -76,9 +76,11 @@ def delete_asset(asset: Asset | str) -> Flow[None]:
     parse.content((yield request("DELETE", "v1", "assets", asset_id(asset))))
 
 
-def graph(asset: Asset | str) -> Flow[bytes]:
-    """The wrinkle graph of an asset, as a safetensors file."""
-    return parse.content((yield get("v1", "assets", asset_id(asset), "graph")))
+def graph(asset: Asset | str, *, format: str = "safetensors") -> Flow[bytes]:
+    """The wrinkle graph of an asset, as a safetensors file; or its wrinkles as lines in space, an
+    `obj` or `usda` file."""
+    params = {"format": format}
+    return parse.content((yield get("v1", "assets", asset_id(asset), "graph", params=params)))
 
 
 def _mesh(mesh: File | Mapping[str, ArrayLike], name: str | None) -> Part:

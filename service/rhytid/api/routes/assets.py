@@ -7,7 +7,7 @@ from typing import Any
 from fastapi import APIRouter, Response
 
 from rhytid.api.dependencies import EngineDep, Json, NoQuery, Parts, Place
-from rhytid.api.documentation import ASSET_FORM, binary, json_body, problems
+from rhytid.api.documentation import ASSET_FORM, json_body, problems
 from rhytid.api.parts import Part
 from rhytid.api.schemas import Asset
 from rhytid.api.uploads import decode_json, require
@@ -17,11 +17,10 @@ from rhytid.domain.stiffness import Stiffness
 from rhytid.domain.tiles import mesh_udims
 from rhytid.engine.messages import NewAsset
 from rhytid.errors import InputError
-from rhytid.formats.graphs import read_graph, write_graph
+from rhytid.formats.graphs import read_graph
 from rhytid.formats.meshes import read_mesh
 from rhytid.formats.stiffness import read_stiffness
 
-SAFETENSORS = "application/vnd.safetensors"
 router = APIRouter(prefix="/v1/assets", tags=["assets"], dependencies=[NoQuery])
 
 
@@ -91,13 +90,3 @@ def change(asset: str, changes: Json, engine: EngineDep, place: Place) -> Any:
 def delete(asset: str, engine: EngineDep) -> None:
     """Remove an asset, its frames and its files."""
     engine.delete_asset(asset)
-
-
-@router.get(
-    "/{asset}/graph",
-    response_class=Response,
-    responses={**binary(SAFETENSORS), **problems(404, 409, 422)},
-)
-def graph(asset: str, engine: EngineDep) -> Response:
-    """The wrinkle graph as safetensors."""
-    return Response(write_graph(engine.graph(asset), {"asset": asset}), media_type=SAFETENSORS)

@@ -1,0 +1,60 @@
+"""`rhytid graph`: what a wrinkle graph is on its mesh, as figures, curves and a picture."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rhytid.cli.graph_output import add_outputs, check_outputs, open_device, write_outputs
+from rhytid.cli.options import Commands, new_command, readable
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.graph import WrinkleGraph
+from rhytid.domain.mesh import Mesh
+
+if TYPE_CHECKING:
+    from rhytid.device.runtime import Device
+
+
+def add_command(commands: Commands) -> None:
+    """Add `graph` to the parser."""
+    parser = new_command(
+        commands,
+        "graph",
+        "Tell figures of a wrinkle graph, from this program or from elsewhere, and write it as "
+        "curves or as a picture. The folders of what is written are made.",
+        "rhytid graph face.obj face.safetensors --curves face.usda",
+    )
+    parser.add_argument("mesh", type=readable, metavar="MESH", help="OBJ, PLY, glTF, GLB or npz")
+    parser.add_argument("graph", type=readable, metavar="GRAPH.safetensors", help="its wrinkles")
+    add_outputs(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Read both, find the pores on the mesh, write, and tell the figures."""
+    from rhytid.cli.input_files import graph_file, mesh_file
+
+    check_outputs(arguments)
+    mesh = mesh_file(arguments.mesh).mesh
+    device = open_device(arguments)
+    graph = _placed(device, mesh, graph_file(arguments.graph))
+    write_outputs(arguments, device, mesh, graph, {"file": str(arguments.graph)})
+
+
+def _placed(device: Device, mesh: Mesh, graph: WrinkleGraph) -> WrinkleGraph:
+    """The graph with the triangle of every pore; on a device, where the file leaves some open."""
+    from rhytid.domain.curves import with_triangles
+    from rhytid.engine.building import check_triangles
+    from rhytid.pipeline.locate import locate_points
+
+    check_triangles(graph, len(mesh.faces))
+    known = graph.node_triangle
+    if known is not None and (known >= 0).all():
+        return graph
+    settings = AssetSettings()
+    with device.task():
+        found = locate_points(device, mesh, graph.node_uv, settings.resolution, settings.padding)
+    triangle = found if known is None else np.where(known >= 0, known, found)
+    return with_triangles(graph, triangle, len(mesh.faces))

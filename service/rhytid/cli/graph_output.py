@@ -1,0 +1,125 @@
+"""What commands make of a wrinkle graph beside its file: figures, curves and a picture."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rhytid.cli.demo import UNITS
+from rhytid.cli.options import add_json
+from rhytid.cli.reporting import report, table
+from rhytid.domain.graph import WrinkleGraph
+from rhytid.domain.mesh import Mesh
+from rhytid.errors import InputError
+
+if TYPE_CHECKING:
+    from rhytid.device.runtime import Device
+
+PNG = ".png"
+
+
+def add_outputs(parser: argparse.ArgumentParser) -> None:
+    """`--curves`, `--preview`, their unit and device, and `--json`."""
+    add = parser.add_argument
+    curves = "write the wrinkles as lines in space, for other programs"
+    add("--curves", type=Path, metavar="FILE.obj|.usda", help=curves)
+    picture = "write a picture of the whole maps and of patches 20 mm wide"
+    add("--preview", type=Path, metavar="FILE.png", help=picture)
+    add("--unit", choices=UNITS, default="cm", help="length unit of MESH (%(default)s)")
+    add("--device", metavar="D", help="number or part of the name of a device")
+    add_json(parser)
+
+
+def check_outputs(arguments: argparse.Namespace) -> None:
+    """Refuse, before long work, a file whose extension says nothing; raises InputError."""
+    from rhytid.formats.curves import curve_file
+
+    if arguments.curves is not None:
+        curve_file(arguments.curves.name)
+    if arguments.preview is not None and arguments.preview.suffix.lower() != PNG:
+        raise InputError(f"{arguments.preview}: the preview is written as {PNG}")
+
+
+def write_outputs(
+    arguments: argparse.Namespace,
+    device: Device,
+    mesh: Mesh,
+    graph: WrinkleGraph,
+    facts: dict[str, Any],
+) -> None:
+    """Write what was asked for, and tell `facts` and the statistics of the graph."""
+    from rhytid.domain.curves import graph_curves
+    from rhytid.formats.curves import curve_file
+    from rhytid.synthesis.statistics import statistics
+
+    figures = {**facts, **statistics(mesh, graph, device)}
+    if arguments.curves is not None:
+        write = curve_file(arguments.curves.name).write
+        whole_file(arguments.curves, write(graph_curves(mesh, graph), arguments.unit))
+    if arguments.preview is not None:
+        _preview(arguments, device, mesh, graph)
+    report(figures, table(("figure", "value"), _rows(figures)), arguments.json)
+
+
+def whole_file(file: Path, pieces: Any) -> None:
+    """Write pieces of bytes into a file that is there when it is whole; its folder is made."""
+    from rhytid.storage.durable import install, workplace, write_pieces
+
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with workplace(file.parent) as place:
+        aside = place / file.name
+        write_pieces(aside, pieces)
+        install(aside, file)
+
+
+def clocked(show: Callable[[float, str], None]) -> tuple[Callable[[float, str], None], Any]:
+    """`show`, and the seconds of each stage that goes through it, by its name."""
+    seconds: dict[str, float] = {}
+    last: list[tuple[str, float]] = []
+
+    def clock(share: float, stage: str) -> None:
+        now = time.perf_counter()
+        if last:
+            before, since = last.pop()
+            seconds[before] = round(seconds.get(before, 0.0) + now - since, 3)
+        last.append((stage, now))
+        show(share, stage)
+
+    return clock, seconds
+
+
+def open_device(arguments: argparse.Namespace) -> Device:
+    """The device of the arguments, or of the environment."""
+    from rhytid.device.runtime import Device
+    from rhytid.device.select import choose
+    from rhytid.settings import ServiceSettings
+
+    service = ServiceSettings.from_environment()
+    return Device(choose(arguments.device or service.device), service.device_memory)
+
+
+def _preview(
+    arguments: argparse.Namespace, device: Device, mesh: Mesh, graph: WrinkleGraph
+) -> None:
+    from rhytid.cli.preview import write_preview
+
+    arguments.preview.parent.mkdir(parents=True, exist_ok=True)
+    unit_mm = UNITS[arguments.unit]
+    write_preview(device, mesh, graph, unit_mm, arguments.preview)
+
+
+def _rows(figures: dict[str, Any]) -> list[tuple[str, str]]:
+    rows = []
+    for name, value in figures.items():
+        parts = value.items() if isinstance(value, dict) else [("", value)]
+        rows += [(f"{name} {part}".strip(), _text(v)) for part, v in parts]
+    return rows
+
+
+def _text(value: object) -> str:
+    if isinstance(value, list):
+        return " ".join(_text(v) for v in value)
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

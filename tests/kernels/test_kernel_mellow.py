@@ -1,0 +1,82 @@
+"""The powers and logarithms of mellow.clh and the merges of merge.clh, one line at a time."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from kernels.one_line import evaluate
+
+WIDTH = 16
+
+
+def lanes(values):
+    return np.resize(values, (len(values) // WIDTH + 1, WIDTH)).astype(np.float32)
+
+
+def test_powers_are_within_their_bound(device):
+    y = lanes(np.concatenate([np.linspace(0, 125.99, 20_000), np.linspace(0, 2, 20_000)]))
+    found = evaluate(device, "mellow", "mellow_exp2(y)", {"y": y}, width=WIDTH)
+    np.testing.assert_allclose(found, np.exp2(y.astype(np.float64)), rtol=3e-7)
+
+
+def test_logarithms_are_within_their_bound(device):
+    powers = np.exp2(np.linspace(-125.9, 126.9, 20_000))
+    x = lanes(np.concatenate([powers, np.linspace(0.5, 2, 20_000)]))
+    found = evaluate(device, "mellow", "mellow_log2(x)", {"x": x}, width=WIDTH)
+    exact = np.log2(x.astype(np.float64))
+    assert (np.abs(found - exact) <= 6e-7 + 1e-7 * np.abs(exact)).all()
+
+
+def test_nothing_stays_nothing(device):
+    zero, one = np.zeros((1, WIDTH), np.float32), np.ones((1, WIDTH), np.float32)
+    power = evaluate(device, "mellow", "mellow_exp2(y)", {"y": zero}, width=WIDTH)
+    logarithm = evaluate(device, "mellow", "mellow_log2(x)", {"x": one}, width=WIDTH)
+    np.testing.assert_array_equal(power, 1.0)
+    np.testing.assert_array_equal(logarithm, 0.0)
+
+
+def soft(device, *heights):
+    """Of heights in units of 4 log(2)/beta, in order."""
+    inputs = {f"h{i}": lanes(h) for i, h in enumerate(heights)}
+    met = "(met_t)NONE_MET"
+    for name in inputs:
+        met = f"meet({met}, {name})"
+    options = ["-DMERGE=SOFT", "-DCODE_BITS=8"]
+    return evaluate(device, "merge", f"height_of({met})", inputs, width=WIDTH, options=options)
+
+
+def mellow(*heights):
+    """Of the same, in double."""
+    power = 4 * np.log(2.0)
+    sides = [[np.maximum(s * lanes(h).astype(float), 0) for h in heights] for s in (1, -1)]
+    high, low = (np.log1p(sum(np.expm1(power * x) for x in side)) / power for side in sides)
+    return high - low
+
+
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_a_lone_height_stays_as_it_is(device, sign):
+    height, flat = sign * np.linspace(0, 30, 999), np.zeros(999)
+    for order in ((height, flat, flat), (flat, height, flat), (flat, flat, height)):
+        np.testing.assert_array_equal(soft(device, *order), lanes(height))
+
+
+def test_two_soft_valleys_are_near_their_mellow_max_and_equal_ones_at_it(device):
+    deep, other = (
+        -v.ravel() for v in np.meshgrid(np.linspace(0, 20, 201), np.linspace(0, 20, 201))
+    )
+    found = soft(device, deep, other)
+    np.testing.assert_array_equal(found, soft(device, other, deep))
+    error = np.abs(found - mellow(deep, other))
+    assert error.max() <= 0.3 / (4 * np.log(2.0))
+    assert error[(lanes(deep) == lanes(other)) & (lanes(deep) < -1)].max() <= 0.02
+    shallow = np.linspace(-1e-3, 0, 999)
+    np.testing.assert_allclose(soft(device, shallow, shallow), 2 * lanes(shallow), rtol=5e-3)
+
+
+def test_a_soft_merge_does_not_depend_on_the_order(device):
+    rng = np.random.default_rng(1)
+    heights = rng.uniform(-3, 2, (5, 500))
+    found = soft(device, *heights)
+    for _ in range(4):
+        np.testing.assert_array_equal(soft(device, *rng.permutation(heights)), found)
