@@ -86,7 +86,7 @@ def skin_of(device: Device, graph: WrinkleGraph, **changes: object) -> Skin:
 @pytest.fixture(scope="module")
 def skin(device: Device) -> Skin:
     """Synthesised wrinkles."""
-    return skin_of(device, grow(MESH, 600).graph)
+    return skin_of(device, grow(device, MESH, 600).graph)
 
 
 @pytest.mark.parametrize("method", ["redraw", "binned"])
@@ -129,7 +129,7 @@ def test_convolving_blurs_pores_that_hardly_deform_and_redraw_does_not(
 ) -> None:
     """Measured at the default sigma, 0.25 of the spacing: `redraw` leaves 81 % to 85 % of a pore's
     depth (1 / 1.25 is what beta_d = 1 asks for), `convolved` 17 % to 31 %."""
-    grown = grow(MESH, 600)
+    grown = grow(device, MESH, 600)
     pores = replace(grown.graph, edge_weight=0 * grown.graph.edge_weight)
     skin = skin_of(device, pores, convolve={"sigma": sigma * grown.spacing})
     redrawn, convolved = (pore_reliefs(skin, pores, STRETCH, m) for m in ("redraw", "convolved"))

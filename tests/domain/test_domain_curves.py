@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rhytid.device.runtime import Device
 from rhytid.domain.curves import graph_curves, with_triangles
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
@@ -19,9 +20,9 @@ from synthesis import sheets
 
 
 @pytest.fixture(scope="module")
-def tube() -> tuple[Mesh, WrinkleGraph]:
+def tube(device: Device) -> tuple[Mesh, WrinkleGraph]:
     mesh = sheets.tube()
-    return mesh, synthesize(mesh, sheets.wanted(2000)).graph
+    return mesh, synthesize(mesh, sheets.wanted(2000), device).graph
 
 
 def square() -> Mesh:
@@ -78,16 +79,18 @@ def test_a_wrinkle_across_a_seam_is_one_line(tube: tuple[Mesh, WrinkleGraph]) ->
         assert len(curves.points) == np.count_nonzero(graph.node_weight)
 
 
-def test_halves_meet_at_sharp_folds() -> None:
+def test_halves_meet_at_sharp_folds(device: Device) -> None:
     mesh = procedural_face().mesh
-    graph = synthesize(mesh, sheets.wanted(8000)).graph
+    graph = synthesize(mesh, sheets.wanted(8000), device).graph
     half = (graph.node_weight[graph.edge_nodes] == 0).any(axis=1)
     assert 2 * len(seam_halves(mesh, graph)) == half.sum() >= 8
 
 
-def test_widths_are_those_that_synthesis_meant(tube: tuple[Mesh, WrinkleGraph]) -> None:
+def test_widths_are_those_that_synthesis_meant(
+    device: Device, tube: tuple[Mesh, WrinkleGraph]
+) -> None:
     mesh, graph = tube
-    spacing = synthesize(mesh, sheets.wanted(2000)).spacing
+    spacing = synthesize(mesh, sheets.wanted(2000), device).spacing
     curves = graph_curves(mesh, graph)
     wanted = 2 * spacing * (NARROW + (WIDE - NARROW) * curves.strengths)
     np.testing.assert_allclose(curves.widths, wanted, rtol=1e-3)

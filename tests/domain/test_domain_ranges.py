@@ -50,6 +50,15 @@ def test_wrinkles_too_short_to_be_squared_are_refused():
         graph(node_uv=[[0, 0], [1e-22, 0], [0.5, 0.5]])
 
 
+def test_what_is_wrong_is_named_in_any_block_of_rows(monkeypatch):
+    monkeypatch.setattr("rhytid.domain.graph._ROWS", 2)
+    with pytest.raises(GraphError, match=r"node_weight\[2\] is 2\.0"):
+        graph(node_weight=[1, 1, 2])
+    nodes = [[0, 1], [1, 2], [0, 2], [2, 2]]
+    with pytest.raises(GraphError, match=r"edge_nodes\[3\] is \[2, 2\]"):
+        graph(edge_nodes=nodes, edge_weight=[1] * 4, edge_half_width=[0.01] * 4)
+
+
 @pytest.mark.parametrize("angle", [0.0, 0.3, np.pi / 4, 2.0])
 def test_metrics_are_read_to_the_last_digit_that_counts(angle):
     for wide, slim in ((0.9, 1e-3), (1e-6, 2e-9), (0.05, 5e-5)):

@@ -24,6 +24,8 @@ SMALL = (
     "CODE_BITS=8",
     "CODE_LIMIT=127",
     "MAPS=6",
+    "WAYS=12",
+    "CROSSINGS=1",
 )
 SMALL_LAYERS = (
     "LAYERS=2",
@@ -42,6 +44,8 @@ LARGE = (
     "CODE_BITS=16",
     "CODE_LIMIT=32767",
     "MAPS=254",
+    "WAYS=12",
+    "CROSSINGS=64",
 )
 LARGE_LAYERS = ("LAYERS=17", "SAMPLES=7", "ORIENTED=16")
 TILTED = ("TILT=1", "TILT_NODE=0.6f")

@@ -12,6 +12,7 @@ from pipeline.binned import BinnedScene
 from pipeline.scenes import DEPTH, Scene, random_graph, settings_of, sheet
 from reference import drawing, redraw
 from reference import waves as reference
+from rhytid.device.runtime import Device
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.seams import seam_halves
 from rhytid.domain.tiles import udim_origin
@@ -92,9 +93,9 @@ def test_wrinkles_on_no_triangle_are_straight():
     assert np.isfinite(found).all()
 
 
-def test_halves_on_no_triangle_are_straight() -> None:
+def test_halves_on_no_triangle_are_straight(device: Device) -> None:
     mesh = sheets.tube()
-    graph = synthesize(mesh, sheets.wanted(500)).graph
+    graph = synthesize(mesh, sheets.wanted(500), device).graph
     shape = settings_of(shape=WAVES).shape
     nowhere = np.full(graph.wrinkles, len(mesh.faces), np.int32)
     found = wrinkle_waves(mesh, graph, nowhere, shape)
@@ -113,9 +114,9 @@ def test_phases_do_not_depend_on_their_neighbours_and_spread_evenly():
     assert np.abs(np.corrcoef(phase[1:], phase[:-1])[0, 1]) < 0.05
 
 
-def test_the_halves_of_a_wrinkle_at_a_seam_are_one_wave():
+def test_the_halves_of_a_wrinkle_at_a_seam_are_one_wave(device):
     mesh = sheets.tube()
-    graph = synthesize(mesh, sheets.wanted(2000)).graph
+    graph = synthesize(mesh, sheets.wanted(2000), device).graph
     shape = settings_of(shape=WAVES).shape
     found = wrinkle_waves(mesh, graph, graph.edge_triangle, shape).astype(float)
     pairs = seam_halves(mesh, graph)

@@ -7,10 +7,16 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import GraphSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
-from rhytid.synthesis.surface import Surface
+from rhytid.synthesis.charts import neighbours
+from rhytid.synthesis.edges import Edges, candidates
+from rhytid.synthesis.pores import scatter_pores
+from rhytid.synthesis.progress import silent
+from rhytid.synthesis.surface import Points, Surface
+from rhytid.synthesis.workspace import Workspace
 
 Floats = NDArray[np.float64]
 Layout = Callable[[Floats], Floats]
@@ -71,6 +77,22 @@ def places(surface: Surface, graph: WrinkleGraph) -> Floats:
 def wanted(count: int, seed: int = 1) -> GraphSettings:
     """Settings for `count` wrinkles."""
     return GraphSettings(wrinkles=count, seed=seed)
+
+
+def scattered(device: Device, mesh: Mesh, radius: float, seed: int = 3) -> Points:
+    """Pores on a mesh."""
+    with Workspace(device) as work:
+        return scatter_pores(work, Surface.of(mesh), radius, seed, silent)
+
+
+def net(
+    device: Device, mesh: Mesh, radius: float, seed: int = 3, count: int = 8
+) -> tuple[Points, Edges]:
+    """Pores on a mesh and the candidates among their `count` nearest."""
+    pores, surface = scattered(device, mesh, radius, seed), Surface.of(mesh)
+    with Workspace(device) as work:
+        found = candidates(work, surface, neighbours(mesh), pores, radius, count, silent)
+    return pores, found
 
 
 def _lattice(n: int) -> Floats:

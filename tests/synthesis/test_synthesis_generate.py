@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import face_data
+from rhytid.device.runtime import Device
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import CancelledError, MeshError
@@ -18,8 +19,8 @@ from synthesis.sheets import wanted
 
 
 @pytest.fixture(scope="module")
-def made() -> Synthesis:
-    return synthesize(sheets.sheet(sheets.uneven), wanted(3000))
+def made(device: Device) -> Synthesis:
+    return synthesize(sheets.sheet(sheets.uneven), wanted(3000), device)
 
 
 def same(one: WrinkleGraph, two: WrinkleGraph) -> bool:
@@ -27,61 +28,64 @@ def same(one: WrinkleGraph, two: WrinkleGraph) -> bool:
     return all(a == b and x.tobytes() == y.tobytes() for (a, x), (b, y) in pairs)
 
 
-def test_the_same_seed_gives_the_same_bits(made: Synthesis) -> None:
-    again = synthesize(sheets.sheet(sheets.uneven), wanted(3000))
+def test_the_same_seed_gives_the_same_bits(device: Device, made: Synthesis) -> None:
+    again = synthesize(sheets.sheet(sheets.uneven), wanted(3000), device)
     assert same(made.graph, again.graph)
     assert made.spacing == again.spacing
-    other = synthesize(sheets.sheet(sheets.uneven), wanted(3000, seed=2))
+    other = synthesize(sheets.sheet(sheets.uneven), wanted(3000, seed=2), device)
     assert not same(made.graph, other.graph)
 
 
 @pytest.mark.parametrize("count", [100, 101, 2347])
 @pytest.mark.parametrize("make", [sheets.sheet, sheets.tube, sheets.with_hole])
-def test_the_count_is_exact(make: sheets.Callable[[], Mesh], count: int) -> None:
-    graph = synthesize(make(), wanted(count)).graph
+def test_the_count_is_exact(device: Device, make: sheets.Callable[[], Mesh], count: int) -> None:
+    graph = synthesize(make(), wanted(count), device).graph
     assert graph.wrinkles == count
     assert graph.edge_weight.min() > 0
     assert len(np.unique(np.sort(graph.edge_nodes, axis=1), axis=0)) == count
 
 
-def test_a_mesh_in_shreds_gets_the_count_too() -> None:
+def test_a_mesh_in_shreds_gets_the_count_too(device: Device) -> None:
     mesh = sheets.sheet(n=8)
     apart = np.arange(mesh.faces.size).reshape(-1, 3)
     corners = mesh.triangle_uv()
     shrunk = corners.mean(axis=1, keepdims=True) + 0.8 * (corners - corners.mean(1, keepdims=True))
     shreds = Mesh(mesh.positions[mesh.faces].reshape(-1, 3), apart, shrunk.reshape(-1, 2), apart)
-    assert synthesize(shreds, wanted(400)).graph.wrinkles == 400
+    assert synthesize(shreds, wanted(400), device).graph.wrinkles == 400
 
 
-def test_uv_too_small_for_float32_is_refused() -> None:
+def test_uv_too_small_for_float32_is_refused(device: Device) -> None:
     tiny = sheets.sheet(lambda xy: 0.5 + 1e-8 * xy)
     with pytest.raises(MeshError, match=r"graph\.wrinkles is 500"):
-        synthesize(tiny, wanted(500))
+        synthesize(tiny, wanted(500), device)
 
 
 @pytest.mark.parametrize("power", [-20, 20])
-def test_scale_by_a_power_of_two_changes_no_bit(made: Synthesis, power: int) -> None:
-    scaled = synthesize(sheets.sheet(sheets.uneven, scale=2.0**power), wanted(3000))
+def test_scale_by_a_power_of_two_changes_no_bit(
+    device: Device, made: Synthesis, power: int
+) -> None:
+    scaled = synthesize(sheets.sheet(sheets.uneven, scale=2.0**power), wanted(3000), device)
     assert same(made.graph, scaled.graph)
     assert scaled.spacing == made.spacing * 2.0**power
 
 
 @pytest.mark.parametrize("scale", [1e-9, 1e-6, 1e6, 1e9])
-def test_any_scale_gives_the_same_picture(made: Synthesis, scale: float) -> None:
+def test_any_scale_gives_the_same_picture(device: Device, made: Synthesis, scale: float) -> None:
     # Rounding of the positions may turn a walker; where pores lie and what is joined stays.
-    graph = synthesize(sheets.sheet(sheets.uneven, scale=scale), wanted(3000)).graph
+    graph = synthesize(sheets.sheet(sheets.uneven, scale=scale), wanted(3000), device).graph
     assert graph.node_uv == pytest.approx(made.graph.node_uv, abs=1e-6)
     pairs = [set(map(tuple, np.sort(g.edge_nodes, axis=1).tolist())) for g in (graph, made.graph)]
     assert len(pairs[0] & pairs[1]) > 0.95 * 3000
 
 
-def test_progress_rises_to_one_and_can_cancel() -> None:
+def test_progress_rises_to_one_and_can_cancel(device: Device) -> None:
     seen: list[tuple[float, str]] = []
-    synthesize(sheets.sheet(), wanted(500), lambda *report: seen.append(report))
+    synthesize(sheets.sheet(), wanted(500), device, lambda *report: seen.append(report))
     fractions = [fraction for fraction, _ in seen]
     assert fractions == sorted(fractions)
     assert fractions[-1] == 1.0
     assert {stage for _, stage in seen} >= {"pores", "edges", "trails", "shapes"}
+    used = device.budget.used
     for stop in range(0, len(seen), 5):
         left = iter(range(stop))
 
@@ -90,13 +94,14 @@ def test_progress_rises_to_one_and_can_cancel() -> None:
                 raise CancelledError("enough")
 
         with pytest.raises(CancelledError, match="enough"):
-            synthesize(sheets.sheet(), wanted(500), cancel)
+            synthesize(sheets.sheet(), wanted(500), device, cancel)
+        assert device.budget.used == used
 
 
 @pytest.mark.parametrize("make", [sheets.sheet, sheets.tube, sheets.with_hole])
-def test_every_wrinkle_lies_on_the_map(make: sheets.Callable[[], Mesh]) -> None:
+def test_every_wrinkle_lies_on_the_map(device: Device, make: sheets.Callable[[], Mesh]) -> None:
     mesh = make()
-    graph = synthesize(mesh, wanted(2000)).graph
+    graph = synthesize(mesh, wanted(2000), device).graph
     surface = Surface.of(mesh)
     assert graph.node_triangle is not None
     uv, ends = graph.node_uv.astype(float), graph.edge_nodes
@@ -108,9 +113,9 @@ def test_every_wrinkle_lies_on_the_map(make: sheets.Callable[[], Mesh]) -> None:
     assert (line.share[~whole] < 1.0).all()
 
 
-def test_halves_meet_on_the_surface_and_end_beyond_the_border() -> None:
+def test_halves_meet_on_the_surface_and_end_beyond_the_border(device: Device) -> None:
     mesh = sheets.tube()
-    surface, graph = Surface.of(mesh), synthesize(mesh, wanted(2000)).graph
+    surface, graph = Surface.of(mesh), synthesize(mesh, wanted(2000), device).graph
     half = (graph.node_weight[graph.edge_nodes] == 0).any(axis=1)
     assert half.sum() > 40
     pore, beyond = graph.edge_nodes[half].T
@@ -129,10 +134,10 @@ def test_halves_meet_on_the_surface_and_end_beyond_the_border() -> None:
 
 
 @pytest.mark.face
-def test_the_real_face(face: face_data.Face) -> None:
+def test_the_real_face(device: Device, face: face_data.Face) -> None:
     mesh = Mesh(face.positions, face.faces, face.uv.astype(np.float64), face.face_uv)
-    found = synthesize(mesh, wanted(20_000))
-    figures = statistics(mesh, found.graph)
+    found = synthesize(mesh, wanted(20_000), device)
+    figures = statistics(mesh, found.graph, device)
     assert figures["wrinkles"] == 20_000
     assert found.stretched == 0
     # No seam in this layout, so no node without weight.

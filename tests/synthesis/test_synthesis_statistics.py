@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rhytid.device.runtime import Device
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import GraphError
@@ -20,12 +21,12 @@ PLACES = [[1, 2], [3, 2], [2, 1], [2, 3], [2.5, 0.5], [3.5, 1.5], [0.5, 3.5]]
 
 
 @pytest.fixture(scope="module")
-def made() -> Synthesis:
-    return synthesize(sheets.sheet(sheets.uneven), wanted(3000))
+def made(device: Device) -> Synthesis:
+    return synthesize(sheets.sheet(sheets.uneven), wanted(3000), device)
 
 
-def test_figures_of_a_synthesis_are_plain_and_right(made: Synthesis) -> None:
-    figures = statistics(sheets.sheet(sheets.uneven), made.graph)
+def test_figures_of_a_synthesis_are_plain_and_right(device: Device, made: Synthesis) -> None:
+    figures = statistics(sheets.sheet(sheets.uneven), made.graph, device)
     assert json.loads(json.dumps(figures)) == figures
     assert figures["wrinkles"] == sum(figures["strengths"]) == sum(figures["angles"]) == 3000
     assert figures["pores"] == sum(figures["degree"]["histogram"]) == made.graph.pores
@@ -61,8 +62,8 @@ def _holds(corners: np.ndarray, uv: np.ndarray) -> int:
     return int(np.flatnonzero((np.array(sides) >= -1e-6).all(axis=0))[0])
 
 
-def test_a_graph_that_can_be_counted_by_hand() -> None:
-    figures = statistics(*cross())
+def test_a_graph_that_can_be_counted_by_hand(device: Device) -> None:
+    figures = statistics(*cross(), device)
     assert (figures["pores"], figures["wrinkles"]) == (7, 3)
     assert figures["degree"] == {"mean": pytest.approx(6 / 7), "histogram": [1, 6]}
     assert figures["crossings"] == pytest.approx(1 / 3)
@@ -77,9 +78,9 @@ def test_a_graph_that_can_be_counted_by_hand() -> None:
     assert figures["spacing"]["mean"] == pytest.approx(apart.min(axis=1).mean())
 
 
-def test_what_is_not_drawn_counts_for_itself() -> None:
+def test_what_is_not_drawn_counts_for_itself(device: Device) -> None:
     weight = np.array([0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.0])
-    figures = statistics(*cross(node_weight=weight, edge_weight=[0.25, 0.0, 1.0]))
+    figures = statistics(*cross(node_weight=weight, edge_weight=[0.25, 0.0, 1.0]), device)
     assert (figures["pores"], figures["drawn_pores"]) == (7, 6)
     assert (figures["wrinkles"], figures["drawn_wrinkles"]) == (3, 2)
     assert figures["degree"] == {"mean": pytest.approx(4 / 6), "histogram": [2, 4]}
@@ -87,27 +88,27 @@ def test_what_is_not_drawn_counts_for_itself() -> None:
     assert sum(figures["angles"]) == sum(figures["strengths"]) == 2
 
 
-def test_wrinkles_without_pores_are_wrinkles() -> None:
-    figures = statistics(*cross(node_weight=np.zeros(7)))
+def test_wrinkles_without_pores_are_wrinkles(device: Device) -> None:
+    figures = statistics(*cross(node_weight=np.zeros(7)), device)
     assert figures["drawn_pores"] == 0
     assert figures["angles"] == [1, 0, 0, 0, 1, 0, 0, 0, 1]
     assert figures["degree"] == {"mean": 0.0, "histogram": []}
     assert figures["spacing"] == {"mean": 0.0, "deviation": 0.0}
 
 
-def test_nodes_on_no_triangle_are_left_out() -> None:
+def test_nodes_on_no_triangle_are_left_out(device: Device) -> None:
     mesh, graph = cross()
     triangle = graph.node_triangle.copy()
     triangle[[5, 6]] = -1
-    figures = statistics(mesh, replace(graph, node_triangle=triangle))
+    figures = statistics(mesh, replace(graph, node_triangle=triangle), device)
     assert figures["angles"] == [1, 0, 0, 0, 0, 0, 0, 0, 1]
     assert sum(figures["degree"]["histogram"]) == 5
 
 
-def test_a_wrinkle_across_a_seam_counts_once() -> None:
+def test_a_wrinkle_across_a_seam_counts_once(device: Device) -> None:
     mesh = sheets.tube()
-    graph = synthesize(mesh, wanted(2000)).graph
-    figures = statistics(mesh, graph)
+    graph = synthesize(mesh, wanted(2000), device).graph
+    figures = statistics(mesh, graph, device)
     halves = int((graph.node_weight[graph.edge_nodes] == 0).any(axis=1).sum())
     assert halves // 2 == figures["seam_wrinkles"] > 20
     assert figures["drawn_pores"] == graph.pores - halves
@@ -116,8 +117,8 @@ def test_a_wrinkle_across_a_seam_counts_once() -> None:
     assert figures["length"]["deviation"] < 0.3 * figures["length"]["mean"]
 
 
-def test_they_need_the_triangles_of_pores(made: Synthesis) -> None:
+def test_they_need_the_triangles_of_pores(device: Device, made: Synthesis) -> None:
     arrays = made.graph.arrays()
     del arrays["node_triangle"]
     with pytest.raises(GraphError, match="node_triangle"):
-        statistics(sheets.sheet(sheets.uneven), WrinkleGraph(**arrays))
+        statistics(sheets.sheet(sheets.uneven), WrinkleGraph(**arrays), device)

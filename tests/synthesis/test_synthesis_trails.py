@@ -6,49 +6,52 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rhytid.synthesis.charts import neighbours
+from rhytid.device.runtime import Device
 from rhytid.synthesis.crossings import crossings
-from rhytid.synthesis.edges import Edges, candidates
-from rhytid.synthesis.paths import Paths, rank_at
-from rhytid.synthesis.pores import scatter_pores
+from rhytid.synthesis.edges import Edges
+from rhytid.synthesis.paths import Paths
 from rhytid.synthesis.progress import silent
 from rhytid.synthesis.selection import preference
-from rhytid.synthesis.surface import Points, Surface
+from rhytid.synthesis.surface import Points
 from rhytid.synthesis.trails import wear
+from rhytid.synthesis.workspace import Workspace
 from synthesis import sheets
 
-Worn = tuple[Points, Edges, NDArray[np.int64], NDArray[np.float64]]
+Worn = tuple[Points, Edges, NDArray[np.int32], NDArray[np.float32]]
 
 
 @pytest.fixture(scope="module")
-def worn() -> Worn:
+def worn(device: Device) -> Worn:
     """A sheet whose preferred direction is x everywhere, with the strength of its edges."""
-    mesh, radius = sheets.sheet(), 0.03
-    surface, rng = Surface.of(mesh), np.random.default_rng(2)
-    pores = scatter_pores(surface, radius, rng, silent)
-    edges = candidates(surface, neighbours(mesh), pores, radius, 8)
-    found = crossings(pores, edges.nodes, edges.length)
-    along, left = (np.tile(axis, (len(pores), 1)) for axis in np.eye(3)[:2])
-    paths = Paths.of(pores, edges.nodes, along, left)
-    return pores, edges, found, wear(paths, edges.length, found, rng, silent)
+    pores, edges = sheets.net(device, sheets.sheet(), 0.03, seed=2)
+    with Workspace(device) as work:
+        found = crossings(work, pores, edges.nodes, edges.length)
+        paths = Paths.of(work, pores, edges, *frames(len(pores)), np.ones(len(pores), np.float32))
+        return pores, edges, found, wear(work, paths, found, 2, silent)
 
 
-def test_a_way_out_leads_back() -> None:
-    nodes = np.array([[0, 1], [1, 2], [0, 2]])
+def frames(count: int) -> tuple[NDArray[np.float32], ...]:
+    """Along x, and left of it along y."""
+    return tuple(np.tile(axis.astype(np.float32), (count, 1)) for axis in np.eye(3)[:2])
+
+
+def test_ways_out_lead_along_their_edges(device: Device) -> None:
+    nodes = np.array([[0, 1], [1, 2], [0, 2]], np.int32)
     position = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], float)
     points = Points(np.zeros(3, int), position[:, :2], position, np.tile([0.0, 0, 1], (3, 1)))
-    along, left = (np.tile(axis, (3, 1)) for axis in np.eye(3)[:2])
-    paths = Paths.of(points, nodes, along, left)
-    for pore in range(3):
-        for slot in range(2):
-            to, back = paths.to[pore, slot], paths.back[pore, slot]
-            assert paths.edge[to, back] == paths.edge[pore, slot]
-            assert paths.to[to, back] == pore
-            assert paths.cosine[to, back] == pytest.approx(-paths.cosine[pore, slot])
-
-
-def test_ranks_count_within_a_pore() -> None:
-    assert rank_at(np.array([2, 0, 2, 2, 0]), 3).tolist() == [0, 0, 1, 2, 1]
+    edges = Edges(nodes, np.float32([1, 1.4, 1]), np.zeros(3, np.int32))
+    with Workspace(device) as work:
+        paths = Paths.of(work, points, edges, *frames(3), np.ones(3, np.float32))
+        starts = work.read(paths.ways.offsets, (4,), np.int32)
+        pairs = work.read(paths.ways.pairs, (6,), np.int32)
+        others = work.read(paths.ways.others, (6,), np.int32)
+        direction = work.read(paths.direction, (6, 2), np.int16) / 32767
+    assert starts.tolist() == [0, 2, 4, 6]
+    assert pairs.tolist() == [0, 2, 0, 1, 1, 2]
+    assert others.tolist() == [1, 2, 0, 2, 1, 0]
+    way = position[others] - position[np.repeat(np.arange(3), 2)]
+    way /= np.linalg.norm(way, axis=-1, keepdims=True)
+    assert direction == pytest.approx(way[:, :2], abs=1e-4)
 
 
 def test_every_edge_has_some_strength_and_few_have_much(worn: Worn) -> None:
@@ -76,12 +79,14 @@ def test_strong_lines_go_on(worn: Worn) -> None:
     assert dead < 0.25
 
 
-def test_what_is_wanted_first_is_flat_and_closed(worn: Worn) -> None:
+def test_what_is_wanted_first_is_flat_and_closed(device: Device, worn: Worn) -> None:
     pores, edges, found, strength = worn
-    order = preference(len(pores), edges, strength, found)
+    with Workspace(device) as work:
+        order = preference(work, len(pores), edges, strength, found, silent)
     assert sorted(order.tolist()) == list(range(len(edges)))
     first = edges.take(order[: int(2.1 * len(pores))])
-    assert len(crossings(pores, first.nodes, first.length)) == 0
+    with Workspace(device) as work:
+        assert len(crossings(work, pores, first.nodes, first.length)) == 0
     degree = np.bincount(first.nodes.ravel(), minlength=len(pores))
     inner = (np.abs(pores.position[:, :2]) < 0.42).all(axis=1)
     assert degree[inner].min() >= 3

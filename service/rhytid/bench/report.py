@@ -84,7 +84,7 @@ class Report:
         """Figure 5."""
         progress(0.0, "figure 5")
         size = self.study_resolution
-        grown = grow(sphere.mesh, min(_SPHERE_WRINKLES, _default_wrinkles(size)))
+        grown = grow(self.device, sphere.mesh, min(_SPHERE_WRINKLES, _default_wrinkles(size)))
         skin = sphere.skin(self.device, grown, size, response=PORES)
         picture, errors = figure_5(sphere, skin, part(progress, 0.1, 1.0))
         self._save(picture, "figure_5")
@@ -94,7 +94,7 @@ class Report:
     def times(self, progress: Progress) -> None:
         """The table of times."""
         count = wrinkles_at(self.resolution)
-        grown = grow(self.face.mesh, count, part(progress, 0.0, 0.7))
+        grown = grow(self.device, self.face.mesh, count, part(progress, 0.0, 0.7))
         settings = self.face.settings(grown, self.resolution)
         deformed = self.face.frames[self.face.strongest].positions
         assert deformed is not None
@@ -132,7 +132,7 @@ class Report:
             skin.release()
 
     def _grown(self, subject: Subject, resolution: int, progress: Progress) -> Grown:
-        return grow(subject.mesh, _default_wrinkles(resolution), progress)
+        return grow(self.device, subject.mesh, _default_wrinkles(resolution), progress)
 
     def _save(self, picture: Image.Image, name: str) -> None:
         picture.save(self.out / f"{name}.png", optimize=True)

@@ -103,10 +103,10 @@ def measured(
     return Subject(title, mesh, frames, strongest, max(sizes))
 
 
-def grow(mesh: Mesh, wrinkles: int, progress: Progress = silent) -> Grown:
+def grow(device: Device, mesh: Mesh, wrinkles: int, progress: Progress = silent) -> Grown:
     """Synthesise a graph of so many wrinkles."""
     graph = AssetSettings.parse({"graph": {"wrinkles": wrinkles}}).graph
-    made = synthesize(mesh, graph, progress)
+    made = synthesize(mesh, graph, device, progress)
     return Grown(made.graph, made.spacing)
 
 

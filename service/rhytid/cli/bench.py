@@ -14,6 +14,7 @@ from rhytid.errors import FrameError
 
 if TYPE_CHECKING:
     from rhytid.bench.frame import Cost, FrameBench
+    from rhytid.device.runtime import Device
 
 
 def add_command(commands: Commands) -> None:
@@ -68,11 +69,13 @@ def frame_bench(arguments: argparse.Namespace) -> FrameBench:
     if not 0 <= index < len(places):
         raise FrameError(f"--frame {index}: the animation has frames 0 to {len(places) - 1}")
     device = Device(choose(arguments.device or service.device), service.device_memory)
-    graph, settings = _skin(found.mesh, arguments)
+    graph, settings = _skin(device, found.mesh, arguments)
     return FrameBench(device, found.mesh, graph, found.frames.read(places[index]), settings)
 
 
-def _skin(mesh: Mesh, arguments: argparse.Namespace) -> tuple[WrinkleGraph, AssetSettings]:
+def _skin(
+    device: Device, mesh: Mesh, arguments: argparse.Namespace
+) -> tuple[WrinkleGraph, AssetSettings]:
     """The wrinkles of the arguments, given or synthesised, and the settings to draw them with."""
     from rhytid.cli.input_files import graph_file
     from rhytid.synthesis.generate import synthesize
@@ -85,7 +88,7 @@ def _skin(mesh: Mesh, arguments: argparse.Namespace) -> tuple[WrinkleGraph, Asse
     if arguments.graph is not None:
         return graph_file(arguments.graph), settings
     with share_bar("synthesis") as show:
-        made = synthesize(mesh, settings.graph, show)
+        made = synthesize(mesh, settings.graph, device, show)
     return made.graph, settings.resolved(made.spacing)
 
 

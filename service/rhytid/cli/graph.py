@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,6 +12,9 @@ from rhytid.cli.options import Commands, new_command, readable
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
+
+if TYPE_CHECKING:
+    from rhytid.device.runtime import Device
 
 
 def add_command(commands: Commands) -> None:
@@ -34,11 +38,12 @@ def run(arguments: argparse.Namespace) -> None:
 
     check_outputs(arguments)
     mesh = mesh_file(arguments.mesh).mesh
-    graph = _placed(arguments, mesh, graph_file(arguments.graph))
-    write_outputs(arguments, mesh, graph, {"file": str(arguments.graph)})
+    device = open_device(arguments)
+    graph = _placed(device, mesh, graph_file(arguments.graph))
+    write_outputs(arguments, device, mesh, graph, {"file": str(arguments.graph)})
 
 
-def _placed(arguments: argparse.Namespace, mesh: Mesh, graph: WrinkleGraph) -> WrinkleGraph:
+def _placed(device: Device, mesh: Mesh, graph: WrinkleGraph) -> WrinkleGraph:
     """The graph with the triangle of every pore; on a device, where the file leaves some open."""
     from rhytid.domain.curves import with_triangles
     from rhytid.engine.building import check_triangles
@@ -49,7 +54,6 @@ def _placed(arguments: argparse.Namespace, mesh: Mesh, graph: WrinkleGraph) -> W
     if known is not None and (known >= 0).all():
         return graph
     settings = AssetSettings()
-    device = open_device(arguments)
     with device.task():
         found = locate_points(device, mesh, graph.node_uv, settings.resolution, settings.padding)
     triangle = found if known is None else np.where(known >= 0, known, found)

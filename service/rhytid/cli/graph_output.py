@@ -6,7 +6,7 @@ import argparse
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rhytid.cli.demo import UNITS
 from rhytid.cli.options import add_json
@@ -14,6 +14,9 @@ from rhytid.cli.reporting import report, table
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import InputError
+
+if TYPE_CHECKING:
+    from rhytid.device.runtime import Device
 
 PNG = ".png"
 
@@ -41,19 +44,23 @@ def check_outputs(arguments: argparse.Namespace) -> None:
 
 
 def write_outputs(
-    arguments: argparse.Namespace, mesh: Mesh, graph: WrinkleGraph, facts: dict[str, Any]
+    arguments: argparse.Namespace,
+    device: Device,
+    mesh: Mesh,
+    graph: WrinkleGraph,
+    facts: dict[str, Any],
 ) -> None:
     """Write what was asked for, and tell `facts` and the statistics of the graph."""
     from rhytid.domain.curves import graph_curves
     from rhytid.formats.curves import curve_file
     from rhytid.synthesis.statistics import statistics
 
-    figures = {**facts, **statistics(mesh, graph)}
+    figures = {**facts, **statistics(mesh, graph, device)}
     if arguments.curves is not None:
         write = curve_file(arguments.curves.name).write
         whole_file(arguments.curves, write(graph_curves(mesh, graph), arguments.unit))
     if arguments.preview is not None:
-        _preview(arguments, mesh, graph)
+        _preview(arguments, device, mesh, graph)
     report(figures, table(("figure", "value"), _rows(figures)), arguments.json)
 
 
@@ -84,7 +91,7 @@ def clocked(show: Callable[[float, str], None]) -> tuple[Callable[[float, str], 
     return clock, seconds
 
 
-def open_device(arguments: argparse.Namespace) -> Any:
+def open_device(arguments: argparse.Namespace) -> Device:
     """The device of the arguments, or of the environment."""
     from rhytid.device.runtime import Device
     from rhytid.device.select import choose
@@ -94,12 +101,14 @@ def open_device(arguments: argparse.Namespace) -> Any:
     return Device(choose(arguments.device or service.device), service.device_memory)
 
 
-def _preview(arguments: argparse.Namespace, mesh: Mesh, graph: WrinkleGraph) -> None:
+def _preview(
+    arguments: argparse.Namespace, device: Device, mesh: Mesh, graph: WrinkleGraph
+) -> None:
     from rhytid.cli.preview import write_preview
 
     arguments.preview.parent.mkdir(parents=True, exist_ok=True)
     unit_mm = UNITS[arguments.unit]
-    write_preview(open_device(arguments), mesh, graph, unit_mm, arguments.preview)
+    write_preview(device, mesh, graph, unit_mm, arguments.preview)
 
 
 def _rows(figures: dict[str, Any]) -> list[tuple[str, str]]:

@@ -5,7 +5,14 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from rhytid.cli.graph_output import add_outputs, check_outputs, clocked, whole_file, write_outputs
+from rhytid.cli.graph_output import (
+    add_outputs,
+    check_outputs,
+    clocked,
+    open_device,
+    whole_file,
+    write_outputs,
+)
 from rhytid.cli.options import Commands, add_wrinkles, new_command, readable
 from rhytid.cli.reporting import share_bar
 from rhytid.domain.asset_settings import AssetSettings, GraphSettings
@@ -32,7 +39,7 @@ def add_command(commands: Commands) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Read, synthesise, write, and tell figures of what came out."""
-    # Imported here, so that --help does not wait for scipy.
+    # Imported here, so that --help needs no OpenCL.
     from rhytid.cli.input_files import mesh_file
     from rhytid.formats.graphs import write_graph
     from rhytid.synthesis.generate import synthesize
@@ -40,12 +47,13 @@ def run(arguments: argparse.Namespace) -> None:
     settings = graph_settings(arguments.wrinkles, arguments.seed)
     check_outputs(arguments)
     mesh = mesh_file(arguments.mesh).mesh
+    device = open_device(arguments)
     out: Path = arguments.out
     with share_bar("synthesis") as show:
         clock, seconds = clocked(show)
-        graph = synthesize(mesh, settings, clock).graph
+        graph = synthesize(mesh, settings, device, clock).graph
     whole_file(out, [write_graph(graph)])
-    write_outputs(arguments, mesh, graph, {"file": str(out), "seconds": seconds})
+    write_outputs(arguments, device, mesh, graph, {"file": str(out), "seconds": seconds})
 
 
 def graph_settings(wrinkles: int | None, seed: int | None) -> GraphSettings:

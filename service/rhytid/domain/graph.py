@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -15,6 +16,8 @@ from rhytid.errors import GraphError
 # The least length of a wrinkle, half width and radius, uv units: a 60,000th of the finest texel.
 # Below, squares underflow on the device.
 LEAST_SIZE = 1e-9
+# Rows checked at a time: what is computed on the way is in double.
+_ROWS = 1 << 20
 _F32 = np.float32
 _SHAPES: dict[str, tuple[tuple[int | None, ...], Any]] = {
     "node_uv": ((None, 2), _F32),
@@ -104,29 +107,38 @@ class WrinkleGraph:
                 raise GraphError(f"{name} has {len(array)} rows, {first} has {wanted}")
 
     def _check_values(self) -> None:
-        _require("node_uv", self.node_uv, np.abs(self.node_uv) <= UV_LIMIT, f"within ±{UV_LIMIT:g}")
+        self._require("node_uv", lambda uv: np.abs(uv) <= UV_LIMIT, f"within ±{UV_LIMIT:g}")
         for name in ("node_weight", "edge_weight"):
-            weight = getattr(self, name)
-            _require(name, weight, (weight >= 0) & (weight <= 1), "from 0 to 1")
+            self._require(name, lambda weight: (weight >= 0) & (weight <= 1), "from 0 to 1")
         for name in ("node_radius", "edge_half_width"):
-            size = getattr(self, name)
-            _require(name, size, (size >= LEAST_SIZE) & (size <= 1), f"from {LEAST_SIZE:g} to 1")
-        if self.node_metric is not None:
-            rule = f"a UV metric, positive definite, radii from {LEAST_SIZE:g} to 1"
-            _require("node_metric", self.node_metric, _is_metric(self.node_metric), rule)
+            rule = f"from {LEAST_SIZE:g} to 1"
+            self._require(name, lambda size: (size >= LEAST_SIZE) & (size <= 1), rule)
+        rule = f"a UV metric, positive definite, radii from {LEAST_SIZE:g} to 1"
+        self._require("node_metric", _is_metric, rule)
         for name in ("node_triangle", "edge_triangle"):
-            index = getattr(self, name)
-            if index is not None:
-                _require(name, index, index >= -1, "-1 or the index of a triangle")
+            self._require(name, lambda index: index >= -1, "-1 or the index of a triangle")
 
     def _check_edges(self) -> None:
-        ends = self.edge_nodes
-        inside = (ends >= 0) & (ends < self.pores)
-        _require("edge_nodes", ends, inside, f"from 0 to {self.pores - 1}")
-        uv = self.node_uv.astype(np.float64)
-        length = np.linalg.norm(uv[ends[:, 0]] - uv[ends[:, 1]], axis=-1)
+        rule = f"from 0 to {self.pores - 1}"
+        self._require("edge_nodes", lambda ends: (ends >= 0) & (ends < self.pores), rule)
         rule = f"two pores at different places, {LEAST_SIZE:g} apart or more"
-        _require("edge_nodes", ends, length >= LEAST_SIZE, rule)
+        self._require("edge_nodes", lambda ends: self._lengths(ends) >= LEAST_SIZE, rule)
+
+    def _lengths(self, ends: NDArray[np.int32]) -> NDArray[np.float64]:
+        """(K,) distances in UV of pairs of nodes (K, 2)."""
+        one, two = (self.node_uv[end].astype(np.float64) for end in ends.T)
+        lengths: NDArray[np.float64] = np.linalg.norm(one - two, axis=-1)
+        return lengths
+
+    def _require(self, name: str, good: Callable[[Any], NDArray[np.bool_]], rule: str) -> None:
+        """Refuse the first row of an array, where there is one, that is not good."""
+        array = getattr(self, name)
+        for start in range(0, 0 if array is None else len(array), _ROWS):
+            rows = array[start : start + _ROWS]
+            bad = first_bad_row(good(rows))
+            if bad is not None:
+                found = f"{name}[{start + bad}] is {rows[bad].tolist()}"
+                raise GraphError(f"{found}: must be {rule}")
 
 
 def _is_metric(metric: NDArray[np.float32]) -> NDArray[np.bool_]:
@@ -138,9 +150,3 @@ def _is_metric(metric: NDArray[np.float32]) -> NDArray[np.bool_]:
     sized = (largest <= (1.0 + 1e-6) / LEAST_SIZE**2) & (smallest >= 1.0 - 1e-6)
     good: NDArray[np.bool_] = (uu > 0) & (vv > 0) & sized
     return good
-
-
-def _require(name: str, array: NDArray[Any], good: NDArray[np.bool_], rule: str) -> None:
-    bad = first_bad_row(good)
-    if bad is not None:
-        raise GraphError(f"{name}[{bad}] is {array[bad].tolist()}: must be {rule}")

@@ -42,7 +42,7 @@ class Builder:
         """Make the asset of a stored request: synthesise, store, upload, make bins."""
         with self._failing(job, asset):
             wanted = self._store.request(asset.id)
-            graph, spacing = _graph(job, wanted.mesh, wanted.settings, wanted.graph)
+            graph, spacing = self._graph(job, wanted.mesh, wanted.settings, wanted.graph)
             with self._placed(job, wanted, graph, wanted.settings) as resident:
                 if spacing is None:
                     spacing = mean_spacing(wanted.mesh, graph, resident.pore_triangle)
@@ -98,13 +98,26 @@ class Builder:
             if done == 0:
                 self.on_device(resident.warm_up_blend, address)
 
-    def on_device(self, task: Callable[..., T], *arguments: Any) -> T:
+    def on_device(self, task: Callable[..., T], *arguments: Any, **named: Any) -> T:
         """Run one task on the device thread, waiting for a place in its queue."""
-        return self._worker.call_patiently(lambda: self._task(task, arguments))
+        return self._worker.call_patiently(lambda: self._task(task, arguments, named))
 
-    def _task(self, task: Callable[..., T], arguments: tuple[Any, ...]) -> T:
+    def _task(self, task: Callable[..., T], arguments: tuple[Any, ...], named: dict[str, Any]) -> T:
         with self._device.task():
-            return task(*arguments)
+            return task(*arguments, **named)
+
+    def _graph(
+        self, job: Job, mesh: Mesh, settings: AssetSettings, given: WrinkleGraph | None
+    ) -> tuple[WrinkleGraph, float | None]:
+        """The graph given, or a new one with its spacing; other work goes between its steps."""
+        if given is not None:
+            return given, None
+
+        def report(share: float, stage: str) -> None:
+            job.progress(_SYNTHESIS * share, stage)
+
+        found = synthesize(mesh, settings.graph, self._device, report, call=self.on_device)
+        return found.graph, found.spacing
 
     @contextmanager
     def _placed(
@@ -173,16 +186,3 @@ def check_triangles(graph: WrinkleGraph, triangles: int) -> None:
         if index is not None and len(index) and index.max() >= triangles:
             row = int(index.argmax())
             raise GraphError(f"{name}[{row}] is {index[row]}: the mesh has {triangles} triangles")
-
-
-def _graph(
-    job: Job, mesh: Mesh, settings: AssetSettings, given: WrinkleGraph | None
-) -> tuple[WrinkleGraph, float | None]:
-    if given is not None:
-        return given, None
-
-    def report(share: float, stage: str) -> None:
-        job.progress(_SYNTHESIS * share, stage)
-
-    found = synthesize(mesh, settings.graph, report)
-    return found.graph, found.spacing

@@ -31,7 +31,7 @@ class Traces:
     length: FloatArray
 
 
-def neighbours(mesh: Mesh) -> IntArray:
+def neighbours(mesh: Mesh) -> NDArray[np.int32]:
     """(F, 3) the triangle across the side from corner i to i + 1, or BORDER.
 
     Two triangles meet where a side has the same two vertices and the same UV at both, however
@@ -48,17 +48,21 @@ def neighbours(mesh: Mesh) -> IntArray:
     one, two = order[pair], order[pair + 1]
     turn = _orientation(mesh.triangle_uv())
     flat = (turn[one // 3] == turn[two // 3]) & (turn[one // 3] != 0)
-    across = np.full(3 * len(mesh.faces), BORDER, np.int64)
+    across = np.full(3 * len(mesh.faces), BORDER, np.int32)
     across[one[flat]] = two[flat] // 3
     across[two[flat]] = one[flat] // 3
     return across.reshape(-1, 3)
 
 
 def trace(
-    surface: Surface, across: IntArray, start: IntArray, origin: FloatArray, step: FloatArray
+    surface: Surface,
+    across: NDArray[np.int32],
+    start: NDArray[np.integer],
+    origin: FloatArray,
+    step: FloatArray,
 ) -> Traces:
     """Follow the segments from UV `origin` (N, 2), inside triangle `start`, by `step` (N, 2)."""
-    end, middle = start.copy(), np.full(len(start), BORDER, np.int64)
+    end, middle = start.astype(np.int64), np.full(len(start), BORDER, np.int64)
     share, length = np.zeros(len(start)), np.zeros(len(start))
     came_from = np.full(len(start), BORDER, np.int64)
     active = np.arange(len(start))
@@ -83,7 +87,11 @@ def trace(
 
 
 def _exit(
-    corners: FloatArray, origin: FloatArray, step: FloatArray, across: IntArray, came_from: IntArray
+    corners: FloatArray,
+    origin: FloatArray,
+    step: FloatArray,
+    across: NDArray[np.int32],
+    came_from: IntArray,
 ) -> tuple[IntArray, FloatArray]:
     """The triangle (N,) that each line enters next, and where along the line."""
     sides = np.roll(corners, -1, axis=1) - corners
@@ -98,7 +106,7 @@ def _exit(
     following = np.take_along_axis(across, side, axis=1)[:, 0]
     # A line that no side lets out slipped through a corner by rounding: it ends there.
     lost = ~np.isfinite(nearest)
-    return np.where(lost, BORDER, following), np.where(lost, 0.0, nearest)
+    return np.where(lost, BORDER, following).astype(np.int64), np.where(lost, 0.0, nearest)
 
 
 def _welded(mesh: Mesh) -> IntArray:

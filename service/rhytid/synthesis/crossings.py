@@ -1,52 +1,80 @@
-"""Which wrinkles cross which."""
+"""Which wrinkles cross which. Kernel: crossings.cl."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from typing import Any
+
 import numpy as np
-from scipy.spatial import cKDTree
+from numpy.typing import NDArray
 
+from rhytid.synthesis.cloud import Cloud
+from rhytid.synthesis.incidence import Incidence
 from rhytid.synthesis.progress import Progress, silent
-from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray, Points
+from rhytid.synthesis.surface import Points
+from rhytid.synthesis.workspace import Workspace
 
-_ROWS = 1 << 20
+_BLOCK = 1 << 19
+# Partners of one edge that there is room for at first.
+_PARTNERS = 8
 
 
 def crossings(
-    pores: Points, nodes: IntArray, length: FloatArray, progress: Progress = silent
-) -> IntArray:
-    """(P, 2) pairs of edges that cross, seen along the normal between them.
+    work: Workspace,
+    pores: Points,
+    nodes: NDArray[np.int32],
+    length: NDArray[np.float32],
+    progress: Progress = silent,
+) -> NDArray[np.int32]:
+    """(P, 2) pairs of edges that cross, seen along the normal between them, each once.
 
-    nodes: (E, 2).  length: (E,).  Edges with a common pore do not cross, nor do those of
-    different sheets.
+    nodes: (E, 2).  length: (E,), the distance of the two.  Edges with a common pore do not cross,
+    nor do those of different sheets.
     """
     if not len(nodes):
-        return np.empty((0, 2), np.int64)
-    middle = pores.position[nodes].mean(axis=1)
-    pairs = cKDTree(middle).query_pairs(length.max(), output_type="ndarray")
-    found = [np.empty((0, 2), np.int64)]
-    for first in range(0, len(pairs), _ROWS):
-        progress(first / len(pairs), "crossings")
-        block = pairs[first : first + _ROWS]
-        found.append(block[_cross(pores, nodes, block)])
-    return np.concatenate(found)
+        return np.empty((0, 2), np.int32)
+    if not (nodes[1:, 0] >= nodes[:-1, 0]).all():  # neighbours at work see the same memory
+        order = np.argsort(nodes[:, 0], kind="stable").astype(np.int32)
+        return order[crossings(work, pores, nodes[order], length[order], progress)]
+    with work.room() as room:
+        return np.concatenate(list(_blocks(room, pores, nodes, length, progress)))
 
 
-def _cross(pores: Points, nodes: IntArray, pairs: IntArray) -> BoolArray:
-    """(P,) true where the two segments of a pair cross."""
-    (a, b), (c, d) = nodes[pairs[:, 0]].T, nodes[pairs[:, 1]].T
-    separate = (a != c) & (a != d) & (b != c) & (b != d)
-    a, b, c, d = a[separate], b[separate], c[separate], d[separate]
-    normal = pores.normal[a] + pores.normal[b]
-    facing = np.einsum("nx,nx->n", normal, pores.normal[c] + pores.normal[d])
-    p, q, r, s = (pores.position[node] for node in (a, b, c, d))
-    parted = _side(q - p, r - p, normal) * _side(q - p, s - p, normal) < 0
-    parting = _side(s - r, p - r, normal) * _side(s - r, q - r, normal) < 0
-    result = np.zeros(len(pairs), bool)
-    result[separate] = parted & parting & (facing > 0)
-    return result
+def _blocks(
+    work: Workspace,
+    pores: Points,
+    nodes: NDArray[np.int32],
+    length: NDArray[np.float32],
+    progress: Progress,
+) -> Iterator[NDArray[np.int32]]:
+    """Pairs, from some edges after others."""
+    typical = max(1.5 * float(length.mean()), 1e-9)
+    cloud = Cloud.of(work, pores, typical)
+    members = work.upload(nodes)
+    lists = Incidence.of(work, members, len(nodes), len(pores))
+    shared = (
+        members, work.upload(length), lists.offsets, lists.pairs, lists.others, *cloud.points,
+        float(cloud.lattice.unit), float(cloud.lattice.unit / typical), *cloud.grid.arguments,
+    )  # fmt: skip
+    for start in range(0, len(nodes), _BLOCK):
+        progress(start / len(nodes), "crossings")
+        yield _found(work, shared, start, min(_BLOCK, len(nodes) - start))
 
 
-def _side(along: FloatArray, to: FloatArray, normal: FloatArray) -> FloatArray:
-    """(N,) on which side of `along` the vector `to` points, seen along the normal."""
-    side: FloatArray = np.einsum("nx,nx->n", np.cross(along, to), normal)
-    return side
+def _found(work: Workspace, shared: tuple[Any, ...], start: int, count: int) -> NDArray[np.int32]:
+    """(P, 2) the crossings that edges start to start + count find."""
+    room = _PARTNERS
+    while True:
+        found, much = work.empty(count * room, np.int32), work.empty(count, np.int32)
+        work.run(
+            "crossings", "find_crossings", count, start, *shared, found, much,
+            defines={"CROSSINGS": room},
+        )  # fmt: skip
+        partners = work.read(found, (count, room), np.int32)
+        partners_of = work.read(much, (count,), np.int32)
+        work.release(found, much)
+        if partners_of.max() <= room:
+            break
+        room = int(partners_of.max())
+    edge, slot = np.nonzero(np.arange(room) < partners_of[:, None])
+    return np.stack([edge.astype(np.int32) + np.int32(start), partners[edge, slot]], axis=-1)

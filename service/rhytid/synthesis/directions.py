@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
+from rhytid.synthesis.fields import Fields
+from rhytid.synthesis.progress import Progress
+from rhytid.synthesis.rows import row_blocks
 from rhytid.synthesis.surface import FloatArray, Points, unit
 
 _WAVES = 24
@@ -15,12 +19,23 @@ _FALLBACK = 0.2
 _BEND = ((0.35, 60.0), (0.35, 12.0))
 
 
-def smooth_noise(position: FloatArray, size: float, rng: np.random.Generator) -> FloatArray:
-    """(N,) values of mean 0 and deviation 1 that change over about `size`: a sum of plane waves."""
-    waves = rng.normal(size=(3, _WAVES)) / size
-    phases = rng.uniform(0.0, 2.0 * np.pi, _WAVES)
-    noise: FloatArray = np.cos(position @ waves + phases).sum(axis=1) * np.sqrt(2.0 / _WAVES)
-    return noise
+class SmoothNoise:
+    """Values of mean 0 and deviation 1 that change over about `size`: a sum of plane waves."""
+
+    def __init__(self, size: float, rng: np.random.Generator) -> None:
+        self._waves = rng.normal(size=(3, _WAVES)) / size
+        self._phases = rng.uniform(0.0, 2.0 * np.pi, _WAVES)
+
+    def at(self, position: FloatArray) -> NDArray[np.float32]:
+        """(N,) values at positions (N, 3)."""
+        found = np.empty(len(position), np.float32)
+        for rows in row_blocks(len(position)):
+            angle = position[rows] @ self._waves + self._phases
+            # Turns are taken off in double; what is left is small enough for single.
+            angle -= 2.0 * np.pi * np.rint(angle / (2.0 * np.pi))
+            found[rows] = np.cos(angle.astype(np.float32)).sum(axis=1)
+        found *= np.float32(np.sqrt(2.0 / _WAVES))
+        return found
 
 
 def level_directions(normal: FloatArray) -> FloatArray:
@@ -30,16 +45,35 @@ def level_directions(normal: FloatArray) -> FloatArray:
     return unit(level)
 
 
-def preferred_directions(
-    points: Points, spacing: float, rng: np.random.Generator
-) -> tuple[FloatArray, FloatArray]:
-    """(N, 3) unit tangents along the main lines, and those a right angle to the left.
+class Directions:
+    """A smooth field of directions, the same for everyone who asks.
 
     A plain stand-in for relaxed skin tension lines: level around the vertical axis (y), as on
     the forehead, the eyelids and the neck, bent by smooth noise at two sizes.
     """
-    along = level_directions(points.normal)
-    left = np.cross(points.normal, along)
-    angle = sum(bend * smooth_noise(points.position, size * spacing, rng) for bend, size in _BEND)
-    cosine, sine = np.cos(angle)[:, None], np.sin(angle)[:, None]
-    return cosine * along + sine * left, cosine * left - sine * along
+
+    def __init__(self, spacing: float, rng: np.random.Generator, fields: Fields) -> None:
+        self._noises = [(bend, SmoothNoise(size * spacing, rng)) for bend, size in _BEND]
+        self._fields = fields
+
+    def frames(
+        self, points: Points, progress: Progress
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """(N, 3) unit tangents along the main lines, and those a right angle to the left."""
+        turn = self._fields.turn(points.triangle, points.uv).astype(np.float32)
+        along, left = (np.empty((len(points), 3), np.float32) for _ in range(2))
+        for rows in row_blocks(len(points)):
+            progress(rows.start / len(points), "directions")
+            angle = turn[rows] + self._bend(points.position[rows])
+            cosine, sine = np.cos(angle)[:, None], np.sin(angle)[:, None]
+            normal = points.normal[rows].astype(np.float64)
+            level = level_directions(normal)
+            beside = np.cross(normal, level)
+            along[rows] = cosine * level + sine * beside
+            left[rows] = cosine * beside - sine * level
+        return along, left
+
+    def _bend(self, position: FloatArray) -> NDArray[np.float32]:
+        bends = [np.float32(bend) * noise.at(position) for bend, noise in self._noises]
+        total: NDArray[np.float32] = np.sum(bends, axis=0, dtype=np.float32)
+        return total

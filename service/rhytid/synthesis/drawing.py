@@ -5,12 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rhytid.synthesis.charts import BORDER
 from rhytid.synthesis.edges import Edges
 from rhytid.synthesis.seams import halves
 from rhytid.synthesis.shapes import WIDE, half_widths_uv
-from rhytid.synthesis.surface import FloatArray, IntArray, Points, Surface
+from rhytid.synthesis.surface import FloatArray, Points, Surface
+
+Indices = NDArray[np.int32]
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,12 +26,12 @@ class Lines:
     owner (S,): the pore on whose side of the seam each node beyond belongs.  beyond (S, 2): its uv.
     """
 
-    edge: IntArray
-    nodes: IntArray
-    step: FloatArray
-    triangle: IntArray
-    owner: IntArray
-    beyond: FloatArray
+    edge: Indices
+    nodes: Indices
+    step: NDArray[np.float32]
+    triangle: Indices
+    owner: Indices
+    beyond: NDArray[np.float32]
 
 
 def lines_of(edges: Edges) -> int:
@@ -36,31 +39,39 @@ def lines_of(edges: Edges) -> int:
     return len(edges) + int(np.count_nonzero(edges.middle == BORDER))
 
 
-def stored(edges: Edges, order: IntArray, count: int) -> tuple[IntArray, IntArray]:
-    """The first `count` lines of the edges in `order`: edge (W,) and side 0 or 1 (W,).
+def stored(edges: Edges, order: Indices, count: int) -> tuple[Indices, NDArray[np.uint8]]:
+    """The first `count` lines of the edges in `order`, in the order of their numbers, which is that
+    of space: edge (W,) and side 0 or 1 (W,).
 
     Where the last is one of two halves the wrinkle ends at the seam: the least wanted of all.
     """
-    copies = 1 + (edges.middle[order] == BORDER)
-    edge = np.repeat(order, copies)[:count]
-    side = np.zeros(copies.sum(), np.int64)
-    side[(np.cumsum(copies) - 1)[copies == 2]] = 1
-    return edge, side[:count]
+    order = order[:count]
+    copies = 1 + (edges.middle[order] == BORDER).astype(np.uint8)
+    ends = np.cumsum(copies, dtype=np.int64)
+    last = int(np.searchsorted(ends, count))
+    copies[last] -= ends[last] - count
+    lines = np.zeros(len(edges), np.uint8)
+    lines[order[: last + 1]] = copies[: last + 1]
+    drawn = np.flatnonzero(lines).astype(np.int32)
+    edge = np.repeat(drawn, lines[drawn])
+    side = np.zeros(len(edge), np.uint8)
+    side[1:] = edge[1:] == edge[:-1]
+    return edge, side
 
 
 def draw(
     surface: Surface,
-    across: IntArray,
+    across: Indices,
     pores: Points,
     edges: Edges,
-    edge: IntArray,
-    side: IntArray,
+    edge: Indices,
+    side: NDArray[np.uint8],
     spacing: float,
 ) -> Lines:
     """Put edge (W,), from its node `side` (W,) on, into the map."""
-    rows = np.arange(len(edge))
     nodes = edges.nodes[edge]
-    nodes = np.stack([nodes[rows, side], nodes[rows, 1 - side]], axis=-1)
+    turned = np.flatnonzero(side)
+    nodes[turned] = nodes[turned, ::-1]
     step = pores.uv[nodes[:, 1]] - pores.uv[nodes[:, 0]]
     triangle = edges.middle[edge]
     split = np.flatnonzero(triangle == BORDER)
@@ -73,7 +84,7 @@ def draw(
 
 
 def _over_the_border(
-    surface: Surface, across: IntArray, pores: Points, nodes: IntArray, spacing: float
+    surface: Surface, across: Indices, pores: Points, nodes: Indices, spacing: float
 ) -> FloatArray:
     """(S, 2) UV steps that hide the round end of the widest line, but go no further."""
     half = halves(surface, across, pores, nodes)

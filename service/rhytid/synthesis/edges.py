@@ -1,38 +1,50 @@
-"""Candidate wrinkles: straight lines in the map from each pore to its nearest on the surface."""
+"""Candidate wrinkles: straight lines in the map from each pore to its nearest on the surface.
+
+Kernels: nearest.cl, edges.cl, trace.cl.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from rhytid.synthesis.charts import BORDER, trace
-from rhytid.synthesis.paths import rank_at
-from rhytid.synthesis.pores import nearest
+from rhytid.device.runtime import Buffer
+from rhytid.synthesis.charts import BORDER, LONGEST
+from rhytid.synthesis.cloud import Cloud
+from rhytid.synthesis.darts import map_corners, spacings
+from rhytid.synthesis.fields import Fields
+from rhytid.synthesis.incidence import starts_of
+from rhytid.synthesis.progress import Progress, part
 from rhytid.synthesis.seams import meets_at_seam
-from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray, Points, Surface, unit
+from rhytid.synthesis.surface import BoolArray, IntArray, Points, Surface
+from rhytid.synthesis.workspace import Workspace
 
 # Longest wrinkle, in disc radii: between maximal discs no polygon needs a longer side.
 REACH = 2.2
 # Of two wrinkles that leave a pore at a smaller angle the longer is no candidate: it would run
 # beside the shorter as a double line.
-LEAST_ANGLE = np.radians(35.0)
+LEAST_ANGLE = float(np.radians(35.0))
+# Ways out of a pore; ten such angles fill a circle.
+WAYS = 12
+DEFINES = {"WAYS": WAYS}
 # Surface length of a straight line in the map over the distance of its pores.
 DETOUR = 1.4
-_ROWS = 1 << 14
+_ROWS = 1 << 18
 
 
 @dataclass(frozen=True, eq=False)
 class Edges:
-    """Candidate wrinkles, shortest first.
+    """Candidate wrinkles, in the order of their first pore, then of their second.
 
-    nodes (E, 2): the pores joined.  length (E,): their distance.
-    middle (E,): the triangle of the midpoint, BORDER for a wrinkle across a UV seam.
+    nodes (E, 2) int32: the pores joined, the lower number first.  length (E,) float32: their
+    distance.  middle (E,) int32: the triangle of the midpoint, BORDER for a wrinkle across a seam.
     """
 
-    nodes: IntArray
-    length: FloatArray
-    middle: IntArray
+    nodes: NDArray[np.int32]
+    length: NDArray[np.float32]
+    middle: NDArray[np.int32]
 
     def __len__(self) -> int:
         return len(self.nodes)
@@ -43,57 +55,99 @@ class Edges:
 
 
 def candidates(
-    surface: Surface, across: IntArray, pores: Points, radius: float, count: int
+    work: Workspace,
+    surface: Surface,
+    across: NDArray[np.int32],
+    pores: Points,
+    radius: float,
+    count: int,
+    progress: Progress,
+    fields: Fields | None = None,
 ) -> Edges:
     """Edges from each pore to its `count` nearest, those that can be drawn on the map.
 
     across: (F, 3) neighbours of the triangles.  radius: of the discs around the pores.
     """
-    nodes = _pairs(nearest(pores, REACH * radius, count))
-    length = np.linalg.norm(pores.position[nodes[:, 0]] - pores.position[nodes[:, 1]], axis=-1)
-    order = np.argsort(length, kind="stable")
-    order = order[~_beside_shorter(pores, nodes[order])]
-    nodes, length = nodes[order], length[order]
-    middle = _middles(surface, across, pores, nodes, length)
+    fields = fields or Fields()
+    with work.room() as room:
+        factor = spacings(fields, pores.triangle, pores.uv)
+        cloud = Cloud.of(room, pores, REACH * radius * float(factor.max(initial=0.0)))
+        found = room.upload(factor)
+        ways = _ways(room, cloud, found, radius, count, part(progress, 0.0, 0.6))
+        nodes, length = _pairs(room, cloud, ways)
+        room.release(ways, found, *cloud.points, cloud.grid.head, cloud.grid.next)
+        tracing = part(progress, 0.7, 0.95)
+        middle = _middles(room, surface, across, pores, nodes, length, tracing)
+    progress(0.95, "edges")
     drawable = middle != BORDER
     rest = np.flatnonzero(~drawable)
-    drawable[rest] = meets_at_seam(surface, across, pores, nodes[rest], length[rest])
+    for start in range(0, len(rest), _ROWS):
+        rows = rest[start : start + _ROWS]
+        drawable[rows] = meets_at_seam(surface, across, pores, nodes[rows], length[rows])
+        progress(0.95 + 0.05 * start / len(rest), "edges")
     return Edges(nodes, length, middle).take(drawable)
 
 
-def _pairs(near: IntArray) -> IntArray:
-    """(E, 2) each pair of neighbours once."""
-    count = len(near)
-    own, slot = np.nonzero(near < count)
-    other = near[own, slot]
-    code = np.unique(np.minimum(own, other) * count + np.maximum(own, other))
-    return np.stack(np.divmod(code, count), axis=-1)
+def _ways(
+    work: Workspace, cloud: Cloud, factor: Buffer, radius: float, count: int, progress: Progress
+) -> Buffer:
+    """(N, WAYS) int32 on the device: neighbours of each pore that hide behind no nearer one."""
+    shared = (
+        *cloud.points, factor, *cloud.grid.arguments, float(cloud.lattice.unit / radius),
+        float(REACH),
+    )  # fmt: skip
+    far2, far = work.empty(cloud.count, np.float32), work.empty(cloud.count, np.int32)
+    work.run(
+        "nearest", "farthest_wanted", cloud.count, count, *shared, far2, far, defines=DEFINES,
+        report=lambda share: progress(0.5 * share, "edges"),
+    )  # fmt: skip
+    ways = work.empty(WAYS * cloud.count, np.int32)
+    work.run(
+        "nearest", "find_ways", cloud.count, *shared, float(np.cos(LEAST_ANGLE) ** 2), far2, far,
+        ways, defines=DEFINES, report=lambda share: progress(0.5 + 0.5 * share, "edges"),
+    )  # fmt: skip
+    work.release(far2, far)
+    return ways
 
 
-def _beside_shorter(pores: Points, nodes: IntArray) -> BoolArray:
-    """(E,) true for an edge, of edges shortest first, that leaves a pore beside a shorter one."""
-    source, target = nodes.ravel(), nodes[:, ::-1].ravel()
-    slot = rank_at(source, len(pores))
-    sight = np.zeros((len(pores), int(slot.max(initial=0)) + 1, 3))
-    sight[source, slot] = unit(pores.position[target] - pores.position[source])
-    hidden = np.zeros(sight.shape[:2], bool)
-    shorter = np.tri(sight.shape[1], k=-1, dtype=bool)
-    for first in range(0, len(pores), _ROWS):
-        rows = slice(first, first + _ROWS)
-        cosine = sight[rows] @ sight[rows].transpose(0, 2, 1)
-        hidden[rows] = ((cosine > np.cos(LEAST_ANGLE)) & shorter).any(axis=2)
-    beside: BoolArray = np.any(hidden[source, slot].reshape(-1, 2), axis=1)
-    return beside
+def _pairs(
+    work: Workspace, cloud: Cloud, ways: Buffer
+) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+    """(E, 2) pairs that are ways of each other, and (E,) their distance."""
+    counts = work.empty(cloud.count, np.int32)
+    work.run("edges", "count_edges", cloud.count, ways, counts, defines=DEFINES)
+    starts = starts_of(work.read(counts, (cloud.count,), np.int32))
+    edges, offsets = int(starts[-1]), work.upload(starts)
+    nodes, length = work.empty(2 * edges, np.int32), work.empty(edges, np.float32)
+    work.run(
+        "edges", "list_edges", cloud.count, ways, offsets, cloud.place,
+        float(cloud.lattice.unit), nodes, length, defines=DEFINES,
+    )  # fmt: skip
+    found = work.read(nodes, (edges, 2), np.int32), work.read(length, (edges,), np.float32)
+    work.release(counts, offsets, nodes, length)
+    return found
 
 
 def _middles(
-    surface: Surface, across: IntArray, pores: Points, nodes: IntArray, length: FloatArray
-) -> IntArray:
+    work: Workspace,
+    surface: Surface,
+    across: NDArray[np.int32],
+    pores: Points,
+    nodes: NDArray[np.int32],
+    length: NDArray[np.float32],
+    progress: Progress,
+) -> NDArray[np.int32]:
     """(E,) the middle triangle of each straight line in the map, BORDER where there is none."""
-    one, two = nodes.T
-    step = pores.uv[two] - pores.uv[one]
-    line = trace(surface, across, pores.triangle[one], pores.uv[one], step)
-    whole = (line.share == 1.0) & (line.end == pores.triangle[two]) & step.any(axis=1)
-    whole &= (line.length <= DETOUR * length) & (line.middle != BORDER)
-    whole &= surface.carries[line.middle]
-    return np.where(whole, line.middle, BORDER)
+    jacobian = surface.jacobian.transpose(0, 2, 1)
+    arrays = (
+        nodes, length, pores.uv.astype(np.float32), pores.triangle.astype(np.int32),
+        map_corners(surface.uv), across.astype(np.int32), jacobian.astype(np.float32),
+        surface.carries.astype(np.uint8),
+    )  # fmt: skip
+    middle = work.empty(len(nodes), np.int32)
+    work.run(
+        "trace", "trace_edges", len(nodes), *(work.upload(a) for a in arrays), LONGEST, DETOUR,
+        middle, report=lambda share: progress(share, "edges"),
+    )  # fmt: skip
+    found: NDArray[np.int32] = work.read(middle, (len(nodes),), np.int32)
+    return found

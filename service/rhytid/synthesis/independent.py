@@ -1,28 +1,32 @@
-"""Greedy independent sets: first come, first kept, all at once."""
+"""Greedy independent sets: first come, first kept, all at once. Kernel: independent.cl."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-WAITING, KEPT, DROPPED = 0, 1, 2
+from rhytid.device.runtime import Buffer
+from rhytid.synthesis.incidence import Incidence
+from rhytid.synthesis.rounds import KEPT, until_decided
+from rhytid.synthesis.workspace import Workspace
 
 
-def independent_set(count: int, pairs: NDArray[np.integer]) -> NDArray[np.bool_]:
-    """(count,) true for the items that a greedy pass in index order keeps.
+def independent_set(
+    work: Workspace, key: NDArray[np.float32], pairs: NDArray[np.int32]
+) -> NDArray[np.bool_]:
+    """(count,) true for the things that a greedy pass in the order of (key, number) keeps.
 
-    pairs: (P, 2) conflicts, in any order. The answer is that of the sequential loop "keep an item
-    unless an earlier kept one conflicts with it", found in O(log count) vectorised rounds: an item
-    is decided as soon as no earlier neighbour is waiting.
+    key: (count,).  pairs: (P, 2) conflicts, in any order. The answer is that of the sequential loop
+    "keep a thing unless an earlier kept one conflicts with it".
     """
-    state = np.full(count, WAITING, np.uint8)
-    first, second = pairs.min(axis=1), pairs.max(axis=1)
-    while len(first):
-        blocked = np.zeros(count, bool)
-        blocked[second] = True
-        state[(state == WAITING) & ~blocked] = KEPT
-        state[second[state[first] == KEPT]] = DROPPED
-        open_pairs = (state[first] == WAITING) & (state[second] == WAITING)
-        first, second = first[open_pairs], second[open_pairs]
-    kept: NDArray[np.bool_] = state != DROPPED
+    with work.room() as room:
+        lists = Incidence.of(room, room.upload(pairs), len(pairs), len(key))
+        state = chosen(room, room.upload(key), len(key), lists)
+        kept: NDArray[np.bool_] = room.read(state, (len(key),), np.uint8) == KEPT
     return kept
+
+
+def chosen(work: Workspace, key: Buffer, count: int, conflicts: Incidence) -> Buffer:
+    """(count,) uint8 on the device: KEPT or DROPPED."""
+    arguments = (key, conflicts.offsets, conflicts.others)
+    return until_decided(work, "independent", "decide", count, arguments, count)

@@ -1,63 +1,62 @@
-"""The candidate wrinkles as walkers see them: the ways out of each pore."""
+"""The candidate wrinkles as walkers see them: the ways out of each pore. Kernel: trails.cl."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.synthesis.surface import FloatArray, IntArray, Points
-
-Table = NDArray[np.float32]
+from rhytid.device.runtime import Buffer
+from rhytid.synthesis.edges import DEFINES, Edges
+from rhytid.synthesis.incidence import Incidence
+from rhytid.synthesis.lattice import Lattice
+from rhytid.synthesis.surface import Points
+from rhytid.synthesis.workspace import Workspace
 
 
 @dataclass(frozen=True, eq=False)
 class Paths:
-    """For each pore (N) its ways out (D slots; where there are fewer, the edge is E).
+    """Ways out of N pores along E edges, on the device.
 
-    edge (N, D): index of the edge.  to (N, D): the pore at its end.
-    back (N, D): the slot of the same edge at that pore.
-    cosine, sine (N, D): the angle of the way out against the preferred direction of the pore.
+    ways: lists of edges by pore.  direction (2E, 2) int16: cosine and sine of each way out against
+    the preferred direction of the pore, times 32767.  length (E,) float32.
+    anisotropy (N,) float32: how far walkers keep to those directions.  place (N, 3) int32: of the
+    pores, in steps of `unit`.
     """
 
-    edge: IntArray
-    to: IntArray
-    back: IntArray
-    cosine: Table
-    sine: Table
+    pores: int
+    edges: int
+    ways: Incidence
+    direction: Buffer
+    length: Buffer
+    mean_length: float
+    anisotropy: Buffer
+    place: Buffer
+    unit: float
 
     @classmethod
-    def of(cls, pores: Points, nodes: IntArray, along: FloatArray, left: FloatArray) -> Paths:
-        """Lay out edges `nodes` (E, 2); `along`, `left` (N, 3) is the frame of each pore."""
-        edges = len(nodes)
-        source, target = nodes.T.ravel(), nodes[:, ::-1].T.ravel()
-        slot = rank_at(source, len(pores))
-        way = pores.position[target] - pores.position[source]
-        x = np.einsum("hx,hx->h", way, along[source])
-        y = np.einsum("hx,hx->h", way, left[source])
-        norm = np.hypot(x, y)
-        shape = (len(pores), int(slot.max(initial=0)) + 1)
-
-        def table(values: NDArray[np.generic], blank: int, kind: type[np.generic]) -> NDArray[Any]:
-            filled = np.full(shape, blank, kind)
-            filled[source, slot] = values
-            return filled
-
+    def of(
+        cls,
+        work: Workspace,
+        pores: Points,
+        edges: Edges,
+        along: NDArray[np.float32],
+        left: NDArray[np.float32],
+        anisotropy: NDArray[np.float32],
+    ) -> Paths:
+        """Lay out the edges; `along`, `left` (N, 3) is the frame of each pore."""
+        ways = Incidence.of(work, work.upload(edges.nodes), len(edges), len(pores))
+        lattice = Lattice.around(pores.position)
+        place = work.upload(lattice.places(pores.position))
+        frame = work.upload(along), work.upload(left)
+        direction = work.empty(2 * ways.entries, np.int16)
+        work.run(
+            "trails", "lay_directions", len(pores), ways.offsets, ways.others, place, *frame,
+            direction, defines=DEFINES,
+        )  # fmt: skip
+        work.release(*frame)
         return cls(
-            edge=table(np.tile(np.arange(edges), 2), edges, np.int64),
-            to=table(target, 0, np.int64),
-            back=table(np.roll(slot, edges), 0, np.int64),
-            cosine=table(x / norm, 1, np.float32),
-            sine=table(y / norm, 0, np.float32),
-        )
-
-
-def rank_at(source: IntArray, count: int) -> IntArray:
-    """(H,) how many earlier entries of `source` (H,) name the same of `count` pores."""
-    order = np.argsort(source, kind="stable")
-    degree = np.bincount(source, minlength=count)
-    rank = np.empty(len(source), np.int64)
-    rank[order] = np.arange(len(source)) - np.repeat(np.cumsum(degree) - degree, degree)
-    return rank
+            len(pores), len(edges), ways, direction, work.upload(edges.length),
+            float(edges.length.mean()), work.upload(anisotropy), place, lattice.unit,
+        )  # fmt: skip

@@ -18,3 +18,15 @@ def part(progress: Progress, low: float, high: float) -> Progress:
         progress(low + (high - low) * fraction, stage)
 
     return report
+
+
+def rising(progress: Progress) -> Progress:
+    """Passes reports on, none below the one before."""
+    reached = 0.0
+
+    def report(fraction: float, stage: str) -> None:
+        nonlocal reached
+        reached = max(fraction, reached)
+        progress(reached, stage)
+
+    return report

@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rhytid.synthesis.charts import trace
-from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray, Points, Surface
+from rhytid.synthesis.surface import BoolArray, FloatArray, Points, Surface
 
+Triangles = NDArray[np.int32]
 # The two halves of a wrinkle meet within this share of its length.
 GAP = 0.25
 
@@ -27,10 +29,12 @@ class Halves:
     exit: FloatArray
 
 
-def halves(surface: Surface, across: IntArray, pores: Points, nodes: IntArray) -> Halves:
+def halves(
+    surface: Surface, across: Triangles, pores: Points, nodes: NDArray[np.integer]
+) -> Halves:
     """Head from pores nodes[:, 0] for nodes[:, 1] in the tangent plane, up to the border."""
     one, two = nodes.T
-    triangle, origin = pores.triangle[one], pores.uv[one]
+    triangle, origin = pores.triangle[one], pores.uv[one].astype(np.float64)
     ahead = pores.position[two] - pores.position[one]
     step = np.einsum("ncx,nx->nc", np.linalg.pinv(surface.jacobian[triangle]), ahead)
     line = trace(surface, across, triangle, origin, step)
@@ -39,7 +43,11 @@ def halves(surface: Surface, across: IntArray, pores: Points, nodes: IntArray) -
 
 
 def meets_at_seam(
-    surface: Surface, across: IntArray, pores: Points, nodes: IntArray, length: FloatArray
+    surface: Surface,
+    across: Triangles,
+    pores: Points,
+    nodes: NDArray[np.integer],
+    length: NDArray[np.floating],
 ) -> BoolArray:
     """(N,) true where both halves leave their charts at the same place of the surface."""
     there = halves(surface, across, pores, nodes)
@@ -49,7 +57,7 @@ def meets_at_seam(
     return meets & _long_enough(pores, nodes[:, 0], there) & _long_enough(pores, nodes[:, 1], back)
 
 
-def _long_enough(pores: Points, owner: IntArray, half: Halves) -> BoolArray:
+def _long_enough(pores: Points, owner: NDArray[np.integer], half: Halves) -> BoolArray:
     """(N,) true where float32 tells the border from the pore."""
     origin = pores.uv[owner]
     end = origin + half.share[:, None] * half.step

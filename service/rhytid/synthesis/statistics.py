@@ -6,21 +6,25 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from rhytid.device.runtime import Device
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.seams import whole_wrinkles
 from rhytid.errors import GraphError
 from rhytid.synthesis.crossings import crossings
 from rhytid.synthesis.directions import level_directions
-from rhytid.synthesis.pores import mean_spacing
+from rhytid.synthesis.rows import row_blocks
+from rhytid.synthesis.spacing import mean_spacing
 from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray, Points, Surface
+from rhytid.synthesis.workspace import Workspace
 
 STRENGTHS = 10  # tenths from 0 to 1
 ANGLES = 9  # of ten degrees, from 0 to 90
 
 
-def statistics(mesh: Mesh, graph: WrinkleGraph) -> dict[str, Any]:
+def statistics(mesh: Mesh, graph: WrinkleGraph, device: Device) -> dict[str, Any]:
     """Plain values for JSON.
 
     pores, wrinkles: as many as the graph holds.  drawn_pores, drawn_wrinkles: those of them that
@@ -39,7 +43,9 @@ def statistics(mesh: Mesh, graph: WrinkleGraph) -> dict[str, Any]:
     """
     surface = Surface.of(mesh)
     net = _net(mesh, surface, graph)
-    mean, deviation = mean_spacing(net.points.take(net.pores), np.inf)
+    with Workspace(device) as work:
+        mean, deviation = mean_spacing(work, net.points.take(net.pores))
+        crossing = len(crossings(work, net.points, net.nodes, net.length.astype(np.float32)))
     count = max(len(net.weight), 1)
     return {
         "pores": graph.pores,
@@ -50,7 +56,7 @@ def statistics(mesh: Mesh, graph: WrinkleGraph) -> dict[str, Any]:
         "spacing": {"mean": mean * surface.scale, "deviation": deviation * surface.scale},
         "length": _moments(net.length * surface.scale),
         "degree": _degrees(net),
-        "crossings": len(crossings(net.points, net.nodes, net.length)) / count,
+        "crossings": crossing / count,
         "strengths": np.histogram(net.weight, STRENGTHS, (0.0, 1.0))[0].tolist(),
         **_angles(net),
     }
@@ -64,7 +70,7 @@ class _Net:
 
     points: Points
     pores: BoolArray
-    nodes: IntArray
+    nodes: NDArray[np.int32]
     step: FloatArray
     length: FloatArray
     weight: FloatArray
@@ -79,7 +85,7 @@ def _net(mesh: Mesh, surface: Surface, graph: WrinkleGraph) -> _Net:
     placed = graph.node_triangle >= 0
     shown = (graph.edge_weight[rows] > 0) & placed[nodes].all(axis=1)
     nodes, weight = (
-        (np.cumsum(placed) - 1)[nodes[shown]],
+        (np.cumsum(placed, dtype=np.int32) - np.int32(1))[nodes[shown]],
         graph.edge_weight[rows[shown]].astype(np.float64),
     )
     points = _points(surface, graph, np.flatnonzero(placed))
@@ -111,13 +117,16 @@ def _degrees(net: _Net) -> dict[str, Any]:
 
 def _angles(net: _Net) -> dict[str, Any]:
     """In the tangent plane of the first node, mirrored into 0 to 90 degrees."""
-    normal = net.points.normal[net.nodes[:, 0]]
-    level = level_directions(normal)
-    along = np.abs(np.einsum("nx,nx->n", net.step, level))
-    across = np.abs(np.einsum("nx,nx->n", net.step, np.cross(normal, level)))
-    angle = np.degrees(np.arctan2(across, along))
-    bins = np.minimum((angle * (ANGLES / 90.0)).astype(np.int64), ANGLES - 1)
-    count = np.bincount(bins, minlength=ANGLES)
-    total = np.bincount(bins, weights=net.weight, minlength=ANGLES)
-    means = [round(float(t / max(c, 1)), 6) for t, c in zip(total, count, strict=True)]
+    count, total = np.zeros(ANGLES, np.int64), np.zeros(ANGLES)
+    for rows in row_blocks(len(net.nodes)):
+        step = net.step[rows]
+        normal = net.points.normal[net.nodes[rows, 0]].astype(np.float64)
+        level = level_directions(normal)
+        along = np.abs(np.einsum("nx,nx->n", step, level))
+        across = np.abs(np.einsum("nx,nx->n", step, np.cross(normal, level)))
+        angle = np.degrees(np.arctan2(across, along))
+        bins = np.minimum((angle * (ANGLES / 90.0)).astype(np.int64), ANGLES - 1)
+        count += np.bincount(bins, minlength=ANGLES)
+        total += np.bincount(bins, weights=net.weight[rows], minlength=ANGLES)
+    means = np.round(total / np.maximum(count, 1), 6).tolist()
     return {"angles": count.tolist(), "angle_strengths": means}

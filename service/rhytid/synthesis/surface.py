@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,18 +16,22 @@ from rhytid.synthesis.overlaps import covered
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
+AnyFloats = TypeVar("AnyFloats", bound=NDArray[Any])
 
 UDIM_COLUMNS = 10.0
 
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """Points on a surface: triangle (N,), uv (N, 2), position (N, 3), unit normal (N, 3)."""
+    """Points on a surface: triangle (N,), uv (N, 2), position (N, 3), unit normal (N, 3).
 
-    triangle: IntArray
-    uv: FloatArray
+    Pores have int32, float32, float64 and float32.
+    """
+
+    triangle: NDArray[np.integer]
+    uv: NDArray[np.floating]
     position: FloatArray
-    normal: FloatArray
+    normal: NDArray[np.floating]
 
     def __len__(self) -> int:
         return len(self.triangle)
@@ -35,15 +40,6 @@ class Points:
         """The points of an index or a mask, in its order."""
         return Points(
             self.triangle[index], self.uv[index], self.position[index], self.normal[index]
-        )
-
-    def followed_by(self, other: Points) -> Points:
-        """These points, then those of `other`."""
-        return Points(
-            np.concatenate([self.triangle, other.triangle]),
-            np.concatenate([self.uv, other.uv]),
-            np.concatenate([self.position, other.position]),
-            np.concatenate([self.normal, other.normal]),
         )
 
 
@@ -57,7 +53,7 @@ class Surface:
     narrowest (F,): the smaller singular value of J, surface length per UV length.
     carries (F,): the triangles that may hold pores.  stretched: how many hold none because their
     UV is stretched beyond reason.  scale: mesh units per unit of this surface.
-    cumulative (F,): running sum of the area that carries pores.
+    area (F,): of the triangles that carry pores; 0 of others.
     """
 
     corners: FloatArray
@@ -69,7 +65,7 @@ class Surface:
     carries: BoolArray
     stretched: int
     scale: float
-    cumulative: FloatArray
+    area: FloatArray
 
     @classmethod
     def of(cls, mesh: Mesh) -> Surface:
@@ -96,44 +92,26 @@ class Surface:
             carries=carries,
             stretched=int(np.count_nonzero(inside & ~carries)),
             scale=scale,
-            cumulative=np.cumsum(np.where(carries, area, 0.0)),
+            area=np.where(carries, area, 0.0) / scale**2,
         )
 
-    def sample(self, count: int, rng: np.random.Generator) -> Points:
-        """At most `count` points, uniform by area in space; none outside the UDIMs."""
-        random = rng.random((count, 3))
-        targets = random[:, 0] * self.cumulative[-1]
-        triangle = np.searchsorted(self.cumulative, targets, side="right")
-        root = np.sqrt(random[:, 1])
-        weights = np.stack([1 - root, root * (1 - random[:, 2]), root * random[:, 2]], axis=-1)
-        points = self.at(triangle, weights)
-        return points.take(_inside_udims(points.uv))
-
-    def at(self, triangle: IntArray, weights: FloatArray) -> Points:
-        """Points from barycentric `weights` (N, 3); their uv is what a float32 can hold."""
-        uv, position, normal = (
-            np.einsum("nc,ncx->nx", weights, corner[triangle])
-            for corner in (self.uv, self.corners, self.normals)
-        )
-        stored = uv.astype(np.float32).astype(np.float64)
-        return Points(triangle, stored, position, unit(normal))
-
-    def along(self, triangle: IntArray, direction: FloatArray) -> FloatArray:
+    def along(self, triangle: NDArray[np.integer], direction: NDArray[np.floating]) -> FloatArray:
         """(N, 3) J·d: the surface vectors of UV vectors (N, 2) in their triangles."""
         vectors: FloatArray = np.einsum("nxc,nc->nx", self.jacobian[triangle], direction)
         return vectors
 
-    def place(self, triangle: IntArray, uv: FloatArray) -> FloatArray:
+    def place(self, triangle: NDArray[np.integer], uv: NDArray[np.floating]) -> FloatArray:
         """(N, 3) positions of uv (N, 2) in the planes of their triangles."""
         offset = self.along(triangle, uv - self.uv[triangle, 0])
         positions: FloatArray = self.corners[triangle, 0] + offset
         return positions
 
 
-def unit(vectors: FloatArray) -> FloatArray:
-    """Vectors of length one; a zero vector stays zero."""
+def unit(vectors: AnyFloats) -> AnyFloats:
+    """Vectors of length one, in their own precision; a zero vector stays zero."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    directions: FloatArray = vectors / np.where(length > 0, length, 1.0)
+    length[length == 0] = 1.0
+    directions: AnyFloats = vectors / length
     return directions
 
 
@@ -152,8 +130,3 @@ def _overlaps_udims(uv: FloatArray) -> BoolArray:
     low, high = uv.min(axis=1), uv.max(axis=1)
     overlaps: BoolArray = (high > 0).all(axis=-1) & (low[:, 0] < UDIM_COLUMNS)
     return overlaps
-
-
-def _inside_udims(uv: FloatArray) -> BoolArray:
-    inside: BoolArray = (uv >= 0).all(axis=-1) & (uv[:, 0] < UDIM_COLUMNS)
-    return inside

@@ -1,4 +1,4 @@
-"""Wrinkle strengths: walkers wear trails into the candidate edges.
+"""Wrinkle strengths: walkers wear trails into the candidate edges. Kernel: trails.cl.
 
 After the pedestrian trails of Weiss et al. 2023: walkers prefer edges that are short, go straight
 on, follow a preferred direction, are worn already and do not cross worn ones. A walk deposits on
@@ -8,15 +8,17 @@ its edges; all edges decay.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.device.runtime import Buffer
+from rhytid.synthesis.edges import DEFINES
+from rhytid.synthesis.incidence import Incidence
 from rhytid.synthesis.paths import Paths
-from rhytid.synthesis.progress import Progress
-from rhytid.synthesis.surface import FloatArray, IntArray
-
-Table = NDArray[np.float32]
+from rhytid.synthesis.progress import Progress, part
+from rhytid.synthesis.workspace import Workspace
 
 
 @dataclass(frozen=True)
@@ -24,19 +26,18 @@ class Family:
     """Walkers of one kind.
 
     angle: of their lines against the preferred direction.  walkers: per pore and round.
-    deposit: of one step.  focus: how closely they keep to their direction (a power of |cos|).
+    deposit: of one step, a whole number.
     """
 
     angle: float
     walkers: float
-    deposit: float
-    focus: float
+    deposit: int
 
 
 # The main lines, and the finer ones that cut the skin between them into rhombi.
 FAMILIES = (
-    Family(angle=0.0, walkers=0.35, deposit=1.0, focus=2.5),
-    Family(angle=float(np.radians(72.0)), walkers=0.40, deposit=0.7, focus=2.5),
+    Family(angle=0.0, walkers=0.35, deposit=10),
+    Family(angle=float(np.radians(72.0)), walkers=0.40, deposit=7),
 )
 ROUNDS = 14
 STEPS = 14
@@ -47,87 +48,96 @@ KEEP = 0.82
 UNWORN, DRAW, WORN = 0.25, 1.2, 8.0
 # How much a worn trail keeps walkers from crossing it.
 SHY = 1.5
-# Power by which short edges are preferred.
-SHORT = 1.5
 # Appeal of an edge at right angles to the direction that walkers like.
 ASKEW = 0.02
+# Edges whose deposits one work-item adds up.
+_STRETCH = 4096
 
 
 def wear(
-    paths: Paths,
-    length: FloatArray,
-    crossings: IntArray,
-    rng: np.random.Generator,
-    progress: Progress,
-) -> FloatArray:
+    work: Workspace, paths: Paths, crossings: NDArray[np.int32], seed: int, progress: Progress
+) -> NDArray[np.float32]:
     """(E,) strength of each edge, never 0; the mean is near 1.
 
-    length: (E,).  crossings: (P, 2) pairs of edges that cross.
+    crossings: (P, 2) pairs of edges that cross.
     """
-    likings = [_liking(paths, length, family) for family in FAMILIES]
-    strength = np.zeros(len(length))
-    for done in range(ROUNDS):
-        progress(done / ROUNDS, "trails")
-        pull = _pull(strength, crossings)
-        deposit = np.zeros(len(length))
-        for family, liking in zip(FAMILIES, likings, strict=True):
-            deposit += family.deposit * _walk(paths, family, liking, pull, rng)
-        strength = KEEP * strength + (1 - KEEP) * deposit / max(deposit.mean(), 1e-9)
+    with work.room() as room:
+        trails = _Trails.of(room, paths, crossings, seed)
+        for done in range(ROUNDS):
+            trails.round(done, part(progress, done / ROUNDS, (done + 1) / ROUNDS))
+        strength = room.read(trails.strength, (paths.edges,), np.float32)
+        length = room.read(paths.length, (paths.edges,), np.float32)
     # What no walker found is fainter than all else, the longer the fainter.
-    strength += 1e-3 * length.mean() / length
+    strength += np.float32(1e-3 * paths.mean_length) / length
     return strength
 
 
-def _liking(paths: Paths, length: FloatArray, family: Family) -> Table:
-    """(N, D) the part of an edge's appeal that never changes; 0 for a slot without edge."""
-    cosine = paths.cosine * np.cos(family.angle) + paths.sine * np.sin(family.angle)
-    short = np.append((length.mean() / length) ** SHORT, 0.0)
-    liking = (np.abs(cosine) ** family.focus + ASKEW) * short[paths.edge]
-    return np.asarray(liking, np.float32)
+@dataclass(frozen=True, eq=False)
+class _Trails:
+    """What changes while walkers walk: strength (E,) float32, deposit (E,) int32, and the pull of
+    edges and the appeal of ways out that follow from the strength."""
+
+    work: Workspace
+    paths: Paths
+    crossings: Incidence
+    seed: np.uint32
+    strength: Buffer
+    deposit: Buffer
+    pull: Buffer
+    appeal: Buffer
+
+    @classmethod
+    def of(cls, work: Workspace, paths: Paths, crossings: NDArray[np.int32], seed: int) -> _Trails:
+        found = Incidence.of(work, work.upload(crossings), len(crossings), paths.edges)
+        strength = work.full(paths.edges, np.float32(0.0))
+        deposit = work.full(paths.edges, np.int32(0))
+        pull = work.empty(paths.edges, np.float32)
+        appeal = work.empty(paths.ways.entries, np.float32)
+        return cls(work, paths, found, np.uint32(seed), strength, deposit, pull, appeal)
+
+    def round(self, number: int, progress: Progress) -> None:
+        """All families walk, and what they leave is worn in."""
+        self._run(
+            "pull_of_edges", self.paths.edges, UNWORN, DRAW, WORN, SHY, self.strength,
+            self.crossings.offsets, self.crossings.others, self.pull,
+            report=lambda _: progress(0.0, "trails"),
+        )  # fmt: skip
+        for index, family in enumerate(FAMILIES):
+            share = part(progress, index / len(FAMILIES), (index + 1) / len(FAMILIES))
+            self._walk(family, number * len(FAMILIES) + index, share)
+        gain = (1.0 - KEEP) / max(self._deposits() / max(self.paths.edges, 1), 1e-9)
+        self._run("wear_edges", self.paths.edges, KEEP, gain, self.deposit, self.strength)
+
+    def _walk(self, family: Family, turn: int, progress: Progress) -> None:
+        """One family walks once."""
+        paths, ways = self.paths, self.paths.ways
+        along = _float2(np.cos(family.angle), np.sin(family.angle))
+        self._run(
+            "appeal_of_ways", paths.pores, ways.offsets, paths.direction, ways.pairs, paths.length,
+            self.pull, paths.anisotropy, paths.mean_length, along, ASKEW, self.appeal,
+            report=lambda _: progress(0.0, "trails"),
+        )  # fmt: skip
+        walkers = int(np.ceil(family.walkers * paths.pores))
+        self._run(
+            "walk", walkers, walkers, paths.pores, np.uint32(turn), self.seed, STEPS,
+            family.deposit, along, ways.offsets, ways.pairs, ways.others, paths.direction,
+            paths.anisotropy, self.appeal, self.deposit,
+            report=lambda share: progress(share, "trails"),
+        )  # fmt: skip
+
+    def _deposits(self) -> float:
+        """The sum of all deposits."""
+        stretches = -(-self.paths.edges // _STRETCH)
+        sums = self.work.empty(stretches, np.uint64)
+        self._run("sum_deposits", stretches, self.paths.edges, _STRETCH, self.deposit, sums)
+        total = float(self.work.read(sums, (stretches,), np.uint64).sum())
+        self.work.release(sums)
+        return total
+
+    def _run(self, kernel: str, count: int, *arguments: Any, **named: Any) -> None:
+        self.work.run("trails", kernel, count, *arguments, defines=DEFINES, **named)
 
 
-def _pull(strength: FloatArray, crossings: IntArray) -> Table:
-    """(E + 1,) how much each edge draws walkers now; the last is the edge that is none."""
-    one, two = crossings.T
-    across = np.bincount(one, weights=strength[two], minlength=len(strength))
-    across += np.bincount(two, weights=strength[one], minlength=len(strength))
-    worn = strength / (1.0 + strength / WORN)
-    pull = (UNWORN + worn) ** DRAW / (1.0 + SHY * across)
-    return np.append(pull, 0.0).astype(np.float32)
-
-
-def _walk(
-    paths: Paths, family: Family, liking: Table, pull: Table, rng: np.random.Generator
-) -> FloatArray:
-    """(E,) how often the walkers of one round pass each edge."""
-    pores, edges = len(paths.edge), len(pull) - 1
-    count = int(np.ceil(family.walkers * pores))
-    node = rng.integers(pores, size=count)
-    heading = family.angle + np.pi * rng.integers(2, size=count)
-    cosine, sine = np.cos(heading).astype(np.float32), np.sin(heading).astype(np.float32)
-    steps = np.zeros(edges + 1)
-    for _ in range(STEPS):
-        onward = paths.cosine[node] * cosine[:, None] + paths.sine[node] * sine[:, None]
-        appeal = _straightness(onward) * liking[node] * pull[paths.edge[node]]
-        slot, stuck = _choose(appeal, rng)
-        node, slot = node[~stuck], slot[~stuck]
-        steps += np.bincount(paths.edge[node, slot], minlength=edges + 1)
-        node, back = paths.to[node, slot], paths.back[node, slot]
-        # Straight on is the way back turned round.
-        cosine, sine = -paths.cosine[node, back], -paths.sine[node, back]
-    return steps[:edges]
-
-
-def _straightness(onward: Table) -> Table:
-    """The cosine of a turn to the fourth power; nothing for a turn beyond a right angle."""
-    square = np.square(np.maximum(onward, 0.0))
-    return square * square
-
-
-def _choose(appeal: Table, rng: np.random.Generator) -> tuple[IntArray, NDArray[np.bool_]]:
-    """A slot (W,) for each row of appeal (W, D), by chance in proportion; and who has none."""
-    sums = np.cumsum(appeal, axis=1)
-    # In float32 the product may round up to the sum itself; the last slot with appeal is meant.
-    chance = np.minimum(rng.random(len(appeal), np.float32), 1.0 - 2.0**-23) * sums[:, -1]
-    slot = np.argmax(sums > chance[:, None], axis=1)
-    return slot, sums[:, -1] <= 0
+def _float2(x: float, y: float) -> Any:
+    """A small vector as a kernel takes it."""
+    return np.array((x, y), [("x", np.float32), ("y", np.float32)])[()]

@@ -1,0 +1,135 @@
+// Walkers wear trails into the candidate edges (after Weiss et al. 2023). Deposits are whole
+// numbers, so that their sum does not hang on the order of the walkers.
+#include "random.clh"
+
+// Directions of the ways out of pores, (cosine, sine) times 32767 against the frame of the pore.
+// frame: unit tangents along the main lines and to their left.
+__kernel void lay_directions(int first, int count, __global const int *offsets,
+                             __global const int *others, __global const int *place,
+                             __global const float *along, __global const float *left,
+                             __global short2 *direction)
+{
+    int i = first + get_global_id(0);
+    if (i >= count)
+        return;
+    int3 p = vload3(i, place);
+    float3 x = vload3(i, along), y = vload3(i, left);
+    for (int h = offsets[i]; h < offsets[i + 1]; h++) {
+        float3 way = convert_float3(vload3(others[h], place) - p);
+        float2 d = (float2)(dot(way, x), dot(way, y));
+        float size = sqrt(dot(d, d));
+        d = size > 0.0f ? d / size : (float2)(1.0f, 0.0f);
+        direction[h] = convert_short2_rte(d * 32767.0f);
+    }
+}
+
+// How much each edge draws walkers now; those that cross worn ones the less.
+__kernel void pull_of_edges(int first, int count, float unworn, float draw, float worn, float shy,
+                            __global const float *strength, __global const int *offsets,
+                            __global const int *crossing, __global float *pull)
+{
+    int e = first + get_global_id(0);
+    if (e >= count)
+        return;
+    float across = 0.0f, s = strength[e];
+    for (int k = offsets[e]; k < offsets[e + 1]; k++)
+        across += strength[crossing[k]];
+    pull[e] = pow(unworn + s / (1.0f + s / worn), draw) / (1.0f + shy * across);
+}
+
+// Appeal of each way out to a family of walkers: short, along its lines, and worn. along: of those
+// lines against the main ones. The cosine counts to the power of 2.5, whose mean over all angles is
+// EVEN; askew is for right angles. anisotropy of a pore: how much the direction counts.
+#define EVEN 0.43f
+__kernel void appeal_of_ways(int first, int count, __global const int *offsets,
+                             __global const short2 *direction, __global const int *edges,
+                             __global const float *length, __global const float *pull,
+                             __global const float *anisotropy, float mean_length, float2 along,
+                             float askew, __global float *appeal)
+{
+    int i = first + get_global_id(0);
+    if (i >= count)
+        return;
+    for (int h = offsets[i]; h < offsets[i + 1]; h++) {
+        int e = edges[h];
+        float c = fabs(dot(convert_float2(direction[h]), along)) / 32767.0f;
+        float liking = mix(EVEN, c * c * sqrt(c), anisotropy[i]) + askew;
+        float shortness = mean_length / length[e];
+        appeal[h] = liking * shortness * sqrt(shortness) * pull[e];
+    }
+}
+
+inline float straightness(float cosine) // nothing for a turn beyond a right angle
+{
+    float c = fmax(cosine, 0.0f);
+    return c * c * (c * c);
+}
+
+// Walkers start evenly all over, either way along `along` or, as far as anisotropy falls short of 1,
+// any way, and each time choose a way out by chance in proportion to its appeal and to how straight
+// on it goes.
+__kernel void walk(int first, int count, int walkers, int pores, uint round, uint seed, int steps,
+                   int amount, float2 along, __global const int *offsets,
+                   __global const int *edges, __global const int *others,
+                   __global const short2 *direction, __global const float *anisotropy,
+                   __global const float *appeal, __global int *deposit)
+{
+    int w = first + get_global_id(0);
+    if (w >= count)
+        return;
+    uint4 r = random4(w, round, seed, 1u);
+    int node = (int)(((ulong)stratum(w, r.x, walkers) * (ulong)pores) >> 32);
+    float2 heading = r.y & 1u ? -along : along;
+    if (unit_interval(r.z) >= anisotropy[node]) {
+        float angle = 2.0f * M_PI_F * unit_interval(r.w);
+        heading = (float2)(cos(angle), sin(angle));
+    }
+    for (int step = 0; step < steps; step++) {
+        if ((step & 3) == 0)
+            r = random4(w, round, seed, 2u + step);
+        int begin = offsets[node], degree = min(offsets[node + 1] - begin, WAYS);
+        float sums[WAYS], sum = 0.0f;
+        for (int s = 0; s < degree; s++) {
+            float onward = dot(convert_float2(direction[begin + s]), heading) / 32767.0f;
+            sum += straightness(onward) * appeal[begin + s];
+            sums[s] = sum;
+        }
+        if (!(sum > 0.0f))
+            return;
+        float chance = unit_interval(r.x) * sum;
+        r = r.yzwx;
+        int slot = 0;
+        while (slot < degree - 1 && sums[slot] <= chance)
+            slot++;
+        atomic_add(deposit + edges[begin + slot], amount);
+        int to = others[begin + slot], back = offsets[to];
+        while (others[back] != node)
+            back++;
+        heading = convert_float2(direction[back]) / -32767.0f; // straight on
+        node = to;
+    }
+}
+
+// Sums of deposits over stretches of `stretch` edges.
+__kernel void sum_deposits(int first, int count, int edges, int stretch,
+                           __global const int *deposit, __global ulong *sums)
+{
+    int k = first + get_global_id(0);
+    if (k >= count)
+        return;
+    ulong sum = 0;
+    for (int e = k * stretch; e < min((k + 1) * stretch, edges); e++)
+        sum += deposit[e];
+    sums[k] = sum;
+}
+
+// Every edge decays, and the mean of what comes on top is 1 - keep.
+__kernel void wear_edges(int first, int count, float keep, float gain, __global int *deposit,
+                         __global float *strength)
+{
+    int e = first + get_global_id(0);
+    if (e >= count)
+        return;
+    strength[e] = keep * strength[e] + gain * deposit[e];
+    deposit[e] = 0;
+}

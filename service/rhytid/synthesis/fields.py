@@ -1,0 +1,48 @@
+"""What of the skin differs from place to place: where synthesis asks for it. Here: nothing does."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Factors = NDArray[np.float32]
+
+
+class Fields:
+    """Even skin; derive from it for skin that is not.
+
+    Every method takes the triangle (N,) and uv (N, 2) of points and answers (N,) float32. Methods
+    are called with some millions of points at a time, always the same in the same order.
+
+    least_spacing, most_spacing: what `spacing` keeps within, above 0. Pores stand apart by the
+    radius times the mean of both factors.
+    """
+
+    least_spacing = 1.0
+    most_spacing = 1.0
+
+    def spacing(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """Factor of the distance between pores."""
+        return np.ones(len(triangle), np.float32)
+
+    def strength(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """Factor of the weight of wrinkles and pores; weights stay within (0, 1]."""
+        return np.ones(len(triangle), np.float32)
+
+    def turn(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """Radians by which the preferred direction turns left, seen from outside."""
+        return np.zeros(len(triangle), np.float32)
+
+    def anisotropy(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """How far walkers keep to preferred directions: 1 as they do, 0 not at all."""
+        return np.ones(len(triangle), np.float32)
+
+    def width(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """Factor of the width of wrinkles."""
+        return np.ones(len(triangle), np.float32)
+
+    def pore_radius(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """Factor of the radius of pores."""
+        return np.ones(len(triangle), np.float32)

@@ -1,0 +1,85 @@
+"""The primary lines of skin: a coarse net, long and deep, between whose lines the fine ones lie.
+
+Skin has lines of two orders: primary ones from pore to pore, in two directions that enclose
+rhombi, and secondary ones, shorter and shallower, across these. The coarse net is made like the
+fine one, then laid along its edges.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.synthesis import shapes
+from rhytid.synthesis.directions import Directions
+from rhytid.synthesis.net import Ground, Net
+from rhytid.synthesis.paths import Paths
+from rhytid.synthesis.progress import Progress, part
+from rhytid.synthesis.routes import lay_routes, nearest_pores
+from rhytid.synthesis.selection import preference
+from rhytid.synthesis.surface import Points
+
+# Spacing of the coarse net in spacings of the fine one.
+COARSER = 4.0
+# Coarse wrinkles per coarse pore.
+_LINES = 1.9
+# Below so many coarse pores there is no net to speak of.
+_FEWEST = 50
+# Strength of secondary lines, of that which walkers make; and that of a primary line of weight 1.
+SECONDARY, PRIMARY = 0.7, 8.0
+# Another number than that of the fine net.
+_SALT = 0x5BD1E995
+
+
+@dataclass(frozen=True, eq=False)
+class Primary:
+    """Coarse pores, the lines between them (L, 2) and their weights (L,)."""
+
+    pores: Points
+    ends: NDArray[np.int32]
+    weight: NDArray[np.float32]
+
+    @classmethod
+    def spun(
+        cls,
+        ground: Ground,
+        radius: float,
+        count: int,
+        seed: int,
+        directions: Directions,
+        progress: Progress,
+    ) -> Primary:
+        """radius, count, seed: those of the fine net."""
+        other = seed ^ _SALT
+        net = Net.spun(ground, COARSER * radius, count, other, part(progress, 0.0, 0.5))
+        if len(net.pores) < _FEWEST or not len(net.edges):
+            return cls(net.pores, np.empty((0, 2), np.int32), np.empty(0, np.float32))
+        with ground.work.room() as room:
+            paths = net.paths(room, directions, ground.fields, part(progress, 0.5, 0.6))
+            strength = net.worn(room, paths, other, part(progress, 0.6, 0.9))
+        chosen = preference(
+            ground.work, len(net.pores), net.edges, strength, net.crossings,
+            part(progress, 0.9, 1.0),
+        )[: int(_LINES * len(net.pores))]  # fmt: skip
+        weight = shapes.edge_weights(strength[chosen], float(strength[chosen].mean()))
+        return cls(net.pores, net.edges.nodes[chosen], weight)
+
+    def laid(
+        self, ground: Ground, net: Net, paths: Paths, radius: float
+    ) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+        """(E,) the weight that primary lines give to each edge of the fine net, 0 beside them; and
+        the pores (H,) where they meet."""
+        reach = 2.0 * radius * ground.fields.most_spacing
+        hubs = nearest_pores(ground.work, net.pores, self.pores, reach)
+        weight = lay_routes(ground.work, net.pores, paths, hubs, self.ends, self.weight)
+        used = np.unique(hubs[np.unique(self.ends)])
+        return weight, used[used >= 0]
+
+
+def deepened(strength: NDArray[np.float32], primary: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(E,) strengths with the weights of primary lines worked in; what is none stays behind."""
+    secondary: NDArray[np.float32] = SECONDARY * strength
+    secondary += PRIMARY * primary
+    return secondary

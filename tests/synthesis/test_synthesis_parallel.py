@@ -1,0 +1,126 @@
+"""What the device decides at once is what goes one by one in double."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from reference.synthesis import crossing_pairs, pairs_in_sight, thrown_one_by_one
+from rhytid.device.runtime import Device
+from rhytid.domain.mesh import Mesh
+from rhytid.synthesis import workspace
+from rhytid.synthesis.crossings import crossings
+from rhytid.synthesis.darts import Darts
+from rhytid.synthesis.edges import LEAST_ANGLE, REACH
+from rhytid.synthesis.fields import Fields
+from rhytid.synthesis.generate import synthesize
+from rhytid.synthesis.sieve import Sieve
+from rhytid.synthesis.surface import Surface
+from rhytid.synthesis.workspace import Workspace
+from synthesis import sheets
+
+RADIUS = 0.05
+MESHES = pytest.mark.parametrize("make", [sheets.sheet, sheets.tube, sheets.face_to_face])
+
+
+class Wider(Fields):
+    """Pores the further apart the further right in the map."""
+
+    least_spacing, most_spacing = 0.5, 2.0
+
+    def spacing(self, triangle: NDArray[np.int32], uv: NDArray[np.float32]) -> NDArray[np.float32]:
+        return np.float32(0.5) + uv[:, 0]
+
+
+@MESHES
+@pytest.mark.parametrize("fields", [Fields(), Wider()], ids=["even", "wider"])
+def test_darts_are_kept_as_if_thrown_one_by_one(
+    device: Device, monkeypatch: pytest.MonkeyPatch, make: Callable[[], Mesh], fields: Fields
+) -> None:
+    monkeypatch.setattr("rhytid.synthesis.sieve._SPARE", 16)  # so that it must make room
+    with Workspace(device) as work:
+        darts = Darts(work, Surface.of(make()), fields, 5, 2000)
+        sieve, thrown = Sieve(work, darts, RADIUS, fields, 10.0), []
+        for turn in range(2):
+            throw = darts.throw(0, 2000, 2000, turn)
+            sieve.take(throw)
+            place = work.read(throw.place, (2000, 3), np.int32)
+            normal = work.read(throw.normal, (2000, 3), np.float32)
+            order = np.argsort(work.read(throw.priority, (2000,), np.uint32), kind="stable")
+            factor = work.read(throw.factor, (2000,), np.float32)
+            thrown.append((place[order], normal[order], factor[order]))
+        pores = sieve.points()
+    place, normal, factor = (np.concatenate(arrays) for arrays in zip(*thrown, strict=True))
+    kept = thrown_one_by_one(place, normal, factor, range(len(place)), RADIUS / darts.lattice.unit)
+    wanted = darts.lattice.positions(place[kept])
+    assert sorted(pores.position.tolist()) == sorted(wanted.tolist())
+
+
+def test_darts_are_uniform_by_area_in_space(device: Device) -> None:
+    surface = Surface.of(sheets.sheet(sheets.uneven))
+    count = 100_000
+    with Workspace(device) as work:
+        darts = Darts(work, surface, Fields(), 5, count)
+        place = work.read(darts.throw(0, count, count, 0).place, (count, 3), np.int32)
+    position = darts.lattice.positions(place)
+    counts, _, _ = np.histogram2d(position[:, 0], position[:, 1], 8)
+    # Chi squared with 63 degrees of freedom: mean 63, deviation 11.2. Darts are thrown by strata,
+    # so it is far less.
+    expected = count / counts.size
+    assert np.sum((counts - expected) ** 2 / expected) < 63 + 5 * 11.2
+
+
+def test_batches_are_parts_of_one_throw(device: Device) -> None:
+    with Workspace(device) as work:
+        darts = Darts(work, Surface.of(sheets.sheet()), Fields(), 5, 1000)
+        whole = work.read(darts.throw(0, 1000, 1000, 3).place, (1000, 3), np.int32)
+        part = work.read(darts.throw(300, 500, 1000, 3).place, (500, 3), np.int32)
+        other = work.read(darts.throw(300, 500, 1000, 4).place, (500, 3), np.int32)
+    assert (part == whole[300:800]).all()
+    assert (part != other).any(axis=1).mean() > 0.99
+
+
+@MESHES
+@pytest.mark.parametrize("count", [4, 8])
+def test_edges_join_what_is_in_sight(device: Device, make: Callable[[], Mesh], count: int) -> None:
+    pores, edges = sheets.net(device, make(), RADIUS, count=count)
+    wanted = pairs_in_sight(pores.position, pores.normal, count, REACH * RADIUS, LEAST_ANGLE)
+    found = set(map(tuple, edges.nodes.tolist()))
+    assert found <= wanted
+    # A sheet and a tube can be drawn on everywhere but across the borders of what they end at.
+    assert len(found) > 0.98 * len(wanted)
+
+
+@MESHES
+def test_crossings_are_those_of_all_pairs(device: Device, make: Callable[[], Mesh]) -> None:
+    pores, _ = sheets.net(device, make(), RADIUS)
+    nodes = some_pairs(pores.position)
+    length = np.linalg.norm(pores.position[nodes[:, 0]] - pores.position[nodes[:, 1]], axis=-1)
+    with Workspace(device) as work:
+        found = crossings(work, pores, nodes, length.astype(np.float32))
+    wanted = crossing_pairs(pores.position, pores.normal.astype(float), nodes)
+    assert len(wanted) > 1000
+    assert len(found) == len(wanted)
+    assert set(map(tuple, np.sort(found, axis=1).tolist())) == wanted
+
+
+def some_pairs(position: np.ndarray) -> np.ndarray:
+    """Pairs of points near each other, and a few that are far apart."""
+    rng = np.random.default_rng(3)
+    nodes = rng.integers(len(position), size=(60_000, 2))
+    distance = np.linalg.norm(position[nodes[:, 0]] - position[nodes[:, 1]], axis=-1)
+    chosen = (distance > 0) & (distance < 3 * RADIUS)
+    chosen[:20] = distance[:20] > 0
+    return np.unique(np.sort(nodes[chosen], axis=1), axis=0).astype(np.int32)
+
+
+def test_launch_shape_changes_no_bit(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = synthesize(sheets.tube(), sheets.wanted(2000), device).graph.arrays()
+    monkeypatch.setattr(workspace, "BLOCK", 192)
+    monkeypatch.setattr(workspace, "_GROUP", 16)
+    blocks = synthesize(sheets.tube(), sheets.wanted(2000), device).graph.arrays()
+    for name, array in whole.items():
+        assert array.tobytes() == blocks[name].tobytes(), name
