@@ -68,7 +68,7 @@ def pinched():
 
 
 def test_samplings_do_not_share_the_neutral_tile_that_is_convolved(tmp_path):
-    # How much around a tile is kept for it goes by the sampling: what the other reads may lie beyond.
+    # What is kept around a tile goes by the sampling: what the other reads may lie beyond.
     mesh, address = pinched(), TileAddress(1001, 0, 1, 1)
     tiles = []
     for order in (SAMPLINGS, SAMPLINGS[::-1]):
