@@ -1,8 +1,7 @@
 // The neutral map convolved along both axes of each texel's triangle (after Nagano et al. 2015).
 // Rectangles carry an apron of texels, so that a tile is the crop of the whole map bit for bit.
 #include "convolve.clh"
-
-#define WIDTH 16
+#include "vectors.clh"
 
 // One work-item a triangle; kernels: along its two axes. gains: (blur, sharpen). stiff: alpha is to be
 // multiplied by the stiffness of texels, so it is not clamped yet.

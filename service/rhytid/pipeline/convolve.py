@@ -10,8 +10,9 @@ from rhytid.device.runtime import Buffer, Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.stiffness import Stiffness
-from rhytid.pipeline.neutral_tiles import MOST_TAPS, WIDTH, NeutralTile, NeutralTiles, reach
+from rhytid.pipeline.neutral_tiles import MOST_TAPS, NeutralTile, NeutralTiles, reach
 from rhytid.pipeline.stretch_buffers import StretchBuffers
+from rhytid.pipeline.vectors import VECTOR
 
 
 class Convolve(NeutralTiles):
@@ -57,7 +58,7 @@ class Convolve(NeutralTiles):
         side = neutral.side + 2 * apron
         out = self._device.empty(side * side, np.float32)
         self._device.launch(
-            "convolve", "convolve", (side // WIDTH, side),
+            "convolve", "convolve", (side // VECTOR, side),
             source, np.int32(neutral.apron), neutral.triangles, np.int32(neutral.apron - apron),
             neutral.stiffness, kernels, np.int32(axis), np.int32(settings.resolution),
             np.int32(neutral.row - apron), np.int32(neutral.column - apron), out,
