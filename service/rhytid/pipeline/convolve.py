@@ -24,8 +24,8 @@ class Convolve(NeutralTiles):
         self._jacobians = device.upload(jacobians)
 
     def kernels(self, stretch: StretchBuffers, settings: AssetSettings) -> Buffer:
-        """(F + 1, 2, 4) float32: of each triangle and axis (step x, step y, α, σ), in texels. With
-        a stiffness α is not clamped to [−1, 1] until it is multiplied by that of the texel."""
+        """(F + 1, 2, 4) float32: of each triangle and axis (step x, step y, α, σ), in texels. α is
+        not clamped to [−1, 1] until it is multiplied by the stiffness of the texel."""
         convolve = settings.convolve
         found = self._device.empty(8 * stretch.count, np.float32)
         self._device.launch(
@@ -33,7 +33,7 @@ class Convolve(NeutralTiles):
             stretch.axes, stretch.logs, self._jacobians,
             np.array([convolve.blur_gain, convolve.sharpen_gain], np.float32),
             np.float32(reach(settings)), np.float32(MOST_TAPS / 3),
-            np.int32(self._stiffness is not None), found,
+            found,
         )  # fmt: skip
         return found
 
