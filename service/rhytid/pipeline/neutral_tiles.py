@@ -16,11 +16,10 @@ from rhytid.pipeline.elements import BLOCK
 from rhytid.pipeline.levels import Draw
 from rhytid.pipeline.locate import UdimTriangles
 from rhytid.pipeline.stiffness import stiffness_of_texels
+from rhytid.pipeline.vectors import VECTOR
 
 # Taps on either side of a texel, at most: 3 sigma, so that sigma is 21 texels at most.
 MOST_TAPS = 63
-# Texels of a row that are convolved at once.
-WIDTH = 16
 
 
 @dataclass(frozen=True)
@@ -88,7 +87,7 @@ class NeutralTiles:
         return NeutralTile(row, column, side, apron, heights, triangles, stiffness)
 
     def apron(self, settings: AssetSettings, udim: int, row: int, column: int, side: int) -> int:
-        """How far one pass over a tile can read at most, whatever the frame; a multiple of 16.
+        """How far one pass over a tile can read at most, whatever the frame; a multiple of VECTOR.
 
         The bits of a tile do not depend on it, only its cost.
         """
@@ -101,7 +100,7 @@ class NeutralTiles:
         slowest = self._slowest[touches.all(axis=1)].min(initial=np.inf)
         # One more for rounding, one for the texel that bilinear reads beside the last tap.
         taps = min(3.0 * reach(settings) / slowest + 1.0, MOST_TAPS) + 1.0
-        return WIDTH * int(np.ceil(taps / WIDTH))
+        return VECTOR * int(np.ceil(taps / VECTOR))
 
 
 def reach(settings: AssetSettings) -> float:

@@ -9,6 +9,7 @@ from rhytid.device.runtime import Buffer, Device
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.stiffness import Stiffness
 from rhytid.domain.tiles import udim_origin
+from rhytid.pipeline.vectors import VECTOR
 
 
 def stiffness_of_elements(
@@ -40,12 +41,12 @@ def stiffness_of_texels(
     device: Device, stiffness: Stiffness | None, udim: int, side: int, row: int, column: int,
     count: int,
 ) -> Buffer | None:  # fmt: skip
-    """float32 of count² texels of a level of `side` texels, with room for a vector of 16; None
-    where all of them are 1."""
+    """float32 of count² texels of a level of `side` texels, with room for a VECTOR; None where all
+    of them are 1."""
     found = None if stiffness is None else stiffness.texels(udim, side, row, column, count)
     if found is None:
         return None
-    return device.upload(np.resize(found, max(found.size, 16)))
+    return device.upload(np.resize(found, max(found.size, VECTOR)))
 
 
 def _closest(points: NDArray[np.float64], corners: NDArray[np.float64]) -> NDArray[np.float64]:

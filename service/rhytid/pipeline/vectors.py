@@ -12,7 +12,7 @@ import numpy as np
 
 from rhytid.device.runtime import Buffer, Device
 
-# Texels that the blend kernels take at once: the smallest levels are padded to it.
+# Texels that kernels take at once, WIDTH of vectors.clh: the smallest levels are padded to it.
 VECTOR = 16
 # About what the triangles of a map take where they are many texels wide.
 BYTES_A_TEXEL = 1
