@@ -31,8 +31,8 @@ _ARRAYS = ("positions", "faces", "uv", "face_uv")
 class Latency:
     """Tiles of a method asked by so many clients at once.
 
-    not_kernel: the share of a tile's time that the device did not draw it: of the time between two
-    answers of the server, or of one answer where one client asks.
+    kernel_seconds: of one tile, drawn alone.  not_kernel: the share of the time from one answer of
+    the server to the next that this does not fill.
     """
 
     method: str
