@@ -181,6 +181,7 @@ def test_tiles_drawn_together_have_the_bits_of_those_drawn_alone(
     tmp_path: Path, level: int
 ) -> None:
     with running(tmp_path) as engine:
+        engine._together.most = 16  # a processor has one
         asset = built(engine, new_asset())
         engine.put_frame(asset, "bent", deform(sheet().positions, 1, 0.15))
         addresses = engine._assets.get(asset).settings.grid.addresses(1001, level)

@@ -1,9 +1,9 @@
 """Tiles of the same frame that are asked for at the same time, drawn in one task of the device.
 
-Between two tasks the device waits for the host: for a thread to wake up, for a result to be
-copied. While a task waits for its turn, whoever wants another tile of the same frame, method and
-level joins it; all are enqueued before the first is read. Who wants the same tile gets the same
-array.
+While a task waits for its turn, who wants the same tile joins it and gets the same array. On a GPU
+whoever wants another tile of the same frame, method and level joins it too, and all are enqueued
+before the first is read: between two tasks such a device waits for the host. A processor does not,
+and sixteen answers that come at once were slower there than one after the other.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from rhytid.errors import BusyError, RhytidError
 Tile = NDArray[np.float32]
 DrawTiles = Callable[[list[TileAddress]], list[Tile]]
 # Others want the device, too.
-_MOST_TILES = 16
+MOST_TILES = 16
 _MOST_TEXELS = 4096**2
 
 
@@ -38,12 +38,18 @@ class _Batch:
 
 
 class Together:
-    """Gathers what waits for the device at the same time. task: what one piece of work runs in."""
+    """Gathers what waits for the device at the same time.
+
+    task: what one piece of work runs in.  most: different tiles that one task draws.
+    """
 
     def __init__(
-        self, worker: DeviceWorker, task: Callable[[], AbstractContextManager[None]]
+        self,
+        worker: DeviceWorker,
+        task: Callable[[], AbstractContextManager[None]],
+        most: int = MOST_TILES,
     ) -> None:
-        self._worker, self._task = worker, task
+        self._worker, self._task, self.most = worker, task, most
         self._lock = threading.Lock()
         self._open: dict[Hashable, _Batch] = {}
         self._joined = 0
@@ -58,7 +64,7 @@ class Together:
 
         Raises BusyError where too many wait already, and whatever drawing this tile raises.
         """
-        most = max(min(_MOST_TILES, _MOST_TEXELS // texels**2), 1)
+        most = max(min(self.most, _MOST_TEXELS // texels**2), 1)
         with self._lock:
             batch = self._open.get(key)
             if batch and (address in batch.wanted or len(batch.wanted) < most):
