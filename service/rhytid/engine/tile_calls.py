@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -92,6 +94,10 @@ class TileCalls(EngineCore):
         frame = Frame.of(check_positions(positions, found.vertices))
         return [self._tile(found, frame, query, address) for address in addresses]
 
+    def unit(self, asset: str) -> str:
+        """The unit of length of an asset's displacement."""
+        return self._assets.get(asset).settings.unit
+
     def displacement_scale(self, asset: str) -> float:
         """What the largest code of a png tile stands for, mesh units: one scale an asset.
 
@@ -137,14 +143,9 @@ class TileCalls(EngineCore):
 
     def _tile(self, asset: Asset, frame: Frame, query: MapQuery, address: TileAddress) -> Tile:
         resident = asset.ready()
-        if query.method in _BY_TILE:
-            draw = resident.blended if query.method == "binned" else resident.convolved
-            return self._on_device(draw, frame, query, address)
-        side = asset.settings.grid.texels(address.level)
-        row, column = address.row * side, address.column * side
-        return self._on_device(
-            resident.drawn, frame, query, address.udim, address.level, row, column, side
-        )
+        key = (asset, frame.digest, query, address.udim, address.level)
+        texels = asset.settings.grid.texels(address.level)
+        return self._together.tile(key, address, texels, partial(resident.tiles, frame, query))
 
 
 def _assembled(tiles: list[Tile], count: int) -> Tile:
