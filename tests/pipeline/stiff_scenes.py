@@ -126,7 +126,7 @@ class StiffScene(BinnedScene):
         k = 1.0 if map is None else stiffness.bilinear(map, self.points)[:, None]
         jacobian = jacobian if settings.angles == "surface" else None
         r = bins.layer_stretch(logs * k, axes, settings.bins.count, jacobian)
-        layers = [maps.astype(np.int64) for maps in self.codes()]
+        layers = [maps.astype(np.int64) for maps in self.layers()]
         tilted = None
         if settings.bins.tilt:
             sides = bins.sides_of(logs * k, axes, settings.bins.count, jacobian)

@@ -18,7 +18,13 @@ CHOICES = {
     "one": {"count": 1, "samples": 5, "bits": 16},
     "mellow": {"count": 8, "merge": "mellow", "depth_factored": True, "r_max": 0.1},
     "factored": {"samples": 7, "depth_factored": True, "r_max": 0.1},
-    "best": {"samples": 7, "merge": "soft", "depth_factored": True, "tilt": True, "reach": 1.5},
+    "best": {
+        "pore_samples": 7,
+        "merge": "soft",
+        "depth_factored": True,
+        "tilt": True,
+        "reach": 1.5,
+    },
     "signed": {"count": 2, "merge": "signed", "depth_factored": True, "tilt": True, "bits": 16},
 }
 

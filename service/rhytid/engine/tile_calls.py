@@ -113,7 +113,9 @@ class TileCalls(EngineCore):
         found = self._assets.get(asset)
         found.ready()
         bins, steps = found.settings.bins, quantisation_steps(found.settings)
-        wrinkles, pores = tuple(steps[0].tolist()), tuple(steps[-1].tolist())
+        wrinkles, pores = (
+            tuple(steps[layer, : bins.layer_samples[layer]].tolist()) for layer in (0, -1)
+        )
         names = layers(bins)
         by_layer = {name: pores if name.startswith("pore") else wrinkles for name in names}
         if bins.tilt:
@@ -158,7 +160,8 @@ def _map_index(settings: AssetSettings, layer: str, bin: int, sample: int) -> in
     first = layers(settings.bins).get(layer)
     if first is None:
         raise NotFoundError(f"layer {layer!r}: one of {', '.join(layers(settings.bins))}")
-    samples = 1 if layer == TILTS else settings.bins.samples
+    samples = settings.bins.layer_samples[-1 if layer.startswith("pore") else 0]
+    samples = 1 if layer == TILTS else samples
     for name, index, size in (("bin", bin, len(first)), ("sample", sample, samples)):
         if not 0 <= index < size:
             raise NotFoundError(f"{name} {index} of layer {layer}: 0 to {size - 1}")

@@ -61,6 +61,7 @@ class Blend:
         self._layers: dict[str, object] = {
             "LAYERS": bins.count + 1,
             "SAMPLES": bins.samples,
+            "PORE_SAMPLES": bins.layer_samples[-1],
             "TILT": int(bins.tilt),
             "TILT_NODE": f"{TILT_NODE}f",
             "CODE_LIMIT": code_limit(bins.bits),
