@@ -284,16 +284,14 @@ class ResidentAsset:
         limit = self.settings.response.log_stretch_limit
         return self._keep(
             "fields", model, frame.digest,
-            make=lambda: self._smooth.run(
-                self._stretch_buffers(frame, model), limit, self.settings.angles
-            ),
+            make=lambda: self._smooth.run(self._stretch_buffers(frame, model), limit),
         )  # fmt: skip
 
     def _stretch_buffers(self, frame: Frame, model: str) -> StretchBuffers:
         limit = self.settings.response.log_stretch_limit
         return self._keep(
             "stretch", model, frame.digest,
-            make=lambda: self._stretch.run(frame.positions, limit, model),
+            make=lambda: self._stretch.run(frame.positions, limit, model, self.settings.angles),
         )  # fmt: skip
 
     def _kernels(self, frame: Frame, model: str) -> Buffer:

@@ -44,12 +44,11 @@ def respond(
 ) -> ScaleBuffers:
     """Alg. 1 for every wrinkle and Alg. 2 for every pore."""
     response = settings.response
-    jacobians = stretch.jacobians if settings.angles == "surface" else None
     scales = ScaleBuffers.allocate(device, elements)
     device.launch(
         "respond", "respond_wrinkles", (elements.wrinkles,),
         elements.segments, elements.wrinkle_triangle, stretch.axes, stretch.logs,
-        jacobians, elements.wrinkle_stiffness,
+        stretch.jacobians, elements.wrinkle_stiffness,
         np.float32(response.alpha_w), np.float32(response.alpha_d), scales.wrinkles,
         defines=RESPONSE_DEFINES,
     )  # fmt: skip

@@ -74,10 +74,10 @@ class SmoothStage:
         )
         self.neutral = self._neutral_fields()
 
-    def run(self, stretch: StretchBuffers, limit: float, angles: str = "uv") -> SmoothFields:
-        """The fields of a frame, whatever model measured it."""
+    def run(self, stretch: StretchBuffers, limit: float) -> SmoothFields:
+        """The fields of a frame, whatever model measured it; angles as they are for `stretch`."""
         values = self._fields(f"{stretch.model}_fields", *self._inputs(stretch, limit))
-        neutral = self.neutral if angles == "surface" else None
+        neutral = None if stretch.jacobians is None else self.neutral
         return SmoothFields(values, self._corners, limit, neutral, stretch.model)
 
     def release(self) -> None:
