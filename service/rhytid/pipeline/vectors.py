@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rhytid.device.held import Held
 from rhytid.device.runtime import Buffer, Device
 
 # Texels that kernels take at once, WIDTH of vectors.clh: the smallest levels are padded to it.
@@ -19,7 +20,7 @@ BYTES_A_TEXEL = 1
 
 
 @dataclass(frozen=True)
-class VectorTriangles:
+class VectorTriangles(Held):
     """firsts (V + 1,) int32: where the members of a vector begin.  members (K, 2) int32: a
     triangle and the texels of the vector that lie in it, as bits."""
 
@@ -41,11 +42,5 @@ class VectorTriangles:
         return found
 
     @property
-    def nbytes(self) -> int:
-        """Bytes on the device."""
-        return self.firsts.nbytes + self.members.nbytes
-
-    def release(self) -> None:
-        """Give the memory back."""
-        self.firsts.release()
-        self.members.release()
+    def _buffers(self) -> tuple[Buffer, ...]:
+        return (self.firsts, self.members)
