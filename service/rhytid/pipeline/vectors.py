@@ -15,7 +15,8 @@ from rhytid.device.runtime import Buffer, Device
 
 # Texels that kernels take at once, WIDTH of vectors.clh: the smallest levels are padded to it.
 VECTOR = 16
-# About what the triangles of a map take where they are many texels wide.
+# About what the triangles of a map take where they are many texels wide: it was 4.7 on a real face
+# at 256² texels, 2.0 at 1024², 1.4 at 2048² and 1.1 at 4096².
 BYTES_A_TEXEL = 1
 
 
