@@ -49,7 +49,7 @@ class StiffScene(BinnedScene):
 
     def fields(self, positions, model):
         stage = SmoothStage(self.device, self.mesh)
-        return stage.run(self.stretch(positions, model), LIMIT, self.settings.angles)
+        return stage.run(self.stretch(positions, model), LIMIT)
 
     def redrawn_by(self, positions, model, sampling, udim=1001):
         """(R, R)"""

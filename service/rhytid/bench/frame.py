@@ -76,7 +76,7 @@ class FrameBench:
         self._located = UdimTriangles(device, mesh, udim, size, padding)
         self._stage = StretchStage(device, mesh)
         self._limit = settings.response.log_stretch_limit
-        self._frame = self._stage.run(deformed, self._limit)
+        self._frame = self._stage.run(deformed, self._limit, angles=settings.angles)
         self._blend = Blend(device, settings, len(mesh.faces))
         self._convolve = Convolve(device, mesh)
         self._bins: list[BinTile] = []

@@ -197,11 +197,11 @@ class ResidentAsset:
         return codes[:, index].ravel()[: texels * texels].reshape(texels, texels)
 
     def bins_size(self) -> int:
-        """Bytes that the level-0 maps of every UDIM need."""
-        bins = self.settings.bins
-        texels = len(self._located) * self.settings.resolution**2
-        places = BYTES_A_TEXEL + (0 if self._stiffness is None else 4)
-        return texels * (map_count(bins) * bins.bits // 8 + places)
+        """Bytes that the level-0 maps of every UDIM need, as far as `BYTES_A_TEXEL` is right."""
+        bins, painted = self.settings.bins, () if self._stiffness is None else self._stiffness.maps
+        a_texel = map_count(bins) * bins.bits // 8 + BYTES_A_TEXEL
+        sizes = (a_texel + 4 * (udim in painted) for udim in self._located)
+        return sum(sizes) * self.settings.resolution**2
 
     def release(self) -> None:
         """Give everything back; every later call raises NotFoundError."""
@@ -284,16 +284,14 @@ class ResidentAsset:
         limit = self.settings.response.log_stretch_limit
         return self._keep(
             "fields", model, frame.digest,
-            make=lambda: self._smooth.run(
-                self._stretch_buffers(frame, model), limit, self.settings.angles
-            ),
+            make=lambda: self._smooth.run(self._stretch_buffers(frame, model), limit),
         )  # fmt: skip
 
     def _stretch_buffers(self, frame: Frame, model: str) -> StretchBuffers:
         limit = self.settings.response.log_stretch_limit
         return self._keep(
             "stretch", model, frame.digest,
-            make=lambda: self._stretch.run(frame.positions, limit, model),
+            make=lambda: self._stretch.run(frame.positions, limit, model, self.settings.angles),
         )  # fmt: skip
 
     def _kernels(self, frame: Frame, model: str) -> Buffer:

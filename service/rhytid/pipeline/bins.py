@@ -10,6 +10,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.device.held import Held
 from rhytid.device.runtime import Buffer, Device
 from rhytid.domain.asset_settings import AssetSettings, BinSettings
 from rhytid.domain.stiffness import Stiffness
@@ -109,7 +110,7 @@ def quantisation_steps(settings: AssetSettings) -> NDArray[np.float32]:
 
 
 @dataclass(frozen=True)
-class BinTile:
+class BinTile(Held):
     """One tile of every precomputed map, padded to a vector, and the triangles of its texels.
 
     codes: (texels / VECTOR, maps, VECTOR), maps being M samples within parts within N + 1
@@ -124,19 +125,8 @@ class BinTile:
     stiffness: Buffer | None = None
 
     @property
-    def _held(self) -> tuple[VectorTriangles | Buffer, ...]:
-        held = (self.triangles, self.codes)
-        return held if self.stiffness is None else (*held, self.stiffness)
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes on the device."""
-        return sum(part.nbytes for part in self._held)
-
-    def release(self) -> None:
-        """Give the memory back."""
-        for part in self._held:
-            part.release()
+    def _buffers(self) -> tuple[VectorTriangles | Buffer | None, ...]:
+        return (self.triangles, self.codes, self.stiffness)
 
 
 class BinMaker:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.device.held import Held
 from rhytid.device.runtime import Buffer, Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.mesh import Mesh
@@ -23,7 +24,7 @@ MOST_TAPS = 63
 
 
 @dataclass(frozen=True)
-class NeutralTile:
+class NeutralTile(Held):
     """What convolving `side`² texels from (row, column) on needs and no frame changes.
 
     heights: (side + 4 apron)² float32, the neutral map around the tile; beyond the border of the
@@ -40,19 +41,8 @@ class NeutralTile:
     stiffness: Buffer | None = None
 
     @property
-    def _buffers(self) -> tuple[Buffer, ...]:
-        held = (self.heights, self.triangles, self.stiffness)
-        return tuple(buffer for buffer in held if buffer is not None)
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes on the device."""
-        return sum(buffer.nbytes for buffer in self._buffers)
-
-    def release(self) -> None:
-        """Give the memory back."""
-        for buffer in self._buffers:
-            buffer.release()
+    def _buffers(self) -> tuple[Buffer | None, ...]:
+        return (self.heights, self.triangles, self.stiffness)
 
 
 class NeutralTiles:
