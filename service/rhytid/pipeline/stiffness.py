@@ -11,7 +11,7 @@ from rhytid.domain.stiffness import Stiffness
 from rhytid.domain.tiles import BORDER_SLACK, udim_origin
 from rhytid.pipeline.vectors import VECTOR
 
-# Elements whose corners and edges are in memory together: some 12 MB.
+# Elements whose corners and edges are in memory together: 15 MB, 33 where all are outside.
 _AT_ONCE = 65536
 
 
