@@ -148,6 +148,6 @@ def test_angles_can_change_and_change_what_is_drawn(tmp_path):
 
 def test_a_udim_without_mesh_is_refused(tmp_path):
     with running(tmp_path) as engine:
-        with pytest.raises(InputError, match="UDIM 1005: it has no mesh"):
+        with pytest.raises(InputError, match="UDIM 1005, which has no mesh"):
             engine.create_asset(stiff(Stiffness({1005: MAP})))
         assert engine.assets() == []

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,47 +15,45 @@ from rhytid.errors import InputError, LimitError
 
 # Of all maps together: 8192² twice, or 4096² eight times.
 MOST_TEXELS = 2**27
+# 65535/255: a code of 16 bits that is such a multiple is the same share as a code of 8 bits.
+_CODES_A_BYTE = 257
 
 
 @dataclass(frozen=True, eq=False)
 class Stiffness:
-    """Maps (h, w) float32 from 0 to 1 by UDIM, which log stretch is multiplied by once it is
-    clamped; a UDIM without a map is 1 throughout. Of any size, square or not.
+    """Maps (h, w) from 0 to 1 by UDIM, which log stretch is multiplied by once it is clamped; a
+    UDIM without a map is 1 throughout. Of any size, square or not. Each is uint8 or uint16 codes of
+    which the largest is 1, and stays so, in 8 bits where they are enough; or floats, kept as
+    float32.
 
     Row 0 is the top: texel (row, column) has its centre at u = (column + ½)/w, v = 1 − (row + ½)/h.
     Between centres a map is bilinear, beyond the outermost it goes on as they are. Raises
     InputError naming the map that cannot be used, LimitError above MOST_TEXELS in all.
     """
 
-    maps: Mapping[int, NDArray[np.float32]]
+    maps: Mapping[int, NDArray[Any]]
 
     def __post_init__(self) -> None:
-        fixed = {}
+        fixed: dict[int, NDArray[Any]] = {}
         for udim, map in sorted(self.maps.items()):
             what = f"stiffness of UDIM {udim}"
-            fixed[udim] = fixed_array(map, what, (None, None), np.float32, InputError)
-            if fixed[udim].size == 0 or not ((fixed[udim] >= 0) & (fixed[udim] <= 1)).all():
-                raise InputError(f"{what}: numbers from 0 to 1, at least one")
-        total = sum(map.size for map in fixed.values())
-        if total > MOST_TEXELS:
-            raise LimitError(f"stiffness maps of {total} texels in all: at most {MOST_TEXELS}")
+            fixed[udim] = _fixed(map, what)
+            check_total(fixed.values(), what)
         object.__setattr__(self, "maps", fixed)
 
-    def arrays(self) -> dict[str, NDArray[np.float32]]:
+    def arrays(self) -> dict[str, NDArray[Any]]:
         """The maps by the UDIM as text."""
         return {str(udim): map for udim, map in self.maps.items()}
 
     @classmethod
-    def of_arrays(cls, arrays: Mapping[str, NDArray[np.float32]]) -> Stiffness:
+    def of_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> Stiffness:
         """The inverse of `arrays`."""
         return cls({int(udim): map for udim, map in arrays.items()})
 
     def check_udims(self, udims: Sequence[int]) -> None:
         """Raise InputError for a map of a UDIM that is not among those of the mesh."""
         for udim in self.maps:
-            if udim not in udims:
-                have = ", ".join(str(known) for known in udims)
-                raise InputError(f"stiffness of UDIM {udim}: it has no mesh; the mesh has {have}")
+            check_udim(udim, udims, "a stiffness map")
 
     def at(self, udim: int, local: NDArray[np.floating]) -> NDArray[np.float32]:
         """(P,) at points (P, 2) in UV local to the UDIM."""
@@ -63,8 +62,8 @@ class Stiffness:
             return np.ones(len(local), np.float32)
         left, right, x = _between(local[:, 0], map.shape[1])
         top, bottom, y = _between(1.0 - local[:, 1].astype(np.float64), map.shape[0])
-        upper = _mix(map[top, left], map[top, right], x)
-        return _mix(upper, _mix(map[bottom, left], map[bottom, right], x), y)
+        rows = [_mix(_shares(map[i, left]), _shares(map[i, right]), x) for i in (top, bottom)]
+        return _mix(rows[0], rows[1], y)
 
     def texels(
         self, udim: int, side: int, row: int, column: int, count: int
@@ -78,9 +77,44 @@ class Stiffness:
             return None
         left, right, x = _between(texel_centres(column, count, side), map.shape[1])
         top, bottom, y = _between(texel_centres(row, count, side), map.shape[0])
-        rows = [_mix(map[i][:, left], map[i][:, right], x) for i in (top, bottom)]
+        rows = [_mix(_shares(map[i][:, left]), _shares(map[i][:, right]), x) for i in (top, bottom)]
         found = _mix(rows[0], rows[1], y[:, None])
         return None if (found == 1).all() else found
+
+
+def check_udim(udim: int, udims: Sequence[int], what: str) -> None:
+    """Raise InputError where the UDIM of `what` is not among those of the mesh."""
+    if udim not in udims:
+        have = ", ".join(str(known) for known in udims)
+        raise InputError(f"{what} is of UDIM {udim}, which has no mesh; the mesh has {have}")
+
+
+def check_total(maps: Iterable[NDArray[Any]], what: str) -> None:
+    """Raise LimitError where maps, of which `what` is the last, exceed MOST_TEXELS together."""
+    total = sum(map.size for map in maps)
+    if total > MOST_TEXELS:
+        rule = f"at most {MOST_TEXELS}"
+        raise LimitError(f"{what}: stiffness maps up to it have {total} texels in all: {rule}")
+
+
+def _fixed(map: NDArray[Any], what: str) -> NDArray[Any]:
+    dtype = np.asarray(map).dtype
+    coded = dtype.kind == "u" and dtype.itemsize <= 2
+    kept = np.dtype(f"u{dtype.itemsize}" if coded else np.float32)
+    fixed = fixed_array(map, what, (None, None), kept, InputError)
+    if fixed.size == 0 or not (coded or ((fixed >= 0) & (fixed <= 1)).all()):
+        raise InputError(f"{what}: numbers from 0 to 1, at least one")
+    if kept != np.uint16 or (fixed % _CODES_A_BYTE).any():
+        return fixed
+    narrow = (fixed // _CODES_A_BYTE).astype(np.uint8)
+    narrow.setflags(write=False)
+    return narrow
+
+
+def _shares(texels: NDArray[Any]) -> NDArray[np.float32]:
+    """Codes as shares of the largest; floats as they are."""
+    shares: NDArray[np.float32] = texels.astype(np.float32, copy=False)
+    return shares if texels.dtype.kind == "f" else shares / np.float32(np.iinfo(texels.dtype).max)
 
 
 def _between(
