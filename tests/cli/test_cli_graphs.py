@@ -74,7 +74,11 @@ def test_what_is_asked_for_is_written_and_folders_are_made(tmp_path: Path, mesh:
 
 @pytest.mark.parametrize(
     ("option", "file", "wrong"),
-    [("--curves", "g.fbx", r".obj, .usda"), ("--preview", "g.jpg", ".png")],
+    [
+        ("--curves", "g.fbx", r".obj, .usda"),
+        ("--preview", "g.jpg", ".png"),
+        ("--out", "g.npz", ".safetensors"),
+    ],
 )
 def test_an_unknown_extension_is_refused_before_anything_is_done(
     tmp_path: Path,

@@ -38,13 +38,23 @@ def add_command(commands: Commands) -> None:
     parser.description = SUMMARY + DETAILS
     parser.epilog = f"{parser.epilog}, or: rhytid demo --mesh animation.npz --sampling smooth"
     add = parser.add_argument
-    add("--out", type=Path, default=Path("rhytid-demo"), metavar="DIR", help="(%(default)s)")
+    add(
+        "--out",
+        type=Path,
+        default=Path("rhytid-demo"),
+        metavar="DIR",
+        help="maps and sheets of an earlier run there are removed (%(default)s)",
+    )
     mesh = "OBJ, PLY, glTF, GLB, or npz, which may hold the frames"
     add("--mesh", type=readable, metavar="NEUTRAL", help=mesh)
     frames = "npy, obj, or npz with 'frames'"
     add("--frames", type=readable, nargs="+", default=[], metavar="FILE", help=frames)
     add(
-        "--resolution", type=int, default=RESOLUTION, metavar="R", help="2048 or 4096 (%(default)s)"
+        "--resolution",
+        type=int,
+        default=RESOLUTION,
+        metavar="R",
+        help="texels a side, a power of two (%(default)s)",
     )
     add_wrinkles(parser)
     add_query(parser)

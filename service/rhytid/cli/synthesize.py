@@ -16,6 +16,9 @@ from rhytid.cli.graph_output import (
 from rhytid.cli.options import Commands, add_wrinkles, new_command, readable
 from rhytid.cli.reporting import share_bar
 from rhytid.domain.asset_settings import AssetSettings, GraphSettings
+from rhytid.errors import InputError
+
+GRAPH = ".safetensors"
 
 
 def add_command(commands: Commands) -> None:
@@ -46,6 +49,8 @@ def run(arguments: argparse.Namespace) -> None:
 
     settings = graph_settings(arguments.wrinkles, arguments.seed)
     check_outputs(arguments)
+    if arguments.out.suffix.lower() != GRAPH:
+        raise InputError(f"{arguments.out}: the graph is written as {GRAPH}")
     mesh = mesh_file(arguments.mesh).mesh
     device = open_device(arguments)
     out: Path = arguments.out
