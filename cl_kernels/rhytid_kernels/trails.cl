@@ -53,7 +53,8 @@ __kernel void appeal_of_ways(int first, int count, __global const int *offsets,
     for (int h = offsets[i]; h < offsets[i + 1]; h++) {
         int e = edges[h];
         float c = fabs(dot(convert_float2(direction[h]), along)) / 32767.0f;
-        float liking = mix(EVEN, c * c * sqrt(c), anisotropy[i]) + askew;
+        // The least is for anisotropy above 1, which takes from what is askew; to 1 it never counts.
+        float liking = fmax(mix(EVEN, c * c * sqrt(c), anisotropy[i]) + askew, 0.01f);
         float shortness = mean_length / length[e];
         appeal[h] = liking * shortness * sqrt(shortness) * pull[e];
     }
