@@ -19,7 +19,7 @@ class GraphSettings:
     """How the wrinkle graph is synthesised (section 2.1, after Weiss et al. 2023).
 
     turn: degrees to the left of the preferred lines.  density, strength, scale and pore_radius are
-    factors; anisotropy is 0 for lines that run any way, 1 as usual, 2 for hardly a branch.
+    factors; anisotropy is 0 for lines that run any way, 1 as usual, 2 for one direction alone.
     """
 
     wrinkles: int = whole(300_000, 100, MOST_WRINKLES)

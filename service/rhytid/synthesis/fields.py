@@ -47,7 +47,8 @@ class Fields:
         return np.ones(len(triangle), np.float32)
 
     def anisotropy(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
-        """How far walkers keep to preferred directions: 1 as they do, 0 not at all, 2 at most."""
+        """How far walkers keep to preferred directions: 1 as they do, 0 not at all; above 1
+        the second family of lines turns towards the first, until at 2 both are one."""
         return np.ones(len(triangle), np.float32)
 
     def width(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:

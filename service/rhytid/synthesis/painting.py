@@ -91,20 +91,24 @@ class PaintedFields(Fields):
 
     def width(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """From a quarter to four times, and as the spacing."""
-        return self._geometric("scale", triangle, uv)
+        return self._sized("scale", triangle, uv)
 
     def pore_radius(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """From a quarter to four times, and as the spacing."""
-        return self._geometric("pore_radius", triangle, uv)
+        return self._sized("pore_radius", triangle, uv)
 
     def _linear(self, name: str, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
-        factor = self._region(name, triangle, uv) * np.float32(getattr(self._settings, name))
+        factor: Factors = self._region(name, triangle, uv) * np.float32(
+            getattr(self._settings, name)
+        )
         if name in self._maps:
             factor *= 1.0 + signed(self._maps[name].at(triangle, uv))
         return factor
 
-    def _geometric(self, name: str, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
-        factor = self._region(name, triangle, uv) * np.float32(getattr(self._settings, name))
+    def _sized(self, name: str, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        factor: Factors = self._region(name, triangle, uv) * np.float32(
+            getattr(self._settings, name)
+        )
         if name in self._maps:
             factor *= np.float32(4.0) ** signed(self._maps[name].at(triangle, uv))
         factor *= self.spacing(triangle, uv)
