@@ -106,7 +106,7 @@ def test_scale_and_pore_radius_size_what_is_drawn(device: Device) -> None:
 
 @pytest.mark.parametrize("degrees", [0, 45, 90, 135])
 def test_wrinkles_turn_to_the_painted_direction(device: Device, degrees: int) -> None:
-    maps = {"direction": right(degrees / 180, 90 / 180), "anisotropy": right(1.0, 1.0)}
+    maps = {"direction": right((degrees or 180) / 180, 90 / 180), "anisotropy": right(1.0, 1.0)}
     left, there = sides(device, **maps)
     for half, wanted in ((left, 90), (there, degrees)):
         off = (half.axis - wanted + 90) % 180 - 90

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from rhytid.domain.painted import Map, bilinear
 from rhytid.domain.tiles import udim_origin
-from rhytid.synthesis.charts import cross
 from rhytid.synthesis.rows import row_blocks
-from rhytid.synthesis.surface import FloatArray, Surface, unit
+from rhytid.synthesis.surface import FloatArray, Surface
 
 _MIDDLE = 0.5
 # A point on the border of two UDIMs belongs to that of its triangle: so far it is pulled inwards.
@@ -44,28 +43,7 @@ class Lookup:
                 found[rows.start + there] = bilinear(map, local)
         return found
 
-    def covers(self, triangle: NDArray[Any], uv: NDArray[Any]) -> NDArray[np.bool_]:
-        """(N,) where the UDIM has a map."""
-        corner = self._corners(triangle, uv)
-        origins = [udim_origin(udim) for udim in self._maps]
-        covered = [(corner == origin).all(axis=1) for origin in origins]
-        found: NDArray[np.bool_] = np.logical_or.reduce(covered)
-        return found
-
     def _corners(self, triangle: NDArray[Any], uv: NDArray[Any]) -> FloatArray:
         """(N, 2) origins of the UDIMs of points."""
         corner: FloatArray = np.floor(uv + _PULL * (self._centres[triangle] - uv))
         return corner
-
-
-def points_to_normals(surface: Surface, triangle: NDArray[Any], uv: NDArray[Any]) -> FloatArray:
-    """(N, 3) unit normals at uv (N, 2), interpolated from the corners of their triangles."""
-    normals = np.empty((len(triangle), 3))
-    for rows in row_blocks(len(triangle)):
-        corners, at = surface.uv[triangle[rows]], uv[rows].astype(np.float64)
-        one, two = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-        offset, area = at - corners[:, 0], cross(one, two)
-        s, t = cross(offset, two) / area, cross(one, offset) / area
-        weights = np.stack([1.0 - s - t, s, t], axis=-1)
-        normals[rows] = np.einsum("nc,ncx->nx", weights, surface.normals[triangle[rows]])
-    return unit(normals)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -12,9 +11,10 @@ from rhytid.domain.asset_settings import GraphSettings
 from rhytid.domain.controls import REGION_MAPS, REGION_PREFIX, Controls, signed
 from rhytid.domain.painted import Map
 from rhytid.domain.regions import REGIONS, Region
-from rhytid.synthesis.directions import level_directions
 from rhytid.synthesis.fields import Factors, Fields
-from rhytid.synthesis.lookup import Lookup, points_to_normals
+from rhytid.synthesis.lookup import Lookup
+from rhytid.synthesis.painted_directions import PaintedDirections
+from rhytid.synthesis.rows import row_blocks
 from rhytid.synthesis.surface import Surface
 
 # Painted and regional density together stay within; what is painted below BARE is bare.
@@ -37,7 +37,9 @@ class PaintedFields(Fields):
         self._surface, self._settings = surface, settings
         maps = controls.maps
         self._maps = {name: Lookup(surface, maps[name]) for name in maps if name != "direction"}
-        self._directions = _axes(surface, maps.get("direction", {}))
+        self._directions = (
+            PaintedDirections(surface, maps["direction"]) if "direction" in maps else None
+        )
         self._regions = [name for name in REGION_MAPS if name in maps]
         low, high = self._densities()
         self.least_spacing, self.most_spacing = high**-0.5, low**-0.5
@@ -67,11 +69,12 @@ class PaintedFields(Fields):
         return factor
 
     def turn(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
-        """Painted directions go before the preferred lines and what a region turns them by."""
+        """Painted directions take the place of the preferred lines and of what a region turns
+        these by."""
         found = np.radians(self._region("turn", triangle, uv))
         if self._directions is not None:
-            painted, there = self._painted_turn(triangle, uv)
-            found[there] = painted[there]
+            for rows in row_blocks(len(triangle)):
+                found[rows] = self._directions.instead_of(found[rows], triangle[rows], uv[rows])
         found += np.float32(np.radians(self._settings.turn))
         if "turn" in self._maps:
             found += np.float32(0.5 * np.pi) * signed(self._maps["turn"].at(triangle, uv))
@@ -81,7 +84,7 @@ class PaintedFields(Fields):
         """Painted directions are kept to more closely."""
         factor = super().bend(triangle, uv)
         if self._directions is not None:
-            factor[self._directions[0].covers(triangle, uv)] = _PAINTED_BEND
+            factor += np.float32(_PAINTED_BEND - 1.0) * self._directions.sure(triangle, uv)
         return factor
 
     def anisotropy(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
@@ -129,20 +132,6 @@ class PaintedFields(Fields):
         mixed += np.maximum(1.0 - total, 0.0) * np.float32(base)
         return np.asarray(_meant(mixed, name), np.float32)
 
-    def _painted_turn(
-        self, triangle: NDArray[Any], uv: NDArray[Any]
-    ) -> tuple[Factors, NDArray[np.bool_]]:
-        """Radians from the level direction to the painted one, and where there is one."""
-        assert self._directions is not None
-        cosine, sine = (part.at(triangle, uv) for part in self._directions)
-        angle = 0.5 * np.arctan2(sine, cosine).astype(np.float64)
-        along = self._surface.along(triangle, np.stack([np.cos(angle), np.sin(angle)], axis=-1))
-        normal = points_to_normals(self._surface, triangle, uv)
-        level = level_directions(normal)
-        beside = np.cross(normal, level)
-        turn = np.arctan2((along * beside).sum(-1), (along * level).sum(-1))
-        return turn.astype(np.float32), self._directions[0].covers(triangle, uv)
-
     def _darkest(self) -> float:
         """The least of the density map."""
         return float(density_of(np.float32(self._maps["density"].least)))
@@ -183,12 +172,3 @@ def _value(region: Region, name: str) -> float:
 def _meant(value: Any, name: str) -> Any:
     """The inverse of `_value`."""
     return value if name == "turn" else np.exp(value)
-
-
-def _axes(surface: Surface, maps: Mapping[int, Map]) -> tuple[Lookup, Lookup] | None:
-    """Cosine and sine of twice the painted angle: these can be interpolated, black is white."""
-    if not maps:
-        return None
-    double = {udim: np.float32(2.0 * np.pi) * map for udim, map in maps.items()}
-    cosine, sine = ({u: f(a) for u, a in double.items()} for f in (np.cos, np.sin))
-    return Lookup(surface, cosine), Lookup(surface, sine)
