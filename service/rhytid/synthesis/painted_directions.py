@@ -40,7 +40,8 @@ class PaintedDirections:
         a mean with `other`, both as axes."""
         cosine, sine = self._axis(triangle, uv)
         there = np.flatnonzero((cosine != 0) | (sine != 0))
-        painted = self._turn(0.5 * np.arctan2(sine, cosine)[there], triangle[there], uv[there])
+        angle = 0.5 * np.arctan2(sine, cosine)[there].astype(np.float64)
+        painted = self._turn(angle, triangle[there], uv[there])
         sure = np.minimum(np.hypot(cosine, sine)[there], 1.0)
         both = sure * np.exp(2j * painted) + (1.0 - sure) * np.exp(2j * other[there])
         turn: Factors = other.copy()
@@ -51,7 +52,7 @@ class PaintedDirections:
         cosine = self._cosine.at(triangle, uv, neutral=0.0)
         return cosine, self._sine.at(triangle, uv, neutral=0.0)
 
-    def _turn(self, angle: Factors, triangle: NDArray[Any], uv: NDArray[Any]) -> FloatArray:
+    def _turn(self, angle: FloatArray, triangle: NDArray[Any], uv: NDArray[Any]) -> FloatArray:
         """Of angles in UV, on the surface."""
         way = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
         along = self._surface.along(triangle, way)
