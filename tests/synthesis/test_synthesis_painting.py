@@ -120,12 +120,15 @@ def test_regions_mix_by_their_masks(wide: Surface) -> None:
         )
 
     spacing = mixed("density") ** -0.5
+    strength = 0.5 * mixed("strength") * np.minimum(spacing, 1)
     for found, wanted in (
         (fields.spacing, spacing),
         (fields.width, spacing * mixed("scale")),
         (fields.pore_radius, spacing * mixed("pore_radius")),
         (fields.anisotropy, mixed("anisotropy")),
-        (fields.strength, 0.5 * mixed("strength") * np.minimum(spacing, 1)),
+        (fields.bend, mixed("bend")),
+        (fields.strength, strength),
+        (fields.pore_strength, strength * mixed("pore_strength")),
     ):
         np.testing.assert_allclose(found(triangle, uv), wanted, rtol=2e-5)
     share = weights[1] / np.maximum(sum(weights), 1)
@@ -169,7 +172,7 @@ def test_black_leaves_the_preferred_lines_and_fades_into_them(wide: Surface) -> 
     off = fields.turn(triangle, uv) - np.angle(both) / 2
     assert np.abs(np.sin(off)).max() < 1e-5
     assert (fields.turn(triangle, uv)[sure == 0] == np.float32(np.pi / 2)).all()
-    np.testing.assert_allclose(fields.bend(triangle, uv), 1 - 0.7 * sure, atol=1e-6)
+    np.testing.assert_allclose(fields.bend(triangle, uv), 0.4 - 0.1 * sure, atol=1e-6)
     assert 0 < np.mean(sure == 0) < 1
 
 

@@ -35,8 +35,12 @@ class Fields:
         return np.zeros(len(triangle), np.bool_)
 
     def strength(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
-        """Factor of the weight of wrinkles and pores; weights stay within (0, 1]."""
+        """Factor of the weight of wrinkles; weights stay within (0, 1]."""
         return np.ones(len(triangle), np.float32)
+
+    def pore_strength(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """Factor of the weight of pores."""
+        return self.strength(triangle, uv)
 
     def turn(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Radians by which the preferred direction turns left, seen from outside."""

@@ -68,6 +68,11 @@ class PaintedFields(Fields):
         factor *= np.minimum(self.spacing(triangle, uv), np.float32(1.0))
         return factor
 
+    def pore_strength(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """As that of wrinkles, times what the region says of its pores."""
+        factor: Factors = self.strength(triangle, uv) * self._region("pore_strength", triangle, uv)
+        return factor
+
     def turn(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Painted directions take the place of the preferred lines and of what a region turns
         these by."""
@@ -82,9 +87,10 @@ class PaintedFields(Fields):
 
     def bend(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Painted directions are kept to more closely."""
-        factor = super().bend(triangle, uv)
+        factor = self._region("bend", triangle, uv)
         if self._directions is not None:
-            factor += np.float32(_PAINTED_BEND - 1.0) * self._directions.sure(triangle, uv)
+            sure = self._directions.sure(triangle, uv)
+            factor += (np.float32(_PAINTED_BEND) - factor) * sure
         return factor
 
     def anisotropy(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
