@@ -78,8 +78,9 @@ def blended(device, triangle, maps):
     layers, _, samples, _ = maps.codes.shape
     tilt = maps.tilts is not None
     given = options(8 * maps.codes.itemsize, maps.merge, layers, samples, tilt)
-    codes = maps.codes.reshape(-1, TEXELS)
-    codes = np.concatenate([codes, maps.tilts]) if tilt else codes
+    by_layer = [layer.reshape(-1, TEXELS) for layer in maps.codes]
+    tilts = [*maps.tilts[:, None], by_layer[0][:0]] if tilt else [by_layer[0][:0]] * layers
+    codes = np.concatenate([m for pair in zip(by_layer, tilts, strict=True) for m in pair])
     arguments = [*placed(device, triangle, codes), coefficients(device, maps), unit(maps)]
     text, out = rhytid_kernels.source("blend"), np.zeros(TEXELS, np.float32)
     return run(device, text, "blend", (TEXELS // WIDTH,), arguments, out, given)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -29,7 +28,14 @@ def stored_maps(device, tile, bins):
 def stored_codes(device, tile, bins):
     """(N + 1, parts, M, P) codes of a tile, signed as they are stored."""
     shape = (bins.count + 1, len(parts(bins)), bins.samples, tile.texels)
-    return stored_maps(device, tile, bins)[: math.prod(shape[:3])].reshape(shape)
+    maps = stored_maps(device, tile, bins)
+    return np.delete(maps, tilt_places(bins), axis=0).reshape(shape)
+
+
+def tilt_places(bins):
+    """The indices of the tilts: each behind the other maps of its bin."""
+    each = len(parts(bins)) * bins.samples
+    return [n * (each + 1) + each for n in range(bins.count)] if bins.tilt else []
 
 
 class BinnedScene(Scene):
@@ -54,7 +60,7 @@ class BinnedScene(Scene):
     def tilts(self):
         """(N, P) codes of the tilts of each bin."""
         bins = self.settings.bins
-        return stored_maps(self.device, self.tile, bins)[-bins.count :]
+        return stored_maps(self.device, self.tile, bins)[tilt_places(bins)]
 
     def blended(self, positions, model="tensor"):
         blend = Blend(self.device, self.settings, len(self.mesh.faces))

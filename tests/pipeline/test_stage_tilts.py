@@ -86,9 +86,9 @@ def test_tilts_of_a_coarse_level_come_from_its_means(device, level):
     side = min(256 >> level, 64)
     tile = BinMaker(device, made.elements(), made.located, settings).tile(level, 0, 0, side)
     codes = stored_maps(device, tile, settings.bins)[:, : side * side]
-    drawn = codes[3 + 2] != 0
+    drawn = codes[4 + 2] != 0
     assert drawn.any()
-    np.testing.assert_allclose(codes[15 + 1][drawn], 0.4 * 32767, atol=400)
+    np.testing.assert_allclose(codes[4 + 3][drawn], 0.4 * 32767, atol=400)
 
 
 def test_tilts_want_the_depth_factored():

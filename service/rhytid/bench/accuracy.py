@@ -15,6 +15,7 @@ from rhytid.bench.subject import Subject
 from rhytid.domain.asset_settings import BinSettings
 from rhytid.pictures.contact import relative_rms
 from rhytid.pipeline.bins import map_count
+from rhytid.pipeline.vectors import BYTES_A_TEXEL
 
 # The worst texels of a map, as a share of all.
 WORST = 0.001
@@ -48,6 +49,7 @@ CHOICES: tuple[BinSettings, ...] = (
     *(choice(**_TILTED, merge=merge, samples=7) for merge in ("min", "signed", "mellow")),
     *(choice(**_TILTED, merge="soft", count=n, samples=7) for n in (2, 8)),
     *(choice(**_TILTED, merge="soft", samples=m) for m in (3, 5)),
+    choice(**_TILTED, merge="soft", samples=5, reach=1.75),
     *(choice(**_TILTED, merge="soft", samples=7, reach=reach) for reach in (1.5, 2.0)),
     choice(**_TILTED, merge="soft", samples=7, reach=1.5, bits=16),
     choice(**_TILTED, merge="signed", samples=7, reach=1.5),
@@ -125,7 +127,7 @@ def worst_mean(values: Map, reference: Map) -> float:
 
 def memory(bins: BinSettings) -> float:
     """Bytes a texel of the precomputed maps and of the triangle index beside them."""
-    return map_count(bins) * bins.bits / 8 + 4
+    return map_count(bins) * bins.bits / 8 + BYTES_A_TEXEL
 
 
 def front(found: Iterable[Accuracy]) -> list[Accuracy]:

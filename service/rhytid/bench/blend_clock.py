@@ -1,4 +1,4 @@
-"""How long blending takes for a choice of bins, without the memory that a whole map would need."""
+"""How long blending takes for a choice of bins. It depends on no code, so none is drawn."""
 
 from __future__ import annotations
 
@@ -11,58 +11,49 @@ import numpy as np
 from rhytid.bench.subject import Grown, Subject
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import PRESETS, BinSettings
-from rhytid.domain.tiles import TileAddress, TileGrid
-from rhytid.pipeline.bins import BinMaker, BinTile
+from rhytid.pipeline.bins import BinTile, map_count
 from rhytid.pipeline.blend import Blend
-from rhytid.pipeline.elements import UdimElements, pore_arrays, wrinkle_arrays
-from rhytid.pipeline.locate import UdimTriangles, locate_points
+from rhytid.pipeline.locate import UdimTriangles
 from rhytid.pipeline.stretch import StretchStage
+from rhytid.pipeline.vectors import VectorTriangles
 
 REPEATS = 9
-# Of the same tiles in one run, so that a run takes some milliseconds.
-ROUNDS = 4
+# Bytes of codes that are blended in one run: several times what any cache holds.
+MOST_CODES = 256 << 20
 
 
 @dataclass(frozen=True)
 class _Ready:
-    """A choice of bins, its maps at hand."""
+    """A choice of bins, with some codes in tiles spread over the map."""
 
     blend: Blend
-    maps: list[BinTile]
+    tiles: list[BinTile]
 
     def release(self) -> None:
-        for tile in self.maps:
-            tile.release()
+        for tile in self.tiles:
+            tile.codes.release()
         self.blend.release()
 
 
 class BlendClock:
     """The frame of a subject that stretches most, at the size at which blending is timed.
 
-    Times are of a whole map, from a few tiles in its middle, beside a copy of the same map. On a
-    processor they are its own time, all cores together. Every choice of bins is timed in turn with
-    the paper's, so that what else the machine does slows both.
+    Times are of a whole map beside a copy of the same map. On a processor they are its own time,
+    all cores together. Every choice of bins is timed in turn with the paper's, so that what else
+    the machine does slows both.
     """
 
     def __init__(self, device: Device, subject: Subject, grown: Grown, resolution: int) -> None:
         self._device, self._subject = device, subject
         self._now = time.process_time if device.info.kind == "cpu" else time.perf_counter
         self._settings = settings = subject.settings(grown, resolution)
-        graph, mesh, udim = grown.graph, subject.mesh, subject.udim
-        padding = settings.padding
-        wrinkle = locate_points(device, mesh, graph.centres(), resolution, padding)
-        pore = locate_points(device, mesh, graph.node_uv, resolution, padding)
-        self._wrinkles = wrinkle_arrays(graph, wrinkle, settings, udim)
-        self._pores = pore_arrays(graph, pore, settings, udim)
-        self._located = UdimTriangles(device, mesh, udim, resolution, padding)
+        self._vectors = self._placed(resolution)
+        self._stage = StretchStage(device, subject.mesh)
         positions = subject.frames[subject.strongest].positions
-        limit = settings.response.log_stretch_limit
-        self._stage = StretchStage(device, mesh)
-        self._stretch = self._stage.run(positions, limit)
+        self._stretch = self._stage.run(positions, settings.response.log_stretch_limit)
         self.copy_seconds = self._copy()
         self._paper = self._made(PRESETS["paper"])
-        shares = settings.grid.count(0) ** 2 / len(self._paper.maps * ROUNDS)
-        self._paper_seconds = shares * min(self._blend(self._paper) for _ in range(REPEATS))
+        self._paper_seconds = min(self._blend(self._paper) for _ in range(REPEATS))
 
     def seconds(self, bins: BinSettings) -> float:
         """Of Alg. 3 for a whole map, its precomputed maps at hand: what the paper's choice took
@@ -74,33 +65,54 @@ class BlendClock:
         made.release()
         return found * self._paper_seconds
 
-    def _made(self, bins: BinSettings) -> _Ready:
-        settings = replace(self._settings, bins=replace(bins, r_max=self._subject.r_max))
-        elements = UdimElements(self._device, self._wrinkles, self._pores, bins.count)
-        maker = BinMaker(self._device, elements, self._located, settings)
-        side = settings.grid.tile_size
-        places = middle_tiles(settings.grid, self._subject.udim)
-        maps = [maker.tile(0, a.row * side, a.column * side, side) for a in places]
-        elements.release()
-        return _Ready(Blend(self._device, settings, len(self._subject.mesh.faces)), maps)
-
     def release(self) -> None:
         """Give the device memory back."""
         self._paper.release()
-        self._located.release()
         self._stretch.release()
         self._stage.release()
+        for vectors in self._vectors:
+            vectors.release()
+
+    def _placed(self, resolution: int) -> list[VectorTriangles]:
+        """Of every tile of the map."""
+        subject, settings, found = self._subject, self._settings, []
+        located = UdimTriangles(
+            self._device, subject.mesh, subject.udim, resolution, settings.padding
+        )
+        side = settings.grid.tile_size
+        for row in range(0, resolution, side):
+            for column in range(0, resolution, side):
+                triangles = located.texels(resolution, row, column, side)
+                found.append(VectorTriangles.of(self._device, triangles, side * side))
+                triangles.release()
+        located.release()
+        return found
+
+    def _made(self, bins: BinSettings) -> _Ready:
+        settings = replace(self._settings, bins=replace(bins, r_max=self._subject.r_max))
+        texels = settings.grid.tile_size**2
+        codes = map_count(bins) * texels
+        most = max(MOST_CODES * 8 // (codes * bins.bits), 1)
+        each = -(-len(self._vectors) // most)
+        value = np.dtype(f"i{bins.bits // 8}").type(-40)
+        place = (np.int32(settings.grid.tile_size),) + 3 * (np.int32(0),)
+        tiles = [
+            BinTile(vectors, self._device.full(codes, value), texels, place)
+            for vectors in self._vectors[::each]
+        ]
+        return _Ready(Blend(self._device, settings, len(self._subject.mesh.faces)), tiles)
 
     def _blend(self, made: _Ready) -> float:
+        """Seconds of a whole map."""
         coefficients = made.blend.coefficients(self._stretch)
         self._device.finish()
         start = self._now()
-        tiles = [made.blend.tile(one, coefficients) for one in made.maps * ROUNDS]
+        for tile in made.tiles:
+            made.blend.tile(tile, coefficients).release()
         self._device.finish()
         taken = self._now() - start
-        for buffer in (coefficients, *tiles):
-            buffer.release()
-        return taken
+        coefficients.release()
+        return taken * len(self._vectors) / len(made.tiles)
 
     def _copy(self) -> float:
         count = self._settings.resolution**2
@@ -115,10 +127,3 @@ class BlendClock:
         source.release()
         target.release()
         return min(taken)
-
-
-def middle_tiles(grid: TileGrid, udim: int) -> list[TileAddress]:
-    """The four tiles in the middle of the map, or all where there are fewer."""
-    count = grid.count(0)
-    near = range(max(count // 2 - 1, 0), min(count // 2 + 1, count))
-    return [TileAddress(udim, 0, row, column) for row in near for column in near]

@@ -84,7 +84,7 @@ class BinSettings:
 PRESETS: dict[str, BinSettings] = {
     "paper": BinSettings(),
     "best": BinSettings(
-        count=4, samples=7, merge="soft", depth_factored=True, tilt=True, reach=1.5
+        count=4, samples=5, merge="soft", depth_factored=True, tilt=True, reach=1.75
     ),
 }
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from itertools import product
+from itertools import count, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,19 +68,20 @@ def layers(bins: BinSettings) -> dict[str, tuple[int, ...]]:
     `pore_bulges` are the bulges. Each has the maps of all samples. With tilts `wrinkle_tilts`, one
     map a bin.
     """
-    count, samples = len(parts(bins)), bins.samples
+    samples = len(parts(bins)) * bins.samples
+    first = range(0, map_count(bins), samples + bins.tilt)  # of each layer
     names = (("wrinkles", "pores"), ("wrinkle_bulges", "pore_bulges"))
     found: dict[str, tuple[int, ...]] = {}
-    for part, (wrinkles, pores) in enumerate(names[:count]):
-        found[wrinkles] = tuple((n * count + part) * samples for n in range(bins.count))
-        found[pores] = ((bins.count * count + part) * samples,)
+    for part, (wrinkles, pores) in enumerate(names[: len(parts(bins))]):
+        *of_wrinkles, of_pores = (index + part * bins.samples for index in first)
+        found[wrinkles], found[pores] = tuple(of_wrinkles), (of_pores,)
     if bins.tilt:
-        found[TILTS] = tuple(range(map_count(bins) - bins.count, map_count(bins)))
+        found[TILTS] = tuple(index + samples for index in first[:-1])
     return found
 
 
 def map_count(bins: BinSettings) -> int:
-    """Precomputed maps of a tile: those of every layer, part and sample, then the tilt of a bin."""
+    """Precomputed maps of a tile: of every layer, part and sample, and the tilt of every bin."""
     tilts = bins.count if bins.tilt else 0
     return (bins.count + 1) * len(parts(bins)) * bins.samples + tilts
 
@@ -108,7 +109,7 @@ class BinTile:
     """One tile of every precomputed map, padded to a vector, and the triangles of its texels.
 
     codes: (texels / VECTOR, maps, VECTOR), maps being M samples within parts within N + 1
-    layers, then the tilts of N bins.
+    layers, and after those of a bin its tilt.
     stiffness: float32 of each texel, or None: 1 throughout.
     place: texels a side of the tile and of its level, row and column of its first texel."""
 
@@ -154,16 +155,17 @@ class BinMaker:
         """All layers and samples of `texels`² texels, from texel (row, column) of the level on."""
         bins = self._settings.bins
         size = max(texels * texels, VECTOR)
-        maps = list(product(range(bins.count + 1), parts(bins), range(bins.samples)))
-        tilts = range(map_count(bins) - len(maps))
         codes = self._device.empty(map_count(bins) * size, f"i{bins.bits // 8}")
-        for index, (layer, part, sample) in enumerate(maps):
-            draw = self._draw(layer, part, sample)
-            heights = render(self._device, draw, level, row, column, texels)
-            self._quantise(heights, texels * texels, self._steps[layer, sample], index, codes)
-            heights.release()
-        for index in tilts:
-            self._tilt(index, (level, row, column, texels), len(maps) + index, codes)
+        at = count()
+        for layer in range(bins.count + 1):
+            for part, sample in product(parts(bins), range(bins.samples)):
+                draw = self._draw(layer, part, sample)
+                heights = render(self._device, draw, level, row, column, texels)
+                step = self._steps[layer, sample]
+                self._quantise(heights, texels * texels, step, next(at), codes)
+                heights.release()
+            if bins.tilt and layer < bins.count:
+                self._tilt(layer, (level, row, column, texels), next(at), codes)
         side = self._settings.resolution >> level
         place = (np.int32(texels), np.int32(side), np.int32(row), np.int32(column))
         triangles = self._located.texels(side, row, column, texels)
