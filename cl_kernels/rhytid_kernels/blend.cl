@@ -20,7 +20,7 @@ inline float16 blend_triangle(__global const CODE *maps, __global const float4 *
     met_t met = NONE_MET;
     for (int n = 0; n < LAYERS; n++)
         for (int part = 0; part < PARTS; part++) {
-            float16 d = between(maps + SAMPLES_AT(n, part), coefficients[n]);
+            float16 d = between(maps + LAYER_AT(n, part), coefficients[n]);
 #if TILT
             if (n < LAYERS - 1)
                 d += d * (FLOATS_OF(maps + TILT_AT(n)) * coefficients[n].w);
@@ -31,7 +31,8 @@ inline float16 blend_triangle(__global const CODE *maps, __global const float4 *
 }
 
 // firsts, members: the triangles of each vector. codes: of each vector those of all maps, side by side
-// in memory: what a work-item reads is one stream, in order. coefficients: LAYERS a triangle, of weights.cl. unit: of the merge, mesh units. out:
+// in memory: what a work-item reads is one stream, in order. coefficients: LAYERS a triangle, of
+// weights.cl. unit: of the merge, mesh units. out:
 // displacement, mesh units; within 1e-6 of the largest step times code of the same in double.
 __kernel void blend(__global const int *firsts, __global const int2 *members,
                     __global const CODE *codes, __global const float4 *coefficients,

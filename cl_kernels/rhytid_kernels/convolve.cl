@@ -1,26 +1,18 @@
 // The neutral map convolved along both axes of each texel's triangle (after Nagano et al. 2015).
 // Rectangles carry an apron of texels, so that a tile is the crop of the whole map bit for bit.
 #include "convolve.clh"
+#include "vectors.clh"
 
-#define WIDTH 16
-
-// One work-item a triangle; kernels: along its two axes. gains: (blur, sharpen). stiff: alpha is to be
-// multiplied by the stiffness of texels, so it is not clamped yet.
+// One work-item a triangle; kernels: along its two axes. gains: (blur, sharpen).
 __kernel void triangle_kernels(__global const float4 *axes, __global const float2 *logs,
                                __global const float4 *jacobians, float2 gains, float reach,
-                               float largest, int stiff, __global kernel_t *kernels)
+                               float largest, __global kernel_t *kernels)
 {
     int t = get_global_id(0);
     float4 axis = axes[t], jacobian = jacobians[t];
     float2 r = logs[t];
-    kernel_t one = kernel_along(axis.xy, r.x, jacobian, gains, reach, largest);
-    kernel_t two = kernel_along(axis.zw, r.y, jacobian, gains, reach, largest);
-    if (stiff) {
-        one.z = one.w > 0.0f ? gained(r.x, gains.x, gains.y) : 0.0f;
-        two.z = two.w > 0.0f ? gained(r.y, gains.x, gains.y) : 0.0f;
-    }
-    kernels[2 * t] = one;
-    kernels[2 * t + 1] = two;
+    kernels[2 * t] = kernel_along(axis.xy, r.x, jacobian, gains, reach, largest);
+    kernels[2 * t + 1] = kernel_along(axis.zw, r.y, jacobian, gains, reach, largest);
 }
 
 // A square from texel (row, column) of a map of side² texels on, out of a part of part_side² texels

@@ -1,6 +1,7 @@
 // Where between the precomputed samples each triangle stands (Alg. 3, lines 6 to 10). With nearest
 // sampling Alg. 3 up to its line 10 is the same for every texel of a triangle, so it runs here once.
 #include "response.clh"
+#include "samples.clh"
 
 // r of layer n in triangle t: one layer for each orientation bin, the last for the pores. Those from
 // ORIENTED on take the mean of both axes: the pores, and a single bin. directions: theta of each bin.
@@ -28,7 +29,7 @@ inline float2 tilted_depth(int n, int t, __global const float4 *axes, __global c
 }
 #endif
 
-// weights: LAYERS a triangle: its position, from 0 (full compression) to SAMPLES - 1 (full stretch);
+// weights: LAYERS a triangle: its position, from 0 (full compression) to SAMPLES_OF - 1 (full stretch);
 // what the depth is scaled by: 1, or for maps without their depth scale sigma_d of the stretch
 // before it is clamped to r_max; with TILT, as a line over the tilts, its rise; 0. directions: then also those
 // TILT_NODE half bins before and after each. r_max: of the last sample. exponents: of the depth of
@@ -42,7 +43,7 @@ __kernel void sample_weights(__global const float4 *axes, __global const float2 
     for (int n = 0; n < LAYERS; n++) {
         float r = layer_stretch(n, t, axes, logs, jacobians, directions);
         float exponent = n < LAYERS - 1 ? exponents.x : exponents.y;
-        float position = (clamp(r / r_max, -1.0f, 1.0f) + 1.0f) * (0.5f * (SAMPLES - 1));
+        float position = (clamp(r / r_max, -1.0f, 1.0f) + 1.0f) * (0.5f * (SAMPLES_OF(n) - 1));
         float2 depth = (float2)(scales_of(r, 0.0f, exponent).depth, 0.0f);
 #if TILT
         if (n < ORIENTED)
@@ -54,14 +55,14 @@ __kernel void sample_weights(__global const float4 *axes, __global const float2 
 
 // From weights to what blend.cl multiplies by, in place: of the first and of the second of the two
 // samples around the position, in units of the merge for a code; the first of them; the rise.
-// steps: displacement of a code, LAYERS x SAMPLES. unit: of the merge, mesh units.
+// steps: displacement of a code, LAYERS x MOST_SAMPLES. unit: of the merge, mesh units.
 __kernel void coefficients(__global const float *steps, float unit, __global float4 *weights)
 {
     int i = get_global_id(0), layer = i % LAYERS;
     float4 w = weights[i];
-    int first = min((int)w.x, SAMPLES - 2);
+    int first = min((int)w.x, SAMPLES_OF(layer) - 2);
     float share = w.x - first, scale = w.y / unit;
-    steps += layer * SAMPLES + first;
+    steps += layer * MOST_SAMPLES + first;
     weights[i] = (float4)(scale * (1.0f - share) * steps[0], scale * share * steps[1], first, w.z);
 }
 

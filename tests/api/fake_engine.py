@@ -220,6 +220,9 @@ class FakeEngine:
         axes = np.broadcast_to(np.eye(2, dtype=np.float32), (count, 2, 2))
         return FrameStretch(axes, np.ones((count, 2), np.float32))
 
+    def unit(self, asset: str) -> str:
+        return self._built(asset).settings.unit
+
     def displacement_scale(self, asset: str) -> float:
         depth = self._built(asset).settings.depth
         return 4.5 * (depth or 0.0)

@@ -17,7 +17,10 @@ from PIL import Image
 from api.live import serving
 from api.patch import SETTINGS, obj, smile, upload
 from engine.engines import running
+from rhytid.api.documentation import ASSET_FORM
+from rhytid.domain.painted import MOST_TEXELS
 from rhytid.engine.messages import METHODS, SAMPLINGS
+from rhytid.formats.grey import MOST_SIDE
 from rhytid_client import Client
 
 R, EDGE = 256, 20  # texels; what a wrinkle reaches beyond its middle
@@ -115,3 +118,18 @@ def test_too_large_an_image_is_413(url: str) -> None:
     refused = httpx.post(f"{url}/v1/assets", files=files, timeout=60)
     assert refused.status_code == 413
     assert "65536 x 65536 texels: at most 8192 a side" in refused.json()["detail"]
+
+
+def test_too_many_images_are_413(url: str) -> None:
+    images = [("stiffness", (f"a.{udim}.png", b"x")) for udim in range(1001, 1001 + 513)]
+    sent = [("mesh", ("a.obj", obj())), *images]
+    refused = httpx.post(f"{url}/v1/assets", files=sent, timeout=60)
+    assert refused.status_code == 413
+    assert "part stiffness was sent 513 times: at most 512" in refused.json()["detail"]
+
+
+def test_the_limits_are_told_where_maps_are() -> None:
+    readme = Path(__file__).parents[2] / "README.md"
+    for text in (str(ASSET_FORM), str(Client.create_asset.__doc__), readme.read_text("utf-8")):
+        assert f"{MOST_SIDE} texels a side" in text
+        assert f"{MOST_TEXELS:,}" in text

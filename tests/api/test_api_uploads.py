@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from starlette.exceptions import HTTPException
 
 from rhytid.api.multipart import MixedPart, write
-from rhytid.api.parts import HEADER_LIMIT, Part, PartReader, boundary
-from rhytid.errors import InputError
+from rhytid.api.parts import HEADER_LIMIT, MOST_REPEATED, Part, PartReader, boundary
+from rhytid.errors import InputError, LimitError
 
 NAMED = b'Content-Disposition: form-data; name="%s"'
 FILE = NAMED + b'; filename="%s"\r\nContent-Type: model/obj'
@@ -51,6 +51,15 @@ def test_parts_survive_any_cut(mesh: bytes, graph: bytes, size: int) -> None:
 def test_malformed_bodies_are_refused(data: bytes, what: str) -> None:
     with pytest.raises(InputError, match=what):
         read(data)
+
+
+def test_a_repeated_part_keeps_its_order_and_has_a_limit() -> None:
+    name = FILE % (b"stiffness", b"a")
+    sent = [(name, str(i).encode()) for i in range(MOST_REPEATED)]
+    first = read(body(*sent))["stiffness"]
+    assert [part.data for part in (first, *first.again)] == [data for _, data in sent]
+    with pytest.raises(LimitError, match="part stiffness was sent 513 times: at most 512"):
+        read(body(*sent, (name, b"one more")))
 
 
 def test_the_boundary_is_read_from_the_content_type() -> None:

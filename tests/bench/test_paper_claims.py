@@ -22,6 +22,7 @@ SIZE, DEPTH = 256, 0.02
 MESH = sphere(48)
 # As in Fig. 5: pores hardly deform.
 SETTINGS = {
+    "preset": "paper",
     "resolution": SIZE,
     "tile_size": SIZE,
     "depth": DEPTH,

@@ -78,6 +78,43 @@ def test_maps_are_copies_that_do_not_change():
     np.testing.assert_array_equal(again.maps[1001], made.maps[1001])
 
 
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_codes_are_shares_of_the_largest_and_stay_codes(dtype):
+    codes = RNG.integers(0, np.iinfo(dtype).max, (13, 9), endpoint=True).astype(dtype)
+    floats = Stiffness({1001: codes.astype(np.float32) / np.float32(np.iinfo(dtype).max)})
+    made = Stiffness({1001: codes})
+    np.testing.assert_array_equal(made.maps[1001], codes, strict=True)
+    points = RNG.uniform(-0.1, 1.1, (200, 2))
+    np.testing.assert_array_equal(made.at(1001, points), floats.at(1001, points), strict=True)
+    texels = [k.texels(1001, 64, 16, 40, 24) for k in (made, floats)]
+    np.testing.assert_array_equal(*texels, strict=True)
+    again = Stiffness.of_arrays(made.arrays())
+    np.testing.assert_array_equal(again.maps[1001], codes, strict=True)
+
+
+def test_codes_that_8_bits_hold_are_kept_in_8_bits():
+    codes = np.arange(256, dtype=np.uint8).reshape(16, 16)
+    made = Stiffness({1001: codes.astype(np.uint16) * 257})
+    np.testing.assert_array_equal(made.maps[1001], codes, strict=True)
+    assert not made.maps[1001].flags.writeable
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_what_stands_on_bytes_is_not_copied(dtype):
+    stored = np.frombuffer(bytes(range(64)), dtype).reshape(4, -1)
+    assert np.shares_memory(Stiffness({1001: stored}).maps[1001], stored)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_codes_of_a_caller_are_copied(dtype):
+    codes = np.array([[3, 4]], dtype)
+    view = codes[:]
+    view.setflags(write=False)
+    made = Stiffness({1001: view})
+    codes[:] = 9
+    np.testing.assert_array_equal(made.maps[1001], [[3, 4]])
+
+
 @pytest.mark.parametrize("value", [-1e-7, 1.0000001, np.nan, np.inf])
 def test_what_is_not_from_0_to_1_is_refused(value):
     map = painted((3, 3))
@@ -94,12 +131,12 @@ def test_other_shapes_are_refused(map):
 
 def test_all_maps_together_have_a_limit(monkeypatch):
     monkeypatch.setattr(domain, "MOST_TEXELS", 40)
-    with pytest.raises(LimitError, match="50 texels in all: at most 40"):
+    with pytest.raises(LimitError, match=r"UDIM 1002: .* 50 texels in all: at most 40"):
         Stiffness({1001: painted((5, 5)), 1002: painted((5, 5))})
 
 
 def test_a_udim_without_mesh_is_refused():
     made = Stiffness({1002: painted((2, 2))})
     made.check_udims((1001, 1002))
-    with pytest.raises(InputError, match="UDIM 1002: it has no mesh; the mesh has 1001, 1011"):
+    with pytest.raises(InputError, match="UDIM 1002, which has no mesh; the mesh has 1001, 1011"):
         made.check_udims((1001, 1011))

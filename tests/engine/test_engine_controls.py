@@ -75,7 +75,12 @@ def test_ids_without_controls_stay():
         (Controls({"density": {1001: 0 * RAMP}}), {}, InputError, "leaves no room for pores"),
         (None, {"density": 0.1}, InputError, "at least 100, graph.wrinkles of 1000 or more"),
         (None, {"wrinkles": 10_000_000}, LimitError, r"device memory can hold \d+"),
-        (Controls({"turn": {1002: RAMP}}), {}, InputError, "turn of UDIM 1002: it has no mesh"),
+        (
+            Controls({"turn": {1002: RAMP}}),
+            {},
+            InputError,
+            "turn is of UDIM 1002, which has no",
+        ),
     ],
 )
 def test_what_cannot_be_grown_is_refused_before_work(tmp_path, controls, graph, error, told):

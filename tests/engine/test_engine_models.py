@@ -100,6 +100,23 @@ def test_tilts_are_a_layer_of_one_sample(engine):
             engine.bin_tile(asset, ADDRESS, "wrinkle_tilts", bin, sample)
 
 
+@pytest.mark.parametrize("merge", ["soft", "mellow"])
+def test_pores_have_samples_of_their_own(engine, merge):
+    asset = built(engine, new_asset(bins={"pore_samples": 7, "merge": merge}))
+    plain = built(engine, new_asset(bins={"samples": 7, "merge": merge}))
+    manifest = engine.bins(asset)
+    for layer in manifest.layers:
+        samples = 7 if layer.startswith("pore") else 3
+        assert len(manifest.steps[layer]) == samples
+        with pytest.raises(NotFoundError, match=f"sample {samples} of layer {layer}"):
+            engine.bin_tile(asset, ADDRESS, layer, 0, samples)
+        for sample in range(samples):
+            same_r = sample if samples == 7 else 3 * sample
+            found = engine.bin_tile(asset, ADDRESS, layer, 0, sample)
+            wanted = engine.bin_tile(plain, ADDRESS, layer, 0, same_r)
+            np.testing.assert_array_equal(found, wanted)
+
+
 def test_min_has_no_layers_of_bulges(made):
     with pytest.raises(NotFoundError, match="layer 'wrinkle_bulges': one of wrinkles, pores"):
         made.engine.bin_tile(made.asset, ADDRESS, "wrinkle_bulges", 0, 0)

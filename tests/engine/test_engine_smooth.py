@@ -5,9 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from engine.engines import REDRAW, assembled, same
+from engine.engines import REDRAW, assembled, built, new_asset, running, same
+from meshes import deform
+from pipeline.scenes import sheet
+from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import TileAddress
-from rhytid.engine.messages import STRETCH_MODELS, MapQuery
+from rhytid.engine.messages import SAMPLINGS, STRETCH_MODELS, MapQuery
 
 METHODS = ("redraw", "binned", "convolved")
 QUERIES = [MapQuery(m, stretch, "smooth") for m in METHODS for stretch in STRETCH_MODELS]
@@ -52,3 +55,33 @@ def test_samplings_have_keys_of_their_own(made):
     address = TileAddress(1001, 0, 1, 1)
     keys = {made.engine.tile_key(made.asset, "bent", q, address) for q in (*QUERIES, REDRAW)}
     assert len(keys) == len(QUERIES) + 1
+
+
+def pinched():
+    """A sheet with one vertex nearly on another: smooth sampling finds no |J ŝ| as small as that of
+    the triangles between them."""
+    mesh = sheet()
+    positions = mesh.positions.copy()
+    one, other = mesh.faces[75, :2]
+    positions[one] += np.float32(0.97) * (positions[other] - positions[one])
+    return Mesh(positions, mesh.faces, mesh.uv, mesh.face_uv)
+
+
+def test_samplings_do_not_share_the_neutral_tile_that_is_convolved(tmp_path):
+    # What is kept around a tile goes by the sampling: what the other reads may lie beyond.
+    mesh, address = pinched(), TileAddress(1001, 0, 1, 1)
+    tiles = []
+    for order in (SAMPLINGS, SAMPLINGS[::-1]):
+        with running(tmp_path / order[0]) as engine:
+            asset = built(engine, new_asset(mesh, convolve={"sigma": 0.02}))
+            resident = engine._assets.get(asset).ready()
+            aprons = [
+                maker.apron(resident.settings, 1001, 64, 64, 64)
+                for maker in (resident._convolve, resident._smooth_convolve)
+            ]
+            assert aprons[0] > aprons[1]
+            engine.put_frame(asset, "bent", deform(mesh.positions, 3, 0.15))
+            queries = {sampling: MapQuery("convolved", sampling=sampling) for sampling in order}
+            found = {s: engine.tile(asset, "bent", query, address) for s, query in queries.items()}
+            tiles.append([found[sampling] for sampling in SAMPLINGS])
+    assert same(*tiles)

@@ -80,6 +80,12 @@ def test_tiles_put_together_are_the_map(made, query, level):
         assert same([whole], [assembled(engine, asset, "bent", query, udim, level)])
 
 
+def test_maps_of_painted_udims_alone_are_larger(made):
+    engine, *ids = made
+    painted, plain = (engine._assets.get(id).ready().bins_size() for id in ids)
+    assert painted - plain == len(STIFFNESS.maps) * 256**2 * np.dtype(np.float32).itemsize
+
+
 def test_it_is_part_of_the_id_and_survives_a_restart(tmp_path):
     other = Stiffness({**STIFFNESS.maps, 1001: 1.0 - MAP})
     with running(tmp_path) as engine:
@@ -142,6 +148,6 @@ def test_angles_can_change_and_change_what_is_drawn(tmp_path):
 
 def test_a_udim_without_mesh_is_refused(tmp_path):
     with running(tmp_path) as engine:
-        with pytest.raises(InputError, match="UDIM 1005: it has no mesh"):
+        with pytest.raises(InputError, match="UDIM 1005, which has no mesh"):
             engine.create_asset(stiff(Stiffness({1005: MAP})))
         assert engine.assets() == []

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from rhytid.domain import painted
 from rhytid.errors import InputError, LimitError
-from rhytid.formats import controls
 from rhytid.formats.controls import read_controls
 
 
@@ -29,8 +29,8 @@ def test_images_are_told_apart_by_name_and_udim():
         "density": [1001, 1002],
         "region_lip": [1001],
     }
-    assert found.maps["density"][1002].min() == 1.0
-    assert found.maps["region_lip"][1001].max() == np.float32(0.2)
+    assert found.maps["density"][1002].min() == 255
+    assert found.maps["region_lip"][1001].max() == 51
     assert read_controls({}, (1001,)) is None
 
 
@@ -44,7 +44,7 @@ def test_what_has_no_place_is_named():
 
 
 def test_the_limit_is_of_all_controls(monkeypatch):
-    monkeypatch.setattr(controls, "MOST_TEXELS", 31)
+    monkeypatch.setattr(painted, "MOST_TEXELS", 31)
     files = {"density": [("a.png", png(0))], "turn": [("b.png", png(0))]}
-    with pytest.raises(LimitError, match="turn maps of more than 15 texels"):
+    with pytest.raises(LimitError, match=r"b\.png: control .* 32 texels in all: at most 31"):
         read_controls(files, (1001,))

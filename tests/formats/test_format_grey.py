@@ -37,13 +37,12 @@ def raw_png(width, height, bits, kind=0, rows=b"", interlace=0):
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
-def test_codes_are_shares_of_the_largest(dtype):
+def test_codes_are_as_they_are(dtype):
     most = np.iinfo(dtype).max
     codes = RNG.integers(0, most, (37, 23), endpoint=True).astype(dtype)
     codes[0, :2] = 0, most
     found = read_grey(png(codes), "a.png")
-    np.testing.assert_array_equal(found, codes.astype(np.float32) / np.float32(most), strict=True)
-    assert (found[0, 0], found[0, 1]) == (0.0, 1.0)
+    np.testing.assert_array_equal(found, codes, strict=True)
 
 
 def test_every_16_bit_code_is_told_apart():
@@ -54,12 +53,12 @@ def test_every_16_bit_code_is_told_apart():
 @pytest.mark.parametrize(("bits", "byte"), [(8, b"\x40"), (16, b"\x40\x00")])
 def test_an_image_of_one_texel(bits, byte):
     found = read_grey(raw_png(1, 1, bits, rows=b"\x00" + byte), "a.png")
-    assert found[0, 0] == pytest.approx(0x40 / 255 if bits == 8 else 0x4000 / 65535)
+    assert found.tolist() == [[0x40 if bits == 8 else 0x4000]]
 
 
 def test_the_first_row_of_the_file_is_row_0():
     codes = np.array([[0, 10], [20, 30], [40, 50]], np.uint8)
-    np.testing.assert_array_equal(np.rint(read_grey(png(codes), "a.png") * 255), codes)
+    np.testing.assert_array_equal(read_grey(png(codes), "a.png"), codes)
 
 
 def test_text_and_gamma_change_nothing():
@@ -94,6 +93,31 @@ def test_text_and_gamma_change_nothing():
 def test_what_is_not_grey_is_refused_by_name(data, why):
     with pytest.raises(InputError, match=f"face.1001.png.*{why}"):
         read_grey(data, "face.1001.png")
+
+
+CHUNKS = "IHDR PLTE tRNS cHRM gAMA iCCP sBIT sRGB pHYs tIME tEXt zTXt iTXt eXIf acTL fcTL fdAT cICP"
+
+
+@pytest.mark.filterwarnings("ignore:Invalid APNG")
+@pytest.mark.parametrize("place", ["before", "after"])
+@pytest.mark.parametrize("kind", CHUNKS.split())
+def test_odd_chunks_are_refused_or_change_nothing(kind, place):
+    whole = raw_png(1, 1, 8, rows=b"\x00\x40")
+    at = whole.index(b"IDAT") - 4 if place == "before" else len(whole) - 12
+    for body in (b"", b"\0", b"a\0", b"a\0\0", b"a\0\0x", bytes(9), b"\xff" * 13):
+        odd = whole[:at] + chunk(kind.encode(), body) + whole[at:]
+        try:
+            found = read_grey(odd, "a.png")
+        except (InputError, LimitError) as refused:
+            assert "a.png" in str(refused)  # noqa: PT017
+        else:
+            assert found.tolist() == [[0x40]]
+
+
+def test_an_empty_profile_after_the_texels_is_refused():
+    whole = raw_png(1, 1, 8, rows=b"\x00\x40")
+    with pytest.raises(InputError, match=r"a\.png: a damaged PNG image: .*index"):
+        read_grey(whole[:-12] + chunk(b"iCCP", b"") + whole[-12:], "a.png")
 
 
 @pytest.mark.parametrize("size", [(MOST_SIDE + 1, 1), (1, MOST_SIDE + 1), (2**31 - 1, 2**31 - 1)])

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from rhytid.domain import painted as domain
 from rhytid.errors import InputError, LimitError
-from rhytid.formats import stiffness
 from rhytid.formats.stiffness import read_stiffness
 
 
@@ -20,10 +20,13 @@ def png(value, side=2):
 
 
 def values(files, udims):
-    return {u: round(255 * float(m[0, 0])) for u, m in read_stiffness(files, udims).maps.items()}
+    return {u: int(m[0, 0]) for u, m in read_stiffness(files, udims).maps.items()}
 
 
-@pytest.mark.parametrize("name", ["a.1002.png", "a_1002.PNG", "1002.png", "v2.tmp.1002.png"])
+NAMES = ["a.1002.png", "a_1002.PNG", "1002.png", "v2.tmp.1002.png", "maps/1002.png"]
+
+
+@pytest.mark.parametrize("name", NAMES)
 def test_the_number_before_the_extension_is_the_udim(name):
     assert values([(name, png(7))], (1001, 1002)) == {1002: 7}
 
@@ -33,7 +36,9 @@ def test_every_udim_has_its_own_and_may_have_none():
     assert values(files, (1001, 1002, 1011)) == {1001: 5, 1011: 9}
 
 
-@pytest.mark.parametrize("name", ["stiffness", "a.png", "a.11002.png", "face1002.png", "a.102.png"])
+@pytest.mark.parametrize(
+    "name", ["stiffness", "v.1001.d/a", "a.png", "a.11002.png", "face1002.png", "a.102.png"]
+)
 def test_a_lone_image_without_number_is_of_the_only_udim(name):
     assert values([(name, png(7))], (1012,)) == {1012: 7}
     with pytest.raises(InputError, match=f"{name} names no UDIM; the mesh has 1001, 1002"):
@@ -55,7 +60,7 @@ def test_a_damaged_image_is_named():
 
 
 def test_decoding_stops_at_the_limit(monkeypatch):
-    monkeypatch.setattr(stiffness, "MOST_TEXELS", 150)
+    monkeypatch.setattr(domain, "MOST_TEXELS", 150)
     files = [("a.1001.png", png(1, 10)), ("a.1002.png", png(1, 10)), ("a.1003.png", b"never read")]
-    with pytest.raises(LimitError, match="more than 150 texels in all"):
+    with pytest.raises(LimitError, match=r"a\.1002\.png: .* 200 texels in all: at most 150"):
         values(files, (1001, 1002, 1003))

@@ -34,6 +34,21 @@ def test_npy_is_exact() -> None:
     assert (encoded.media_type, encoded.extension) == ("application/x-npy", ".npy")
 
 
+@pytest.mark.parametrize("tile", [TILE, TILE.T, TILE[::2, 1:], TILE.astype(">f4"), TILE[:0]])
+def test_npy_is_the_file_that_numpy_saves(tile: NDArray[np.float32]) -> None:
+    stream = io.BytesIO()
+    np.save(stream, np.ascontiguousarray(tile, "<f4"))
+    assert encode(tile, "npy", HEADER).body == stream.getvalue()
+
+
+def test_f16_holds_what_rounds_to_its_largest() -> None:
+    largest = np.full((2, 2), np.nextafter(np.float32(65520), np.float32(0)))
+    assert np.frombuffer(encode(-largest, "f16", HEADER).body, "<f2").tolist() == [-65504.0] * 4
+    for beyond in (65520.0, np.nan, -np.inf):
+        with pytest.raises(QueryError):
+            encode(np.full((1, 1), beyond, np.float32), "f16", HEADER)
+
+
 def test_f16_is_raw_little_endian_half() -> None:
     encoded = encode(TILE, "f16", HEADER)
     read = np.frombuffer(encoded.body, "<f2").reshape(TILE.shape)

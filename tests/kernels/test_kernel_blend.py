@@ -62,7 +62,8 @@ def maps(layers, samples, bits, triangles, merge="min", tilt=False, seed=1):
 def options(bits, merge, layers, samples, tilt=False):
     values = {
         "CODE": C_TYPES[bits], "CODE_BITS": bits, "MERGE": MERGE_NAMES[merge],
-        "PARTS": 2 if merge == "mellow" else 1, "LAYERS": layers, "SAMPLES": samples,
+        "PARTS": 2 if merge == "mellow" else 1, "LAYERS": layers,
+        "SAMPLES": samples, "PORE_SAMPLES": samples,
         "MAPS": layers * samples * (2 if merge == "mellow" else 1) + (layers - 1 if tilt else 0),
         "TILT": int(tilt),
     }  # fmt: skip
@@ -89,7 +90,13 @@ def blended(device, triangle, maps):
 def coefficients(device, maps):
     """(T, L, 4), of weights.cl."""
     triangles, layers, _ = maps.weights.shape
-    given = [f"-DLAYERS={layers}", f"-DSAMPLES={maps.codes.shape[2]}", "-DORIENTED=0", "-DTILT=0"]
+    given = [
+        f"-DLAYERS={layers}",
+        f"-DSAMPLES={maps.codes.shape[2]}",
+        f"-DPORE_SAMPLES={maps.codes.shape[2]}",
+        "-DORIENTED=0",
+        "-DTILT=0",
+    ]
     given += [f"-D{name}={value}" for name, value in RESPONSE_DEFINES.items()]
     text, found = rhytid_kernels.source("weights"), maps.weights.copy()
     size = (triangles * layers,)

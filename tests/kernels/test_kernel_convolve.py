@@ -60,7 +60,8 @@ def test_the_kernel_of_a_triangle_is_that_of_double(device):
     jacobian = (rng.normal(size=(500, 4)) * np.exp(rng.uniform(-5, 5, (500, 1)))).astype(np.float32)
     found = kernels_along(device, axis, r, jacobian, 2.5)
     np.testing.assert_array_equal(found[:, :2], axis * [1, -1])
-    np.testing.assert_allclose(found[:, 2], convolve.share(np.float32(r), *GAINS), rtol=1e-6)
+    np.testing.assert_allclose(found[:, 2], np.where(r > 0, *GAINS) * r, rtol=1e-6)
+    assert np.abs(found[:, 2]).max() > 1.2
     sigma = convolve.deviation(jacobian.reshape(-1, 2, 2), axis[:, None].astype(float), 2.5, 1)
     assert sigma.max() == 21
     assert sigma.min() < 0.1

@@ -7,6 +7,7 @@ import pytest
 
 from kernels.one_line import evaluate
 from reference.smooth import barycentric, principal
+from rhytid.pipeline.uv_vertices import LEAST_SPEED2
 
 LIMIT = 0.5
 COUNT = 2000
@@ -126,3 +127,8 @@ def test_a_triangle_without_area_has_weights_too(device):
     found = places(device, triangles, np.array([[0.5, 1.0], [0.0, 0.0]]))
     feet = np.einsum("nk,nkx->nx", found, triangles)
     np.testing.assert_allclose(feet, [[0.5, 0.0], [1.0, 1.0]], atol=1e-6)
+
+
+def test_the_least_metric_is_the_one_that_aprons_reckon_with(device):
+    once = {"i_": np.zeros(1, np.int32)}
+    assert evaluate(device, "smooth", "LEAST_DETERMINANT", once)[0] == np.float32(LEAST_SPEED2)

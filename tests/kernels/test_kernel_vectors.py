@@ -36,3 +36,8 @@ def test_bits_become_lanes(device):
     bits = np.array([0, 1, 1 << 15, 0xFFFF, 0x00F0, 0xABCD], np.int32)
     found = evaluate(device, "vectors", "lanes_of(bits)", {"bits": bits}, np.int32, VECTOR)
     np.testing.assert_array_equal(found, -((bits[:, None] >> np.arange(VECTOR)) & 1))
+
+
+def test_a_vector_is_as_wide_on_both_sides(device):
+    once = {"i_": np.zeros(1, np.int32)}
+    assert evaluate(device, "vectors", "WIDTH", once, np.int32)[0] == VECTOR

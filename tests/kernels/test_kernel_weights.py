@@ -38,6 +38,7 @@ def weights(device, axes, logs, bins, exponents=(0.0, 0.0)):
     directions = np.concatenate(turned).astype(np.float32)
     most = 2 ** (bins.bits - 1) - 1
     options = [f"-DLAYERS={layers}", f"-DSAMPLES={bins.samples}", f"-DORIENTED={oriented}"]
+    options += [f"-DPORE_SAMPLES={bins.pore_samples or bins.samples}"]
     options += [f"-DTILT={int(bins.tilt)}", f"-DTILT_NODE={TILT_NODE}f"]
     options += [f"-DCODE_LIMIT={most}"]
     options += [f"-D{name}={value}" for name, value in RESPONSE_DEFINES.items()]
@@ -62,6 +63,15 @@ def test_positions_are_those_of_the_reference(device, count, samples):
     found = positions(device, axes, logs, bins)
     np.testing.assert_allclose(found, (below + share).T, atol=2e-5 / 0.2 * samples, rtol=0)
     assert 0 <= found.min() <= found.max() <= samples - 1
+
+
+def test_pores_stand_between_samples_of_their_own(device):
+    bins = Bins(samples=3, pore_samples=7)
+    axes, logs = frame(9)
+    found = positions(device, axes, logs, bins)
+    for samples, layers in ((3, slice(4)), (7, slice(4, 5))):
+        wanted = positions(device, axes, logs, Bins(samples=samples))
+        np.testing.assert_array_equal(found[:, layers], wanted[:, layers])
 
 
 @pytest.mark.parametrize("samples", [3, 5, 7])

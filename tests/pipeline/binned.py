@@ -25,11 +25,17 @@ def stored_maps(device, tile, bins):
     return codes.reshape(map_count(bins), tile.texels)
 
 
+def stored_layers(device, tile, bins):
+    """Of each layer (parts, M, P) codes of a tile, signed as they are stored."""
+    ends = np.cumsum([len(parts(bins)) * m for m in bins.layer_samples])
+    maps = np.delete(stored_maps(device, tile, bins), tilt_places(bins), axis=0)
+    layers = np.split(maps, ends)[:-1]
+    return [maps.reshape(len(parts(bins)), -1, tile.texels) for maps in layers]
+
+
 def stored_codes(device, tile, bins):
-    """(N + 1, parts, M, P) codes of a tile, signed as they are stored."""
-    shape = (bins.count + 1, len(parts(bins)), bins.samples, tile.texels)
-    maps = stored_maps(device, tile, bins)
-    return np.delete(maps, tilt_places(bins), axis=0).reshape(shape)
+    """(N + 1, parts, M, P) of layers that have as many samples."""
+    return np.stack(stored_layers(device, tile, bins))
 
 
 def tilt_places(bins):
@@ -49,13 +55,17 @@ class BinnedScene(Scene):
         self.tile = maker.tile(0, *at, TILE)
         self.points = drawing.crop(*at, TILE, TILE, settings.resolution)
 
-    def codes(self, tile=None, side=TILE):
-        """(N + 1, M, sides, P) as the reference has them: apart, valleys are positive too."""
+    def layers(self, tile=None, side=TILE):
+        """Of each layer (M, sides, P) as the reference has it: apart, valleys are positive too."""
         tile, bins = tile or self.tile, self.settings.bins
-        stored = stored_codes(self.device, tile, bins)
+        stored = stored_layers(self.device, tile, bins)
         apart = [-1, 1] if bins.merge == "mellow" else [1]
-        signs = np.array(apart, stored.dtype)[:, None, None]
-        return np.swapaxes(stored * signs, 1, 2)[..., : side * side]
+        signs = np.array(apart, stored[0].dtype)[:, None, None]
+        return [np.swapaxes(maps * signs, 0, 1)[..., : side * side] for maps in stored]
+
+    def codes(self, tile=None, side=TILE):
+        """(N + 1, M, sides, P), where all layers have as many samples."""
+        return np.stack(self.layers(tile, side))
 
     def tilts(self):
         """(N, P) codes of the tilts of each bin."""

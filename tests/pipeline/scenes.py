@@ -123,7 +123,8 @@ class Scene:
 
     def stretch(self, positions: Positions | None, model: str = "tensor") -> StretchBuffers:
         limit = self.settings.response.log_stretch_limit
-        return StretchStage(self.device, self.mesh).run(positions, limit, model)
+        stage = StretchStage(self.device, self.mesh)
+        return stage.run(positions, limit, model, self.settings.angles)
 
     def redrawn(
         self,

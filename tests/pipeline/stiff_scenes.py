@@ -49,7 +49,7 @@ class StiffScene(BinnedScene):
 
     def fields(self, positions, model):
         stage = SmoothStage(self.device, self.mesh)
-        return stage.run(self.stretch(positions, model), LIMIT, self.settings.angles)
+        return stage.run(self.stretch(positions, model), LIMIT)
 
     def redrawn_by(self, positions, model, sampling, udim=1001):
         """(R, R)"""
@@ -126,7 +126,7 @@ class StiffScene(BinnedScene):
         k = 1.0 if map is None else stiffness.bilinear(map, self.points)[:, None]
         jacobian = jacobian if settings.angles == "surface" else None
         r = bins.layer_stretch(logs * k, axes, settings.bins.count, jacobian)
-        layers = [maps.astype(np.int64) for maps in self.codes()]
+        layers = [maps.astype(np.int64) for maps in self.layers()]
         tilted = None
         if settings.bins.tilt:
             sides = bins.sides_of(logs * k, axes, settings.bins.count, jacobian)

@@ -118,13 +118,15 @@ def test_elements_keep_their_own_triangle_size_and_strength():
 def test_more_cover_than_the_map_can_hold_is_refused(monkeypatch):
     monkeypatch.setattr(elements, "_MOST_COVER", 0.5)
     graph = random_graph(5)
-    with pytest.raises(LimitError, match=r"wrinkles cover \d+ times"):
+    with pytest.raises(LimitError, match=r"the wrinkles cover \d+ times the map of UDIM 1001"):
         wrinkle_arrays(graph, np.zeros(80, np.int32), settings_of(), 1001)
-    with pytest.raises(LimitError, match=r"pores cover \d+ times"):
+    with pytest.raises(LimitError, match=r"the pores cover \d+ times the map of UDIM 1001"):
         pore_arrays(graph, np.zeros(160, np.int32), settings_of(), 1001)
-    with pytest.raises(LimitError, match=r"wrinkles cover \d+ times"):
+    with pytest.raises(
+        LimitError, match=r"the graph's wrinkles cover \d+ times the map of UDIM 1001"
+    ):
         check_cover(graph, settings_of(), 1001)
-    with pytest.raises(LimitError, match=r"pores cover \d+ times"):
+    with pytest.raises(LimitError, match=r"the graph's pores cover \d+ times the map of UDIM 1001"):
         check_cover(replace(graph, edge_weight=0 * graph.edge_weight), settings_of(), 1001)
     check_cover(graph, settings_of(), 1002)  # of which the graph has no part
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from meshes import bumpy_grid, deform, rotate_translate
-from pipeline.binned import BinnedScene, stored_codes
+from pipeline.binned import BinnedScene
 from pipeline.scenes import DEPTH, random_graph, settings_of, sheet
 from pipeline.smooth_scenes import (
     LIMIT,
@@ -85,7 +85,7 @@ BINS = (
     {"count": 4, "samples": 3},
     {"count": 1, "samples": 5, "bits": 16},
     {"count": 8, "samples": 3, "merge": "mellow", "depth_factored": True},
-    {"count": 4, "samples": 7, "merge": "soft", "depth_factored": True, "tilt": True, "reach": 1.5},
+    {"pore_samples": 7, "merge": "soft", "depth_factored": True, "tilt": True, "reach": 1.5},
     {"count": 2, "samples": 3, "merge": "signed", "depth_factored": True, "tilt": True, "bits": 16},
 )
 
@@ -119,10 +119,7 @@ class SmoothBinned(BinnedScene, SmoothScene):
         index, margin = locate.locate(self.points, self.mesh.triangle_uv(), padding)
         logs, axes = reference_sample(self.mesh, positions, model, self.points, index)
         r = reference.layer_stretch(logs, axes, bins.count)
-        sides = 2 if bins.merge == "mellow" else 1
-        codes = stored_codes(self.device, self.tile, bins).astype(np.int64)
-        codes[:, 0] *= -1 if sides == 2 else 1  # the reference counts valleys downwards
-        layers = [np.moveaxis(maps, 0, 1) for maps in codes]
+        layers = [maps.astype(np.int64) for maps in self.layers()]
         tilted = None
         if bins.tilt:
             sides_of_bins = reference.sides_of(logs, axes, bins.count)

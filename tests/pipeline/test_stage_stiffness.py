@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,9 @@ from meshes import deform
 from pipeline.scenes import DEPTH, MODELS, random_graph, settings_of, sheet
 from pipeline.stiff_scenes import SAMPLINGS, StiffScene, painted, window
 from reference import stiffness as reference
+from rhytid.domain.mesh import Mesh
 from rhytid.domain.stiffness import Stiffness
+from rhytid.pipeline import stiffness as stage
 from rhytid.pipeline.stiffness import stiffness_of_elements, stiffness_of_texels
 
 GRAPH = random_graph(21, 240)
@@ -18,7 +22,13 @@ CHOICES = {
     "one": {"count": 1, "samples": 5, "bits": 16},
     "mellow": {"count": 8, "merge": "mellow", "depth_factored": True, "r_max": 0.1},
     "factored": {"samples": 7, "depth_factored": True, "r_max": 0.1},
-    "best": {"samples": 7, "merge": "soft", "depth_factored": True, "tilt": True, "reach": 1.5},
+    "best": {
+        "pore_samples": 7,
+        "merge": "soft",
+        "depth_factored": True,
+        "tilt": True,
+        "reach": 1.5,
+    },
     "signed": {"count": 2, "merge": "signed", "depth_factored": True, "tilt": True, "bits": 16},
 }
 
@@ -108,6 +118,53 @@ def test_elements_take_it_on_the_skin_that_moves_them(device, udims):
     wanted = reference.at_elements(made.maps, uv, triangle, mesh.triangle_uv())
     assert len(np.unique(wanted)) > 250
     np.testing.assert_allclose(found, wanted, atol=1e-6, rtol=0)
+
+
+def square(low, high):
+    """Two triangles whose UV fill [low, high]²."""
+    uv = np.array([[low, low], [high, low], [high, high], [low, high]])
+    faces = [[0, 1, 2], [0, 2, 3]]
+    return Mesh(np.c_[uv, np.zeros(4)], faces, uv, faces)
+
+
+@pytest.mark.parametrize("slack", [0.0, 5e-7])
+def test_a_chart_that_ends_on_a_border_is_of_its_own_udim(slack):
+    """Beyond every border of [0, 1]² the skin is still that of 1001, and beyond [1, 2]² of 1012."""
+    beyond = np.array([[1.004, 0.5], [0.5, 1.004], [1.2, 1.3], [-0.004, 0.5], [0.5, -0.1]])
+    made = Stiffness({udim: np.full((1, 1), udim / 2000) for udim in (1001, 1002, 1011, 1012)})
+    for udim, low, sign in ((1001, 0.0, 1), (1012, 1.0, 1), (1012, 1.0, -1)):
+        uv = np.float32(low + 0.5 + sign * (beyond - 0.5))
+        mesh = square(low - slack, low + 1 + slack)
+        for triangle in (np.zeros(5, np.int32), np.ones(5, np.int32)):
+            found = stiffness_of_elements(made, mesh, uv, triangle)
+            np.testing.assert_array_equal(found, np.float32(udim / 2000))
+            wanted = reference.at_elements(made.maps, uv, triangle, mesh.triangle_uv())
+            np.testing.assert_allclose(found, wanted, atol=1e-6, rtol=0)
+
+
+def test_a_triangle_over_a_border_takes_both_maps():
+    made = Stiffness({1001: np.full((1, 1), 0.25), 1002: np.full((1, 1), 0.75)})
+    uv = np.array([[0.9, 0.1], [1.1, 0.1]], np.float32)
+    found = stiffness_of_elements(made, square(0.0, 1.5), uv, np.zeros(2, np.int32))
+    np.testing.assert_array_equal(found, [0.25, 0.75])
+
+
+def test_many_elements_take_no_more_memory_than_some(monkeypatch):
+    monkeypatch.setattr(stage, "_AT_ONCE", 1000)
+    mesh, made, rng = sheet(), painted(), np.random.default_rng(5)
+    uv = rng.uniform(-0.1, 1.1, (1500, 2)).astype(np.float32)
+    triangle = rng.integers(0, len(mesh.faces) + 1, 1500, np.int32)
+    some = np.concatenate([
+        stiffness_of_elements(made, mesh, uv[part], triangle[part])
+        for part in (slice(700), slice(700, None))
+    ])  # fmt: skip
+    many = np.tile(uv, (40, 1)), np.tile(triangle, 40)
+    tracemalloc.start()
+    found = stiffness_of_elements(made, mesh, *many)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    np.testing.assert_array_equal(found, np.tile(some, 40))
+    assert peak < 1e6  # all of the corners alone are 2.9 MB
 
 
 def test_the_smallest_level_has_room_for_a_vector(device):

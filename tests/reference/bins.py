@@ -7,6 +7,7 @@ map, of where between its edges in angle the wrinkle at a point runs.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -54,6 +55,13 @@ def assign(direction: ArrayLike, count: int) -> tuple[Indices, Array]:
 def samples(bins: Bins) -> Array:
     """(M,) log stretches at which the maps are drawn."""
     return np.linspace(-last_sample(bins), last_sample(bins), bins.samples)
+
+
+def of_layer(layer: int, bins: Bins) -> Bins:
+    """With the samples of that layer: pores may have more or fewer than the bins."""
+    if layer < bins.count or bins.pore_samples is None:
+        return bins
+    return replace(bins, samples=bins.pore_samples)
 
 
 def steps(bins: Bins, depth: float, depth_exponent: float) -> Array:
@@ -115,9 +123,9 @@ def codes(
     waves: Waves | None = None,
 ) -> Indices:
     """(M, sides, P) quantised maps of one layer at points (P, 2); layer N is the pores."""
-    exponent = _exponents(layer, response, bins)
+    exponent, own = _exponents(layer, response, bins), of_layer(layer, bins)
     found = []
-    for r, step in zip(samples(bins), steps(bins, depth, exponent[1]), strict=True):
+    for r, step in zip(samples(own), steps(own, depth, exponent[1]), strict=True):
         width, depth_scale = scales(r, *exponent)
         elements = _elements(graph, layer, bins, width, depth_scale, origin, waves)
         valleys, bulges = meet(points, *elements, shape)
@@ -187,9 +195,9 @@ def blend(
     """(P,) displacement from the codes of every layer, (M, sides, P) each, and r (N + 1, P)."""
     blended = []
     for layer, maps in enumerate(layers):
-        exponent = _exponents(layer, response, bins)
-        decoded = maps * steps(bins, depth, exponent[1])[:, None, None]
-        below, share = blend_weights(r[layer], bins)
+        exponent, own = _exponents(layer, response, bins), of_layer(layer, bins)
+        decoded = maps * steps(own, depth, exponent[1])[:, None, None]
+        below, share = blend_weights(r[layer], own)
         at = np.arange(maps.shape[-1])
         value = (1 - share) * decoded[below, :, at].T + share * decoded[below + 1, :, at].T
         factor = scales(r[layer], *exponent)[1] if bins.depth_factored else 1.0

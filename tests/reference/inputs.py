@@ -53,6 +53,7 @@ class Bins:
 
     count: int = 4
     samples: int = 3
+    pore_samples: int | None = None
     bits: int = 8
     merge: str = "min"
     depth_factored: bool = False

@@ -80,7 +80,8 @@ class Frame:
 class Bins:
     """The precomputed maps of an asset.
 
-    angles: direction of each bin, radians, θ = (sin, cos).  samples: log stretch of each sample.
+    angles: direction of each bin, radians, θ = (sin, cos).  samples: log stretch of each sample; of
+    pores there are as many as they have steps, evenly over the same range.
     steps: mesh units per code, by layer and sample.  layers: bins of each layer: wrinkles and
     pores; where merge is mellow these are the valleys, with wrinkle_bulges and pore_bulges; with
     tilts also wrinkle_tilts, of one sample, whose codes run from one edge of a bin in angle, -1, to

@@ -23,7 +23,8 @@ else:
     Engine = object
 
 
-def _engine(request: Request) -> Any:
+# Dependencies are coroutines where they do not block: a plain function costs a hop to a thread.
+async def _engine(request: Request) -> Any:
     return request.app.state.engine
 
 
@@ -34,17 +35,17 @@ async def _place(request: Request) -> Any:
     return request.app.state.places.one()
 
 
-def _metrics(request: Request) -> Any:
+async def _metrics(request: Request) -> Any:
     return request.app.state.metrics
 
 
-def no_query(request: Request) -> None:
+async def no_query(request: Request) -> None:
     """Refuse every query parameter; raises QueryError naming the first."""
     for name in request.query_params:
         raise QueryError(f"unknown query parameter {name!r}: none is known here")
 
 
-def no_repeats(request: Request) -> None:
+async def no_repeats(request: Request) -> None:
     """Refuse a query parameter sent twice (`tile` may be); raises QueryError naming it."""
     for name in request.query_params:
         if name != "tile" and len(request.query_params.getlist(name)) > 1:

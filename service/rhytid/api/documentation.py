@@ -13,6 +13,8 @@ from rhytid import __version__
 from rhytid.api.problems import MEDIA_TYPE
 from rhytid.api.schemas import Problem
 from rhytid.domain.controls import CONTROLS, REGION_PREFIX
+from rhytid.domain.painted import MOST_TEXELS
+from rhytid.formats.grey import MOST_SIDE
 from rhytid.formats.tiles import FORMATS
 
 Responses = dict[int | str, dict[str, Any]]
@@ -90,7 +92,8 @@ ASSET_FORM = body(
                         "items": BINARY,
                         "description": "grey PNG of 8 or 16 bits, one a UDIM (repeat the part), "
                         "named by it: stiffness.1002.png; 1 moves freely, 0 is rigid; "
-                        "a UDIM without one is 1",
+                        "a UDIM without one is 1; "
+                        f"at most {MOST_SIDE} texels a side and {MOST_TEXELS:,} in all",
                     },
                     **{name: _control(name) for name in CONTROLS},
                 },

@@ -4,17 +4,18 @@ seen."""
 from __future__ import annotations
 
 import io
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from python_multipart.exceptions import FormParserError
 from python_multipart.multipart import MultipartParser, parse_options_header
 from starlette.exceptions import HTTPException
 
 from rhytid.domain.controls import CONTROLS
-from rhytid.errors import InputError
+from rhytid.errors import InputError, LimitError
 
 REPEATED = ("stiffness", *CONTROLS)
 PARTS = ("mesh", "settings", "graph", *REPEATED)
+MOST_REPEATED = 512
 HEADER_LIMIT = 8192
 LONGEST_BOUNDARY = 70  # RFC 2046, section 5.1.1
 
@@ -46,7 +47,7 @@ class PartReader:
     """Collects the parts of a body that arrives in chunks."""
 
     def __init__(self, boundary: bytes) -> None:
-        self._parts: dict[str, Part] = {}
+        self._parts: dict[str, list[Part]] = {}
         self._ended = False
         self._begin()
         self._parser = MultipartParser(
@@ -64,7 +65,8 @@ class PartReader:
         )
 
     def feed(self, chunk: bytes) -> None:
-        """Take the next bytes; raises InputError naming the part, or the place of a bad byte."""
+        """Take the next bytes; raises InputError naming the part, or the place of a bad byte, and
+        LimitError above MOST_REPEATED parts of a name."""
         try:
             self._parser.write(chunk)
         except FormParserError as error:
@@ -74,7 +76,10 @@ class PartReader:
         """The parts by name; raises InputError where the body was cut."""
         if not self._ended:
             raise InputError("multipart body ends before its closing boundary")
-        return self._parts
+        return {
+            name: Part(name, first.filename, first.data, tuple(again))
+            for name, (first, *again) in self._parts.items()
+        }
 
     def _begin(self) -> None:
         self._field, self._value = bytearray(), bytearray()
@@ -111,16 +116,16 @@ class PartReader:
             raise InputError(f"unknown part {self._name!r}: one of {', '.join(PARTS)}")
         if self._name in self._parts and self._name not in REPEATED:
             raise InputError(f"part {self._name} was sent twice")
+        if len(self._parts.get(self._name, ())) == MOST_REPEATED:
+            times = f"{MOST_REPEATED + 1} times: at most {MOST_REPEATED}"
+            raise LimitError(f"part {self._name} was sent {times}")
 
     def _on_data(self, data: bytes, start: int, end: int) -> None:
         self._data.write(memoryview(data)[start:end])
 
     def _on_part(self) -> None:
         part = Part(self._name, self._filename, self._data.getvalue())
-        first = self._parts.get(self._name)
-        self._parts[self._name] = (
-            part if first is None else replace(first, again=(*first.again, part))
-        )
+        self._parts.setdefault(self._name, []).append(part)
         self._data = io.BytesIO()
 
     def _on_end(self) -> None:

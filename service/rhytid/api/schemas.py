@@ -149,7 +149,9 @@ class Bins(_Answer):
     """The precomputed maps of an asset."""
 
     angles: list[float] = Field(description="direction of each bin, radians; θ = (sin, cos)")
-    samples: list[float] = Field(description="log stretch of each sample")
+    samples: list[float] = Field(
+        description="log stretch of each sample; pores have as many as steps, over the same range"
+    )
     steps: dict[str, list[float]] = Field(description="mesh units per code, by layer and sample")
     bits: int
     merge: str

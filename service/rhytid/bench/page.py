@@ -110,7 +110,7 @@ def _accuracy(accuracy: dict[str, Any]) -> list[str]:
             "rms: of the difference over that of redraw. Worst: mean difference of the worst "
             "0.1 % of texels, in units of the depth of a wrinkle of strength 1. Marked rows are on "
             "the front of the plot. Closest at no more than twice the time of the first row: "
-            f"N = {best['count']}, M = {best['samples']}, {best['bits']} bits, merge "
+            f"N = {best['count']}, M = {_samples(best)}, {best['bits']} bits, merge "
             f"{best['merge']}, depth {_depth(best)}."
         ),
         "<h2>Where the error comes from</h2>",
@@ -133,7 +133,7 @@ def _accuracy(accuracy: dict[str, Any]) -> list[str]:
 def _accuracy_row(row: dict[str, Any], subjects: list[str]) -> tuple[str, ...]:
     bins = row["bins"]
     return (
-        f"N {bins['count']}, M {bins['samples']}, {bins['bits']} bit",
+        f"N {bins['count']}, M {_samples(bins)}, {bins['bits']} bit",
         bins["merge"],
         _depth(bins),
         *(f"{100 * row['errors'][name]:.1f} %" for name in subjects),
@@ -142,6 +142,11 @@ def _accuracy_row(row: dict[str, Any], subjects: list[str]) -> tuple[str, ...]:
         f"{row['relative_time']:.2f}",
         f"{row['memory']:g}",
     )
+
+
+def _samples(bins: dict[str, Any]) -> str:
+    pores = bins["pore_samples"]
+    return f"{bins['samples']} and {pores} of pores" if pores else str(bins["samples"])
 
 
 def _depth(bins: dict[str, Any]) -> str:

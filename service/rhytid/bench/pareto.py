@@ -30,4 +30,5 @@ def short(bins: BinSettings) -> str:
     depth = ", factored" if bins.depth_factored else ""
     tilt = ", tilt" if bins.tilt else ""
     reach = f", reach {bins.reach:g}" if bins.reach > 1.0 else ""
-    return f"N {bins.count}, M {bins.samples}, {bins.bits} bit{depth}{tilt}{reach}"
+    pores = f" pores {bins.pore_samples}" if bins.pore_samples else ""
+    return f"N {bins.count}, M {bins.samples}{pores}, {bins.bits} bit{depth}{tilt}{reach}"

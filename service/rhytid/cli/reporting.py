@@ -36,7 +36,7 @@ def counted(things: Sequence[Any], what: str, unit: str) -> Iterable[Any]:
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """Text in columns: the first is left-aligned, as is every column of text."""
+    """Text in columns: the first is left-aligned, as is one with text; a cell may be empty."""
     cells = [[str(cell) for cell in row] for row in rows]
     columns = list(zip(header, *cells, strict=True))
     widths = [max(map(len, column)) for column in columns]
@@ -72,4 +72,6 @@ def write_json(figures: Any, destination: Path) -> None:
 
 
 def _is_number(cell: str) -> bool:
-    return cell.replace(".", "").replace(",", "").lstrip("-").isdigit()
+    mantissa, _, exponent = cell.partition("e")
+    digits = mantissa.replace(".", "").replace(",", "").lstrip("-") + exponent.lstrip("+-")
+    return not cell or digits.isdigit()

@@ -97,5 +97,6 @@ def _text(figures: dict[str, Any], out: Path) -> str:
 def _bins(bins: dict[str, Any]) -> str:
     depth = "factored" if bins["depth_factored"] else "drawn"
     depth += (" tilt" if bins["tilt"] else "") + f" reach {bins['reach']:g}"
-    sizes = f"N {bins['count']:2}  M {bins['samples']}  {bins['bits']:2} bit"
+    pores = bins["pore_samples"] or bins["samples"]
+    sizes = f"N {bins['count']:2}  M {bins['samples']}, {pores}  {bins['bits']:2} bit"
     return f"{sizes}  {bins['merge']:6}  {depth}"

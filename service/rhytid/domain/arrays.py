@@ -17,7 +17,8 @@ def fixed_array(
     dtype: Any,
     error: type[InputError],
 ) -> NDArray[Any]:
-    """A read-only, C-contiguous, native copy of `values` with the wanted shape and dtype.
+    """A read-only, C-contiguous, native copy of `values` with the wanted shape and dtype; or they
+    themselves, where they are that and their memory is bytes that nobody can change.
 
     `None` in `shape` stands for any length. Raises `error` naming `what` where the shape or the
     kind of number does not fit (float or integer for a float dtype, integer for an integer one).
@@ -30,9 +31,19 @@ def fixed_array(
     kinds = "fiu" if np.dtype(dtype).kind == "f" else "iu"
     if array.dtype.kind not in kinds and array.size:
         raise error(f"{what} has dtype {array.dtype}, not a {np.dtype(dtype)}")
-    copy = np.array(array, dtype=dtype, order="C", copy=True)
-    copy.setflags(write=False)
-    return copy
+    if _on_bytes(array):
+        fixed = np.require(array, dtype, ["C", "ALIGNED"])
+    else:
+        fixed = np.array(array, dtype=dtype, order="C", copy=True)
+    fixed.setflags(write=False)
+    return fixed
+
+
+def _on_bytes(array: NDArray[Any]) -> bool:
+    owner: object = array
+    while isinstance(owner, np.ndarray):
+        owner = owner.base
+    return isinstance(owner, bytes)
 
 
 def first_bad_row(good: NDArray[np.bool_]) -> int | None:

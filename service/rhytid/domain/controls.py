@@ -6,9 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rhytid.domain.painted import Map, check_texels, check_udims, checked_maps
+from rhytid.domain.painted import Map, Shares, check_total, check_udim, fixed_map
 from rhytid.domain.regions import REGIONS, WHOLE_FACE
 from rhytid.errors import InputError
 
@@ -30,7 +29,7 @@ _DARKER, _LIGHTER = np.float32(127 / 255), np.float32(128 / 255)
 
 @dataclass(frozen=True, eq=False)
 class Controls:
-    """Maps (h, w) float32 from 0 to 1 by name (of CONTROLS) and UDIM, at least one.
+    """Maps, as of `painted`, by name (of CONTROLS) and UDIM.
 
     Raises InputError naming the map that cannot be used, LimitError above MOST_TEXELS in all.
     """
@@ -38,12 +37,13 @@ class Controls:
     maps: Mapping[str, Mapping[int, Map]]
 
     def __post_init__(self) -> None:
-        fixed = {}
+        fixed: dict[str, dict[int, Map]] = {}
         for name, maps in sorted(self.maps.items()):
             if name not in CONTROLS:
                 raise InputError(f"unknown control map {name}: one of {', '.join(CONTROLS)}")
-            fixed[name] = checked_maps(maps, name)
-        check_texels((map for maps in fixed.values() for map in maps.values()), "control")
+            fixed[name] = {u: fixed_map(m, f"{name} of UDIM {u}") for u, m in sorted(maps.items())}
+            every = [map for known in fixed.values() for map in known.values()]
+            check_total(every, name, "control")
         object.__setattr__(self, "maps", fixed)
 
     def arrays(self) -> dict[str, Map]:
@@ -63,12 +63,13 @@ class Controls:
     def check_udims(self, udims: Sequence[int]) -> None:
         """Raise InputError for a map of a UDIM that is not among those of the mesh."""
         for name, maps in self.maps.items():
-            check_udims(maps, udims, name)
+            for udim in maps:
+                check_udim(udim, udims, f"a map of {name}")
 
 
-def signed(grey: NDArray[np.float32]) -> NDArray[np.float32]:
+def signed(grey: Shares) -> Shares:
     """From −1 (black) over 0 (mid grey, the codes 127 and 128 of 255) to 1 (white)."""
     low = (grey - _DARKER) / _DARKER
     high = (grey - _LIGHTER) / (np.float32(1.0) - _LIGHTER)
-    found: NDArray[np.float32] = np.minimum(low, 0.0) + np.maximum(high, 0.0)
+    found: Shares = np.minimum(low, 0.0) + np.maximum(high, 0.0)
     return found

@@ -13,7 +13,7 @@ from rhytid.errors import NotFoundError, QueryError
 
 # UV units that a triangle must reach into a UDIM, unless it is as small itself: coordinates that
 # were float32 once lie this far beyond a border that they mean.
-_SLACK = 1e-6
+BORDER_SLACK = 1e-6
 
 
 @dataclass(frozen=True, order=True)
@@ -102,7 +102,7 @@ def _overlaps_square(corners: NDArray[np.float64], origin: NDArray[np.integer]) 
     the sides of the square and the normals of the edges."""
     centred = corners - (origin + 0.5)
     extent = np.ptp(corners, axis=1).max(axis=-1, keepdims=True)
-    half = 0.5 - np.minimum(_SLACK, 0.25 * extent)
+    half = 0.5 - np.minimum(BORDER_SLACK, 0.25 * extent)
     edges = np.roll(centred, -1, axis=1) - centred
     normals = np.stack([-edges[..., 1], edges[..., 0]], axis=-1)
     sides = np.broadcast_to(np.eye(2), (len(corners), 2, 2))

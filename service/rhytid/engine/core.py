@@ -13,6 +13,7 @@ from rhytid.engine.assets import Assets
 from rhytid.engine.building import Builder
 from rhytid.engine.jobs import Jobs
 from rhytid.engine.messages import DeviceInfo
+from rhytid.engine.together import MOST_TILES, Together
 from rhytid.engine.worker import DeviceWorker
 from rhytid.errors import BusyError, DeviceError
 from rhytid.settings import ServiceSettings
@@ -29,6 +30,8 @@ class EngineCore:
         self._device = Device(self._candidate, settings.device_memory)
         self._store = AssetStore(settings.store)
         self._worker = DeviceWorker(settings.queue)
+        most = 1 if self._candidate.kind == "cpu" else MOST_TILES
+        self._together = Together(self._worker, self._device.task, most)
         self._assets = Assets(settings.frame_memory)
         self._builder = Builder(self._device, self._worker, self._store, self._assets)
         self._jobs = Jobs()
@@ -55,7 +58,7 @@ class EngineCore:
     @property
     def waiting(self) -> int:
         """Calls that wait for the device."""
-        return self._worker.waiting
+        return self._worker.waiting + self._together.joined
 
     def _on_device(self, task: Callable[..., T], *arguments: Any) -> T:
         def run() -> T:

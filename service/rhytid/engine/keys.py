@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from functools import lru_cache
 from typing import Any
 
 from rhytid import __version__
@@ -12,6 +13,7 @@ from rhytid.engine.frames import NEUTRAL_FRAME, Frame
 from rhytid.engine.messages import MapQuery
 
 
+@lru_cache(maxsize=256)
 def settings_key(asset: str, settings: AssetSettings, device: str) -> str:
     """Names an asset with its present settings on a device; floats differ between devices."""
     return _digest([asset, settings.as_json(), device, __version__])

@@ -136,7 +136,8 @@ class BinManifest:
     """The precomputed maps of an asset, in the order of `bin_tile`'s indices.
 
     angles (N,): bin directions αₙ = πn/N in radians; θₙ = (sin αₙ, cos αₙ).
-    samples (M,): log stretch of each sample.  layers: {"wrinkles": N, "pores": 1}; where merge
+    samples (M,): log stretch of each sample; of pores there are as many as they have steps, evenly
+    over the same range.  layers: {"wrinkles": N, "pores": 1}; where merge
     is mellow these are the valleys, and {"wrinkle_bulges": N, "pore_bulges": 1} the bulges; with
     tilts {"wrinkle_tilts": N}, of one sample, from one edge of a bin in angle, -1, to the other, 1.
     steps: displacement per code, mesh units, by layer and sample; of tilts their unit.

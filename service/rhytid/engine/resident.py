@@ -31,7 +31,7 @@ from rhytid.pipeline.elements import (
     pore_arrays,
     wrinkle_arrays,
 )
-from rhytid.pipeline.levels import Draw, render_to_host
+from rhytid.pipeline.levels import Draw, in_one_piece, render, render_to_host
 from rhytid.pipeline.locate import UdimTriangles, locate_points
 from rhytid.pipeline.neutral_tiles import NeutralTile, NeutralTiles
 from rhytid.pipeline.redraw import ScaleBuffers, redrawing, respond
@@ -156,38 +156,33 @@ class ResidentAsset:
 
     def convolved(self, frame: Frame, query: MapQuery, address: TileAddress) -> NDArray[np.float32]:
         """One tile of `convolved`; what no frame changes is kept where it is one piece."""
-        maker, convolve = self._convolving(frame, query, address.udim)
-        texels = self.settings.grid.texels(address.level)
+        return self.tiles(frame, query, [address])[0]
 
-        def draw(row: int, column: int, side: int) -> Buffer:
-            def make() -> NeutralTile:
-                return self._neutral_tile(maker, address.udim, row, column, side)
-
-            # Of a tile drawn piece by piece, one piece is all that must be on the device at once.
-            whole = side == texels << address.level
-            neutral = self._keep("neutral", query.sampling, address, make=make) if whole else make()
-            out = convolve(neutral)
-            if not whole:
-                neutral.release()
-            return out
-
-        row, column = address.row * texels, address.column * texels
-        return render_to_host(self._device, draw, address.level, row, column, texels)
+    def tiles(
+        self, frame: Frame, query: MapQuery, addresses: list[TileAddress]
+    ) -> list[NDArray[np.float32]]:
+        """Tiles of one level by any method: all are enqueued before the first is read."""
+        level = addresses[0].level
+        side = self.settings.grid.texels(level)
+        if query.method == "binned":
+            made = [self._blended(frame, query, address) for address in addresses]
+        elif in_one_piece(level, side):
+            made = [
+                render(self._device, self._draw(frame, query, a), level, *self._place(a), side)
+                for a in addresses
+            ]
+        else:
+            return [
+                render_to_host(
+                    self._device, self._draw(frame, query, a), level, *self._place(a), side
+                )
+                for a in addresses
+            ]
+        return [self._taken(buffer, side) for buffer in made]
 
     def blended(self, frame: Frame, query: MapQuery, address: TileAddress) -> NDArray[np.float32]:
         """One tile of `binned`; makes the tile's maps where they are not there."""
-        assert self._blend is not None
-        blend, model, maps = self._blend, query.stretch, self.bin_tile(address)
-        if query.sampling == "smooth":
-            out = blend.smooth_tile(maps, self._fields(frame, model), self._located[address.udim])
-        elif maps.stiffness is not None:
-            out = blend.stiff_tile(maps, self._stretches(frame, model))
-        else:
-            out = blend.tile(maps, self._coefficients(frame, model))
-        side = self.settings.grid.texels(address.level)
-        result: NDArray[np.float32] = self._device.read(out, (side, side), np.float32)
-        out.release()
-        return result
+        return self.tiles(frame, query, [address])[0]
 
     def bin_tile(self, address: TileAddress) -> BinTile:
         """The precomputed maps of one tile; made where they are not there."""
@@ -202,11 +197,11 @@ class ResidentAsset:
         return codes[:, index].ravel()[: texels * texels].reshape(texels, texels)
 
     def bins_size(self) -> int:
-        """Bytes that the level-0 maps of every UDIM need."""
-        bins = self.settings.bins
-        texels = len(self._located) * self.settings.resolution**2
-        places = BYTES_A_TEXEL + (0 if self._stiffness is None else 4)
-        return texels * (map_count(bins) * bins.bits // 8 + places)
+        """Bytes that the level-0 maps of every UDIM need, as far as `BYTES_A_TEXEL` is right."""
+        bins, painted = self.settings.bins, () if self._stiffness is None else self._stiffness.maps
+        a_texel = map_count(bins) * bins.bits // 8 + BYTES_A_TEXEL
+        sizes = (a_texel + 4 * (udim in painted) for udim in self._located)
+        return sum(sizes) * self.settings.resolution**2
 
     def release(self) -> None:
         """Give everything back; every later call raises NotFoundError."""
@@ -223,6 +218,51 @@ class ResidentAsset:
             return given
         found = locate_points(self._device, self._mesh, uv, settings.resolution, settings.padding)
         return found if given is None else np.where(given >= 0, given, found)
+
+    def _draw(self, frame: Frame, query: MapQuery, address: TileAddress) -> Draw:
+        """What draws level 0 for a tile of any method but `binned`."""
+        if query.method == "convolved":
+            return self._convolved(frame, query, address)
+        deformed = NEUTRAL_FRAME if query.method == "neutral" else frame
+        return self._redrawing(deformed, query, address.udim)
+
+    def _convolved(self, frame: Frame, query: MapQuery, address: TileAddress) -> Draw:
+        maker, convolve = self._convolving(frame, query, address.udim)
+        texels = self.settings.grid.texels(address.level)
+
+        def draw(row: int, column: int, side: int) -> Buffer:
+            def make() -> NeutralTile:
+                return self._neutral_tile(maker, address.udim, row, column, side)
+
+            # Of a tile drawn piece by piece, one piece is all that must be on the device at once.
+            whole = side == texels << address.level
+            neutral = self._keep("neutral", query.sampling, address, make=make) if whole else make()
+            out = convolve(neutral)
+            if not whole:
+                neutral.release()
+            return out
+
+        return draw
+
+    def _blended(self, frame: Frame, query: MapQuery, address: TileAddress) -> Buffer:
+        assert self._blend is not None
+        blend, model, maps = self._blend, query.stretch, self.bin_tile(address)
+        if query.sampling == "smooth":
+            return blend.smooth_tile(maps, self._fields(frame, model), self._located[address.udim])
+        if maps.stiffness is not None:
+            return blend.stiff_tile(maps, self._stretches(frame, model))
+        return blend.tile(maps, self._coefficients(frame, model))
+
+    def _place(self, address: TileAddress) -> tuple[int, int]:
+        """Row and column of a tile's first texel."""
+        texels = self.settings.grid.texels(address.level)
+        return address.row * texels, address.column * texels
+
+    def _taken(self, buffer: Buffer, side: int) -> NDArray[np.float32]:
+        """(side, side) of a buffer, which is given back."""
+        result: NDArray[np.float32] = self._device.read(buffer, (side, side), np.float32)
+        buffer.release()
+        return result
 
     def _coefficients(self, frame: Frame, model: str) -> Buffer:
         assert self._blend is not None
@@ -244,16 +284,14 @@ class ResidentAsset:
         limit = self.settings.response.log_stretch_limit
         return self._keep(
             "fields", model, frame.digest,
-            make=lambda: self._smooth.run(
-                self._stretch_buffers(frame, model), limit, self.settings.angles
-            ),
+            make=lambda: self._smooth.run(self._stretch_buffers(frame, model), limit),
         )  # fmt: skip
 
     def _stretch_buffers(self, frame: Frame, model: str) -> StretchBuffers:
         limit = self.settings.response.log_stretch_limit
         return self._keep(
             "stretch", model, frame.digest,
-            make=lambda: self._stretch.run(frame.positions, limit, model),
+            make=lambda: self._stretch.run(frame.positions, limit, model, self.settings.angles),
         )  # fmt: skip
 
     def _kernels(self, frame: Frame, model: str) -> Buffer:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -92,6 +94,10 @@ class TileCalls(EngineCore):
         frame = Frame.of(check_positions(positions, found.vertices))
         return [self._tile(found, frame, query, address) for address in addresses]
 
+    def unit(self, asset: str) -> str:
+        """The unit of length of an asset's displacement."""
+        return self._assets.get(asset).settings.unit
+
     def displacement_scale(self, asset: str) -> float:
         """What the largest code of a png tile stands for, mesh units: one scale an asset.
 
@@ -107,7 +113,9 @@ class TileCalls(EngineCore):
         found = self._assets.get(asset)
         found.ready()
         bins, steps = found.settings.bins, quantisation_steps(found.settings)
-        wrinkles, pores = tuple(steps[0].tolist()), tuple(steps[-1].tolist())
+        wrinkles, pores = (
+            tuple(steps[layer, : bins.layer_samples[layer]].tolist()) for layer in (0, -1)
+        )
         names = layers(bins)
         by_layer = {name: pores if name.startswith("pore") else wrinkles for name in names}
         if bins.tilt:
@@ -137,14 +145,9 @@ class TileCalls(EngineCore):
 
     def _tile(self, asset: Asset, frame: Frame, query: MapQuery, address: TileAddress) -> Tile:
         resident = asset.ready()
-        if query.method in _BY_TILE:
-            draw = resident.blended if query.method == "binned" else resident.convolved
-            return self._on_device(draw, frame, query, address)
-        side = asset.settings.grid.texels(address.level)
-        row, column = address.row * side, address.column * side
-        return self._on_device(
-            resident.drawn, frame, query, address.udim, address.level, row, column, side
-        )
+        key = (asset, frame.digest, query, address.udim, address.level)
+        texels = asset.settings.grid.texels(address.level)
+        return self._together.tile(key, address, texels, partial(resident.tiles, frame, query))
 
 
 def _assembled(tiles: list[Tile], count: int) -> Tile:
@@ -157,7 +160,8 @@ def _map_index(settings: AssetSettings, layer: str, bin: int, sample: int) -> in
     first = layers(settings.bins).get(layer)
     if first is None:
         raise NotFoundError(f"layer {layer!r}: one of {', '.join(layers(settings.bins))}")
-    samples = 1 if layer == TILTS else settings.bins.samples
+    samples = settings.bins.layer_samples[-1 if layer.startswith("pore") else 0]
+    samples = 1 if layer == TILTS else samples
     for name, index, size in (("bin", bin, len(first)), ("sample", sample, samples)):
         if not 0 <= index < size:
             raise NotFoundError(f"{name} {index} of layer {layer}: 0 to {size - 1}")

@@ -27,6 +27,11 @@ class DeviceWorker:
         self._thread.start()
 
     @property
+    def size(self) -> int:
+        """Calls that may wait."""
+        return self._tasks.maxsize
+
+    @property
     def waiting(self) -> int:
         """Calls in the queue."""
         return self._tasks.qsize()
@@ -55,7 +60,7 @@ class DeviceWorker:
         try:
             self._tasks.put((future, task), block=block)
         except queue.Full:
-            raise BusyError(f"{self._tasks.maxsize} requests wait for the device already") from None
+            raise BusyError(f"{self.size} requests wait for the device already") from None
         # Also after the put: nobody takes from the queue any more once the thread has ended.
         if self._closed.is_set() and not self._thread.is_alive():
             self._refuse_waiting()

@@ -1,4 +1,4 @@
-"""Grey images: painted maps of one number a texel, from 0 (black) to 1 (white).
+"""Grey images: painted maps of one code a texel, from 0 (black) to the largest (white).
 
 PNG of 8 or 16 bits. Row 0 is the top, v = 1 of the UDIM. What an image library would convert
 without a word (colours, palettes, few bits) is refused.
@@ -7,6 +7,7 @@ without a word (colours, palettes, few bits) is refused.
 from __future__ import annotations
 
 import io
+import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -22,11 +23,13 @@ MOST_SIDE = 8192
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _HEADER = _SIGNATURE + b"\x00\x00\x00\x0dIHDR"
 _HEADER_BYTES = 29
+# What the library raises where a chunk is shorter than it must be, or not what it must be.
+_DAMAGED = (OSError, SyntaxError, ValueError, EOFError, IndexError, TypeError, struct.error)
 _KINDS = {2: "colours", 3: "a palette", 4: "transparency", 6: "colours and transparency"}
 
 
-def read_grey(data: bytes, name: str) -> NDArray[np.float32]:
-    """(h, w) float32 in [0, 1], row 0 at the top, of the bytes of a PNG; the largest code is 1.
+def read_grey(data: bytes, name: str) -> NDArray[np.unsignedinteger]:
+    """(h, w) codes, uint8 or uint16 by the bits of the bytes of a PNG, row 0 at the top.
 
     `name` is for messages. Raises InputError saying what is wrong, and LimitError above MOST_SIDE
     texels a side. Gamma and colour profiles count for nothing: codes are taken as they are.
@@ -39,9 +42,8 @@ def read_grey(data: bytes, name: str) -> NDArray[np.float32]:
     if "transparency" in image.info:
         raise InputError(f"{name} has {_KINDS[4]}: must be grey")
     # 16 bits are `I;16` or `I` by the version of the library; their numbers are the same.
-    codes = np.asarray(image)
-    grey: NDArray[np.float32] = codes.astype(np.float32) / np.float32(2**bits - 1)
-    return grey
+    codes: NDArray[np.unsignedinteger] = np.asarray(image).astype(f"u{bits // 8}", copy=False)
+    return codes
 
 
 def _check_header(data: bytes, name: str) -> int:
@@ -72,5 +74,7 @@ def _told(name: str) -> Iterator[None]:
     """What the library says of a damaged file, as an InputError."""
     try:
         yield
-    except (UnidentifiedImageError, OSError, SyntaxError, ValueError, EOFError) as exc:
+    except UnidentifiedImageError as exc:  # its text is an address in memory
         raise InputError(f"{name}: a damaged PNG image") from exc
+    except _DAMAGED as exc:
+        raise InputError(f"{name}: a damaged PNG image: {exc}") from exc

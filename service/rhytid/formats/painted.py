@@ -4,54 +4,53 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from pathlib import PurePath
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.domain.painted import MOST_TEXELS
-from rhytid.errors import InputError, LimitError
+from rhytid.domain.painted import Map, check_total, check_udim
+from rhytid.errors import InputError
 from rhytid.formats.grey import read_grey
 
 _NUMBER = re.compile(r"(?:^|[._])([0-9]{4})\.[A-Za-z]+$")
 
 
 def read_painted(
-    files: Sequence[tuple[str, bytes]], udims: Sequence[int], what: str, most: int = MOST_TEXELS
-) -> dict[int, NDArray[np.float32]]:
-    """The maps of images by UDIM, (file name, bytes) each, for a mesh with these UDIMs.
+    files: Sequence[tuple[str, bytes]], udims: Sequence[int], kind: str, before: Sequence[Map] = ()
+) -> dict[int, NDArray[np.unsignedinteger]]:
+    """The maps of images by UDIM, (file name or path, bytes) each, for a mesh with these UDIMs.
 
     The four digits before the extension are the UDIM. A lone image without them is that of the
-    only UDIM of the mesh. Raises InputError naming the image that has no place or cannot be read,
-    LimitError over what is too large.
+    only UDIM of the mesh. `before`: maps that count towards the limit. Raises InputError naming the
+    image that has no place or cannot be read, LimitError over what is too large.
     """
-    maps: dict[int, NDArray[np.float32]] = {}
-    for udim, (name, data) in _places(files, udims, what).items():
+    maps: dict[int, NDArray[np.unsignedinteger]] = {}
+    for udim, (name, data) in _places(files, udims, kind).items():
         maps[udim] = read_grey(data, name)
-        if sum(map.size for map in maps.values()) > most:
-            raise LimitError(f"{what} maps of more than {most} texels in all")
+        check_total((*before, *maps.values()), name, "control" if before else kind)
     return maps
 
 
 def _places(
-    files: Sequence[tuple[str, bytes]], udims: Sequence[int], what: str
+    files: Sequence[tuple[str, bytes]], udims: Sequence[int], kind: str
 ) -> dict[int, tuple[str, bytes]]:
     places: dict[int, tuple[str, bytes]] = {}
     for file in files:
-        udim = _udim(file[0], len(files) == 1, udims, what)
+        udim = _udim(file[0], len(files) == 1, udims, kind)
+        check_udim(udim, udims, file[0])
         if udim in places:
             raise InputError(f"{file[0]} and {places[udim][0]} are both of UDIM {udim}")
         places[udim] = file
     return places
 
 
-def _udim(name: str, alone: bool, udims: Sequence[int], what: str) -> int:
+def _udim(name: str, alone: bool, udims: Sequence[int], kind: str) -> int:
+    number = _NUMBER.search(PurePath(name).name)
+    if number is not None:
+        return int(number[1])
+    if alone and len(udims) == 1:
+        return udims[0]
     have = ", ".join(str(udim) for udim in udims)
-    number = _NUMBER.search(name)
-    if number is None:
-        if alone and len(udims) == 1:
-            return udims[0]
-        rule = f"name every image by its UDIM, as in {what}.1001.png"
-        raise InputError(f"{name} names no UDIM; the mesh has {have}: {rule}")
-    if int(number[1]) not in udims:
-        raise InputError(f"{name} is of UDIM {number[1]}, which has no mesh; the mesh has {have}")
-    return int(number[1])
+    rule = f"name every image by its UDIM, as in {kind}.1001.png"
+    raise InputError(f"{name} names no UDIM; the mesh has {have}: {rule}")

@@ -58,16 +58,21 @@ def quantise(tile: Tile, scale: float) -> NDArray[np.uint16]:
 
 
 def _npy(tile: Tile, header: TileHeader) -> bytes:
-    stream = io.BytesIO()
-    np.save(stream, np.ascontiguousarray(tile, "<f4"), allow_pickle=False)
-    return stream.getvalue()
+    texels = np.ascontiguousarray(tile, "<f4")
+    head = io.BytesIO()
+    np.lib.format.write_array_header_1_0(head, np.lib.format.header_data_from_array_1_0(texels))
+    return b"".join((head.getvalue(), texels.data))  # np.save would copy the texels three times
+
+
+# The first float32 that rounds to no half float.
+_HALF_OVERFLOWS = 65520.0
 
 
 def _half(tile: Tile) -> NDArray[np.float16]:
     with np.errstate(over="ignore"):
         half = tile.astype("<f2")
-    if not np.isfinite(half).all():
-        worst = float(np.abs(tile).max())
+    worst = float(np.abs(tile).max(initial=0.0))
+    if not worst < _HALF_OVERFLOWS:  # also where it is not a number
         raise QueryError(f"displacement {worst:g} does not fit half floats: use npy, exr or png")
     return half
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from itertools import count, product
+from itertools import count as counter
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.device.held import Held
 from rhytid.device.runtime import Buffer, Device
 from rhytid.domain.asset_settings import AssetSettings, BinSettings
 from rhytid.domain.stiffness import Stiffness
@@ -35,9 +37,9 @@ def directions(count: int, turn: float = 0.0) -> NDArray[np.float64]:
     return np.stack([np.sin(angles), np.cos(angles)], axis=1)
 
 
-def sample_stretches(settings: AssetSettings) -> NDArray[np.float64]:
-    """(M,) log stretch of each sample, evenly spaced around 0, which is the middle."""
-    samples = settings.bins.samples
+def sample_stretches(settings: AssetSettings, layer: int = 0) -> NDArray[np.float64]:
+    """(M,) log stretch of each sample of a layer, evenly spaced around 0, which is the middle."""
+    samples = settings.bins.layer_samples[layer]
     steps = np.arange(samples, dtype=np.float64) - (samples - 1) / 2
     return steps * (2.0 * settings.last_sample / (samples - 1))
 
@@ -68,22 +70,22 @@ def layers(bins: BinSettings) -> dict[str, tuple[int, ...]]:
     `pore_bulges` are the bulges. Each has the maps of all samples. With tilts `wrinkle_tilts`, one
     map a bin.
     """
-    samples = len(parts(bins)) * bins.samples
-    first = range(0, map_count(bins), samples + bins.tilt)  # of each layer
+    count, samples = len(parts(bins)), bins.samples
+    first = range(0, map_count(bins), count * samples + bins.tilt)[: bins.count + 1]  # of layers
     names = (("wrinkles", "pores"), ("wrinkle_bulges", "pore_bulges"))
     found: dict[str, tuple[int, ...]] = {}
-    for part, (wrinkles, pores) in enumerate(names[: len(parts(bins))]):
-        *of_wrinkles, of_pores = (index + part * bins.samples for index in first)
-        found[wrinkles], found[pores] = tuple(of_wrinkles), (of_pores,)
+    for part, (wrinkles, pores) in enumerate(names[:count]):
+        found[wrinkles] = tuple(index + part * samples for index in first[:-1])
+        found[pores] = (first[-1] + part * bins.layer_samples[-1],)
     if bins.tilt:
-        found[TILTS] = tuple(index + samples for index in first[:-1])
+        found[TILTS] = tuple(index + count * samples for index in first[:-1])
     return found
 
 
 def map_count(bins: BinSettings) -> int:
     """Precomputed maps of a tile: of every layer, part and sample, and the tilt of every bin."""
     tilts = bins.count if bins.tilt else 0
-    return (bins.count + 1) * len(parts(bins)) * bins.samples + tilts
+    return sum(bins.layer_samples) * len(parts(bins)) + tilts
 
 
 def code_limit(bits: int) -> int:
@@ -92,20 +94,23 @@ def code_limit(bits: int) -> int:
 
 
 def quantisation_steps(settings: AssetSettings) -> NDArray[np.float32]:
-    """(N + 1, M) displacement of one code, mesh units; the last row is the pore layer.
+    """(N + 1, M) displacement of one code, mesh units; the last row is the pore layer. M is that
+    of the layer with most samples; rows of fewer end in zeros.
 
     Known before anything is drawn, so that tiles can be made one at a time.
     """
     assert settings.depth is not None
     bins = settings.bins
-    stretches = sample_stretches(settings)
-    exponents = drawn_depth_exponents(settings)
-    depths = np.array([[scale(r, -e) for r in stretches] for e in exponents])
-    return (settings.depth * (depths + HEADROOM) / code_limit(bins.bits)).astype(np.float32)
+    found = np.zeros((bins.count + 1, max(bins.layer_samples)), np.float32)
+    for layer, exponent in enumerate(drawn_depth_exponents(settings)):
+        depths = np.array([scale(r, -exponent) for r in sample_stretches(settings, layer)])
+        step = settings.depth * (depths + HEADROOM) / code_limit(bins.bits)
+        found[layer, : len(depths)] = step
+    return found
 
 
 @dataclass(frozen=True)
-class BinTile:
+class BinTile(Held):
     """One tile of every precomputed map, padded to a vector, and the triangles of its texels.
 
     codes: (texels / VECTOR, maps, VECTOR), maps being M samples within parts within N + 1
@@ -120,19 +125,8 @@ class BinTile:
     stiffness: Buffer | None = None
 
     @property
-    def _held(self) -> tuple[VectorTriangles | Buffer, ...]:
-        held = (self.triangles, self.codes)
-        return held if self.stiffness is None else (*held, self.stiffness)
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes on the device."""
-        return sum(part.nbytes for part in self._held)
-
-    def release(self) -> None:
-        """Give the memory back."""
-        for part in self._held:
-            part.release()
+    def _buffers(self) -> tuple[VectorTriangles | Buffer | None, ...]:
+        return (self.triangles, self.codes, self.stiffness)
 
 
 class BinMaker:
@@ -156,9 +150,9 @@ class BinMaker:
         bins = self._settings.bins
         size = max(texels * texels, VECTOR)
         codes = self._device.empty(map_count(bins) * size, f"i{bins.bits // 8}")
-        at = count()
-        for layer in range(bins.count + 1):
-            for part, sample in product(parts(bins), range(bins.samples)):
+        at = counter()
+        for layer, samples in enumerate(bins.layer_samples):
+            for part, sample in product(parts(bins), range(samples)):
                 draw = self._draw(layer, part, sample)
                 heights = render(self._device, draw, level, row, column, texels)
                 step = self._steps[layer, sample]
@@ -208,7 +202,7 @@ class BinMaker:
 
     def _draw(self, layer: int, part: int, sample: int) -> Draw:
         settings, response = self._settings, self._settings.response
-        r = float(sample_stretches(settings)[sample])
+        r = float(sample_stretches(settings, layer)[sample])
         depth = scale(r, -drawn_depth_exponents(settings)[layer])
         if layer == settings.bins.count:
             return self._draw_pores(_float2(scale(r, response.beta_w), depth), part)

@@ -51,7 +51,6 @@ class Blend:
         assert settings.depth is not None
         bins, response = settings.bins, settings.response
         self._device, self._bins, self._triangles = device, bins, triangles
-        self._surface = settings.angles == "surface"
         self._last_sample = np.float32(settings.last_sample)
         self._unit = np.float32(unit_of(settings))
         exponents = [response.alpha_d, response.beta_d] if bins.depth_factored else [0.0, 0.0]
@@ -61,6 +60,7 @@ class Blend:
         self._layers: dict[str, object] = {
             "LAYERS": bins.count + 1,
             "SAMPLES": bins.samples,
+            "PORE_SAMPLES": bins.layer_samples[-1],
             "TILT": int(bins.tilt),
             "TILT_NODE": f"{TILT_NODE}f",
             "CODE_LIMIT": code_limit(bins.bits),
@@ -138,8 +138,7 @@ class Blend:
         return out
 
     def _stretch(self, stretch: StretchBuffers) -> tuple[object, ...]:
-        jacobians = stretch.jacobians if self._surface else None
-        return (stretch.axes, stretch.logs, jacobians, self._directions)
+        return (stretch.axes, stretch.logs, stretch.jacobians, self._directions)
 
     def release(self) -> None:
         """Give the memory back."""

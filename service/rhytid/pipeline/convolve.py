@@ -10,8 +10,9 @@ from rhytid.device.runtime import Buffer, Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.stiffness import Stiffness
-from rhytid.pipeline.neutral_tiles import MOST_TAPS, WIDTH, NeutralTile, NeutralTiles, reach
+from rhytid.pipeline.neutral_tiles import MOST_TAPS, NeutralTile, NeutralTiles, reach
 from rhytid.pipeline.stretch_buffers import StretchBuffers
+from rhytid.pipeline.vectors import VECTOR
 
 
 class Convolve(NeutralTiles):
@@ -23,8 +24,8 @@ class Convolve(NeutralTiles):
         self._jacobians = device.upload(jacobians)
 
     def kernels(self, stretch: StretchBuffers, settings: AssetSettings) -> Buffer:
-        """(F + 1, 2, 4) float32: of each triangle and axis (step x, step y, α, σ), in texels. With
-        a stiffness α is not clamped to [−1, 1] until it is multiplied by that of the texel."""
+        """(F + 1, 2, 4) float32: of each triangle and axis (step x, step y, α, σ), in texels. α is
+        not clamped to [−1, 1] until it is multiplied by the stiffness of the texel."""
         convolve = settings.convolve
         found = self._device.empty(8 * stretch.count, np.float32)
         self._device.launch(
@@ -32,7 +33,7 @@ class Convolve(NeutralTiles):
             stretch.axes, stretch.logs, self._jacobians,
             np.array([convolve.blur_gain, convolve.sharpen_gain], np.float32),
             np.float32(reach(settings)), np.float32(MOST_TAPS / 3),
-            np.int32(self._stiffness is not None), found,
+            found,
         )  # fmt: skip
         return found
 
@@ -57,7 +58,7 @@ class Convolve(NeutralTiles):
         side = neutral.side + 2 * apron
         out = self._device.empty(side * side, np.float32)
         self._device.launch(
-            "convolve", "convolve", (side // WIDTH, side),
+            "convolve", "convolve", (side // VECTOR, side),
             source, np.int32(neutral.apron), neutral.triangles, np.int32(neutral.apron - apron),
             neutral.stiffness, kernels, np.int32(axis), np.int32(settings.resolution),
             np.int32(neutral.row - apron), np.int32(neutral.column - apron), out,

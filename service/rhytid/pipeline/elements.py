@@ -73,7 +73,7 @@ def wrinkle_arrays(
     ends = (graph.node_uv - np.array(udim_origin(udim), np.float32))[graph.edge_nodes]
     low, high = _around_wrinkles(graph, ends, settings, waves)
     chosen = _chosen(graph.edge_weight, low, high)
-    _check_cover(low[chosen], high[chosen], settings.resolution, "wrinkles")
+    _check_cover(low[chosen], high[chosen], settings.resolution, "wrinkles", udim)
     size = np.float32(settings.resolution)
     start, stop = ends[chosen, 0].astype(np.float64), ends[chosen, 1].astype(np.float64)
     extent = ((stop - start) * size).astype(np.float32)
@@ -102,7 +102,7 @@ def pore_arrays(
     root = _roots(graph)
     low, high = _around_pores(centres, root, settings)
     chosen = _chosen(graph.node_weight, low, high)
-    _check_cover(low[chosen], high[chosen], settings.resolution, "pores")
+    _check_cover(low[chosen], high[chosen], settings.resolution, "pores", udim)
     size = np.float32(settings.resolution)
     in_texels = root[chosen] / float(settings.resolution)
     weight = graph.node_weight[chosen, None]
@@ -125,7 +125,7 @@ def check_cover(graph: WrinkleGraph, settings: AssetSettings, udim: int) -> None
     )
     for what, weight, (low, high) in around:
         inside = _reaching_in(weight, low, high)
-        _check_cover(low[inside], high[inside], settings.resolution, what)
+        _check_cover(low[inside], high[inside], settings.resolution, f"graph's {what}", udim)
 
 
 def orientation_bins(segments: NDArray[np.float32], count: int) -> NDArray[np.uint8]:
@@ -244,12 +244,12 @@ def _blocks(low: NDArray[np.floating], high: NDArray[np.floating], resolution: i
 
 
 def _check_cover(
-    low: NDArray[np.floating], high: NDArray[np.floating], resolution: int, what: str
+    low: NDArray[np.floating], high: NDArray[np.floating], resolution: int, what: str, udim: int
 ) -> None:
     size = np.minimum(high, 1.0) - np.maximum(low, 0.0)
     cover = float(np.prod(size, axis=1, dtype=np.float64).sum())
     if cover > _MOST_COVER:
         raise LimitError(
-            f"the {what} cover {cover:.0f} times the map at their widest: more than "
-            f"{_MOST_COVER:.0f} (at {resolution}² texels)"
+            f"the {what} cover {cover:.0f} times the map of UDIM {udim} at their widest: "
+            f"more than {_MOST_COVER:.0f} (at {resolution}² texels)"
         )

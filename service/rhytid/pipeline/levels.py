@@ -16,6 +16,11 @@ Draw = Callable[[int, int, int], Buffer]
 _CHUNK = 4096
 
 
+def in_one_piece(level: int, side: int) -> bool:
+    """Whether `render` of so many texels of a level stays on the device."""
+    return side << level <= _CHUNK
+
+
 def render(device: Device, draw: Draw, level: int, row: int, column: int, side: int) -> Buffer:
     """`side`² texels of a level, from texel (row, column) of that level on.
 

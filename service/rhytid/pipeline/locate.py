@@ -12,6 +12,7 @@ from rhytid.device.runtime import Buffer, Device
 from rhytid.domain.mesh import Mesh, has_area
 from rhytid.domain.tiles import udim_origin
 from rhytid.pipeline.cells import cells_that_fit, list_by_cell
+from rhytid.pipeline.vectors import VECTOR
 
 _MOST_CELLS = 256
 _TEXELS_A_CELL = 64
@@ -56,7 +57,7 @@ class UdimTriangles:
     def texels(self, side: int, row: int, column: int, count: int) -> Buffer:
         """int32 triangle of each of count² texels of a level of `side` texels, on the device."""
         # Room for a whole vector, so that the smallest levels can be blended like the others.
-        found = self._device.full(max(count * count, 16), self.none)
+        found = self._device.full(max(count * count, VECTOR), self.none)
         self._device.launch(
             "locate", "locate_texels", (count, count), *self._arguments(),
             np.int32(side), np.int32(row), np.int32(column), found,

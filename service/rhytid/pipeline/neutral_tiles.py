@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.device.held import Held
 from rhytid.device.runtime import Buffer, Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.mesh import Mesh
@@ -16,15 +17,14 @@ from rhytid.pipeline.elements import BLOCK
 from rhytid.pipeline.levels import Draw
 from rhytid.pipeline.locate import UdimTriangles
 from rhytid.pipeline.stiffness import stiffness_of_texels
+from rhytid.pipeline.vectors import VECTOR
 
 # Taps on either side of a texel, at most: 3 sigma, so that sigma is 21 texels at most.
 MOST_TAPS = 63
-# Texels of a row that are convolved at once.
-WIDTH = 16
 
 
 @dataclass(frozen=True)
-class NeutralTile:
+class NeutralTile(Held):
     """What convolving `side`² texels from (row, column) on needs and no frame changes.
 
     heights: (side + 4 apron)² float32, the neutral map around the tile; beyond the border of the
@@ -41,19 +41,8 @@ class NeutralTile:
     stiffness: Buffer | None = None
 
     @property
-    def _buffers(self) -> tuple[Buffer, ...]:
-        held = (self.heights, self.triangles, self.stiffness)
-        return tuple(buffer for buffer in held if buffer is not None)
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes on the device."""
-        return sum(buffer.nbytes for buffer in self._buffers)
-
-    def release(self) -> None:
-        """Give the memory back."""
-        for buffer in self._buffers:
-            buffer.release()
+    def _buffers(self) -> tuple[Buffer | None, ...]:
+        return (self.heights, self.triangles, self.stiffness)
 
 
 class NeutralTiles:
@@ -88,7 +77,7 @@ class NeutralTiles:
         return NeutralTile(row, column, side, apron, heights, triangles, stiffness)
 
     def apron(self, settings: AssetSettings, udim: int, row: int, column: int, side: int) -> int:
-        """How far one pass over a tile can read at most, whatever the frame; a multiple of 16.
+        """How far one pass over a tile can read at most, whatever the frame; a multiple of VECTOR.
 
         The bits of a tile do not depend on it, only its cost.
         """
@@ -101,7 +90,7 @@ class NeutralTiles:
         slowest = self._slowest[touches.all(axis=1)].min(initial=np.inf)
         # One more for rounding, one for the texel that bilinear reads beside the last tap.
         taps = min(3.0 * reach(settings) / slowest + 1.0, MOST_TAPS) + 1.0
-        return WIDTH * int(np.ceil(taps / WIDTH))
+        return VECTOR * int(np.ceil(taps / VECTOR))
 
 
 def reach(settings: AssetSettings) -> float:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.device.held import Held
 from rhytid.device.runtime import Buffer, Device
 from rhytid.domain.asset_settings import AssetSettings, ShapeSettings
 from rhytid.pipeline.elements import BLOCK, RESPONSE_DEFINES, Lists, UdimElements
@@ -16,7 +17,7 @@ from rhytid.pipeline.stretch_buffers import StretchBuffers
 
 
 @dataclass(frozen=True)
-class ScaleBuffers:
+class ScaleBuffers(Held):
     """(σ_w, σ_d) of each wrinkle and pore of a UDIM in one frame, on the device."""
 
     wrinkles: Buffer
@@ -29,14 +30,8 @@ class ScaleBuffers:
         return cls(*(device.empty(2 * count, np.float32) for count in counts))
 
     @property
-    def nbytes(self) -> int:
-        """Bytes on the device."""
-        return self.wrinkles.nbytes + self.pores.nbytes
-
-    def release(self) -> None:
-        """Give the memory back."""
-        self.wrinkles.release()
-        self.pores.release()
+    def _buffers(self) -> tuple[Buffer, ...]:
+        return (self.wrinkles, self.pores)
 
 
 def respond(
@@ -44,12 +39,11 @@ def respond(
 ) -> ScaleBuffers:
     """Alg. 1 for every wrinkle and Alg. 2 for every pore."""
     response = settings.response
-    jacobians = stretch.jacobians if settings.angles == "surface" else None
     scales = ScaleBuffers.allocate(device, elements)
     device.launch(
         "respond", "respond_wrinkles", (elements.wrinkles,),
         elements.segments, elements.wrinkle_triangle, stretch.axes, stretch.logs,
-        jacobians, elements.wrinkle_stiffness,
+        stretch.jacobians, elements.wrinkle_stiffness,
         np.float32(response.alpha_w), np.float32(response.alpha_d), scales.wrinkles,
         defines=RESPONSE_DEFINES,
     )  # fmt: skip

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rhytid.device.held import Held
 from rhytid.device.runtime import Buffer, Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.mesh import Mesh
@@ -22,7 +23,7 @@ from rhytid.pipeline.uv_vertices import UvVertices, unit_jacobians
 
 
 @dataclass(frozen=True)
-class SmoothFields:
+class SmoothFields(Held):
     """Metric and log stretch of the UV vertices in one frame, on the device.
 
     values: float8 a UV vertex (G uu, uv, vv, H uu, uv, vv, 0, 0).  corners: of each triangle, the
@@ -37,18 +38,13 @@ class SmoothFields:
     model: str = "tensor"
 
     @property
-    def nbytes(self) -> int:
-        """Bytes on the device that are this frame's."""
-        return self.values.nbytes
+    def _buffers(self) -> tuple[Buffer, ...]:
+        return (self.values,)
 
     def arguments(self, located: UdimTriangles) -> tuple[object, ...]:
         """What every kernel that samples them takes, in order."""
         uv, none = located.corners, located.none
         return (uv, self.corners, self.values, none, np.float32(self.limit))
-
-    def release(self) -> None:
-        """Give the memory back."""
-        self.values.release()
 
 
 class SmoothStage:
@@ -74,10 +70,10 @@ class SmoothStage:
         )
         self.neutral = self._neutral_fields()
 
-    def run(self, stretch: StretchBuffers, limit: float, angles: str = "uv") -> SmoothFields:
-        """The fields of a frame, whatever model measured it."""
+    def run(self, stretch: StretchBuffers, limit: float) -> SmoothFields:
+        """The fields of a frame, whatever model measured it; angles as they are for `stretch`."""
         values = self._fields(f"{stretch.model}_fields", *self._inputs(stretch, limit))
-        neutral = self.neutral if angles == "surface" else None
+        neutral = None if stretch.jacobians is None else self.neutral
         return SmoothFields(values, self._corners, limit, neutral, stretch.model)
 
     def release(self) -> None:

@@ -81,19 +81,32 @@ class StretchStage:
         }
 
     def run(
-        self, positions: NDArray[np.float32] | None, limit: float, model: str = "tensor"
+        self,
+        positions: NDArray[np.float32] | None,
+        limit: float,
+        model: str = "tensor",
+        angles: str = "uv",
     ) -> StretchBuffers:
-        """Stretch of deformed positions (V, 3); of the neutral by definition where None."""
+        """Stretch of deformed positions (V, 3); of the neutral by definition where None.
+
+        angles: whether those who take it compare directions in `uv` or on the `surface`.
+        """
+        jacobians = self._jacobians if angles == "surface" else None
         # Nothing is stretched in the neutral frame: not by any model, whatever rounding would say.
         if positions is None:
-            return self._measure(self._neutral, 0, limit, "tensor")
-        return self._measure(positions, self.triangles, limit, model)
+            return self._measure(self._neutral, 0, limit, "tensor", jacobians)
+        return self._measure(positions, self.triangles, limit, model, jacobians)
 
     def _measure(
-        self, positions: NDArray[np.float32], triangles: int, limit: float, model: str
+        self,
+        positions: NDArray[np.float32],
+        triangles: int,
+        limit: float,
+        model: str,
+        jacobians: Buffer | None,
     ) -> StretchBuffers:
         found = StretchBuffers.allocate(
-            self._device, model, self.triangles, len(positions), self._jacobians
+            self._device, model, self.triangles, len(positions), jacobians
         )
         frame = self._device.upload(positions)
         self._models[model].launch(frame, self._faces, triangles, limit, found)

@@ -8,11 +8,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.device.held import Held
 from rhytid.device.runtime import Buffer, Device
 
 
 @dataclass(frozen=True)
-class StretchBuffers:
+class StretchBuffers(Held):
     """Stretch on the device, F triangles and one neutral entry for points in no triangle.
 
     count: F + 1.  ratios: float2, unclamped.  axes: float4, (ŝ₁, ŝ₂).
@@ -40,19 +41,8 @@ class StretchBuffers:
         return cls(count, ratios, axes, logs, model, tension, jacobians)
 
     @property
-    def _buffers(self) -> tuple[Buffer, ...]:
-        held = (self.ratios, self.axes, self.logs, self.tension)
-        return tuple(buffer for buffer in held if buffer is not None)
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes on the device."""
-        return sum(buffer.nbytes for buffer in self._buffers)
-
-    def release(self) -> None:
-        """Give the memory back."""
-        for buffer in self._buffers:
-            buffer.release()
+    def _buffers(self) -> tuple[Buffer | None, ...]:
+        return (self.ratios, self.axes, self.logs, self.tension)
 
 
 class StretchModel(Protocol):

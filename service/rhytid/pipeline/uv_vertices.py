@@ -11,8 +11,9 @@ from rhytid.domain.mesh import Mesh
 
 # Jacobians in units of their mean. Beyond these, squares would leave float32.
 _LEAST_JACOBIAN, _MOST_JACOBIAN = 1e-15, 1e15
-# Of |J s|² found as sᵀGs in float32, in units of the trace of G; and the least that is taken.
-_ROUNDING, _LEAST_SPEED2 = 2e-6, 1e-10
+# Of |J s|² found as sᵀGs in float32, in units of the trace of G; and the least that is taken, which
+# is LEAST_DETERMINANT of smooth.clh.
+_ROUNDING, LEAST_SPEED2 = 2e-6, 1e-10
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ class UvVertices:
         # The least eigenvalue of a mean is no less than the least of them.
         least = (0.5 * (uu + vv) - np.hypot(0.5 * (uu - vv), uv))[self.corners].min(axis=1)
         trace = (uu + vv)[self.corners]
-        floor = _LEAST_SPEED2 * trace.min(axis=1)
+        floor = LEAST_SPEED2 * trace.min(axis=1)
         bound: NDArray[np.float64] = np.maximum(least - _ROUNDING * trace.max(axis=1), floor)
         return np.sqrt(bound)
 

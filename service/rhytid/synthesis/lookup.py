@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.domain.painted import Map, bilinear
+from rhytid.domain.painted import Map, Shares, bilinear, shares
 from rhytid.domain.tiles import udim_origin
 from rhytid.synthesis.rows import row_blocks
 from rhytid.synthesis.surface import FloatArray, Surface
@@ -28,11 +28,11 @@ class Lookup:
     def __init__(self, surface: Surface, maps: Mapping[int, Map]) -> None:
         self._maps = maps
         self._centres = surface.uv.mean(axis=1)
-        values = [end for map in maps.values() for end in (float(map.min()), float(map.max()))]
+        values = [float(shares(f(map))) for map in maps.values() for f in (np.min, np.max)]
         self.least, self.most = min([_MIDDLE, *values]), max([_MIDDLE, *values])
         self.detail = min((1.0 / max(map.shape) for map in maps.values()), default=float("inf"))
 
-    def at(self, triangle: NDArray[Any], uv: NDArray[Any], neutral: float = _MIDDLE) -> Map:
+    def at(self, triangle: NDArray[Any], uv: NDArray[Any], neutral: float = _MIDDLE) -> Shares:
         """(N,) at uv (N, 2) in their triangles; `neutral` where the UDIM has no map."""
         found = np.full(len(triangle), neutral, np.float32)
         for rows in row_blocks(len(triangle)):

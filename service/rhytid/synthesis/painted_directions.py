@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.domain.painted import Map
+from rhytid.domain.painted import Map, Shares, shares
 from rhytid.synthesis.charts import cross
 from rhytid.synthesis.directions import level_directions
 from rhytid.synthesis.fields import Factors
@@ -48,7 +48,7 @@ class PaintedDirections:
         turn[there] = 0.5 * np.angle(both)
         return turn
 
-    def _axis(self, triangle: NDArray[Any], uv: NDArray[Any]) -> tuple[Map, Map]:
+    def _axis(self, triangle: NDArray[Any], uv: NDArray[Any]) -> tuple[Shares, Shares]:
         cosine = self._cosine.at(triangle, uv, neutral=0.0)
         return cosine, self._sine.at(triangle, uv, neutral=0.0)
 
@@ -63,8 +63,9 @@ class PaintedDirections:
         return found
 
 
-def _part(part: Any, map: Map) -> Map:
-    found: Map = np.where(map > 0, part(np.float32(2.0 * np.pi) * map), np.float32(0.0))
+def _part(part: Any, map: Map) -> Shares:
+    angle = np.float32(2.0 * np.pi) * shares(map)
+    found: Shares = np.where(map > 0, part(angle), np.float32(0.0))
     return found
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rhytid.domain.asset_settings import GraphSettings
 from rhytid.domain.controls import REGION_MAPS, REGION_PREFIX, Controls, signed
-from rhytid.domain.painted import Map
+from rhytid.domain.painted import Shares
 from rhytid.domain.regions import REGIONS, Region
 from rhytid.synthesis.fields import Factors, Fields
 from rhytid.synthesis.lookup import Lookup
@@ -164,9 +164,9 @@ def fields_of(surface: Surface, settings: GraphSettings, controls: Controls | No
     return PaintedFields(surface, settings, controls or Controls({}))
 
 
-def density_of(grey: Map) -> Map:
+def density_of(grey: Shares) -> Shares:
     """Black is 0, mid grey 1, white 4: as many times more lines to a length as it is brighter."""
-    found: Map = (np.float32(1.0) + signed(grey)) ** 2
+    found: Shares = (np.float32(1.0) + signed(grey)) ** 2
     return found
 
 

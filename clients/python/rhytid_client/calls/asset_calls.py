@@ -42,7 +42,8 @@ def create_asset(
     extension tells the format; or the arrays positions (V, 3), faces (F, 3), uv (T, 2),
     face_uv (F, 3) and optionally frames (N, V, 3).  graph: safetensors, absent to synthesise one.
     stiffness: grey PNG images by UDIM; or paths whose names end on the UDIM, as in skin.1002.png;
-    or one image for a mesh of one UDIM. 1 moves freely, 0 is rigid.
+    or one image for a mesh of one UDIM. 1 moves freely, 0 is rigid. At most 8192 texels a side and
+    134,217,728 in all.
     controls: maps that guide synthesis, by name, given like stiffness: density, strength,
     direction, turn, anisotropy, scale, pore_radius, and region_forehead and the like.
     progress: called with bytes sent and bytes in all.

@@ -39,7 +39,7 @@ def header_of(
     engine: EngineDep, asset: str, frame: str, query: MapQuery, at: TileAddress
 ) -> TileHeader:
     """What a file of that tile says of itself."""
-    unit = engine.asset(asset).settings["unit"]
+    unit = engine.unit(asset)
     scale = engine.displacement_scale(asset)
     drawn = (query.method, query.stretch, query.sampling)
     return TileHeader(unit, frame, asset, *drawn, at.udim, at.level, at.row, at.column, scale)

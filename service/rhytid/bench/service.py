@@ -1,0 +1,133 @@
+"""What a tile costs through the service: latency, tiles a second, and how much of it is not the
+kernel. A real server on loopback, asked by another process."""
+
+from __future__ import annotations
+
+import statistics
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rhytid.bench.frame import FrameBench
+from rhytid.bench.load import Load, load, merged
+from rhytid.bench.server import served
+from rhytid.domain.tiles import TileAddress
+from rhytid.formats.graphs import write_graph
+from rhytid_client import Asset, Client
+
+METHODS = ("redraw", "binned")
+CLIENTS = (1, 8, 64)
+_FRAME = "frame"
+_FIRST = 9
+# Of each of a few rounds, at most.
+_REQUESTS, _SECONDS, _ROUNDS = 400, 2.0, 3
+_ARRAYS = ("positions", "faces", "uv", "face_uv")
+
+
+@dataclass(frozen=True)
+class Latency:
+    """Tiles of a method asked by so many clients at once.
+
+    kernel_seconds: of one tile, drawn alone.  not_kernel: the share of the time from one answer of
+    the server to the next that this does not fill.
+    """
+
+    method: str
+    clients: int
+    requests: int
+    p50_seconds: float
+    p99_seconds: float
+    tiles_per_second: float
+    kernel_seconds: float
+    not_kernel: float
+
+
+@dataclass(frozen=True)
+class FirstTile:
+    """The first tile of a frame that was just put: response to stretch, then one tile.
+
+    ratio: of the answer's time to the kernels' own.
+    """
+
+    seconds: float
+    kernel_seconds: float
+    ratio: float
+
+
+class ServiceBench:
+    """A frame of a bench, served."""
+
+    def __init__(self, bench: FrameBench, url: str) -> None:
+        self._bench, self._url = bench, url
+        self._client = Client(url)
+        arrays = {name: getattr(bench.mesh, name) for name in _ARRAYS}
+        settings = bench.settings
+        wanted: dict[str, Any] = {
+            k: getattr(settings, k) for k in ("resolution", "tile_size", "preset")
+        }
+        graph = write_graph(bench.graph)
+        asset = self._client.create_asset(arrays, settings=wanted, graph=graph)
+        self._asset: Asset = self._client.wait(asset)
+        self._client.put_frame(self._asset, _FRAME, bench.deformed)
+        self._paths = [self._path(a) for a in settings.grid.addresses(bench.udim, 0)]
+
+    def latency(self, method: str, clients: int) -> Latency:
+        """Every tile of level 0 in turn, as npy."""
+        paths = [f"{path}?method={method}" for path in self._paths]
+        load(self._url, paths, 1, len(paths))  # whatever is made once a frame or once a tile
+        found, kernels = [], []
+        for _ in range(_ROUNDS):  # in turn: what else the machine does meets both
+            kernels.append(self._bench.tile_seconds(method))
+            found.append(load(self._url, paths, clients, _REQUESTS, _SECONDS))
+        return _latency(method, clients, merged(found), statistics.median(kernels))
+
+    def first_tile(self) -> FirstTile:
+        """The tile in the middle by `redraw`, of frames that nobody asked for before."""
+        bench = self._bench
+        side = bench.settings.tile_size
+        middle = bench.settings.resolution // 2 // side
+        path = self._path(TileAddress(bench.udim, 0, middle, middle))
+        answers, kernels = [], []
+        for turn in range(_FIRST + 1):
+            positions = bench.deformed * (1.0 + 1e-6 * (turn + 1))
+            self._client.put_frame(self._asset, _FRAME, positions)
+            answers.append(load(self._url, [path], 1, 1).seconds[0])
+            kernels.append(bench.seconds("tile"))
+        seconds, kernel = (statistics.median(times[1:]) for times in (answers, kernels))
+        return FirstTile(seconds, kernel, seconds / kernel)
+
+    def close(self) -> None:
+        """Close the connections."""
+        self._client.close()
+
+    def _path(self, at: TileAddress) -> str:
+        return f"/v1/assets/{self._asset.id}/frames/{_FRAME}/tiles/{at}"
+
+
+@contextmanager
+def service_bench(bench: FrameBench) -> Iterator[ServiceBench]:
+    """The frame of a bench on a server that ends with the block."""
+    with tempfile.TemporaryDirectory(prefix="rhytid-bench-") as folder:
+        device = str(bench.device.info.index)
+        with served(Path(folder) / "store", device) as url:
+            made = ServiceBench(bench, url)
+            try:
+                yield made
+            finally:
+                made.close()
+
+
+def _latency(method: str, clients: int, found: Load, kernel: float) -> Latency:
+    return Latency(
+        method,
+        clients,
+        len(found.seconds),
+        found.percentile(50),
+        found.percentile(99),
+        found.per_second,
+        kernel,
+        max(1.0 - kernel * found.per_second, 0.0),
+    )

@@ -1,0 +1,130 @@
+"""Tiles of the same frame that are asked for at the same time, drawn in one task of the device.
+
+While a task waits for its turn, who wants the same tile joins it and gets the same array. On a GPU
+whoever wants another tile of the same frame, method and level joins it too, and all are enqueued
+before the first is read: between two tasks such a device waits for the host. A processor does not,
+and sixteen answers that come at once were slower there than one after the other.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Hashable
+from concurrent.futures import Future
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.domain.tiles import TileAddress
+from rhytid.engine.worker import DeviceWorker
+from rhytid.errors import BusyError, RhytidError
+
+Tile = NDArray[np.float32]
+DrawTiles = Callable[[list[TileAddress]], list[Tile]]
+# Others want the device, too.
+MOST_TILES = 16
+_MOST_TEXELS = 4096**2
+
+
+@dataclass(eq=False)
+class _Batch:
+    """Tiles that one task will draw, and those who wait for each."""
+
+    draw: DrawTiles
+    wanted: dict[TileAddress, Future[Tile]] = field(default_factory=dict)
+    waiting: int = 0
+
+
+class Together:
+    """Gathers what waits for the device at the same time.
+
+    task: what one piece of work runs in.  most: different tiles that one task draws.
+    """
+
+    def __init__(
+        self,
+        worker: DeviceWorker,
+        task: Callable[[], AbstractContextManager[None]],
+        most: int = MOST_TILES,
+    ) -> None:
+        self._worker, self._task, self.most = worker, task, most
+        self._lock = threading.Lock()
+        self._open: dict[Hashable, _Batch] = {}
+        self._joined = 0
+
+    @property
+    def joined(self) -> int:
+        """Requests that wait for a task that another one queued."""
+        return self._joined
+
+    def tile(self, key: Hashable, address: TileAddress, texels: int, draw: DrawTiles) -> Tile:
+        """One tile (texels, texels) of what `key` names, read-only; `draw` draws several.
+
+        Raises BusyError where too many wait already, and whatever drawing this tile raises.
+        """
+        most = max(min(self.most, _MOST_TEXELS // texels**2), 1)
+        with self._lock:
+            batch = self._open.get(key)
+            if batch and (address in batch.wanted or len(batch.wanted) < most):
+                future = self._join(batch, address)
+                leads = False
+            else:
+                batch = self._open[key] = _Batch(draw)
+                future = batch.wanted[address] = Future()
+                leads = True
+        if leads:
+            self._lead(key, batch)
+        return future.result()
+
+    def _join(self, batch: _Batch, address: TileAddress) -> Future[Tile]:
+        size = self._worker.size
+        if self._worker.waiting + self._joined >= size:
+            raise BusyError(f"{size} requests wait for the device already")
+        self._joined += 1
+        batch.waiting += 1
+        return batch.wanted.setdefault(address, Future())
+
+    def _lead(self, key: Hashable, batch: _Batch) -> None:
+        """Have the batch drawn; nobody who joined may be left waiting, whatever happens."""
+        try:
+            self._worker.call(lambda: self._draw(key, batch))
+        except BaseException as error:  # noqa: BLE001 handed to those who wait for it
+            self._close(key, batch)
+            for future in batch.wanted.values():
+                if not future.done():
+                    future.set_exception(error)
+
+    def _close(self, key: Hashable, batch: _Batch) -> list[TileAddress]:
+        """Let nobody join any more."""
+        with self._lock:
+            if self._open.get(key) is batch:
+                del self._open[key]
+            self._joined -= batch.waiting
+            batch.waiting = 0
+            return list(batch.wanted)
+
+    def _draw(self, key: Hashable, batch: _Batch) -> None:
+        addresses = self._close(key, batch)
+        try:
+            self._finish(batch, addresses)
+        except RhytidError:
+            if len(addresses) == 1:
+                raise
+            # Together they may need more than there is, or one of them is at fault.
+            for address in addresses:
+                self._finish_alone(batch, address)
+
+    def _finish_alone(self, batch: _Batch, address: TileAddress) -> None:
+        try:
+            self._finish(batch, [address])
+        except RhytidError as error:
+            batch.wanted[address].set_exception(error)
+
+    def _finish(self, batch: _Batch, addresses: list[TileAddress]) -> None:
+        with self._task():
+            tiles = batch.draw(addresses)
+        for address, tile in zip(addresses, tiles, strict=True):
+            tile.setflags(write=False)
+            batch.wanted[address].set_result(tile)

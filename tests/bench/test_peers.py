@@ -1,0 +1,43 @@
+"""Every peer gives what rhytid gives. Run by `pytest -m peers`, and fails where one is missing."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+
+import pytest
+
+from bench.contests import small_bench
+from rhytid.bench import peers
+from rhytid.bench.contest import OURS, Contest
+from rhytid.bench.frame import FrameBench
+from rhytid.device.runtime import Device
+
+pytestmark = pytest.mark.peers
+# Readers of textures may round places; the rest differs by what float32 rounds.
+CLOSE = {"convolved": 1e-4}
+
+
+@pytest.fixture(scope="module")
+def bench(device: Device) -> Iterator[FrameBench]:
+    made = small_bench(device)
+    yield made
+    made.release()
+
+
+@pytest.mark.parametrize(
+    ("name", "case"), [(name, case) for name in peers.PEERS for case in peers.cases_of(name)]
+)
+def test_a_peer_agrees(bench: FrameBench, name: str, case: str) -> None:
+    standings = Contest(bench, (OURS, name), 1).hold([case])
+
+    assert standings.left == []
+    assert 0 < standings.entries[1].max_difference < CLOSE.get(case, 1e-5)
+
+
+@pytest.mark.parametrize("name", peers.PEERS)
+def test_the_table_of_peers_is_what_they_do(bench: FrameBench, name: str) -> None:
+    case = peers.cases_of(name)[0]
+    peers.prepare(name, case, bench.scene()).release()
+
+    assert tuple(sys.modules[f"rhytid.bench.peers.with_{name}"].CASES) == peers.cases_of(name)
