@@ -37,6 +37,14 @@ __kernel void pull_of_edges(int first, int count, float unworn, float draw, floa
     pull[e] = pow(unworn + s / (1.0f + s / worn), draw) / (1.0f + shy * across);
 }
 
+// Where a family's lines run at a pore, against the main ones: beyond 1, anisotropy swings them
+// towards the main ones, which all follow at 2.
+inline float2 gathered(float2 along, float anisotropy)
+{
+    float swing = clamp(anisotropy - 1.0f, 0.0f, 1.0f);
+    return swing > 0.0f ? normalize(mix(along, (float2)(1.0f, 0.0f), swing)) : along;
+}
+
 // Appeal of each way out to a family of walkers: short, along its lines, and worn. along: of those
 // lines against the main ones. The cosine counts to the power of 2.5, whose mean over all angles is
 // EVEN; askew is for right angles. anisotropy of a pore: how much the direction counts.
@@ -50,10 +58,11 @@ __kernel void appeal_of_ways(int first, int count, __global const int *offsets,
     int i = first + get_global_id(0);
     if (i >= count)
         return;
+    float2 lines = gathered(along, anisotropy[i]);
     for (int h = offsets[i]; h < offsets[i + 1]; h++) {
         int e = edges[h];
-        float c = fabs(dot(convert_float2(direction[h]), along)) / 32767.0f;
-        float liking = mix(EVEN, c * c * sqrt(c), anisotropy[i]) + askew;
+        float c = fabs(dot(convert_float2(direction[h]), lines)) / 32767.0f;
+        float liking = mix(EVEN, c * c * sqrt(c), fmin(anisotropy[i], 1.0f)) + askew;
         float shortness = mean_length / length[e];
         appeal[h] = liking * shortness * sqrt(shortness) * pull[e];
     }
@@ -79,7 +88,8 @@ __kernel void walk(int first, int count, int walkers, int pores, uint round, uin
         return;
     uint4 r = random4(w, round, seed, 1u);
     int node = (int)(((ulong)stratum(w, r.x, walkers) * (ulong)pores) >> 32);
-    float2 heading = r.y & 1u ? -along : along;
+    float2 lines = gathered(along, anisotropy[node]);
+    float2 heading = r.y & 1u ? -lines : lines;
     if (unit_interval(r.z) >= anisotropy[node]) {
         float angle = 2.0f * M_PI_F * unit_interval(r.w);
         heading = (float2)(cos(angle), sin(angle));

@@ -18,7 +18,7 @@ from api.live import serving
 from api.patch import SETTINGS, obj, smile, upload
 from engine.engines import running
 from rhytid.api.documentation import ASSET_FORM
-from rhytid.domain.stiffness import MOST_TEXELS
+from rhytid.domain.painted import MOST_TEXELS
 from rhytid.engine.messages import METHODS, SAMPLINGS
 from rhytid.formats.grey import MOST_SIDE
 from rhytid_client import Client

@@ -48,7 +48,7 @@ def test_bad_settings_are_refused(text: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize(("wrinkles", "seed"), [(5, None), (None, -1), (10**9, None)])
 def test_graph_settings_are_checked(wrinkles: int | None, seed: int | None) -> None:
     with pytest.raises(SettingsError, match=r"graph\.(wrinkles|seed)"):
-        graph_settings(wrinkles, seed)
+        graph_settings({"wrinkles": wrinkles, "seed": seed})
 
 
 def test_options_overrule_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from reference import stiffness as reference
-from rhytid.domain import stiffness as domain
+from rhytid.domain import painted as domain
 from rhytid.domain.stiffness import Stiffness
 from rhytid.domain.tiles import texel_centres
 from rhytid.errors import InputError, LimitError

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from rhytid.domain import stiffness as domain
+from rhytid.domain import painted as domain
 from rhytid.errors import InputError, LimitError
 from rhytid.formats.stiffness import read_stiffness
 

@@ -12,7 +12,8 @@ from fastapi.openapi.utils import get_openapi
 from rhytid import __version__
 from rhytid.api.problems import MEDIA_TYPE
 from rhytid.api.schemas import Problem
-from rhytid.domain.stiffness import MOST_TEXELS
+from rhytid.domain.controls import CONTROLS, REGION_PREFIX
+from rhytid.domain.painted import MOST_TEXELS
 from rhytid.formats.grey import MOST_SIDE
 from rhytid.formats.tiles import FORMATS
 
@@ -51,6 +52,23 @@ def json_body(description: str) -> dict[str, Any]:
     return body({"application/json": {"schema": {"type": "object", "description": description}}})
 
 
+def _control(name: str) -> dict[str, Any]:
+    what = f"how much of a place is {name.removeprefix(REGION_PREFIX)}, black is none"
+    if not name.startswith(REGION_PREFIX):
+        what = _MEANT[name]
+    text = f"guides synthesis: {what}. Grey PNG, one a UDIM, named by it: {name}.1001.png"
+    return {"type": "array", "items": BINARY, "description": text}
+
+
+_MEANT = {
+    "density": "pores and wrinkles per area, white is 4 times, black is none",
+    "strength": "weights, white is double, black is nothing",
+    "direction": "angle of the lines in UV, 180° is white; black leaves the preferred lines",
+    "turn": "of the preferred lines, black is 90° to the right, white to the left",
+    "anisotropy": "how far lines keep to it, white is double, black is not at all",
+    "scale": "width of wrinkles, white is 4 times, black a quarter",
+    "pore_radius": "radius of pores, white is 4 times, black a quarter",
+}
 POSITIONS = body(
     {
         "application/x-npy": {"schema": {**BINARY, "description": "(V, 3) float .npy"}},
@@ -77,6 +95,7 @@ ASSET_FORM = body(
                         "a UDIM without one is 1; "
                         f"at most {MOST_SIDE} texels a side and {MOST_TEXELS:,} in all",
                     },
+                    **{name: _control(name) for name in CONTROLS},
                 },
             }
         }

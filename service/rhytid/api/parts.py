@@ -1,4 +1,4 @@
-"""multipart/form-data, strictly: known parts, each at most once but for one, the closing boundary
+"""multipart/form-data, strictly: known parts, each at most once but for maps, the closing boundary
 seen."""
 
 from __future__ import annotations
@@ -10,10 +10,11 @@ from python_multipart.exceptions import FormParserError
 from python_multipart.multipart import MultipartParser, parse_options_header
 from starlette.exceptions import HTTPException
 
+from rhytid.domain.controls import CONTROLS
 from rhytid.errors import InputError, LimitError
 
-PARTS = ("mesh", "settings", "graph", "stiffness")
-REPEATED = ("stiffness",)
+REPEATED = ("stiffness", *CONTROLS)
+PARTS = ("mesh", "settings", "graph", *REPEATED)
 MOST_REPEATED = 512
 HEADER_LIMIT = 8192
 LONGEST_BOUNDARY = 70  # RFC 2046, section 5.1.1

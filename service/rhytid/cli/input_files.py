@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.domain.controls import Controls
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.stiffness import Stiffness
 from rhytid.domain.tiles import mesh_udims
 from rhytid.errors import InputError, LimitError
+from rhytid.formats.controls import read_controls
 from rhytid.formats.frames import read_frame_file
 from rhytid.formats.graphs import read_graph
 from rhytid.formats.meshes import MeshFile, read_mesh
@@ -42,6 +44,14 @@ def stiffness_files(files: Sequence[Path], mesh: Mesh) -> Stiffness | None:
     """Stiffness maps by the UDIM in their names; None where there are no files."""
     images = [(str(file), file.read_bytes()) for file in files]
     return read_stiffness(images, mesh_udims(mesh)) if images else None
+
+
+def control_files(files: Mapping[str, Sequence[Path]], mesh: Mesh) -> Controls | None:
+    """Control maps of synthesis by name, and by the UDIM in the names of their files."""
+    images = {
+        name: [(str(file), file.read_bytes()) for file in named] for name, named in files.items()
+    }
+    return read_controls(images, mesh_udims(mesh))
 
 
 @contextmanager

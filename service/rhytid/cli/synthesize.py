@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
+from rhytid.cli.control_options import add_controls, control_maps, control_settings
 from rhytid.cli.graph_output import (
     add_outputs,
     check_outputs,
@@ -36,6 +39,7 @@ def add_command(commands: Commands) -> None:
     )
     add_wrinkles(parser)
     parser.add_argument("--seed", type=int, metavar="S", help="another seed, another skin")
+    add_controls(parser)
     add_outputs(parser)
     parser.set_defaults(run=run)
 
@@ -43,25 +47,26 @@ def add_command(commands: Commands) -> None:
 def run(arguments: argparse.Namespace) -> None:
     """Read, synthesise, write, and tell figures of what came out."""
     # Imported here, so that --help needs no OpenCL.
-    from rhytid.cli.input_files import mesh_file
+    from rhytid.cli.input_files import control_files, mesh_file
     from rhytid.formats.graphs import write_graph
     from rhytid.synthesis.generate import synthesize
 
-    settings = graph_settings(arguments.wrinkles, arguments.seed)
+    given = {"wrinkles": arguments.wrinkles, "seed": arguments.seed}
+    settings = graph_settings({**given, **control_settings(arguments)})
     check_outputs(arguments)
     if arguments.out.suffix.lower() != GRAPH:
         raise InputError(f"{arguments.out}: the graph is written as {GRAPH}")
     mesh = mesh_file(arguments.mesh).mesh
+    controls = control_files(control_maps(arguments), mesh)
     device = open_device(arguments)
     out: Path = arguments.out
     with share_bar("synthesis") as show:
         clock, seconds = clocked(show)
-        graph = synthesize(mesh, settings, device, clock).graph
+        graph = synthesize(mesh, settings, device, clock, controls=controls).graph
     whole_file(out, [write_graph(graph)])
     write_outputs(arguments, device, mesh, graph, {"file": str(out), "seconds": seconds})
 
 
-def graph_settings(wrinkles: int | None, seed: int | None) -> GraphSettings:
+def graph_settings(given: Mapping[str, Any]) -> GraphSettings:
     """Settings of the synthesis, defaults where None; raises SettingsError."""
-    given = {"wrinkles": wrinkles, "seed": seed}
     return AssetSettings.parse({"graph": {k: v for k, v in given.items() if v is not None}}).graph

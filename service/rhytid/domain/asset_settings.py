@@ -7,17 +7,32 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from rhytid.domain.checked import choice, number, power_of_two, read, text, whole
+from rhytid.domain.regions import REGIONS, WHOLE_FACE
 from rhytid.domain.tiles import TileGrid
 from rhytid.errors import SettingsError
+
+MOST_WRINKLES = 40_000_000
 
 
 @dataclass(frozen=True)
 class GraphSettings:
-    """How the wrinkle graph is synthesised (section 2.1, after Weiss et al. 2023)."""
+    """How the wrinkle graph is synthesised (section 2.1, after Weiss et al. 2023).
 
-    wrinkles: int = whole(300_000, 100, 40_000_000)
+    turn: degrees to the left of the preferred lines.  density, strength, scale and pore_radius are
+    factors; anisotropy is 0 for lines that run any way, 1 as usual, 2 for one direction alone.
+    """
+
+    wrinkles: int = whole(300_000, 100, MOST_WRINKLES)
     seed: int = whole(1, 0, 2**31 - 1)
     neighbours: int = whole(8, 4, 16)
+    # Of the whole mesh, times what `region` and painted maps say of a place.
+    region: str = choice(WHOLE_FACE, *REGIONS)
+    density: float = number(1.0, 1 / 16, 16.0)
+    strength: float = number(1.0, 0.0, 4.0)
+    turn: float = number(0.0, -180.0, 180.0)
+    anisotropy: float = number(1.0, 0.0, 2.0)
+    scale: float = number(1.0, 1 / 4, 4.0)
+    pore_radius: float = number(1.0, 1 / 4, 4.0)
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,7 @@ class AssetArrivals(EngineCore):
         stored = self._intact(id)
         if stored is not None:
             return self._load(id, stored, frames)
-        self._store.put_request(id, new.mesh, new.settings, new.graph, new.stiffness)
+        self._store.put_request(id, new.mesh, new.settings, new.graph, new.stiffness, new.controls)
         return self._build(id, new.mesh, new.settings, frames)
 
     def _intact(self, id: str) -> StoredAsset | None:

@@ -19,10 +19,11 @@ from rhytid.engine.building import check_triangles
 from rhytid.engine.frames import Frame
 from rhytid.engine.jobs import Job
 from rhytid.engine.messages import AssetInfo, JobInfo, NewAsset
-from rhytid.errors import MeshError, NotFoundError, SettingsError
+from rhytid.errors import InputError, MeshError, NotFoundError, SettingsError
 from rhytid.pipeline.elements import check_cover
 from rhytid.pipeline.stretch import r_max_of
 from rhytid.storage.contents import asset_id
+from rhytid.synthesis.amount import check_amount
 
 # What can change without synthesising or looking up anything again.
 CHANGEABLE = ("depth", "angles", "response", "shape", "preset", "bins", "convolve")
@@ -36,7 +37,7 @@ class AssetCalls(AssetArrivals):
 
         Raises GraphError where a given graph does not fit the mesh, LimitError where it covers too
         many texels, MeshError where the mesh has no UV inside the range of UDIMs, InputError where
-        a stiffness map is of a UDIM without mesh.
+        a painted map is of a UDIM without mesh, what `check_amount` does.
         """
         udims = mesh_udims(new.mesh)
         if not udims:
@@ -45,11 +46,17 @@ class AssetCalls(AssetArrivals):
             check_triangles(new.graph, len(new.mesh.faces))
             for udim in udims:
                 check_cover(new.graph, new.settings, udim)
-        if new.stiffness is not None:
-            new.stiffness.check_udims(udims)
+        else:
+            check_amount(new.mesh, new.settings.graph, new.controls, self._device.budget.limit)
+        for painted in (new.stiffness, new.controls):
+            if painted is not None:
+                painted.check_udims(udims)
+        if new.graph is not None and new.controls is not None:
+            names = ", ".join(new.controls.maps)
+            raise InputError(f"{names}: maps that guide synthesis; a graph was sent")
         sent = () if new.frames is None else new.frames
         frames = [check_positions(positions, len(new.mesh.positions)) for positions in sent]
-        id = asset_id(new.mesh, new.settings, new.graph, new.stiffness)
+        id = asset_id(new.mesh, new.settings, new.graph, new.stiffness, new.controls)
         with self._assets.changing:
             asset = self._assets.find(id)
             if asset is None or asset.state == "failed":

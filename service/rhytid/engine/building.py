@@ -10,7 +10,6 @@ from typing import Any, TypeVar
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
-from rhytid.domain.mesh import Mesh
 from rhytid.engine.assets import Asset, Assets
 from rhytid.engine.jobs import Job
 from rhytid.engine.resident import ResidentAsset
@@ -42,7 +41,7 @@ class Builder:
         """Make the asset of a stored request: synthesise, store, upload, make bins."""
         with self._failing(job, asset):
             wanted = self._store.request(asset.id)
-            graph, spacing = self._graph(job, wanted.mesh, wanted.settings, wanted.graph)
+            graph, spacing = self._graph(job, wanted)
             with self._placed(job, wanted, graph, wanted.settings) as resident:
                 if spacing is None:
                     spacing = mean_spacing(wanted.mesh, graph, resident.pore_triangle)
@@ -106,17 +105,18 @@ class Builder:
         with self._device.task():
             return task(*arguments, **named)
 
-    def _graph(
-        self, job: Job, mesh: Mesh, settings: AssetSettings, given: WrinkleGraph | None
-    ) -> tuple[WrinkleGraph, float | None]:
+    def _graph(self, job: Job, wanted: StoredRequest) -> tuple[WrinkleGraph, float | None]:
         """The graph given, or a new one with its spacing; other work goes between its steps."""
-        if given is not None:
-            return given, None
+        if wanted.graph is not None:
+            return wanted.graph, None
 
         def report(share: float, stage: str) -> None:
             job.progress(_SYNTHESIS * share, stage)
 
-        found = synthesize(mesh, settings.graph, self._device, report, call=self.on_device)
+        found = synthesize(
+            wanted.mesh, wanted.settings.graph, self._device, report,
+            call=self.on_device, controls=wanted.controls,
+        )  # fmt: skip
         return found.graph, found.spacing
 
     @contextmanager

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.controls import Controls
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.stiffness import Stiffness
@@ -38,6 +39,7 @@ class NewAsset:
     graph: WrinkleGraph | None = None
     frames: NDArray[np.float32] | None = None
     stiffness: Stiffness | None = None
+    controls: Controls | None = None
 
 
 @dataclass(frozen=True)

@@ -2,53 +2,16 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
-from pathlib import PurePath
 
-import numpy as np
-from numpy.typing import NDArray
-
-from rhytid.domain.stiffness import Stiffness, check_total, check_udim
-from rhytid.errors import InputError
-from rhytid.formats.grey import read_grey
-
-_NUMBER = re.compile(r"(?:^|[._])([0-9]{4})\.[A-Za-z]+$")
+from rhytid.domain.stiffness import Stiffness
+from rhytid.formats.painted import read_painted
 
 
 def read_stiffness(files: Sequence[tuple[str, bytes]], udims: Sequence[int]) -> Stiffness:
     """The maps of images, (file name or path, bytes) each, for a mesh with these UDIMs.
 
-    The four digits before the extension are the UDIM. A lone image without them is that of the
-    only UDIM of the mesh. Raises InputError naming the image that has no place or cannot be read,
-    LimitError over what is too large.
+    Raises InputError naming the image that has no place or cannot be read, LimitError over what is
+    too large.
     """
-    maps: dict[int, NDArray[np.unsignedinteger]] = {}
-    for udim, (name, data) in _places(files, udims).items():
-        maps[udim] = read_grey(data, name)
-        check_total(maps.values(), name)
-    return Stiffness(maps)
-
-
-def _places(
-    files: Sequence[tuple[str, bytes]], udims: Sequence[int]
-) -> dict[int, tuple[str, bytes]]:
-    places: dict[int, tuple[str, bytes]] = {}
-    for file in files:
-        udim = _udim(file[0], len(files) == 1, udims)
-        check_udim(udim, udims, file[0])
-        if udim in places:
-            raise InputError(f"{file[0]} and {places[udim][0]} are both of UDIM {udim}")
-        places[udim] = file
-    return places
-
-
-def _udim(name: str, alone: bool, udims: Sequence[int]) -> int:
-    number = _NUMBER.search(PurePath(name).name)
-    if number is not None:
-        return int(number[1])
-    if alone and len(udims) == 1:
-        return udims[0]
-    have = ", ".join(str(udim) for udim in udims)
-    rule = "name every image by its UDIM, as in stiffness.1001.png"
-    raise InputError(f"{name} names no UDIM; the mesh has {have}: {rule}")
+    return Stiffness(read_painted(files, udims, "stiffness"))

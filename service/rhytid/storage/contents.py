@@ -1,4 +1,4 @@
-"""What is inside stored files: meshes and stiffness maps as safetensors; the id of a content."""
+"""What is inside stored files: meshes and painted maps as safetensors; the id of a content."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from safetensors.numpy import load, save
 
-from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.asset_settings import AssetSettings, GraphSettings
+from rhytid.domain.controls import Controls
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.stiffness import Stiffness
@@ -18,6 +19,8 @@ from rhytid.storage.canonical import canonical
 
 # Part of every id: raise it when the same input shall build another asset.
 ID_VERSION = 1
+# Settings that came later: at their defaults they make the asset that was made before them.
+_LATER = ("region", "density", "strength", "turn", "anisotropy", "scale", "pore_radius")
 _MESH_ARRAYS = ("positions", "faces", "uv", "face_uv")
 
 
@@ -26,16 +29,19 @@ def asset_id(
     settings: AssetSettings,
     graph: WrinkleGraph | None,
     stiffness: Stiffness | None = None,
+    controls: Controls | None = None,
 ) -> str:
     """The id of the asset that these build: 16 hex digits of a SHA-256 over their content.
 
     The same arrays and settings give the same id on every machine.
     """
-    digest = hashlib.sha256(canonical({"version": ID_VERSION, "settings": settings.as_json()}))
+    digest = hashlib.sha256(canonical({"version": ID_VERSION, "settings": _identity(settings)}))
     _add_arrays(digest, "mesh", _mesh_arrays(mesh))
     _add_arrays(digest, "graph", {} if graph is None else graph.arrays())
     if stiffness is not None:
         _add_arrays(digest, "stiffness", stiffness.arrays())
+    if controls is not None:
+        _add_arrays(digest, "controls", controls.arrays())
     return digest.hexdigest()[:16]
 
 
@@ -59,6 +65,24 @@ def write_stiffness(stiffness: Stiffness) -> bytes:
 def read_stiffness(data: bytes) -> Stiffness:
     """The inverse of `write_stiffness`; raises InputError, ValueError or SafetensorError."""
     return Stiffness.of_arrays(load(data))
+
+
+def write_controls(controls: Controls) -> bytes:
+    """The maps as safetensors, by name and UDIM."""
+    data: bytes = save(controls.arrays())
+    return data
+
+
+def read_controls(data: bytes) -> Controls:
+    """The inverse of `write_controls`; raises InputError, ValueError or SafetensorError."""
+    return Controls.of_arrays(load(data))
+
+
+def _identity(settings: AssetSettings) -> dict[str, Any]:
+    values, plain = settings.as_json(), GraphSettings()
+    graph = values["graph"]
+    values["graph"] = {k: v for k, v in graph.items() if k not in _LATER or v != getattr(plain, k)}
+    return values
 
 
 def _mesh_arrays(mesh: Mesh) -> dict[str, NDArray[Any]]:

@@ -10,34 +10,46 @@ from typing import Any, TypeVar
 from safetensors import SafetensorError
 
 from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.controls import Controls
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.stiffness import Stiffness
 from rhytid.errors import InputError, LimitError
 from rhytid.formats.graphs import read_graph, write_graph
 from rhytid.storage.canonical import canonical, damaged, hashed, parse_canonical, parse_hashed
-from rhytid.storage.contents import read_mesh, read_stiffness, write_mesh, write_stiffness
+from rhytid.storage.contents import (
+    read_controls,
+    read_mesh,
+    read_stiffness,
+    write_controls,
+    write_mesh,
+    write_stiffness,
+)
 
 T = TypeVar("T")
 Files = Mapping[str, bytes]
 
 MESH, GRAPH, FACTS = "mesh.safetensors", "graph.safetensors", "facts.json"
-STIFFNESS = "stiffness.safetensors"
+STIFFNESS, CONTROLS = "stiffness.safetensors", "controls.safetensors"
 
 
 @dataclass(frozen=True, eq=False)
 class StoredRequest:
-    """What a caller sent; `graph` None asks to synthesise one."""
+    """What a caller sent; `graph` None asks to synthesise one, guided by `controls`."""
 
     mesh: Mesh
     settings: AssetSettings
     graph: WrinkleGraph | None
     stiffness: Stiffness | None = None
+    controls: Controls | None = None
 
     def files(self) -> dict[str, bytes]:
         """The files of the request, by name."""
         facts = {"settings": self.settings.as_json()}
-        return _files(self.mesh, self.graph, facts, self.stiffness)
+        files = _files(self.mesh, self.graph, facts, self.stiffness)
+        if self.controls is not None:
+            files[CONTROLS] = write_controls(self.controls)
+        return files
 
     @classmethod
     def read(cls, files: Files, folder: Path) -> StoredRequest:
@@ -45,7 +57,9 @@ class StoredRequest:
         graph = _decode(files, folder / GRAPH, read_graph) if GRAPH in files else None
         facts = _facts(files, folder)
         mesh = _decode(files, folder / MESH, read_mesh)
-        return cls(mesh, _settings(facts, folder), graph, _stiffness(files, folder))
+        painted = folder / CONTROLS
+        controls = _decode(files, painted, read_controls) if CONTROLS in files else None
+        return cls(mesh, _settings(facts, folder), graph, _stiffness(files, folder), controls)
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.controls import Controls
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.stiffness import Stiffness
@@ -84,11 +85,12 @@ class AssetStore:
         settings: AssetSettings,
         graph: WrinkleGraph | None,
         stiffness: Stiffness | None = None,
+        controls: Controls | None = None,
     ) -> None:
         """Keep what a caller sent until the asset is built; a known id is left as it is."""
         home = self._home(id)
         if not (home / _ASSET).is_dir() and not (home / _REQUEST).is_dir():
-            request = StoredRequest(mesh, settings, graph, stiffness)
+            request = StoredRequest(mesh, settings, graph, stiffness, controls)
             self._put(home, _REQUEST, request.files())
 
     def request(self, id: str) -> StoredRequest:

@@ -39,7 +39,7 @@ def assemble(
     size *= fields.pore_radius(pores.triangle, pores.uv)
     progress(0.6, "shapes")
     depth = shapes.pore_weights(lines.nodes, weight, size, rng)
-    _scale(depth, fields.strength(pores.triangle, pores.uv))
+    _scale(depth, fields.pore_strength(pores.triangle, pores.uv))
     _scale(weight, factor)
     metric, radius = shapes.pore_ellipses(surface, pores.triangle, size)
     progress(0.8, "shapes")

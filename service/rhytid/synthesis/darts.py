@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 from rhytid.device.runtime import Buffer
 from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.lattice import Lattice, spatial_order
+from rhytid.synthesis.rooms import rooms, spacings
 from rhytid.synthesis.surface import FloatArray, Surface
 from rhytid.synthesis.workspace import Workspace
 
@@ -19,9 +19,9 @@ from rhytid.synthesis.workspace import Workspace
 class Throw:
     """N darts on the device; they are overwritten by the next throw.
 
-    triangle (N,) int32, -1 for a dart outside the UDIMs.  place (N, 3) int32 on the lattice.
-    normal (N, 3) float32, not of unit length.  uv (N, 2) float32.  factor (N,) float32: of the
-    spacing there.  priority (N,) uint32.
+    triangle (N,) int32, -1 for a dart outside the UDIMs or on bare skin.  place (N, 3) int32 on the
+    lattice.  normal (N, 3) float32, not of unit length.  uv (N, 2) float32.  factor (N,) float32:
+    of the spacing there.  priority (N,) uint32.
     """
 
     count: int
@@ -46,7 +46,7 @@ class Darts:
         self.lattice = Lattice.around(surface.corners[carriers].reshape(-1, 3))
         centres = surface.corners[carriers].mean(axis=1)
         carriers = carriers[spatial_order(self.lattice.places(centres))]
-        weights = _rooms(surface, fields, carriers)
+        weights = rooms(surface, fields, carriers)[0]
         self.room = float(weights.sum())
         self._work, self._fields, self._seed = work, fields, np.uint32(seed)
         self._even = fields.least_spacing == fields.most_spacing == 1.0
@@ -64,7 +64,7 @@ class Darts:
         made = {"triangle": (1, np.int32), "place": (3, np.int32), "normal": (3, np.float32)}
         made |= {"uv": (2, np.float32), "priority": (1, np.uint32)}
         self._made = {name: work.empty(most * n, kind) for name, (n, kind) in made.items()}
-        self._factor = work.full(most, np.float32(1.0))
+        self._factor, self._where = work.full(most, np.float32(1.0)), work.empty(1, np.int32)
 
     def throw(self, start: int, count: int, total: int, turn: int) -> Throw:
         """Darts number start to start + count of `total`; another turn gives other darts."""
@@ -74,21 +74,20 @@ class Darts:
             self._seed, *self._tables, made["triangle"], made["place"], made["normal"],
             made["uv"], made["priority"],
         )  # fmt: skip
-        if not self._even:
-            work.release(self._factor)
-            self._factor = work.upload(self._spacings(count))
-        return Throw(count, factor=self._factor, **made)
+        if self._even and not self._fields.some_bare:
+            return Throw(count, factor=self._factor, **made)
+        work.release(self._factor, self._where)
+        factor, where = self._looked_up(count)
+        self._factor, self._where = work.upload(factor), work.upload(where)
+        return Throw(count, factor=self._factor, **{**made, "triangle": self._where})
 
-    def _spacings(self, count: int) -> NDArray[np.float32]:
+    def _looked_up(self, count: int) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+        """Factors of darts, and their triangles, -1 for those on bare skin."""
         triangle = self._work.read(self._made["triangle"], (count,), np.int32)
         uv = self._work.read(self._made["uv"], (count, 2), np.float32)
-        return spacings(self._fields, np.maximum(triangle, 0), uv)
-
-
-def spacings(fields: Fields, triangle: NDArray[Any], uv: NDArray[Any]) -> NDArray[np.float32]:
-    """(N,) factors of the spacing at points, within what the fields promise."""
-    found = np.clip(fields.spacing(triangle, uv), fields.least_spacing, fields.most_spacing)
-    return found.astype(np.float32)
+        known = np.maximum(triangle, 0)
+        triangle = np.where(self._fields.bare(known, uv), np.int32(-1), triangle)
+        return spacings(self._fields, known, uv), triangle
 
 
 def map_corners(uv: FloatArray) -> NDArray[np.float32]:
@@ -96,20 +95,6 @@ def map_corners(uv: FloatArray) -> NDArray[np.float32]:
     origin = np.floor(uv.min(axis=1, keepdims=True))
     local = (uv - origin).reshape(len(uv), 6)
     return np.concatenate([origin[:, 0], local], axis=1).astype(np.float32)
-
-
-def total_room(surface: Surface, fields: Fields) -> float:
-    """The area of the surface in units of squared spacing factors; 1 where spacing is even."""
-    return float(_rooms(surface, fields, np.flatnonzero(surface.carries)).sum())
-
-
-def _rooms(surface: Surface, fields: Fields, carriers: NDArray[np.intp]) -> FloatArray:
-    """(C,) areas over squared factors, by the densest of the corners and the centre."""
-    corners = surface.uv[carriers]
-    points = np.concatenate([corners, corners.mean(axis=1, keepdims=True)], axis=1)
-    factor = spacings(fields, np.repeat(carriers, 4), points.reshape(-1, 2)).reshape(-1, 4)
-    rooms: FloatArray = surface.area[carriers] / factor.min(axis=1).astype(np.float64) ** 2
-    return rooms
 
 
 def _ends(weights: FloatArray) -> NDArray[np.uint32]:

@@ -61,10 +61,11 @@ class Directions:
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """(N, 3) unit tangents along the main lines, and those a right angle to the left."""
         turn = self._fields.turn(points.triangle, points.uv).astype(np.float32)
+        bend = self._fields.bend(points.triangle, points.uv).astype(np.float32)
         along, left = (np.empty((len(points), 3), np.float32) for _ in range(2))
         for rows in row_blocks(len(points)):
             progress(rows.start / len(points), "directions")
-            angle = turn[rows] + self._bend(points.position[rows])
+            angle = turn[rows] + bend[rows] * self._bend(points.position[rows])
             cosine, sine = np.cos(angle)[:, None], np.sin(angle)[:, None]
             normal = points.normal[rows].astype(np.float64)
             level = level_directions(normal)

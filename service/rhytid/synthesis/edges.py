@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 from rhytid.device.runtime import Buffer
 from rhytid.synthesis.charts import BORDER, LONGEST
 from rhytid.synthesis.cloud import Cloud
-from rhytid.synthesis.darts import map_corners, spacings
+from rhytid.synthesis.darts import map_corners
 from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.incidence import starts_of
 from rhytid.synthesis.progress import Progress, part
+from rhytid.synthesis.rooms import spacings
 from rhytid.synthesis.seams import meets_at_seam
 from rhytid.synthesis.surface import BoolArray, IntArray, Points, Surface
 from rhytid.synthesis.workspace import Workspace

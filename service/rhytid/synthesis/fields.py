@@ -17,26 +17,42 @@ class Fields:
     are called with some millions of points at a time, always the same in the same order.
 
     least_spacing, most_spacing: what `spacing` keeps within, above 0. Pores stand apart by the
-    radius times the mean of both factors.
+    radius times the mean of both factors.  detail: UV length within which spacing and bareness
+    hardly change.  some_bare: whether `bare` is true anywhere.
     """
 
     least_spacing = 1.0
     most_spacing = 1.0
+    detail = float("inf")
+    some_bare = False
 
     def spacing(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Factor of the distance between pores."""
         return np.ones(len(triangle), np.float32)
 
+    def bare(self, triangle: NDArray[Any], uv: NDArray[Any]) -> NDArray[np.bool_]:
+        """Where there are no pores."""
+        return np.zeros(len(triangle), np.bool_)
+
     def strength(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
-        """Factor of the weight of wrinkles and pores; weights stay within (0, 1]."""
+        """Factor of the weight of wrinkles; weights stay within (0, 1]."""
         return np.ones(len(triangle), np.float32)
+
+    def pore_strength(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """Factor of the weight of pores."""
+        return self.strength(triangle, uv)
 
     def turn(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Radians by which the preferred direction turns left, seen from outside."""
         return np.zeros(len(triangle), np.float32)
 
+    def bend(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """Factor of how far lines wind about the preferred direction."""
+        return np.ones(len(triangle), np.float32)
+
     def anisotropy(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
-        """How far walkers keep to preferred directions: 1 as they do, 0 not at all."""
+        """How far walkers keep to preferred directions: 1 as they do, 0 not at all; above 1
+        the second family of lines turns towards the first, until at 2 both are one."""
         return np.ones(len(triangle), np.float32)
 
     def width(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:

@@ -9,9 +9,11 @@ from numpy.typing import NDArray
 
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import GraphSettings
+from rhytid.domain.controls import Controls
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import MeshError
+from rhytid.synthesis.amount import EDGES_PER_PORE, check_uv, wrinkles_in_all
 from rhytid.synthesis.assembly import assemble
 from rhytid.synthesis.charts import neighbours
 from rhytid.synthesis.directions import Directions
@@ -19,16 +21,16 @@ from rhytid.synthesis.drawing import draw, lines_of, stored
 from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.independent import independent_set
 from rhytid.synthesis.net import Ground, Net
+from rhytid.synthesis.painting import fields_of
 from rhytid.synthesis.pores import packed_radius
 from rhytid.synthesis.primary import Primary, deepened
 from rhytid.synthesis.progress import Progress, part, rising, silent
+from rhytid.synthesis.rooms import spacings
 from rhytid.synthesis.selection import preference
 from rhytid.synthesis.spacing import mean_spacing
 from rhytid.synthesis.surface import Surface
 from rhytid.synthesis.workspace import Caller, Workspace, directly
 
-# Wrinkles per pore; a triangulation would have three.
-EDGES_PER_PORE = 2.1
 # How often the pores are scattered anew, at most twice as many, where that gives too few.
 ATTEMPTS = 4
 
@@ -37,7 +39,8 @@ ATTEMPTS = 4
 class Synthesis:
     """A graph and what came up while it was made.
 
-    spacing: mean distance of a pore to the nearest, on the surface, mesh units.
+    spacing: mean distance of a pore to the nearest, on the surface, mesh units; where it differs
+    from place to place by design, what it would be where its factor is 1.
     stretched: how many triangles hold no pore because their UV is stretched beyond reason.
     """
 
@@ -53,28 +56,32 @@ def synthesize(
     progress: Progress = silent,
     fields: Fields | None = None,
     call: Caller = directly,
+    controls: Controls | None = None,
 ) -> Synthesis:
-    """A graph of exactly `settings.wrinkles` wrinkles, after Weiss et al. 2023.
+    """A graph after Weiss et al. 2023, of exactly `settings.wrinkles` wrinkles where density is 1.
 
     The same mesh, settings, seed and device give the same graph, bit for bit; so does the mesh
     scaled by a power of two. progress(fraction, stage) is called often and may raise
-    CancelledError. fields: what differs from place to place. call: runs each step on the device's
-    thread. Raises MeshError where the mesh has no room for pores, or its UV none for the wrinkles.
+    CancelledError. fields: what differs from place to place, in place of what settings and
+    controls say of it. call: runs each step on the device's thread. Raises MeshError where the mesh
+    has no room for pores, or its UV none for the wrinkles, and what `wrinkles_in_all` does.
     """
-    report, fields = rising(progress), fields or Fields()
+    report = rising(progress)
     report(0.0, "pores")
     surface, across = Surface.of(mesh), neighbours(mesh)
+    fields = fields or fields_of(surface, settings, controls)
+    wanted = wrinkles_in_all(surface, settings, fields, device.budget.limit)
     rng = np.random.Generator(np.random.PCG64(settings.seed))
     with Workspace(device, call) as work:
         ground = Ground(work, surface, across, fields)
-        net, radius, spacing = _net(ground, settings, part(report, 0.0, 0.48))
+        net, radius, spacing = _net(ground, settings, wanted, part(report, 0.0, 0.48))
         directions = Directions(spacing, rng, fields)
         strength, hubs = _worn(ground, net, settings, radius, directions, part(report, 0.48, 0.92))
         order = preference(
             work, len(net.pores), net.edges, strength, net.crossings, part(report, 0.92, 0.945)
         )
     report(0.945, "shapes")
-    edge, side = stored(net.edges, order, settings.wrinkles)
+    edge, side = stored(net.edges, order, wanted)
     report(0.947, "shapes")
     lines = draw(surface, across, net.pores, net.edges, edge, side, spacing)
     graph = assemble(
@@ -84,22 +91,28 @@ def synthesize(
     return Synthesis(graph, spacing * surface.scale, surface.stretched)
 
 
-def _net(ground: Ground, settings: GraphSettings, progress: Progress) -> tuple[Net, float, float]:
-    """As many pores as it takes for the wanted wrinkles, their disc radius and mean spacing.
+def _net(
+    ground: Ground, settings: GraphSettings, wanted: int, progress: Progress
+) -> tuple[Net, float, float]:
+    """As many pores as it takes for the wanted wrinkles, their disc radius and their mean spacing
+    over the mean of its factors.
 
     The first guess holds but for a mesh in shreds, where many edges end at a border.
     """
-    wanted = settings.wrinkles
     radius = packed_radius(ground.surface, ground.fields, wanted / EDGES_PER_PORE)
+    check_uv(ground.surface, settings, radius, ground.fields.least_spacing)
     for _ in range(ATTEMPTS):
         spinning = part(progress, 0.0, 0.98)
         net = Net.spun(ground, radius, settings.neighbours, settings.seed, spinning)
         flat = independent_set(ground.work, net.edges.length, net.crossings)
         lines = lines_of(net.edges.take(flat))
         if lines >= wanted:
-            return net, radius, mean_spacing(ground.work, net.pores)[0]
+            factor = spacings(ground.fields, net.pores.triangle, net.pores.uv)
+            mean = mean_spacing(ground.work, net.pores)[0]
+            return net, radius, mean / float(factor.mean(dtype=np.float64))
         radius *= 0.97 * float(np.sqrt(max(lines / wanted, 0.5)))
-    raise MeshError(f"the UV of the mesh has room for {lines} wrinkles: graph.wrinkles is {wanted}")
+    fit = f"the UV of the mesh has room for {int(settings.wrinkles * lines / wanted)} wrinkles"
+    raise MeshError(f"{fit}: graph.wrinkles is {settings.wrinkles}")
 
 
 def _worn(

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from rhytid.synthesis.darts import Darts, total_room
+from rhytid.synthesis.darts import Darts
 from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.progress import Progress
+from rhytid.synthesis.rooms import total_room
 from rhytid.synthesis.sieve import Sieve
 from rhytid.synthesis.surface import Points, Surface
 from rhytid.synthesis.workspace import Workspace

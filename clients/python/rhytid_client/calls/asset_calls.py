@@ -17,6 +17,8 @@ from rhytid_client.requests import get, request, with_json
 from rhytid_client.results import Asset
 
 File = str | os.PathLike[str] | bytes
+# One image, some with the UDIM in their names, or images by UDIM.
+Images = File | Sequence[File] | Mapping[int, File]
 
 
 def asset_id(asset: Asset | str) -> str:
@@ -30,7 +32,8 @@ def create_asset(
     name: str | None = None,
     settings: Mapping[str, Any] | None = None,
     graph: File | None = None,
-    stiffness: File | Sequence[File] | Mapping[int, File] | None = None,
+    stiffness: Images | None = None,
+    controls: Mapping[str, Images] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Flow[Asset]:
     """Send a mesh and have an asset built of it; `wait` for it before asking for tiles.
@@ -41,6 +44,8 @@ def create_asset(
     stiffness: grey PNG images by UDIM; or paths whose names end on the UDIM, as in skin.1002.png;
     or one image for a mesh of one UDIM. 1 moves freely, 0 is rigid. At most 8192 texels a side and
     134,217,728 in all.
+    controls: maps that guide synthesis, by name, given like stiffness: density, strength,
+    direction, turn, anisotropy, scale, pore_radius, and region_forehead and the like.
     progress: called with bytes sent and bytes in all.
 
     The same content gives the same asset. Raises RequestError naming what is wrong with it.
@@ -51,7 +56,9 @@ def create_asset(
         parts.append(Part("settings", text, "application/json"))
     if graph is not None:
         parts.append(_file("graph", graph, None))
-    parts += _stiffness(stiffness)
+    parts += _images("stiffness", stiffness)
+    for control, images in (controls or {}).items():
+        parts += _images(control, images)
     response = yield request("POST", "v1", "assets", content=Form(tuple(parts), progress))
     return parse.one(Asset, response)
 
@@ -92,13 +99,13 @@ def _mesh(mesh: File | Mapping[str, ArrayLike], name: str | None) -> Part:
     return _file("mesh", mesh, name)
 
 
-def _stiffness(given: File | Sequence[File] | Mapping[int, File] | None) -> list[Part]:
+def _images(field: str, given: Images | None) -> list[Part]:
     if given is None:
         return []
     if isinstance(given, Mapping):
-        return [_file("stiffness", image, f"{udim}.png") for udim, image in given.items()]
+        return [_file(field, image, f"{udim}.png") for udim, image in given.items()]
     images = [given] if isinstance(given, (str, bytes, os.PathLike)) else given
-    return [_file("stiffness", image, None) for image in images]
+    return [_file(field, image, None) for image in images]
 
 
 def _file(field: str, given: File, name: str | None) -> Part:

@@ -12,11 +12,13 @@ from rhytid.api.parts import Part
 from rhytid.api.schemas import Asset
 from rhytid.api.uploads import decode_json, require
 from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.controls import CONTROLS
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.stiffness import Stiffness
 from rhytid.domain.tiles import mesh_udims
 from rhytid.engine.messages import NewAsset
 from rhytid.errors import InputError
+from rhytid.formats.controls import read_controls
 from rhytid.formats.graphs import read_graph
 from rhytid.formats.meshes import read_mesh
 from rhytid.formats.stiffness import read_stiffness
@@ -51,13 +53,22 @@ def new_asset(parts: dict[str, Part]) -> NewAsset:
         settings=AssetSettings.parse(settings),
         graph=read_graph(parts["graph"].data) if "graph" in parts else None,
         frames=read.frames,
-        stiffness=_stiffness(parts["stiffness"], read.mesh) if "stiffness" in parts else None,
+        stiffness=_stiffness(parts, read.mesh) if "stiffness" in parts else None,
+        controls=read_controls(
+            {name: _images(parts[name]) for name in CONTROLS if name in parts},
+            mesh_udims(read.mesh),
+        ),
     )
 
 
-def _stiffness(first: Part, mesh: Mesh) -> Stiffness:
-    images = [(part.filename or "part stiffness", part.data) for part in (first, *first.again)]
-    return read_stiffness(images, mesh_udims(mesh))
+def _stiffness(parts: dict[str, Part], mesh: Mesh) -> Stiffness:
+    return read_stiffness(_images(parts["stiffness"]), mesh_udims(mesh))
+
+
+def _images(first: Part) -> list[tuple[str, bytes]]:
+    """Names and bytes of the images of a repeated part."""
+    parts = (first, *first.again)
+    return [(part.filename or f"part {part.name}", part.data) for part in parts]
 
 
 @router.get("", response_model=list[Asset], responses=problems(422))

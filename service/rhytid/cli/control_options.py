@@ -1,0 +1,69 @@
+"""Options that guide synthesis: settings for the whole mesh, and maps painted in UV."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from rhytid.cli.options import readable
+from rhytid.domain.controls import CONTROLS, REGION_MAPS, REGION_PREFIX
+from rhytid.domain.regions import REGIONS
+
+_SETTINGS = ("density", "strength", "turn", "anisotropy", "scale", "pore_radius")
+_MASKED = [name.removeprefix(REGION_PREFIX) for name in REGION_MAPS]
+
+
+def add_controls(parser: argparse.ArgumentParser) -> None:
+    """`--region`, `--set NAME=VALUE`, `--map NAME=FILE` and `--region-mask REGION=FILE`."""
+    add = parser.add_argument
+    add("--region", choices=REGIONS, help="what skin the mesh has, where no mask says otherwise")
+    listed = ", ".join(_SETTINGS)
+    add("--set", type=_setting, nargs="+", default=[], metavar="NAME=VALUE", help=listed)
+    maps = [name for name in CONTROLS if name not in REGION_MAPS]
+    painted = "grey PNG painted in UV, named ANY.<UDIM>.png; NAME is one of " + ", ".join(maps)
+    add("--map", type=_named(maps), nargs="+", default=[], metavar="NAME=FILE", help=painted)
+    mask = "grey PNG, white where skin is of that region: " + ", ".join(_MASKED)
+    add(
+        "--region-mask", type=_named(_MASKED), nargs="+", default=[], metavar="REGION=FILE",
+        help=mask,
+    )  # fmt: skip
+
+
+def control_settings(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Settings by their names in `graph`; None where not given."""
+    return {"region": arguments.region, **dict(arguments.set)}
+
+
+def control_maps(arguments: argparse.Namespace) -> dict[str, list[Path]]:
+    """Files by the name of their control."""
+    masks = [(REGION_PREFIX + region, file) for region, file in arguments.region_mask]
+    files: dict[str, list[Path]] = {}
+    for name, file in [*arguments.map, *masks]:
+        files.setdefault(name, []).append(file)
+    return files
+
+
+def _setting(text: str) -> tuple[str, float]:
+    name, _, value = text.partition("=")
+    try:
+        return _one_of(_SETTINGS, name), float(value)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(
+            f"{text!r}: {name} needs a number, as {name}=1.5"
+        ) from error
+
+
+def _named(names: Sequence[str]) -> Any:
+    def named(text: str) -> tuple[str, Path]:
+        name, _, file = text.partition("=")
+        return _one_of(names, name), readable(file)
+
+    return named
+
+
+def _one_of(names: Sequence[str], name: str) -> str:
+    if name not in names:
+        raise argparse.ArgumentTypeError(f"{name!r}: one of {', '.join(names)}")
+    return name

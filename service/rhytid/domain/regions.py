@@ -1,0 +1,74 @@
+"""Named regions of facial skin: what sets the skin of each apart from that of the whole face.
+
+The factors are ours. They put into numbers what textbooks of dermatology and plastic surgery say in
+words of these regions, by eye on rendered patches; nobody measured them. Angles are against the
+preferred lines, which run level around the vertical axis, as relaxed skin tension lines do on the
+forehead, the eyelids and the neck (Langer's lines are those of the dead, and differ there).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Region:
+    """Factors of synthesis, 1 = as on the whole face.
+
+    density: of pores and wrinkles per area.  strength: of weights, and pore_strength once more of
+    those of pores.  turn: degrees by which the lines turn left.  anisotropy: how far they keep to
+    one direction.  bend: of how far they wind.  scale: of the width of wrinkles.  pore_radius: of
+    the radius of pores.
+    """
+
+    density: float = 1.0
+    strength: float = 1.0
+    pore_strength: float = 1.0
+    turn: float = 0.0
+    anisotropy: float = 1.0
+    bend: float = 1.0
+    scale: float = 1.0
+    pore_radius: float = 1.0
+
+
+WHOLE_FACE = "face"
+REGIONS: dict[str, Region] = {
+    WHOLE_FACE: Region(),
+    # Long level lines, coarse and deep, that hardly branch; pores of medium size.
+    "forehead": Region(
+        density=0.8, strength=1.25, anisotropy=1.7, bend=0.4, scale=1.2, pore_radius=0.9
+    ),
+    # A fine net of rhombi without much of a direction between large pores.
+    "cheek": Region(
+        density=0.9, strength=0.8, pore_strength=1.4, anisotropy=0.4, scale=0.85, pore_radius=1.35
+    ),
+    # The largest pores of the face, close together; lines so faint that pores stand alone.
+    "nose": Region(
+        density=1.3, strength=0.45, pore_strength=3.0, anisotropy=0.2, scale=0.7, pore_radius=1.7
+    ),
+    # Furrows across the lip, upright and fine, next to no pores to see.
+    "lip": Region(
+        density=1.6,
+        strength=1.1,
+        pore_strength=0.6,
+        turn=90.0,
+        anisotropy=1.8,
+        bend=0.4,
+        scale=0.9,
+        pore_radius=0.35,
+    ),
+    # Thin skin: fine lines that fan out from the corner, beside the eye nearly level; small pores.
+    "eye_corner": Region(
+        density=1.5,
+        strength=1.2,
+        pore_strength=0.8,
+        anisotropy=1.8,
+        bend=0.4,
+        scale=0.85,
+        pore_radius=0.5,
+    ),
+    # Coarse level lines, a wide net between them, small pores.
+    "neck": Region(
+        density=0.65, strength=1.1, anisotropy=1.5, bend=0.5, scale=1.3, pore_radius=0.7
+    ),
+}

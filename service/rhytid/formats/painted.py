@@ -1,0 +1,56 @@
+"""Painted maps as grey images, the UDIM of each in its file name: `anything.1002.png`."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import PurePath
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.domain.painted import Map, check_total, check_udim
+from rhytid.errors import InputError
+from rhytid.formats.grey import read_grey
+
+_NUMBER = re.compile(r"(?:^|[._])([0-9]{4})\.[A-Za-z]+$")
+
+
+def read_painted(
+    files: Sequence[tuple[str, bytes]], udims: Sequence[int], kind: str, before: Sequence[Map] = ()
+) -> dict[int, NDArray[np.unsignedinteger]]:
+    """The maps of images by UDIM, (file name or path, bytes) each, for a mesh with these UDIMs.
+
+    The four digits before the extension are the UDIM. A lone image without them is that of the
+    only UDIM of the mesh. `before`: maps that count towards the limit. Raises InputError naming the
+    image that has no place or cannot be read, LimitError over what is too large.
+    """
+    maps: dict[int, NDArray[np.unsignedinteger]] = {}
+    for udim, (name, data) in _places(files, udims, kind).items():
+        maps[udim] = read_grey(data, name)
+        check_total((*before, *maps.values()), name, "control" if before else kind)
+    return maps
+
+
+def _places(
+    files: Sequence[tuple[str, bytes]], udims: Sequence[int], kind: str
+) -> dict[int, tuple[str, bytes]]:
+    places: dict[int, tuple[str, bytes]] = {}
+    for file in files:
+        udim = _udim(file[0], len(files) == 1, udims, kind)
+        check_udim(udim, udims, file[0])
+        if udim in places:
+            raise InputError(f"{file[0]} and {places[udim][0]} are both of UDIM {udim}")
+        places[udim] = file
+    return places
+
+
+def _udim(name: str, alone: bool, udims: Sequence[int], kind: str) -> int:
+    number = _NUMBER.search(PurePath(name).name)
+    if number is not None:
+        return int(number[1])
+    if alone and len(udims) == 1:
+        return udims[0]
+    have = ", ".join(str(udim) for udim in udims)
+    rule = f"name every image by its UDIM, as in {kind}.1001.png"
+    raise InputError(f"{name} names no UDIM; the mesh has {have}: {rule}")

@@ -1,0 +1,95 @@
+"""How many wrinkles there will be, and whether they fit: asked before any work starts."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rhytid.domain.asset_settings import MOST_WRINKLES, GraphSettings
+from rhytid.domain.controls import Controls
+from rhytid.domain.mesh import Mesh
+from rhytid.errors import InputError, LimitError, MeshError
+from rhytid.synthesis.fields import Fields
+from rhytid.synthesis.painting import fields_of
+from rhytid.synthesis.rooms import total_room
+from rhytid.synthesis.surface import Surface
+
+# Wrinkles per pore; a triangulation would have three.
+EDGES_PER_PORE = 2.1
+FEWEST = 100
+# Device memory of a synthesis: buffers of fixed size, and bytes a wrinkle. 100,000 wrinkles on a
+# sheet were measured to take 51 MB, 1.5 million 138 MB and 3 million 276 MB.
+FIXED_BYTES, BYTES_A_WRINKLE = 50_000_000, 100
+# Pores this many steps of float32 apart in UV can be told from each other, and lines drawn between
+# them; that part of the surface may have less.
+_STEPS, _LOST = 8.0, 0.01
+
+
+def check_amount(
+    mesh: Mesh, settings: GraphSettings, controls: Controls | None, memory: int
+) -> None:
+    """Raise what `wrinkles_in_all` does for a mesh, without looking at it where nothing is painted.
+
+    memory: bytes that a synthesis may use on the device.
+    """
+    if controls is None:
+        _check(settings, settings.density, round(settings.wrinkles * settings.density), memory)
+        return
+    surface = Surface.of(mesh)
+    wrinkles_in_all(surface, settings, fields_of(surface, settings, controls), memory)
+
+
+def wrinkles_in_all(
+    surface: Surface, settings: GraphSettings, fields: Fields, memory: int | None = None
+) -> int:
+    """How many wrinkles density makes of `settings.wrinkles`, which are those of density 1.
+
+    Raises InputError where density leaves no room for pores, LimitError for more wrinkles than
+    a graph may have, or than `memory` on the device holds; with the number that would fit.
+    """
+    share = settings.density * _room(surface, fields)
+    wanted = round(settings.wrinkles * share)
+    _check(settings, share, wanted, memory)
+    return wanted
+
+
+def check_uv(surface: Surface, settings: GraphSettings, radius: float, factor: float) -> None:
+    """Raise MeshError where float32 cannot tell the pores from each other in UV.
+
+    radius: between pores.  factor: the least of their spacing.
+    """
+    chosen = np.flatnonzero(surface.carries)
+    widest = surface.density[chosen] / surface.narrowest[chosen]
+    at = np.abs(surface.uv[chosen]).max(axis=(1, 2)).astype(np.float32)
+    needed = _STEPS * np.spacing(at).astype(np.float64) * widest / factor
+    order = np.argsort(-needed, kind="stable")
+    lost = np.cumsum(surface.area[chosen][order]) <= _LOST * surface.area.sum()
+    least = needed[order][min(np.count_nonzero(lost), len(order) - 1)]
+    if radius < least:
+        fit = int(settings.wrinkles * (radius / least) ** 2)
+        raise MeshError(
+            f"graph.wrinkles is {settings.wrinkles}: the UV of the mesh is so small that float32 "
+            f"can hold about {fit}"
+        )
+
+
+def _room(surface: Surface, fields: Fields) -> float:
+    """Of even skin 1."""
+    return total_room(surface, fields) / float(surface.area[surface.carries].sum())
+
+
+def _check(settings: GraphSettings, share: float, wanted: int, memory: int | None) -> None:
+    """share: wrinkles in all over `settings.wrinkles`."""
+    told = f"graph.wrinkles is {settings.wrinkles}"
+    if share <= 0:
+        raise InputError("density: the map leaves no room for pores; paint some of it lighter")
+    if share != 1.0:
+        told += f", with density {share:.3g} on the mean that is {wanted} in all"
+    if wanted < FEWEST:
+        least = int(np.ceil(FEWEST / share))
+        raise InputError(f"{told}: at least {FEWEST}, graph.wrinkles of {least} or more")
+    fit = MOST_WRINKLES
+    if memory is not None:
+        fit = min(fit, max(memory - FIXED_BYTES, 0) // BYTES_A_WRINKLE)
+    if wanted > fit:
+        limit = f"the {memory} bytes of device memory" if fit < MOST_WRINKLES else "a graph"
+        raise LimitError(f"{told}: {limit} can hold {int(fit / share)}")

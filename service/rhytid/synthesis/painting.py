@@ -1,0 +1,180 @@
+"""Skin as settings and painted maps want it: the fields of synthesis from these."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.domain.asset_settings import GraphSettings
+from rhytid.domain.controls import REGION_MAPS, REGION_PREFIX, Controls, signed
+from rhytid.domain.painted import Shares
+from rhytid.domain.regions import REGIONS, Region
+from rhytid.synthesis.fields import Factors, Fields
+from rhytid.synthesis.lookup import Lookup
+from rhytid.synthesis.painted_directions import PaintedDirections
+from rhytid.synthesis.rows import row_blocks
+from rhytid.synthesis.surface import Surface
+
+# Painted and regional density together stay within; what is painted below BARE is bare.
+_DENSITY = (1 / 6, 8.0)
+BARE = 0.25
+# How far lines wind about a painted direction, of what they do about preferred ones.
+_PAINTED_BEND = 0.3
+_FACTORS = ("density", "strength", "anisotropy", "scale", "pore_radius")
+
+
+class PaintedFields(Fields):
+    """Fields from the settings, the regions and the maps of a surface.
+
+    Factors of a setting, of the region and of a map are multiplied. Where pores are closer, all
+    that is drawn is as much smaller, and shallower. `density` of the settings is not a field: it
+    makes for more wrinkles everywhere.
+    """
+
+    def __init__(self, surface: Surface, settings: GraphSettings, controls: Controls) -> None:
+        self._surface, self._settings = surface, settings
+        maps = controls.maps
+        self._maps = {name: Lookup(surface, maps[name]) for name in maps if name != "direction"}
+        self._directions = (
+            PaintedDirections(surface, maps["direction"]) if "direction" in maps else None
+        )
+        self._regions = [name for name in REGION_MAPS if name in maps]
+        low, high = self._densities()
+        self.least_spacing, self.most_spacing = high**-0.5, low**-0.5
+        self.some_bare = "density" in maps and self._darkest() < BARE
+        shaping = [self._maps[name] for name in ("density", *self._regions) if name in maps]
+        self.detail = min((lookup.detail for lookup in shaping), default=float("inf"))
+
+    def spacing(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """Factor of the distance between pores."""
+        density = self._region("density", triangle, uv)
+        if "density" in self._maps:
+            density *= density_of(self._maps["density"].at(triangle, uv))
+        found: Factors = np.clip(density, *_DENSITY) ** np.float32(-0.5)
+        return found
+
+    def bare(self, triangle: NDArray[Any], uv: NDArray[Any]) -> NDArray[np.bool_]:
+        """Where the density map is darker than a quarter of white."""
+        if not self.some_bare:
+            return super().bare(triangle, uv)
+        found: NDArray[np.bool_] = density_of(self._maps["density"].at(triangle, uv)) < BARE
+        return found
+
+    def strength(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """Black is nothing, white is double."""
+        factor = self._linear("strength", triangle, uv)
+        factor *= np.minimum(self.spacing(triangle, uv), np.float32(1.0))
+        return factor
+
+    def pore_strength(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """As that of wrinkles, times what the region says of its pores."""
+        factor: Factors = self.strength(triangle, uv) * self._region("pore_strength", triangle, uv)
+        return factor
+
+    def turn(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """Painted directions take the place of the preferred lines and of what a region turns
+        these by."""
+        found = np.radians(self._region("turn", triangle, uv))
+        if self._directions is not None:
+            for rows in row_blocks(len(triangle)):
+                found[rows] = self._directions.instead_of(found[rows], triangle[rows], uv[rows])
+        found += np.float32(np.radians(self._settings.turn))
+        if "turn" in self._maps:
+            found += np.float32(0.5 * np.pi) * signed(self._maps["turn"].at(triangle, uv))
+        return found
+
+    def bend(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """Painted directions are kept to more closely."""
+        factor = self._region("bend", triangle, uv)
+        if self._directions is not None:
+            sure = self._directions.sure(triangle, uv)
+            factor += (np.float32(_PAINTED_BEND) - factor) * sure
+        return factor
+
+    def anisotropy(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """Black is none, white is double, 2 the most."""
+        found: Factors = np.clip(self._linear("anisotropy", triangle, uv), 0.0, 2.0)
+        return found
+
+    def width(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """From a quarter to four times, and as the spacing."""
+        return self._sized("scale", triangle, uv)
+
+    def pore_radius(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """From a quarter to four times, and as the spacing."""
+        return self._sized("pore_radius", triangle, uv)
+
+    def _linear(self, name: str, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        factor: Factors = self._region(name, triangle, uv) * np.float32(
+            getattr(self._settings, name)
+        )
+        if name in self._maps:
+            factor *= 1.0 + signed(self._maps[name].at(triangle, uv))
+        return factor
+
+    def _sized(self, name: str, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        factor: Factors = self._region(name, triangle, uv) * np.float32(
+            getattr(self._settings, name)
+        )
+        if name in self._maps:
+            factor *= np.float32(4.0) ** signed(self._maps[name].at(triangle, uv))
+        factor *= self.spacing(triangle, uv)
+        return factor
+
+    def _region(self, name: str, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """A factor (or the turn, degrees) of the regions, mixed as they are painted: factors by
+        their logarithms. What masks leave is the region of the settings."""
+        base = _value(REGIONS[self._settings.region], name)
+        if not self._regions:
+            return np.full(len(triangle), _meant(base, name), np.float32)
+        total, mixed = np.zeros(len(triangle), np.float32), np.zeros(len(triangle), np.float32)
+        for region in self._regions:
+            weight = self._maps[region].at(triangle, uv, neutral=0.0)
+            mixed += weight * np.float32(_value(REGIONS[region.removeprefix(REGION_PREFIX)], name))
+            total += weight
+        mixed /= np.maximum(total, 1.0)
+        mixed += np.maximum(1.0 - total, 0.0) * np.float32(base)
+        return np.asarray(_meant(mixed, name), np.float32)
+
+    def _darkest(self) -> float:
+        """The least of the density map."""
+        return float(density_of(np.float32(self._maps["density"].least)))
+
+    def _densities(self) -> tuple[float, float]:
+        """The least and the most that density can be, of what is not bare."""
+        names = [name.removeprefix(REGION_PREFIX) for name in self._regions]
+        regional = [REGIONS[name].density for name in (self._settings.region, *names)]
+        low, high = min(regional), max(regional)
+        if "density" in self._maps:
+            most = float(density_of(np.float32(self._maps["density"].most)))
+            low, high = low * max(self._darkest(), BARE), high * most
+        slack = 1e-6 if high > low else 0.0
+        low, high = np.clip([low * (1.0 - slack), high * (1.0 + slack)], *_DENSITY)
+        return float(low), float(high)
+
+
+def fields_of(surface: Surface, settings: GraphSettings, controls: Controls | None) -> Fields:
+    """Even skin where nothing says otherwise."""
+    plain = GraphSettings()
+    even = all(getattr(settings, n) == getattr(plain, n) for n in ("region", "turn", *_FACTORS[1:]))
+    if controls is None and even:
+        return Fields()
+    return PaintedFields(surface, settings, controls or Controls({}))
+
+
+def density_of(grey: Shares) -> Shares:
+    """Black is 0, mid grey 1, white 4: as many times more lines to a length as it is brighter."""
+    found: Shares = (np.float32(1.0) + signed(grey)) ** 2
+    return found
+
+
+def _value(region: Region, name: str) -> float:
+    value = float(getattr(region, name))
+    return value if name == "turn" else float(np.log(value))
+
+
+def _meant(value: Any, name: str) -> Any:
+    """The inverse of `_value`."""
+    return value if name == "turn" else np.exp(value)

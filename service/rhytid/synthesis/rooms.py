@@ -1,0 +1,84 @@
+"""How much room a surface has for pores whose spacing differs from place to place."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.synthesis.fields import Fields
+from rhytid.synthesis.rows import ROWS
+from rhytid.synthesis.surface import FloatArray, Surface
+
+# Places looked at in all, and along a side of one triangle.
+_LOOKS, _FINEST = 1 << 20, 64
+
+
+def spacings(fields: Fields, triangle: NDArray[Any], uv: NDArray[Any]) -> NDArray[np.float32]:
+    """(N,) factors of the spacing at points, within what the fields promise."""
+    found = np.clip(fields.spacing(triangle, uv), fields.least_spacing, fields.most_spacing)
+    return found.astype(np.float32)
+
+
+def total_room(surface: Surface, fields: Fields) -> float:
+    """The area of the surface that is not bare in units of squared spacing factors; 1 where
+    spacing is even."""
+    return float(rooms(surface, fields, np.flatnonzero(surface.carries))[1].sum())
+
+
+def rooms(
+    surface: Surface, fields: Fields, carriers: NDArray[np.intp]
+) -> tuple[FloatArray, FloatArray]:
+    """(C,) areas over squared factors: by the densest place of each triangle, and on the mean.
+
+    A triangle larger than the detail of the fields is looked at in several places.
+    """
+    most, mean = np.empty(len(carriers)), np.empty(len(carriers))
+    cuts = _cuts(surface.uv[carriers], fields.detail)
+    for cut in np.unique(cuts):
+        places, nodes = _places(int(cut))
+        chosen = np.flatnonzero(cuts == cut)
+        step = max(ROWS // len(places), 1)
+        for first in range(0, len(chosen), step):
+            rows = chosen[first : first + step]
+            share = _shares(surface, fields, carriers[rows], places)
+            most[rows], mean[rows] = share.max(axis=1), share[:, nodes:].mean(axis=1)
+    area = surface.area[carriers]
+    return area * most, area * mean
+
+
+def _shares(
+    surface: Surface, fields: Fields, triangle: NDArray[np.intp], places: FloatArray
+) -> FloatArray:
+    """(T, P) pores by area, 1 where spacing is even, at P places of each triangle."""
+    uv = (places @ surface.uv[triangle]).reshape(-1, 2)
+    at = np.repeat(triangle, len(places))
+    share: FloatArray = spacings(fields, at, uv).astype(np.float64) ** -2.0
+    if fields.some_bare:
+        share[fields.bare(at, uv)] = 0.0
+    return share.reshape(len(triangle), -1)
+
+
+def _cuts(uv: FloatArray, detail: float) -> NDArray[np.int64]:
+    """(T,) into how many parts the sides of each triangle are cut: powers of two."""
+    longest = np.ptp(uv, axis=1).max(axis=1)
+    exponent = np.ceil(np.log2(np.clip(longest / detail, 1.0, _FINEST)))
+    cuts: NDArray[np.int64] = np.exp2(exponent).astype(np.int64)
+    while (1.5 * cuts**2).sum() > _LOOKS and (cuts > 1).any():
+        cuts = np.maximum(cuts // 2, 1)
+    return cuts
+
+
+@cache
+def _places(cut: int) -> tuple[FloatArray, int]:
+    """(P, 3) barycentric coordinates: the nodes of a triangle cut into cut² equal ones, and then
+    the centres of these; and how many are nodes."""
+    i, j = np.indices((cut + 1, cut + 1)).reshape(2, -1)
+    within = i + j <= cut
+    nodes = np.stack([i, j], axis=-1)[within] / cut
+    up = np.stack([i, j], axis=-1)[i + j < cut] + 1 / 3
+    down = np.stack([i, j], axis=-1)[i + j < cut - 1] + 2 / 3
+    places = np.concatenate([nodes, up / cut, down / cut])
+    return np.column_stack([places, 1.0 - places.sum(axis=1)]), len(nodes)

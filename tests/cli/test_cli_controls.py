@@ -1,0 +1,71 @@
+"""Guiding synthesis on the command line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from cli.running import write_neutral
+from meshes import SmallMesh
+from rhytid.cli import main
+from rhytid.formats.graphs import read_graph
+
+
+@pytest.fixture
+def mesh(tmp_path: Path, small_mesh: SmallMesh) -> str:
+    return str(write_neutral(tmp_path / "mesh.npz", small_mesh))
+
+
+def painted(file: Path, left: int, right: int) -> str:
+    Image.fromarray(np.array([[left] * 8 + [right] * 8] * 16, np.uint8)).save(file)
+    return str(file)
+
+
+def test_maps_masks_and_settings_reach_the_graph(
+    tmp_path: Path, mesh: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "g.safetensors"
+    base = ["synthesize", mesh, "--out", str(out), "--wrinkles", "600", "--json"]
+    assert main(base) == 0
+    plain = read_graph(out.read_bytes())
+    density = painted(tmp_path / "d.1001.png", 0, 128)
+    mask = painted(tmp_path / "m.png", 255, 255)
+    options = ["--map", f"density={density}", "--region-mask", f"lip={mask}"]
+    assert main([*base, *options, "--set", "strength=0.5", "turn=-10"]) == 0
+    graph = read_graph(out.read_bytes())
+    assert graph.node_uv[graph.node_weight > 0, 0].min() > 0.45 > plain.node_uv[:, 0].min()
+    assert graph.edge_weight.mean() < 0.8 * plain.edge_weight.mean()
+    capsys.readouterr()
+    assert main([*base, "--region", "nose"]) == 0
+    assert json.loads(capsys.readouterr().out)["wrinkles"] == 780
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (["--set", "density=-1"], "graph.density is -1.0: from 0.0625 to 16"),
+        (["--map", "density={black}"], "the map leaves no room for pores"),
+        (["--map", "density={none}"], "no such file"),
+        (["--map", "dens={black}"], "'dens': one of density"),
+        (["--set", "strength=much"], "strength needs a number, as strength=1.5"),
+        (["--region-mask", "chin={black}"], "'chin': one of forehead"),
+        (["--region", "chin"], "invalid choice"),
+    ],
+)
+def test_mistakes_are_told(
+    tmp_path: Path, mesh: str, capsys: pytest.CaptureFixture[str], options: list[str], told: str
+) -> None:
+    files = {"black": painted(tmp_path / "b.png", 0, 0), "none": str(tmp_path / "none.png")}
+    given = [option.format(**files) for option in options]
+    out = tmp_path / "g.safetensors"
+    try:
+        status = main(["synthesize", mesh, "--out", str(out), *given])
+    except SystemExit as end:
+        status = int(end.code or 0)
+    assert status != 0
+    assert told in capsys.readouterr().err
+    assert not out.exists()
