@@ -44,7 +44,7 @@ def test_what_is_no_control_is_refused():
 
 def test_all_maps_together_have_a_limit(monkeypatch):
     monkeypatch.setattr(painted, "MOST_TEXELS", 11)
-    with pytest.raises(LimitError, match="turn: .* 12 texels in all: at most 11"):
+    with pytest.raises(LimitError, match=r"turn: .* 12 texels in all: at most 11"):
         Controls({"density": {1001: ONE}, "turn": {1001: ONE}})
 
 

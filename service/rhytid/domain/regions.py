@@ -36,7 +36,7 @@ REGIONS: dict[str, Region] = {
     WHOLE_FACE: Region(),
     # Long level lines, coarse and deep, that hardly branch; pores of medium size.
     "forehead": Region(
-        density=0.8, strength=1.25, anisotropy=1.7, bend=0.4, scale=1.2, pore_radius=0.9
+        density=0.8, strength=1.25, anisotropy=1.85, bend=0.3, scale=1.2, pore_radius=0.9
     ),
     # A fine net of rhombi without much of a direction between large pores.
     "cheek": Region(
