@@ -3,7 +3,7 @@
 The factors are ours. They put into numbers what textbooks of dermatology and plastic surgery say in
 words of these regions, by eye on rendered patches; nobody measured them. Angles are against the
 preferred lines, which run level around the vertical axis, as relaxed skin tension lines do on the
-forehead, the eyelids and the neck (Langer's lines are those of the dead, and differ there).
+forehead, the eyelids and the neck; Langer's lines, found on the dead, run otherwise in places.
 """
 
 from __future__ import annotations
