@@ -42,7 +42,7 @@ class Halted:
         self.running, self.free = threading.Event(), threading.Event()
         monkeypatch.setattr("rhytid.engine.building.synthesize", self)
 
-    def __call__(self, mesh, settings, device, report, call):
+    def __call__(self, mesh, settings, device, report, **how):
         self.running.set()
         assert self.free.wait(60)
         report(0.5, "halted")  # raises where the job was cancelled

@@ -29,10 +29,10 @@ class Gate:
         self.real = building.synthesize
         monkeypatch.setattr(building, "synthesize", self)
 
-    def __call__(self, mesh, settings, device, report, call):
+    def __call__(self, mesh, settings, device, report, **how):
         self.entered.set()
         assert self.free.wait(60)
-        return self.real(mesh, settings, device, report, call=call)
+        return self.real(mesh, settings, device, report, **how)
 
 
 @pytest.fixture
