@@ -20,7 +20,7 @@ BUILD_OPTIONS = ("-cl-std=CL1.2",)
 # Local memory from which on a work-group can hold both sums of a whole block, which take 36 KiB;
 # OpenCL promises 32.
 _ROOM_FOR_BLOCKS = 40 << 10
-_NO_DEFINES: Mapping[str, object] = MappingProxyType({})
+NO_DEFINES: Mapping[str, object] = MappingProxyType({})
 
 
 @contextmanager
@@ -136,7 +136,7 @@ class Device:
         size: tuple[int, ...],
         *arguments: Any,
         group: tuple[int, ...] | None = None,
-        defines: Mapping[str, object] = _NO_DEFINES,
+        defines: Mapping[str, object] = NO_DEFINES,
     ) -> None:
         """Enqueue a kernel over `size` work-items; scalars are numpy scalars of the exact type."""
         if 0 in size:
@@ -151,7 +151,7 @@ class Device:
         with _device_errors():
             self._queue.finish()
 
-    def kernel(self, program: str, kernel: str, defines: Mapping[str, object] = _NO_DEFINES) -> Any:
+    def kernel(self, program: str, kernel: str, defines: Mapping[str, object] = NO_DEFINES) -> Any:
         """A compiled kernel, made once for each set of defines; raises KernelBuildError."""
         key = (program, kernel, tuple(sorted(defines.items())))
         if key not in self._kernels:
