@@ -215,8 +215,7 @@ def frame_bench(arguments: argparse.Namespace) -> FrameBench:
 def _frame_on_device(arguments: argparse.Namespace) -> tuple[Device, Mesh, NDArray[np.float32]]:
     """A device, and the mesh and the frame of the arguments."""
     from rhytid.cli.demo_face import animation
-    from rhytid.device.runtime import Device
-    from rhytid.device.select import choose
+    from rhytid.engine.opening import open_device
     from rhytid.settings import ServiceSettings
 
     if arguments.graph is not None and arguments.mesh is None:
@@ -224,7 +223,7 @@ def _frame_on_device(arguments: argparse.Namespace) -> tuple[Device, Mesh, NDArr
     service = ServiceSettings.from_environment()
     found = animation(arguments.mesh, ())
     index = _frame(found, arguments.frame)
-    device = Device(choose(arguments.device or service.device), service.device_memory)
+    device = open_device(service, arguments.device)
     return device, found.mesh, found.frames.read(found.frames.places[index])
 
 

@@ -93,12 +93,10 @@ def clocked(show: Callable[[float, str], None]) -> tuple[Callable[[float, str], 
 
 def open_device(arguments: argparse.Namespace) -> Device:
     """The device of the arguments, or of the environment."""
-    from rhytid.device.runtime import Device
-    from rhytid.device.select import choose
+    from rhytid.engine import opening
     from rhytid.settings import ServiceSettings
 
-    service = ServiceSettings.from_environment()
-    return Device(choose(arguments.device or service.device), service.device_memory)
+    return opening.open_device(ServiceSettings.from_environment(), arguments.device)
 
 
 def _preview(

@@ -87,17 +87,17 @@ def launch_blocks(
     defines: Mapping[str, object] = NO_DEFINES,
 ) -> None:
     """Run a drawing kernel over a square (row, column, texels a side) of level 0, a work-group for
-    `device.rows` rows of a block: all, where both sums of a block fit into local memory.
+    some rows of a block by the launch shape of the device.
     arguments: of the elements.  into: those of what is written."""
     row, column, side = square
-    blocks, rows = side // BLOCK, min(device.rows, BLOCK)
+    blocks, rows = side // BLOCK, min(device.shape.rows, BLOCK)
     wavy = {} if elements.waves is None else {"WAVY": 1}
     device.launch(
-        program, kernel, (blocks * device.lanes, side // rows), *arguments,
+        program, kernel, (blocks * device.shape.lanes, side // rows), *arguments,
         shape_values(settings.shape), np.float32(settings.depth),
         np.int32(settings.resolution // BLOCK), np.int32(row // BLOCK), np.int32(column // BLOCK),
-        *into, group=(device.lanes, 1),
-        defines={"BLOCK": BLOCK, "ROWS": rows, "ITEMS": device.lanes, **wavy, **defines},
+        *into, group=(device.shape.lanes, 1),
+        defines={"BLOCK": BLOCK, "ROWS": rows, "ITEMS": device.shape.lanes, **wavy, **defines},
     )  # fmt: skip
 
 
