@@ -57,5 +57,7 @@ class ServiceSettings:
 
 def _folder(name: str) -> Path | None:
     """`~` as the home folder; None where the user has none."""
-    found = os.path.expanduser(name)
-    return None if found.startswith("~") else Path(found)
+    try:
+        return Path(name).expanduser()
+    except RuntimeError:
+        return None
