@@ -87,7 +87,7 @@ def _run_scaling(arguments: argparse.Namespace) -> None:
         grown = scaling.run(series)
         plot(grown).save(arguments.scaling / f"scaling_{series}.png")
         found += grown
-    rows = [(g.series, str(g.x), g.case, f"{g.seconds:.4f}", f"{g.map_copies:.1f}") for g in found]
+    rows = [(g.series, str(g.x), g.case, f"{g.seconds:.4f}", _copies(g.map_copies)) for g in found]
     figures = {
         "device": device.info.name,
         "size": arguments.size,
@@ -96,6 +96,10 @@ def _run_scaling(arguments: argparse.Namespace) -> None:
     }
     write_json(figures, arguments.scaling / "scaling.json")
     report(figures, table(("series", "x", "case", "seconds", "map copies"), rows), arguments.json)
+
+
+def _copies(map_copies: float | None) -> str:
+    return "" if map_copies is None else f"{map_copies:.1f}"
 
 
 def _run_service(bench: FrameBench, arguments: argparse.Namespace) -> None:
