@@ -131,7 +131,7 @@ def test_an_exr_that_is_none_is_told_with_its_place(url: str) -> None:
     told = {
         exr(bad): (422, "a.exr: the texel of column 0, row 0 is nan: must be from 0 to 1"),
         head: (413, "a.exr has 65536 x 65536 texels: at most 8192 a side"),
-        exr(bad)[:-1]: (422, "a.exr: a damaged OpenEXR image"),
+        exr(bad)[:-1]: (422, "a.exr: a damaged EXR image"),
     }
     for data, (status, detail) in told.items():
         files = {**upload(), "stiffness": ("a.exr", data)}

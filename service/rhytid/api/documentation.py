@@ -91,7 +91,7 @@ ASSET_FORM = body(
                         "type": "array",
                         "items": BINARY,
                         "description": "grey PNG of 8 or 16 bits, or EXR of one channel from 0 to "
-                        "1 (none, ZIP or ZIPS), one a UDIM (repeat the part), "
+                        "1 of any compression, one a UDIM (repeat the part), "
                         "named by it: stiffness.1002.png; 1 moves freely, 0 is rigid; "
                         "a UDIM without one is 1; "
                         f"at most {MOST_SIDE} texels a side and {MOST_TEXELS:,} in all",
