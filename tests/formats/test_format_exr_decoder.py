@@ -130,8 +130,8 @@ def test_half_a_step_outside_is_refused_where_nothing_is_lost(decoded, compressi
     assert abs(float(wrong.value) - value) < 0.5 * STEP
 
 
-def test_unknown_attributes_change_nothing(decoded):
-    odd = {"zork": ("zork", b"abc"), "preview": ("preview", b"\xff" * 8)}
+def test_other_attributes_change_nothing(decoded):
+    odd = {"owner": ("string", "für".encode()), "comments": ("string", b"a" * 1000)}
     _, codes = decoded(raw_exr(**odd), (2, 2))
     assert codes.tolist() == [[0, 16384], [32768, 65535]]
 
