@@ -22,9 +22,9 @@ def add_controls(parser: argparse.ArgumentParser) -> None:
     listed = ", ".join(_SETTINGS)
     add("--set", type=_setting, nargs="+", default=[], metavar="NAME=VALUE", help=listed)
     maps = [name for name in CONTROLS if name not in REGION_MAPS]
-    painted = "grey PNG painted in UV, named ANY.<UDIM>.png; NAME is one of " + ", ".join(maps)
+    painted = "grey PNG or EXR painted in UV, named ANY.<UDIM>.png; NAME: " + ", ".join(maps)
     add("--map", type=_named(maps), nargs="+", default=[], metavar="NAME=FILE", help=painted)
-    mask = "grey PNG, white where skin is of that region: " + ", ".join(_MASKED)
+    mask = "grey PNG or EXR, white where skin is of that region: " + ", ".join(_MASKED)
     add(
         "--region-mask", type=_named(_MASKED), nargs="+", default=[], metavar="REGION=FILE",
         help=mask,
