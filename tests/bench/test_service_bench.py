@@ -105,5 +105,5 @@ def test_the_service_is_measured(
 
     assert main(small) == 0
     told = capsys.readouterr().out.splitlines()
-    assert told[0].startswith("first tile of a new frame: ")
+    assert told[0].startswith("frame in, first tile out: ")
     assert [line.split()[:2] for line in told[3:]] == [[m, str(c)] for m, c, _ in measured]

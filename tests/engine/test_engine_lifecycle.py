@@ -119,7 +119,7 @@ def test_a_change_that_fails_halfway_leaves_the_elements_in_place(engine, monkey
         raise DeviceMemoryError("no room")
 
     with monkeypatch.context() as patch:
-        patch.setattr("rhytid.engine.resident.Blend", no_room)
+        patch.setattr("rhytid.engine.resident_parts.Blend", no_room)
         with pytest.raises(DeviceMemoryError):
             engine.change_asset(asset, {"response": {"alpha_w": 2.0}})
     assert engine.tile(asset, "neutral", REDRAW, ADDRESS).tobytes() == before.tobytes()

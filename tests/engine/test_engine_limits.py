@@ -25,6 +25,7 @@ from meshes import deform
 from pipeline.scenes import random_graph, settings_of, sheet
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.messages import NewAsset
+from rhytid.engine.resident_parts import RECENT_FRAMES
 from rhytid.errors import BusyError, DeviceMemoryError, LimitError, NotFoundError, ReadOnlyError
 
 ADDRESS = TileAddress(1001, 0, 0, 0)
@@ -67,6 +68,23 @@ def test_a_map_that_does_not_fit_is_refused_with_numbers_and_leaves_nothing(stor
         found = engine.tile(asset, "bent", REDRAW, ADDRESS)
         assert used(engine) == before
         assert np.abs(found).max() > 0
+
+
+def test_only_what_the_last_frames_need_stays_on_the_device(stored):
+    store, asset, _, _ = stored
+    with running(store) as engine:
+        settle(engine, asset)
+        use, first = [], None
+        for frame in range(RECENT_FRAMES + 5):
+            engine.put_frame(asset, "bent", deform(sheet().positions, frame, 0.15))
+            for query in (REDRAW, BINNED):
+                tile = engine.tile(asset, "bent", query, ADDRESS)
+            first = tile if first is None else first
+            use.append(used(engine))
+        assert use[0] < use[1] < use[RECENT_FRAMES - 2]
+        assert len(set(use[RECENT_FRAMES:])) == 1
+        engine.put_frame(asset, "bent", deform(sheet().positions, 0, 0.15))
+        assert same([engine.tile(asset, "bent", BINNED, ADDRESS)], [first])
 
 
 def test_bins_made_one_by_one_under_a_small_budget_are_the_same_bits(stored):

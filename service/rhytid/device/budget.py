@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 from rhytid.device.spares import Spares
 from rhytid.errors import DeviceMemoryError
@@ -53,8 +53,12 @@ class MemoryBudget:
         """Release what was made since `new_task`: the task failed."""
         self.drop(self._made.__contains__)
 
-    def reserve(self, nbytes: int) -> None:
-        """Count `nbytes` in, dropping kept things where needed; raises DeviceMemoryError."""
+    def reserve(self, nbytes: int, *, reuse: bool = False) -> Any | None:
+        """Count `nbytes` in, dropping kept things where needed; raises DeviceMemoryError.
+
+        reuse: answer spare memory of that size, or None where there is none. What was dropped just
+        now is spare, too.
+        """
         if self.used + nbytes > self.limit:
             self._make_room(nbytes)
         if self.used + nbytes > self.limit:
@@ -63,7 +67,9 @@ class MemoryBudget:
                 f"budget of {self.limit} bytes (RHYTID_DEVICE_MEMORY_MB)"
             )
         self.used += nbytes
+        spare = self._spares.take(nbytes) if reuse else None
         self._spares.shrink(self.limit - self.used)
+        return spare
 
     def free(self, nbytes: int) -> None:
         """Count `nbytes` out."""

@@ -37,8 +37,7 @@ class Buffer:
     """Bytes on the device, counted in its budget until released."""
 
     def __init__(self, device: Device, nbytes: int, host: NDArray[Any] | None = None) -> None:
-        spare = device.spares.take(nbytes) if host is None else None
-        device.budget.reserve(nbytes)
+        spare = device.budget.reserve(nbytes, reuse=host is None)
         device.born.append(self)
         self.nbytes = nbytes
         self.handle: Any = spare

@@ -2,136 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable
 from functools import partial
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.device.budget import Releasable
-from rhytid.device.runtime import Buffer, Device
-from rhytid.domain.asset_settings import AssetSettings
-from rhytid.domain.graph import WrinkleGraph
-from rhytid.domain.mesh import Mesh
-from rhytid.domain.stiffness import Stiffness
-from rhytid.domain.tiles import TileAddress, mesh_udims
+from rhytid.device.runtime import Buffer
+from rhytid.domain.tiles import TileAddress
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
 from rhytid.engine.messages import MapQuery
-from rhytid.errors import NotFoundError
+from rhytid.engine.resident_parts import ResidentParts
 from rhytid.pipeline.bin_maker import BinMaker, BinTile
 from rhytid.pipeline.bins import map_count
-from rhytid.pipeline.blend import Blend
-from rhytid.pipeline.convolve import Convolve
-from rhytid.pipeline.convolve_smooth import SmoothConvolve
-from rhytid.pipeline.elements import (
-    BLOCK,
-    PoreArrays,
-    UdimElements,
-    WrinkleArrays,
-    pore_arrays,
-    wrinkle_arrays,
-)
+from rhytid.pipeline.elements import BLOCK
 from rhytid.pipeline.levels import Draw, in_one_piece, render, render_to_host
-from rhytid.pipeline.locate import UdimTriangles, locate_points
 from rhytid.pipeline.neutral_tiles import NeutralTile, NeutralTiles
 from rhytid.pipeline.redraw import ScaleBuffers, redrawing, respond
-from rhytid.pipeline.smooth import SmoothFields, SmoothStage, respond_smooth
-from rhytid.pipeline.stiffness import stiffness_of_elements
-from rhytid.pipeline.stretch import StretchStage
+from rhytid.pipeline.smooth import SmoothFields, respond_smooth
 from rhytid.pipeline.stretch_buffers import StretchBuffers
 from rhytid.pipeline.vectors import BYTES_A_TEXEL, VECTOR
-from rhytid.pipeline.waves import wrinkle_waves
-
-_Kept = TypeVar("_Kept", bound=Releasable)
-Prepared = dict[int, tuple[WrinkleArrays, PoreArrays]]
 
 
-class ResidentAsset:
-    """A mesh, its wrinkles by UDIM, and what can be made of them, under the memory budget.
-
-    What belongs to a frame or a tile of the bins is kept by content and dropped when memory is
-    short; the rest stays until `release`.
-    """
-
-    def __init__(
-        self,
-        device: Device,
-        mesh: Mesh,
-        settings: AssetSettings,
-        stiffness: Stiffness | None = None,
-    ) -> None:
-        self._device, self._mesh, self._stiffness = device, mesh, stiffness
-        self.settings = settings
-        self._stretch = StretchStage(device, mesh)
-        self._smooth = SmoothStage(device, mesh)
-        self._located = {
-            udim: UdimTriangles(device, mesh, udim, settings.resolution, settings.padding)
-            for udim in mesh_udims(mesh)
-        }
-        self._elements: dict[int, UdimElements] = {}
-        self.pore_triangle = self._wrinkle_triangle = np.zeros(0, np.int32)
-        self._blend: Blend | None = None
-        self._pore_stiffness: NDArray[np.float32] | None = None
-        self._wrinkle_stiffness: NDArray[np.float32] | None = None
-        self._convolve = Convolve(device, mesh, stiffness)
-        self._smooth_convolve = SmoothConvolve(device, mesh, self._smooth, stiffness)
-        self._released = False
-
-    @property
-    def neutral(self) -> NDArray[np.float32]:
-        """(V, 3) positions of the neutral mesh."""
-        return self._mesh.positions
-
-    @property
-    def udims(self) -> tuple[int, ...]:
-        """The UDIMs with mesh."""
-        return tuple(self._located)
-
-    def locate(self, graph: WrinkleGraph) -> None:
-        """Find the triangle that each pore and each wrinkle samples."""
-        pores, wrinkles = graph.node_uv, graph.centres()
-        self.pore_triangle = self._find(pores, graph.node_triangle)
-        self._wrinkle_triangle = self._find(wrinkles, graph.edge_triangle)
-        of = partial(stiffness_of_elements, self._stiffness, self._mesh)
-        self._pore_stiffness = of(pores, self.pore_triangle)
-        self._wrinkle_stiffness = of(wrinkles, self._wrinkle_triangle)
-
-    def prepare(self, graph: WrinkleGraph, settings: AssetSettings) -> Prepared:
-        """The elements of each UDIM as they go to the device; host work, on any thread."""
-        wrinkle = self._wrinkle_triangle
-        waves = wrinkle_waves(self._mesh, graph, wrinkle, settings.shape)
-        return {
-            udim: (
-                wrinkle_arrays(graph, wrinkle, settings, udim, self._wrinkle_stiffness, waves),
-                pore_arrays(graph, self.pore_triangle, settings, udim, self._pore_stiffness),
-            )
-            for udim in self._located
-        }
-
-    def prepares(self, settings: AssetSettings) -> bool:
-        """Whether elements are other ones with these settings, so that `use` is not enough."""
-        old = self.settings
-        waves = [(s.shape.wave_amplitude, s.shape.wave_frequency) for s in (settings, old)]
-        other = settings.response != old.response or settings.bins.count != old.bins.count
-        return other or waves[0] != waves[1]
-
-    def install(self, prepared: Prepared, settings: AssetSettings) -> None:
-        """Take elements and settings in place of those before, in one step."""
-        count = settings.bins.count
-        fresh = {u: UdimElements(self._device, w, p, count) for u, (w, p) in prepared.items()}
-        self.use(settings)
-        for elements in self._elements.values():
-            elements.release()
-        self._elements = fresh
-
-    def use(self, settings: AssetSettings) -> None:
-        """Take settings that leave the elements as they are; forget what the old ones made."""
-        self._forget_made()
-        blend = Blend(self._device, settings, self._stretch.triangles)
-        if self._blend is not None:
-            self._blend.release()
-        self.settings, self._blend = settings, blend
+class ResidentAsset(ResidentParts):
+    """What can be drawn of an asset: stretch, tiles by every method, precomputed maps."""
 
     def warm_up(self) -> None:
         """Draw one block a level up, so that no request waits for a compiler."""
@@ -204,22 +98,6 @@ class ResidentAsset:
         sizes = (a_texel + 4 * (udim in painted) for udim in self._located)
         return sum(sizes) * self.settings.resolution**2
 
-    def release(self) -> None:
-        """Give everything back; every later call raises NotFoundError."""
-        self._forget_made()
-        self._released = True
-        held = (self._stretch, self._smooth, self._blend, self._convolve)
-        for part in (*held, *self._located.values(), *self._elements.values()):
-            if part is not None:
-                part.release()
-
-    def _find(self, uv: NDArray[np.float32], given: NDArray[np.int32] | None) -> NDArray[np.int32]:
-        settings = self.settings
-        if given is not None and (given >= 0).all():
-            return given
-        found = locate_points(self._device, self._mesh, uv, settings.resolution, settings.padding)
-        return found if given is None else np.where(given >= 0, given, found)
-
     def _draw(self, frame: Frame, query: MapQuery, address: TileAddress) -> Draw:
         """What draws level 0 for a tile of any method but `binned`."""
         if query.method == "convolved":
@@ -268,36 +146,36 @@ class ResidentAsset:
     def _coefficients(self, frame: Frame, model: str) -> Buffer:
         assert self._blend is not None
         blend = self._blend
-        return self._keep(
-            "coefficients", model, frame.digest,
+        return self._keep_of(
+            frame, "coefficients", model,
             make=lambda: blend.coefficients(self._stretch_buffers(frame, model)),
         )  # fmt: skip
 
     def _stretches(self, frame: Frame, model: str) -> Buffer:
         assert self._blend is not None
         blend = self._blend
-        return self._keep(
-            "stretches", model, frame.digest,
+        return self._keep_of(
+            frame, "stretches", model,
             make=lambda: blend.stretches(self._stretch_buffers(frame, model)),
         )  # fmt: skip
 
     def _fields(self, frame: Frame, model: str) -> SmoothFields:
         limit = self.settings.response.log_stretch_limit
-        return self._keep(
-            "fields", model, frame.digest,
+        return self._keep_of(
+            frame, "fields", model,
             make=lambda: self._smooth.run(self._stretch_buffers(frame, model), limit),
         )  # fmt: skip
 
     def _stretch_buffers(self, frame: Frame, model: str) -> StretchBuffers:
         limit = self.settings.response.log_stretch_limit
-        return self._keep(
-            "stretch", model, frame.digest,
+        return self._keep_of(
+            frame, "stretch", model,
             make=lambda: self._stretch.run(frame.positions, limit, model, self.settings.angles),
         )  # fmt: skip
 
     def _kernels(self, frame: Frame, model: str) -> Buffer:
-        return self._keep(
-            "kernels", model, frame.digest,
+        return self._keep_of(
+            frame, "kernels", model,
             make=lambda: self._convolve.kernels(
                 self._stretch_buffers(frame, model), self.settings
             ),
@@ -335,7 +213,7 @@ class ResidentAsset:
         else:
             stretch = self._stretch_buffers(frame, model)
             make = partial(respond, device, elements, self.settings, stretch)
-        return self._keep("scales", udim, model, sampling, frame.digest, make=make)
+        return self._keep_of(frame, "scales", udim, model, sampling, make=make)
 
     def _make_bins(self, address: TileAddress) -> BinTile:
         texels = self.settings.grid.texels(address.level)
@@ -343,11 +221,3 @@ class ResidentAsset:
         maker = BinMaker(self._device, elements, located, self.settings, self._stiffness)
         row, column = address.row * texels, address.column * texels
         return maker.tile(address.level, row, column, texels)
-
-    def _keep(self, *key: Hashable, make: Callable[[], _Kept]) -> _Kept:
-        if self._released:
-            raise NotFoundError("the asset was removed")
-        return self._device.budget.keep((id(self), *key), make)
-
-    def _forget_made(self) -> None:
-        self._device.budget.drop(lambda key: isinstance(key, tuple) and key[0] == id(self))
