@@ -12,6 +12,7 @@ from rhytid.cli.graph_output import (
     add_outputs,
     check_outputs,
     clocked,
+    make_place,
     open_device,
     whole_file,
     write_outputs,
@@ -53,9 +54,10 @@ def run(arguments: argparse.Namespace) -> None:
 
     given = {"wrinkles": arguments.wrinkles, "seed": arguments.seed}
     settings = graph_settings({**given, **control_settings(arguments)})
-    check_outputs(arguments)
     if arguments.out.suffix.lower() != GRAPH:
         raise InputError(f"{arguments.out}: the graph is written as {GRAPH}")
+    check_outputs(arguments)
+    make_place(arguments.out)
     mesh = mesh_file(arguments.mesh).mesh
     controls = control_files(control_maps(arguments), mesh)
     device = open_device(arguments)
