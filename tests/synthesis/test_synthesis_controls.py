@@ -11,6 +11,7 @@ from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import GraphSettings
 from rhytid.domain.controls import Controls
 from rhytid.domain.graph import WrinkleGraph
+from rhytid.domain.mesh import Mesh
 from rhytid.domain.regions import REGIONS
 from rhytid.errors import InputError, LimitError, MeshError
 from rhytid.synthesis.amount import check_amount
@@ -198,6 +199,34 @@ def test_more_than_memory_is_refused_with_what_fits(grey: float | None, density:
     ask(fit)
     with pytest.raises(LimitError):
         ask(fit + 2)
+
+
+@pytest.mark.parametrize(
+    ("mesh", "side", "wrinkles"), [(sheets.sheet(n=1), 12, 200_000), (sheets.sheet(n=300), 0, 1000)]
+)
+def test_no_more_memory_is_taken_than_was_asked_for(
+    device: Device, monkeypatch: pytest.MonkeyPatch, mesh: Mesh, side: int, wrinkles: int
+) -> None:
+    """A speck on a mesh of two triangles, and a mesh of very many."""
+    speck = np.full((256, 256), 0.0 if side else 0.5, np.float32)
+    speck[100 : 100 + side, 100 : 100 + side] = 1.0
+    settings, taken = GraphSettings(wrinkles=wrinkles), [0]
+    reserve, before = device.budget.reserve, device.budget.used
+
+    def counted(nbytes: int) -> None:
+        reserve(nbytes)
+        taken.append(device.budget.used - before)
+
+    monkeypatch.setattr(device.budget, "reserve", counted)
+    synthesize(mesh, settings, device, controls=painted(density=speck))
+    with pytest.raises(LimitError, match="can hold"):
+        check_amount(mesh, settings, painted(density=speck), max(taken) - 1)
+
+
+def test_the_density_of_a_region_counts_before_work_too() -> None:
+    few = GraphSettings(wrinkles=120, region="neck")
+    with pytest.raises(InputError, match=r"78 in all: .* graph.wrinkles of 154 or more"):
+        check_amount(MESH, few, None, MEMORY)
 
 
 def test_more_than_a_graph_holds_is_refused() -> None:
