@@ -17,6 +17,7 @@ from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.lookup import Lookup
 from rhytid.synthesis.painted_directions import points_to_normals
 from rhytid.synthesis.painting import PaintedFields, fields_of
+from rhytid.synthesis.rooms import total_room
 from rhytid.synthesis.surface import Surface
 from synthesis import sheets
 
@@ -100,6 +101,21 @@ def test_density_sets_spacing_size_and_depth_and_bares(wide: Surface) -> None:
     drawn = spacing[~bare]
     assert fields.least_spacing <= drawn.min() * (1 + 1e-5)
     assert fields.most_spacing >= drawn.max() * (1 - 1e-5)
+
+
+@pytest.mark.parametrize("corner", [(40, 70), (101, 33), (120, 121)])
+def test_a_speck_on_large_triangles_has_the_room_that_it_covers(corner: tuple[int, int]) -> None:
+    surface, grey = Surface.of(sheets.sheet(n=1)), np.zeros((256, 256), np.float32)
+    row, column = corner
+    grey[row : row + 3, column : column + 3] = 1.0
+    fields = PaintedFields(surface, GraphSettings(), Controls({"density": {1001: grey}}))
+    # Over the speck and what its edge fades over, one point at a time; the sheet is 0.8 wide.
+    fine = (np.arange(100) + 0.5) / 100 * 8
+    x, y = np.meshgrid((column - 2.5 + fine) / 256, 1 - (row - 2.5 + fine) / 256)
+    greys = reference.grey_at({1001: grey}, np.stack([x.ravel(), y.ravel()], axis=-1), 0.0)
+    density = np.array([reference.density(g) for g in greys])
+    wanted = np.where(density < 0.25, 0.0, density).mean() * (8 / 256 / 0.8) ** 2
+    assert total_room(surface, fields) == pytest.approx(wanted, rel=0.05)
 
 
 def test_regions_mix_by_their_masks(wide: Surface) -> None:
