@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -164,6 +166,19 @@ def test_painted_directions_lie_on_the_surface_as_they_do_in_uv() -> None:
         wanted = reference.direction_on_surface(maps[1001][0, 0], surface.jacobian[triangle[i]])
         wanted -= normal[i] * (wanted @ normal[i])
         assert abs(found[i] @ wanted) > (1 - 1e-5) * np.linalg.norm(wanted)
+
+
+def test_large_maps_are_looked_at_as_they_are(wide: Surface) -> None:
+    triangle, uv = inside(wide)
+    codes = RNG.integers(0, 256, (2048, 2048)).astype(np.uint8)
+    controls = Controls({name: {1001: codes} for name in ("direction", "density", "region_lip")})
+    tracemalloc.start()
+    fields = PaintedFields(wide, GraphSettings(), controls)
+    for method in (fields.turn, fields.bend, fields.spacing, fields.bare):
+        method(triangle, uv)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert most < codes.nbytes / 4
 
 
 def test_nearly_black_and_white_are_one_direction_and_between_them_there_is_no_other(
