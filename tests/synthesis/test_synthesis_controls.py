@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import GraphSettings
@@ -16,6 +17,7 @@ from rhytid.domain.regions import REGIONS
 from rhytid.errors import InputError, LimitError, MeshError
 from rhytid.synthesis.amount import check_amount
 from rhytid.synthesis.generate import synthesize
+from rhytid.synthesis.surface import Surface
 from synthesis import sheets
 from synthesis.painted import Half, halves, painted, right
 
@@ -236,11 +238,33 @@ def test_more_than_a_graph_holds_is_refused() -> None:
 
 def test_a_map_too_small_for_float32_is_refused_before_work(device: Device) -> None:
     tiny = sheets.sheet(lambda xy: 9.5 + 1e-3 * xy)
-    seen: list[str] = []
-    with pytest.raises(MeshError, match=r"graph\.wrinkles is 100000: .* float32") as told:
-        synthesize(
-            tiny, GraphSettings(wrinkles=100_000), device, lambda _, stage: seen.append(stage)
-        )
-    assert set(seen) == {"pores"}
-    fit = int(str(told.value).rsplit(" ", 1)[1])
+    fit = refused(device, tiny, 100_000, "float32")
     assert synthesize(tiny, GraphSettings(wrinkles=fit), device).graph.wrinkles == fit
+
+
+def refused(device: Device, mesh: Mesh, wrinkles: int, why: str) -> int:
+    """How many would fit, of wrinkles that are refused before any pore is scattered."""
+    seen: list[float] = []
+    with pytest.raises(MeshError, match=rf"graph\.wrinkles is {wrinkles}: .* {why}") as told:
+        synthesize(
+            mesh, GraphSettings(wrinkles=wrinkles), device, lambda share, _: seen.append(share)
+        )
+    assert seen == [0.0]
+    return int(str(told.value).rsplit(" ", 1)[1])
+
+
+def test_parts_too_far_apart_for_the_lattice_are_refused_before_work(device: Device) -> None:
+    one, two = (sheets.sheet(lambda xy, by=by: 0.4 * xy + by, n=4) for by in (0.05, 0.55))
+    far = two.positions * 2.0 + np.float32([2.0**21, 0, 0])
+    both = Mesh(
+        np.concatenate([one.positions, far]),
+        np.concatenate([one.faces, two.faces + len(far)]),
+        np.concatenate([one.uv, two.uv]),
+        np.concatenate([one.face_uv, two.face_uv + len(two.uv)]),
+    )
+    fit = refused(device, both, 20_000, "so far apart that places")
+    assert 100 < fit < 10_000
+    made = synthesize(both, GraphSettings(wrinkles=fit), device)
+    at = sheets.places(Surface.of(both), made.graph)
+    nearest = cKDTree(at).query(at, k=2)[0][:, 1]
+    assert nearest.std() < 0.12 * nearest.mean()

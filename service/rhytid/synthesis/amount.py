@@ -10,6 +10,7 @@ from rhytid.domain.mesh import Mesh
 from rhytid.domain.regions import REGIONS
 from rhytid.errors import InputError, LimitError, MeshError
 from rhytid.synthesis.fields import Fields
+from rhytid.synthesis.lattice import Lattice
 from rhytid.synthesis.painting import fields_of
 from rhytid.synthesis.rooms import total_room
 from rhytid.synthesis.surface import Surface
@@ -24,6 +25,8 @@ FIXED_BYTES, BYTES_A_WRINKLE, BYTES_A_TRIANGLE = 60_000_000, 100, 112
 # Pores this many steps of float32 apart in UV can be told from each other, and lines drawn between
 # them; that part of the surface may have less.
 _STEPS, _LOST = 8.0, 0.01
+# And so many steps of the lattice apart in space: their distances are then right to a sixteenth.
+_PLACES = 16.0
 
 
 def check_amount(
@@ -70,6 +73,18 @@ def check_uv(surface: Surface, settings: GraphSettings, radius: float, factor: f
         raise MeshError(
             f"graph.wrinkles is {settings.wrinkles}: the UV of the mesh is so small that float32 "
             f"can hold about {fit}"
+        )
+
+
+def check_extent(surface: Surface, settings: GraphSettings, radius: float) -> None:
+    """Raise MeshError where parts of the mesh lie so far apart that places in space are too coarse
+    for pores that are `radius` apart."""
+    unit = Lattice.around(surface.corners[surface.carries].reshape(-1, 3)).unit
+    if radius < _PLACES * unit:
+        fit = int(settings.wrinkles * (radius / (_PLACES * unit)) ** 2)
+        raise MeshError(
+            f"graph.wrinkles is {settings.wrinkles}: the parts of the mesh lie so far apart that "
+            f"places can be told from each other for about {fit}"
         )
 
 

@@ -13,7 +13,7 @@ from rhytid.domain.controls import Controls
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import MeshError
-from rhytid.synthesis.amount import EDGES_PER_PORE, check_uv, wrinkles_in_all
+from rhytid.synthesis.amount import EDGES_PER_PORE, check_extent, check_uv, wrinkles_in_all
 from rhytid.synthesis.assembly import assemble
 from rhytid.synthesis.charts import neighbours
 from rhytid.synthesis.directions import Directions
@@ -101,6 +101,7 @@ def _net(
     """
     radius = packed_radius(ground.surface, ground.fields, wanted / EDGES_PER_PORE)
     check_uv(ground.surface, settings, radius, ground.fields.least_spacing)
+    check_extent(ground.surface, settings, radius * ground.fields.least_spacing)
     for _ in range(ATTEMPTS):
         spinning = part(progress, 0.0, 0.98)
         net = Net.spun(ground, radius, settings.neighbours, settings.seed, spinning)
