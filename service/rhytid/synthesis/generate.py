@@ -107,8 +107,10 @@ def _net(
             mean = mean_spacing(ground.work, net.pores)[0]
             return net, radius, mean / float(factor.mean(dtype=np.float64))
         radius *= 0.97 * float(np.sqrt(max(lines / wanted, 0.5)))
-    fit = f"the UV of the mesh has room for {int(settings.wrinkles * lines / wanted)} wrinkles"
-    raise MeshError(f"{fit}: graph.wrinkles is {settings.wrinkles}")
+    raise MeshError(
+        f"graph.wrinkles is {settings.wrinkles}: only {lines} of {wanted} can be drawn between "
+        "pores so far apart, for the UV of the mesh is in small parts; ask for more wrinkles"
+    )
 
 
 def _worn(
