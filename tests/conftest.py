@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -12,6 +14,16 @@ from meshes import SmallMesh, bumpy_grid
 
 if TYPE_CHECKING:
     from rhytid.device.runtime import Device
+
+
+@pytest.fixture(scope="session", autouse=True)
+def cache_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """What commands remember of the device goes to a folder of the tests."""
+    folder = tmp_path_factory.mktemp("cache")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("RHYTID_CACHE", str(folder))
+        yield folder
+
 
 # The same examples on every machine, and no test that depends on how fast it is.
 settings.register_profile("rhytid", deadline=None, derandomize=True, print_blob=True)

@@ -3,6 +3,29 @@
 #include "draw.clh"
 #include "wave.clh"
 
+// What a map becomes: displacement in mesh units, row by row, or where CODE is defined codes: those of
+// map `index`, per_step of them for a mesh unit.
+#ifdef CODE
+#include "codes.clh"
+#include "vectors.clh"
+#define OUT float per_step, int index, __global CODE *codes
+#define WRITE(sums, place, shape, depth, part)                                                     \
+    write_codes(sums, place, shape, depth * per_step, part, index, codes)
+
+inline void write_codes(sums_t sums, place_t place, shape_t shape, float scale, int part, int index,
+                        __global CODE *codes)
+{
+    for (int y = first_owned(sums, sums.low); y < sums.low + ROWS; y += ITEMS)
+        for (int x = 0; x < BLOCK; x += LANES) {
+            size_t at = place_of(place.at + y * place.above + x, index);
+            vstore8(CODES8(heights_at(sums, x, y, shape, part), scale), 0, codes + at);
+        }
+}
+#else
+#define OUT __global float *out
+#define WRITE(sums, place, shape, depth, part) write_rows(sums, place, shape, depth, part, out)
+#endif
+
 // Where in its bin a wrinkle along `extent` runs: its angle to theta, mod pi, times a factor.
 // tilt: (theta, factor).
 inline float leaning(float2 extent, float3 tilt)
@@ -23,37 +46,38 @@ __kernel void draw_wrinkle_bin(__global const float4 *segments, __global const f
                                __global const float4 *waves,
 #endif
                                float4 shape_values, float depth, int blocks, int row, int column,
-                               __global float *out)
+                               OUT)
 {
     __local float memory[2 * ROWS * STRIDE];
     shape_t shape = shape_of(shape_values);
-    place_t place = place_of_group(blocks, row, column, out);
+    place_t place = place_of_group(blocks, row, column);
     sums_t sums = sums_at(place, memory);
     int block = place.block;
     for (int k = offsets[block]; k < offsets[block + 1]; k++) {
         int i = members[k];
-        float4 s = segments[i];
         if (bins[i] != bin)
             continue;
-        float half_width = sizes[i].x * scale.x;
-        float amplitude = sizes[i].y * scale.y * (1.0f + leaning(s.zw, tilt.xyz));
+        float4 s = segments[i];
+        float half_width = sizes[i].x * scale.x, amplitude = sizes[i].y * scale.y;
+        if (tilt.z != 0.0f)
+            amplitude *= 1.0f + leaning(s.zw, tilt.xyz);
 #ifdef WAVY
         draw_wavy_wrinkle(sums, s.xy - place.corner, s.zw, half_width, amplitude, waves[i], shape);
 #else
         draw_wrinkle(sums, s.xy - place.corner, s.zw, half_width, amplitude, shape);
 #endif
     }
-    write_rows(sums, place, shape, depth, part);
+    WRITE(sums, place, shape, depth, part);
 }
 
 __kernel void draw_pore_layer(__global const float2 *centres, __global const float4 *roots,
                               float2 scale, int part, __global const int *offsets,
                               __global const int *members, float4 shape_values, float depth,
-                              int blocks, int row, int column, __global float *out)
+                              int blocks, int row, int column, OUT)
 {
     __local float memory[2 * ROWS * STRIDE];
     shape_t shape = shape_of(shape_values);
-    place_t place = place_of_group(blocks, row, column, out);
+    place_t place = place_of_group(blocks, row, column);
     sums_t sums = sums_at(place, memory);
     int block = place.block;
     for (int k = offsets[block]; k < offsets[block + 1]; k++) {
@@ -61,5 +85,5 @@ __kernel void draw_pore_layer(__global const float2 *centres, __global const flo
         float4 r = roots[i];
         draw_pore(sums, centres[i] - place.corner, r.xyz / scale.x, r.w * scale.y, shape);
     }
-    write_rows(sums, place, shape, depth, part);
+    WRITE(sums, place, shape, depth, part);
 }

@@ -1,11 +1,12 @@
-// Displacement to codes of a precomputed map: symmetric, 0 is exactly 0. Error at most step / 2
-// inside the range. CODE is char or short, CODE_LIMIT its largest code.
+// A map in displacement to one of the precomputed maps in codes. A vector of texels a work-item.
+#include "codes.clh"
 #include "vectors.clh"
 
-// codes: of each vector of texels those of MAPS maps, side by side; this is the map `index`.
-__kernel void quantise(__global const float *heights, float step, int index, __global CODE *codes)
+// per_step: codes for a mesh unit. codes: of each vector those of MAPS maps, side by side; this is the
+// map `index`.
+__kernel void quantise(__global const float *heights, float per_step, int index,
+                       __global CODE *codes)
 {
-    int i = get_global_id(0);
-    int code = convert_int_sat_rte(heights[i] / step);
-    codes[place_of(i, index)] = (CODE)clamp(code, -CODE_LIMIT, CODE_LIMIT);
+    int i = get_global_id(0) * WIDTH;
+    vstore16(CODES16(vload16(0, heights + i), per_step), 0, codes + place_of(i, index));
 }

@@ -22,7 +22,7 @@ __kernel void redraw(__global const float4 *segments, __global const float2 *siz
 {
     __local float memory[2 * ROWS * STRIDE];
     shape_t shape = shape_of(shape_values);
-    place_t place = place_of_group(blocks, row, column, out);
+    place_t place = place_of_group(blocks, row, column);
     sums_t sums = sums_at(place, memory);
     int block = place.block;
     for (int k = wrinkle_offsets[block]; k < wrinkle_offsets[block + 1]; k++) {
@@ -42,5 +42,5 @@ __kernel void redraw(__global const float4 *segments, __global const float2 *siz
         float4 r = roots[i];
         draw_pore(sums, centres[i] - place.corner, r.xyz / scale.x, r.w * scale.y, shape);
     }
-    write_rows(sums, place, shape, depth, BOTH_PARTS);
+    write_rows(sums, place, shape, depth, BOTH_PARTS, out);
 }

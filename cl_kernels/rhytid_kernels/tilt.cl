@@ -1,4 +1,6 @@
-// Where between the edges of its bin in angle the wrinkle at each texel runs, as codes.
+// Where between the edges of its bin in angle the wrinkle at each texel runs, as codes. A vector of
+// texels a work-item.
+#include "codes.clh"
 #include "vectors.clh"
 
 // up, down: the same map with the depths of its wrinkles scaled by 1 + share delta and by
@@ -8,8 +10,8 @@
 __kernel void tilt_codes(__global const float *up, __global const float *down, float share,
                          int index, __global CODE *codes)
 {
-    int i = get_global_id(0);
-    float sum = up[i] + down[i];
-    float delta = sum == 0.0f ? 0.0f : (up[i] - down[i]) / (sum * share);
-    codes[place_of(i, index)] = (CODE)convert_int_rte(clamp(delta, -1.0f, 1.0f) * CODE_LIMIT);
+    int i = get_global_id(0) * WIDTH;
+    float16 high = vload16(0, up + i), low = vload16(0, down + i), sum = high + low;
+    float16 delta = select((high - low) / (sum * share), (float16)(0.0f), sum == 0.0f);
+    vstore16(CODES16(clamp(delta, -1.0f, 1.0f), CODE_LIMIT), 0, codes + place_of(i, index));
 }

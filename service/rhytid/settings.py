@@ -19,6 +19,7 @@ class ServiceSettings:
     store: folder of the assets.  device: part of an OpenCL device's or platform's name, or the
     number that `rhytid devices` shows; None = the best that computes.
     device_memory, frame_memory, upload_limit: bytes.  queue: waiting device requests at most.
+    cache: folder for what is measured of the device once; None = nothing is measured.
     """
 
     store: Path = Path("rhytid-store")
@@ -27,11 +28,13 @@ class ServiceSettings:
     frame_memory: int = 2048 * MIB
     upload_limit: int = 1024 * MIB
     queue: int = 256
+    cache: Path | None = None
 
     @classmethod
     def from_environment(cls, environment: Mapping[str, str] = os.environ) -> ServiceSettings:
         """Read RHYTID_STORE, RHYTID_DEVICE, RHYTID_DEVICE_MEMORY_MB, RHYTID_FRAME_MEMORY_MB,
-        RHYTID_UPLOAD_LIMIT_MB and RHYTID_QUEUE; raises SettingsError naming the variable."""
+        RHYTID_UPLOAD_LIMIT_MB, RHYTID_QUEUE and RHYTID_CACHE; raises SettingsError naming the
+        variable."""
 
         def count(name: str, default: int) -> int:
             value = environment.get(name)
@@ -48,4 +51,13 @@ class ServiceSettings:
             frame_memory=count("RHYTID_FRAME_MEMORY_MB", 2048) * MIB,
             upload_limit=count("RHYTID_UPLOAD_LIMIT_MB", 1024) * MIB,
             queue=count("RHYTID_QUEUE", 256),
+            cache=_folder(environment.get("RHYTID_CACHE") or "~/.cache/rhytid"),
         )
+
+
+def _folder(name: str) -> Path | None:
+    """`~` as the home folder; None where the user has none."""
+    try:
+        return Path(name).expanduser()
+    except RuntimeError:
+        return None

@@ -172,11 +172,11 @@ BAD_PARTS = {
     "twice": ([("mesh", ("a.obj", obj()))] * 2, "part mesh was sent twice"),
     "stiffness": (
         [("mesh", ("a.obj", obj())), ("stiffness", ("a.png", b"GIF"))],
-        "a.png: not a PNG image",
+        "a.png: not a PNG or OpenEXR image",
     ),
     "stiffness without name": (
         [("mesh", ("a.obj", obj())), ("stiffness", (None, b"GIF"))],
-        "part stiffness: not a PNG image",
+        "part stiffness: not a PNG or OpenEXR image",
     ),
     "stiffness elsewhere": (
         [("mesh", ("a.obj", obj())), ("stiffness", ("a.1002.png", b""))],

@@ -15,6 +15,7 @@ from PIL import Image
 from api.live import serving
 from api.patch import SETTINGS, obj, upload
 from engine.engines import running
+from exr_images import exr
 from rhytid.domain.controls import CONTROLS
 from rhytid.formats.graphs import read_graph
 from rhytid_client import Client
@@ -48,6 +49,20 @@ def test_a_mask_leaves_no_pores(url: str, tmp_path: Path) -> None:
     assert drawn[:, 0].max() < 0.55
     assert found.wrinkles == graph.wrinkles == pytest.approx(500, rel=0.1)
     assert found.settings["graph"]["density"] == 1.0
+
+
+def test_one_half_in_an_exr_is_mid_grey(url: str) -> None:
+    neutral = exr(np.full((16, 16), 0.5, np.float16))
+    names = [name for name in CONTROLS if name != "direction" and "region" not in name]
+    graphs = []
+    with closing(Client(url)) as client:
+        for image in (neutral, png(127, 128)):
+            controls = {name: {1001: image} for name in names}
+            asset = client.create_asset(obj(), name="a.obj", settings=SMALL, controls=controls)
+            client.wait(asset)
+            graphs.append(read_graph(client.graph(asset)).arrays())
+    for name, array in graphs[0].items():
+        np.testing.assert_array_equal(array, graphs[1][name], err_msg=name)
 
 
 def test_an_empty_mask_is_told_at_once(url: str) -> None:

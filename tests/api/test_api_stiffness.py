@@ -17,10 +17,11 @@ from PIL import Image
 from api.live import serving
 from api.patch import SETTINGS, obj, smile, upload
 from engine.engines import running
+from exr_images import exr, raw_header, window
 from rhytid.api.documentation import ASSET_FORM
 from rhytid.domain.painted import MOST_TEXELS
 from rhytid.engine.messages import METHODS, SAMPLINGS
-from rhytid.formats.grey import MOST_SIDE
+from rhytid.formats.limits import MOST_SIDE
 from rhytid_client import Client
 
 R, EDGE = 256, 20  # texels; what a wrinkle reaches beyond its middle
@@ -82,10 +83,13 @@ def test_white_everywhere_is_no_map_bit_for_bit(url: str, method: str) -> None:
     np.testing.assert_array_equal(found, wanted)
 
 
-def test_8_and_16_bits_and_paths_are_one_asset(url: str, tmp_path: Path) -> None:
-    path = tmp_path / "skin.1001.png"
+def test_png_and_exr_and_paths_are_one_asset(url: str, tmp_path: Path) -> None:
+    path, other = tmp_path / "skin.1001.png", tmp_path / "skin.1001.exr"
     path.write_bytes(left_is_rigid(np.uint8))
-    sent = [left_is_rigid(np.uint16), {1001: left_is_rigid(np.uint8)}, path, [path]]
+    shares = np.repeat(np.float16([[0.0, 1.0]]), 32, 0).repeat(32, 1)
+    other.write_bytes(exr(shares, "R"))
+    images = [left_is_rigid(np.uint16), {1001: left_is_rigid(np.uint8)}, path, [path]]
+    sent = [*images, exr(shares.astype(np.float32)), {1001: exr(shares)}, other]
     with closing(Client(url)) as client:
         ids = {
             client.create_asset(obj(), name="a.obj", settings=SMALL, stiffness=image).id
@@ -118,6 +122,23 @@ def test_too_large_an_image_is_413(url: str) -> None:
     refused = httpx.post(f"{url}/v1/assets", files=files, timeout=60)
     assert refused.status_code == 413
     assert "65536 x 65536 texels: at most 8192 a side" in refused.json()["detail"]
+
+
+def test_an_exr_that_is_none_is_told_with_its_place(url: str) -> None:
+    bad = np.full((4, 6), np.nan, np.float32)
+    huge = window(65535, 65535)
+    head = raw_header(dataWindow=huge, displayWindow=huge)
+    told = {
+        exr(bad): (422, "a.exr: the texel of column 0, row 0 is nan: must be from 0 to 1"),
+        head: (413, "a.exr has 65536 x 65536 texels: at most 8192 a side"),
+        exr(bad)[:-1]: (422, "a.exr: a damaged EXR image"),
+    }
+    for data, (status, detail) in told.items():
+        files = {**upload(), "stiffness": ("a.exr", data)}
+        refused = httpx.post(f"{url}/v1/assets", files=files, timeout=60)
+        assert refused.status_code == status
+        assert detail in refused.json()["detail"]
+    assert httpx.get(f"{url}/healthz").status_code == 200
 
 
 def test_too_many_images_are_413(url: str) -> None:

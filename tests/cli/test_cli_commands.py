@@ -10,6 +10,7 @@ import pytest
 from PIL import Image
 
 from cli.running import write_animation, write_neutral
+from exr_images import exr
 from meshes import SmallMesh
 from rhytid.cli import main
 from rhytid.formats.exr import read_exr
@@ -171,6 +172,8 @@ def test_bake_takes_stiffness_maps(
     plain = baked("plain")
     assert baked("white", "--stiffness", str(tmp_path / "grey255.1001.png")) == plain
     rigid = baked("black", "--stiffness", str(tmp_path / "grey0.1001.png"))
+    (tmp_path / "zero.1001.exr").write_bytes(exr(np.zeros((4, 4), np.float16)))
+    assert baked("zero", "--stiffness", str(tmp_path / "zero.1001.exr")) == rigid
     assert rigid == baked("neutral", "--method", "neutral") != plain
 
     capsys.readouterr()

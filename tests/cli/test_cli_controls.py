@@ -10,6 +10,7 @@ import pytest
 from PIL import Image
 
 from cli.running import write_neutral
+from exr_images import exr, raw_exr
 from meshes import SmallMesh
 from rhytid.cli import main
 from rhytid.formats.graphs import read_graph
@@ -21,19 +22,24 @@ def mesh(tmp_path: Path, small_mesh: SmallMesh) -> str:
 
 
 def painted(file: Path, left: int, right: int) -> str:
-    Image.fromarray(np.array([[left] * 8 + [right] * 8] * 16, np.uint8)).save(file)
+    texels = np.array([[left] * 8 + [right] * 8] * 16, np.uint8)
+    if file.suffix == ".exr":
+        file.write_bytes(exr((texels / 255).astype(np.float32)))
+    else:
+        Image.fromarray(texels).save(file)
     return str(file)
 
 
+@pytest.mark.parametrize("kind", ["png", "exr"])
 def test_maps_masks_and_settings_reach_the_graph(
-    tmp_path: Path, mesh: str, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, mesh: str, capsys: pytest.CaptureFixture[str], kind: str
 ) -> None:
     out = tmp_path / "g.safetensors"
     base = ["synthesize", mesh, "--out", str(out), "--wrinkles", "600", "--json"]
     assert main(base) == 0
     plain = read_graph(out.read_bytes())
-    density = painted(tmp_path / "d.1001.png", 0, 128)
-    mask = painted(tmp_path / "m.png", 255, 255)
+    density = painted(tmp_path / f"d.1001.{kind}", 0, 128)
+    mask = painted(tmp_path / f"m.{kind}", 255, 255)
     options = ["--map", f"density={density}", "--region-mask", f"lip={mask}"]
     assert main([*base, *options, "--set", "strength=0.5", "--set", "turn=-10"]) == 0
     graph = read_graph(out.read_bytes())
@@ -50,6 +56,7 @@ def test_maps_masks_and_settings_reach_the_graph(
         (["--set", "density=-1"], "graph.density is -1.0: from 0.0625 to 16"),
         (["--map", "density={black}"], "the map leaves no room for pores"),
         (["--map", "density={none}"], "no such file"),
+        (["--map", "density={deep}"], "deep.exr has deep texels"),
         (["--map", "dens={black}"], "'dens': one of density"),
         (["--set", "strength=much"], "strength needs a number, as strength=1.5"),
         (["--region-mask", "chin={black}"], "'chin': one of forehead"),
@@ -60,6 +67,8 @@ def test_mistakes_are_told(
     tmp_path: Path, mesh: str, capsys: pytest.CaptureFixture[str], options: list[str], told: str
 ) -> None:
     files = {"black": painted(tmp_path / "b.png", 0, 0), "none": str(tmp_path / "none.png")}
+    files["deep"] = str(tmp_path / "deep.exr")
+    (tmp_path / "deep.exr").write_bytes(raw_exr(flags=0x802))
     given = [option.format(**files) for option in options]
     out = tmp_path / "g.safetensors"
     try:

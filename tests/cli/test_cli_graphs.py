@@ -14,9 +14,9 @@ import handmade
 from cli.running import write_neutral
 from meshes import SmallMesh
 from rhytid.cli import main
-from rhytid.cli.graph_output import clocked
 from rhytid.formats.exr import read_exr
 from rhytid.formats.graphs import read_graph
+from rhytid.synthesis.progress import clocked
 
 
 @pytest.fixture

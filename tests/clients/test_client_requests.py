@@ -318,18 +318,20 @@ def test_form_of_a_new_asset(shell: Callable[..., Shell], monkeypatch: pytest.Mo
     assert told[-1] == (len(text), len(text))
 
 
-@pytest.mark.parametrize("kind", ["bytes", "path", "paths", "by UDIM"])
+@pytest.mark.parametrize("kind", ["bytes", "path", "paths", "by UDIM", "EXR by UDIM"])
 def test_every_stiffness_map_is_a_part_that_names_its_udim(
     shell: Callable[..., Shell], tmp_path: Path, kind: str
 ) -> None:
     paths = [tmp_path / f"skin.{udim}.png" for udim in (1001, 1002)]
-    for path in paths:
+    exr = tmp_path / "skin.EXR"
+    for path in (*paths, exr):
         path.write_bytes(path.name.encode())
     given: dict[str, tuple[Any, list[str]]] = {
         "bytes": (b"x", ["stiffness"]),
         "path": (str(paths[0]), ["skin.1001.png"]),
         "paths": (paths, ["skin.1001.png", "skin.1002.png"]),
         "by UDIM": ({1002: paths[0], 1001: b"x"}, ["1002.png", "1001.png"]),
+        "EXR by UDIM": ({1002: exr, 1001: b"\x76\x2f\x31\x01"}, ["1002.exr", "1001.exr"]),
     }
     script = Script(httpx.Response(202, json=ASSET))
     shell(script).create_asset(b"v", name="a.obj", stiffness=given[kind][0])

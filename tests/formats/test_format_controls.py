@@ -39,7 +39,7 @@ def test_what_has_no_place_is_named():
         read_controls({"density": [("x.png", png(0))]}, (1001, 1002))
     with pytest.raises(InputError, match=r"b\.1001\.png and a\.1001\.png are both"):
         read_controls({"turn": [("a.1001.png", png(0)), ("b.1001.png", png(0))]}, (1001,))
-    with pytest.raises(InputError, match=r"a\.exr: not a PNG image"):
+    with pytest.raises(InputError, match=r"a\.exr: a damaged EXR image"):
         read_controls({"scale": [("a.exr", b"v/1\x01")]}, (1001,))
 
 

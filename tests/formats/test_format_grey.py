@@ -1,4 +1,4 @@
-"""Grey images are read exactly, and everything else is refused by name."""
+"""Grey PNG images are read exactly, and everything else is refused by name."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
 from rhytid.errors import InputError, LimitError
-from rhytid.formats.grey import MOST_SIDE, read_grey
+from rhytid.formats.grey import read_grey
+from rhytid.formats.limits import MOST_SIDE
 
 RNG = np.random.default_rng(5)
 
@@ -85,8 +86,8 @@ def test_text_and_gamma_change_nothing():
         (raw_png(0, 4, 8), "0 x 4 texels"),
         (raw_png(4, 4, 8), "a damaged PNG image"),
         (raw_png(4, 4, 8, rows=bytes(12)), "a damaged PNG image"),
-        (b"", "not a PNG image"),
-        (b"\xff\xd8\xff\xe0 JFIF", "not a PNG image"),
+        (b"", "not a PNG or OpenEXR image"),
+        (b"\xff\xd8\xff\xe0 JFIF", "not a PNG or OpenEXR image"),
         (b"\x89PNG\r\n\x1a\n", "a damaged PNG image"),
     ],
 )

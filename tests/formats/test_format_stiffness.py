@@ -55,7 +55,7 @@ def test_a_udim_twice_or_without_mesh_is_refused():
 
 
 def test_a_damaged_image_is_named():
-    with pytest.raises(InputError, match=r"a\.1001\.png: not a PNG image"):
+    with pytest.raises(InputError, match=r"a\.1001\.png: not a PNG or OpenEXR image"):
         values([("a.1001.png", b"x")], (1001,))
 
 

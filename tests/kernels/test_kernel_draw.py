@@ -26,13 +26,13 @@ __kernel void block(int wrinkles, __global const float4 *segments, __global cons
 {
     __local float memory[2 * ROWS * STRIDE];
     shape_t shape = shape_of(vload4(0, s));
-    place_t place = place_of_group(1, 0, 0, out);
+    place_t place = place_of_group(1, 0, 0);
     sums_t sums = sums_at(place, memory);
     for (int i = 0; i < wrinkles; i++)
         draw_wrinkle(sums, segments[i].xy, segments[i].zw, sizes[i].x, sizes[i].y, shape);
     for (int i = 0; i < pores; i++)
         draw_pore(sums, centres[i], roots[i].xyz, roots[i].w, shape);
-    write_rows(sums, place, shape, 1.0f, part);
+    write_rows(sums, place, shape, 1.0f, part, out);
 }"""
 
 

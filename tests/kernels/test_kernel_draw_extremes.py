@@ -94,7 +94,7 @@ def profile_sums(device, call, t2):
 __kernel void one(__global const float *in, __global float *out)
 {{
     __local float memory[2 * ROWS * STRIDE];
-    sums_t sums = sums_at(place_of_group(1, 0, 0, out), memory);
+    sums_t sums = sums_at(place_of_group(1, 0, 0), memory);
     float8 t2 = vload8(0, in);
     {call};
     vstore8(vload8(0, sums.valleys), 0, out);

@@ -8,7 +8,7 @@ from kernels.one_line import evaluate
 from reference.drawing import segment_distance
 from reference.locate import depth_inside, nearest_on_triangle
 
-HOLDS = "holds((uv_triangle){a, b, c}, p)"
+HOLDS = "holds((uv_triangle){a, b, c}, p.x, p.y)"
 # A rounding of coordinates within the UDIM, times the operations of a cross product.
 ROUNDING = 2.0**-21
 
@@ -65,17 +65,17 @@ def test_squared_distance_to_a_segment_is_that_of_double(device):
         np.square(segment_distance(q[None], s, e)[0])
         for q, s, e in zip(*(x.astype(np.float64) for x in (p, a, b)), strict=True)
     ]
-    found = evaluate(device, "locate", "segment_distance2(a, b, p)", named(a, b, c, p))
+    found = evaluate(device, "locate", "segment_distance2(a, b, p.x, p.y)", named(a, b, c, p))
     np.testing.assert_allclose(np.sqrt(found), np.sqrt(wanted), atol=ROUNDING, rtol=0)
 
 
 def test_distance_does_not_depend_on_the_order_of_ends_or_corners(device):
     a, b, c, p = scene(4)
     b[::3, 0] = a[::3, 0]  # upright edges: the order is decided by v
-    one = evaluate(device, "locate", "segment_distance2(a, b, p)", named(a, b, c, p))
-    other = evaluate(device, "locate", "segment_distance2(b, a, p)", named(a, b, c, p))
+    one = evaluate(device, "locate", "segment_distance2(a, b, p.x, p.y)", named(a, b, c, p))
+    other = evaluate(device, "locate", "segment_distance2(b, a, p.x, p.y)", named(a, b, c, p))
     np.testing.assert_array_equal(one, other)
-    distance = "triangle_distance2((uv_triangle){a, b, c}, p)"
+    distance = "triangle_distance2((uv_triangle){a, b, c}, p.x, p.y)"
     one = evaluate(device, "locate", distance, named(a, b, c, p))
     for order in ((c, a, b), (b, a, c), (c, b, a)):
         np.testing.assert_array_equal(evaluate(device, "locate", distance, named(*order, p)), one)
@@ -83,7 +83,7 @@ def test_distance_does_not_depend_on_the_order_of_ends_or_corners(device):
 
 def test_distance_to_a_triangle_is_that_of_double(device):
     a, b, c, p = scene(5)
-    distance = "triangle_distance2((uv_triangle){a, b, c}, p)"
+    distance = "triangle_distance2((uv_triangle){a, b, c}, p.x, p.y)"
     found = np.sqrt(evaluate(device, "locate", distance, named(a, b, c, p)))
     for got, *triangle, point in zip(found, a, b, c, p, strict=True):
         wanted = nearest_on_triangle(point[None].astype(float), np.array(triangle, np.float64))[1]

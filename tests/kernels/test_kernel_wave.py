@@ -17,11 +17,11 @@ __kernel void block(int count, __global const float4 *segments, __global const f
 {
     __local float memory[2 * ROWS * STRIDE];
     shape_t shape = shape_of(vload4(0, s));
-    place_t place = place_of_group(1, 0, 0, out);
+    place_t place = place_of_group(1, 0, 0);
     sums_t sums = sums_at(place, memory);
     for (int i = 0; i < count; i++)
         DRAW;
-    write_rows(sums, place, shape, 1.0f, 0);
+    write_rows(sums, place, shape, 1.0f, 0, out);
 }"""
 SEGMENT = "sums, segments[i].xy, segments[i].zw, sizes[i].x, sizes[i].y"
 WAVY = f"draw_wavy_wrinkle({SEGMENT}, waves[i], shape)"

@@ -10,7 +10,8 @@ from pipeline.scenes import DEPTH, EDGE_BAND, Scene
 from reference import bins as reference
 from reference import drawing, locate
 from rhytid.domain.tiles import udim_origin
-from rhytid.pipeline.bins import BinMaker, map_count, parts
+from rhytid.pipeline.bin_maker import BinMaker
+from rhytid.pipeline.bins import map_count, parts
 from rhytid.pipeline.blend import Blend
 from rhytid.pipeline.locate import UdimTriangles
 from rhytid.pipeline.vectors import VECTOR

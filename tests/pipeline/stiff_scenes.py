@@ -10,7 +10,7 @@ from pipeline.smooth_scenes import LIMIT, mesh_of, reference_fields, reference_s
 from reference import bins, drawing, locate, redraw, smooth, stiffness, stretch
 from rhytid.domain.stiffness import Stiffness
 from rhytid.domain.tiles import udim_origin
-from rhytid.pipeline.bins import BinMaker
+from rhytid.pipeline.bin_maker import BinMaker
 from rhytid.pipeline.blend import Blend
 from rhytid.pipeline.elements import UdimElements, pore_arrays, wrinkle_arrays
 from rhytid.pipeline.levels import render_to_host

@@ -13,7 +13,8 @@ from pipeline.binned import BinnedScene
 from pipeline.scenes import DEPTH, random_graph, settings_of, sheet
 from reference import bins as reference
 from reference import drawing
-from rhytid.pipeline.bins import BinMaker, directions, quantisation_steps, sample_stretches
+from rhytid.pipeline.bin_maker import BinMaker
+from rhytid.pipeline.bins import directions, quantisation_steps, sample_stretches
 
 TILE = 64
 GRAPH = random_graph(21, 300)

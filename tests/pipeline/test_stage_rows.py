@@ -13,6 +13,7 @@ from pipeline.binned import BinnedScene
 from pipeline.scenes import Scene, random_graph, settings_of, sheet
 from rhytid.device.runtime import BUILD_OPTIONS, Device
 from rhytid.device.select import cl
+from rhytid.device.shape import launch_shapes
 from rhytid.pipeline.elements import BLOCK
 
 PROMISED = 32 << 10
@@ -24,22 +25,31 @@ def small(device):
     return Device(replace(device.info, local_memory=PROMISED), device.budget.limit)
 
 
-def test_half_blocks_give_the_same_bits(device, small):
-    whole = Device(replace(device.info, local_memory=PROMISED * 2), device.budget.limit)
-    assert (whole.rows, small.rows) == (BLOCK, BLOCK // 2)
+SHAPES = [*launch_shapes("cpu", 2 * PROMISED), *launch_shapes("gpu", 2 * PROMISED)]
+
+
+@pytest.mark.parametrize("shape", SHAPES[1:], ids=str)
+def test_every_shape_gives_the_same_bits(device, shape):
     graph, settings = random_graph(31, 300), settings_of(bins={"count": 2})
     positions = deform(sheet().positions, 3, 0.15)
-    drawn = [Scene(d, sheet(), graph, settings).redrawn(positions) for d in (whole, small)]
+    one, other = (Device(device.info, device.budget.limit) for _ in range(2))
+    one.shape, other.shape = SHAPES[0], shape
+    drawn = [Scene(d, sheet(), graph, settings).redrawn(positions) for d in (one, other)]
     assert np.abs(drawn[0]).max() > 0
     np.testing.assert_array_equal(*drawn)
-    codes = [BinnedScene(d, sheet(), graph, settings).codes() for d in (whole, small)]
+    codes = [BinnedScene(d, sheet(), graph, settings).codes() for d in (one, other)]
     np.testing.assert_array_equal(*codes)
+
+
+def test_blocks_are_drawn_whole_where_they_fit(device, small):
+    whole = Device(replace(device.info, local_memory=PROMISED * 2), device.budget.limit)
+    assert (whole.shape.rows, small.shape.rows) == (BLOCK, BLOCK // 2)
 
 
 @pytest.mark.parametrize("program", ["redraw", "bins"])
 @pytest.mark.parametrize("lanes", [1, 32])
 def test_half_blocks_fit_into_what_is_promised(small, program, lanes):
-    defines = {"BLOCK": BLOCK, "ROWS": small.rows, "ITEMS": lanes}
+    defines = {"BLOCK": BLOCK, "ROWS": small.shape.rows, "ITEMS": lanes}
     options = [*BUILD_OPTIONS, *(f"-D{k}={v}" for k, v in defines.items())]
     built = small.build(rhytid_kernels.source(program), options)
     asked = cl.kernel_work_group_info.LOCAL_MEM_SIZE
@@ -50,4 +60,4 @@ def test_half_blocks_fit_into_what_is_promised(small, program, lanes):
 def test_a_gpu_has_a_work_item_for_each_row(device):
     for memory in (PROMISED, 2 * PROMISED):
         gpu = Device(replace(device.info, kind="gpu", local_memory=memory), 1)
-        assert gpu.lanes == gpu.rows
+        assert gpu.shape.lanes == gpu.shape.rows

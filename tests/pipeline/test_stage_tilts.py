@@ -11,7 +11,8 @@ from reference import bins as reference
 from reference import drawing
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.errors import SettingsError
-from rhytid.pipeline.bins import BinMaker, sample_stretches
+from rhytid.pipeline.bin_maker import BinMaker
+from rhytid.pipeline.bins import sample_stretches
 
 AT = (64, 128)
 GRAPH = random_graph(24, 200)

@@ -14,7 +14,7 @@ from rhytid.api.problems import MEDIA_TYPE
 from rhytid.api.schemas import Problem
 from rhytid.domain.controls import CONTROLS, REGION_PREFIX
 from rhytid.domain.painted import MOST_TEXELS
-from rhytid.formats.grey import MOST_SIDE
+from rhytid.formats.limits import MOST_SIDE
 from rhytid.formats.tiles import FORMATS
 
 Responses = dict[int | str, dict[str, Any]]
@@ -56,7 +56,7 @@ def _control(name: str) -> dict[str, Any]:
     what = f"how much of a place is {name.removeprefix(REGION_PREFIX)}, black is none"
     if not name.startswith(REGION_PREFIX):
         what = _MEANT[name]
-    text = f"guides synthesis: {what}. Grey PNG, one a UDIM, named by it: {name}.1001.png"
+    text = f"guides synthesis: {what}. Grey PNG or EXR, one a UDIM, named by it: {name}.1001.png"
     return {"type": "array", "items": BINARY, "description": text}
 
 
@@ -90,7 +90,8 @@ ASSET_FORM = body(
                     "stiffness": {
                         "type": "array",
                         "items": BINARY,
-                        "description": "grey PNG of 8 or 16 bits, one a UDIM (repeat the part), "
+                        "description": "grey PNG of 8 or 16 bits, or EXR of one channel from 0 to "
+                        "1 of any compression, one a UDIM (repeat the part), "
                         "named by it: stiffness.1002.png; 1 moves freely, 0 is rigid; "
                         "a UDIM without one is 1; "
                         f"at most {MOST_SIDE} texels a side and {MOST_TEXELS:,} in all",

@@ -11,7 +11,8 @@ import numpy as np
 from rhytid.bench.subject import Grown, Subject
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import PRESETS, BinSettings
-from rhytid.pipeline.bins import BinTile, map_count
+from rhytid.pipeline.bin_maker import BinTile
+from rhytid.pipeline.bins import map_count
 from rhytid.pipeline.blend import Blend
 from rhytid.pipeline.locate import UdimTriangles
 from rhytid.pipeline.stretch import StretchStage

@@ -25,7 +25,7 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import mesh_udims
 from rhytid.engine.spacing import mean_spacing
-from rhytid.pipeline.bins import BinMaker, BinTile
+from rhytid.pipeline.bin_maker import BinMaker, BinTile
 from rhytid.pipeline.blend import Blend
 from rhytid.pipeline.convolve import Convolve
 from rhytid.pipeline.elements import UdimElements, pore_arrays, wrinkle_arrays

@@ -1,7 +1,8 @@
-"""How the cost of a frame grows: with texels, wrinkles, triangles and bins."""
+"""How costs grow: those of a frame with texels, wrinkles, triangles and bins, and of synthesis."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -17,13 +18,17 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.mesh import Mesh
 from rhytid.pictures.scatter import Point, scatter
 from rhytid.samples.sphere import sphere, sphere_stretch
+from rhytid.synthesis.progress import clocked, silent
 
+# Of synthesis, as its progress calls them, and their sum.
+STAGES = ("pores", "edges", "crossings", "directions", "trails", "selection", "shapes", "all")
 # Of each series: the title of its axis, and the cases that it times.
 SERIES = {
     "size": ("texels a side, wrinkles in proportion", ("stretch", "redraw", "binned", "convolved")),
     "wrinkles": ("wrinkles", ("redraw", "precompute")),
     "triangles": ("triangles", ("stretch", "redraw", "binned")),
     "bins": ("orientation bins", ("binned", "precompute")),
+    "synthesis": ("wrinkles", STAGES),
 }
 _SMALLEST = 256
 _FEWEST = 100
@@ -34,13 +39,13 @@ _BINS = (1, 2, 4, 8, 16)
 
 @dataclass(frozen=True)
 class Growth:
-    """One case at one place of a series. x: what the series counts."""
+    """One case at one place of a series. x: what the series counts. map_copies: of a frame's."""
 
     series: str
     x: int
     case: str
     seconds: float
-    map_copies: float
+    map_copies: float | None = None
 
 
 class Scaling:
@@ -64,12 +69,24 @@ class Scaling:
 
     def run(self, series: str) -> list[Growth]:
         """One of SERIES."""
+        if series == "synthesis":
+            return self._synthesis()
         found = []
         for x, bench in getattr(self, f"_{series}_series")():
             for case in SERIES[series][1]:
                 cost = bench.cost(case, self._repeats)
                 found.append(Growth(series, x, case, cost.seconds, cost.map_copies))
             bench.release()
+        return found
+
+    def _synthesis(self) -> list[Growth]:
+        found = []
+        for count in self._counts():
+            clock, seconds = clocked(silent)
+            start = time.perf_counter()
+            grow(self._device, self._mesh, count, clock)
+            seconds["all"] = time.perf_counter() - start
+            found += [Growth("synthesis", count, stage, seconds[stage]) for stage in STAGES]
         return found
 
     def _size_series(self) -> Iterator[tuple[int, FrameBench]]:
@@ -79,7 +96,7 @@ class Scaling:
             size *= 2
 
     def _wrinkles_series(self) -> Iterator[tuple[int, FrameBench]]:
-        for count in dict.fromkeys(self._share(share) for share in _SHARES):
+        for count in self._counts():
             yield count, self._bench(self._size, self._face(count))
 
     def _triangles_series(self) -> Iterator[tuple[int, FrameBench]]:
@@ -98,6 +115,9 @@ class Scaling:
         settings = _settings(size, made, **bins)
         return FrameBench(self._device, self._mesh, made.graph, self._deformed, settings)
 
+    def _counts(self) -> list[int]:
+        return list(dict.fromkeys(self._share(share) for share in _SHARES))
+
     def _share(self, share: float) -> int:
         return max(round(share * self._wrinkles), _FEWEST)
 
@@ -109,8 +129,9 @@ class Scaling:
 
 def plot(found: Sequence[Growth]) -> Image.Image:
     """A picture of one series."""
-    points = [Point(g.x, g.map_copies, g.case, "", False) for g in found]
-    return scatter(points, SERIES[found[0].series][0], "map copies")
+    points = [Point(g.x, g.map_copies or g.seconds, g.case, "", False) for g in found]
+    unit = "seconds" if found[0].map_copies is None else "map copies"
+    return scatter(points, SERIES[found[0].series][0], unit)
 
 
 def _settings(size: int, made: Grown, **bins: Any) -> AssetSettings:

@@ -87,7 +87,7 @@ def _run_scaling(arguments: argparse.Namespace) -> None:
         grown = scaling.run(series)
         plot(grown).save(arguments.scaling / f"scaling_{series}.png")
         found += grown
-    rows = [(g.series, str(g.x), g.case, f"{g.seconds:.4f}", f"{g.map_copies:.1f}") for g in found]
+    rows = [(g.series, str(g.x), g.case, f"{g.seconds:.4f}", _copies(g.map_copies)) for g in found]
     figures = {
         "device": device.info.name,
         "size": arguments.size,
@@ -96,6 +96,10 @@ def _run_scaling(arguments: argparse.Namespace) -> None:
     }
     write_json(figures, arguments.scaling / "scaling.json")
     report(figures, table(("series", "x", "case", "seconds", "map copies"), rows), arguments.json)
+
+
+def _copies(map_copies: float | None) -> str:
+    return "" if map_copies is None else f"{map_copies:.1f}"
 
 
 def _run_service(bench: FrameBench, arguments: argparse.Namespace) -> None:
@@ -215,8 +219,7 @@ def frame_bench(arguments: argparse.Namespace) -> FrameBench:
 def _frame_on_device(arguments: argparse.Namespace) -> tuple[Device, Mesh, NDArray[np.float32]]:
     """A device, and the mesh and the frame of the arguments."""
     from rhytid.cli.demo_face import animation
-    from rhytid.device.runtime import Device
-    from rhytid.device.select import choose
+    from rhytid.engine.opening import open_device
     from rhytid.settings import ServiceSettings
 
     if arguments.graph is not None and arguments.mesh is None:
@@ -224,7 +227,7 @@ def _frame_on_device(arguments: argparse.Namespace) -> tuple[Device, Mesh, NDArr
     service = ServiceSettings.from_environment()
     found = animation(arguments.mesh, ())
     index = _frame(found, arguments.frame)
-    device = Device(choose(arguments.device or service.device), service.device_memory)
+    device = open_device(service, arguments.device)
     return device, found.mesh, found.frames.read(found.frames.places[index])
 
 

@@ -22,9 +22,9 @@ def add_controls(parser: argparse.ArgumentParser) -> None:
     settings = ", ".join(_SETTINGS)
     add_several(parser, "--set", type=_setting, metavar="NAME=VALUE", help=settings)
     maps = [name for name in CONTROLS if name not in REGION_MAPS]
-    painted = "grey PNG painted in UV, named ANY.<UDIM>.png; NAME is one of " + ", ".join(maps)
+    painted = "grey PNG or EXR painted in UV, named ANY.<UDIM>.png; NAME: " + ", ".join(maps)
     add_several(parser, "--map", type=_named(maps), metavar="NAME=FILE", help=painted)
-    mask = "grey PNG, white where skin is of that region: " + ", ".join(_MASKED)
+    mask = "grey PNG or EXR, white where skin is of that region: " + ", ".join(_MASKED)
     add_several(parser, "--region-mask", type=_named(_MASKED), metavar="REGION=FILE", help=mask)
 
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -92,30 +90,12 @@ def whole_file(file: Path, pieces: Any) -> None:
         install(aside, file)
 
 
-def clocked(show: Callable[[float, str], None]) -> tuple[Callable[[float, str], None], Any]:
-    """`show`, and the seconds of each stage that goes through it, by its name."""
-    seconds: dict[str, float] = {}
-    last: list[tuple[str, float]] = []
-
-    def clock(share: float, stage: str) -> None:
-        now = time.perf_counter()
-        if last:
-            before, since = last.pop()
-            seconds[before] = round(seconds.get(before, 0.0) + now - since, 3)
-        last.append((stage, now))
-        show(share, stage)
-
-    return clock, seconds
-
-
 def open_device(arguments: argparse.Namespace) -> Device:
     """The device of the arguments, or of the environment."""
-    from rhytid.device.runtime import Device
-    from rhytid.device.select import choose
+    from rhytid.engine import opening
     from rhytid.settings import ServiceSettings
 
-    service = ServiceSettings.from_environment()
-    return Device(choose(arguments.device or service.device), service.device_memory)
+    return opening.open_device(ServiceSettings.from_environment(), arguments.device)
 
 
 def _preview(

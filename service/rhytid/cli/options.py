@@ -50,7 +50,7 @@ def add_wrinkles(parser: argparse._ActionsContainer) -> None:
 
 def add_stiffness(parser: argparse.ArgumentParser) -> None:
     """`--stiffness FILE ...`."""
-    stiffness = "grey PNG, one a UDIM, named NAME.<UDIM>.png: white moves freely, black is rigid"
+    stiffness = "grey PNG or EXR, one a UDIM, named ANY.<UDIM>.png: white moves, black is rigid"
     add_several(parser, "--stiffness", type=readable, metavar="FILE", help=stiffness)
 
 

@@ -45,12 +45,10 @@ def run(arguments: argparse.Namespace) -> None:
     # Imported here, so that --help needs no OpenCL.
     from rhytid.bench.page import page
     from rhytid.bench.report import Report
-    from rhytid.device.runtime import Device
-    from rhytid.device.select import choose
+    from rhytid.engine.opening import open_device
     from rhytid.settings import ServiceSettings
 
-    service = ServiceSettings.from_environment()
-    device = Device(choose(arguments.device or service.device), service.device_memory)
+    device = open_device(ServiceSettings.from_environment(), arguments.device)
     out: Path = arguments.out
     out.mkdir(parents=True, exist_ok=True)
     face = _face(device, arguments.mesh)

@@ -11,7 +11,6 @@ from rhytid.cli.control_options import add_controls, control_maps, control_setti
 from rhytid.cli.graph_output import (
     add_outputs,
     check_outputs,
-    clocked,
     make_place,
     open_device,
     whole_file,
@@ -51,6 +50,7 @@ def run(arguments: argparse.Namespace) -> None:
     from rhytid.cli.input_files import control_files, mesh_file
     from rhytid.formats.graphs import write_graph
     from rhytid.synthesis.generate import synthesize
+    from rhytid.synthesis.progress import clocked
 
     given = {"wrinkles": arguments.wrinkles, "seed": arguments.seed}
     settings = graph_settings({**given, **control_settings(arguments)})

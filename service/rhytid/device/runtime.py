@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from types import MappingProxyType
@@ -13,14 +14,12 @@ from numpy.typing import DTypeLike, NDArray
 import rhytid_kernels
 from rhytid.device.budget import MemoryBudget
 from rhytid.device.select import Candidate, cl, compile_program
+from rhytid.device.shape import launch_shapes
 from rhytid.device.spares import Spares
 from rhytid.errors import DeviceError, DeviceMemoryError, KernelBuildError
 
 BUILD_OPTIONS = ("-cl-std=CL1.2",)
-# Local memory from which on a work-group can hold both sums of a whole block, which take 36 KiB;
-# OpenCL promises 32.
-_ROOM_FOR_BLOCKS = 40 << 10
-_NO_DEFINES: Mapping[str, object] = MappingProxyType({})
+NO_DEFINES: Mapping[str, object] = MappingProxyType({})
 
 
 @contextmanager
@@ -60,8 +59,7 @@ class Buffer:
 class Device:
     """A context and an in-order queue on one device. Used by one thread only.
 
-    Work-groups draw `rows` rows of a block with `lanes` work-items: one on a CPU, where a work-item
-    is a vector loop, one a row on a GPU. Neither changes a bit of a result.
+    shape: how drawing is cut; the usual one, until a faster one is set.
     """
 
     def __init__(self, candidate: Candidate, memory: int) -> None:
@@ -69,8 +67,7 @@ class Device:
         self.spares = Spares()
         self.budget = MemoryBudget(memory, self.spares)
         self.born: list[Buffer] = []
-        self.rows = 64 if candidate.local_memory >= _ROOM_FOR_BLOCKS else 32
-        self.lanes = 1 if candidate.kind == "cpu" else self.rows
+        self.shape = launch_shapes(candidate.kind, candidate.local_memory)[0]
         with _device_errors():
             self.context = cl.Context([candidate.handle])
             self._queue = cl.CommandQueue(self.context)
@@ -136,7 +133,7 @@ class Device:
         size: tuple[int, ...],
         *arguments: Any,
         group: tuple[int, ...] | None = None,
-        defines: Mapping[str, object] = _NO_DEFINES,
+        defines: Mapping[str, object] = NO_DEFINES,
     ) -> None:
         """Enqueue a kernel over `size` work-items; scalars are numpy scalars of the exact type."""
         if 0 in size:
@@ -151,7 +148,7 @@ class Device:
         with _device_errors():
             self._queue.finish()
 
-    def kernel(self, program: str, kernel: str, defines: Mapping[str, object] = _NO_DEFINES) -> Any:
+    def kernel(self, program: str, kernel: str, defines: Mapping[str, object] = NO_DEFINES) -> Any:
         """A compiled kernel, made once for each set of defines; raises KernelBuildError."""
         key = (program, kernel, tuple(sorted(defines.items())))
         if key not in self._kernels:
@@ -159,6 +156,10 @@ class Device:
             options = [*BUILD_OPTIONS, *(f"-D{k}={v}" for k, v in sorted(defines.items()))]
             self._kernels[key] = getattr(self.build(text, options), kernel)
         return self._kernels[key]
+
+    def digest(self, program: str) -> str:
+        """Twelve hexadecimal digits that change with the source of a program."""
+        return hashlib.sha256(rhytid_kernels.source(program).encode()).hexdigest()[:12]
 
     def build(self, text: str, options: list[str]) -> Any:
         """A program from source text; raises KernelBuildError with the compiler's log."""

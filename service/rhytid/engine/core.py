@@ -7,12 +7,12 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from rhytid.device.runtime import Device
-from rhytid.device.select import Candidate, candidates, choose
+from rhytid.device.select import Candidate, candidates
 from rhytid.engine.assets import Assets
 from rhytid.engine.building import Builder
 from rhytid.engine.jobs import Jobs
 from rhytid.engine.messages import DeviceInfo
+from rhytid.engine.opening import open_device
 from rhytid.engine.together import MOST_TILES, Together
 from rhytid.engine.worker import DeviceWorker
 from rhytid.errors import BusyError, DeviceError
@@ -26,8 +26,8 @@ class EngineCore:
     """Opens the device and the store, and closes them."""
 
     def __init__(self, settings: ServiceSettings) -> None:
-        self._candidate = choose(settings.device)
-        self._device = Device(self._candidate, settings.device_memory)
+        self._device = open_device(settings)
+        self._candidate = self._device.info
         self._store = AssetStore(settings.store)
         self._worker = DeviceWorker(settings.queue)
         most = 1 if self._candidate.kind == "cpu" else MOST_TILES

@@ -19,7 +19,8 @@ from rhytid.domain.tiles import TileAddress, mesh_udims
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
 from rhytid.engine.messages import MapQuery
 from rhytid.errors import NotFoundError
-from rhytid.pipeline.bins import BinMaker, BinTile, map_count
+from rhytid.pipeline.bin_maker import BinMaker, BinTile
+from rhytid.pipeline.bins import map_count
 from rhytid.pipeline.blend import Blend
 from rhytid.pipeline.convolve import Convolve
 from rhytid.pipeline.convolve_smooth import SmoothConvolve

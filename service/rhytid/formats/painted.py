@@ -1,4 +1,4 @@
-"""Painted maps as grey images, the UDIM of each in its file name: `anything.1002.png`."""
+"""Painted maps as grey images, the UDIM of each in its file name: `anything.1002.png` or `.exr`."""
 
 from __future__ import annotations
 

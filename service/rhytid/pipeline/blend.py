@@ -10,15 +10,8 @@ from numpy.typing import NDArray
 
 from rhytid.device.runtime import Buffer, Device
 from rhytid.domain.asset_settings import AssetSettings, BinSettings
-from rhytid.pipeline.bins import (
-    CODES,
-    BinTile,
-    code_limit,
-    directions,
-    map_count,
-    parts,
-    quantisation_steps,
-)
+from rhytid.pipeline.bin_maker import BinTile
+from rhytid.pipeline.bins import CODES, code_limit, directions, map_count, parts, quantisation_steps
 from rhytid.pipeline.elements import RESPONSE_DEFINES
 from rhytid.pipeline.locate import UdimTriangles
 from rhytid.pipeline.smooth import SmoothFields

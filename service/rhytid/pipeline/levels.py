@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.device.runtime import Buffer, Device
+from rhytid.pipeline.vectors import VECTOR
 
 # Draws level 0: (row, column, side) in texels, all multiples of a block, to side² float32.
 Draw = Callable[[int, int, int], Buffer]
@@ -55,7 +56,7 @@ def render_to_host(
 def _halved(device: Device, fine: Buffer, side: int, times: int) -> Buffer:
     for _ in range(times):
         side //= 2
-        coarse = device.empty(side * side, np.float32)
+        coarse = device.empty(max(side * side, VECTOR), np.float32)  # quantised by vectors
         device.launch("level", "halve", (side, side), fine, coarse)
         fine.release()
         fine = coarse

@@ -1,4 +1,4 @@
-"""Which triangle holds a texel or a point in UV. Kernel: locate.cl.
+"""Which triangle holds a texel or a point in UV. Kernels: locate.cl, locate_texels.cl.
 
 Texture coordinates never move, so this is done once an asset, never per frame.
 """
@@ -59,8 +59,8 @@ class UdimTriangles:
         # Room for a whole vector, so that the smallest levels can be blended like the others.
         found = self._device.full(max(count * count, VECTOR), self.none)
         self._device.launch(
-            "locate", "locate_texels", (count, count), *self._arguments(),
-            np.int32(side), np.int32(row), np.int32(column), found,
+            "locate_texels", "locate_texels", (-(-count // VECTOR), count), *self._arguments(),
+            np.int32(side), np.int32(row), np.int32(column), np.int32(count), found,
         )  # fmt: skip
         return found
 

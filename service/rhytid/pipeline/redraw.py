@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.device.held import Held
-from rhytid.device.runtime import Buffer, Device
+from rhytid.device.runtime import NO_DEFINES, Buffer, Device
 from rhytid.domain.asset_settings import AssetSettings, ShapeSettings
 from rhytid.pipeline.elements import BLOCK, RESPONSE_DEFINES, Lists, UdimElements
 from rhytid.pipeline.levels import Draw
@@ -62,12 +63,14 @@ def redrawing(
     """Draws any rectangle of level 0 of the frame that `scales` belong to."""
 
     def draw(row: int, column: int, side: int) -> Buffer:
-        return launch_blocks(
-            device, "redraw", "redraw", settings, elements, row, column, side,
+        out = device.empty(side * side, np.float32)
+        launch_blocks(
+            device, "redraw", "redraw", settings, elements, (row, column, side),
             elements.segments, elements.sizes, scales.wrinkles, *_both(elements.wrinkle_lists),
             elements.centres, elements.roots, scales.pores, *_both(elements.pore_lists),
-            *elements.wave_arguments,
+            *elements.wave_arguments, into=(out,),
         )  # fmt: skip
+        return out
 
     return draw
 
@@ -78,24 +81,24 @@ def launch_blocks(
     kernel: str,
     settings: AssetSettings,
     elements: UdimElements,
-    row: int,
-    column: int,
-    side: int,
+    square: tuple[int, int, int],
     *arguments: Any,
-) -> Buffer:
-    """Run a drawing kernel over side² texels of level 0, a work-group for `device.rows` rows of a
-    block: all, where both sums of a block fit into local memory. arguments: of the elements."""
-    out = device.empty(side * side, np.float32)
-    blocks, rows = side // BLOCK, min(device.rows, BLOCK)
+    into: tuple[Any, ...],
+    defines: Mapping[str, object] = NO_DEFINES,
+) -> None:
+    """Run a drawing kernel over a square (row, column, texels a side) of level 0, a work-group for
+    some rows of a block by the launch shape of the device.
+    arguments: of the elements.  into: those of what is written."""
+    row, column, side = square
+    blocks, rows = side // BLOCK, min(device.shape.rows, BLOCK)
     wavy = {} if elements.waves is None else {"WAVY": 1}
     device.launch(
-        program, kernel, (blocks * device.lanes, side // rows), *arguments,
+        program, kernel, (blocks * device.shape.lanes, side // rows), *arguments,
         shape_values(settings.shape), np.float32(settings.depth),
         np.int32(settings.resolution // BLOCK), np.int32(row // BLOCK), np.int32(column // BLOCK),
-        out, group=(device.lanes, 1),
-        defines={"BLOCK": BLOCK, "ROWS": rows, "ITEMS": device.lanes, **wavy},
+        *into, group=(device.shape.lanes, 1),
+        defines={"BLOCK": BLOCK, "ROWS": rows, "ITEMS": device.shape.lanes, **wavy, **defines},
     )  # fmt: skip
-    return out
 
 
 def shape_values(shape: ShapeSettings) -> NDArray[np.float32]:

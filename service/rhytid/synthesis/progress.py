@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 
 Progress = Callable[[float, str], None]
@@ -30,3 +31,19 @@ def rising(progress: Progress) -> Progress:
         progress(reached, stage)
 
     return report
+
+
+def clocked(progress: Progress) -> tuple[Progress, dict[str, float]]:
+    """Passes reports on, and the seconds of each stage by its name, filled as they go by."""
+    seconds: dict[str, float] = {}
+    last: list[tuple[str, float]] = []
+
+    def report(fraction: float, stage: str) -> None:
+        now = time.perf_counter()
+        if last:
+            before, since = last.pop()
+            seconds[before] = round(seconds.get(before, 0.0) + now - since, 6)
+        last.append((stage, now))
+        progress(fraction, stage)
+
+    return report, seconds

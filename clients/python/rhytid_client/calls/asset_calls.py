@@ -19,6 +19,7 @@ from rhytid_client.results import Asset
 File = str | os.PathLike[str] | bytes
 # One image, some with the UDIM in their names, or images by UDIM.
 Images = File | Sequence[File] | Mapping[int, File]
+_EXR = b"\x76\x2f\x31\x01"
 
 
 def asset_id(asset: Asset | str) -> str:
@@ -41,9 +42,9 @@ def create_asset(
     mesh: the path of an OBJ, PLY, glTF, GLB or npz file; or the bytes of one, with a `name` whose
     extension tells the format; or the arrays positions (V, 3), faces (F, 3), uv (T, 2),
     face_uv (F, 3) and optionally frames (N, V, 3).  graph: safetensors, absent to synthesise one.
-    stiffness: grey PNG images by UDIM; or paths whose names end on the UDIM, as in skin.1002.png;
-    or one image for a mesh of one UDIM. 1 moves freely, 0 is rigid. At most 8192 texels a side and
-    134,217,728 in all.
+    stiffness: grey PNG or EXR images by UDIM; or paths whose names end on the UDIM, as in
+    skin.1002.png; or one image for a mesh of one UDIM. 1 moves freely, 0 is rigid. At most
+    8192 texels a side and 134,217,728 in all.
     controls: maps that guide synthesis, by name, given like stiffness: density, strength,
     direction, turn, anisotropy, scale, pore_radius, and region_forehead and the like.
     progress: called with bytes sent and bytes in all.
@@ -103,9 +104,15 @@ def _images(field: str, given: Images | None) -> list[Part]:
     if given is None:
         return []
     if isinstance(given, Mapping):
-        return [_file(field, image, f"{udim}.png") for udim, image in given.items()]
+        return [_file(field, image, f"{udim}{_extension(image)}") for udim, image in given.items()]
     images = [given] if isinstance(given, (str, bytes, os.PathLike)) else given
     return [_file(field, image, None) for image in images]
+
+
+def _extension(image: File) -> str:
+    if isinstance(image, bytes):
+        return ".exr" if image.startswith(_EXR) else ".png"
+    return ".exr" if Path(image).suffix.lower() == ".exr" else ".png"
 
 
 def _file(field: str, given: File, name: str | None) -> Part:

@@ -1,0 +1,68 @@
+"""Grey OpenEXR images: one channel of half or float from 0 to 1, which becomes codes of 16 bits.
+
+0.5 becomes 32768 of 65535: mid grey. The header is checked here, and the OpenEXR library decodes
+the rest in a process of its own, `exr_decoder`, which it may crash without harm.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.errors import InputError, StorageError
+from rhytid.formats.exr_decoder import READY
+from rhytid.formats.exr_header import read_sides
+
+_SECONDS = 60
+# Isolated from the environment and the working folder, and importing from where this process does,
+# however the package is installed.
+_START = (
+    "import sys; sys.path[:] = sys.argv[4:]; from rhytid.formats.exr_decoder import main; main()"
+)
+
+
+def read_grey_exr(data: bytes, name: str) -> NDArray[np.uint16]:
+    """(h, w) codes of an OpenEXR image: its values times 65535, rounded; row 0 at the top.
+
+    `name` is for messages. Raises InputError saying what is wrong, LimitError above MOST_SIDE
+    texels a side, StorageError where the image cannot be written aside for the decoder. Values are
+    taken as they are, whatever the channel is called.
+    """
+    width, height = read_sides(data, name)
+    try:
+        answer = _decoded(data, width, height)
+    except subprocess.TimeoutExpired as exc:
+        raise InputError(f"{name}: not decoded within {_SECONDS} s") from exc
+    try:
+        wrong = json.loads(answer[: answer.find(b"\n")])
+        if wrong is None:
+            return np.frombuffer(answer, np.uint16, offset=len(b"null\n")).reshape(height, width)
+        column, row, value = wrong
+    except ValueError as exc:  # it failed, or was made to answer something else
+        raise InputError(f"{name}: a damaged EXR image") from exc
+    place = f"the texel of column {column}, row {row}"
+    raise InputError(f"{name}: {place} is {value}: must be from 0 to 1")
+
+
+def _decoded(data: bytes, width: int, height: int) -> bytes:
+    """What the decoder answers after READY; nothing where it fails."""
+    try:
+        with TemporaryDirectory(prefix="rhytid-") as folder:
+            path = Path(folder) / "map.exr"
+            path.write_bytes(data)
+            arguments = [str(path), str(width), str(height), *sys.path]
+            command = [sys.executable, "-I", "-c", _START, *arguments]
+            child = subprocess.run(command, capture_output=True, timeout=_SECONDS, check=False)
+    except OSError as exc:
+        raise StorageError(f"cannot hand an EXR image to its decoder: {exc}") from exc
+    if not child.stdout.startswith(READY):  # an installation that is broken, not the image
+        raise RuntimeError(
+            f"the EXR decoder does not start: {child.stderr.decode(errors='replace')}"
+        )
+    return child.stdout[len(READY) :] if child.returncode == 0 else b""

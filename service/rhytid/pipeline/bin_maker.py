@@ -1,0 +1,202 @@
+"""Draws the precomputed maps of the fast method, tile by tile (section 2.4). Kernels: bins.cl,
+quantise.cl, tilt.cl."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import count as counter
+from itertools import product
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.device.held import Held
+from rhytid.device.runtime import NO_DEFINES, Buffer, Device
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.stiffness import Stiffness
+from rhytid.pipeline.bins import (
+    CODES,
+    code_limit,
+    directions,
+    drawn_depth_exponents,
+    map_count,
+    parts,
+    quantisation_steps,
+    sample_stretches,
+    scale,
+)
+from rhytid.pipeline.elements import UdimElements
+from rhytid.pipeline.levels import Draw, in_one_piece, render
+from rhytid.pipeline.locate import UdimTriangles
+from rhytid.pipeline.redraw import launch_blocks
+from rhytid.pipeline.stiffness import stiffness_of_texels
+from rhytid.pipeline.vectors import VECTOR, VectorTriangles
+
+# Tilts are drawn from wrinkles whose depths are scaled by 1 ± this from edge to edge of a bin.
+TILT_SHARE = 0.25
+
+# Runs the kernel of a map over a square of level 0: (square, into, defines).
+_Launch = Callable[..., None]
+
+
+@dataclass(frozen=True)
+class BinTile(Held):
+    """One tile of every precomputed map, padded to a vector, and the triangles of its texels.
+
+    codes: (texels / VECTOR, maps, VECTOR), maps being M samples within parts within N + 1
+    layers, and after those of a bin its tilt.
+    stiffness: float32 of each texel, or None: 1 throughout.
+    place: texels a side of the tile and of its level, row and column of its first texel."""
+
+    triangles: VectorTriangles
+    codes: Buffer
+    texels: int
+    place: tuple[np.int32, np.int32, np.int32, np.int32]
+    stiffness: Buffer | None = None
+
+    @property
+    def _buffers(self) -> tuple[VectorTriangles | Buffer | None, ...]:
+        return (self.triangles, self.codes, self.stiffness)
+
+
+class BinMaker:
+    """Makes tiles of the precomputed maps of one UDIM."""
+
+    def __init__(
+        self,
+        device: Device,
+        elements: UdimElements,
+        located: UdimTriangles,
+        settings: AssetSettings,
+        stiffness: Stiffness | None = None,
+    ) -> None:
+        self._device, self._elements, self._located = device, elements, located
+        self._stiffness = stiffness
+        self._settings = settings
+        self._per_step = 1.0 / np.maximum(quantisation_steps(settings), 1e-30)
+        bins = settings.bins
+        limit, maps = code_limit(bins.bits), map_count(bins)
+        self._code_defines = {"CODE": CODES[bins.bits], "CODE_LIMIT": limit, "MAPS": maps}
+
+    def tile(self, level: int, row: int, column: int, texels: int) -> BinTile:
+        """All layers and samples of `texels`² texels, from texel (row, column) of the level on."""
+        bins, place = self._settings.bins, (level, row, column, texels)
+        size = max(texels * texels, VECTOR)
+        codes = self._device.empty(map_count(bins) * size, f"i{bins.bits // 8}")
+        at = counter()
+        for layer, samples in enumerate(bins.layer_samples):
+            for part, sample in product(parts(bins), range(samples)):
+                launch = self._map(layer, part, sample)
+                self._put(launch, place, self._per_step[layer, sample], next(at), codes)
+            if bins.tilt and layer < bins.count:
+                self._tilt(layer, place, next(at), codes)
+        return self._tile(place, codes, size)
+
+    def _tile(self, place: tuple[int, int, int, int], codes: Buffer, size: int) -> BinTile:
+        """With what is known of the triangles of its texels."""
+        level, row, column, texels = place
+        side = self._settings.resolution >> level
+        triangles = self._located.texels(side, row, column, texels)
+        found = VectorTriangles.of(self._device, triangles, size)
+        triangles.release()
+        stiffness = stiffness_of_texels(
+            self._device, self._stiffness, self._located.udim, side, row, column, texels
+        )
+        of_tile = (np.int32(texels), np.int32(side), np.int32(row), np.int32(column))
+        return BinTile(found, codes, size, of_tile, stiffness)
+
+    def _put(
+        self,
+        launch: _Launch,
+        place: tuple[int, int, int, int],
+        per_step: np.float32,
+        at: int,
+        codes: Buffer,
+    ) -> None:
+        """The codes of one map: drawn as codes, or of a coarser level from its means."""
+        level, row, column, texels = place
+        coded = (per_step, np.int32(at), codes)
+        if level == 0 and in_one_piece(level, texels):
+            launch((row, column, texels), coded, self._code_defines)
+        else:
+            heights = render(self._device, self._drawing(launch), *place)
+            self._over_vectors("quantise", "quantise", heights, *coded)
+            heights.release()
+        self._device.finish()
+
+    def _tilt(self, index: int, place: tuple[int, int, int, int], at: int, codes: Buffer) -> None:
+        """Codes of where in the bin the wrinkles run, drawn as wide as they ever are."""
+        r = self._settings.last_sample
+        scales = _float2(scale(r, self._settings.response.alpha_w), 1.0)
+        launches = (self._wrinkles(index, scales, 0, s) for s in (TILT_SHARE, -TILT_SHARE))
+        up, down = (render(self._device, self._drawing(launch), *place) for launch in launches)
+        share = np.float32(TILT_SHARE)
+        self._over_vectors("tilt", "tilt_codes", up, down, share, np.int32(at), codes)
+        self._device.finish()
+        up.release()
+        down.release()
+
+    def _over_vectors(self, program: str, kernel: str, *arguments: Any) -> None:
+        """Launch over the vectors of the codes that come last."""
+        bins, codes = self._settings.bins, arguments[-1]
+        count = codes.nbytes // (map_count(bins) * bins.bits // 8 * VECTOR)
+        self._device.launch(program, kernel, (count,), *arguments, defines=self._code_defines)
+
+    def _drawing(self, launch: _Launch) -> Draw:
+        """What draws a map as displacement."""
+
+        def draw(row: int, column: int, side: int) -> Buffer:
+            out = self._device.empty(side * side, np.float32)
+            launch((row, column, side), (out,), NO_DEFINES)
+            return out
+
+        return draw
+
+    def _map(self, layer: int, part: int, sample: int) -> _Launch:
+        settings, response = self._settings, self._settings.response
+        r = float(sample_stretches(settings, layer)[sample])
+        depth = scale(r, -drawn_depth_exponents(settings)[layer])
+        if layer == settings.bins.count:
+            return self._pores(_float2(scale(r, response.beta_w), depth), part)
+        return self._wrinkles(layer, _float2(scale(r, response.alpha_w), depth), part)
+
+    def _wrinkles(
+        self, index: int, scales: NDArray[np.float32], part: int, tilt: float = 0.0
+    ) -> _Launch:
+        elements, lists = self._elements, self._elements.wrinkle_lists
+        count = self._settings.bins.count
+        leaning = np.array([*directions(count)[index], tilt * 2 * count / np.pi, 0.0], np.float32)
+        return self._launching(
+            "draw_wrinkle_bin",
+            elements.segments, elements.sizes, elements.bins, np.int32(index), scales,
+            np.int32(part), leaning, lists.offsets, lists.members, *elements.wave_arguments,
+        )  # fmt: skip
+
+    def _pores(self, scales: NDArray[np.float32], part: int) -> _Launch:
+        elements, lists = self._elements, self._elements.pore_lists
+        return self._launching(
+            "draw_pore_layer",
+            elements.centres,
+            elements.roots,
+            scales,
+            np.int32(part),
+            lists.offsets,
+            lists.members,
+        )
+
+    def _launching(self, kernel: str, *arguments: Any) -> _Launch:
+        def launch(
+            square: tuple[int, int, int], into: tuple[Any, ...], defines: dict[str, object]
+        ) -> None:
+            launch_blocks(
+                self._device, "bins", kernel, self._settings, self._elements, square, *arguments,
+                into=into, defines=defines,
+            )  # fmt: skip
+
+        return launch
+
+
+def _float2(x: float, y: float) -> NDArray[np.float32]:
+    return np.array([x, y], np.float32)

@@ -1,0 +1,124 @@
+"""Which launch shape draws fastest on a device: measured once, then remembered in a file."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rhytid.device.runtime import Device
+from rhytid.device.shape import LaunchShape, launch_shapes
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.errors import DeviceError
+from rhytid.pipeline.cells import CellLists, list_by_cell
+from rhytid.pipeline.elements import BLOCK, PoreArrays, UdimElements, WrinkleArrays
+from rhytid.pipeline.levels import Draw
+from rhytid.pipeline.redraw import ScaleBuffers, redrawing
+
+_FILE = "launch_shapes.json"
+# A patch of skin as dense as a face at 4096² with 1.25 million wrinkles.
+_SIDE, _WRINKLES, _PORES = 512, 20_000, 9_000
+_LENGTH, _HALF_WIDTH, _PORE_RADIUS = 6.5, 1.3, 1.5  # texels
+_ROUNDS = 5
+# What another shape must save to be taken in place of the usual one.
+_WORTH = 0.05
+
+
+def remembered_shape(
+    device: Device,
+    folder: Path,
+    measure: Callable[[Device], dict[LaunchShape, float]] | None = None,
+) -> LaunchShape:
+    """The fastest shape of this device, driver and version of the kernels, from `folder` or
+    measured now and written there. A folder that cannot be written costs a measurement at every
+    start, a device that cannot be measured keeps its usual shape.
+
+    measure: seconds of every shape of a device; the usual shape is the first."""
+    file, key = folder / _FILE, _key(device)
+    known = _read(file)
+    with suppress(KeyError, TypeError):
+        shape = LaunchShape(**known[key])
+        if shape in launch_shapes(device.info.kind, device.info.local_memory):
+            return shape
+    try:
+        shape = _fastest((measure or shape_seconds)(device))
+    except DeviceError:
+        return device.shape
+    with suppress(OSError):
+        folder.mkdir(parents=True, exist_ok=True)
+        file.write_text(json.dumps({**known, key: asdict(shape)}, indent=1), encoding="utf-8")
+    return shape
+
+
+def shape_seconds(device: Device) -> dict[LaunchShape, float]:
+    """Seconds of a patch of skin by every shape, the least of a few in turn."""
+    usual, shapes = device.shape, launch_shapes(device.info.kind, device.info.local_memory)
+    with device.task():
+        elements, scales, draw = _patch(device)
+        rounds = [[_seconds(device, shape, draw) for shape in shapes] for _ in range(1 + _ROUNDS)]
+        elements.release()
+        scales.release()
+    device.shape = usual
+    return dict(zip(shapes, np.min(rounds[1:], axis=0).tolist(), strict=True))  # the first compiles
+
+
+def _seconds(device: Device, shape: LaunchShape, draw: Draw) -> float:
+    device.shape = shape
+    start = time.perf_counter()
+    draw(0, 0, _SIDE).release()
+    device.finish()
+    return time.perf_counter() - start
+
+
+def _fastest(seconds: dict[LaunchShape, float]) -> LaunchShape:
+    usual, best = next(iter(seconds)), min(seconds, key=seconds.__getitem__)
+    return best if seconds[best] < (1.0 - _WORTH) * seconds[usual] else usual
+
+
+def _key(device: Device) -> str:
+    info = device.info
+    return f"{info.platform} | {info.name} | {info.version} | {device.digest('redraw')}"
+
+
+def _read(file: Path) -> dict[str, Any]:
+    """What is remembered; nothing where the file is missing or damaged."""
+    with suppress(OSError, ValueError):
+        found = json.loads(file.read_text(encoding="utf-8"))
+        return found if isinstance(found, dict) else {}
+    return {}
+
+
+def _patch(device: Device) -> tuple[UdimElements, ScaleBuffers, Draw]:
+    """Undeformed skin, straight wrinkles in all directions."""
+    rng = np.random.default_rng(1)
+    settings = AssetSettings.parse({"resolution": _SIDE, "depth": 1.0})
+    start, angle = rng.uniform(0, _SIDE, (_WRINKLES, 2)), rng.uniform(0, np.pi, _WRINKLES)
+    extent = _LENGTH * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    sizes = np.tile(np.array([_HALF_WIDTH, 0.5], np.float32), (_WRINKLES, 1))
+    wrinkles = WrinkleArrays(
+        np.concatenate([start, extent], axis=1).astype(np.float32),
+        sizes,
+        np.zeros(_WRINKLES, np.int32),
+        _lists(np.minimum(start, start + extent), np.maximum(start, start + extent)),
+    )
+    centres = rng.uniform(0, _SIDE, (_PORES, 2)).astype(np.float32)
+    root = np.array([1 / _PORE_RADIUS, 0, 1 / _PORE_RADIUS, 0.5], np.float32)
+    pores = PoreArrays(
+        centres, np.tile(root, (_PORES, 1)), np.zeros(_PORES, np.int32), _lists(centres, centres)
+    )
+    elements = UdimElements(device, wrinkles, pores, 1)
+    ones = (device.full(2 * count, np.float32(1.0)) for count in (_WRINKLES, _PORES))
+    scales = ScaleBuffers(*ones)
+    return elements, scales, redrawing(device, elements, settings, scales)
+
+
+def _lists(low: Any, high: Any) -> CellLists:
+    reach = max(_HALF_WIDTH, _PORE_RADIUS) + 1.0
+    cells = _SIDE // BLOCK
+    return list_by_cell((low - reach) / _SIDE, (high + reach) / _SIDE, cells, top_down=True)
