@@ -51,7 +51,9 @@ __kernel void find_crossings(int first, int count, int start, __global const int
     int a = nodes[2 * e], b = nodes[2 * e + 1];
     int3 p = vload3(a, place), q = vload3(b, place);
     int around = convert_int_rtp(length[e] / unit);
-    int3 low = min(p, q) - around, high = max(p, q) + around;
+    int3 low = sub_sat(min(p, q), (int3)(around)), high = add_sat(max(p, q), (int3)(around));
+    low = max(low, 0); // beyond these nothing lies
+    high = min(high, 1 << 30);
     FOR_POINTS(c, low / cell, high / cell)
     {
         if (c == a || c == b || outside(vload3(c, place), low, high))

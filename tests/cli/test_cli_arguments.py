@@ -43,6 +43,30 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.parametrize(
+    ("command", "option", "pattern"),
+    [
+        ("synthesize {} --out g", "--map", "density={}"),
+        ("synthesize {} --out g", "--region-mask", "lip={}"),
+        ("bake --mesh {} --out o", "--stiffness", "{}"),
+        ("bake --mesh {} --out o", "--frames", "{}"),
+        ("demo", "--frames", "{}"),
+    ],
+)
+def test_an_option_of_several_values_may_be_given_again(
+    tmp_path: Path, command: str, option: str, pattern: str
+) -> None:
+    files = [tmp_path / name for name in "abcd"]
+    for file in files:
+        file.touch()
+    words = command.format(files[3]).split()
+    one, two, three = (pattern.format(file) for file in files[:3])
+    parser, name = build_parser(), option[2:].replace("-", "_")
+    again = vars(parser.parse_args([*words, option, one, two, option, three]))[name]
+    assert again == vars(parser.parse_args([*words, option, one, two, three]))[name]
+    assert len(again) == 3
+
+
+@pytest.mark.parametrize(
     "arguments",
     [
         [],

@@ -41,7 +41,7 @@ def test_maps_masks_and_settings_reach_the_graph(
     density = painted(tmp_path / f"d.1001.{kind}", 0, 128)
     mask = painted(tmp_path / f"m.{kind}", 255, 255)
     options = ["--map", f"density={density}", "--region-mask", f"lip={mask}"]
-    assert main([*base, *options, "--set", "strength=0.5", "turn=-10"]) == 0
+    assert main([*base, *options, "--set", "strength=0.5", "--set", "turn=-10"]) == 0
     graph = read_graph(out.read_bytes())
     assert graph.node_uv[graph.node_weight > 0, 0].min() > 0.45 > plain.node_uv[:, 0].min()
     assert graph.edge_weight.mean() < 0.8 * plain.edge_weight.mean()

@@ -97,6 +97,25 @@ def test_an_unknown_extension_is_refused_before_anything_is_done(
     assert not out.exists()
 
 
+@pytest.mark.parametrize("option", ["--out", "--curves", "--preview", "--json"])
+@pytest.mark.parametrize("place", ["taken/g", "folder"])
+def test_what_cannot_be_written_is_refused_before_anything_is_done(
+    tmp_path: Path, mesh: str, capsys: pytest.CaptureFixture[str], option: str, place: str
+) -> None:
+    endings = {"--out": ".safetensors", "--curves": ".obj", "--preview": ".png", "--json": ".json"}
+    wrong = (tmp_path / place).with_suffix(endings[option])
+    (tmp_path / "taken").write_text("no folder")
+    if place == "folder":
+        wrong.mkdir()
+    out = tmp_path / "g.safetensors"
+    given = ["synthesize", mesh, "--wrinkles", "300", "--out", str(out), option, str(wrong)]
+    assert main(given) == 1
+    message = capsys.readouterr().err
+    assert str(wrong) in message
+    assert "synthesis" not in message
+    assert not out.exists()
+
+
 def test_a_hand_made_graph_is_described_and_baked(
     tmp_path: Path, mesh: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

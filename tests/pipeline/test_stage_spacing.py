@@ -11,6 +11,8 @@ from pipeline.scenes import random_graph, settings_of, sheet
 from rhytid.domain.mesh import Mesh
 from rhytid.engine.spacing import mean_spacing
 from rhytid.pipeline.locate import locate_points
+from rhytid.synthesis.generate import synthesize
+from synthesis import sheets
 
 SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 FACES = np.array([[0, 1, 2], [0, 2, 3]])
@@ -60,3 +62,11 @@ def test_pores_off_the_mesh_are_left_out(device):
     assert off.any()
     there = mean_spacing(mesh, pores_at(*graph.node_uv[~off]), triangle[~off])
     assert mean_spacing(mesh, graph, triangle) == there
+
+
+@pytest.mark.parametrize("make", [sheets.sheet, sheets.tube])
+def test_a_graph_from_elsewhere_has_the_spacing_that_it_was_grown_with(device, make):
+    mesh = make()
+    found = synthesize(mesh, sheets.wanted(300), device)
+    triangle = found.graph.node_triangle
+    assert mean_spacing(mesh, found.graph, triangle) == pytest.approx(found.spacing, rel=1e-5)

@@ -6,15 +6,18 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import GraphSettings
 from rhytid.domain.controls import Controls
 from rhytid.domain.graph import WrinkleGraph
+from rhytid.domain.mesh import Mesh
 from rhytid.domain.regions import REGIONS
 from rhytid.errors import InputError, LimitError, MeshError
 from rhytid.synthesis.amount import check_amount
 from rhytid.synthesis.generate import synthesize
+from rhytid.synthesis.surface import Surface
 from synthesis import sheets
 from synthesis.painted import Half, halves, painted, right
 
@@ -200,6 +203,34 @@ def test_more_than_memory_is_refused_with_what_fits(grey: float | None, density:
         ask(fit + 2)
 
 
+@pytest.mark.parametrize(
+    ("mesh", "side", "wrinkles"), [(sheets.sheet(n=1), 12, 200_000), (sheets.sheet(n=300), 0, 1000)]
+)
+def test_no_more_memory_is_taken_than_was_asked_for(
+    device: Device, monkeypatch: pytest.MonkeyPatch, mesh: Mesh, side: int, wrinkles: int
+) -> None:
+    """A speck on a mesh of two triangles, and a mesh of very many."""
+    speck = np.full((256, 256), 0.0 if side else 0.5, np.float32)
+    speck[100 : 100 + side, 100 : 100 + side] = 1.0
+    settings, taken = GraphSettings(wrinkles=wrinkles), [0]
+    reserve, before = device.budget.reserve, device.budget.used
+
+    def counted(nbytes: int) -> None:
+        reserve(nbytes)
+        taken.append(device.budget.used - before)
+
+    monkeypatch.setattr(device.budget, "reserve", counted)
+    synthesize(mesh, settings, device, controls=painted(density=speck))
+    with pytest.raises(LimitError, match="can hold"):
+        check_amount(mesh, settings, painted(density=speck), max(taken) - 1)
+
+
+def test_the_density_of_a_region_counts_before_work_too() -> None:
+    few = GraphSettings(wrinkles=120, region="neck")
+    with pytest.raises(InputError, match=r"78 in all: .* graph.wrinkles of 154 or more"):
+        check_amount(MESH, few, None, MEMORY)
+
+
 def test_more_than_a_graph_holds_is_refused() -> None:
     with pytest.raises(LimitError, match=r"density 4 on the mean .* 80000000 .* can hold 10000000"):
         check_amount(MESH, GraphSettings(wrinkles=20_000_000, density=4.0), None, 1 << 40)
@@ -207,11 +238,33 @@ def test_more_than_a_graph_holds_is_refused() -> None:
 
 def test_a_map_too_small_for_float32_is_refused_before_work(device: Device) -> None:
     tiny = sheets.sheet(lambda xy: 9.5 + 1e-3 * xy)
-    seen: list[str] = []
-    with pytest.raises(MeshError, match=r"graph\.wrinkles is 100000: .* float32") as told:
-        synthesize(
-            tiny, GraphSettings(wrinkles=100_000), device, lambda _, stage: seen.append(stage)
-        )
-    assert set(seen) == {"pores"}
-    fit = int(str(told.value).rsplit(" ", 1)[1])
+    fit = refused(device, tiny, 100_000, "float32")
     assert synthesize(tiny, GraphSettings(wrinkles=fit), device).graph.wrinkles == fit
+
+
+def refused(device: Device, mesh: Mesh, wrinkles: int, why: str) -> int:
+    """How many would fit, of wrinkles that are refused before any pore is scattered."""
+    seen: list[float] = []
+    with pytest.raises(MeshError, match=rf"graph\.wrinkles is {wrinkles}: .* {why}") as told:
+        synthesize(
+            mesh, GraphSettings(wrinkles=wrinkles), device, lambda share, _: seen.append(share)
+        )
+    assert seen == [0.0]
+    return int(str(told.value).rsplit(" ", 1)[1])
+
+
+def test_parts_too_far_apart_for_the_lattice_are_refused_before_work(device: Device) -> None:
+    one, two = (sheets.sheet(lambda xy, by=by: 0.4 * xy + by, n=4) for by in (0.05, 0.55))
+    far = two.positions * 2.0 + np.float32([2.0**21, 0, 0])
+    both = Mesh(
+        np.concatenate([one.positions, far]),
+        np.concatenate([one.faces, two.faces + len(far)]),
+        np.concatenate([one.uv, two.uv]),
+        np.concatenate([one.face_uv, two.face_uv + len(two.uv)]),
+    )
+    fit = refused(device, both, 20_000, "so far apart that places")
+    assert 100 < fit < 10_000
+    made = synthesize(both, GraphSettings(wrinkles=fit), device)
+    at = sheets.places(Surface.of(both), made.graph)
+    nearest = cKDTree(at).query(at, k=2)[0][:, 1]
+    assert nearest.std() < 0.12 * nearest.mean()

@@ -101,3 +101,13 @@ def test_crossings_are_found(device: Device) -> None:
     with Workspace(device) as work:
         found = crossings(work, points, nodes, length.astype(np.float32))
     assert np.sort(found, axis=1).tolist() == [[0, 1]]
+
+
+@pytest.mark.parametrize("size", [1.0, 0.99, 0.7])
+def test_lines_as_long_as_the_whole_cross_too(device: Device, size: float) -> None:
+    corners = size * np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], float)
+    points = Points(np.zeros(4, int), corners[:, :2], corners, np.tile([0.0, 0.0, 1.0], (4, 1)))
+    length = np.full(2, size * np.sqrt(2), np.float32)
+    with Workspace(device) as work:
+        found = crossings(work, points, np.array([[0, 2], [1, 3]], np.int32), length)
+    assert np.sort(found, axis=1).tolist() == [[0, 1]]

@@ -45,13 +45,28 @@ def test_the_count_is_exact(device: Device, make: sheets.Callable[[], Mesh], cou
     assert len(np.unique(np.sort(graph.edge_nodes, axis=1), axis=0)) == count
 
 
-def test_a_mesh_in_shreds_gets_the_count_too(device: Device) -> None:
-    mesh = sheets.sheet(n=8)
+def in_shreds(n: int, space: float, uv: float) -> Mesh:
+    """A sheet whose triangles are apart, smaller by factors in space and in UV."""
+    mesh = sheets.sheet(n=n)
     apart = np.arange(mesh.faces.size).reshape(-1, 3)
-    corners = mesh.triangle_uv()
-    shrunk = corners.mean(axis=1, keepdims=True) + 0.8 * (corners - corners.mean(1, keepdims=True))
-    shreds = Mesh(mesh.positions[mesh.faces].reshape(-1, 3), apart, shrunk.reshape(-1, 2), apart)
-    assert synthesize(shreds, wanted(400), device).graph.wrinkles == 400
+
+    def shrunk(corners: sheets.Floats, factor: float) -> sheets.Floats:
+        middle = corners.mean(axis=1, keepdims=True)
+        return (middle + factor * (corners - middle)).reshape(-1, corners.shape[-1])
+
+    positions = shrunk(mesh.positions[mesh.faces], space)
+    return Mesh(positions.astype(np.float32), apart, shrunk(mesh.triangle_uv(), uv), apart)
+
+
+def test_a_mesh_in_shreds_gets_the_count_too(device: Device) -> None:
+    assert synthesize(in_shreds(8, 1.0, 0.8), wanted(400), device).graph.wrinkles == 400
+
+
+def test_shreds_too_small_for_two_pores_are_refused_and_more_wrinkles_fit(device: Device) -> None:
+    shreds = in_shreds(45, 0.3, 0.3)
+    with pytest.raises(MeshError, match=r"only 0 of 100 .* ask for more wrinkles"):
+        synthesize(shreds, wanted(100), device)
+    assert synthesize(shreds, wanted(1000), device).graph.wrinkles == 1000
 
 
 def test_uv_too_small_for_float32_is_refused(device: Device) -> None:

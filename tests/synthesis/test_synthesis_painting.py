@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -17,6 +19,7 @@ from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.lookup import Lookup
 from rhytid.synthesis.painted_directions import points_to_normals
 from rhytid.synthesis.painting import PaintedFields, fields_of
+from rhytid.synthesis.rooms import total_room
 from rhytid.synthesis.surface import Surface
 from synthesis import sheets
 
@@ -102,6 +105,21 @@ def test_density_sets_spacing_size_and_depth_and_bares(wide: Surface) -> None:
     assert fields.most_spacing >= drawn.max() * (1 - 1e-5)
 
 
+@pytest.mark.parametrize("corner", [(40, 70), (101, 33), (120, 121)])
+def test_a_speck_on_large_triangles_has_the_room_that_it_covers(corner: tuple[int, int]) -> None:
+    surface, grey = Surface.of(sheets.sheet(n=1)), np.zeros((256, 256), np.float32)
+    row, column = corner
+    grey[row : row + 3, column : column + 3] = 1.0
+    fields = PaintedFields(surface, GraphSettings(), Controls({"density": {1001: grey}}))
+    # Over the speck and what its edge fades over, one point at a time; the sheet is 0.8 wide.
+    fine = (np.arange(100) + 0.5) / 100 * 8
+    x, y = np.meshgrid((column - 2.5 + fine) / 256, 1 - (row - 2.5 + fine) / 256)
+    greys = reference.grey_at({1001: grey}, np.stack([x.ravel(), y.ravel()], axis=-1), 0.0)
+    density = np.array([reference.density(g) for g in greys])
+    wanted = np.where(density < 0.25, 0.0, density).mean() * (8 / 256 / 0.8) ** 2
+    assert total_room(surface, fields) == pytest.approx(wanted, rel=0.05)
+
+
 def test_regions_mix_by_their_masks(wide: Surface) -> None:
     nose, lip = {1001: noise(4, 4)}, {1001: noise(5, 5), 1002: noise(3, 3)}
     triangle, uv = inside(wide)
@@ -148,6 +166,19 @@ def test_painted_directions_lie_on_the_surface_as_they_do_in_uv() -> None:
         wanted = reference.direction_on_surface(maps[1001][0, 0], surface.jacobian[triangle[i]])
         wanted -= normal[i] * (wanted @ normal[i])
         assert abs(found[i] @ wanted) > (1 - 1e-5) * np.linalg.norm(wanted)
+
+
+def test_large_maps_are_looked_at_as_they_are(wide: Surface) -> None:
+    triangle, uv = inside(wide)
+    codes = RNG.integers(0, 256, (2048, 2048)).astype(np.uint8)
+    controls = Controls({name: {1001: codes} for name in ("direction", "density", "region_lip")})
+    tracemalloc.start()
+    fields = PaintedFields(wide, GraphSettings(), controls)
+    for method in (fields.turn, fields.bend, fields.spacing, fields.bare):
+        method(triangle, uv)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert most < codes.nbytes / 4
 
 
 def test_nearly_black_and_white_are_one_direction_and_between_them_there_is_no_other(

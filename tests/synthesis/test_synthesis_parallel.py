@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -105,6 +106,31 @@ def test_crossings_are_those_of_all_pairs(device: Device, make: Callable[[], Mes
     assert len(wanted) > 1000
     assert len(found) == len(wanted)
     assert set(map(tuple, np.sort(found, axis=1).tolist())) == wanted
+
+
+def test_edges_that_cross_many_take_no_more_memory(
+    device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pores, _ = sheets.net(device, sheets.sheet(), RADIUS)
+    nodes = some_pairs(pores.position)
+    length = np.linalg.norm(pores.position[nodes[:, 0]] - pores.position[nodes[:, 1]], axis=-1)
+    with Workspace(device) as work:
+        wanted = crossings(work, pores, nodes, length.astype(np.float32))
+    monkeypatch.setattr("rhytid.synthesis.crossings._BLOCK", 1024)
+    slots = []
+    run = Workspace.run
+
+    def counted(work: Workspace, program: str, *rest: Any, **named: Any) -> None:
+        if program == "crossings":
+            slots.append(rest[1] * named["defines"]["CROSSINGS"])
+        run(work, program, *rest, **named)
+
+    monkeypatch.setattr(Workspace, "run", counted)
+    with Workspace(device) as work:
+        found = crossings(work, pores, nodes, length.astype(np.float32))
+    assert found.tolist() == wanted.tolist()
+    assert np.bincount(found[:, 0]).max() > 50
+    assert max(slots) <= 8 * 1024
 
 
 def some_pairs(position: np.ndarray) -> np.ndarray:

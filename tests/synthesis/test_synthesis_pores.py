@@ -65,6 +65,22 @@ def test_sheets_that_touch_do_not_see_each_other(device: Device) -> None:
         assert len(position) == pytest.approx(0.5 * 0.61 / RADIUS**2, rel=0.1)
 
 
+def test_two_sides_of_a_sheet_may_share_their_vertices(device: Device) -> None:
+    one = sheets.sheet(lambda xy: 0.05 + 0.4 * xy)
+    both = Mesh(
+        one.positions,
+        np.concatenate([one.faces, one.faces[:, ::-1]]),
+        np.concatenate([one.uv, one.uv + 0.5]),
+        np.concatenate([one.face_uv, one.face_uv[:, ::-1] + len(one.uv)]),
+    )
+    _, pores = scattered(device, both)
+    up = pores.triangle < len(one.faces)
+    assert (np.sign(pores.normal[:, 2]) == np.where(up, 1, -1)).all()
+    for side in (up, ~up):
+        assert len(cKDTree(pores.position[side]).query_pairs(RADIUS)) == 0
+        assert np.count_nonzero(side) == pytest.approx(0.5 * 0.61 / RADIUS**2, rel=0.1)
+
+
 def test_pores_lie_in_their_triangles(device: Device) -> None:
     surface, pores = scattered(device, sheets.tube())
     off = surface.place(pores.triangle, pores.uv) - pores.position

@@ -78,7 +78,8 @@ def test_a_line_that_cannot_arrive_is_not_laid(device: Device) -> None:
     frame = np.zeros((len(pores), 3), np.float32)
     up = pores.normal[:, 2] > 0
     one, two = np.flatnonzero(up)[[0, -1]]
-    other = np.argmin(np.where(up, np.inf, np.linalg.norm(pores.position - pores.position[two])))
+    apart = np.linalg.norm(pores.position - pores.position[two], axis=1)
+    other = np.argmin(np.where(up, np.inf, apart))
     hubs = np.array([one, two, other, -1], np.int32)
     with Workspace(device) as work:
         paths = Paths.of(work, pores, edges, frame, frame, frame[:, 0])

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from rhytid.device.runtime import Device
 from rhytid.synthesis.crossings import crossings
 from rhytid.synthesis.edges import Edges
+from rhytid.synthesis.net import Net
 from rhytid.synthesis.paths import Paths
 from rhytid.synthesis.progress import silent
 from rhytid.synthesis.selection import preference
@@ -82,7 +83,7 @@ def test_strong_lines_go_on(worn: Worn) -> None:
 def test_what_is_wanted_first_is_flat_and_closed(device: Device, worn: Worn) -> None:
     pores, edges, found, strength = worn
     with Workspace(device) as work:
-        order = preference(work, len(pores), edges, strength, found, silent)
+        order = preference(work, Net(pores, edges, found), strength, silent)
     assert sorted(order.tolist()) == list(range(len(edges)))
     first = edges.take(order[: int(2.1 * len(pores))])
     with Workspace(device) as work:

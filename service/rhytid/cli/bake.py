@@ -14,6 +14,7 @@ from rhytid.cli.options import (
     Commands,
     add_json,
     add_query,
+    add_several,
     add_stiffness,
     add_wrinkles,
     base_name,
@@ -49,7 +50,7 @@ def add_command(commands: Commands) -> None:
     add = parser.add_argument
     add("--mesh", type=readable, required=True, metavar="NEUTRAL", help="OBJ, PLY, glTF, GLB, npz")
     frames = "npy, obj, or npz with 'frames'; not needed where NEUTRAL is a npz that holds frames"
-    add("--frames", type=readable, nargs="+", default=[], metavar="FILE", help=frames)
+    add_several(parser, "--frames", type=readable, metavar="FILE", help=frames)
     add("--out", type=Path, required=True, metavar="DIR", help="folder of the maps")
     add("--name", type=base_name, metavar="NAME", help="first part of file names (NEUTRAL's)")
     add("--resolution", type=int, metavar="R", help="texels per side, a power of two (4096)")

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from rhytid.cli.options import readable
+from rhytid.cli.options import add_several, readable
 from rhytid.domain.controls import CONTROLS, REGION_MAPS, REGION_PREFIX
 from rhytid.domain.regions import REGIONS
 
@@ -17,18 +17,15 @@ _MASKED = [name.removeprefix(REGION_PREFIX) for name in REGION_MAPS]
 
 def add_controls(parser: argparse.ArgumentParser) -> None:
     """`--region`, `--set NAME=VALUE`, `--map NAME=FILE` and `--region-mask REGION=FILE`."""
-    add = parser.add_argument
-    add("--region", choices=REGIONS, help="what skin the mesh has, where no mask says otherwise")
-    listed = ", ".join(_SETTINGS)
-    add("--set", type=_setting, nargs="+", default=[], metavar="NAME=VALUE", help=listed)
+    skin = "what skin the mesh has, where no mask says otherwise"
+    parser.add_argument("--region", choices=REGIONS, help=skin)
+    settings = ", ".join(_SETTINGS)
+    add_several(parser, "--set", type=_setting, metavar="NAME=VALUE", help=settings)
     maps = [name for name in CONTROLS if name not in REGION_MAPS]
     painted = "grey PNG or EXR painted in UV, named ANY.<UDIM>.png; NAME: " + ", ".join(maps)
-    add("--map", type=_named(maps), nargs="+", default=[], metavar="NAME=FILE", help=painted)
+    add_several(parser, "--map", type=_named(maps), metavar="NAME=FILE", help=painted)
     mask = "grey PNG or EXR, white where skin is of that region: " + ", ".join(_MASKED)
-    add(
-        "--region-mask", type=_named(_MASKED), nargs="+", default=[], metavar="REGION=FILE",
-        help=mask,
-    )  # fmt: skip
+    add_several(parser, "--region-mask", type=_named(_MASKED), metavar="REGION=FILE", help=mask)
 
 
 def control_settings(arguments: argparse.Namespace) -> dict[str, Any]:

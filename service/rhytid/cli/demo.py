@@ -12,6 +12,7 @@ from rhytid.cli.options import (
     Commands,
     add_json,
     add_query,
+    add_several,
     add_stiffness,
     add_wrinkles,
     new_command,
@@ -48,7 +49,7 @@ def add_command(commands: Commands) -> None:
     mesh = "OBJ, PLY, glTF, GLB, or npz, which may hold the frames"
     add("--mesh", type=readable, metavar="NEUTRAL", help=mesh)
     frames = "npy, obj, or npz with 'frames'"
-    add("--frames", type=readable, nargs="+", default=[], metavar="FILE", help=frames)
+    add_several(parser, "--frames", type=readable, metavar="FILE", help=frames)
     add(
         "--resolution",
         type=int,

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rhytid.cli.demo import UNITS
-from rhytid.cli.options import add_json
+from rhytid.cli.options import STDOUT, add_json
 from rhytid.cli.reporting import report, table
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
@@ -32,13 +32,31 @@ def add_outputs(parser: argparse.ArgumentParser) -> None:
 
 
 def check_outputs(arguments: argparse.Namespace) -> None:
-    """Refuse, before long work, a file whose extension says nothing; raises InputError."""
+    """Refuse, before long work, a file whose extension says nothing or that cannot be written;
+    raises InputError. The folders are made."""
     from rhytid.formats.curves import curve_file
 
     if arguments.curves is not None:
         curve_file(arguments.curves.name)
     if arguments.preview is not None and arguments.preview.suffix.lower() != PNG:
         raise InputError(f"{arguments.preview}: the preview is written as {PNG}")
+    for file in (arguments.curves, arguments.preview, arguments.json):
+        if file not in (None, STDOUT):
+            make_place(file)
+
+
+def make_place(file: Path) -> None:
+    """The folder of a file that will be written; raises InputError where that cannot be."""
+    from rhytid.storage.durable import workplace
+
+    if file.is_dir():
+        raise InputError(f"{file}: a folder, no file to write")
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with workplace(file.parent):
+            pass
+    except OSError as error:
+        raise InputError(f"{file} cannot be written: {error.strerror}") from error
 
 
 def write_outputs(
@@ -63,10 +81,9 @@ def write_outputs(
 
 
 def whole_file(file: Path, pieces: Any) -> None:
-    """Write pieces of bytes into a file that is there when it is whole; its folder is made."""
+    """Write pieces of bytes into a file that is there when it is whole; its folder is there."""
     from rhytid.storage.durable import install, workplace, write_pieces
 
-    file.parent.mkdir(parents=True, exist_ok=True)
     with workplace(file.parent) as place:
         aside = place / file.name
         write_pieces(aside, pieces)
@@ -86,7 +103,6 @@ def _preview(
 ) -> None:
     from rhytid.cli.preview import write_preview
 
-    arguments.preview.parent.mkdir(parents=True, exist_ok=True)
     unit_mm = UNITS[arguments.unit]
     write_preview(device, mesh, graph, unit_mm, arguments.preview)
 

@@ -38,6 +38,11 @@ def add_json(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_several(parser: argparse._ActionsContainer, option: str, **named: Any) -> None:
+    """An option of one value or more, that may be given more than once."""
+    parser.add_argument(option, nargs="+", action="extend", default=[], **named)
+
+
 def add_wrinkles(parser: argparse._ActionsContainer) -> None:
     """`--wrinkles N`."""
     parser.add_argument("--wrinkles", type=int, metavar="N", help="how many wrinkles to synthesise")
@@ -46,9 +51,7 @@ def add_wrinkles(parser: argparse._ActionsContainer) -> None:
 def add_stiffness(parser: argparse.ArgumentParser) -> None:
     """`--stiffness FILE ...`."""
     stiffness = "grey PNG or EXR, one a UDIM, named ANY.<UDIM>.png: white moves, black is rigid"
-    parser.add_argument(
-        "--stiffness", type=readable, nargs="+", default=[], metavar="FILE", help=stiffness
-    )
+    add_several(parser, "--stiffness", type=readable, metavar="FILE", help=stiffness)
 
 
 def add_query(parser: argparse.ArgumentParser) -> None:

@@ -11,6 +11,7 @@ from rhytid.cli.control_options import add_controls, control_maps, control_setti
 from rhytid.cli.graph_output import (
     add_outputs,
     check_outputs,
+    make_place,
     open_device,
     whole_file,
     write_outputs,
@@ -53,9 +54,10 @@ def run(arguments: argparse.Namespace) -> None:
 
     given = {"wrinkles": arguments.wrinkles, "seed": arguments.seed}
     settings = graph_settings({**given, **control_settings(arguments)})
-    check_outputs(arguments)
     if arguments.out.suffix.lower() != GRAPH:
         raise InputError(f"{arguments.out}: the graph is written as {GRAPH}")
+    check_outputs(arguments)
+    make_place(arguments.out)
     mesh = mesh_file(arguments.mesh).mesh
     controls = control_files(control_maps(arguments), mesh)
     device = open_device(arguments)

@@ -8,7 +8,7 @@ is bilinear, beyond the outermost it goes on as they are.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -55,18 +55,20 @@ def check_udim(udim: int, udims: Sequence[int], what: str) -> None:
         raise InputError(f"{what} is of UDIM {udim}, which has no mesh; the mesh has {have}")
 
 
-def bilinear(map: Map, local: NDArray[np.floating]) -> Shares:
-    """(P,) at points (P, 2) in UV local to the UDIM of the map."""
-    left, right, x = between(local[:, 0], map.shape[1])
-    top, bottom, y = between(1.0 - local[:, 1].astype(np.float64), map.shape[0])
-    rows = [mix(shares(map[i, left]), shares(map[i, right]), x) for i in (top, bottom)]
-    return mix(rows[0], rows[1], y)
-
-
 def shares(texels: Map) -> Shares:
     """Codes as shares of the largest; floats as they are."""
     found: Shares = texels.astype(np.float32, copy=False)
     return found if texels.dtype.kind == "f" else found / np.float32(np.iinfo(texels.dtype).max)
+
+
+def bilinear(
+    map: Map, local: NDArray[np.floating], meaning: Callable[[Map], Shares] = shares
+) -> Shares:
+    """(P,) at points (P, 2) in UV local to the UDIM of the map, between what texels mean."""
+    left, right, x = between(local[:, 0], map.shape[1])
+    top, bottom, y = between(1.0 - local[:, 1].astype(np.float64), map.shape[0])
+    rows = [mix(meaning(map[i, left]), meaning(map[i, right]), x) for i in (top, bottom)]
+    return mix(rows[0], rows[1], y)
 
 
 def between(

@@ -15,14 +15,15 @@ def mean_spacing(mesh: Mesh, graph: WrinkleGraph, triangle: NDArray[np.int32]) -
     """Mean distance from a pore to the nearest one elsewhere, in mesh units.
 
     triangle: (N,) that holds each pore; the number of triangles for a pore in none, left out.
-    Falls back to the mean length of a mesh edge where pores lie at fewer than two places of the
-    mesh.
+    Nodes of weight 0, as those beyond UV seams, count only where no others lie at two places. Falls
+    back to the mean length of a mesh edge where none do.
     """
     on_mesh = triangle < len(mesh.faces)
-    places = surface_points(mesh, graph.node_uv[on_mesh], triangle[on_mesh])
-    places = np.unique(places, axis=0)  # of pores that coincide one counts
-    if len(places) < 2:
-        corners = mesh.positions[mesh.faces].astype(np.float64)
-        return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=-1).mean())
-    distance, _ = cKDTree(places).query(places, k=2)
-    return float(distance[:, 1].mean())
+    for chosen in (on_mesh & (graph.node_weight > 0), on_mesh):
+        places = surface_points(mesh, graph.node_uv[chosen], triangle[chosen])
+        places = np.unique(places, axis=0)  # of pores that coincide one counts
+        if len(places) >= 2:
+            distance, _ = cKDTree(places).query(places, k=2)
+            return float(distance[:, 1].mean())
+    corners = mesh.positions[mesh.faces].astype(np.float64)
+    return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=-1).mean())

@@ -7,8 +7,10 @@ import numpy as np
 from rhytid.domain.asset_settings import MOST_WRINKLES, GraphSettings
 from rhytid.domain.controls import Controls
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.regions import REGIONS
 from rhytid.errors import InputError, LimitError, MeshError
 from rhytid.synthesis.fields import Fields
+from rhytid.synthesis.lattice import Lattice
 from rhytid.synthesis.painting import fields_of
 from rhytid.synthesis.rooms import total_room
 from rhytid.synthesis.surface import Surface
@@ -16,12 +18,15 @@ from rhytid.synthesis.surface import Surface
 # Wrinkles per pore; a triangulation would have three.
 EDGES_PER_PORE = 2.1
 FEWEST = 100
-# Device memory of a synthesis: buffers of fixed size, and bytes a wrinkle. 100,000 wrinkles on a
-# sheet were measured to take 51 MB, 1.5 million 138 MB and 3 million 276 MB.
-FIXED_BYTES, BYTES_A_WRINKLE = 50_000_000, 100
+# Device memory of a synthesis: buffers of fixed size, and bytes a wrinkle and a triangle. 100,000
+# wrinkles on a sheet were measured to take 51 MB, 1.5 million 138 MB and 3 million 276 MB; 2,600
+# painted on two triangles 57 MB, 1,000 on 980,000 triangles 156 MB.
+FIXED_BYTES, BYTES_A_WRINKLE, BYTES_A_TRIANGLE = 60_000_000, 100, 112
 # Pores this many steps of float32 apart in UV can be told from each other, and lines drawn between
 # them; that part of the surface may have less.
 _STEPS, _LOST = 8.0, 0.01
+# And so many steps of the lattice apart in space: their distances are then right to a sixteenth.
+_PLACES = 16.0
 
 
 def check_amount(
@@ -32,7 +37,8 @@ def check_amount(
     memory: bytes that a synthesis may use on the device.
     """
     if controls is None:
-        _check(settings, settings.density, round(settings.wrinkles * settings.density), memory)
+        share = settings.density * REGIONS[settings.region].density
+        _checked(settings, share, len(mesh.faces), memory)
         return
     surface = Surface.of(mesh)
     wrinkles_in_all(surface, settings, fields_of(surface, settings, controls), memory)
@@ -47,9 +53,7 @@ def wrinkles_in_all(
     a graph may have, or than `memory` on the device holds; with the number that would fit.
     """
     share = settings.density * _room(surface, fields)
-    wanted = round(settings.wrinkles * share)
-    _check(settings, share, wanted, memory)
-    return wanted
+    return _checked(settings, share, len(surface.area), memory)
 
 
 def check_uv(surface: Surface, settings: GraphSettings, radius: float, factor: float) -> None:
@@ -72,13 +76,26 @@ def check_uv(surface: Surface, settings: GraphSettings, radius: float, factor: f
         )
 
 
+def check_extent(surface: Surface, settings: GraphSettings, radius: float) -> None:
+    """Raise MeshError where parts of the mesh lie so far apart that places in space are too coarse
+    for pores that are `radius` apart."""
+    unit = Lattice.around(surface.corners[surface.carries].reshape(-1, 3)).unit
+    if radius < _PLACES * unit:
+        fit = int(settings.wrinkles * (radius / (_PLACES * unit)) ** 2)
+        raise MeshError(
+            f"graph.wrinkles is {settings.wrinkles}: the parts of the mesh lie so far apart that "
+            f"places can be told from each other for about {fit}"
+        )
+
+
 def _room(surface: Surface, fields: Fields) -> float:
     """Of even skin 1."""
     return total_room(surface, fields) / float(surface.area[surface.carries].sum())
 
 
-def _check(settings: GraphSettings, share: float, wanted: int, memory: int | None) -> None:
-    """share: wrinkles in all over `settings.wrinkles`."""
+def _checked(settings: GraphSettings, share: float, triangles: int, memory: int | None) -> int:
+    """Wrinkles in all, where they fit.  share: of these over `settings.wrinkles`."""
+    wanted = round(settings.wrinkles * share)
     told = f"graph.wrinkles is {settings.wrinkles}"
     if share <= 0:
         raise InputError("density: the map leaves no room for pores; paint some of it lighter")
@@ -87,9 +104,13 @@ def _check(settings: GraphSettings, share: float, wanted: int, memory: int | Non
     if wanted < FEWEST:
         least = int(np.ceil(FEWEST / share))
         raise InputError(f"{told}: at least {FEWEST}, graph.wrinkles of {least} or more")
-    fit = MOST_WRINKLES
-    if memory is not None:
-        fit = min(fit, max(memory - FIXED_BYTES, 0) // BYTES_A_WRINKLE)
+    fit = MOST_WRINKLES if memory is None else min(_fitting(memory, triangles), MOST_WRINKLES)
     if wanted > fit:
         limit = f"the {memory} bytes of device memory" if fit < MOST_WRINKLES else "a graph"
         raise LimitError(f"{told}: {limit} can hold {int(fit / share)}")
+    return wanted
+
+
+def _fitting(memory: int, triangles: int) -> int:
+    """Wrinkles that so many bytes hold, on a mesh of so many triangles."""
+    return max(memory - FIXED_BYTES - BYTES_A_TRIANGLE * triangles, 0) // BYTES_A_WRINKLE

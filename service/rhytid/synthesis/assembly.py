@@ -2,46 +2,55 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.synthesis import shapes
 from rhytid.synthesis.drawing import Lines
-from rhytid.synthesis.fields import Fields
+from rhytid.synthesis.net import Ground
 from rhytid.synthesis.progress import Progress
 from rhytid.synthesis.rows import row_blocks
-from rhytid.synthesis.surface import Points, Surface
+from rhytid.synthesis.surface import Points
 
 _LEAST_WEIGHT = 1e-4
 
 
+@dataclass(frozen=True, eq=False)
+class Worn:
+    """strength (E,) float32: of all candidate edges.  hubs (H,) int32: the pores where primary
+    lines meet."""
+
+    strength: NDArray[np.float32]
+    hubs: NDArray[np.int32]
+
+
 def assemble(
-    surface: Surface,
+    ground: Ground,
     pores: Points,
     lines: Lines,
-    strength: NDArray[np.float32],
-    hubs: NDArray[np.int32],
+    worn: Worn,
     spacing: float,
     rng: np.random.Generator,
-    fields: Fields,
     progress: Progress,
 ) -> WrinkleGraph:
     """Pores and lines with what they are drawn with.
 
-    strength: of all candidate edges.  hubs: the pores where primary lines meet.  spacing: mean, of
-    pores.  Nodes beyond a border are as large as their pore and not drawn.
+    spacing: mean, of pores.  Nodes beyond a border are as large as their pore and not drawn.
     """
-    weight, factor, half_width = _lines(surface, pores, lines, strength, spacing, fields, progress)
+    fields = ground.fields
+    weight, factor, half_width = _lines(ground, pores, lines, worn.strength, spacing, progress)
     progress(0.4, "shapes")
     size = shapes.pore_sizes(pores.position, spacing, rng)
-    size[hubs] *= np.float32(shapes.HUB)
+    size[worn.hubs] *= np.float32(shapes.HUB)
     size *= fields.pore_radius(pores.triangle, pores.uv)
     progress(0.6, "shapes")
     depth = shapes.pore_weights(lines.nodes, weight, size, rng)
     _scale(depth, fields.pore_strength(pores.triangle, pores.uv))
     _scale(weight, factor)
-    metric, radius = shapes.pore_ellipses(surface, pores.triangle, size)
+    metric, radius = shapes.pore_ellipses(ground.surface, pores.triangle, size)
     progress(0.8, "shapes")
     none = np.zeros(len(lines.owner), np.float32)
     return WrinkleGraph(
@@ -58,16 +67,15 @@ def assemble(
 
 
 def _lines(
-    surface: Surface,
+    ground: Ground,
     pores: Points,
     lines: Lines,
     strength: NDArray[np.float32],
     spacing: float,
-    fields: Fields,
     progress: Progress,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
     """(W,) weights, factors that these still lack, and half widths in UV."""
-    chosen = strength[lines.edge]
+    chosen, fields = strength[lines.edge], ground.fields
     mean = float(chosen.mean(dtype=np.float64))
     weight, factor, half_width = (np.empty(len(chosen), np.float32) for _ in range(3))
     for rows in row_blocks(len(chosen)):
@@ -76,7 +84,7 @@ def _lines(
         middle = pores.uv[lines.nodes[rows, 0]] + np.float32(0.5) * step
         weight[rows] = shapes.edge_weights(chosen[rows], mean)
         width = shapes.widths(weight[rows], spacing) * fields.width(triangle, middle)
-        half_width[rows] = shapes.half_widths_uv(surface, triangle, step, width)
+        half_width[rows] = shapes.half_widths_uv(ground.surface, triangle, step, width)
         factor[rows] = fields.strength(triangle, middle)
     second = 1 + np.flatnonzero(lines.edge[1:] == lines.edge[:-1])
     factor[second] = factor[second - 1]  # both halves across a seam are one wrinkle

@@ -14,9 +14,9 @@ from rhytid.synthesis.progress import Progress, silent
 from rhytid.synthesis.surface import Points
 from rhytid.synthesis.workspace import Workspace
 
-_BLOCK = 1 << 19
-# Partners of one edge that there is room for at first.
-_PARTNERS = 8
+# Edges that are looked at together, and partners of one that there is room for at first; of edges
+# with more fewer are looked at together.
+_BLOCK, _PARTNERS = 1 << 19, 8
 
 
 def crossings(
@@ -58,23 +58,35 @@ def _blocks(
     )  # fmt: skip
     for start in range(0, len(nodes), _BLOCK):
         progress(start / len(nodes), "crossings")
-        yield _found(work, shared, start, min(_BLOCK, len(nodes) - start))
+        yield from _found(work, shared, start, min(_BLOCK, len(nodes) - start), _PARTNERS)
 
 
-def _found(work: Workspace, shared: tuple[Any, ...], start: int, count: int) -> NDArray[np.int32]:
-    """(P, 2) the crossings that edges start to start + count find."""
-    room = _PARTNERS
-    while True:
-        found, much = work.empty(count * room, np.int32), work.empty(count, np.int32)
-        work.run(
-            "crossings", "find_crossings", count, start, *shared, found, much,
-            defines={"CROSSINGS": room},
-        )  # fmt: skip
-        partners = work.read(found, (count, room), np.int32)
-        partners_of = work.read(much, (count,), np.int32)
-        work.release(found, much)
-        if partners_of.max() <= room:
-            break
-        room = int(partners_of.max())
-    edge, slot = np.nonzero(np.arange(room) < partners_of[:, None])
-    return np.stack([edge.astype(np.int32) + np.int32(start), partners[edge, slot]], axis=-1)
+def _found(
+    work: Workspace, shared: tuple[Any, ...], start: int, count: int, room: int
+) -> Iterator[NDArray[np.int32]]:
+    """(P, 2) the crossings that edges start to start + count find, with room for so many each;
+    where one has more, some edges after others."""
+    partners, partners_of = _launched(work, shared, start, count, room)
+    most = int(partners_of.max())
+    if most <= room:
+        edge, slot = np.nonzero(np.arange(room) < partners_of[:, None])
+        yield np.stack([edge.astype(np.int32) + np.int32(start), partners[edge, slot]], axis=-1)
+        return
+    step = max(_BLOCK * _PARTNERS // most, 1)
+    for first in range(start, start + count, step):
+        yield from _found(work, shared, first, min(step, start + count - first), most)
+
+
+def _launched(
+    work: Workspace, shared: tuple[Any, ...], start: int, count: int, room: int
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """(count, room) partners of edges, and (count,) how many there are, at least."""
+    found, much = work.empty(count * room, np.int32), work.empty(count, np.int32)
+    work.run(
+        "crossings", "find_crossings", count, start, *shared, found, much,
+        defines={"CROSSINGS": room},
+    )  # fmt: skip
+    partners = work.read(found, (count, room), np.int32)
+    partners_of = work.read(much, (count,), np.int32)
+    work.release(found, much)
+    return partners, partners_of

@@ -36,7 +36,9 @@ class Throw:
 class Darts:
     """Throws at most `most` darts at a time.
 
-    room: the area of the surface in units of squared spacing factors; 1 where spacing is even.
+    room: the area of the surface in units of squared spacing factors, those of the densest place of
+    each triangle; 1 where spacing is even.  filled: the same by the mean of each triangle, which is
+    what pores have.
     """
 
     def __init__(
@@ -46,8 +48,8 @@ class Darts:
         self.lattice = Lattice.around(surface.corners[carriers].reshape(-1, 3))
         centres = surface.corners[carriers].mean(axis=1)
         carriers = carriers[spatial_order(self.lattice.places(centres))]
-        weights = rooms(surface, fields, carriers)[0]
-        self.room = float(weights.sum())
+        weights, filled = rooms(surface, fields, carriers)
+        self.room, self.filled = float(weights.sum()), float(filled.sum())
         self._work, self._fields, self._seed = work, fields, np.uint32(seed)
         self._even = fields.least_spacing == fields.most_spacing == 1.0
         places = self.lattice.places(surface.corners[carriers])

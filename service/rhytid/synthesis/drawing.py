@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from rhytid.synthesis.charts import BORDER
 from rhytid.synthesis.edges import Edges
+from rhytid.synthesis.net import Ground, Net
 from rhytid.synthesis.seams import halves
 from rhytid.synthesis.shapes import WIDE, half_widths_uv
-from rhytid.synthesis.surface import FloatArray, Points, Surface
+from rhytid.synthesis.surface import FloatArray, Points
 
 Indices = NDArray[np.int32]
 
@@ -59,37 +60,27 @@ def stored(edges: Edges, order: Indices, count: int) -> tuple[Indices, NDArray[n
     return edge, side
 
 
-def draw(
-    surface: Surface,
-    across: Indices,
-    pores: Points,
-    edges: Edges,
-    edge: Indices,
-    side: NDArray[np.uint8],
-    spacing: float,
-) -> Lines:
-    """Put edge (W,), from its node `side` (W,) on, into the map."""
-    nodes = edges.nodes[edge]
+def draw(ground: Ground, net: Net, edge: Indices, side: NDArray[np.uint8], spacing: float) -> Lines:
+    """Put edge (W,) of a net, from its node `side` (W,) on, into the map."""
+    nodes, pores = net.edges.nodes[edge], net.pores
     turned = np.flatnonzero(side)
     nodes[turned] = nodes[turned, ::-1]
     step = pores.uv[nodes[:, 1]] - pores.uv[nodes[:, 0]]
-    triangle = edges.middle[edge]
+    triangle = net.edges.middle[edge]
     split = np.flatnonzero(triangle == BORDER)
     owner = nodes[split, 0]
     triangle[split] = pores.triangle[owner]
-    step[split] = _over_the_border(surface, across, pores, nodes[split], spacing)
+    step[split] = _over_the_border(ground, pores, nodes[split], spacing)
     beyond = pores.uv[owner] + step[split]
     nodes[split, 1] = len(pores) + np.arange(len(split))
     return Lines(edge, nodes, step, triangle, owner, beyond)
 
 
-def _over_the_border(
-    surface: Surface, across: Indices, pores: Points, nodes: Indices, spacing: float
-) -> FloatArray:
+def _over_the_border(ground: Ground, pores: Points, nodes: Indices, spacing: float) -> FloatArray:
     """(S, 2) UV steps that hide the round end of the widest line, but go no further."""
-    half = halves(surface, across, pores, nodes)
+    half = halves(ground.surface, ground.across, pores, nodes)
     widest = np.full(len(nodes), WIDE * spacing)
-    end = half_widths_uv(surface, pores.triangle[nodes[:, 0]], half.step, widest)
+    end = half_widths_uv(ground.surface, pores.triangle[nodes[:, 0]], half.step, widest)
     share = half.share + end / np.linalg.norm(half.step, axis=-1)
     steps: FloatArray = half.step * np.minimum(share, 1.0)[:, None]
     return steps

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import GraphSettings
@@ -13,8 +12,8 @@ from rhytid.domain.controls import Controls
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import MeshError
-from rhytid.synthesis.amount import EDGES_PER_PORE, check_uv, wrinkles_in_all
-from rhytid.synthesis.assembly import assemble
+from rhytid.synthesis.amount import EDGES_PER_PORE, check_extent, check_uv, wrinkles_in_all
+from rhytid.synthesis.assembly import Worn, assemble
 from rhytid.synthesis.charts import neighbours
 from rhytid.synthesis.directions import Directions
 from rhytid.synthesis.drawing import draw, lines_of, stored
@@ -76,17 +75,13 @@ def synthesize(
         ground = Ground(work, surface, across, fields)
         net, radius, spacing = _net(ground, settings, wanted, part(report, 0.0, 0.48))
         directions = Directions(spacing, rng, fields)
-        strength, hubs = _worn(ground, net, settings, radius, directions, part(report, 0.48, 0.92))
-        order = preference(
-            work, len(net.pores), net.edges, strength, net.crossings, part(report, 0.92, 0.945)
-        )
+        worn = _worn(ground, net, settings, radius, directions, part(report, 0.48, 0.92))
+        order = preference(work, net, worn.strength, part(report, 0.92, 0.945))
     report(0.945, "shapes")
-    edge, side = stored(net.edges, order, wanted)
+    chosen = stored(net.edges, order, wanted)
     report(0.947, "shapes")
-    lines = draw(surface, across, net.pores, net.edges, edge, side, spacing)
-    graph = assemble(
-        surface, net.pores, lines, strength, hubs, spacing, rng, fields, part(report, 0.95, 1.0)
-    )
+    lines = draw(ground, net, *chosen, spacing)
+    graph = assemble(ground, net.pores, lines, worn, spacing, rng, part(report, 0.95, 1.0))
     report(1.0, "shapes")
     return Synthesis(graph, spacing * surface.scale, surface.stretched)
 
@@ -101,6 +96,7 @@ def _net(
     """
     radius = packed_radius(ground.surface, ground.fields, wanted / EDGES_PER_PORE)
     check_uv(ground.surface, settings, radius, ground.fields.least_spacing)
+    check_extent(ground.surface, settings, radius * ground.fields.least_spacing)
     for _ in range(ATTEMPTS):
         spinning = part(progress, 0.0, 0.98)
         net = Net.spun(ground, radius, settings.neighbours, settings.seed, spinning)
@@ -111,8 +107,10 @@ def _net(
             mean = mean_spacing(ground.work, net.pores)[0]
             return net, radius, mean / float(factor.mean(dtype=np.float64))
         radius *= 0.97 * float(np.sqrt(max(lines / wanted, 0.5)))
-    fit = f"the UV of the mesh has room for {int(settings.wrinkles * lines / wanted)} wrinkles"
-    raise MeshError(f"{fit}: graph.wrinkles is {settings.wrinkles}")
+    raise MeshError(
+        f"graph.wrinkles is {settings.wrinkles}: only {lines} of {wanted} can be drawn between "
+        "pores so far apart, for the UV of the mesh is in small parts; ask for more wrinkles"
+    )
 
 
 def _worn(
@@ -122,8 +120,8 @@ def _worn(
     radius: float,
     directions: Directions,
     progress: Progress,
-) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-    """(E,) how strong the edges are, and the pores where primary lines meet."""
+) -> Worn:
+    """How strong walkers and primary lines make the edges."""
     spinning = part(progress, 0.0, 0.07)
     primary = Primary.spun(ground, radius, settings.neighbours, settings.seed, directions, spinning)
     with ground.work.room() as room:
@@ -132,4 +130,4 @@ def _worn(
         progress(0.98, "trails")
         weight, hubs = primary.laid(ground, net, paths, radius)
     progress(1.0, "selection")
-    return deepened(strength, weight), hubs
+    return Worn(deepened(strength, weight), hubs)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -21,12 +21,18 @@ _PULL = 1e-4
 class Lookup:
     """The maps of one control by UDIM.
 
-    least, most: of all values, those of UDIMs without a map too.  detail: half the UV length of
-    the smallest texel.
+    least, most: of all values, those of UDIMs without a map too.  detail: the UV length of the
+    smallest texel.  meaning: of texels, shares unless it is given; maps stay as they are, for in
+    float32 they may take four times the memory.
     """
 
-    def __init__(self, surface: Surface, maps: Mapping[int, Map]) -> None:
-        self._maps = maps
+    def __init__(
+        self,
+        surface: Surface,
+        maps: Mapping[int, Map],
+        meaning: Callable[[Map], Shares] = shares,
+    ) -> None:
+        self._maps, self._meaning = maps, meaning
         self._centres = surface.uv.mean(axis=1)
         values = [float(shares(f(map))) for map in maps.values() for f in (np.min, np.max)]
         self.least, self.most = min([_MIDDLE, *values]), max([_MIDDLE, *values])
@@ -40,7 +46,7 @@ class Lookup:
             for udim, map in self._maps.items():
                 there = np.flatnonzero((corner == udim_origin(udim)).all(axis=1))
                 local = uv[rows][there].astype(np.float64) - udim_origin(udim)
-                found[rows.start + there] = bilinear(map, local)
+                found[rows.start + there] = bilinear(map, local, self._meaning)
         return found
 
     def _corners(self, triangle: NDArray[Any], uv: NDArray[Any]) -> FloatArray:

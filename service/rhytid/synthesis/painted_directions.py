@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -20,14 +21,13 @@ from rhytid.synthesis.surface import FloatArray, Surface, unit
 class PaintedDirections:
     """Axes by UDIM: grey g > 0 is the angle πg in UV, counterclockwise; black is none.
 
-    Kept as cosine and sine of twice the angle, 0 where there is none: these interpolate.
+    Between texels cosine and sine of twice the angle, 0 where there is none, are interpolated.
     """
 
     def __init__(self, surface: Surface, maps: Mapping[int, Map]) -> None:
         self._surface = surface
         self._cosine, self._sine = (
-            Lookup(surface, {udim: _part(part, map) for udim, map in maps.items()})
-            for part in (np.cos, np.sin)
+            Lookup(surface, maps, partial(_part, part)) for part in (np.cos, np.sin)
         )
 
     def sure(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
@@ -63,9 +63,9 @@ class PaintedDirections:
         return found
 
 
-def _part(part: Any, map: Map) -> Shares:
-    angle = np.float32(2.0 * np.pi) * shares(map)
-    found: Shares = np.where(map > 0, part(angle), np.float32(0.0))
+def _part(part: Any, texels: Map) -> Shares:
+    angle = np.float32(2.0 * np.pi) * shares(texels)
+    found: Shares = np.where(texels > 0, part(angle), np.float32(0.0))
     return found
 
 

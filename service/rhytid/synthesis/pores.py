@@ -40,9 +40,9 @@ def scatter_pores(
     fields = fields or Fields()
     with work.room() as room:
         darts = Darts(room, surface, fields, seed, BATCH)
-        expected = PACKING * darts.room / radius**2
-        sieve = Sieve(room, darts, radius, fields, expected)
-        rounds = [int(np.ceil(share * expected)) for share in DARTS]
+        a_room = PACKING / radius**2
+        sieve = Sieve(room, darts, radius, fields, a_room * darts.filled)
+        rounds = [int(np.ceil(share * a_room * darts.room)) for share in DARTS]
         done = 0
         for turn, total in enumerate(rounds):
             for start in range(0, total, BATCH):

@@ -59,10 +59,8 @@ class Primary:
         with ground.work.room() as room:
             paths = net.paths(room, directions, ground.fields, part(progress, 0.5, 0.6))
             strength = net.worn(room, paths, other, part(progress, 0.6, 0.9))
-        chosen = preference(
-            ground.work, len(net.pores), net.edges, strength, net.crossings,
-            part(progress, 0.9, 1.0),
-        )[: int(_LINES * len(net.pores))]  # fmt: skip
+        order = preference(ground.work, net, strength, part(progress, 0.9, 1.0))
+        chosen = order[: int(_LINES * len(net.pores))]
         weight = shapes.edge_weights(strength[chosen], float(strength[chosen].mean()))
         return cls(net.pores, net.edges.nodes[chosen], weight)
 

@@ -12,8 +12,8 @@ from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.rows import ROWS
 from rhytid.synthesis.surface import FloatArray, Surface
 
-# Places looked at in all, and along a side of one triangle.
-_LOOKS, _FINEST = 1 << 20, 64
+# Places looked at in all, and along a side of one triangle: their coordinates then take 10 MB.
+_LOOKS, _FINEST = 1 << 20, 512
 
 
 def spacings(fields: Fields, triangle: NDArray[Any], uv: NDArray[Any]) -> NDArray[np.float32]:

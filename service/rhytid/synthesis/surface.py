@@ -19,6 +19,8 @@ IntArray = NDArray[np.int64]
 AnyFloats = TypeVar("AnyFloats", bound=NDArray[Any])
 
 UDIM_COLUMNS = 10.0
+# Normals around a vertex whose mean is shorter than this say nothing of where it faces.
+_CANCELLED = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +86,7 @@ class Surface:
         scale = float(np.sqrt(area[carries].sum()))
         return cls(
             corners=corners / scale,
-            normals=_vertex_normals(corners, mesh.faces)[mesh.faces],
+            normals=_corner_normals(corners, mesh.faces),
             uv=uv,
             jacobian=jacobian / scale,
             density=density / scale**2,
@@ -119,11 +121,16 @@ def _facing(corners: FloatArray) -> FloatArray:
     return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
 
-def _vertex_normals(corners: FloatArray, faces: NDArray[np.int32]) -> FloatArray:
-    """(V, 3) unit normals: the mean of the triangles around a vertex by area."""
-    facing = np.repeat(_facing(corners), 3, axis=0)
-    sums = [np.bincount(faces.ravel(), weights=facing[:, axis]) for axis in range(3)]
-    return unit(np.stack(sums, axis=-1))
+def _corner_normals(corners: FloatArray, faces: NDArray[np.int32]) -> FloatArray:
+    """(F, 3, 3) unit normals: the mean of the triangles around a vertex by area; that of the
+    triangle where these cancel out, as they do where both sides of a sheet share its vertices."""
+    facing = _facing(corners)
+    around = np.column_stack([facing, np.linalg.norm(facing, axis=-1)])
+    weights = np.repeat(around, 3, axis=0).T
+    sums = np.stack([np.bincount(faces.ravel(), weights=w) for w in weights], axis=-1)
+    left, total = np.linalg.norm(sums[:, :3], axis=-1), sums[:, 3]
+    cancel = (left < _CANCELLED * total)[faces][..., None]
+    return np.where(cancel, unit(facing)[:, None], unit(sums[:, :3])[faces])
 
 
 def _overlaps_udims(uv: FloatArray) -> BoolArray:
