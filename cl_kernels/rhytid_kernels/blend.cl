@@ -34,9 +34,9 @@ inline float16 blend_triangle(__global const CODE *maps, __global const float4 *
 // in memory: what a work-item reads is one stream, in order. coefficients: LAYERS a triangle, of
 // weights.cl. unit: of the merge, mesh units. out:
 // displacement, mesh units; within 1e-6 of the largest step times code of the same in double.
-__kernel void blend(__global const int *firsts, __global const int2 *members,
-                    __global const CODE *codes, __global const float4 *coefficients,
-                    float unit, __global float *out)
+inline void blend_vector(__global const int *firsts, __global const int2 *members,
+                         __global const CODE *codes, __global const float4 *coefficients,
+                         float unit, __global float *out)
 {
     int i = get_global_id(0), member = firsts[i], end = firsts[i + 1];
     codes += (size_t)i * VECTOR_CODES;
@@ -46,4 +46,24 @@ __kernel void blend(__global const int *firsts, __global const int2 *members,
         d = select(d, other, lanes_of(members[member].y));
     }
     vstore16(d * unit, 0, out + i * WIDTH);
+}
+
+// Up to four tiles of as many texels at once, as blend_vector has it: work-item (vector, tile).
+#define TILE(k)                                                                                    \
+    __global const int *firsts##k, __global const int2 *members##k, __global const CODE *codes##k, \
+        __global float *out##k
+#define BLEND(k)                                                                                   \
+    case k:                                                                                        \
+        blend_vector(firsts##k, members##k, codes##k, coefficients, unit, out##k);                 \
+        break;
+
+__kernel __attribute__((vec_type_hint(float16))) void blend(TILE(0), TILE(1), TILE(2), TILE(3), __global const float4 *coefficients,
+                    float unit)
+{
+    switch (get_global_id(1)) {
+        BLEND(0)
+        BLEND(1)
+        BLEND(2)
+        BLEND(3)
+    }
 }

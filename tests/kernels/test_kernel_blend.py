@@ -18,6 +18,14 @@ from rhytid.pipeline.blend import unit_of
 from rhytid.pipeline.elements import RESPONSE_DEFINES
 from rhytid.pipeline.vectors import VectorTriangles
 
+ONE_TILE = """
+__kernel void one_tile(__global const int *firsts, __global const int2 *members,
+                       __global const CODE *codes, __global const float4 *coefficients, float unit,
+                       __global float *out)
+{
+    blend_vector(firsts, members, codes, coefficients, unit, out);
+}
+"""
 WIDTH = 16
 TEXELS = 64 * WIDTH
 C_TYPES = {8: "char", 16: "short"}
@@ -83,8 +91,8 @@ def blended(device, triangle, maps):
     tilts = [*maps.tilts[:, None], by_layer[0][:0]] if tilt else [by_layer[0][:0]] * layers
     codes = np.concatenate([m for pair in zip(by_layer, tilts, strict=True) for m in pair])
     arguments = [*placed(device, triangle, codes), coefficients(device, maps), unit(maps)]
-    text, out = rhytid_kernels.source("blend"), np.zeros(TEXELS, np.float32)
-    return run(device, text, "blend", (TEXELS // WIDTH,), arguments, out, given)
+    text, out = rhytid_kernels.source("blend") + ONE_TILE, np.zeros(TEXELS, np.float32)
+    return run(device, text, "one_tile", (TEXELS // WIDTH,), arguments, out, given)
 
 
 def coefficients(device, maps):

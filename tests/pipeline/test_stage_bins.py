@@ -15,6 +15,7 @@ from reference import bins as reference
 from reference import drawing
 from rhytid.pipeline.bin_maker import BinMaker
 from rhytid.pipeline.bins import directions, quantisation_steps, sample_stretches
+from rhytid.pipeline.blend import Blend
 
 TILE = 64
 GRAPH = random_graph(21, 300)
@@ -135,3 +136,17 @@ def test_maps_of_a_coarse_level_are_means_before_they_are_rounded(device, level,
         step = quantisation_steps(settings)[layer].astype(np.float64)[:, None, None]
         error = np.abs(codes[layer] * step - blocks.reshape(*exact.shape[:2], -1))
         assert (error <= 0.5 * step * (1 + 1e-5) + 1e-4 * DEPTH).all()
+
+
+@pytest.mark.parametrize("count", [1, 2, 4, 5, 9])
+def test_tiles_of_one_launch_are_those_of_many(device, count):
+    scene = BinnedScene(device, sheet(), random_graph(6, 300), settings_of())
+    elements, settings = scene.elements(1001), scene.settings
+    maker = BinMaker(device, elements, scene.located, settings)
+    tiles = [maker.tile(0, 64 * (i // 4), 64 * (i % 4), 64) for i in range(count)]
+    blend = Blend(device, settings, len(sheet().faces))
+    held = blend.coefficients(scene.stretch(deform(sheet().positions, 2, 0.15)))
+    alone = [device.read(blend.tile(tile, held), (64, 64), np.float32) for tile in tiles]
+    found = [device.read(out, (64, 64), np.float32) for out in blend.tiles(tiles, held)]
+    assert np.abs(alone).max() > 0
+    np.testing.assert_array_equal(found, alone)

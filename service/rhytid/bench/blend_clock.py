@@ -108,8 +108,8 @@ class BlendClock:
         coefficients = made.blend.coefficients(self._stretch)
         self._device.finish()
         start = self._now()
-        for tile in made.tiles:
-            made.blend.tile(tile, coefficients).release()
+        for tile in made.blend.tiles(made.tiles, coefficients):
+            tile.release()
         self._device.finish()
         taken = self._now() - start
         coefficients.release()

@@ -224,7 +224,7 @@ class FrameBench:
 
     def _binned(self) -> list[Buffer]:
         coefficients = self._blend.coefficients(self._frame)
-        tiles = [self._blend.tile(maps, coefficients) for maps in self._bins]
+        tiles = self._blend.tiles(self._bins, coefficients)
         coefficients.release()
         return tiles
 

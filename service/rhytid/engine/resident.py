@@ -56,11 +56,11 @@ class ResidentAsset(ResidentParts):
     def tiles(
         self, frame: Frame, query: MapQuery, addresses: list[TileAddress]
     ) -> list[NDArray[np.float32]]:
-        """Tiles of one level by any method: all are enqueued before the first is read."""
+        """Tiles of one level and UDIM by any method: all are enqueued before the first is read."""
         level = addresses[0].level
         side = self.settings.grid.texels(level)
         if query.method == "binned":
-            made = [self._blended(frame, query, address) for address in addresses]
+            made = self._blended(frame, query, addresses)
         elif in_one_piece(level, side):
             made = [
                 render(self._device, self._draw(frame, query, a), level, *self._place(a), side)
@@ -123,14 +123,21 @@ class ResidentAsset(ResidentParts):
 
         return draw
 
-    def _blended(self, frame: Frame, query: MapQuery, address: TileAddress) -> Buffer:
+    def _blended(self, frame: Frame, query: MapQuery, addresses: list[TileAddress]) -> list[Buffer]:
         assert self._blend is not None
-        blend, model, maps = self._blend, query.stretch, self.bin_tile(address)
+        blend, model, udim = self._blend, query.stretch, addresses[0].udim
+        tiles = [self.bin_tile(address) for address in addresses]
         if query.sampling == "smooth":
-            return blend.smooth_tile(maps, self._fields(frame, model), self._located[address.udim])
-        if maps.stiffness is not None:
-            return blend.stiff_tile(maps, self._stretches(frame, model))
-        return blend.tile(maps, self._coefficients(frame, model))
+            fields, located = self._fields(frame, model), self._located[udim]
+            return [blend.smooth_tile(maps, fields, located) for maps in tiles]
+        plain = [maps for maps in tiles if maps.stiffness is None]
+        made = iter(blend.tiles(plain, self._coefficients(frame, model)) if plain else ())
+        return [
+            next(made)
+            if maps.stiffness is None
+            else blend.stiff_tile(maps, self._stretches(frame, model))
+            for maps in tiles
+        ]
 
     def _place(self, address: TileAddress) -> tuple[int, int]:
         """Row and column of a tile's first texel."""

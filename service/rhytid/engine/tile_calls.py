@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from functools import partial
 
 import numpy as np
@@ -15,7 +16,7 @@ from rhytid.engine.core import EngineCore
 from rhytid.engine.frames import Frame
 from rhytid.engine.keys import map_key, settings_key
 from rhytid.engine.messages import BinManifest, MapQuery
-from rhytid.errors import ConflictError, NotFoundError
+from rhytid.errors import ConflictError, DeviceMemoryError, NotFoundError
 from rhytid.pipeline.bins import (
     HEADROOM,
     TILTS,
@@ -24,6 +25,7 @@ from rhytid.pipeline.bins import (
     quantisation_steps,
     sample_stretches,
 )
+from rhytid.pipeline.blend import TILES_A_LAUNCH
 from rhytid.pipeline.elements import SCALE_LIMIT
 
 Tile = NDArray[np.float32]
@@ -72,7 +74,11 @@ class TileCalls(EngineCore):
         """A whole map, piece by piece: others get their turn on the device in between."""
         grid, resident = asset.settings.grid, asset.ready()
         if query.method in _BY_TILE:
-            tiles = [self._tile(asset, frame, query, a) for a in grid.addresses(udim, level)]
+            addresses = list(grid.addresses(udim, level))
+            tiles = []
+            for first in range(0, len(addresses), TILES_A_LAUNCH):
+                some = addresses[first : first + TILES_A_LAUNCH]
+                tiles += self._few(asset, frame, query, some)
             return _assembled(tiles, grid.count(level))
         side = grid.side(level)
         piece = min(side, max(_PIECE >> level, 1))
@@ -142,6 +148,15 @@ class TileCalls(EngineCore):
     def _key(self, asset: Asset, frame: Frame, query: MapQuery, place: str) -> str:
         revision = settings_key(asset.id, asset.settings, self._device_key)
         return map_key(revision, frame, query, place)
+
+    def _few(
+        self, asset: Asset, frame: Frame, query: MapQuery, addresses: list[TileAddress]
+    ) -> list[Tile]:
+        """Tiles that are blended in one launch, where their maps fit on the device together."""
+        if query.method == "binned":
+            with suppress(DeviceMemoryError):
+                return self._on_device(asset.ready().tiles, frame, query, addresses)
+        return [self._tile(asset, frame, query, address) for address in addresses]
 
     def _tile(self, asset: Asset, frame: Frame, query: MapQuery, address: TileAddress) -> Tile:
         resident = asset.ready()

@@ -4,6 +4,8 @@ blend_smooth.cl, blend_stiff.cl."""
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +22,8 @@ from rhytid.pipeline.vectors import VECTOR
 
 # How merge.clh calls a merge. `signed` is `mellow` of one signed map in place of two.
 MERGES = {"min": "MIN", "soft": "SOFT", "signed": "MELLOW", "mellow": "MELLOW"}
+# That blend.cl takes.
+TILES_A_LAUNCH = 4
 # Half bins from the middle of a bin to where the line through its depth scales is taken.
 TILT_NODE = 0.6
 
@@ -97,14 +101,29 @@ class Blend:
 
     def tile(self, maps: BinTile, coefficients: Buffer) -> Buffer:
         """float32 displacement of one tile, on the device (Alg. 3, lines 11 to 15)."""
-        out = self._device.empty(maps.texels, np.float32)
+        return self.tiles([maps], coefficients)[0]
+
+    def tiles(self, tiles: Sequence[BinTile], coefficients: Buffer) -> list[Buffer]:
+        """As `tile`, of tiles of as many texels, a few a launch."""
+        made = [self._device.empty(maps.texels, np.float32) for maps in tiles]
+        for first in range(0, len(tiles), TILES_A_LAUNCH):
+            some = slice(first, first + TILES_A_LAUNCH)
+            self._launch_blend(tiles[some], made[some], coefficients)
+        return made
+
+    def _launch_blend(
+        self, tiles: Sequence[BinTile], made: Sequence[Buffer], coefficients: Buffer
+    ) -> None:
+        of_each = [
+            (maps.triangles.firsts, maps.triangles.members, maps.codes, out)
+            for maps, out in zip(tiles, made, strict=True)
+        ]
+        of_each += [of_each[0]] * (TILES_A_LAUNCH - len(tiles))  # which no work-item looks at
         self._device.launch(
-            "blend", "blend", (maps.texels // VECTOR,),
-            maps.triangles.firsts, maps.triangles.members, maps.codes,
-            coefficients, self._unit, out,
+            "blend", "blend", (tiles[0].texels // VECTOR, len(tiles)),
+            *chain.from_iterable(of_each), coefficients, self._unit,
             defines={**self._layers, **self._codes},
         )  # fmt: skip
-        return out
 
     def stiff_tile(self, maps: BinTile, stretches: Buffer) -> Buffer:
         """As `tile`, of a tile whose texels have a stiffness (Alg. 3, lines 8 to 15)."""
