@@ -1,28 +1,64 @@
-// Width and depth scales of every wrinkle and pore of a frame (Alg. 1 and 2).
+// Width and depth scales of every wrinkle and pore of a frame (Alg. 1 and 2). A work-item takes LANES
+// of them: stretch is gathered one by one, what follows is vectors.
 #include "response.clh"
 
-// One work-item a wrinkle. triangle: what its centre samples. jacobians: NULL for angles in UV.
-// stiffness: of each wrinkle, or NULL. scales: (sigma_w, sigma_d).
+#define LANES 16
+#define LEAST_SQUARE 1e-30f // texels²
+
+POWER_OF_TWO(power16, float16, int16)
+
+// (sigma_w, sigma_d) of elements `first` and following.
+inline void store_scales(float16 r, float width_exponent, float depth_exponent, int first, int count,
+                         __global float2 *scales)
+{
+    float width[LANES], depth[LANES];
+    vstore16(SCALE(power16, r, width_exponent), 0, width);
+    vstore16(SCALE(power16, r, -depth_exponent), 0, depth);
+    for (int lane = 0; lane < min(LANES, count - first); lane++)
+        scales[first + lane] = (float2)(width[lane], depth[lane]);
+}
+
+// triangle: what the centre of each wrinkle samples. jacobians: NULL for angles in UV. stiffness: of
+// each wrinkle, or NULL. scales: (sigma_w, sigma_d).
 __kernel void respond_wrinkles(__global const float4 *segments, __global const int *triangle,
                                __global const float4 *axes, __global const float2 *logs,
                                __global const float4 *jacobians,
-                               __global const float *stiffness, float width_exponent,
+                               __global const float *stiffness, int count, float width_exponent,
                                float depth_exponent, __global float2 *scales)
 {
-    int i = get_global_id(0);
-    float4 s = segments[i];
-    float r = log_stretch_in(triangle[i], normalize(s.zw), axes, logs, jacobians);
-    scales_t found = scales_of(stiffened(r, stiffness, i), width_exponent, depth_exponent);
-    scales[i] = (float2)(found.width, found.depth);
+    int first = get_global_id(0) * LANES;
+    float square[LANES], along1[LANES], along2[LANES], log1[LANES], log2[LANES];
+    for (int lane = 0; lane < LANES; lane++) {
+        int i = min(first + lane, count - 1), t = triangle[i];
+        float2 theta = segments[i].zw;
+        float4 s = axes[t];
+        if (jacobians) {
+            float4 j = jacobians[t];
+            s = (float4)(on_surface(j, s.xy), on_surface(j, s.zw));
+            theta = on_surface(j, normalize(theta));
+        }
+        square[lane] = dot(theta, theta) + LEAST_SQUARE;
+        along1[lane] = dot(theta, s.xy);
+        along2[lane] = dot(theta, s.zw);
+        log1[lane] = stiffened(logs[t].x, stiffness, i);
+        log2[lane] = stiffened(logs[t].y, stiffness, i);
+    }
+    float16 per_length = 1.0f / sqrt(vload16(0, square));
+    float16 cosine1 = vload16(0, along1) * per_length, cosine2 = vload16(0, along2) * per_length;
+    float16 r = ACROSS(cosine1, cosine2, vload16(0, log1), vload16(0, log2));
+    store_scales(r, width_exponent, depth_exponent, first, count, scales);
 }
 
-// One work-item a pore.
+// Of pores.
 __kernel void respond_pores(__global const int *triangle, __global const float2 *logs,
-                            __global const float *stiffness, float width_exponent,
+                            __global const float *stiffness, int count, float width_exponent,
                             float depth_exponent, __global float2 *scales)
 {
-    int i = get_global_id(0);
-    float r = mean_log_stretch(logs[triangle[i]]);
-    scales_t found = scales_of(stiffened(r, stiffness, i), width_exponent, depth_exponent);
-    scales[i] = (float2)(found.width, found.depth);
+    int first = get_global_id(0) * LANES;
+    float r[LANES];
+    for (int lane = 0; lane < LANES; lane++) {
+        int i = min(first + lane, count - 1);
+        r[lane] = stiffened(mean_log_stretch(logs[triangle[i]]), stiffness, i);
+    }
+    store_scales(vload16(0, r), width_exponent, depth_exponent, first, count, scales);
 }

@@ -12,7 +12,7 @@ from rhytid.device.shape import LaunchShape, launch_shapes
 from rhytid.errors import DeviceMemoryError
 from rhytid.pipeline.measured_shape import remembered_shape, shape_seconds
 
-USUAL, OTHER = LaunchShape(64, 64), LaunchShape(32, 32)
+USUAL, OTHER = LaunchShape(64, 64, 64), LaunchShape(32, 32, 64)
 
 
 @pytest.fixture
@@ -54,7 +54,7 @@ def test_every_device_and_driver_has_its_own(gpu, tmp_path):
 def test_a_damaged_file_is_measured_again(gpu, tmp_path, damage):
     remembered_shape(gpu, tmp_path, Clock(1.0, 0.5))
     file = next(tmp_path.iterdir())
-    wrong = {"shape": 7, "unfit": {"rows": 999, "lanes": 1}}
+    wrong = {"shape": 7, "unfit": {"rows": 999, "lanes": 1, "vectors": 64}}
     key = next(iter(json.loads(file.read_text())))
     file.write_text(json.dumps({key: wrong[damage]}) if damage in wrong else damage)
     clock = Clock(1.0, 0.5)

@@ -119,9 +119,11 @@ class Blend:
             for maps, out in zip(tiles, made, strict=True)
         ]
         of_each += [of_each[0]] * (TILES_A_LAUNCH - len(tiles))  # which no work-item looks at
+        vectors = tiles[0].texels // VECTOR
         self._device.launch(
-            "blend", "blend", (tiles[0].texels // VECTOR, len(tiles)),
+            "blend", "blend", (vectors, len(tiles)),
             *chain.from_iterable(of_each), coefficients, self._unit,
+            group=(min(self._device.shape.vectors, vectors), 1),
             defines={**self._layers, **self._codes},
         )  # fmt: skip
 

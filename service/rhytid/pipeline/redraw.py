@@ -15,6 +15,7 @@ from rhytid.domain.asset_settings import AssetSettings, ShapeSettings
 from rhytid.pipeline.elements import BLOCK, RESPONSE_DEFINES, Lists, UdimElements
 from rhytid.pipeline.levels import Draw
 from rhytid.pipeline.stretch_buffers import StretchBuffers
+from rhytid.pipeline.vectors import VECTOR
 
 
 @dataclass(frozen=True)
@@ -42,15 +43,15 @@ def respond(
     response = settings.response
     scales = ScaleBuffers.allocate(device, elements)
     device.launch(
-        "respond", "respond_wrinkles", (elements.wrinkles,),
+        "respond", "respond_wrinkles", (-(-elements.wrinkles // VECTOR),),
         elements.segments, elements.wrinkle_triangle, stretch.axes, stretch.logs,
-        stretch.jacobians, elements.wrinkle_stiffness,
+        stretch.jacobians, elements.wrinkle_stiffness, np.int32(elements.wrinkles),
         np.float32(response.alpha_w), np.float32(response.alpha_d), scales.wrinkles,
         defines=RESPONSE_DEFINES,
     )  # fmt: skip
     device.launch(
-        "respond", "respond_pores", (elements.pores,),
-        elements.pore_triangle, stretch.logs, elements.pore_stiffness,
+        "respond", "respond_pores", (-(-elements.pores // VECTOR),),
+        elements.pore_triangle, stretch.logs, elements.pore_stiffness, np.int32(elements.pores),
         np.float32(response.beta_w), np.float32(response.beta_d), scales.pores,
         defines=RESPONSE_DEFINES,
     )  # fmt: skip
