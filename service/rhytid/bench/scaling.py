@@ -16,7 +16,7 @@ from rhytid.bench.subject import Grown, grow
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.mesh import Mesh
-from rhytid.pictures.scatter import Point, scatter
+from rhytid.pictures.scatter import Point, curves
 from rhytid.samples.sphere import sphere, sphere_stretch
 from rhytid.synthesis.progress import clocked, silent
 
@@ -33,7 +33,7 @@ SERIES = {
 _SMALLEST = 256
 _FEWEST = 100
 _SHARES = (1 / 64, 1 / 16, 1 / 4, 1)
-_RINGS = (16, 32, 64, 128, 256)
+_RINGS = (16, 32, 64, 128, 256, 384)
 _BINS = (1, 2, 4, 8, 16)
 
 
@@ -131,7 +131,7 @@ def plot(found: Sequence[Growth]) -> Image.Image:
     """A picture of one series."""
     points = [Point(g.x, g.map_copies or g.seconds, g.case, "", False) for g in found]
     unit = "seconds" if found[0].map_copies is None else "map copies"
-    return scatter(points, SERIES[found[0].series][0], unit)
+    return curves(points, SERIES[found[0].series][0], unit)
 
 
 def _settings(size: int, made: Grown, **bins: Any) -> AssetSettings:

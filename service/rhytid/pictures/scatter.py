@@ -13,6 +13,7 @@ from rhytid.pictures.legends import INK, font
 _WIDTH, _HEIGHT = 1240, 760
 _LEFT, _RIGHT, _TOP, _BOTTOM = 92, 40, 46, 78
 _SCALE = 2
+_NAMES = 140  # room for the names of curves
 _GRID, _FRONT = (226, 226, 230), (120, 120, 128)
 COLOURS = (
     (196, 60, 50), (226, 148, 60), (58, 112, 186), (44, 140, 96), (122, 70, 160), (60, 170, 190),
@@ -75,6 +76,33 @@ def scatter(points: Sequence[Point], x_title: str, y_title: str) -> Image.Image:
     _labels(draw, [(at, p.label) for p, at in zip(points, places, strict=True) if p.on_front])
     _legend(draw, colour)
     return canvas.resize((_WIDTH, _HEIGHT), Image.Resampling.LANCZOS)
+
+
+def curves(points: Sequence[Point], x_title: str, y_title: str) -> Image.Image:
+    """A picture of series, the points of each joined in their order and named at the last."""
+    canvas = Image.new("RGB", (_WIDTH * _SCALE, _HEIGHT * _SCALE), "white")
+    draw = ImageDraw.Draw(canvas)
+    across = Axis.around([p.x for p in points], _LEFT, _WIDTH - _NAMES)
+    up = Axis.around([p.y for p in points], _HEIGHT - _BOTTOM, _TOP)
+    _axes(draw, across, up, x_title, y_title)
+    ends = []
+    for index, name in enumerate(dict.fromkeys(p.series for p in points)):
+        colour = COLOURS[index % len(COLOURS)]
+        places = [(across.at(p.x), up.at(p.y)) for p in points if p.series == name]
+        _line(draw, places, colour, 2)
+        for at in places:
+            _dot(draw, at, 5, colour)
+        ends.append((places[-1], name))
+    _labels_beside(draw, ends)
+    return canvas.resize((_WIDTH, _HEIGHT), Image.Resampling.LANCZOS)
+
+
+def _labels_beside(draw: ImageDraw.ImageDraw, ends: list[tuple[Place, str]]) -> None:
+    """Right of each point, from the top down, each below the one before."""
+    below = 0.0
+    for (x, y), name in sorted(ends, key=lambda end: end[0][1]):
+        below = max(y, below + 18)
+        _text(draw, (x + 14, below), name, 15, "lm")
 
 
 def _axes(draw: ImageDraw.ImageDraw, across: Axis, up: Axis, x_title: str, y_title: str) -> None:
