@@ -32,8 +32,8 @@ inline float16 blend_triangle(__global const CODE *maps, __global const float4 *
 
 // firsts, members: the triangles of each vector. codes: of each vector those of all maps, side by side
 // in memory: what a work-item reads is one stream, in order. coefficients: LAYERS a triangle, of
-// weights.cl. unit: of the merge, mesh units. out:
-// displacement, mesh units; within 1e-6 of the largest step times code of the same in double.
+// weights.cl. unit: of the merge, mesh units. out: displacement, mesh units; within 1e-6 of the
+// largest step times code of the same in double.
 inline void blend_vector(__global const int *firsts, __global const int2 *members,
                          __global const CODE *codes, __global const float4 *coefficients,
                          float unit, __global float *out)
@@ -57,8 +57,10 @@ inline void blend_vector(__global const int *firsts, __global const int2 *member
         blend_vector(firsts##k, members##k, codes##k, coefficients, unit, out##k);                 \
         break;
 
-__kernel __attribute__((vec_type_hint(float16))) void blend(TILE(0), TILE(1), TILE(2), TILE(3), __global const float4 *coefficients,
-                    float unit)
+// It is in vectors already: without the hint Intel's compiler packs work-items, which takes half as
+// long again.
+__kernel __attribute__((vec_type_hint(float16))) void
+blend(TILE(0), TILE(1), TILE(2), TILE(3), __global const float4 *coefficients, float unit)
 {
     switch (get_global_id(1)) {
         BLEND(0)

@@ -3,7 +3,7 @@
 #include "response.clh"
 
 #define LANES 16
-#define LEAST_SQUARE 1e-30f // texels²
+#define LEAST_SQUARE 1e-30f // below that of any wrinkle: one of no length runs nowhere
 
 POWER_OF_TWO(power16, float16, int16)
 
@@ -27,7 +27,7 @@ __kernel void respond_wrinkles(__global const float4 *segments, __global const i
                                float depth_exponent, __global float2 *scales)
 {
     int first = get_global_id(0) * LANES;
-    float square[LANES], along1[LANES], along2[LANES], log1[LANES], log2[LANES];
+    float square[LANES], along1[LANES], along2[LANES], first_log[LANES], second_log[LANES];
     for (int lane = 0; lane < LANES; lane++) {
         int i = min(first + lane, count - 1), t = triangle[i];
         float2 theta = segments[i].zw;
@@ -40,12 +40,12 @@ __kernel void respond_wrinkles(__global const float4 *segments, __global const i
         square[lane] = dot(theta, theta) + LEAST_SQUARE;
         along1[lane] = dot(theta, s.xy);
         along2[lane] = dot(theta, s.zw);
-        log1[lane] = stiffened(logs[t].x, stiffness, i);
-        log2[lane] = stiffened(logs[t].y, stiffness, i);
+        first_log[lane] = stiffened(logs[t].x, stiffness, i);
+        second_log[lane] = stiffened(logs[t].y, stiffness, i);
     }
     float16 per_length = 1.0f / sqrt(vload16(0, square));
     float16 cosine1 = vload16(0, along1) * per_length, cosine2 = vload16(0, along2) * per_length;
-    float16 r = ACROSS(cosine1, cosine2, vload16(0, log1), vload16(0, log2));
+    float16 r = ACROSS(cosine1, cosine2, vload16(0, first_log), vload16(0, second_log));
     store_scales(r, width_exponent, depth_exponent, first, count, scales);
 }
 

@@ -29,11 +29,11 @@ inline float2 tilted_depth(int n, int t, __global const float4 *axes, __global c
 }
 #endif
 
-// weights: LAYERS a triangle: its position, from 0 (full compression) to SAMPLES_OF - 1 (full stretch);
-// what the depth is scaled by: 1, or for maps without their depth scale sigma_d of the stretch
-// before it is clamped to r_max; with TILT, as a line over the tilts, its rise; 0. directions: then also those
-// TILT_NODE half bins before and after each. r_max: of the last sample. exponents: of the depth of
-// wrinkles and of pores; 0 gives 1.
+// weights: LAYERS a triangle: its position, from 0 (full compression) to SAMPLES_OF - 1 (full
+// stretch); what the depth is scaled by: 1, or for maps without their depth scale sigma_d of the
+// stretch before it is clamped to r_max; with TILT, as a line over the tilts, its rise; 0.
+// directions: then also those TILT_NODE half bins before and after each. r_max: of the last sample.
+// exponents: of the depth of wrinkles and of pores; 0 gives 1.
 __kernel void sample_weights(__global const float4 *axes, __global const float2 *logs,
                              __global const float4 *jacobians,
                              __global const float2 *directions, float r_max, float2 exponents,

@@ -51,13 +51,15 @@ class ServiceSettings:
             frame_memory=count("RHYTID_FRAME_MEMORY_MB", 2048) * MIB,
             upload_limit=count("RHYTID_UPLOAD_LIMIT_MB", 1024) * MIB,
             queue=count("RHYTID_QUEUE", 256),
-            cache=_folder(environment.get("RHYTID_CACHE") or "~/.cache/rhytid"),
+            cache=_folder(environment.get("RHYTID_CACHE")),
         )
 
 
-def _folder(name: str) -> Path | None:
-    """`~` as the home folder; None where the user has none."""
+def _folder(named: str | None) -> Path | None:
+    """RHYTID_CACHE; else a folder in the user's home, or None where there is none."""
     try:
-        return Path(name).expanduser()
-    except RuntimeError:
+        return Path(named or "~/.cache/rhytid").expanduser()
+    except RuntimeError as exc:
+        if named:
+            raise SettingsError(f"RHYTID_CACHE is {named!r}: {exc}") from exc
         return None

@@ -13,7 +13,8 @@ POCL, OTHER = "Portable Computing Language", "Another platform"
 def candidate(index, kind, platform=OTHER):
     return select.Candidate(
         index=index, name=f"{kind} {index}", platform=platform, kind=kind, version="1.2",
-        compute_units=1, memory=1, largest_buffer=1, local_memory=1, handle=None,
+        compute_units=1, memory=1, largest_buffer=1, local_memory=1,
+        largest_group=1, handle=None,
     )  # fmt: skip
 
 

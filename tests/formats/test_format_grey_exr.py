@@ -62,7 +62,20 @@ def test_a_decoder_that_dies_is_a_damaged_image(monkeypatch, end):
 
 
 def test_an_answer_of_another_length_is_a_damaged_image(monkeypatch):
-    for answer in ("", "null", "null\\n", "null\\n123", "null\\n123456789", "[1, 2]", "{"):
+    for answer in (
+        "",
+        "null",
+        "null\\n",
+        "null\\n123",
+        "null\\n123456789",
+        "[1, 2]",
+        "{",
+        "5\\n",
+        "true\\n",
+        '"abc"\\n',
+        "[[],[],[]]\\n",
+        "[1,2,3]\\n",
+    ):
         start(monkeypatch, f"import os; os.write(1, b'ready\\n{answer}')")
         with pytest.raises(InputError, match=f"{NAME}: a damaged EXR image"):
             read_grey(exr(SMOOTH[:2, :2]), NAME)

@@ -15,7 +15,8 @@ def told(monkeypatch):
     """What POCL_AFFINITY is, where it was `before` and a process may use some of the cores."""
 
     def found(cores, before=None):
-        monkeypatch.delenv("POCL_AFFINITY", raising=False)
+        monkeypatch.setenv("POCL_AFFINITY", "")  # so that it is put back
+        monkeypatch.delenv("POCL_AFFINITY")
         if before is not None:
             monkeypatch.setenv("POCL_AFFINITY", before)
         monkeypatch.setattr(sys, "platform", "linux")

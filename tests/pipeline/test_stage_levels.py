@@ -8,6 +8,7 @@ import pytest
 from reference import pyramid
 from rhytid.pipeline import levels
 from rhytid.pipeline.levels import render, render_to_host
+from rhytid.pipeline.vectors import VECTOR
 
 RESOLUTION = 512
 MAP = np.random.default_rng(1).normal(size=(RESOLUTION, RESOLUTION)).astype(np.float32)
@@ -61,3 +62,14 @@ def test_nothing_is_left_on_the_device(device, draw, monkeypatch):
         for level in (0, 2, 9):
             whole(device, draw, level)
     assert device.budget.used == used
+
+
+def test_a_level_drawn_in_pieces_has_room_for_a_vector(device, monkeypatch):
+    def draw(row, column, side):
+        return device.full(side * side, np.float32(3.0))
+
+    monkeypatch.setattr(levels, "_CHUNK", 64)
+    for side in (1, 2):
+        found = levels.render(device, draw, 6, 0, 0, side)
+        assert found.nbytes >= 4 * VECTOR
+        np.testing.assert_array_equal(device.read(found, (side, side), np.float32), 3.0)

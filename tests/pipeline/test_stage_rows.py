@@ -25,7 +25,7 @@ def small(device):
     return Device(replace(device.info, local_memory=PROMISED), device.budget.limit)
 
 
-SHAPES = [*launch_shapes("cpu", 2 * PROMISED), *launch_shapes("gpu", 2 * PROMISED)]
+SHAPES = [s for kind in ("cpu", "gpu") for s in launch_shapes(kind, 2 * PROMISED, 1024)]
 
 
 @pytest.mark.parametrize("shape", SHAPES[1:], ids=str)

@@ -9,7 +9,8 @@ import pytest
 
 from rhytid.device.runtime import Device
 from rhytid.device.shape import LaunchShape, launch_shapes
-from rhytid.errors import DeviceMemoryError
+from rhytid.errors import DeviceError, DeviceMemoryError
+from rhytid.pipeline import measured_shape
 from rhytid.pipeline.measured_shape import remembered_shape, shape_seconds
 
 USUAL, OTHER = LaunchShape(64, 64, 64), LaunchShape(32, 32, 64)
@@ -19,6 +20,17 @@ USUAL, OTHER = LaunchShape(64, 64, 64), LaunchShape(32, 32, 64)
 def gpu(device):
     """The device, as if it were a GPU with room for whole blocks."""
     return Device(replace(device.info, kind="gpu", local_memory=1 << 16), 1 << 28)
+
+
+def test_shapes_stay_within_the_local_memory_and_the_groups_of_a_device():
+    assert launch_shapes("cpu", 1 << 16, 4096)[0] == LaunchShape(64, 1, 1024)
+    assert launch_shapes("cpu", 32 << 10, 100)[0] == LaunchShape(32, 1, 64)
+    assert launch_shapes("gpu", 1 << 16, 1024)[0] == LaunchShape(64, 64, 64)
+    for shape in launch_shapes("gpu", 1 << 16, 32):
+        assert shape.rows in (64, 32, 16)
+        assert max(shape.lanes, shape.vectors) <= 32
+    with pytest.raises(DeviceError, match="8192 bytes of local memory: drawing needs 13312"):
+        launch_shapes("gpu", 8 << 10, 1024)
 
 
 class Clock:
@@ -78,10 +90,26 @@ def test_a_device_that_cannot_be_measured_keeps_its_shape(gpu, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_shape_that_fails_does_not_stay(device, tmp_path, monkeypatch):
+    own = Device(device.info, 1 << 28)
+    usual, timed = own.shape, measured_shape._seconds
+
+    def fail_at_others(device, shape, draw):
+        seconds = timed(device, shape, draw)
+        if shape != usual:
+            raise DeviceError("too large a work-group")
+        return seconds
+
+    monkeypatch.setattr(measured_shape, "_seconds", fail_at_others)
+    assert remembered_shape(own, tmp_path) == usual
+    assert own.shape == usual
+    assert own.budget.used == 0
+
+
 def test_measuring_times_every_shape_and_leaves_the_device_as_it_was(device):
     own = Device(device.info, 1 << 28)
     seconds = shape_seconds(own)
-    assert list(seconds) == launch_shapes(device.info.kind, device.info.local_memory)
+    assert list(seconds) == own.shapes
     assert all(0 < s < 60 for s in seconds.values())
     assert own.shape == next(iter(seconds))
     assert own.budget.used == 0

@@ -107,8 +107,7 @@ class Contest:
         for name in self._names:
             if name == OURS:
                 repeats = 1 if case in _ONCE else self._repeats
-                bench.run(case)
-                short = case not in _ONCE
+                short = bench.seconds(case) < _SHORT
                 run = partial(bench.run, case)
                 found.append(_Rival(name, run, _nothing, 0.0, repeats, short=short))
             elif case in peers.cases_of(name) and ours is not None:

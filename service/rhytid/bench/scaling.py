@@ -129,7 +129,8 @@ class Scaling:
 
 def plot(found: Sequence[Growth]) -> Image.Image:
     """A picture of one series."""
-    points = [Point(g.x, g.map_copies or g.seconds, g.case, "", False) for g in found]
+    heights = [g.seconds if g.map_copies is None else g.map_copies for g in found]
+    points = [Point(g.x, y, g.case, "", False) for g, y in zip(found, heights, strict=True)]
     unit = "seconds" if found[0].map_copies is None else "map copies"
     return curves(points, SERIES[found[0].series][0], unit)
 

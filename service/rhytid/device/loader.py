@@ -3,7 +3,7 @@
 The loader inside pyopencl's wheel reads `.icd` files from one folder, the system's by default.
 A driver from pip leaves its file in the environment's own `etc/OpenCL/vendors`, often with a bare
 library name that only resolves inside `lib`. So a folder of our own gets both, with full paths.
-Nothing happens where OCL_ICD_VENDORS is set, off Linux, or where pip installed no driver.
+That is left alone where OCL_ICD_VENDORS is set, off Linux, and where pip installed no driver.
 """
 
 from __future__ import annotations

@@ -58,7 +58,7 @@ class Buffer:
 class Device:
     """A context and an in-order queue on one device. Used by one thread only.
 
-    shape: how drawing is cut; the usual one, until a faster one is set.
+    shapes: how drawing can be cut.  shape: how it is; the usual one, until a faster one is set.
     """
 
     def __init__(self, candidate: Candidate, memory: int) -> None:
@@ -66,7 +66,8 @@ class Device:
         self.spares = Spares()
         self.budget = MemoryBudget(memory, self.spares)
         self.born: list[Buffer] = []
-        self.shape = launch_shapes(candidate.kind, candidate.local_memory)[0]
+        self.shapes = launch_shapes(candidate.kind, candidate.local_memory, candidate.largest_group)
+        self.shape = self.shapes[0]
         with _device_errors():
             self.context = cl.Context([candidate.handle])
             self._queue = cl.CommandQueue(self.context)

@@ -24,7 +24,7 @@ _PROBE = "__kernel void probe(__global float *x) { int i = get_global_id(0); x[i
 @dataclass(frozen=True)
 class Candidate:
     """A device that a driver lists. `kind` is cpu, gpu or other; `memory`, the `largest_buffer` and
-    the `local_memory` of a work-group in bytes."""
+    the `local_memory` of a work-group in bytes, `largest_group` in work-items."""
 
     index: int
     name: str
@@ -35,6 +35,7 @@ class Candidate:
     memory: int
     largest_buffer: int
     local_memory: int
+    largest_group: int
     handle: Any
 
     def matches(self, wanted: str) -> bool:
@@ -124,5 +125,6 @@ def _candidate(index: int, platform: Any, device: Any) -> Candidate:
         memory=device.global_mem_size,
         largest_buffer=device.max_mem_alloc_size,
         local_memory=device.local_mem_size,
+        largest_group=device.max_work_group_size,
         handle=device,
     )

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from rhytid.errors import DeviceError
+
 # Rows of a block of 64² texels that a work-group may draw. Their sums take 2 · 72 floats a row.
 _ROWS = (64, 32, 16)
 _ROW_BYTES = 2 * 72 * 4
@@ -24,11 +26,21 @@ class LaunchShape:
     vectors: int
 
 
-def launch_shapes(kind: str, local_memory: int) -> list[LaunchShape]:
-    """Shapes that fit into the local memory of a device, the usual one first: as many rows as fit,
-    one work-item on a CPU, where that is a vector loop, else one a row."""
+def launch_shapes(kind: str, local_memory: int, largest_group: int) -> list[LaunchShape]:
+    """Shapes that fit into the local memory and the work-groups of a device, the usual one first:
+    as many rows as fit, one work-item on a CPU, where that is a vector loop, else one a row.
+
+    Raises DeviceError where none fits: OpenCL promises 32 KiB of local memory.
+    """
     fitting = [rows for rows in _ROWS if rows * _ROW_BYTES + _LEFT <= local_memory]
+    if not fitting:
+        least = _ROWS[-1] * _ROW_BYTES + _LEFT
+        raise DeviceError(f"{local_memory} bytes of local memory: drawing needs {least}")
+    most = 1 << (largest_group.bit_length() - 1)
     if kind == "cpu":
-        return [LaunchShape(rows, 1, _VECTORS_CPU) for rows in fitting]
-    a_row_each = [LaunchShape(rows, rows, _VECTORS) for rows in fitting]
-    return a_row_each + [LaunchShape(rows, rows // 2, _VECTORS) for rows in fitting]
+        return [LaunchShape(rows, 1, min(_VECTORS_CPU, most)) for rows in fitting]
+    vectors = min(_VECTORS, most)
+    shapes = [
+        LaunchShape(rows, min(rows // share, most), vectors) for share in (1, 2) for rows in fitting
+    ]
+    return list(dict.fromkeys(shapes))

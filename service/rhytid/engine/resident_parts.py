@@ -37,7 +37,8 @@ from rhytid.pipeline.waves import wrinkle_waves
 
 _Kept = TypeVar("_Kept", bound=Releasable)
 Prepared = dict[int, tuple[WrinkleArrays, PoreArrays]]
-# Frames of an asset whose stretch, and what follows from it, stay on the device.
+# Frames of an asset whose stretch, and what follows from it, stay on the device. A task uses two at
+# most, its frame and the neutral, so none is dropped in the task that uses it.
 RECENT_FRAMES = 8
 
 

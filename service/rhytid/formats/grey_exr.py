@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.errors import InputError, StorageError
-from rhytid.formats.exr_decoder import READY
+from rhytid.formats.exr_decoder import READY, Wrong
 from rhytid.formats.exr_header import read_sides
 
 _SECONDS = 60
@@ -40,14 +40,23 @@ def read_grey_exr(data: bytes, name: str) -> NDArray[np.uint16]:
     except subprocess.TimeoutExpired as exc:
         raise InputError(f"{name}: not decoded within {_SECONDS} s") from exc
     try:
-        wrong = json.loads(answer[: answer.find(b"\n")])
+        wrong = _wrong(answer)
         if wrong is None:
             return np.frombuffer(answer, np.uint16, offset=len(b"null\n")).reshape(height, width)
-        column, row, value = wrong
-    except ValueError as exc:  # it failed, or was made to answer something else
+    except (ValueError, RecursionError) as exc:  # it failed, or was made to answer something else
         raise InputError(f"{name}: a damaged EXR image") from exc
-    place = f"the texel of column {column}, row {row}"
-    raise InputError(f"{name}: {place} is {value}: must be from 0 to 1")
+    place = f"the texel of column {wrong.column}, row {wrong.row}"
+    raise InputError(f"{name}: {place} is {wrong.value}: must be from 0 to 1")
+
+
+def _wrong(answer: bytes) -> Wrong | None:
+    """What the first line of an answer says; raises ValueError where it is something else."""
+    found = json.loads(answer[: answer.find(b"\n")])
+    if found is None:
+        return None
+    if not (isinstance(found, list) and [type(part) for part in found] == [int, int, str]):
+        raise ValueError("neither null nor a texel")
+    return Wrong(*found)
 
 
 def _decoded(data: bytes, width: int, height: int) -> bytes:

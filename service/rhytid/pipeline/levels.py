@@ -23,7 +23,7 @@ def in_one_piece(level: int, side: int) -> bool:
 
 
 def render(device: Device, draw: Draw, level: int, row: int, column: int, side: int) -> Buffer:
-    """`side`² texels of a level, from texel (row, column) of that level on.
+    """`side`² texels of a level, from texel (row, column) of that level on, with room for a vector.
 
     Every texel is the same tree of sums whatever the cut, so any tiling gives the same bits.
     """
@@ -33,7 +33,8 @@ def render(device: Device, draw: Draw, level: int, row: int, column: int, side: 
     if side == 1:
         finer = render(device, draw, level - 1, 2 * row, 2 * column, 2)
         return _halved(device, finer, 2, 1)
-    return device.upload(render_to_host(device, draw, level, row, column, side))
+    host = render_to_host(device, draw, level, row, column, side)
+    return device.upload(np.resize(host, max(host.size, VECTOR)))
 
 
 def render_to_host(

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from rhytid.device.runtime import Device
-from rhytid.device.shape import LaunchShape, launch_shapes
+from rhytid.device.shape import LaunchShape
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.errors import DeviceError
 from rhytid.pipeline.cells import CellLists, list_by_cell
@@ -44,7 +44,7 @@ def remembered_shape(
     known = _read(file)
     with suppress(KeyError, TypeError):
         shape = LaunchShape(**known[key])
-        if shape in launch_shapes(device.info.kind, device.info.local_memory):
+        if shape in device.shapes:
             return shape
     try:
         shape = _fastest((measure or shape_seconds)(device))
@@ -58,13 +58,17 @@ def remembered_shape(
 
 def shape_seconds(device: Device) -> dict[LaunchShape, float]:
     """Seconds of a patch of skin by every shape, the least of a few in turn."""
-    usual, shapes = device.shape, launch_shapes(device.info.kind, device.info.local_memory)
-    with device.task():
-        elements, scales, draw = _patch(device)
-        rounds = [[_seconds(device, shape, draw) for shape in shapes] for _ in range(1 + _ROUNDS)]
-        elements.release()
-        scales.release()
-    device.shape = usual
+    usual, shapes = device.shape, device.shapes
+    try:
+        with device.task():
+            elements, scales, draw = _patch(device)
+            rounds = [
+                [_seconds(device, shape, draw) for shape in shapes] for _ in range(1 + _ROUNDS)
+            ]
+            elements.release()
+            scales.release()
+    finally:
+        device.shape = usual
     return dict(zip(shapes, np.min(rounds[1:], axis=0).tolist(), strict=True))  # the first compiles
 
 
