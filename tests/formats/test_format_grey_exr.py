@@ -109,6 +109,22 @@ exr_decoder.main()
     assert read_grey(exr(SMOOTH[:2, :2]), NAME).tolist() == [[limited] * 2] * 2
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux limits it")
+def test_a_decoder_cannot_write_more_than_an_answer(monkeypatch):
+    code = """
+import os, sys; sys.path[:] = sys.argv[4:]
+from rhytid.formats import exr_decoder
+def endless(path, width, height):
+    while True:
+        os.write(2, b"a" * 65536)
+exr_decoder.decode = endless
+exr_decoder.main()
+"""
+    start(monkeypatch, code)
+    with pytest.raises(InputError, match=f"{NAME}: a damaged EXR image"):
+        read_grey(exr(SMOOTH[:2, :2]), NAME)
+
+
 @pytest.mark.parametrize("compression", [ZIP, PIZ])
 def test_damaged_bytes_are_refused_or_read(compression):
     whole = exr(SMOOTH, compression=compression)

@@ -34,6 +34,7 @@ _LOSSY = {
 }
 # Address space for an image, of bytes: as if it were one tile, unpacked several times over.
 _ROOM, _ROOM_A_TEXEL = 256 << 20, 32
+_ANSWER = 1 << 20  # bytes beside the codes
 
 
 class Wrong(NamedTuple):
@@ -60,7 +61,8 @@ def main() -> None:
 
 
 def limit_memory(texels: int) -> None:
-    """Let this process take no more address space than an image of so many texels needs.
+    """Let this process take no more address space, and write no more, than an image of so many
+    texels needs.
 
     On Linux only: elsewhere there is no such limit, or none that holds.
     """
@@ -73,6 +75,8 @@ def limit_memory(texels: int) -> None:
         if soft == resource.RLIM_INFINITY or soft > most:
             resource.setrlimit(resource.RLIMIT_AS, (most, hard))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))  # nor fill the disk as it crashes
+        written = _ANSWER + 2 * texels
+        resource.setrlimit(resource.RLIMIT_FSIZE, (written, written))
 
 
 def decode(path: Path, width: int, height: int) -> tuple[Wrong | None, NDArray[np.uint16]]:

@@ -20,6 +20,7 @@ from rhytid.formats.exr_decoder import READY, Wrong
 from rhytid.formats.exr_header import read_sides
 
 _SECONDS = 60
+_MOST_WORDS = 4000  # bytes of what the decoder says beside its answer
 # Isolated from the environment and the working folder, and importing from where this process does,
 # however the package is installed.
 _START = (
@@ -67,11 +68,15 @@ def _decoded(data: bytes, width: int, height: int) -> bytes:
             path.write_bytes(data)
             arguments = [str(path), str(width), str(height), *sys.path]
             command = [sys.executable, "-I", "-c", _START, *arguments]
-            child = subprocess.run(command, capture_output=True, timeout=_SECONDS, check=False)
+            # Into files, whose size the decoder limits for itself: a pipe is read without end.
+            answer, said = (Path(folder) / name for name in ("answer", "said"))
+            with answer.open("wb") as out, said.open("wb") as err:
+                child = subprocess.run(
+                    command, stdout=out, stderr=err, timeout=_SECONDS, check=False
+                )
+            found, words = answer.read_bytes(), said.read_bytes()[-_MOST_WORDS:]
     except OSError as exc:
         raise StorageError(f"cannot hand an EXR image to its decoder: {exc}") from exc
-    if not child.stdout.startswith(READY):  # an installation that is broken, not the image
-        raise RuntimeError(
-            f"the EXR decoder does not start: {child.stderr.decode(errors='replace')}"
-        )
-    return child.stdout[len(READY) :] if child.returncode == 0 else b""
+    if not found.startswith(READY):  # an installation that is broken, not the image
+        raise RuntimeError(f"the EXR decoder does not start: {words.decode(errors='replace')}")
+    return found[len(READY) :] if child.returncode == 0 else b""
