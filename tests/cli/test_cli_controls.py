@@ -78,3 +78,12 @@ def test_mistakes_are_told(
     assert status != 0
     assert told in capsys.readouterr().err
     assert not out.exists()
+
+
+@pytest.mark.parametrize("given", ["density.1001.png", "density="])
+def test_a_map_without_its_name_or_its_file_is_told_how(
+    given: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        main(["synthesize", __file__, "--out", "g.safetensors", "--map", given])
+    assert f"{given!r}: write it as NAME=FILE" in capsys.readouterr().err

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -109,8 +110,7 @@ def test_scale_and_pore_radius_size_what_is_drawn(device: Device) -> None:
 
 @pytest.mark.parametrize("degrees", [0, 45, 90, 135])
 def test_wrinkles_turn_to_the_painted_direction(device: Device, degrees: int) -> None:
-    maps = {"direction": right((degrees or 180) / 180, 90 / 180), "anisotropy": right(1.0, 1.0)}
-    left, there = sides(device, **maps)
+    left, there = sides(device, direction=right((degrees or 180) / 180, 90 / 180))
     for half, wanted in ((left, 90), (there, degrees)):
         off = (half.axis - wanted + 90) % 180 - 90
         assert abs(off) < 12, (half.axis, wanted)
@@ -215,9 +215,10 @@ def test_no_more_memory_is_taken_than_was_asked_for(
     settings, taken = GraphSettings(wrinkles=wrinkles), [0]
     reserve, before = device.budget.reserve, device.budget.used
 
-    def counted(nbytes: int) -> None:
-        reserve(nbytes)
+    def counted(nbytes: int, *, reuse: bool = False) -> Any | None:
+        spare = reserve(nbytes, reuse=reuse)
         taken.append(device.budget.used - before)
+        return spare
 
     monkeypatch.setattr(device.budget, "reserve", counted)
     synthesize(mesh, settings, device, controls=painted(density=speck))

@@ -54,7 +54,9 @@ def _setting(text: str) -> tuple[str, float]:
 
 def _named(names: Sequence[str]) -> Any:
     def named(text: str) -> tuple[str, Path]:
-        name, _, file = text.partition("=")
+        name, equals, file = text.partition("=")
+        if not (equals and file):
+            raise argparse.ArgumentTypeError(f"{text!r}: write it as NAME=FILE")
         return _one_of(names, name), readable(file)
 
     return named

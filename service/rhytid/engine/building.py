@@ -185,4 +185,7 @@ def check_triangles(graph: WrinkleGraph, triangles: int) -> None:
         index = getattr(graph, name)
         if index is not None and len(index) and index.max() >= triangles:
             row = int(index.argmax())
-            raise GraphError(f"{name}[{row}] is {index[row]}: the mesh has {triangles} triangles")
+            raise GraphError(
+                f"{name}[{row}] is {index[row]}: the mesh has {triangles} triangles; is it a graph "
+                "of another mesh?"
+            )

@@ -22,6 +22,8 @@ _DENSITY = (1 / 6, 8.0)
 BARE = 0.25
 # How far lines wind about a painted direction, of what they do about preferred ones.
 _PAINTED_BEND = 0.3
+# How much more anisotropy counts where a direction is painted.
+_PAINTED_HOLD = 1.0
 _FACTORS = ("density", "strength", "anisotropy", "scale", "pore_radius")
 
 
@@ -94,9 +96,12 @@ class PaintedFields(Fields):
         return factor
 
     def anisotropy(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
-        """Black is none, white is double, 2 the most."""
-        found: Factors = np.clip(self._linear("anisotropy", triangle, uv), 0.0, 2.0)
-        return found
+        """Black is none, white is double, 2 the most. Where a direction is painted it is double, so
+        that the second family of lines joins it: the mean would lie between the two."""
+        found = self._linear("anisotropy", triangle, uv)
+        if self._directions is not None:
+            found *= 1.0 + np.float32(_PAINTED_HOLD) * self._directions.sure(triangle, uv)
+        return found.clip(0.0, 2.0)
 
     def width(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """From a quarter to four times, and as the spacing."""
