@@ -62,11 +62,7 @@ class Axis:
 
 def scatter(points: Sequence[Point], x_title: str, y_title: str) -> Image.Image:
     """A picture of the points; those on the front are labelled and joined by steps."""
-    canvas = Image.new("RGB", (_WIDTH * _SCALE, _HEIGHT * _SCALE), "white")
-    draw = ImageDraw.Draw(canvas)
-    across = Axis.around([p.x for p in points], _LEFT, _WIDTH - _RIGHT)
-    up = Axis.around([p.y for p in points], _HEIGHT - _BOTTOM, _TOP)
-    _axes(draw, across, up, x_title, y_title)
+    canvas, draw, across, up = _plane(points, _RIGHT, x_title, y_title)
     series = list(dict.fromkeys(p.series for p in points))
     colour = {name: COLOURS[i % len(COLOURS)] for i, name in enumerate(series)}
     places = [(across.at(p.x), up.at(p.y)) for p in points]
@@ -80,11 +76,7 @@ def scatter(points: Sequence[Point], x_title: str, y_title: str) -> Image.Image:
 
 def curves(points: Sequence[Point], x_title: str, y_title: str) -> Image.Image:
     """A picture of series, the points of each joined in their order and named at the last."""
-    canvas = Image.new("RGB", (_WIDTH * _SCALE, _HEIGHT * _SCALE), "white")
-    draw = ImageDraw.Draw(canvas)
-    across = Axis.around([p.x for p in points], _LEFT, _WIDTH - _NAMES)
-    up = Axis.around([p.y for p in points], _HEIGHT - _BOTTOM, _TOP)
-    _axes(draw, across, up, x_title, y_title)
+    canvas, draw, across, up = _plane(points, _NAMES, x_title, y_title)
     ends = []
     for index, name in enumerate(dict.fromkeys(p.series for p in points)):
         colour = COLOURS[index % len(COLOURS)]
@@ -95,6 +87,18 @@ def curves(points: Sequence[Point], x_title: str, y_title: str) -> Image.Image:
         ends.append((places[-1], name))
     _labels_beside(draw, ends)
     return canvas.resize((_WIDTH, _HEIGHT), Image.Resampling.LANCZOS)
+
+
+def _plane(
+    points: Sequence[Point], right: float, x_title: str, y_title: str
+) -> tuple[Image.Image, ImageDraw.ImageDraw, Axis, Axis]:
+    """An empty picture with the axes of the points. right: pixels beyond the last of them."""
+    canvas = Image.new("RGB", (_WIDTH * _SCALE, _HEIGHT * _SCALE), "white")
+    draw = ImageDraw.Draw(canvas)
+    across = Axis.around([p.x for p in points], _LEFT, _WIDTH - right)
+    up = Axis.around([p.y for p in points], _HEIGHT - _BOTTOM, _TOP)
+    _axes(draw, across, up, x_title, y_title)
+    return canvas, draw, across, up
 
 
 def _labels_beside(draw: ImageDraw.ImageDraw, ends: list[tuple[Place, str]]) -> None:
