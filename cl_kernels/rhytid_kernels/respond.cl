@@ -30,16 +30,10 @@ __kernel void respond_wrinkles(__global const float4 *segments, __global const i
     float square[LANES], along1[LANES], along2[LANES], first_log[LANES], second_log[LANES];
     for (int lane = 0; lane < LANES; lane++) {
         int i = min(first + lane, count - 1), t = triangle[i];
-        float2 theta = segments[i].zw;
-        float4 s = axes[t];
-        if (jacobians) {
-            float4 j = jacobians[t];
-            s = (float4)(on_surface(j, s.xy), on_surface(j, s.zw));
-            theta = on_surface(j, normalize(theta));
-        }
-        square[lane] = dot(theta, theta) + LEAST_SQUARE;
-        along1[lane] = dot(theta, s.xy);
-        along2[lane] = dot(theta, s.zw);
+        angles_t a = angles_in(t, segments[i].zw, axes, jacobians);
+        square[lane] = dot(a.theta, a.theta) + LEAST_SQUARE;
+        along1[lane] = dot(a.theta, a.axes.xy);
+        along2[lane] = dot(a.theta, a.axes.zw);
         first_log[lane] = stiffened(logs[t].x, stiffness, i);
         second_log[lane] = stiffened(logs[t].y, stiffness, i);
     }

@@ -226,5 +226,4 @@ class ResidentAsset(ResidentParts):
         texels = self.settings.grid.texels(address.level)
         elements, located = self._elements[address.udim], self._located[address.udim]
         maker = BinMaker(self._device, elements, located, self.settings, self._stiffness)
-        row, column = address.row * texels, address.column * texels
-        return maker.tile(address.level, row, column, texels)
+        return maker.tile(address.level, *self._place(address), texels)
