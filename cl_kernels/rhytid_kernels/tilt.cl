@@ -6,7 +6,7 @@
 // up, down: the same map with the depths of its wrinkles scaled by 1 + share delta and by
 // 1 - share delta. Of a lone wrinkle their difference is its delta; where wrinkles meet, the mean that
 // counts for the height. 0 where there is no height.
-// codes, index: as in quantise.cl.
+// codes: of each vector those of MAPS maps, side by side; this is the map `index`.
 __kernel void tilt_codes(__global const float *up, __global const float *down, float share,
                          int index, __global CODE *codes)
 {

@@ -1,4 +1,4 @@
-"""Kernels of whole maps: quantise, halve, copy."""
+"""Codes of heights, and kernels of whole maps: halve, copy."""
 
 from __future__ import annotations
 
@@ -10,6 +10,14 @@ from kernels.one_line import run
 from rhytid.pipeline.vectors import VECTOR
 
 C_TYPES = {8: "char", 16: "short"}
+QUANTISE = """#include "codes.clh"
+#include "vectors.clh"
+__kernel void quantise(__global const float *heights, float per_step, int index,
+                       __global CODE *codes)
+{
+    int i = get_global_id(0) * WIDTH;
+    vstore16(CODES16(vload16(0, heights + i), per_step), 0, codes + place_of(i, index));
+}"""
 
 
 def quantised(device, heights, step, bits, maps=1, index=0):
@@ -19,8 +27,7 @@ def quantised(device, heights, step, bits, maps=1, index=0):
     options = [f"-DCODE={C_TYPES[bits]}", f"-DCODE_LIMIT={limit}", f"-DMAPS={maps}"]
     padded = np.resize(heights, vectors * VECTOR)
     arguments = [padded, np.float32(1.0 / step), np.int32(index)]
-    text = rhytid_kernels.source("quantise")
-    found = run(device, text, "quantise", (vectors,), arguments, out, options)
+    found = run(device, QUANTISE, "quantise", (vectors,), arguments, out, options)
     return found.ravel()[: len(heights)] if maps == 1 else found
 
 
@@ -52,14 +59,28 @@ def test_codes_of_a_map_lie_beside_those_of_the_others(device):
     np.testing.assert_array_equal(quantised(device, heights, 1.0, 8, maps=5, index=2), wanted)
 
 
+def halved(fine):
+    a, b, c, d = (fine[y::2, x::2] for y in (0, 1) for x in (0, 1))
+    return np.float32(0.25) * ((a + b) + (c + d))
+
+
 @pytest.mark.parametrize("side", [2, 8, 64])
 def test_halve_is_the_mean_of_four_added_in_a_fixed_order(device, side):
     fine = np.random.default_rng(2).normal(size=(side, side)).astype(np.float32)
     half = (side // 2, side // 2)
     out = np.zeros(half, np.float32)
-    found = run(device, rhytid_kernels.source("level"), "halve", half, [fine], out)
-    a, b, c, d = (fine[y::2, x::2] for y in (0, 1) for x in (0, 1))
-    np.testing.assert_array_equal(found, np.float32(0.25) * ((a + b) + (c + d)))
+    arguments = [fine, np.int32(half[1]), np.int32(0)]
+    found = run(device, rhytid_kernels.source("level"), "halve", half, arguments, out)
+    np.testing.assert_array_equal(found, halved(fine))
+
+
+def test_halve_writes_a_part_of_a_square(device):
+    fine = np.random.default_rng(2).normal(size=(8, 8)).astype(np.float32)
+    wanted = np.full((16, 16), 7.0, np.float32)
+    arguments = [fine, np.int32(16), np.int32(3 * 16 + 5)]
+    found = run(device, rhytid_kernels.source("level"), "halve", (4, 4), arguments, wanted)
+    wanted[3:7, 5:9] = halved(fine)
+    np.testing.assert_array_equal(found, wanted)
 
 
 def test_copy_copies(device):

@@ -53,7 +53,7 @@ class BinnedScene(Scene):
         self.udim = udim
         self.located = UdimTriangles(device, mesh, udim, settings.resolution, settings.padding)
         maker = BinMaker(device, self.elements(udim), self.located, settings)
-        self.tile = maker.tile(0, *at, TILE)
+        self.tile = maker.tile(*at, TILE)
         self.points = drawing.crop(*at, TILE, TILE, settings.resolution)
 
     def layers(self, tile=None, side=TILE):

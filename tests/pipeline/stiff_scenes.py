@@ -35,7 +35,7 @@ class StiffScene(BinnedScene):
         super().__init__(device, mesh, graph, settings, at, udim)
         self.at, self.stiffness = at, stiffness
         maker = BinMaker(device, self.elements(udim), self.located, settings, stiffness)
-        self.tile = maker.tile(0, *at, TILE)
+        self.tile = maker.tile(*at, TILE)
 
     def elements(self, udim=1001):
         settings, mesh = self.settings, self.mesh

@@ -7,8 +7,7 @@ import pytest
 
 from reference import pyramid
 from rhytid.pipeline import levels
-from rhytid.pipeline.levels import render, render_to_host
-from rhytid.pipeline.vectors import VECTOR
+from rhytid.pipeline.levels import Part, coarser, render_to_host
 
 RESOLUTION = 512
 MAP = np.random.default_rng(1).normal(size=(RESOLUTION, RESOLUTION)).astype(np.float32)
@@ -41,10 +40,6 @@ def test_any_chunk_gives_the_same_bits(device, draw, level, monkeypatch):
     for chunk in (256, 64):
         monkeypatch.setattr(levels, "_CHUNK", chunk)
         np.testing.assert_array_equal(whole(device, draw, level), plain)
-        side = RESOLUTION >> level
-        buffer = render(device, draw, level, 0, 0, side)
-        np.testing.assert_array_equal(device.read(buffer, (side, side), np.float32), plain)
-        buffer.release()
 
 
 @pytest.mark.parametrize("level", [0, 1, 3])
@@ -64,12 +59,15 @@ def test_nothing_is_left_on_the_device(device, draw, monkeypatch):
     assert device.budget.used == used
 
 
-def test_a_level_drawn_in_pieces_has_room_for_a_vector(device, monkeypatch):
-    def draw(row, column, side):
-        return device.full(side * side, np.float32(3.0))
-
-    monkeypatch.setattr(levels, "_CHUNK", 64)
-    for side in (1, 2):
-        found = levels.render(device, draw, 6, 0, 0, side)
-        assert found.nbytes >= 4 * VECTOR
-        np.testing.assert_array_equal(device.read(found, (side, side), np.float32), 3.0)
+@pytest.mark.parametrize("side", [64, 128, RESOLUTION])
+def test_the_levels_of_a_square_are_the_same_bits_whatever_its_parts(device, draw, side):
+    wanted = [whole(device, draw, level) for level in range(1, 10)]
+    places = [(y, x) for y in range(0, RESOLUTION, side) for x in range(0, RESOLUTION, side)]
+    parts = [Part(*place, side, draw(*place, side)) for place in places]
+    found = coarser(device, parts, RESOLUTION, 9)
+    assert found.side == RESOLUTION // 2
+    for buffer, level in zip(found.buffers, wanted, strict=True):
+        np.testing.assert_array_equal(device.read(buffer, level.shape, np.float32), level)
+    assert found.nbytes == sum(level.nbytes for level in wanted)
+    for held in (found, *(part.buffer for part in parts)):
+        held.release()

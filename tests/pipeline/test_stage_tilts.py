@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pipeline.binned import BinnedScene, stored_maps
+from pipeline.binned import BinnedScene
 from pipeline.scenes import DEPTH, random_graph, settings_of, sheet
 from reference import bins as reference
 from reference import drawing
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.errors import SettingsError
-from rhytid.pipeline.bin_maker import BinMaker
 from rhytid.pipeline.bins import sample_stretches
 
 AT = (64, 128)
@@ -78,18 +77,6 @@ def test_tilts_bring_a_lone_wrinkle_to_its_depth_in_redraw(device):
         away = away - made[tilt].redrawn(positions, at=AT, side=64)
         errors[tilt] = np.sqrt(np.square(away).mean())
     assert errors[True] < errors[False] / 3
-
-
-@pytest.mark.parametrize("level", [2, 3, 8])
-def test_tilts_of_a_coarse_level_come_from_its_means(device, level):
-    settings = settings_of(bins={**TILTED, "bits": 16})
-    made = BinnedScene(device, sheet(), furrow(np.pi / 4 * 1.2), settings)
-    side = min(256 >> level, 64)
-    tile = BinMaker(device, made.elements(), made.located, settings).tile(level, 0, 0, side)
-    codes = stored_maps(device, tile, settings.bins)[:, : side * side]
-    drawn = codes[4 + 2] != 0
-    assert drawn.any()
-    np.testing.assert_allclose(codes[4 + 3][drawn], 0.4 * 32767, atol=400)
 
 
 def test_tilts_want_the_depth_factored():

@@ -219,7 +219,7 @@ class FrameBench:
         _release(*self._bins)
         self._bins.clear()
         maker = BinMaker(self.device, self._elements, self._located, self.settings)
-        self._bins = [maker.tile(0, *corner) for corner in self._tile_corners()]
+        self._bins = [maker.tile(*corner) for corner in self._tile_corners()]
         return []
 
     def _binned(self) -> list[Buffer]:

@@ -82,14 +82,30 @@ class MemoryBudget:
             found = make()
             self._kept[key] = found
             self._made.add(key)
-        self._kept.move_to_end(key)
-        self._in_hands.add(key)
+        self._use(key)
         return found  # type: ignore[return-value]
+
+    def find(self, key: Hashable) -> Any | None:
+        """What is kept under `key`, or None; it stays until the task ends."""
+        found = self._kept.get(key)
+        if found is not None:
+            self._use(key)
+        return found
+
+    def discard(self, key: Hashable) -> None:
+        """Release what is kept under `key`, if there is anything."""
+        found = self._kept.pop(key, None)
+        if found is not None:
+            found.release()
 
     def drop(self, belongs: Callable[[Hashable], bool]) -> None:
         """Release everything kept under a key that `belongs`."""
         for key in [k for k in self._kept if belongs(k)]:
             self._kept.pop(key).release()
+
+    def _use(self, key: Hashable) -> None:
+        self._kept.move_to_end(key)
+        self._in_hands.add(key)
 
     def _make_room(self, nbytes: int) -> None:
         for key in [k for k in self._kept if k not in self._in_hands]:

@@ -126,6 +126,21 @@ class Device:
                 cl.enqueue_copy(self._queue, host, buffer.handle, is_blocking=True)
         return host
 
+    def read_square(
+        self, buffer: Buffer, stride: int, row: int, column: int, side: int
+    ) -> NDArray[np.float32]:
+        """(side, side) float32 from (row, column) on, of rows of `stride` values; waits as `read`
+        does."""
+        host = np.empty((side, side), np.float32)
+        with _device_errors():
+            cl.enqueue_copy(
+                self._queue, host, buffer.handle, is_blocking=True,
+                buffer_origin=(4 * column, row, 0), host_origin=(0, 0, 0),
+                region=(4 * side, side, 1),
+                buffer_pitches=(4 * stride,), host_pitches=(4 * side,),
+            )  # fmt: skip
+        return host
+
     def launch(
         self,
         program: str,

@@ -11,7 +11,7 @@ from rhytid.domain.tiles import TileAddress
 from rhytid.engine.frames import Frame, FrameMemory, Frames
 from rhytid.engine.jobs import Job
 from rhytid.engine.messages import AssetInfo
-from rhytid.engine.resident import ResidentAsset
+from rhytid.engine.resident_levels import ResidentLevels
 from rhytid.errors import ConflictError, NotFoundError, NotReadyError
 
 
@@ -33,7 +33,7 @@ class Asset:
     # Mean distance of neighbouring pores on the surface, in mesh units.
     spacing: float = 0.0
     statistics: dict[str, Any] | None = None
-    resident: ResidentAsset | None = None
+    resident: ResidentLevels | None = None
     # Held while settings change, so that no two changes are lost in one another.
     changing: threading.Lock = field(default_factory=threading.Lock)
 
@@ -61,7 +61,7 @@ class Asset:
             statistics=self.statistics,
         )
 
-    def ready(self) -> ResidentAsset:
+    def ready(self) -> ResidentLevels:
         """What is on the device; raises NotReadyError while building, ConflictError if failed."""
         if self.state == "building":
             raise NotReadyError(f"asset {self.id} is still building")

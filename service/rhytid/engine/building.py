@@ -12,7 +12,7 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.engine.assets import Asset, Assets
 from rhytid.engine.jobs import Job
-from rhytid.engine.resident import ResidentAsset
+from rhytid.engine.resident_levels import ResidentLevels
 from rhytid.engine.spacing import mean_spacing
 from rhytid.engine.worker import DeviceWorker
 from rhytid.errors import CancelledError, GraphError, NotFoundError, RhytidError
@@ -126,10 +126,10 @@ class Builder:
         stored: StoredRequest | StoredAsset,
         graph: WrinkleGraph,
         settings: AssetSettings,
-    ) -> Iterator[ResidentAsset]:
+    ) -> Iterator[ResidentLevels]:
         """A mesh on the device, its elements located; given back where what follows fails."""
         job.progress(_SYNTHESIS, "placing pores and wrinkles")
-        made = partial(ResidentAsset, self._device, stored.mesh, settings, stored.stiffness)
+        made = partial(ResidentLevels, self._device, stored.mesh, settings, stored.stiffness)
         resident = self.on_device(made)
         try:
             self.on_device(resident.locate, graph)
@@ -142,7 +142,7 @@ class Builder:
         self,
         job: Job,
         asset: Asset,
-        resident: ResidentAsset,
+        resident: ResidentLevels,
         graph: WrinkleGraph,
         settings: AssetSettings,
     ) -> None:

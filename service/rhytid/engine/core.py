@@ -10,6 +10,7 @@ import numpy as np
 from rhytid.device.select import Candidate, candidates
 from rhytid.engine.assets import Assets
 from rhytid.engine.building import Builder
+from rhytid.engine.gathering import Gathering
 from rhytid.engine.jobs import Jobs
 from rhytid.engine.messages import DeviceInfo
 from rhytid.engine.opening import open_device
@@ -34,6 +35,7 @@ class EngineCore:
         self._together = Together(self._worker, self._device.task, most)
         self._assets = Assets(settings.frame_memory)
         self._builder = Builder(self._device, self._worker, self._store, self._assets)
+        self._gathering = Gathering(self._on_device, self._builder.on_device, settings.queue)
         self._jobs = Jobs()
 
     def close(self) -> None:
@@ -58,7 +60,7 @@ class EngineCore:
     @property
     def waiting(self) -> int:
         """Calls that wait for the device."""
-        return self._worker.waiting + self._together.joined
+        return self._worker.waiting + self._together.joined + self._gathering.joined
 
     def _on_device(self, task: Callable[..., T], *arguments: Any) -> T:
         def run() -> T:

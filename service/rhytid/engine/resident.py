@@ -1,8 +1,8 @@
-"""An asset on the device. Every method runs on the device thread."""
+"""An asset on the device, level 0 of its maps. Every method runs on the device thread."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
@@ -16,7 +16,7 @@ from rhytid.engine.resident_parts import ResidentParts
 from rhytid.pipeline.bin_maker import BinMaker, BinTile
 from rhytid.pipeline.bins import map_count
 from rhytid.pipeline.elements import BLOCK
-from rhytid.pipeline.levels import Draw, in_one_piece, render, render_to_host
+from rhytid.pipeline.levels import Draw, render_to_host
 from rhytid.pipeline.neutral_tiles import NeutralTile, NeutralTiles
 from rhytid.pipeline.redraw import ScaleBuffers, redrawing, respond
 from rhytid.pipeline.smooth import SmoothFields, respond_smooth
@@ -35,7 +35,8 @@ class ResidentAsset(ResidentParts):
 
     def warm_up_blend(self, address: TileAddress) -> None:
         """Blend one tile, for the same reason."""
-        self.blended(NEUTRAL_FRAME, MapQuery("binned"), address)
+        for buffer in self.finest(NEUTRAL_FRAME, MapQuery("binned"), [address]):
+            buffer.release()
 
     def stretch(self, frame: Frame) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """(ratios (F, 2) unclamped, axes (F, 2, 2)) of a frame."""
@@ -45,39 +46,30 @@ class ResidentAsset(ResidentParts):
         self, frame: Frame, query: MapQuery, udim: int, level: int, row: int, column: int, side: int
     ) -> NDArray[np.float32]:
         """(side, side) displacement drawn anew: `redraw` of the frame, or `neutral`."""
-        deformed = NEUTRAL_FRAME if query.method == "neutral" else frame
-        draw = self._redrawing(deformed, query, udim)
+        draw = self._redrawn(frame, query, udim)
         return render_to_host(self._device, draw, level, row, column, side)
 
-    def convolved(self, frame: Frame, query: MapQuery, address: TileAddress) -> NDArray[np.float32]:
-        """One tile of `convolved`; what no frame changes is kept where it is one piece."""
-        return self.tiles(frame, query, [address])[0]
-
-    def tiles(
-        self, frame: Frame, query: MapQuery, addresses: list[TileAddress]
-    ) -> list[NDArray[np.float32]]:
-        """Tiles of one level and UDIM by any method: all are enqueued before the first is read."""
-        level = addresses[0].level
-        side = self.settings.grid.texels(level)
+    def finest(
+        self, frame: Frame, query: MapQuery, addresses: Sequence[TileAddress]
+    ) -> list[Buffer]:
+        """float32 of level-0 tiles of one UDIM by any method: all are enqueued before the first
+        is read. What no frame changes is kept: precomputed maps, what `convolved` reads."""
         if query.method == "binned":
-            made = self._blended(frame, query, addresses)
-        elif in_one_piece(level, side):
-            made = [
-                render(self._device, self._draw(frame, query, a), level, *self._place(a), side)
-                for a in addresses
-            ]
-        else:
-            return [
-                render_to_host(
-                    self._device, self._draw(frame, query, a), level, *self._place(a), side
-                )
-                for a in addresses
-            ]
-        return [self._taken(buffer, side) for buffer in made]
+            return self._blended(frame, query, addresses)
+        side = self.settings.tile_size
+        return [self._draw(frame, query, a)(*self._place(a), side) for a in addresses]
 
-    def blended(self, frame: Frame, query: MapQuery, address: TileAddress) -> NDArray[np.float32]:
-        """One tile of `binned`; makes the tile's maps where they are not there."""
-        return self.tiles(frame, query, [address])[0]
+    def square(
+        self, frame: Frame, query: MapQuery, udim: int, row: int, column: int, side: int
+    ) -> Buffer:
+        """float32 of `side`² texels of level 0 by any method but `binned`; nothing is kept."""
+        if query.method != "convolved":
+            return self._redrawn(frame, query, udim)(row, column, side)
+        maker, convolve = self._convolving(frame, query, udim)
+        neutral = self._neutral_tile(maker, udim, row, column, side)
+        out = convolve(neutral)
+        neutral.release()
+        return out
 
     def bin_tile(self, address: TileAddress) -> BinTile:
         """The precomputed maps of one tile; made where they are not there."""
@@ -85,11 +77,11 @@ class ResidentAsset(ResidentParts):
 
     def bin_codes(self, address: TileAddress, index: int) -> NDArray[np.integer]:
         """Codes (n, n) of one precomputed map; `index` counts samples within layers."""
-        texels = self.settings.grid.texels(address.level)
+        texels = self.settings.tile_size
         dtype = np.dtype(f"i{self.settings.bins.bits // 8}")
         tile, maps = self.bin_tile(address), map_count(self.settings.bins)
         codes = self._device.read(tile.codes, (tile.texels // VECTOR, maps, VECTOR), dtype)
-        return codes[:, index].ravel()[: texels * texels].reshape(texels, texels)
+        return codes[:, index].reshape(texels, texels)
 
     def bins_size(self) -> int:
         """Bytes that the level-0 maps of every UDIM need, as far as `BYTES_A_TEXEL` is right."""
@@ -99,31 +91,30 @@ class ResidentAsset(ResidentParts):
         return sum(sizes) * self.settings.resolution**2
 
     def _draw(self, frame: Frame, query: MapQuery, address: TileAddress) -> Draw:
-        """What draws level 0 for a tile of any method but `binned`."""
+        """What draws a tile of any method but `binned`."""
         if query.method == "convolved":
             return self._convolved(frame, query, address)
+        return self._redrawn(frame, query, address.udim)
+
+    def _redrawn(self, frame: Frame, query: MapQuery, udim: int) -> Draw:
+        """What draws `redraw` of the frame, or `neutral`."""
         deformed = NEUTRAL_FRAME if query.method == "neutral" else frame
-        return self._redrawing(deformed, query, address.udim)
+        return self._redrawing(deformed, query, udim)
 
     def _convolved(self, frame: Frame, query: MapQuery, address: TileAddress) -> Draw:
         maker, convolve = self._convolving(frame, query, address.udim)
-        texels = self.settings.grid.texels(address.level)
 
         def draw(row: int, column: int, side: int) -> Buffer:
             def make() -> NeutralTile:
                 return self._neutral_tile(maker, address.udim, row, column, side)
 
-            # Of a tile drawn piece by piece, one piece is all that must be on the device at once.
-            whole = side == texels << address.level
-            neutral = self._keep("neutral", query.sampling, address, make=make) if whole else make()
-            out = convolve(neutral)
-            if not whole:
-                neutral.release()
-            return out
+            return convolve(self._keep("neutral", query.sampling, address, make=make))
 
         return draw
 
-    def _blended(self, frame: Frame, query: MapQuery, addresses: list[TileAddress]) -> list[Buffer]:
+    def _blended(
+        self, frame: Frame, query: MapQuery, addresses: Sequence[TileAddress]
+    ) -> list[Buffer]:
         assert self._blend is not None
         blend, model, udim = self._blend, query.stretch, addresses[0].udim
         tiles = [self.bin_tile(address) for address in addresses]
@@ -143,12 +134,6 @@ class ResidentAsset(ResidentParts):
         """Row and column of a tile's first texel."""
         texels = self.settings.grid.texels(address.level)
         return address.row * texels, address.column * texels
-
-    def _taken(self, buffer: Buffer, side: int) -> NDArray[np.float32]:
-        """(side, side) of a buffer, which is given back."""
-        result: NDArray[np.float32] = self._device.read(buffer, (side, side), np.float32)
-        buffer.release()
-        return result
 
     def _coefficients(self, frame: Frame, model: str) -> Buffer:
         assert self._blend is not None
@@ -223,7 +208,6 @@ class ResidentAsset(ResidentParts):
         return self._keep_of(frame, "scales", udim, model, sampling, make=make)
 
     def _make_bins(self, address: TileAddress) -> BinTile:
-        texels = self.settings.grid.texels(address.level)
         elements, located = self._elements[address.udim], self._located[address.udim]
         maker = BinMaker(self._device, elements, located, self.settings, self._stiffness)
-        return maker.tile(address.level, *self._place(address), texels)
+        return maker.tile(*self._place(address), self.settings.tile_size)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from functools import partial
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -153,6 +153,18 @@ class ResidentParts:
             old, _ = self._recent.popitem(last=False)
             self._drop(lambda kept: kept[-1] == old)
         return self._keep(*key, frame.digest, make=make)
+
+    def _find_of(self, frame: Frame, *key: Hashable) -> Any | None:
+        """What is kept of a frame under a key, or None."""
+        if frame.digest in self._recent:
+            self._recent.move_to_end(frame.digest)
+        return self._lookup(*key, frame.digest)
+
+    def _lookup(self, *key: Hashable) -> Any | None:
+        return self._device.budget.find((id(self), *key))
+
+    def _discard(self, *key: Hashable) -> None:
+        self._device.budget.discard((id(self), *key))
 
     def _keep(self, *key: Hashable, make: Callable[[], _Kept]) -> _Kept:
         if self._released:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from functools import partial
 
 import numpy as np
@@ -16,7 +15,7 @@ from rhytid.engine.core import EngineCore
 from rhytid.engine.frames import Frame
 from rhytid.engine.keys import map_key, settings_key
 from rhytid.engine.messages import BinManifest, MapQuery
-from rhytid.errors import ConflictError, DeviceMemoryError, NotFoundError
+from rhytid.errors import NotFoundError
 from rhytid.pipeline.bins import (
     HEADROOM,
     TILTS,
@@ -25,16 +24,9 @@ from rhytid.pipeline.bins import (
     quantisation_steps,
     sample_stretches,
 )
-from rhytid.pipeline.blend import TILES_A_LAUNCH
 from rhytid.pipeline.elements import SCALE_LIMIT
 
 Tile = NDArray[np.float32]
-# Level-0 texels per side of a map that are drawn in one go.
-_PIECE = 4096
-# How often a map is drawn anew because the settings changed meanwhile.
-_ATTEMPTS = 3
-# Methods that keep something of each tile from one frame to the next.
-_BY_TILE = ("binned", "convolved")
 
 
 class TileCalls(EngineCore):
@@ -62,33 +54,8 @@ class TileCalls(EngineCore):
         """(R, R) float32 displacement of a whole level of a UDIM, in mesh units."""
         found = self._assets.get(asset)
         found.check_address(TileAddress(udim, level, 0, 0))
-        stored = found.frame(frame)
-        for _ in range(_ATTEMPTS):
-            settings = found.settings
-            drawn = self._pieces(found, stored, query, udim, level)
-            if found.settings is settings:
-                return drawn
-        raise ConflictError(f"the settings of asset {asset} change while its map is drawn")
-
-    def _pieces(self, asset: Asset, frame: Frame, query: MapQuery, udim: int, level: int) -> Tile:
-        """A whole map, piece by piece: others get their turn on the device in between."""
-        grid, resident = asset.settings.grid, asset.ready()
-        if query.method in _BY_TILE:
-            addresses = list(grid.addresses(udim, level))
-            tiles = []
-            for first in range(0, len(addresses), TILES_A_LAUNCH):
-                some = addresses[first : first + TILES_A_LAUNCH]
-                tiles += self._few(asset, frame, query, some)
-            return _assembled(tiles, grid.count(level))
-        side = grid.side(level)
-        piece = min(side, max(_PIECE >> level, 1))
-        starts = range(0, side, piece)
-        drawn = [
-            self._on_device(resident.drawn, frame, query, udim, level, y, x, piece)
-            for y in starts
-            for x in starts
-        ]
-        return _assembled(drawn, side // piece)
+        whole = (0, 0, found.settings.grid.side(level))
+        return self._gathering.square(found, found.frame(frame), query, udim, level, whole)
 
     def tiles_once(
         self, asset: str, positions: ArrayLike, query: MapQuery, addresses: list[TileAddress]
@@ -139,9 +106,17 @@ class TileCalls(EngineCore):
     def bin_tile(
         self, asset: str, address: TileAddress, layer: str, bin: int, sample: int
     ) -> NDArray[np.integer]:
-        """(n, n) int8 or int16 codes of one precomputed map tile; displacement = code * step."""
+        """(n, n) int8 or int16 codes of one precomputed map tile; displacement = code * step.
+
+        Raises NotFoundError above level 0: what is blended has coarser levels, the maps have none.
+        """
         found = self._assets.get(asset)
         found.check_address(address)
+        if address.level > 0:
+            raise NotFoundError(
+                f"level {address.level}: precomputed maps are of level 0 only; coarser levels of "
+                "binned are means of its level 0"
+            )
         index = _map_index(found.settings, layer, bin, sample)
         return self._on_device(found.ready().bin_codes, address, index)
 
@@ -149,25 +124,14 @@ class TileCalls(EngineCore):
         revision = settings_key(asset.id, asset.settings, self._device_key)
         return map_key(revision, frame, query, place)
 
-    def _few(
-        self, asset: Asset, frame: Frame, query: MapQuery, addresses: list[TileAddress]
-    ) -> list[Tile]:
-        """Tiles that are blended in one launch, where their maps fit on the device together."""
-        if query.method == "binned":
-            with suppress(DeviceMemoryError):
-                return self._on_device(asset.ready().tiles, frame, query, addresses)
-        return [self._tile(asset, frame, query, address) for address in addresses]
-
     def _tile(self, asset: Asset, frame: Frame, query: MapQuery, address: TileAddress) -> Tile:
-        resident = asset.ready()
-        key = (asset, frame.digest, query, address.udim, address.level)
-        texels = asset.settings.grid.texels(address.level)
+        udim, level = address.udim, address.level
+        texels = asset.settings.grid.texels(level)
+        if level > 0:
+            square = (address.row * texels, address.column * texels, texels)
+            return self._gathering.shared(asset, frame, query, udim, level, square)
+        resident, key = asset.ready(), (asset, frame.digest, query, udim)
         return self._together.tile(key, address, texels, partial(resident.tiles, frame, query))
-
-
-def _assembled(tiles: list[Tile], count: int) -> Tile:
-    rows = [tiles[i : i + count] for i in range(0, len(tiles), count)]
-    return np.block(rows)
 
 
 def _map_index(settings: AssetSettings, layer: str, bin: int, sample: int) -> int:

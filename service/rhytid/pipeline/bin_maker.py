@@ -1,5 +1,8 @@
 """Draws the precomputed maps of the fast method, tile by tile (section 2.4). Kernels: bins.cl,
-quantise.cl, tilt.cl."""
+tilt.cl.
+
+There are maps of level 0 only: means of maps, blended, are flatter than the mean of the blend.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +31,6 @@ from rhytid.pipeline.bins import (
     scale,
 )
 from rhytid.pipeline.elements import UdimElements
-from rhytid.pipeline.levels import Draw, in_one_piece, render
 from rhytid.pipeline.locate import UdimTriangles
 from rhytid.pipeline.redraw import launch_blocks
 from rhytid.pipeline.stiffness import stiffness_of_texels
@@ -43,12 +45,12 @@ _Launch = Callable[..., None]
 
 @dataclass(frozen=True)
 class BinTile(Held):
-    """One tile of every precomputed map, padded to a vector, and the triangles of its texels.
+    """One tile of every precomputed map, and the triangles of its texels.
 
     codes: (texels / VECTOR, maps, VECTOR), maps being M samples within parts within N + 1
     layers, and after those of a bin its tilt.
     stiffness: float32 of each texel, or None: 1 throughout.
-    place: texels a side of the tile and of its level, row and column of its first texel."""
+    place: texels a side of the tile and of its map, row and column of its first texel."""
 
     triangles: VectorTriangles
     codes: Buffer
@@ -80,79 +82,53 @@ class BinMaker:
         limit, maps = code_limit(bins.bits), map_count(bins)
         self._code_defines = {"CODE": CODES[bins.bits], "CODE_LIMIT": limit, "MAPS": maps}
 
-    def tile(self, level: int, row: int, column: int, texels: int) -> BinTile:
-        """All layers and samples of `texels`² texels, from texel (row, column) of the level on."""
-        bins, place = self._settings.bins, (level, row, column, texels)
-        size = max(texels * texels, VECTOR)
-        codes = self._device.empty(map_count(bins) * size, f"i{bins.bits // 8}")
+    def tile(self, row: int, column: int, texels: int) -> BinTile:
+        """All layers and samples of `texels`² texels, from texel (row, column) on."""
+        bins, square = self._settings.bins, (row, column, texels)
+        codes = self._device.empty(map_count(bins) * texels * texels, f"i{bins.bits // 8}")
         at = counter()
         for layer, samples in enumerate(bins.layer_samples):
             for part, sample in product(parts(bins), range(samples)):
-                launch = self._map(layer, part, sample)
-                self._put(launch, place, self._per_step[layer, sample], next(at), codes)
+                coded = (self._per_step[layer, sample], np.int32(next(at)), codes)
+                self._map(layer, part, sample)(square, coded, self._code_defines)
+                self._device.finish()
             if bins.tilt and layer < bins.count:
-                self._tilt(layer, place, next(at), codes)
-        return self._tile(place, codes, size)
+                self._tilt(layer, square, next(at), codes)
+        return self._tile(square, codes)
 
-    def _tile(self, place: tuple[int, int, int, int], codes: Buffer, size: int) -> BinTile:
+    def _tile(self, square: tuple[int, int, int], codes: Buffer) -> BinTile:
         """With what is known of the triangles of its texels."""
-        level, row, column, texels = place
-        side = self._settings.resolution >> level
+        row, column, texels = square
+        side = self._settings.resolution
         triangles = self._located.texels(side, row, column, texels)
-        found = VectorTriangles.of(self._device, triangles, size)
+        found = VectorTriangles.of(self._device, triangles, texels * texels)
         triangles.release()
         stiffness = stiffness_of_texels(
             self._device, self._stiffness, self._located.udim, side, row, column, texels
         )
         of_tile = (np.int32(texels), np.int32(side), np.int32(row), np.int32(column))
-        return BinTile(found, codes, size, of_tile, stiffness)
+        return BinTile(found, codes, texels * texels, of_tile, stiffness)
 
-    def _put(
-        self,
-        launch: _Launch,
-        place: tuple[int, int, int, int],
-        per_step: np.float32,
-        at: int,
-        codes: Buffer,
-    ) -> None:
-        """The codes of one map: drawn as codes, or of a coarser level from its means."""
-        level, row, column, texels = place
-        coded = (per_step, np.int32(at), codes)
-        if level == 0 and in_one_piece(level, texels):
-            launch((row, column, texels), coded, self._code_defines)
-        else:
-            heights = render(self._device, self._drawing(launch), *place)
-            self._over_vectors("quantise", "quantise", heights, *coded)
-            heights.release()
-        self._device.finish()
-
-    def _tilt(self, index: int, place: tuple[int, int, int, int], at: int, codes: Buffer) -> None:
+    def _tilt(self, index: int, square: tuple[int, int, int], at: int, codes: Buffer) -> None:
         """Codes of where in the bin the wrinkles run, drawn as wide as they ever are."""
         r = self._settings.last_sample
         scales = _float2(scale(r, self._settings.response.alpha_w), 1.0)
         launches = (self._wrinkles(index, scales, 0, s) for s in (TILT_SHARE, -TILT_SHARE))
-        up, down = (render(self._device, self._drawing(launch), *place) for launch in launches)
-        share = np.float32(TILT_SHARE)
-        self._over_vectors("tilt", "tilt_codes", up, down, share, np.int32(at), codes)
+        up, down = (self._drawn(launch, square) for launch in launches)
+        count = square[2] ** 2 // VECTOR
+        self._device.launch(
+            "tilt", "tilt_codes", (count,), up, down, np.float32(TILT_SHARE), np.int32(at), codes,
+            defines=self._code_defines,
+        )  # fmt: skip
         self._device.finish()
         up.release()
         down.release()
 
-    def _over_vectors(self, program: str, kernel: str, *arguments: Any) -> None:
-        """Launch over the vectors of the codes that come last."""
-        bins, codes = self._settings.bins, arguments[-1]
-        count = codes.nbytes // (map_count(bins) * bins.bits // 8 * VECTOR)
-        self._device.launch(program, kernel, (count,), *arguments, defines=self._code_defines)
-
-    def _drawing(self, launch: _Launch) -> Draw:
-        """What draws a map as displacement."""
-
-        def draw(row: int, column: int, side: int) -> Buffer:
-            out = self._device.empty(side * side, np.float32)
-            launch((row, column, side), (out,), NO_DEFINES)
-            return out
-
-        return draw
+    def _drawn(self, launch: _Launch, square: tuple[int, int, int]) -> Buffer:
+        """A map as displacement."""
+        out = self._device.empty(square[2] ** 2, np.float32)
+        launch(square, (out,), NO_DEFINES)
+        return out
 
     def _map(self, layer: int, part: int, sample: int) -> _Launch:
         settings, response = self._settings, self._settings.response

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.device.held import Held
 from rhytid.device.runtime import Buffer, Device
-from rhytid.pipeline.vectors import VECTOR
 
 # Draws level 0: (row, column, side) in texels, all multiples of a block, to side² float32.
 Draw = Callable[[int, int, int], Buffer]
@@ -17,48 +18,75 @@ Draw = Callable[[int, int, int], Buffer]
 _CHUNK = 4096
 
 
-def in_one_piece(level: int, side: int) -> bool:
-    """Whether `render` of so many texels of a level stays on the device."""
-    return side << level <= _CHUNK
+@dataclass(frozen=True)
+class Part:
+    """A square of `side`² float32 that begins at (row, column) of a larger one."""
+
+    row: int
+    column: int
+    side: int
+    buffer: Buffer
 
 
-def render(device: Device, draw: Draw, level: int, row: int, column: int, side: int) -> Buffer:
-    """`side`² texels of a level, from texel (row, column) of that level on, with room for a vector.
+@dataclass(frozen=True)
+class Levels(Held):
+    """Some levels of a square, finest first: `side`² float32, then half as many texels a side in
+    each that follows."""
 
-    Every texel is the same tree of sums whatever the cut, so any tiling gives the same bits.
+    side: int
+    buffers: tuple[Buffer, ...]
+
+    @property
+    def _buffers(self) -> tuple[Buffer, ...]:
+        return self.buffers
+
+
+def coarser(device: Device, parts: Sequence[Part], side: int, count: int) -> Levels:
+    """The `count` levels above a square of `side`² texels, which `parts` make up.
+
+    Every texel is the same tree of sums whatever the parts, so any cut gives the same bits.
     """
-    span = side << level
-    if span <= _CHUNK:
-        return _halved(device, draw(row << level, column << level, span), span, level)
-    if side == 1:
-        finer = render(device, draw, level - 1, 2 * row, 2 * column, 2)
-        return _halved(device, finer, 2, 1)
-    host = render_to_host(device, draw, level, row, column, side)
-    return device.upload(np.resize(host, max(host.size, VECTOR)))
+    buffers: list[Buffer] = []
+    for n in range(1, count + 1):
+        coarse = device.empty((side >> n) ** 2, np.float32)
+        for part in parts:
+            _halve(device, part, coarse, side >> n)
+        parts = [Part(0, 0, side >> n, coarse)]
+        buffers.append(coarse)
+    return Levels(side // 2, tuple(buffers))
 
 
 def render_to_host(
     device: Device, draw: Draw, level: int, row: int, column: int, side: int
 ) -> NDArray[np.float32]:
-    """As `render`, read back; (side, side) float32. Never more than a chunk is on the device."""
-    if side << level > _CHUNK and side > 1:
+    """`side`² texels of a level, from texel (row, column) of that level on, of what `draw` draws;
+    (side, side) float32. Never more than a chunk is on the device."""
+    span = side << level
+    if span > _CHUNK and side > 1:
         half = side // 2
         quarters = [
             [render_to_host(device, draw, level, row + y, column + x, half) for x in (0, half)]
             for y in (0, half)
         ]
         return np.block(quarters)
-    buffer = render(device, draw, level, row, column, side)
-    result: NDArray[np.float32] = device.read(buffer, (side, side), np.float32)
+    if span > _CHUNK:
+        buffer = device.upload(render_to_host(device, draw, level - 1, 2 * row, 2 * column, 2))
+        span, level = 2, 1
+    else:
+        buffer = draw(row << level, column << level, span)
+    if level:
+        levels = coarser(device, [Part(0, 0, span, buffer)], span, level)
+        result = device.read(levels.buffers[-1], (side, side), np.float32)
+        levels.release()
+    else:
+        result = device.read(buffer, (side, side), np.float32)
     buffer.release()
     return result
 
 
-def _halved(device: Device, fine: Buffer, side: int, times: int) -> Buffer:
-    for _ in range(times):
-        side //= 2
-        coarse = device.empty(max(side * side, VECTOR), np.float32)  # quantised by vectors
-        device.launch("level", "halve", (side, side), fine, coarse)
-        fine.release()
-        fine = coarse
-    return fine
+def _halve(device: Device, part: Part, coarse: Buffer, side: int) -> None:
+    first = part.row // 2 * side + part.column // 2
+    half = part.side // 2
+    device.launch(
+        "level", "halve", (half, half), part.buffer, np.int32(side), np.int32(first), coarse
+    )

@@ -1,0 +1,169 @@
+"""Squares of any level, put together from bounded pieces of work: between two of them the device is
+free for others."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Hashable
+from concurrent.futures import Future
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.engine.assets import Asset
+from rhytid.engine.frames import Frame
+from rhytid.engine.messages import MapQuery
+from rhytid.engine.resident_finest import Square
+from rhytid.engine.resident_levels import ResidentLevels
+from rhytid.errors import BusyError, ConflictError, DeviceMemoryError
+
+Tile = NDArray[np.float32]
+OnDevice = Callable[..., Any]
+# How often a square is drawn anew because the settings changed meanwhile.
+_ATTEMPTS = 3
+
+
+class Gathering:
+    """Draws squares of maps.
+
+    first: runs a task on the device, or raises BusyError where too many wait.  then: runs those
+    that follow, and waits for a place, so that nobody is refused half-way.  most: callers that may
+    wait for what another draws.
+    """
+
+    def __init__(self, first: OnDevice, then: OnDevice, most: int) -> None:
+        self._first, self._then, self._most = first, then, most
+        self._lock = threading.Lock()
+        self._drawing: dict[Hashable, Future[Tile]] = {}
+        self.joined = 0
+
+    def shared(
+        self, asset: Asset, frame: Frame, query: MapQuery, udim: int, level: int, square: Square
+    ) -> Tile:
+        """As `square`, read-only; who wants the same at the same time gets the same array.
+
+        Raises BusyError where too many wait already.
+        """
+        key = (asset, asset.settings, frame.digest, query, udim, level, square)
+        with self._lock:
+            found = self._drawing.get(key)
+            if found is None:
+                mine = self._drawing[key] = Future()
+            elif self.joined >= self._most:
+                raise BusyError(f"{self._most} requests wait for the device already")
+            else:
+                self.joined += 1
+        if found is not None:
+            return self._joining(found)
+        try:
+            tile = self.square(asset, frame, query, udim, level, square)
+            tile.setflags(write=False)
+            mine.set_result(tile)
+            return tile
+        except BaseException as error:
+            mine.set_exception(error)
+            raise
+        finally:
+            with self._lock:
+                del self._drawing[key]
+
+    def _joining(self, found: Future[Tile]) -> Tile:
+        try:
+            return found.result()
+        finally:
+            with self._lock:
+                self.joined -= 1
+
+    def square(
+        self, asset: Asset, frame: Frame, query: MapQuery, udim: int, level: int, square: Square
+    ) -> Tile:
+        """(side, side) float32 displacement of a square of a level, all with the same settings.
+
+        Raises ConflictError where these change again and again meanwhile, DeviceMemoryError where
+        even a single tile cannot be drawn.
+        """
+        for _ in range(_ATTEMPTS):
+            settings = asset.settings
+            gathered = _Gathered(self._first, self._then, asset.ready(), frame, query, udim)
+            tile = gathered.square(level, square)
+            if tile is not None and asset.settings is settings:
+                return tile
+        raise ConflictError(f"the settings of asset {asset.id} change while its map is drawn")
+
+
+class _Gathered:
+    """One square of one frame on its way."""
+
+    def __init__(
+        self, first: OnDevice, then: OnDevice,
+        resident: ResidentLevels, frame: Frame, query: MapQuery, udim: int,
+    ) -> None:  # fmt: skip
+        self._next, self._then = first, then
+        self._resident, self._settings = resident, resident.settings
+        self._query, self._about = query, (frame, query, udim)
+
+    def square(self, level: int, square: Square) -> Tile | None:
+        """A square of a level; None where the settings changed meanwhile."""
+        resident, crown = self._resident, self._resident.crown
+        if level < crown:
+            return self._of_pieces(level, square)
+        tile: Tile | None = self._on_device(resident.of_crown, *self._about, level, square)
+        if tile is None:
+            whole = (0, 0, self._settings.grid.side(crown))
+            finest = self._of_pieces(crown, whole)
+            tile = self._on_device(
+                resident.of_crown, *self._about, level, square, finest, self._settings
+            )
+        return tile
+
+    def _of_pieces(self, level: int, square: Square) -> Tile:
+        """A square that no level above was made from, piece by piece."""
+        side = min(self._resident.most(self._query, level), square[2])
+        if side == square[2]:
+            return self._pieces(level, [square])[square]
+        out = np.empty((square[2], square[2]), np.float32)
+        wanted = _cut(square, side)
+        for (row, column, _), tile in self._pieces(level, wanted).items():
+            y, x = row - square[0], column - square[1]
+            out[y : y + side, x : x + side] = tile
+        return out
+
+    def _pieces(self, level: int, wanted: list[Square]) -> dict[Square, Tile]:
+        found: dict[Square, Tile] = {}
+        while missing := [square for square in wanted if square not in found]:
+            found |= self._some(level, missing)
+        return found
+
+    def _some(self, level: int, missing: list[Square]) -> dict[Square, Tile]:
+        """At least the first of some squares that are inside of a piece each."""
+        try:
+            found: dict[Square, Tile] = self._on_device(
+                self._resident.squares, *self._about, level, missing
+            )
+            return found
+        except DeviceMemoryError:
+            return {missing[0]: self._alone(level, missing[0])}
+
+    def _alone(self, level: int, square: Square) -> Tile:
+        """A square for which memory is short, as a whole or else by its quarters."""
+        try:
+            tile: Tile = self._on_device(self._resident.square_alone, *self._about, level, square)
+            return tile
+        except DeviceMemoryError:
+            half = square[2] // 2
+            if half < self._resident.least(self._query, level):
+                raise
+        quarters = [self._alone(level, quarter) for quarter in _cut(square, half)]
+        return np.block([quarters[:2], quarters[2:]])
+
+    def _on_device(self, task: Callable[..., Any], *arguments: Any) -> Any:
+        call, self._next = self._next, self._then
+        return call(task, *arguments)
+
+
+def _cut(square: Square, side: int) -> list[Square]:
+    """Squares of `side` that make up a larger one, row by row."""
+    row, column, whole = square
+    steps = range(0, whole, side)
+    return [(row + y, column + x, side) for y in steps for x in steps]

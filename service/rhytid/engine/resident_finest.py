@@ -1,0 +1,152 @@
+"""Level 0 of an asset's maps on the device, kept while there is plenty of memory. Every method
+runs on the device thread."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Iterator, Sequence
+from contextlib import contextmanager
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.device.runtime import Buffer
+from rhytid.domain.tiles import TileAddress
+from rhytid.engine.frames import NEUTRAL_FRAME, Frame
+from rhytid.engine.messages import MapQuery
+from rhytid.engine.resident import ResidentAsset
+from rhytid.pipeline.levels import Part
+
+Tile = NDArray[np.float32]
+# (row, column, texels a side) of a square of a level.
+Square = tuple[int, int, int]
+
+# Level-0 texels a side of a piece, the most that one task of the device draws, or a tile where that
+# is larger. Wrinkles are drawn best in large launches; the other methods go tile by tile, and four
+# tiles of the usual size are one launch of the blend.
+_PIECE = {"neutral": 2048, "redraw": 2048, "binned": 1024, "convolved": 1024}
+# They keep something of each tile from one frame to the next.
+_BY_TILE = ("binned", "convolved")
+# Level 0 is kept where so many maps of it would fit into the memory that is left.
+_PLENTY = 8
+
+
+class ResidentFinest(ResidentAsset):
+    """Tiles of level 0, and the parts that larger squares of it are made of.
+
+    What was drawn is kept of the frame that was drawn last: the next takes its memory.
+    """
+
+    _kept_frame: str | None = None
+    _kept_keys: tuple[tuple[Hashable, ...], ...] = ()
+
+    def tiles(self, frame: Frame, query: MapQuery, addresses: Sequence[TileAddress]) -> list[Tile]:
+        """(n, n) float32 of level-0 tiles of a UDIM; all are enqueued before the first is read."""
+        udim, side = addresses[0].udim, self.settings.grid.texels(0)
+        places = [(*self._place(address), side) for address in addresses]
+        found = [self._cropped(frame, query, udim, place) for place in places]
+        missing = [place for place, tile in zip(places, found, strict=True) if tile is None]
+        with self._parts(frame, query, udim, missing) as parts:
+            read = iter([self._read(part) for part in parts])
+        return [next(read) if tile is None else tile for tile in found]
+
+    def _piece(self, query: MapQuery) -> int:
+        """Level-0 texels a side of a piece."""
+        side = min(_PIECE[query.method], self.settings.resolution)
+        return max(side, self.settings.grid.texels(0)) if query.method in _BY_TILE else side
+
+    def _piece_of(self, query: MapQuery, place: Square) -> Square:
+        """The piece that a square of level 0 lies in."""
+        side = self._piece(query)
+        return place[0] // side * side, place[1] // side * side, side
+
+    @property
+    def _plenty(self) -> bool:
+        budget = self._device.budget
+        return _PLENTY * 4 * self.settings.resolution**2 <= budget.limit - budget.used
+
+    def _cut(self, frame: Frame, query: MapQuery, udim: int, place: Square) -> list[Square]:
+        """What a square of level 0 is drawn in: tiles, where what makes a tile is kept for all
+        frames, or the tiles are; else one launch."""
+        row, column, side = place
+        tile = self.settings.grid.texels(0)
+        if tile > side:
+            return [place]
+        tiles = [
+            (row + y, column + x, tile) for y in range(0, side, tile) for x in range(0, side, tile)
+        ]
+        kept = all(self._find_finest(frame, query, udim, t) is not None for t in tiles)
+        return tiles if kept or query.method in _BY_TILE else [place]
+
+    @contextmanager
+    def _parts(
+        self, frame: Frame, query: MapQuery, udim: int, places: Sequence[Square]
+    ) -> Iterator[list[Part]]:
+        """Level 0 of some squares, kept or drawn; what was drawn stays where memory is plenty."""
+        held = {place: self._find_finest(frame, query, udim, place) for place in places}
+        missing = [place for place, buffer in held.items() if buffer is None]
+        fresh = dict(zip(missing, self._drawn(frame, query, udim, missing), strict=True))
+        yield [Part(*place, held[place] or fresh[place]) for place in places]
+        for place, buffer in fresh.items():
+            if self._plenty:
+                self._keep_finest(frame, query, udim, place, buffer)
+            else:
+                buffer.release()
+
+    def _drawn(
+        self, frame: Frame, query: MapQuery, udim: int, places: Sequence[Square]
+    ) -> list[Buffer]:
+        """float32 of squares of level 0 that are all as large."""
+        tile = self.settings.grid.texels(0)
+        if places and places[0][2] == tile:
+            at = [TileAddress(udim, 0, row // tile, column // tile) for row, column, _ in places]
+            return self.finest(frame, query, at)
+        return [self.square(frame, query, udim, *place) for place in places]
+
+    def _cropped(self, frame: Frame, query: MapQuery, udim: int, place: Square) -> Tile | None:
+        """A square of level 0 out of what is kept of it, alone or with its piece."""
+        for larger in (place, self._piece_of(query, place)):
+            buffer = self._find_finest(frame, query, udim, larger)
+            if buffer is not None:
+                row, column = (place[i] - larger[i] for i in (0, 1))
+                return self._device.read_square(buffer, larger[2], row, column, place[2])
+        return None
+
+    def _find_finest(
+        self, frame: Frame, query: MapQuery, udim: int, place: Square
+    ) -> Buffer | None:
+        found: Buffer | None = self._lookup(*_finest_key(frame, query, udim, place))
+        return found
+
+    def _keep_finest(
+        self, frame: Frame, query: MapQuery, udim: int, place: Square, buffer: Buffer
+    ) -> None:
+        key = _finest_key(frame, query, udim, place)
+        if key[-1] != self._kept_frame:
+            for old in self._kept_keys:
+                self._discard(*old)
+            self._kept_frame, self._kept_keys = frame.digest, ()
+        self._kept_keys += (key,)
+        self._keep(*key, make=lambda: buffer)
+
+    def _read(self, part: Part) -> Tile:
+        found: Tile = self._device.read(part.buffer, (part.side, part.side), np.float32)
+        return found
+
+    def _joined(self, parts: Sequence[Part], place: Square) -> Tile:
+        row, column, side = place
+        out = np.empty((side, side), np.float32)
+        for part in parts:
+            y, x = part.row - row, part.column - column
+            out[y : y + part.side, x : x + part.side] = self._read(part)
+        return out
+
+
+def names(query: MapQuery) -> tuple[str, str, str]:
+    """A query as part of a key."""
+    return query.method, query.stretch, query.sampling
+
+
+def _finest_key(frame: Frame, query: MapQuery, udim: int, place: Square) -> tuple[Hashable, ...]:
+    """What belongs to a frame has its digest last; `neutral` is the same in all."""
+    digest = NEUTRAL_FRAME.digest if query.method == "neutral" else frame.digest
+    return ("finest", *names(query), udim, *place, digest)
