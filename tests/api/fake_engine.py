@@ -244,7 +244,9 @@ class FakeEngine:
         found, manifest = self._check(asset, address), self.bins(asset)
         if bin >= manifest.layers.get(layer, 0) or sample >= len(manifest.samples):
             raise NotFoundError(f"no map of layer {layer!r}, bin {bin}, sample {sample}")
-        side = found.settings.grid.texels(address.level)
+        if address.level > 0:
+            raise NotFoundError(f"level {address.level}: precomputed maps are of level 0 only")
+        side = found.settings.grid.texels(0)
         dtype = np.int8 if manifest.bits == 8 else np.int16
         return np.full((side, side), 10 * bin + sample, dtype)
 

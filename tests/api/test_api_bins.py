@@ -65,3 +65,15 @@ def test_bad_queries_are_refused(
 ) -> None:
     response = client.get(f"/v1/assets/{asset}/bins/1001/0/0/0{query}")
     assert what in is_problem(response, status, kind)
+
+
+def test_a_coarser_level_is_not_found_and_says_why(client: httpx.Client, asset: str) -> None:
+    path = f"/v1/assets/{asset}/bins/1001/1/0/0"
+    response = client.get(path, params={"bin": 0, "sample": 0})
+    assert "level 0 only" in is_problem(response, 404, "not-found")
+
+
+def test_the_documentation_says_that_maps_have_level_0_alone(client: httpx.Client) -> None:
+    paths = client.get("/openapi.json").json()["paths"]
+    said = paths["/v1/assets/{asset}/bins/{udim}/{level}/{row}/{column}"]["get"]["description"]
+    assert "Level 0 only" in said

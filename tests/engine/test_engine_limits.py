@@ -53,8 +53,8 @@ def stored(tmp_path_factory):
     return store, asset, resident, plenty
 
 
-def test_a_map_that_does_not_fit_is_refused_with_numbers_and_leaves_nothing(stored):
-    store, asset, resident, _ = stored
+def test_a_map_that_does_not_fit_is_drawn_in_smaller_pieces_and_leaves_nothing(stored):
+    store, asset, resident, plenty = stored
     budget = resident + 512 * 512  # a quarter of one map
     with running(store, device_memory=budget) as engine:
         settle(engine, asset)
@@ -62,12 +62,25 @@ def test_a_map_that_does_not_fit_is_refused_with_numbers_and_leaves_nothing(stor
         engine.tile(asset, "bent", REDRAW, ADDRESS)
         before = used(engine)
         for _ in range(3):
-            with pytest.raises(DeviceMemoryError, match=rf"\d+ bytes .* {budget} bytes"):
-                engine.map(asset, "bent", REDRAW, 1001, 0)
+            assert same([engine.map(asset, "bent", REDRAW, 1001, 0)], [plenty[0][1]])
             assert used(engine) <= before
         found = engine.tile(asset, "bent", REDRAW, ADDRESS)
         assert used(engine) == before
         assert np.abs(found).max() > 0
+
+
+def test_a_tile_that_does_not_fit_is_refused_with_numbers_and_leaves_nothing(stored):
+    store, asset, _, _ = stored
+    with running(store, device_memory=3 * MIB) as engine:
+        settle(engine, asset)
+        budget = used(engine) + 64 * 64  # a quarter of one tile
+        engine._device.budget.limit = budget
+        for wanted in (ADDRESS, TileAddress(1001, 2, 0, 0)):
+            with pytest.raises(DeviceMemoryError, match=rf"\d+ bytes .* {budget} bytes"):
+                engine.tile(asset, "neutral", REDRAW, wanted)
+            with pytest.raises(DeviceMemoryError, match=rf"\d+ bytes .* {budget} bytes"):
+                engine.map(asset, "neutral", REDRAW, 1001, wanted.level)
+        assert used(engine) <= budget
 
 
 def test_only_what_the_last_frames_need_stays_on_the_device(stored):

@@ -21,6 +21,7 @@ from pipeline.scenes import DEPTH, Scene, random_graph, settings_of, sheet
 from reference import drawing
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import TileAddress
+from rhytid.engine import resident_finest
 from rhytid.engine.messages import SAMPLINGS, STRETCH_MODELS, MapQuery
 from rhytid.errors import QueryError
 
@@ -67,7 +68,7 @@ def test_tiles_put_together_are_the_map(made, query, level):
         assert same([whole], [assembled(made.engine, made.asset, "bent", query, udim, level)])
 
 
-@pytest.mark.parametrize("query", [*QUERIES[:2], CONVOLVED], ids=ids)
+@pytest.mark.parametrize("query", QUERIES, ids=ids)
 def test_a_level_is_the_mean_of_the_one_below(made, query):
     fine = made.engine.map(made.asset, "bent", query, 1001, 0)
     for level in range(1, 9):
@@ -115,7 +116,8 @@ def test_convolved_drawn_in_pieces_is_the_same_bits(made, monkeypatch, sampling)
         return [made.engine.tile(made.asset, "bent", query, a) for a in addresses]
 
     plain = tiles()
-    monkeypatch.setattr("rhytid.pipeline.levels._CHUNK", 64)
+    made.engine._on_device(made.engine._assets.get(made.asset).ready()._forget_made)
+    monkeypatch.setitem(resident_finest._PIECE, "convolved", 64)
     assert same(tiles(), plain)
 
 

@@ -36,7 +36,7 @@ class ResidentFinest(ResidentAsset):
     What was drawn is kept of the frame that was drawn last: the next takes its memory.
     """
 
-    _kept_frame: str | None = None
+    _kept_frame: Hashable = None
     _kept_keys: tuple[tuple[Hashable, ...], ...] = ()
 
     def tiles(self, frame: Frame, query: MapQuery, addresses: Sequence[TileAddress]) -> list[Tile]:
@@ -124,7 +124,7 @@ class ResidentFinest(ResidentAsset):
         if key[-1] != self._kept_frame:
             for old in self._kept_keys:
                 self._discard(*old)
-            self._kept_frame, self._kept_keys = frame.digest, ()
+            self._kept_frame, self._kept_keys = key[-1], ()
         self._kept_keys += (key,)
         self._keep(*key, make=lambda: buffer)
 

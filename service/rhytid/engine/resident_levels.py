@@ -19,7 +19,7 @@ from rhytid.pipeline.elements import BLOCK
 from rhytid.pipeline.levels import Levels, Part, coarser
 
 # Texels a side of the finest level of the crown, at most.
-_CROWN = 1024
+_CROWN = 512
 
 
 class ResidentLevels(ResidentFinest):

@@ -38,7 +38,10 @@ def tile(
     column: Index,
     query: Annotated[BinQuery, Query()],
 ) -> Response:
-    """One tile of codes, int8 or int16, as .npy; the manifest's step turns codes into heights."""
+    """One tile of codes, int8 or int16, as .npy; the manifest's step turns codes into heights.
+
+    Level 0 only: a coarser level is 404, for those of `binned` are means of its level 0.
+    """
     address = TileAddress(udim, level, row, column)
     with place:
         codes = engine.bin_tile(asset, address, query.layer, query.bin, query.sample)
