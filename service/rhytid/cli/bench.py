@@ -11,7 +11,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.cli.options import STDOUT, Commands, add_json, add_wrinkles, new_command, readable
+from rhytid.cli.options import (
+    STDOUT,
+    Commands,
+    add_density,
+    add_force,
+    add_json,
+    density,
+    new_command,
+    readable,
+)
 from rhytid.cli.reporting import counted, report, share_bar, table, write_json
 from rhytid.domain.asset_settings import PRESETS, AssetSettings
 from rhytid.domain.graph import WrinkleGraph
@@ -50,7 +59,8 @@ def add_command(commands: Commands) -> None:
     parser.add_argument("--frame", type=int, metavar="I", help=frame)
     parser.add_argument("--graph", type=readable, metavar="FILE", help="wrinkles of --mesh")
     parser.add_argument("--size", type=int, default=4096, metavar="R", help="texels a side (4096)")
-    add_wrinkles(parser)
+    add_density(parser)
+    add_force(parser)
     preset = "bins of `binned` (paper, the one that the others blend too)"
     parser.add_argument("--preset", choices=tuple(PRESETS), default="paper", help=preset)
     _add_names(parser, "--methods", CASES, "what to time")
@@ -77,9 +87,12 @@ def run(arguments: argparse.Namespace) -> None:
 
 def _run_scaling(arguments: argparse.Namespace) -> None:
     from rhytid.bench.scaling import SERIES, Scaling, plot
+    from rhytid.bench.subject import USUAL_WRINKLES
 
+    if arguments.spacing is not None:
+        raise InputError("--spacing: series are counted in wrinkles: give --wrinkles")
     device, mesh, deformed = _frame_on_device(arguments)
-    wrinkles = arguments.wrinkles or AssetSettings().graph.wrinkles
+    wrinkles = arguments.wrinkles or USUAL_WRINKLES
     scaling = Scaling(device, mesh, deformed, arguments.size, wrinkles, arguments.repeats)
     arguments.scaling.mkdir(parents=True, exist_ok=True)
     found = []
@@ -248,15 +261,17 @@ def _skin(
 ) -> tuple[WrinkleGraph, AssetSettings]:
     """The wrinkles of the arguments, given or synthesised, and the settings to draw them with."""
     from rhytid.cli.input_files import graph_file
+    from rhytid.engine.given_graphs import check_graph
     from rhytid.synthesis.generate import synthesize
 
     sizes = {"resolution": arguments.size, "tile_size": min(512, arguments.size)}
-    data: dict[str, Any] = {**sizes, "preset": arguments.preset}
-    if arguments.wrinkles is not None:
-        data["graph"] = {"wrinkles": arguments.wrinkles}
+    data: dict[str, Any] = {**sizes, "preset": arguments.preset, "graph": density(arguments)}
     settings = AssetSettings.parse(data)
     if arguments.graph is not None:
-        return graph_file(arguments.graph), settings
+        graph = graph_file(arguments.graph)
+        check_graph(graph, mesh, force=arguments.force)
+        return graph, settings.for_graph(graph.origin)
+    settings = settings.for_synthesis()
     with share_bar("synthesis") as show:
         made = synthesize(mesh, settings.graph, device, show)
     return made.graph, settings.resolved(made.spacing)
