@@ -27,7 +27,7 @@ def machine_memory() -> int:
     except (AttributeError, OSError, ValueError):
         total = _FALLBACK
     limits = [limit for limit in map(_limit, _LIMITS) if limit is not None]
-    return min([total if total > 0 else _FALLBACK, *limits])
+    return min([total if total >= 1 << 20 else _FALLBACK, *limits])
 
 
 def usual_device_memory(device: Candidate) -> int:
