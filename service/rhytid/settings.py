@@ -18,14 +18,15 @@ class ServiceSettings:
 
     store: folder of the assets.  device: part of an OpenCL device's or platform's name, or the
     number that `rhytid devices` shows; None = the best that computes.
-    device_memory, frame_memory, upload_limit: bytes.  queue: waiting device requests at most.
+    device_memory, frame_memory, upload_limit: bytes; None = a share of what the device or the
+    machine has.  queue: waiting device requests at most.
     cache: folder for what is measured of the device once; None = nothing is measured.
     """
 
     store: Path = Path("rhytid-store")
     device: str | None = None
-    device_memory: int = 4096 * MIB
-    frame_memory: int = 2048 * MIB
+    device_memory: int | None = None
+    frame_memory: int | None = None
     upload_limit: int = 1024 * MIB
     queue: int = 256
     cache: Path | None = None
@@ -37,9 +38,16 @@ class ServiceSettings:
         variable."""
 
         def count(name: str, default: int) -> int:
+            return optional(name) or default
+
+        def memory(name: str) -> int | None:
+            value = optional(name)
+            return None if value is None else value * MIB
+
+        def optional(name: str) -> int | None:
             value = environment.get(name)
             if not value:
-                return default
+                return None
             if not (value.isascii() and value.isdigit() and 0 < int(value) < 2**40):
                 raise SettingsError(f"{name} is {value!r}: must be a whole number above 0")
             return int(value)
@@ -47,8 +55,8 @@ class ServiceSettings:
         return cls(
             store=Path(environment.get("RHYTID_STORE") or "rhytid-store"),
             device=environment.get("RHYTID_DEVICE") or None,
-            device_memory=count("RHYTID_DEVICE_MEMORY_MB", 4096) * MIB,
-            frame_memory=count("RHYTID_FRAME_MEMORY_MB", 2048) * MIB,
+            device_memory=memory("RHYTID_DEVICE_MEMORY_MB"),
+            frame_memory=memory("RHYTID_FRAME_MEMORY_MB"),
             upload_limit=count("RHYTID_UPLOAD_LIMIT_MB", 1024) * MIB,
             queue=count("RHYTID_QUEUE", 256),
             cache=_folder(environment.get("RHYTID_CACHE")),

@@ -16,7 +16,7 @@ from rhytid.errors import InputError, SettingsError
 
 
 def options(**given: object) -> argparse.Namespace:
-    nothing = {"settings": None, "resolution": None, "wrinkles": None}
+    nothing = {"settings": None, "resolution": None, "wrinkles": None, "spacing": None}
     return argparse.Namespace(**{**nothing, **given})
 
 
@@ -31,6 +31,15 @@ def test_options_overrule_the_file(tmp_path: Path) -> None:
     found = asset_settings(options(settings=file, resolution=1024, wrinkles=600))
 
     assert found == {"resolution": 1024, "graph": {"seed": 3, "wrinkles": 600}, "depth": 0.1}
+
+
+def test_a_spacing_takes_the_place_of_a_number(tmp_path: Path) -> None:
+    file = tmp_path / "s.json"
+    file.write_text('{"graph": {"seed": 3, "wrinkles": 500}}')
+
+    assert asset_settings(options(settings=file, spacing=0.1)) == {
+        "graph": {"seed": 3, "spacing": 0.1}
+    }
 
 
 def test_a_small_map_is_one_tile() -> None:

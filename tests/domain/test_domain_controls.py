@@ -62,7 +62,9 @@ def test_every_region_has_a_mask_but_the_whole_face():
         ({"anisotropy": 2.1}, "graph.anisotropy is 2.1: from 0 to 2"),
         ({"scale": float("nan")}, "graph.scale is nan: from 0.25 to 4"),
         ({"region": "chin"}, "graph.region is 'chin': one of 'face', 'forehead'"),
-        ({"spacing": -1}, "unknown setting graph.spacing"),
+        ({"spacing": -1}, "graph.spacing is -1: from 1e-30 to 1e\\+30"),
+        ({"space": 1}, "unknown setting graph.space"),
+        ({"spacing": 0.05, "wrinkles": 1000}, "graph.wrinkles and graph.spacing: one fixes"),
     ],
 )
 def test_settings_out_of_range_are_refused(given, told):

@@ -17,6 +17,7 @@ from hypothesis.extra.numpy import arrays
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.origin import GraphOrigin
 from rhytid.domain.stiffness import Stiffness
 from rhytid.storage import asset_id
 from rhytid.storage.contents import read_mesh, write_mesh
@@ -36,7 +37,8 @@ def test_same_content_same_id(mesh: Mesh, graph: WrinkleGraph, settings: AssetSe
 def test_id_is_this_hash_on_every_machine() -> None:
     corners, faces = np.eye(3), [[0, 1, 2]]
     mesh = Mesh(corners, faces, corners[:, :2], faces)
-    settings = AssetSettings().as_json()
+    asked = AssetSettings.parse({"graph": {"wrinkles": 300_000}})
+    settings = {**asked.as_json(), "unit": "cm"}
     settings["graph"] = {"wrinkles": 300_000, "seed": 1, "neighbours": 8}
     version = {"settings": settings, "version": 1}
     stream = json.dumps(version, sort_keys=True, separators=(",", ":")).encode()
@@ -46,7 +48,21 @@ def test_id_is_this_hash_on_every_machine() -> None:
     stream += b'["positions","<f4",[3,3]]' + struct.pack("<9f", 1, 0, 0, 0, 1, 0, 0, 0, 1)
     stream += b'["uv","<f8",[3,2]]' + struct.pack("<6d", 1, 0, 0, 1, 0, 0)
     stream += b'["graph",0]'
-    assert asset_id(mesh, AssetSettings(), None) == hashlib.sha256(stream).hexdigest()[:16]
+    assert asset_id(mesh, asked, None) == hashlib.sha256(stream).hexdigest()[:16]
+
+
+def test_what_was_sent_before_is_the_same_asset(mesh: Mesh, graph: WrinkleGraph) -> None:
+    """A number of wrinkles was the default and of no account beside a graph; so was the unit."""
+    before = AssetSettings.parse({"unit": "cm", "graph": {"wrinkles": 300_000}})
+    assert asset_id(mesh, AssetSettings(), graph) == asset_id(mesh, before, graph)
+    assert asset_id(mesh, before, None) != asset_id(mesh, AssetSettings().for_synthesis(), None)
+
+
+def test_what_a_graph_was_made_with_counts(mesh: Mesh, graph: WrinkleGraph) -> None:
+    origins = (None, GraphOrigin(depth=0.1), GraphOrigin(depth=0.2), GraphOrigin(unit="mm"))
+    settings = AssetSettings()
+    ids = {asset_id(mesh, settings, replace(graph, origin=origin)) for origin in origins}
+    assert len(ids) == len(origins)
 
 
 @pytest.mark.parametrize("name", ["positions", "faces", "uv", "face_uv"])

@@ -167,7 +167,7 @@ def test_an_empty_mask_is_refused(device: Device) -> None:
     empty = painted(density=np.zeros((4, 4), np.float32))
     for ask in (
         lambda: grown(device, empty),
-        lambda: check_amount(MESH, GraphSettings(), empty, MEMORY),
+        lambda: check_amount(MESH, GraphSettings(wrinkles=COUNT), empty, MEMORY),
     ):
         with pytest.raises(InputError, match="density: the map leaves no room for pores"):
             ask()

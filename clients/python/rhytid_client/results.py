@@ -50,8 +50,8 @@ class Asset:
     """A mesh with its wrinkles. `state`: building, ready or failed (with `reason`).
 
     `levels` counts the levels of a map; `pores` and `wrinkles` are 0 until the graph exists.
-    `statistics`, None until then, has the mean `spacing` of pores in mesh units, the mean `degree`
-    and `strengths`, wrinkles by weight in tenths from 0 to 1.
+    `statistics`, None until then, has the mean `spacing` of pores as it came out, in mesh units,
+    the mean `degree` and `strengths`, wrinkles by weight in tenths from 0 to 1.
     """
 
     id: str

@@ -86,7 +86,18 @@ ASSET_FORM = body(
                 "properties": {
                     "mesh": {**BINARY, "description": "OBJ, PLY, glTF, GLB or .npz, by filename"},
                     "settings": {"type": "string", "description": "JSON object, all optional"},
-                    "graph": {**BINARY, "description": "safetensors; absent = synthesise"},
+                    "graph": {
+                        **BINARY,
+                        "description": "safetensors; absent = synthesise. Its metadata may hold "
+                        "unit, spacing, depth, sigma, wave_frequency (lengths in that unit, "
+                        "converted to settings.unit; explicit settings go before) and mesh, a "
+                        "digest of the triangles and UV: a graph of another mesh is refused",
+                    },
+                    "force": {
+                        "type": "string",
+                        "enum": ["true", "false"],
+                        "description": "true: take a graph that was made for another mesh",
+                    },
                     "stiffness": {
                         "type": "array",
                         "items": BINARY,

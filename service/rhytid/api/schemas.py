@@ -100,7 +100,9 @@ class Device(_Answer):
 class GraphStatistics(BaseModel):
     """Figures of a wrinkle graph."""
 
-    spacing: float = Field(description="mean distance of pores on the surface, mesh units")
+    spacing: float = Field(
+        description="mean distance from a pore to the nearest, as it came out, mesh units"
+    )
     degree: float = Field(description="mean number of wrinkles at a pore")
     strengths: list[int] = Field(description="wrinkles by weight, in tenths from 0 to 1")
 

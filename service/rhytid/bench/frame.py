@@ -24,6 +24,7 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import mesh_udims
+from rhytid.engine.given_graphs import graph_lengths
 from rhytid.engine.spacing import mean_spacing
 from rhytid.pipeline.bin_maker import BinMaker, BinTile
 from rhytid.pipeline.blend import Blend
@@ -69,7 +70,9 @@ class FrameBench:
         size, padding = settings.resolution, settings.padding
         pore = locate_points(device, mesh, graph.node_uv, size, padding)
         wrinkle = locate_points(device, mesh, graph.centres(), size, padding)
-        self.settings = settings = settings.resolved(mean_spacing(mesh, graph, pore))
+        lengths = graph_lengths(graph, settings, mean_spacing(mesh, graph, pore))
+        self.settings, self.spacing = settings.with_lengths(lengths), lengths.spacing
+        settings = self.settings
         self._wrinkles = wrinkle_arrays(graph, wrinkle, settings, udim)
         self._pores = pore_arrays(graph, pore, settings, udim)
         self._elements = UdimElements(device, self._wrinkles, self._pores, settings.bins.count)

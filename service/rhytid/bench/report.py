@@ -1,7 +1,7 @@
 """The report of `rhytid reproduce`: the paper's figures, its times and its claims, from our maps.
 
 Sizes follow from the resolution R of the figures: times are taken at R with the paper's density of
-wrinkles, errors at R/4 with the default density, the sphere is drawn at R/4 with larger wrinkles.
+wrinkles, errors at R/4 with the usual density, the sphere is drawn at R/4 with larger wrinkles.
 """
 
 from __future__ import annotations
@@ -22,9 +22,17 @@ from rhytid.bench.paper_times import time_rows, wrinkles_at
 from rhytid.bench.pareto import pareto
 from rhytid.bench.skin import Skin
 from rhytid.bench.sphere_figure import PORES, figure_5
-from rhytid.bench.subject import Grown, Subject, built_in_sphere, describe, grow
+from rhytid.bench.subject import (
+    USUAL_SIZE,
+    USUAL_WRINKLES,
+    Grown,
+    Subject,
+    built_in_sphere,
+    describe,
+    grow,
+)
 from rhytid.device.runtime import Device
-from rhytid.domain.asset_settings import AssetSettings, BinSettings
+from rhytid.domain.asset_settings import BinSettings
 from rhytid.synthesis.progress import Progress, part
 
 _SMALLEST = 256
@@ -139,9 +147,8 @@ class Report:
 
 
 def _default_wrinkles(resolution: int) -> int:
-    """As dense as the default, per texel."""
-    default = AssetSettings()
-    return max(round(default.graph.wrinkles * (resolution / default.resolution) ** 2), 100)
+    """As dense as usual, per texel."""
+    return max(round(USUAL_WRINKLES * (resolution / USUAL_SIZE) ** 2), 100)
 
 
 def _accuracy(found: list[Accuracy], resolution: int) -> dict[str, Any]:

@@ -8,13 +8,14 @@ import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from rhytid.bench.frame import FrameBench
 from rhytid.bench.load import Load, load, merged
 from rhytid.bench.server import served
+from rhytid.domain.origin import GraphOrigin
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.resident_parts import RECENT_FRAMES
 from rhytid.formats.graphs import write_graph
@@ -72,7 +73,9 @@ class ServiceBench:
         wanted: dict[str, Any] = {
             k: getattr(settings, k) for k in ("resolution", "tile_size", "preset")
         }
-        graph = write_graph(bench.graph)
+        lengths = settings.lengths(bench.spacing)
+        origin = GraphOrigin.of(bench.mesh, settings.length_unit, lengths)
+        graph = write_graph(replace(bench.graph, origin=origin))
         asset = self._client.create_asset(arrays, settings=wanted, graph=graph)
         self._asset: Asset = self._client.wait(asset)
         self._client.put_frame(self._asset, _FRAME, bench.deformed)

@@ -23,6 +23,9 @@ from rhytid.synthesis.progress import Progress, silent
 
 FACE_KEYS = ("smile", "jaw_open", "brow_furrow", "brow_raise", "pucker")
 MOST_FRAMES = len(FACE_KEYS)
+# As dense as figures and studies are drawn, at this many texels a side: what they tell depends on
+# how many texels lie between pores.
+USUAL_WRINKLES, USUAL_SIZE = 300_000, 4096
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,13 +11,16 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from rhytid.cli.options import (
+    DENSITY,
     Commands,
+    add_density,
+    add_force,
     add_json,
     add_query,
     add_several,
     add_stiffness,
-    add_wrinkles,
     base_name,
+    density,
     new_command,
     readable,
 )
@@ -56,10 +59,9 @@ def add_command(commands: Commands) -> None:
     add("--resolution", type=int, metavar="R", help="texels per side, a power of two (4096)")
     add("--method", choices=METHODS, default="redraw", help="how to draw (%(default)s)")
     add_query(parser)
-    wrinkles = parser.add_mutually_exclusive_group()
-    add_wrinkles(wrinkles)
-    graph = "take the wrinkles from safetensors, synthesise none"
-    wrinkles.add_argument("--graph", type=readable, metavar="FILE", help=graph)
+    graph = "take the wrinkles from safetensors, with their depth and unit; synthesise none"
+    add_density(parser).add_argument("--graph", type=readable, metavar="FILE", help=graph)
+    add_force(parser)
     add_stiffness(parser)
     add("--settings", type=readable, metavar="FILE", help="asset settings as JSON")
     add("--half", action="store_true", help="write half floats")
@@ -83,7 +85,11 @@ def run(arguments: argparse.Namespace) -> None:
     frames = FrameFiles(mesh, arguments.frames)
     graph = graph_file(arguments.graph) if arguments.graph else None
     new = NewAsset(
-        mesh.mesh, settings, graph, stiffness=stiffness_files(arguments.stiffness, mesh.mesh)
+        mesh.mesh,
+        settings,
+        graph,
+        stiffness=stiffness_files(arguments.stiffness, mesh.mesh),
+        force=arguments.force,
     )
     name = arguments.name or _own_name(arguments.mesh)
     arguments.out.mkdir(parents=True, exist_ok=True)
@@ -114,8 +120,9 @@ def asset_settings(arguments: argparse.Namespace) -> dict[str, Any]:
         settings["resolution"] = arguments.resolution
         if "tile_size" not in settings and arguments.resolution < AssetSettings().tile_size:
             settings["tile_size"] = arguments.resolution
-    if arguments.wrinkles is not None:
-        settings["graph"] = {**settings.get("graph", {}), "wrinkles": arguments.wrinkles}
+    if density(arguments):
+        others = {k: v for k, v in settings.get("graph", {}).items() if k not in DENSITY}
+        settings["graph"] = {**others, **density(arguments)}
     return settings
 
 

@@ -11,10 +11,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.cli.options import STDOUT, Commands, add_json, add_wrinkles, new_command, readable
-from rhytid.cli.reporting import counted, report, share_bar, table, write_json
-from rhytid.domain.asset_settings import PRESETS, AssetSettings
-from rhytid.domain.graph import WrinkleGraph
+from rhytid.cli.options import (
+    STDOUT,
+    Commands,
+    add_density,
+    add_force,
+    add_json,
+    new_command,
+    readable,
+)
+from rhytid.cli.reporting import counted, report, table, write_json
+from rhytid.domain.asset_settings import PRESETS
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import FrameError, InputError, RhytidError
 
@@ -50,7 +57,8 @@ def add_command(commands: Commands) -> None:
     parser.add_argument("--frame", type=int, metavar="I", help=frame)
     parser.add_argument("--graph", type=readable, metavar="FILE", help="wrinkles of --mesh")
     parser.add_argument("--size", type=int, default=4096, metavar="R", help="texels a side (4096)")
-    add_wrinkles(parser)
+    add_density(parser)
+    add_force(parser)
     preset = "bins of `binned` (paper, the one that the others blend too)"
     parser.add_argument("--preset", choices=tuple(PRESETS), default="paper", help=preset)
     _add_names(parser, "--methods", CASES, "what to time")
@@ -77,9 +85,14 @@ def run(arguments: argparse.Namespace) -> None:
 
 def _run_scaling(arguments: argparse.Namespace) -> None:
     from rhytid.bench.scaling import SERIES, Scaling, plot
+    from rhytid.bench.subject import USUAL_WRINKLES
+    from rhytid.cli.bench_skin import scaled_settings, tell_need
 
+    if arguments.spacing is not None:
+        raise InputError("--spacing: series are counted in wrinkles: give --wrinkles")
     device, mesh, deformed = _frame_on_device(arguments)
-    wrinkles = arguments.wrinkles or AssetSettings().graph.wrinkles
+    wrinkles = arguments.wrinkles or USUAL_WRINKLES
+    tell_need(device, mesh, scaled_settings(arguments), CASES, wrinkles)
     scaling = Scaling(device, mesh, deformed, arguments.size, wrinkles, arguments.repeats)
     arguments.scaling.mkdir(parents=True, exist_ok=True)
     found = []
@@ -210,9 +223,10 @@ def frame_bench(arguments: argparse.Namespace) -> FrameBench:
     """The face and the frame of the arguments on their device, with wrinkles."""
     # Imported here, so that --help needs no OpenCL.
     from rhytid.bench.frame import FrameBench
+    from rhytid.cli.bench_skin import skin
 
     device, mesh, deformed = _frame_on_device(arguments)
-    graph, settings = _skin(device, mesh, arguments)
+    graph, settings = skin(device, mesh, arguments)
     return FrameBench(device, mesh, graph, deformed, settings)
 
 
@@ -241,22 +255,3 @@ def _frame(found: Animation, index: int | None) -> int:
     if not 0 <= index < len(places):
         raise FrameError(f"--frame {index}: the animation has frames 0 to {len(places) - 1}")
     return index
-
-
-def _skin(
-    device: Device, mesh: Mesh, arguments: argparse.Namespace
-) -> tuple[WrinkleGraph, AssetSettings]:
-    """The wrinkles of the arguments, given or synthesised, and the settings to draw them with."""
-    from rhytid.cli.input_files import graph_file
-    from rhytid.synthesis.generate import synthesize
-
-    sizes = {"resolution": arguments.size, "tile_size": min(512, arguments.size)}
-    data: dict[str, Any] = {**sizes, "preset": arguments.preset}
-    if arguments.wrinkles is not None:
-        data["graph"] = {"wrinkles": arguments.wrinkles}
-    settings = AssetSettings.parse(data)
-    if arguments.graph is not None:
-        return graph_file(arguments.graph), settings
-    with share_bar("synthesis") as show:
-        made = synthesize(mesh, settings.graph, device, show)
-    return made.graph, settings.resolved(made.spacing)

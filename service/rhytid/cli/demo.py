@@ -10,23 +10,24 @@ from typing import TYPE_CHECKING, Any
 
 from rhytid.cli.options import (
     Commands,
+    add_density,
     add_json,
     add_query,
     add_several,
     add_stiffness,
-    add_wrinkles,
+    add_unit,
+    density,
     new_command,
     readable,
 )
 from rhytid.cli.reporting import report, table, write_json
 from rhytid.cli.serve import chosen
 from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.units import USUAL_UNIT, millimetres
 
 if TYPE_CHECKING:
     from rhytid.cli.demo_session import Session
 
-UNITS = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
-RESOLUTION = 2048
 SUMMARY = "Run the service on a face and write EXR sequences, contact sheets and times."
 DETAILS = """
 A server is started on a free loopback port; face and animation go through the Python SDK. Without
@@ -53,14 +54,14 @@ def add_command(commands: Commands) -> None:
     add(
         "--resolution",
         type=int,
-        default=RESOLUTION,
+        default=AssetSettings().resolution,
         metavar="R",
         help="texels a side, a power of two (%(default)s)",
     )
-    add_wrinkles(parser)
+    add_density(parser)
     add_query(parser)
     add_stiffness(parser)
-    add("--unit", choices=UNITS, default="cm", help="length unit of NEUTRAL (%(default)s)")
+    add_unit(parser, "NEUTRAL")
     add("--device", metavar="D", help="number or part of the name of a device")
     add_json(parser)
     parser.set_defaults(run=run, usage_error=parser.error)
@@ -90,22 +91,19 @@ def run(arguments: argparse.Namespace) -> None:
             session.build(_settings(arguments), arguments.stiffness)
             session.send_frames()
             session.draw()
-            sheets = write_sheets(session, UNITS[arguments.unit])
+            sheets = write_sheets(session, millimetres(arguments.unit or USUAL_UNIT) or 1.0)
             figures = {**session.figures(), "key_frames": sheets}
     write_json(figures, out / "times.json")
     report(figures, _text(figures, session), arguments.json)
 
 
 def _settings(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Without --wrinkles as dense as the default, per texel."""
-    default = AssetSettings()
-    density = default.graph.wrinkles / default.resolution**2
-    wrinkles = arguments.wrinkles or round(density * arguments.resolution**2)
+    """The usual ones, but for what is given."""
     return {
         "unit": arguments.unit,
         "resolution": arguments.resolution,
-        "tile_size": min(default.tile_size, arguments.resolution),
-        "graph": {"wrinkles": wrinkles},
+        "tile_size": min(AssetSettings().tile_size, arguments.resolution),
+        "graph": density(arguments),
     }
 
 

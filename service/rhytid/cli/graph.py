@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rhytid.cli.graph_output import add_outputs, check_outputs, open_device, write_outputs
-from rhytid.cli.options import Commands, new_command, readable
+from rhytid.cli.options import Commands, add_force, new_command, readable
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
@@ -28,6 +28,7 @@ def add_command(commands: Commands) -> None:
     )
     parser.add_argument("mesh", type=readable, metavar="MESH", help="OBJ, PLY, glTF, GLB or npz")
     parser.add_argument("graph", type=readable, metavar="GRAPH.safetensors", help="its wrinkles")
+    add_force(parser)
     add_outputs(parser)
     parser.set_defaults(run=run)
 
@@ -39,17 +40,17 @@ def run(arguments: argparse.Namespace) -> None:
     check_outputs(arguments)
     mesh = mesh_file(arguments.mesh).mesh
     device = open_device(arguments)
-    graph = _placed(device, mesh, graph_file(arguments.graph))
+    graph = _placed(device, mesh, graph_file(arguments.graph), force=arguments.force)
     write_outputs(arguments, device, mesh, graph, {"file": str(arguments.graph)})
 
 
-def _placed(device: Device, mesh: Mesh, graph: WrinkleGraph) -> WrinkleGraph:
+def _placed(device: Device, mesh: Mesh, graph: WrinkleGraph, *, force: bool) -> WrinkleGraph:
     """The graph with the triangle of every pore; on a device, where the file leaves some open."""
     from rhytid.domain.curves import with_triangles
-    from rhytid.engine.building import check_triangles
+    from rhytid.engine.given_graphs import check_graph
     from rhytid.pipeline.locate import locate_points
 
-    check_triangles(graph, len(mesh.faces))
+    check_graph(graph, mesh, force=force)
     known = graph.node_triangle
     if known is not None and (known >= 0).all():
         return graph

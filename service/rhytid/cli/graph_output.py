@@ -6,10 +6,13 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rhytid.cli.demo import UNITS
-from rhytid.cli.options import STDOUT, add_json
+import numpy as np
+
+from rhytid.cli.options import STDOUT, add_json, add_unit
 from rhytid.cli.reporting import report, table
+from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
+from rhytid.domain.lengths import Lengths
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import InputError
 
@@ -26,7 +29,7 @@ def add_outputs(parser: argparse.ArgumentParser) -> None:
     add("--curves", type=Path, metavar="FILE.obj|.usda", help=curves)
     picture = "write a picture of the whole maps and of patches 20 mm wide"
     add("--preview", type=Path, metavar="FILE.png", help=picture)
-    add("--unit", choices=UNITS, default="cm", help="length unit of MESH (%(default)s)")
+    add_unit(parser, "MESH")
     add("--device", metavar="D", help="number or part of the name of a device")
     add_json(parser)
 
@@ -67,16 +70,22 @@ def write_outputs(
     facts: dict[str, Any],
 ) -> None:
     """Write what was asked for, and tell `facts` and the statistics of the graph."""
+    from rhytid.cli.preview import write_preview
     from rhytid.domain.curves import graph_curves
     from rhytid.formats.curves import curve_file
     from rhytid.synthesis.statistics import statistics
 
-    figures = {**facts, **statistics(mesh, graph, device)}
+    settings = AssetSettings(unit=arguments.unit).for_graph(graph.origin)
+    lengths = _lengths(mesh, graph, settings)
+    drawn = {"unit": settings.length_unit, "depth": lengths.depth}
+    figures = {**facts, **statistics(mesh, graph, device), **drawn}
     if arguments.curves is not None:
         write = curve_file(arguments.curves.name).write
-        whole_file(arguments.curves, write(graph_curves(mesh, graph), arguments.unit))
+        whole_file(arguments.curves, write(graph_curves(mesh, graph), settings.length_unit))
     if arguments.preview is not None:
-        _preview(arguments, device, mesh, graph)
+        distance = figures["spacing"]["mean"] or lengths.spacing
+        drawing = settings.with_lengths(lengths)
+        write_preview(device, mesh, graph, drawing, distance, arguments.preview)
     report(figures, table(("figure", "value"), _rows(figures)), arguments.json)
 
 
@@ -98,13 +107,17 @@ def open_device(arguments: argparse.Namespace) -> Device:
     return opening.open_device(ServiceSettings.from_environment(), arguments.device)
 
 
-def _preview(
-    arguments: argparse.Namespace, device: Device, mesh: Mesh, graph: WrinkleGraph
-) -> None:
-    from rhytid.cli.preview import write_preview
+def _lengths(mesh: Mesh, graph: WrinkleGraph, settings: AssetSettings) -> Lengths:
+    """What the graph is drawn with; pores are measured where its file does not say it."""
+    from rhytid.engine.given_graphs import graph_lengths
+    from rhytid.engine.spacing import mean_spacing
 
-    unit_mm = UNITS[arguments.unit]
-    write_preview(device, mesh, graph, unit_mm, arguments.preview)
+    if graph.origin is not None and graph.origin.spacing is not None:
+        return graph_lengths(graph, settings, graph.origin.spacing)
+    assert graph.node_triangle is not None
+    known = graph.node_triangle
+    distance = mean_spacing(mesh, graph, np.where(known >= 0, known, len(mesh.faces)))
+    return graph_lengths(graph, settings, distance)
 
 
 def _rows(figures: dict[str, Any]) -> list[tuple[str, str]]:

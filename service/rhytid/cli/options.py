@@ -7,11 +7,15 @@ import re
 from pathlib import Path
 from typing import Any
 
+from rhytid.domain.lengths import SKIN
+from rhytid.domain.units import MILLIMETRES, millimetres
 from rhytid.engine.messages import SAMPLINGS, STRETCH_MODELS
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}", re.ASCII)
 STDOUT = Path("-")
 MAX_PORT = 65535
+# Of these settings of `graph` one fixes the other.
+DENSITY = ("spacing", "wrinkles")
 
 Commands = Any  # argparse._SubParsersAction has no public name
 
@@ -43,9 +47,39 @@ def add_several(parser: argparse._ActionsContainer, option: str, **named: Any) -
     parser.add_argument(option, nargs="+", action="extend", default=[], **named)
 
 
-def add_wrinkles(parser: argparse._ActionsContainer) -> None:
-    """`--wrinkles N`."""
-    parser.add_argument("--wrinkles", type=int, metavar="N", help="how many wrinkles to synthesise")
+def add_density(parser: argparse.ArgumentParser) -> argparse._ActionsContainer:
+    """`--spacing S` or `--wrinkles N`, of which one excludes the other, and what they are in."""
+    group = parser.add_mutually_exclusive_group()
+    usual = f"distance between pores, mesh units ({SKIN.spacing:g} mm through the unit)"
+    group.add_argument("--spacing", type=float, metavar="S", help=usual)
+    count = "how many wrinkles to synthesise (as many as that spacing makes)"
+    group.add_argument("--wrinkles", type=int, metavar="N", help=count)
+    return group
+
+
+def density(arguments: argparse.Namespace) -> dict[str, Any]:
+    """The setting of `graph` that says how dense pores are: none where nothing is given."""
+    given = {name: getattr(arguments, name) for name in DENSITY}
+    return {name: value for name, value in given.items() if value is not None}
+
+
+def add_unit(parser: argparse.ArgumentParser, mesh: str) -> None:
+    """`--unit U`."""
+    known = ", ".join(name for name in MILLIMETRES if name.isascii())
+    unit = f"length unit of {mesh}: {known} (that of the graph where it says one, else cm)"
+    parser.add_argument("--unit", type=_unit, metavar="U", help=unit)
+
+
+def add_force(parser: argparse.ArgumentParser) -> None:
+    """`--force`."""
+    force = "take a graph that was made for another mesh"
+    parser.add_argument("--force", action="store_true", help=force)
+
+
+def _unit(text: str) -> str:
+    if millimetres(text) is None:
+        raise argparse.ArgumentTypeError(f"{text!r}: one of {', '.join(MILLIMETRES)}")
+    return text
 
 
 def add_stiffness(parser: argparse.ArgumentParser) -> None:

@@ -14,10 +14,10 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import busiest_udim, mesh_udims, triangles_inside, udim_origin
+from rhytid.domain.units import MILLIMETRES, USUAL_UNIT, millimetres
 from rhytid.engine.frames import NEUTRAL_FRAME
 from rhytid.engine.messages import MapQuery
 from rhytid.engine.resident import ResidentAsset
-from rhytid.engine.spacing import mean_spacing
 from rhytid.errors import MeshError
 from rhytid.pictures.places import Place, flat_places
 from rhytid.pictures.preview import WHOLE, Patch, WholeMap, preview
@@ -32,19 +32,23 @@ _NEUTRAL = MapQuery("neutral")
 
 
 def write_preview(
-    device: Device, mesh: Mesh, graph: WrinkleGraph, unit_mm: float, file: Path
+    device: Device,
+    mesh: Mesh,
+    graph: WrinkleGraph,
+    settings: AssetSettings,
+    spacing: float,
+    file: Path,
 ) -> None:
     """Draw the neutral skin of a graph, which names the triangles of its pores, into a PNG.
 
-    unit_mm: millimetres in a mesh unit.
+    settings: unit and lengths that it is drawn with.  spacing: of its pores, as it came out, mesh
+    units.
     """
-    assert graph.node_triangle is not None
-    known = graph.node_triangle
-    spacing = mean_spacing(mesh, graph, np.where(known >= 0, known, len(mesh.faces)))
+    unit_mm = millimetres(settings.length_unit) or MILLIMETRES[USUAL_UNIT]
     udim = busiest_udim(mesh)
     side, places = _places(mesh, udim, [PATCH_MM / unit_mm * 0.5**n for n in range(8)])
-    settings = AssetSettings.parse({"resolution": _resolution(places, spacing)})
-    with _resident(device, mesh, graph, settings.resolved(spacing)) as asset:
+    settings = settings.changed({"resolution": _resolution(places, spacing)})
+    with _resident(device, mesh, graph, settings) as asset:
         udims = sorted({udim, *mesh_udims(mesh)[:MOST_UDIMS]})
         maps = [_whole(asset, mesh, u) for u in udims[:MOST_UDIMS]]
         named = zip("AB", places, strict=False)

@@ -6,10 +6,10 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rhytid.cli.demo import UNITS
-from rhytid.cli.options import Commands, add_json, new_command, readable
+from rhytid.cli.options import Commands, add_json, add_unit, new_command, readable
 from rhytid.cli.reporting import report, share_bar, table, write_json
 from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.units import USUAL_UNIT, millimetres
 
 if TYPE_CHECKING:
     from rhytid.bench.subject import Subject
@@ -32,7 +32,7 @@ def add_command(commands: Commands) -> None:
     add("--mesh", type=readable, metavar="NPZ", help="a neutral mesh with its frames")
     size = "texels a side of the figures and times (%(default)s)"
     add("--resolution", type=int, default=RESOLUTION, metavar="R", help=size)
-    add("--unit", choices=UNITS, default="cm", help="length unit of NPZ (%(default)s)")
+    add_unit(parser, "NPZ")
     add("--device", metavar="D", help="number or part of the name of a device")
     add_json(parser)
     parser.set_defaults(run=run)
@@ -52,7 +52,8 @@ def run(arguments: argparse.Namespace) -> None:
     out: Path = arguments.out
     out.mkdir(parents=True, exist_ok=True)
     face = _face(device, arguments.mesh)
-    made = Report(device, face, out, arguments.resolution, UNITS[arguments.unit])
+    unit_mm = millimetres(arguments.unit or USUAL_UNIT) or 1.0
+    made = Report(device, face, out, arguments.resolution, unit_mm)
     with share_bar("reproduce") as show:
         made.run(show)
     write_json(made.figures, out / "report.json")

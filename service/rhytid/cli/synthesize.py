@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +17,12 @@ from rhytid.cli.graph_output import (
     whole_file,
     write_outputs,
 )
-from rhytid.cli.options import Commands, add_wrinkles, new_command, readable
+from rhytid.cli.options import Commands, add_density, density, new_command, readable
 from rhytid.cli.reporting import share_bar
 from rhytid.domain.asset_settings import AssetSettings, GraphSettings
+from rhytid.domain.lengths import Lengths
+from rhytid.domain.origin import GraphOrigin
+from rhytid.domain.units import USUAL_UNIT
 from rhytid.errors import InputError
 
 GRAPH = ".safetensors"
@@ -37,7 +41,7 @@ def add_command(commands: Commands) -> None:
     parser.add_argument(
         "--out", type=Path, required=True, metavar="GRAPH.safetensors", help="the file to write"
     )
-    add_wrinkles(parser)
+    add_density(parser)
     parser.add_argument("--seed", type=int, metavar="S", help="another seed, another skin")
     add_controls(parser)
     add_outputs(parser)
@@ -52,8 +56,9 @@ def run(arguments: argparse.Namespace) -> None:
     from rhytid.synthesis.generate import synthesize
     from rhytid.synthesis.progress import clocked
 
-    given = {"wrinkles": arguments.wrinkles, "seed": arguments.seed}
-    settings = graph_settings({**given, **control_settings(arguments)})
+    given = {**density(arguments), "seed": arguments.seed, **control_settings(arguments)}
+    unit = arguments.unit or USUAL_UNIT
+    settings = graph_settings(given, unit)
     if arguments.out.suffix.lower() != GRAPH:
         raise InputError(f"{arguments.out}: the graph is written as {GRAPH}")
     check_outputs(arguments)
@@ -64,11 +69,13 @@ def run(arguments: argparse.Namespace) -> None:
     out: Path = arguments.out
     with share_bar("synthesis") as show:
         clock, seconds = clocked(show)
-        graph = synthesize(mesh, settings, device, clock, controls=controls).graph
+        made = synthesize(mesh, settings, device, clock, controls=controls)
+    graph = replace(made.graph, origin=GraphOrigin.of(mesh, unit, Lengths.of(made.spacing)))
     whole_file(out, [write_graph(graph)])
     write_outputs(arguments, device, mesh, graph, {"file": str(out), "seconds": seconds})
 
 
-def graph_settings(given: Mapping[str, Any]) -> GraphSettings:
+def graph_settings(given: Mapping[str, Any], unit: str = USUAL_UNIT) -> GraphSettings:
     """Settings of the synthesis, defaults where None; raises SettingsError."""
-    return AssetSettings.parse({"graph": {k: v for k, v in given.items() if v is not None}}).graph
+    graph = {k: v for k, v in given.items() if v is not None}
+    return AssetSettings.parse({"unit": unit, "graph": graph}).for_synthesis().graph

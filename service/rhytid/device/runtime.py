@@ -13,6 +13,7 @@ from numpy.typing import DTypeLike, NDArray
 
 import rhytid_kernels
 from rhytid.device.budget import MemoryBudget
+from rhytid.device.memory import usual_device_memory
 from rhytid.device.select import Candidate, cl, compile_program
 from rhytid.device.shape import launch_shapes
 from rhytid.device.spares import Spares
@@ -58,13 +59,14 @@ class Buffer:
 class Device:
     """A context and an in-order queue on one device. Used by one thread only.
 
+    memory: bytes that may be taken; None = a share of what it has.
     shapes: how drawing can be cut.  shape: how it is; the usual one, until a faster one is set.
     """
 
-    def __init__(self, candidate: Candidate, memory: int) -> None:
+    def __init__(self, candidate: Candidate, memory: int | None) -> None:
         self.info = candidate
         self.spares = Spares()
-        self.budget = MemoryBudget(memory, self.spares)
+        self.budget = MemoryBudget(memory or usual_device_memory(candidate), self.spares)
         self.born: list[Buffer] = []
         self.shapes = launch_shapes(candidate.kind, candidate.local_memory, candidate.largest_group)
         self.shape = self.shapes[0]

@@ -7,8 +7,11 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from rhytid.domain.checked import choice, number, power_of_two, read, text, whole
+from rhytid.domain.lengths import Lengths, usual_spacing
+from rhytid.domain.origin import GraphOrigin
 from rhytid.domain.regions import REGIONS, WHOLE_FACE
 from rhytid.domain.tiles import TileGrid
+from rhytid.domain.units import USUAL_UNIT
 from rhytid.errors import SettingsError
 
 MOST_WRINKLES = 40_000_000
@@ -18,11 +21,14 @@ MOST_WRINKLES = 40_000_000
 class GraphSettings:
     """How the wrinkle graph is synthesised (section 2.1, after Weiss et al. 2023).
 
+    spacing: mean distance of neighbouring pores where density is 1, mesh units; how many wrinkles
+    there are follows from it and the area, unless `wrinkles` says it: then the spacing follows.
     turn: degrees to the left of the preferred lines.  density, strength, scale and pore_radius are
     factors; anisotropy is 0 for lines that run any way, 1 as usual, 2 for one direction alone.
     """
 
-    wrinkles: int = whole(300_000, 100, MOST_WRINKLES)
+    spacing: float | None = number(None, 1e-30, 1e30)
+    wrinkles: int | None = whole(None, 100, MOST_WRINKLES)
     seed: int = whole(1, 0, 2**31 - 1)
     neighbours: int = whole(8, 4, 16)
     # Of the whole mesh, times what `region` and painted maps say of a place.
@@ -110,22 +116,16 @@ class ConvolveSettings:
     sigma: float | None = number(None, 1e-30, 1e30)
 
 
-# In units of the mean pore spacing, unless they are set.
-DEPTH_OF_SPACING = 0.15
-SIGMA_OF_SPACING = 0.25
-# Waves in a mean pore spacing, unless the frequency is set: most wrinkles get a bend.
-WAVES_OF_SPACING = 0.4
-
-
 @dataclass(frozen=True)
 class AssetSettings:
     """Everything that can be set for an asset; `None` is resolved when the asset is built.
 
-    `depth` is the depth of strength 1, in mesh units; `padding` is in level-0 texels. Naming a
+    `unit` is that of the mesh: of the graph's file where that says one, else cm.  `depth` is the
+    depth of strength 1, in mesh units; `padding` is in level-0 texels. Naming a
     `preset` sets the bins but for `r_max`; keys of `bins` beside it go before it.
     """
 
-    unit: str = text("cm", 16)
+    unit: str | None = text(None, 16)
     resolution: int = power_of_two(4096, 256, 16384)
     tile_size: int = power_of_two(512, 64, 4096)
     depth: float | None = number(None, 1e-30, 1e30)
@@ -154,6 +154,8 @@ class AssetSettings:
             raise SettingsError("bins.r_max is above response.log_stretch_limit")
         if settings.bins.tilt and not settings.bins.depth_factored:
             raise SettingsError("bins.tilt is true: bins.depth_factored must be true too")
+        if settings.graph.wrinkles is not None and settings.graph.spacing is not None:
+            raise SettingsError("graph.wrinkles and graph.spacing: one fixes the other, set one")
         return settings
 
     def _with_preset(self, name: Any) -> AssetSettings:
@@ -163,19 +165,54 @@ class AssetSettings:
         return replace(self, bins=replace(PRESETS[name], r_max=self.bins.r_max))
 
     def resolved(self, spacing: float) -> AssetSettings:
-        """A copy with everything set, for a mean pore spacing in mesh units."""
+        """A copy with everything set, for a pore spacing in mesh units."""
+        return self.with_lengths(Lengths.of(spacing))
+
+    def with_lengths(self, lengths: Lengths) -> AssetSettings:
+        """A copy with the lengths that are not set yet."""
         depth, sigma = self.depth, self.convolve.sigma
-        if sigma is None:
-            sigma = SIGMA_OF_SPACING * spacing
         frequency = self.shape.wave_frequency
         if frequency is None:
-            frequency = WAVES_OF_SPACING / spacing
+            frequency = lengths.wave_frequency
         return replace(
             self,
-            depth=DEPTH_OF_SPACING * spacing if depth is None else depth,
+            unit=self.length_unit,
+            depth=lengths.depth if depth is None else depth,
             shape=replace(self.shape, wave_frequency=frequency),
-            convolve=replace(self.convolve, sigma=sigma),
+            convolve=replace(self.convolve, sigma=lengths.sigma if sigma is None else sigma),
         )
+
+    def lengths(self, spacing: float) -> Lengths:
+        """Those of resolved settings.  spacing: of the pores, mesh units."""
+        depth, sigma, frequency = self.depth, self.convolve.sigma, self.shape.wave_frequency
+        assert depth is not None
+        assert sigma is not None
+        assert frequency is not None
+        return Lengths(spacing, depth, sigma, frequency)
+
+    def for_graph(self, origin: GraphOrigin | None) -> AssetSettings:
+        """A copy with the unit of a graph where none is set.
+
+        Raises SettingsError where the lengths of the graph cannot be converted to that which is.
+        """
+        if origin is None:
+            return replace(self, unit=self.length_unit)
+        unit = self.unit or origin.unit or USUAL_UNIT
+        origin.in_unit(unit)
+        return replace(self, unit=unit)
+
+    def for_synthesis(self) -> AssetSettings:
+        """A copy with unit, and with the usual spacing of that where nothing says how dense pores
+        are; raises SettingsError where the unit is not known."""
+        unit, graph = self.length_unit, self.graph
+        if graph.wrinkles is None and graph.spacing is None:
+            graph = replace(graph, spacing=usual_spacing(unit))
+        return replace(self, unit=unit, graph=graph)
+
+    @property
+    def length_unit(self) -> str:
+        """The unit of the mesh, the usual one where none is set."""
+        return self.unit or USUAL_UNIT
 
     def with_r_max(self, r_max: float) -> AssetSettings:
         """A copy with a calibrated `bins.r_max`."""

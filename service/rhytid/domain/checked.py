@@ -25,8 +25,8 @@ def number(default: float | None, low: float, high: float) -> Any:
     return field(default=default, metadata={"low": low, "high": high, "whole": False})
 
 
-def whole(default: int, low: int, high: int) -> Any:
-    """An integer in [low, high]."""
+def whole(default: int | None, low: int, high: int) -> Any:
+    """An integer in [low, high]; None as default allows null: to be resolved later."""
     return field(default=default, metadata={"low": low, "high": high, "whole": True})
 
 
@@ -40,8 +40,8 @@ def choice(default: Any, *options: Any) -> Any:
     return field(default=default, metadata={"options": options})
 
 
-def text(default: str, longest: int) -> Any:
-    """A short string."""
+def text(default: str | None, longest: int) -> Any:
+    """A short string; None as default allows null: to be resolved later."""
     return field(default=default, metadata={"longest": longest})
 
 
@@ -67,6 +67,8 @@ def _value(declared: Field[Any], current: Any, value: Any, path: str) -> Any:
     rule = declared.metadata
     if "options" in rule:
         return _option(rule["options"], value, path)
+    if value is None and declared.default is None:
+        return None
     if "longest" in rule:
         return _text(rule["longest"], value, path)
     return _number(declared, value, path)
@@ -86,10 +88,8 @@ def _text(longest: int, value: Any, path: str) -> str:
     return value
 
 
-def _number(declared: Field[Any], value: Any, path: str) -> float | int | None:
+def _number(declared: Field[Any], value: Any, path: str) -> float | int:
     rule = declared.metadata
-    if value is None and declared.default is None:
-        return None
     allowed = (int,) if rule["whole"] else (int, float)
     kind = "a whole number" if rule["whole"] else "a number"
     if isinstance(value, bool) or not isinstance(value, allowed):

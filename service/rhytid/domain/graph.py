@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from rhytid.domain.arrays import first_bad_row, fixed_array
 from rhytid.domain.mesh import UV_LIMIT
+from rhytid.domain.origin import GraphOrigin
 from rhytid.errors import GraphError
 
 # The least length of a wrinkle, half width and radius, uv units: a 60,000th of the finest texel.
@@ -30,6 +31,8 @@ _SHAPES: dict[str, tuple[tuple[int | None, ...], Any]] = {
     "node_triangle": ((None,), np.int32),
     "edge_triangle": ((None,), np.int32),
 }
+ARRAYS = tuple(_SHAPES)
+REQUIRED = ARRAYS[:6]
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +46,7 @@ class WrinkleGraph:
     node_metric (N, 3) f32 or None: symmetric UV metric (uu, uv, vv) of a pore, in place of
     the circle of node_radius: the rim is where dᵀ·metric·d = 1.
     node_triangle (N,), edge_triangle (M,) i32 or None: the triangle to sample; -1 = find it.
+    origin: what it was made with, and of which mesh; None where that is not known.
 
     Radii, those of a metric too, half widths and lengths are at least LEAST_SIZE; radii and half
     widths at most 1. Raises GraphError naming the array and the first element that cannot be used.
@@ -57,6 +61,7 @@ class WrinkleGraph:
     node_metric: NDArray[np.float32] | None = None
     node_triangle: NDArray[np.int32] | None = None
     edge_triangle: NDArray[np.int32] | None = None
+    origin: GraphOrigin | None = None
 
     def __post_init__(self) -> None:
         for name, (shape, dtype) in _SHAPES.items():
@@ -96,7 +101,7 @@ class WrinkleGraph:
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """The arrays by name, absent ones left out."""
-        pairs = ((f.name, getattr(self, f.name)) for f in fields(self))
+        pairs = ((name, getattr(self, name)) for name in ARRAYS)
         return {name: value for name, value in pairs if value is not None}
 
     def _check_lengths(self) -> None:

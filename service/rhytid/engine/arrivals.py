@@ -15,6 +15,7 @@ from rhytid.engine.assets import Asset
 from rhytid.engine.core import EngineCore
 from rhytid.engine.frame_calls import put_frame
 from rhytid.engine.frames import Frames
+from rhytid.engine.given_graphs import graph_lengths
 from rhytid.engine.jobs import Job
 from rhytid.engine.messages import NewAsset
 from rhytid.errors import StorageError
@@ -61,10 +62,11 @@ class AssetArrivals(EngineCore):
         return asset
 
     def _load(self, id: str, stored: StoredAsset, frames: Positions = ()) -> Asset:
-        spacing = float(stored.extra["spacing"])
+        spacing, distance = float(stored.extra["spacing"]), stored.extra.get("distance")
         settings = self._store.overlay(id) or stored.settings
-        asset = self._asset(id, stored.mesh, settings.resolved(spacing))
-        asset.spacing = spacing
+        lengths = graph_lengths(stored.graph, settings, spacing, spacing)
+        asset = self._asset(id, stored.mesh, settings.with_lengths(lengths))
+        asset.lengths, asset.distance = lengths, None if distance is None else float(distance)
         self._begin("load", asset, lambda job: self._builder.load(job, asset), frames)
         return asset
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import replace
 from typing import Any
 
 from numpy.typing import ArrayLike
@@ -12,11 +13,12 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.curves import Curves, graph_curves, with_triangles
 from rhytid.domain.frame import check_positions
 from rhytid.domain.graph import WrinkleGraph
+from rhytid.domain.origin import GraphOrigin
 from rhytid.domain.tiles import mesh_udims
 from rhytid.engine.arrivals import AssetArrivals
 from rhytid.engine.assets import Asset
-from rhytid.engine.building import check_triangles
 from rhytid.engine.frames import Frame
+from rhytid.engine.given_graphs import check_graph
 from rhytid.engine.jobs import Job
 from rhytid.engine.messages import AssetInfo, JobInfo, NewAsset
 from rhytid.errors import InputError, MeshError, NotFoundError, SettingsError
@@ -35,7 +37,9 @@ class AssetCalls(AssetArrivals):
     def create_asset(self, new: NewAsset) -> AssetInfo:
         """Take a mesh in; the build runs as a job. The same content again: the same asset.
 
-        Raises GraphError where a given graph does not fit the mesh, LimitError where it covers too
+        Raises GraphError where a given graph does not fit the mesh or was made for another, unless
+        `force`; SettingsError where its lengths are of a unit that cannot be converted, or a graph
+        is to be grown in one that is not known; LimitError where it covers too
         many texels, MeshError where the mesh has no UV inside the range of UDIMs, InputError where
         a painted map is of a UDIM without mesh, what `check_amount` does.
         """
@@ -43,11 +47,14 @@ class AssetCalls(AssetArrivals):
         if not udims:
             raise MeshError("no triangle lies in a UDIM: u goes from 0 to 10, v from 0 up")
         if new.graph is not None:
-            check_triangles(new.graph, len(new.mesh.faces))
+            settings = new.settings.for_graph(new.graph.origin)
+            check_graph(new.graph, new.mesh, force=new.force)
             for udim in udims:
-                check_cover(new.graph, new.settings, udim)
+                check_cover(new.graph, settings, udim)
         else:
-            check_amount(new.mesh, new.settings.graph, new.controls, self._device.budget.limit)
+            settings = new.settings.for_synthesis()
+            check_amount(new.mesh, settings.graph, new.controls, self._device.budget.limit)
+        new = replace(new, settings=settings)
         for painted in (new.stiffness, new.controls):
             if painted is not None:
                 painted.check_udims(udims)
@@ -76,8 +83,9 @@ class AssetCalls(AssetArrivals):
     def change_asset(self, asset: str, changes: Mapping[str, Any]) -> AssetInfo:
         """Change response, shape, depth, angles, preset, bins or convolve; tiles and keys change.
 
-        A `preset` sets the bins but for `r_max`; keys of `bins` beside it go before it. `depth` or
-        `convolve.sigma` null means the default again. Raises SettingsError for what cannot be
+        A `preset` sets the bins but for `r_max`; keys of `bins` beside it go before it. `depth`,
+        `convolve.sigma` or `shape.wave_frequency` null means the default again: what the file of a
+        given graph says, else in proportion to the spacing. Raises SettingsError for what cannot be
         changed.
         """
         found = self._assets.get(asset)
@@ -87,7 +95,7 @@ class AssetCalls(AssetArrivals):
                 raise SettingsError(f"{key} is fixed once an asset is made: make a new one")
         with found.changing:
             settings = found.settings.changed(changes)
-            self._builder.change(found, settings.resolved(found.spacing))
+            self._builder.change(found, settings.with_lengths(found.lengths))
         self._prepare_bins(found)
         return found.info()
 
@@ -103,9 +111,13 @@ class AssetCalls(AssetArrivals):
             self._builder.on_device(found.resident.release)
 
     def graph(self, asset: str) -> WrinkleGraph:
-        """The wrinkle graph of a ready asset."""
-        self._assets.get(asset).ready()
-        return self._store.asset(asset).graph
+        """The wrinkle graph of a ready asset, and with what it is drawn now."""
+        found = self._assets.get(asset)
+        found.ready()
+        stored = self._store.asset(asset)
+        lengths = found.settings.lengths(found.lengths.spacing)
+        origin = GraphOrigin.of(stored.mesh, found.settings.length_unit, lengths)
+        return replace(stored.graph, origin=origin)
 
     def curves(self, asset: str) -> Curves:
         """The wrinkles of a ready asset as lines in space; those with an end off the mesh are not

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.lengths import Lengths
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.frames import Frame, FrameMemory, Frames
 from rhytid.engine.jobs import Job
@@ -30,8 +31,10 @@ class Asset:
     reason: str | None = None
     pores: int = 0
     wrinkles: int = 0
-    # Mean distance of neighbouring pores on the surface, in mesh units.
-    spacing: float = 0.0
+    # What settings are resolved with.
+    lengths: Lengths = field(default_factory=lambda: Lengths.of(1.0))
+    # Mean distance of neighbouring pores on the surface, in mesh units, once it is known.
+    distance: float | None = None
     statistics: dict[str, Any] | None = None
     resident: ResidentLevels | None = None
     # Held while settings change, so that no two changes are lost in one another.

@@ -11,14 +11,15 @@ from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.engine.assets import Asset, Assets
+from rhytid.engine.given_graphs import graph_lengths
 from rhytid.engine.jobs import Job
 from rhytid.engine.resident_levels import ResidentLevels
 from rhytid.engine.spacing import mean_spacing
 from rhytid.engine.worker import DeviceWorker
-from rhytid.errors import CancelledError, GraphError, NotFoundError, RhytidError
+from rhytid.errors import CancelledError, NotFoundError, RhytidError
 from rhytid.storage.records import StoredAsset, StoredRequest
 from rhytid.storage.store import AssetStore
-from rhytid.synthesis.generate import synthesize
+from rhytid.synthesis.generate import Synthesis, synthesize
 
 T = TypeVar("T")
 
@@ -41,18 +42,22 @@ class Builder:
         """Make the asset of a stored request: synthesise, store, upload, make bins."""
         with self._failing(job, asset):
             wanted = self._store.request(asset.id)
-            graph, spacing = self._graph(job, wanted)
+            graph, grown = self._graph(job, wanted)
             with self._placed(job, wanted, graph, wanted.settings) as resident:
-                if spacing is None:
-                    spacing = mean_spacing(wanted.mesh, graph, resident.pore_triangle)
-                settings = wanted.settings.resolved(spacing)
+                if grown is None:
+                    spacing = None
+                    distance = mean_spacing(wanted.mesh, graph, resident.pore_triangle)
+                else:
+                    spacing, distance = grown.spacing, grown.distance
+                asset.lengths = graph_lengths(graph, wanted.settings, distance, spacing)
+                asset.distance = distance
+                settings = wanted.settings.with_lengths(asset.lengths)
                 job.progress(_SYNTHESIS, "storing")
                 with self._still_known(asset):
-                    facts = {"spacing": spacing}
+                    facts = {"spacing": asset.lengths.spacing, "distance": distance}
                     self._store.put_asset(
                         asset.id, wanted.mesh, graph, settings, facts, wanted.stiffness
                     )
-                asset.spacing = spacing
                 self._finish(job, asset, resident, graph, settings)
         self.make_bins(job, asset, _UPLOAD)
 
@@ -61,6 +66,8 @@ class Builder:
         with self._failing(job, asset):
             stored = self._store.asset(asset.id)
             with self._placed(job, stored, stored.graph, asset.settings) as resident:
+                if asset.distance is None:  # stored by a version that did not keep it
+                    asset.distance = mean_spacing(stored.mesh, stored.graph, resident.pore_triangle)
                 self._finish(job, asset, resident, stored.graph, asset.settings)
         self.make_bins(job, asset, _UPLOAD)
 
@@ -105,8 +112,9 @@ class Builder:
         with self._device.task():
             return task(*arguments, **named)
 
-    def _graph(self, job: Job, wanted: StoredRequest) -> tuple[WrinkleGraph, float | None]:
-        """The graph given, or a new one with its spacing; other work goes between its steps."""
+    def _graph(self, job: Job, wanted: StoredRequest) -> tuple[WrinkleGraph, Synthesis | None]:
+        """The graph given, or a new one with what else is known of it; other work goes between its
+        steps."""
         if wanted.graph is not None:
             return wanted.graph, None
 
@@ -117,7 +125,7 @@ class Builder:
             wanted.mesh, wanted.settings.graph, self._device, report,
             call=self.on_device, controls=wanted.controls,
         )  # fmt: skip
-        return found.graph, found.spacing
+        return found.graph, found
 
     @contextmanager
     def _placed(
@@ -152,7 +160,7 @@ class Builder:
         with self._still_known(asset):
             asset.settings, asset.resident = settings, resident
             asset.pores, asset.wrinkles = graph.pores, graph.wrinkles
-            asset.statistics = {"spacing": asset.spacing, **graph.figures()}
+            asset.statistics = {"spacing": asset.distance, **graph.figures()}
             asset.state = "ready"
 
     @contextmanager
@@ -177,15 +185,3 @@ class Builder:
                     if self._assets.knows(asset):
                         self._store.delete(asset.id)
             raise
-
-
-def check_triangles(graph: WrinkleGraph, triangles: int) -> None:
-    """Raise GraphError where the graph samples a triangle that the mesh does not have."""
-    for name in ("node_triangle", "edge_triangle"):
-        index = getattr(graph, name)
-        if index is not None and len(index) and index.max() >= triangles:
-            row = int(index.argmax())
-            raise GraphError(
-                f"{name}[{row}] is {index[row]}: the mesh has {triangles} triangles; is it a graph "
-                "of another mesh?"
-            )

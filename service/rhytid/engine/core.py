@@ -7,6 +7,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from rhytid.device.memory import usual_frame_memory
 from rhytid.device.select import Candidate, candidates
 from rhytid.engine.assets import Assets
 from rhytid.engine.building import Builder
@@ -33,7 +34,7 @@ class EngineCore:
         self._worker = DeviceWorker(settings.queue)
         most = 1 if self._candidate.kind == "cpu" else MOST_TILES
         self._together = Together(self._worker, self._device.task, most)
-        self._assets = Assets(settings.frame_memory)
+        self._assets = Assets(settings.frame_memory or usual_frame_memory())
         self._builder = Builder(self._device, self._worker, self._store, self._assets)
         self._gathering = Gathering(self._on_device, self._builder.on_device, settings.queue)
         self._jobs = Jobs()

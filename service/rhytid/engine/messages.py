@@ -31,7 +31,8 @@ class NewAsset:
     """A neutral mesh to build an asset from; `graph` absent means synthesise one, `stiffness`
     absent means 1 everywhere.
 
-    `frames` are stored as frames 0000, 0001, … once the asset exists: (N, V, 3) float32.
+    A `graph` that was made for another mesh is refused unless `force`. `frames` are stored as
+    frames 0000, 0001, … once the asset exists: (N, V, 3) float32.
     """
 
     mesh: Mesh
@@ -40,6 +41,7 @@ class NewAsset:
     frames: NDArray[np.float32] | None = None
     stiffness: Stiffness | None = None
     controls: Controls | None = None
+    force: bool = False
 
 
 @dataclass(frozen=True)
@@ -48,8 +50,8 @@ class AssetInfo:
 
     `levels` counts the levels of a map; `pores` and `wrinkles` are 0 until the graph exists.
     `statistics`, None until then: "spacing", the mean distance of pores on the surface in mesh
-    units; "degree", the mean number of wrinkles at a pore; "strengths", wrinkles by weight, in
-    tenths from 0 to 1.
+    units, as it came out; "degree", the mean number of wrinkles at a pore; "strengths", wrinkles
+    by weight, in tenths from 0 to 1.
     """
 
     id: str

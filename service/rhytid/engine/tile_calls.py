@@ -69,7 +69,7 @@ class TileCalls(EngineCore):
 
     def unit(self, asset: str) -> str:
         """The unit of length of an asset's displacement."""
-        return self._assets.get(asset).settings.unit
+        return self._assets.get(asset).settings.length_unit
 
     def displacement_scale(self, asset: str) -> float:
         """What the largest code of a png tile stands for, mesh units: one scale an asset.

@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.domain.curves import Curves
+from rhytid.domain.units import millimetres
 from rhytid.errors import InputError, QueryError
 
 # Rows of an array that become text at once.
 _ROWS = 1 << 16
-_METERS = {"mm": 0.001, "cm": 0.01, "dm": 0.1, "m": 1.0, "in": 0.0254, "ft": 0.3048}
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,8 @@ def obj_curves(curves: Curves, unit: str) -> Iterator[bytes]:
 
 def usda_curves(curves: Curves, unit: str) -> Iterator[bytes]:
     """A linear BasisCurves prim with widths and the primvar `strength`, one value a curve."""
-    meters = f"    metersPerUnit = {_METERS[unit]!r}\n" if unit in _METERS else ""
+    length = millimetres(unit)
+    meters = "" if length is None else f"    metersPerUnit = {length / 1000!r}\n"
     yield (
         f'#usda 1.0\n(\n    defaultPrim = "Wrinkles"\n{meters}    upAxis = "Y"\n)\n\n'
         'def BasisCurves "Wrinkles"\n{\n    uniform token type = "linear"\n'

@@ -1,10 +1,10 @@
-"""Wrinkle graphs as safetensors: one tensor an array of WrinkleGraph, by its name."""
+"""Wrinkle graphs as safetensors: one tensor an array of WrinkleGraph, by its name; the metadata say
+what the graph was made with."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import MISSING, fields
 from typing import Any
 
 import numpy as np
@@ -12,19 +12,24 @@ from numpy.typing import NDArray
 from safetensors import SafetensorError, deserialize
 from safetensors.numpy import save
 
-from rhytid.domain.graph import WrinkleGraph
+from rhytid.domain.graph import ARRAYS, REQUIRED, WrinkleGraph
+from rhytid.domain.origin import GraphOrigin
 from rhytid.errors import GraphError
 from rhytid.formats.limits import check_size
 
-_FIELDS = {field.name: field for field in fields(WrinkleGraph)}
 _DTYPES = {"edge_nodes": "I32", "node_triangle": "I32", "edge_triangle": "I32"}
 # The library declares no types: name -> {dtype, shape, data}.
 _deserialize: Callable[[bytes], list[tuple[str, dict[str, Any]]]] = deserialize
 
 
 def write_graph(graph: WrinkleGraph, metadata: Mapping[str, str] | None = None) -> bytes:
-    """A safetensors file of the graph; the same graph and metadata give the same bytes."""
+    """A safetensors file of the graph; the same graph and metadata give the same bytes.
+
+    The origin of the graph goes into the metadata, beside those given.
+    """
     data = save(graph.arrays())
+    origin = {} if graph.origin is None else graph.origin.metadata()
+    metadata = {**(metadata or {}), **origin}
     if not metadata:
         return data
     # The library writes metadata in random order, which would change every id made from content.
@@ -38,20 +43,29 @@ def write_graph(graph: WrinkleGraph, metadata: Mapping[str, str] | None = None) 
 def read_graph(data: bytes) -> WrinkleGraph:
     """The wrinkle graph of a safetensors file.
 
-    Raises GraphError naming the tensor that is unknown, missing, of another dtype or shape, or
-    whose values cannot be used; LimitError over one that is too large.
+    Its origin is None where the metadata say nothing of it. Raises GraphError naming the tensor
+    that is unknown, missing, of another dtype or shape, or whose values cannot be used, or the
+    metadata that cannot; LimitError over a tensor that is too large.
     """
     try:
         tensors = dict(_deserialize(data))
     except SafetensorError as exc:
         raise GraphError(f"not a readable safetensors file: {exc}") from exc
     for name in tensors:
-        if name not in _FIELDS:
-            raise GraphError(f"unknown tensor {name!r:.80}; known are {', '.join(_FIELDS)}")
-    for name, field in _FIELDS.items():
-        if name not in tensors and field.default is MISSING:
+        if name not in ARRAYS:
+            raise GraphError(f"unknown tensor {name!r:.80}; known are {', '.join(ARRAYS)}")
+    for name in REQUIRED:
+        if name not in tensors:
             raise GraphError(f"the tensor {name} is missing")
-    return WrinkleGraph(**{name: _array(name, tensor) for name, tensor in tensors.items()})
+    arrays = {name: _array(name, tensor) for name, tensor in tensors.items()}
+    return WrinkleGraph(**arrays, origin=GraphOrigin.parse(_metadata(data)))
+
+
+def _metadata(data: bytes) -> dict[str, str]:
+    """Of a file that the library has read: its reader of bytes does not tell them."""
+    header = json.loads(data[8 : 8 + int.from_bytes(data[:8], "little")])
+    found: dict[str, str] = header.get("__metadata__") or {}
+    return found
 
 
 def _array(name: str, tensor: Mapping[str, Any]) -> NDArray[Any]:

@@ -20,7 +20,10 @@ from rhytid.storage.canonical import canonical
 # Part of every id: raise it when the same input shall build another asset.
 ID_VERSION = 1
 # Settings that came later: at their defaults they make the asset that was made before them.
-_LATER = ("region", "density", "strength", "turn", "anisotropy", "scale", "pore_radius")
+_LATER = ("spacing", "region", "density", "strength", "turn", "anisotropy", "scale", "pore_radius")
+# What stood for these where nothing was said, before they could be left open. Where a graph is
+# given the number of wrinkles makes no difference.
+_WRINKLES_BEFORE = 300_000
 _MESH_ARRAYS = ("positions", "faces", "uv", "face_uv")
 
 
@@ -35,9 +38,12 @@ def asset_id(
 
     The same arrays and settings give the same id on every machine.
     """
-    digest = hashlib.sha256(canonical({"version": ID_VERSION, "settings": _identity(settings)}))
+    identity = _identity(settings, graph is not None)
+    digest = hashlib.sha256(canonical({"version": ID_VERSION, "settings": identity}))
     _add_arrays(digest, "mesh", _mesh_arrays(mesh))
     _add_arrays(digest, "graph", {} if graph is None else graph.arrays())
+    if graph is not None and graph.origin is not None:
+        digest.update(canonical(["origin", graph.origin.metadata()]))
     if stiffness is not None:
         _add_arrays(digest, "stiffness", stiffness.arrays())
     if controls is not None:
@@ -78,9 +84,13 @@ def read_controls(data: bytes) -> Controls:
     return Controls.of_arrays(load(data))
 
 
-def _identity(settings: AssetSettings) -> dict[str, Any]:
+def _identity(settings: AssetSettings, given: bool) -> dict[str, Any]:
+    """given: whether the graph is."""
     values, plain = settings.as_json(), GraphSettings()
+    values["unit"] = settings.length_unit
     graph = values["graph"]
+    if given and graph["wrinkles"] is None:
+        graph["wrinkles"] = _WRINKLES_BEFORE
     values["graph"] = {k: v for k, v in graph.items() if k not in _LATER or v != getattr(plain, k)}
     return values
 

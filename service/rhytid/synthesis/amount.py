@@ -14,9 +14,8 @@ from rhytid.synthesis.lattice import Lattice
 from rhytid.synthesis.painting import fields_of
 from rhytid.synthesis.rooms import total_room
 from rhytid.synthesis.surface import Surface
+from rhytid.synthesis.wanted import Wanted
 
-# Wrinkles per pore; a triangulation would have three.
-EDGES_PER_PORE = 2.1
 FEWEST = 100
 # Device memory of a synthesis: buffers of fixed size, and bytes a wrinkle and a triangle. 100,000
 # wrinkles on a sheet were measured to take 51 MB, 1.5 million 138 MB and 3 million 276 MB; 2,600
@@ -32,13 +31,14 @@ _PLACES = 16.0
 def check_amount(
     mesh: Mesh, settings: GraphSettings, controls: Controls | None, memory: int
 ) -> None:
-    """Raise what `wrinkles_in_all` does for a mesh, without looking at it where nothing is painted.
+    """Raise what `wrinkles_in_all` does for a mesh, without looking at it where nothing is painted
+    and the number is given.
 
     memory: bytes that a synthesis may use on the device.
     """
-    if controls is None:
+    if controls is None and settings.wrinkles is not None:
         share = settings.density * REGIONS[settings.region].density
-        _checked(settings, share, len(mesh.faces), memory)
+        _checked(Wanted.of(settings, 0.0), share, len(mesh.faces), memory)
         return
     surface = Surface.of(mesh)
     wrinkles_in_all(surface, settings, fields_of(surface, settings, controls), memory)
@@ -47,13 +47,13 @@ def check_amount(
 def wrinkles_in_all(
     surface: Surface, settings: GraphSettings, fields: Fields, memory: int | None = None
 ) -> int:
-    """How many wrinkles density makes of `settings.wrinkles`, which are those of density 1.
+    """How many wrinkles density makes of those of density 1.
 
-    Raises InputError where density leaves no room for pores, LimitError for more wrinkles than
-    a graph may have, or than `memory` on the device holds; with the number that would fit.
+    Raises InputError where density leaves no room for pores or there are too few, LimitError for
+    more wrinkles than a graph may have, or than `memory` on the device holds; with what would fit.
     """
     share = settings.density * _room(surface, fields)
-    return _checked(settings, share, len(surface.area), memory)
+    return _checked(_wanted(surface, settings), share, len(surface.area), memory)
 
 
 def check_uv(surface: Surface, settings: GraphSettings, radius: float, factor: float) -> None:
@@ -69,10 +69,10 @@ def check_uv(surface: Surface, settings: GraphSettings, radius: float, factor: f
     lost = np.cumsum(surface.area[chosen][order]) <= _LOST * surface.area.sum()
     least = needed[order][min(np.count_nonzero(lost), len(order) - 1)]
     if radius < least:
-        fit = int(settings.wrinkles * (radius / least) ** 2)
+        wanted = _wanted(surface, settings)
+        fit = wanted.at_most(wanted.wrinkles * (radius / least) ** 2)
         raise MeshError(
-            f"graph.wrinkles is {settings.wrinkles}: the UV of the mesh is so small that float32 "
-            f"can hold about {fit}"
+            f"{wanted}: the UV of the mesh is so small that float32 can hold about {fit}"
         )
 
 
@@ -81,10 +81,11 @@ def check_extent(surface: Surface, settings: GraphSettings, radius: float) -> No
     for pores that are `radius` apart."""
     unit = Lattice.around(surface.corners[surface.carries].reshape(-1, 3)).unit
     if radius < _PLACES * unit:
-        fit = int(settings.wrinkles * (radius / (_PLACES * unit)) ** 2)
+        wanted = _wanted(surface, settings)
+        fit = wanted.at_most(wanted.wrinkles * (radius / (_PLACES * unit)) ** 2)
         raise MeshError(
-            f"graph.wrinkles is {settings.wrinkles}: the parts of the mesh lie so far apart that "
-            f"places can be told from each other for about {fit}"
+            f"{wanted}: the parts of the mesh lie so far apart that places can be told from each "
+            f"other for about {fit}"
         )
 
 
@@ -93,21 +94,24 @@ def _room(surface: Surface, fields: Fields) -> float:
     return total_room(surface, fields) / float(surface.area[surface.carries].sum())
 
 
-def _checked(settings: GraphSettings, share: float, triangles: int, memory: int | None) -> int:
-    """Wrinkles in all, where they fit.  share: of these over `settings.wrinkles`."""
-    wanted = round(settings.wrinkles * share)
-    told = f"graph.wrinkles is {settings.wrinkles}"
+def _wanted(surface: Surface, settings: GraphSettings) -> Wanted:
+    return Wanted.of(settings, float(surface.area.sum()) * surface.scale**2)
+
+
+def _checked(asked: Wanted, share: float, triangles: int, memory: int | None) -> int:
+    """Wrinkles in all, where they fit.  share: of these over those of density 1."""
+    wanted = round(asked.wrinkles * share)
+    told = str(asked)
     if share <= 0:
         raise InputError("density: the map leaves no room for pores; paint some of it lighter")
     if share != 1.0:
         told += f", with density {share:.3g} on the mean that is {wanted} in all"
     if wanted < FEWEST:
-        least = int(np.ceil(FEWEST / share))
-        raise InputError(f"{told}: at least {FEWEST}, graph.wrinkles of {least} or more")
+        raise InputError(f"{told}: at least {FEWEST}, {asked.at_least(FEWEST / share)}")
     fit = MOST_WRINKLES if memory is None else min(_fitting(memory, triangles), MOST_WRINKLES)
     if wanted > fit:
         limit = f"the {memory} bytes of device memory" if fit < MOST_WRINKLES else "a graph"
-        raise LimitError(f"{told}: {limit} can hold {int(fit / share)}")
+        raise LimitError(f"{told}: {limit} can hold {asked.at_most(fit / share)}{asked.hint}")
     return wanted
 
 

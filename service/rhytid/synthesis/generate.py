@@ -12,7 +12,7 @@ from rhytid.domain.controls import Controls
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import MeshError
-from rhytid.synthesis.amount import EDGES_PER_PORE, check_extent, check_uv, wrinkles_in_all
+from rhytid.synthesis.amount import FEWEST, check_extent, check_uv, wrinkles_in_all
 from rhytid.synthesis.assembly import Worn, assemble
 from rhytid.synthesis.charts import neighbours
 from rhytid.synthesis.directions import Directions
@@ -28,6 +28,7 @@ from rhytid.synthesis.rooms import spacings
 from rhytid.synthesis.selection import preference
 from rhytid.synthesis.spacing import mean_spacing
 from rhytid.synthesis.surface import Surface
+from rhytid.synthesis.wanted import EDGES_PER_PORE
 from rhytid.synthesis.workspace import Caller, Workspace, directly
 
 # How often the pores are scattered anew, at most twice as many, where that gives too few.
@@ -38,13 +39,16 @@ ATTEMPTS = 4
 class Synthesis:
     """A graph and what came up while it was made.
 
-    spacing: mean distance of a pore to the nearest, on the surface, mesh units; where it differs
-    from place to place by design, what it would be where its factor is 1.
+    spacing: distance of a pore to the nearest, on the surface, mesh units, where nothing is
+    painted: as the settings have it, with their density; where they say how many wrinkles there
+    are, as it came out, over the mean of what differs from place to place.  distance: the mean as
+    it came out.
     stretched: how many triangles hold no pore because their UV is stretched beyond reason.
     """
 
     graph: WrinkleGraph
     spacing: float
+    distance: float
     stretched: int
 
 
@@ -57,13 +61,14 @@ def synthesize(
     call: Caller = directly,
     controls: Controls | None = None,
 ) -> Synthesis:
-    """A graph after Weiss et al. 2023, of exactly `settings.wrinkles` wrinkles where density is 1.
+    """A graph after Weiss et al. 2023, of exactly `settings.wrinkles` wrinkles where density is 1,
+    or of pores `settings.spacing` apart there.
 
     The same mesh, settings, seed and device give the same graph, bit for bit; so does the mesh
-    scaled by a power of two. progress(fraction, stage) is called often and may raise
-    CancelledError. fields: what differs from place to place, in place of what settings and
-    controls say of it. call: runs each step on the device's thread. Raises MeshError where the mesh
-    has no room for pores, or its UV none for the wrinkles, and what `wrinkles_in_all` does.
+    scaled by a power of two, and the spacing with it. progress(fraction, stage) is called often and
+    may raise CancelledError. fields: what differs from place to place, in place of what settings
+    and controls say of it. call: runs each step on the device's thread. Raises MeshError where the
+    mesh has no room for pores, or its UV none for the wrinkles, and what `wrinkles_in_all` does.
     """
     report = rising(progress)
     report(0.0, "pores")
@@ -73,7 +78,10 @@ def synthesize(
     rng = np.random.Generator(np.random.PCG64(settings.seed))
     with Workspace(device, call) as work:
         ground = Ground(work, surface, across, fields)
-        net, radius, spacing = _net(ground, settings, wanted, part(report, 0.0, 0.48))
+        net, radius, wanted = _net(ground, settings, wanted, part(report, 0.0, 0.48))
+        distance = mean_spacing(work, net.pores)[0]
+        factor = spacings(fields, net.pores.triangle, net.pores.uv)
+        spacing = distance / float(factor.mean(dtype=np.float64))
         directions = Directions(spacing, rng, fields)
         worn = _worn(ground, net, settings, radius, directions, part(report, 0.48, 0.92))
         order = preference(work, net, worn.strength, part(report, 0.92, 0.945))
@@ -83,16 +91,20 @@ def synthesize(
     lines = draw(ground, net, *chosen, spacing)
     graph = assemble(ground, net.pores, lines, worn, spacing, rng, part(report, 0.95, 1.0))
     report(1.0, "shapes")
-    return Synthesis(graph, spacing * surface.scale, surface.stretched)
+    spacing *= surface.scale
+    if settings.wrinkles is None and settings.spacing is not None:
+        spacing = settings.spacing * settings.density**-0.5
+    return Synthesis(graph, spacing, distance * surface.scale, surface.stretched)
 
 
 def _net(
     ground: Ground, settings: GraphSettings, wanted: int, progress: Progress
-) -> tuple[Net, float, float]:
-    """As many pores as it takes for the wanted wrinkles, their disc radius and their mean spacing
-    over the mean of its factors.
+) -> tuple[Net, float, int]:
+    """As many pores as it takes for the wanted wrinkles, their disc radius, and how many wrinkles
+    there will be.
 
-    The first guess holds but for a mesh in shreds, where many edges end at a border.
+    The first guess holds but for a mesh in shreds, where many edges end at a border: there are
+    fewer then, if it is the spacing that is set.
     """
     radius = packed_radius(ground.surface, ground.fields, wanted / EDGES_PER_PORE)
     check_uv(ground.surface, settings, radius, ground.fields.least_spacing)
@@ -102,14 +114,17 @@ def _net(
         net = Net.spun(ground, radius, settings.neighbours, settings.seed, spinning)
         flat = independent_set(ground.work, net.edges.length, net.crossings)
         lines = lines_of(net.edges.take(flat))
+        if settings.wrinkles is None and lines >= FEWEST:
+            return net, radius, min(lines, wanted)
         if lines >= wanted:
-            factor = spacings(ground.fields, net.pores.triangle, net.pores.uv)
-            mean = mean_spacing(ground.work, net.pores)[0]
-            return net, radius, mean / float(factor.mean(dtype=np.float64))
+            return net, radius, wanted
         radius *= 0.97 * float(np.sqrt(max(lines / wanted, 0.5)))
+    told, more = "wrinkles", "more wrinkles"
+    if settings.wrinkles is None:
+        told, more = "spacing", "a smaller spacing"
     raise MeshError(
-        f"graph.wrinkles is {settings.wrinkles}: only {lines} of {wanted} can be drawn between "
-        "pores so far apart, for the UV of the mesh is in small parts; ask for more wrinkles"
+        f"graph.{told} is {getattr(settings, told)}: only {lines} of {wanted} can be drawn between "
+        f"pores so far apart, for the UV of the mesh is in small parts; ask for {more}"
     )
 
 

@@ -33,6 +33,7 @@ def create_asset(
     name: str | None = None,
     settings: Mapping[str, Any] | None = None,
     graph: File | None = None,
+    force: bool = False,
     stiffness: Images | None = None,
     controls: Mapping[str, Images] | None = None,
     progress: Callable[[int, int], None] | None = None,
@@ -42,6 +43,7 @@ def create_asset(
     mesh: the path of an OBJ, PLY, glTF, GLB or npz file; or the bytes of one, with a `name` whose
     extension tells the format; or the arrays positions (V, 3), faces (F, 3), uv (T, 2),
     face_uv (F, 3) and optionally frames (N, V, 3).  graph: safetensors, absent to synthesise one.
+    force: take the graph even where it was made for another mesh.
     stiffness: grey PNG or EXR images by UDIM; or paths whose names end on the UDIM, as in
     skin.1002.png; or one image for a mesh of one UDIM. 1 moves freely, 0 is rigid. At most
     8192 texels a side and 134,217,728 in all.
@@ -57,6 +59,8 @@ def create_asset(
         parts.append(Part("settings", text, "application/json"))
     if graph is not None:
         parts.append(_file("graph", graph, None))
+    if force:
+        parts.append(Part("force", b"true", "text/plain"))
     parts += _images("stiffness", stiffness)
     for control, images in (controls or {}).items():
         parts += _images(control, images)
@@ -86,7 +90,8 @@ def delete_asset(asset: Asset | str) -> Flow[None]:
 
 
 def graph(asset: Asset | str, *, format: str = "safetensors") -> Flow[bytes]:
-    """The wrinkle graph of an asset, as a safetensors file; or its wrinkles as lines in space, an
+    """The wrinkle graph of an asset, as a safetensors file that tells the depth, spacing and unit
+    it is drawn with; or its wrinkles as lines in space, an
     `obj` or `usda` file."""
     params = {"format": format}
     return parse.content((yield get("v1", "assets", asset_id(asset), "graph", params=params)))

@@ -48,6 +48,9 @@ def new_asset(parts: dict[str, Part]) -> NewAsset:
         raise InputError("part mesh has no filename: its extension names the format")
     settings = decode_json(parts["settings"].data, "part settings") if "settings" in parts else {}
     read = read_mesh(mesh.data, mesh.filename)
+    force = decode_json(parts["force"].data, "part force") if "force" in parts else False
+    if not isinstance(force, bool):
+        raise InputError(f"part force is {force!r}: must be true or false")
     return NewAsset(
         mesh=read.mesh,
         settings=AssetSettings.parse(settings),
@@ -58,6 +61,7 @@ def new_asset(parts: dict[str, Part]) -> NewAsset:
             {name: _images(parts[name]) for name in CONTROLS if name in parts},
             mesh_udims(read.mesh),
         ),
+        force=force,
     )
 
 

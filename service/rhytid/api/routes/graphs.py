@@ -24,7 +24,9 @@ router = APIRouter(prefix="/v1/assets", tags=["assets"], dependencies=[NoRepeats
     responses={**binary(*MEDIA_TYPES), **problems(404, 409, 422)},
 )
 def graph(asset: str, engine: EngineDep, query: Annotated[GraphQuery, Query()]) -> Response:
-    """The wrinkle graph as safetensors; or its wrinkles as lines in space, as OBJ or USD text."""
+    """The wrinkle graph as safetensors, whose metadata say with which depth, spacing, unit, sigma
+    and wave frequency it is drawn, and for which mesh; or its wrinkles as lines in space, as OBJ or
+    USD text."""
     if query.format == "safetensors":
         return Response(write_graph(engine.graph(asset), {"asset": asset}), media_type=SAFETENSORS)
     kind = curve_format(query.format)

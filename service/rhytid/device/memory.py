@@ -1,0 +1,50 @@
+"""How much memory there is, and the share of it that is taken where nothing else is said."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from rhytid.device.select import Candidate
+
+# Of the memory of a device of its own; of a CPU, whose memory is that of the machine, where frames,
+# uploads and the rest of the process lie, too.
+DEVICE_SHARE, CPU_SHARE = 0.8, 0.5
+FRAME_SHARE = 0.125
+# Where the system does not tell.
+_FALLBACK = 8 << 30
+# What a container may use, of either version of control groups.
+_LIMITS = (
+    Path("/sys/fs/cgroup/memory.max"),
+    Path("/sys/fs/cgroup/memory/memory.limit_in_bytes"),
+)
+
+
+def machine_memory() -> int:
+    """Bytes of memory of the machine, or of the container that this runs in."""
+    try:
+        total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, OSError, ValueError):
+        total = _FALLBACK
+    limits = [limit for limit in map(_limit, _LIMITS) if limit is not None]
+    return min([total if total >= 1 << 20 else _FALLBACK, *limits])
+
+
+def usual_device_memory(device: Candidate) -> int:
+    """Bytes that are taken of a device where no setting says how many."""
+    if device.kind == "cpu":
+        return int(CPU_SHARE * min(device.memory, machine_memory()))
+    return int(DEVICE_SHARE * device.memory)
+
+
+def usual_frame_memory() -> int:
+    """Bytes for stored frames where no setting says how many."""
+    return int(FRAME_SHARE * machine_memory())
+
+
+def _limit(file: Path) -> int | None:
+    try:
+        text = file.read_text(encoding="ascii").strip()
+    except (OSError, UnicodeDecodeError):
+        return None
+    return int(text) if text.isdigit() and int(text) > 0 else None

@@ -1,0 +1,68 @@
+"""Lengths on skin: how far pores stand apart, and what is chosen in proportion to that."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rhytid.domain.units import MILLIMETRES, millimetres
+from rhytid.errors import SettingsError
+
+
+@dataclass(frozen=True)
+class Skin:
+    """Lengths of a kind of skin, in millimetres.
+
+    spacing: mean distance from a pore to the nearest.  depth: of a wrinkle of strength 1 there.
+    """
+
+    spacing: float
+    depth: float
+
+
+# Of the whole face, by eye: this is the one place where usual lengths stand.
+SKIN = Skin(spacing=0.5, depth=0.075)
+
+# In units of the spacing of the pores, unless they are set.
+DEPTH_OF_SPACING = SKIN.depth / SKIN.spacing
+SIGMA_OF_SPACING = 0.25
+# Waves in a spacing: most wrinkles get a bend.
+WAVES_OF_SPACING = 0.4
+
+
+@dataclass(frozen=True)
+class Lengths:
+    """What a wrinkle graph is drawn with unless settings say otherwise, in mesh units.
+
+    spacing: of pores where density is 1.  depth: of strength 1.  sigma: of the Gaussian of
+    `convolved`.  wave_frequency: waves in a mesh unit.
+    """
+
+    spacing: float
+    depth: float
+    sigma: float
+    wave_frequency: float
+
+    @classmethod
+    def of(cls, spacing: float) -> Lengths:
+        """All in proportion to the spacing."""
+        return cls(
+            spacing,
+            DEPTH_OF_SPACING * spacing,
+            SIGMA_OF_SPACING * spacing,
+            WAVES_OF_SPACING / spacing,
+        )
+
+
+def usual_spacing(unit: str) -> float:
+    """Distance of pores in a mesh of that unit, where nothing says otherwise.
+
+    Raises SettingsError for a unit that is not known.
+    """
+    length = millimetres(unit)
+    if length is None:
+        raise SettingsError(
+            f"unit is {unit!r}, which has no known length, so that graph.spacing has no default: "
+            "set graph.spacing in mesh units, or graph.wrinkles; known are "
+            + ", ".join(MILLIMETRES)
+        )
+    return SKIN.spacing / length

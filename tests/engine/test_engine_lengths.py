@@ -1,0 +1,228 @@
+"""One graph has one depth by every road, and says it in its file; spacing is a length on skin."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from io import BytesIO
+
+import numpy as np
+import pytest
+from PIL import Image
+from scipy.spatial import cKDTree
+
+from engine.engines import BINNED, CONVOLVED, REDRAW, built, new_asset, running, same, settle
+from rhytid.cli.program import main
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.controls import Controls
+from rhytid.domain.graph import WrinkleGraph
+from rhytid.domain.mesh import Mesh
+from rhytid.domain.origin import GraphOrigin
+from rhytid.domain.places import surface_points
+from rhytid.engine.messages import NewAsset
+from rhytid.errors import GraphError, LimitError, SettingsError
+from rhytid.formats.exr import read_exr
+from rhytid.formats.graphs import read_graph, write_graph
+from rhytid.storage import AssetStore
+from rhytid.storage.canonical import canonical
+from rhytid.storage.records import StoredAsset
+from synthesis import sheets
+
+# 4 cm a side: 9,700 wrinkles where pores are half a millimetre apart.
+MESH = sheets.sheet(scale=4.0)
+SIZE = {"resolution": 512, "tile_size": 256}
+SPARSE = {**SIZE, "graph": {"spacing": 0.2}}
+WHITE = Controls({"density": {1001: np.ones((8, 8), np.float32)}})
+
+
+@pytest.fixture(scope="module")
+def engine(tmp_path_factory):
+    with running(tmp_path_factory.mktemp("store")) as engine:
+        yield engine
+
+
+def grown(engine, mesh=MESH, controls=None, **settings):
+    return built(engine, NewAsset(mesh, AssetSettings.parse(settings), controls=controls))
+
+
+def lengths(engine, asset):
+    settings = engine.asset(asset).settings
+    return settings["depth"], settings["convolve"]["sigma"], settings["shape"]["wave_frequency"]
+
+
+def apart(mesh: Mesh, graph: WrinkleGraph) -> float:
+    """Mean distance of the pores that are drawn to the nearest."""
+    shown = graph.node_weight > 0
+    assert graph.node_triangle is not None
+    places = surface_points(mesh, graph.node_uv[shown], graph.node_triangle[shown])
+    return float(cKDTree(places).query(places, k=2)[0][:, 1].mean())
+
+
+@pytest.mark.parametrize("controls", [None, WHITE], ids=["even", "painted"])
+def test_a_graph_that_is_sent_back_is_drawn_as_before(engine, controls):
+    first = grown(engine, controls=controls, **SPARSE)
+    assert lengths(engine, first)[0] == pytest.approx(0.15 * 0.2)
+    data = write_graph(engine.graph(first))
+    sent = NewAsset(MESH, AssetSettings.parse(SIZE), read_graph(data))
+    second = built(engine, sent)
+    assert second != first
+    assert lengths(engine, second) == lengths(engine, first)
+    for query in (REDRAW, CONVOLVED, BINNED):
+        one, two = (engine.map(id, "neutral", query, 1001, 0) for id in (first, second))
+        assert same([one], [two])
+    assert read_graph(write_graph(engine.graph(second))).origin == read_graph(data).origin
+
+
+def test_the_command_line_and_the_service_take_the_same_depth(engine, tmp_path, capsys):
+    """Painted four times as dense: the pores alone would say half the depth."""
+    mesh, out = tmp_path / "mesh.npz", tmp_path / "g.safetensors"
+    arrays = {name: getattr(MESH, name) for name in ("positions", "faces", "uv", "face_uv")}
+    np.savez(mesh, **arrays, frames=MESH.positions[None])
+    grey = tmp_path / "density.1001.png"
+    grey.write_bytes(white_png())
+    given = ["synthesize", str(mesh), "--out", str(out), "--spacing", "0.2"]
+    assert main([*given, "--map", f"density={grey}", "--json"]) == 0
+    figures = json.loads(capsys.readouterr().out)
+    assert figures["depth"] == pytest.approx(0.15 * 0.2)
+    assert main(["graph", str(mesh), str(out), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["depth"] == figures["depth"]
+    served = built(engine, NewAsset(MESH, AssetSettings.parse(SIZE), read_graph(out.read_bytes())))
+    assert lengths(engine, served) == lengths(engine, grown(engine, controls=WHITE, **SPARSE))
+    bake = ["bake", "--mesh", str(mesh), "--out", str(tmp_path / "maps"), "--graph", str(out)]
+    assert main([*bake, "--resolution", "512"]) == 0
+    baked = read_exr(tmp_path / "maps" / "mesh.1001.0001.exr")[0]
+    assert np.abs(baked - engine.map(served, "neutral", REDRAW, 1001, 0)).max() < 1e-5 * 0.03
+
+
+def white_png():
+    file = BytesIO()
+    Image.fromarray(np.full((8, 8), 255, np.uint8)).save(file, format="png")
+    return file.getvalue()
+
+
+@pytest.mark.parametrize("controls", [None, WHITE], ids=["even", "painted"])
+def test_the_spacing_told_is_that_of_the_pores(engine, controls):
+    asset = grown(engine, controls=controls, **SPARSE)
+    told, found = engine.asset(asset).statistics["spacing"], apart(MESH, engine.graph(asset))
+    assert told == pytest.approx(found, rel=1e-4)
+    assert found == pytest.approx(0.2 if controls is None else 0.1, rel=0.02)
+
+
+def test_the_same_skin_in_another_unit(engine):
+    """40 mm are 4 cm: the same pores, and depths that are the same length."""
+    centimetres = grown(engine, **SIZE)
+    scaled = replace(MESH, positions=MESH.positions * 10)
+    millimetres = grown(engine, scaled, unit="mm", **SIZE)
+    one, two = (engine.asset(id) for id in (centimetres, millimetres))
+    assert one.wrinkles == two.wrinkles
+    assert one.statistics["spacing"] == pytest.approx(0.05, rel=0.01)
+    assert two.statistics["spacing"] == pytest.approx(0.5, rel=0.01)
+    assert one.settings["depth"] == pytest.approx(0.0075)
+    assert two.settings["depth"] == pytest.approx(0.075)
+
+
+def test_a_graph_in_millimetres_is_converted_to_the_unit_of_the_mesh(engine):
+    graph = engine.graph(grown(engine, replace(MESH, positions=MESH.positions * 10), unit="mm",
+                               **SIZE, graph={"spacing": 2.0}))  # fmt: skip
+    assert graph.origin.unit == "mm"
+    told = AssetSettings.parse({**SIZE, "unit": "cm"})
+    assert lengths(engine, built(engine, NewAsset(MESH, told, graph))) == pytest.approx(
+        (0.03, 0.05, 2.0)
+    )
+    untold = built(engine, NewAsset(MESH, AssetSettings.parse(SIZE), graph))
+    assert engine.asset(untold).settings["unit"] == "mm"
+    assert lengths(engine, untold) == pytest.approx((0.3, 0.5, 0.2))
+    odd = AssetSettings.parse({**SIZE, "unit": "furlong"})
+    with pytest.raises(SettingsError, match="graph is in 'mm' and the mesh in 'furlong'"):
+        engine.create_asset(NewAsset(MESH, odd, graph))
+
+
+def test_explicit_settings_go_before_the_file_and_null_is_the_file_again(engine):
+    first = grown(engine, **SPARSE, depth=0.07)
+    assert engine.graph(first).origin.depth == 0.07
+    graph = engine.graph(first)
+    second = built(engine, NewAsset(MESH, AssetSettings.parse({**SIZE, "depth": 0.01}), graph))
+    assert lengths(engine, second)[0] == 0.01
+    engine.change_asset(second, {"depth": None})
+    assert lengths(engine, second)[0] == 0.07
+    engine.change_asset(second, {"depth": 0.02})
+    assert engine.graph(second).origin.depth == 0.02
+    engine.change_asset(first, {"depth": None})
+    assert lengths(engine, first)[0] == pytest.approx(0.03)
+
+
+def test_a_graph_of_another_mesh_is_refused_unless_forced(engine):
+    graph = engine.graph(grown(engine, **SPARSE))
+    other = sheets.sheet(lambda xy: 0.1 + 0.7 * xy, scale=4.0)
+    new = NewAsset(other, AssetSettings.parse(SIZE), graph)
+    with pytest.raises(GraphError, match=r"made for another mesh.*--force"):
+        engine.create_asset(new)
+    forced = built(engine, replace(new, force=True))
+    assert engine.graph(forced).origin == GraphOrigin.of(
+        other, "cm", AssetSettings.parse(engine.asset(forced).settings).lengths(0.2)
+    )
+    moved = replace(MESH, positions=MESH.positions[:, [1, 0, 2]])  # another head of one topology
+    assert built(engine, NewAsset(moved, AssetSettings.parse(SIZE), graph))
+
+
+def test_lengths_survive_a_restart_and_null_means_the_same_after_it(tmp_path):
+    with running(tmp_path) as engine:
+        first = grown(engine, controls=WHITE, **SPARSE)
+        graph = replace(engine.graph(first), origin=GraphOrigin(depth=0.05, unit="cm"))
+        second = built(engine, NewAsset(MESH, AssetSettings.parse(SIZE), graph))
+        before = [
+            (engine.asset(id).settings, engine.asset(id).statistics) for id in (first, second)
+        ]
+    with running(tmp_path) as engine:
+        for id, wanted in zip((first, second), before, strict=True):
+            settle(engine, id)
+            assert told(engine, id) == wanted
+            engine.change_asset(id, {"depth": 0.9})
+            engine.change_asset(id, {"depth": None})
+            assert told(engine, id) == wanted
+
+
+def told(engine, asset):
+    info = engine.asset(asset)
+    return info.settings, info.statistics
+
+
+def test_an_asset_of_an_earlier_version_is_read_and_told_truly(tmp_path, monkeypatch):
+    """It kept one spacing, that which depth came from, and its settings knew no other."""
+    with running(tmp_path) as engine:
+        asset = built(engine, new_asset(depth=None))
+        before = engine.asset(asset)
+    monkeypatch.setattr(StoredAsset, "files", files_of_earlier)
+    with AssetStore(tmp_path) as store:
+        kept = store.asset(asset)
+        store.delete(asset)
+        store.put_asset(asset, kept.mesh, kept.graph, kept.settings, {"spacing": 0.25})
+    with running(tmp_path) as engine:
+        settle(engine, asset)
+        found = engine.asset(asset)
+        assert found.settings["depth"] == before.settings["depth"]
+        assert found.statistics == before.statistics
+        engine.change_asset(asset, {"depth": 0.5})
+        engine.change_asset(asset, {"depth": None})
+        assert engine.asset(asset).settings["depth"] == pytest.approx(0.15 * 0.25)
+
+
+def files_of_earlier(stored, files=StoredAsset.files):
+    settings = stored.settings.as_json()
+    del settings["graph"]["spacing"]
+    settings["graph"]["wrinkles"] = 300_000
+    facts = canonical({"settings": settings, "extra": stored.extra})
+    return {**files(stored), "facts.json": facts}
+
+
+def test_too_many_or_too_few_for_the_spacing_are_refused_with_one_that_fits(engine):
+    wide = sheets.sheet(scale=1000.0)
+    with pytest.raises(LimitError, match=r"graph.spacing is 0.05 .*can hold (\S+) or more") as told:
+        engine.create_asset(NewAsset(wide, AssetSettings.parse(SIZE)))
+    assert 0.1 < float(str(told.value).split("can hold ")[1].split()[0]) < 1.0
+    tiny = sheets.sheet(scale=0.1)
+    with pytest.raises(Exception, match=r"at least 100, graph.spacing of (\S+) or less") as told:
+        engine.create_asset(NewAsset(tiny, AssetSettings.parse(SIZE)))
+    fit = float(str(told.value).split("graph.spacing of ")[1].split()[0])
+    made = grown(engine, tiny, **SIZE, graph={"spacing": fit})
+    assert 100 <= engine.asset(made).wrinkles <= 104
