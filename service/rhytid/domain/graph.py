@@ -102,6 +102,10 @@ class WrinkleGraph:
         """(M,) true but for copies."""
         return _originals(self.edge_copy_of, self.wrinkles)
 
+    def counts(self) -> tuple[int, int]:
+        """Pores and wrinkles, each once: nodes and edges without copies."""
+        return int(np.count_nonzero(self.own_nodes)), int(np.count_nonzero(self.own_edges))
+
     def original_nodes(self, nodes: NDArray[np.integer]) -> NDArray[np.integer]:
         """Nodes, of any shape, with what they are copies of in place of copies."""
         if self.node_copy_of is None:

@@ -151,7 +151,7 @@ class Builder:
         self.on_device(resident.warm_up)
         with self._still_known(asset):
             asset.settings, asset.resident = settings, resident
-            asset.pores, asset.wrinkles = graph.pores, graph.wrinkles
+            asset.pores, asset.wrinkles = graph.counts()
             asset.statistics = {"spacing": asset.spacing, **graph.figures()}
             asset.state = "ready"
 

@@ -102,9 +102,7 @@ def _mates(mesh: Mesh, surface: Surface, triangle: IntArray, side: IntArray) -> 
     return mate
 
 
-def _frames(
-    surface: Surface, numbers: IntArray, triangle: IntArray, side: IntArray
-) -> FloatArray:
+def _frames(surface: Surface, numbers: IntArray, triangle: IntArray, side: IntArray) -> FloatArray:
     """(K, 2, 2) from UV to a plane: sides are on the x axis and as long as on the surface, and
     their triangles above it. Across the side UV are as long as they are on the surface around it,
     for one triangle may be a sliver.

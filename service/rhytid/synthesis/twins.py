@@ -111,7 +111,10 @@ class Twins:
     def join(cls, parts: list[Twins]) -> Twins:
         """All of them, one after the other."""
         return cls(
-            *(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(cls))
+            *(
+                np.concatenate([getattr(part, field.name) for part in parts])
+                for field in fields(cls)
+            )
         )
 
     @classmethod
@@ -194,7 +197,9 @@ class Seams:
         asking = np.flatnonzero(np.isin(drawn.of, active))
         who, place = self._pairs(shapes, drawn.take(asking))
         who = asking[who]
-        seam = np.flatnonzero(~self._open[place] & (self._chart[place] == self._charts(shapes, drawn)[who]))
+        seam = np.flatnonzero(
+            ~self._open[place] & (self._chart[place] == self._charts(shapes, drawn)[who])
+        )
         who, place = who[seam], place[seam]
         near = shapes.distance(drawn.of[who], _back(drawn, who, self._places.here[place]))
         reached = np.flatnonzero(near < np.where(drawn.side[who] == NONE, WIDEST, _AGAIN))
@@ -319,7 +324,10 @@ class Seams:
         sizes = np.linalg.svd(bend, compute_uv=False)
         wild = (sizes[:, 0] > _BEND) | (sizes[:, 1] < 1 / _BEND) | (np.linalg.det(bend) <= 0)
         bend[wild] = np.eye(2)
-        middle[wild], other[wild] = self._places.here[nearest[wild]], self._places.there[nearest[wild]]
+        middle[wild], other[wild] = (
+            self._places.here[nearest[wild]],
+            self._places.there[nearest[wild]],
+        )
         turn = np.linalg.inv(beyond) @ bend @ flat
         return turn, other - np.einsum("nij,nj->ni", turn, middle)
 
@@ -339,12 +347,13 @@ class Seams:
 def _back(twins: Twins, index: IntArray, uv: FloatArray) -> FloatArray:
     """(N, 2) what in the UV of an element lies at a place (N, 2) of the chart of its twin (N,)."""
     gap = uv - twins.shift[index]
-    back: FloatArray = np.linalg.solve(twins.turn[index], gap[..., None])[..., 0]
-    return back
+    back = np.linalg.solve(twins.turn[index], gap[..., None])[..., 0]
+    return back.astype(np.float64)
 
 
-def _sums(group: IntArray, values: NDArray[np.float64], count: int) -> FloatArray:
+def _sums(group: IntArray, values: NDArray[np.floating], count: int) -> FloatArray:
     """(G, ...) sums of values (P, ...) by group (P,)."""
     flat = values.reshape(len(values), -1)
-    sums = [np.bincount(group, column, count) for column in flat.T]
-    return np.stack(sums, axis=-1).reshape(count, *values.shape[1:])
+    columns = [np.bincount(group, column, count).astype(np.float64) for column in flat.T]
+    sums: FloatArray = np.stack(columns, axis=-1).reshape(count, *values.shape[1:])
+    return sums
