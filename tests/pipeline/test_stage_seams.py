@@ -7,11 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.ndimage import map_coordinates
 
-from pipeline.scenes import DEPTH, settings_of
-from reference import locate, redraw, stretch
+from pipeline.scenes import DEPTH, reference_stretch, settings_of
+from reference import redraw, stretch
+from reference.response import on_surface, pore_stretch, scales, wrinkle_stretch
 from rhytid.device.runtime import Device
 from rhytid.domain.mesh import Mesh
+from rhytid.engine.frames import NEUTRAL_FRAME, Frame
 from rhytid.engine.messages import MapQuery
 from rhytid.engine.resident import ResidentAsset
 from rhytid.pipeline.elements import UdimElements, pore_arrays, wrinkle_arrays
@@ -131,14 +134,14 @@ def test_maps_are_equal_on_both_sides(device: Device, made, sampling: str, waves
     """Heights between texels by cubic interpolation: what that misses is below the band."""
     mesh, graph, spacing = made
     shape = {"wave_amplitude": waves, "wave_frequency": 20.0}
-    settings = settings_of(resolution=2048, shape=shape)
+    settings = settings_of(resolution=4096, shape=shape)
     here, there = places(mesh, spacing)
     with device.task():
         asset = ResidentAsset(device, mesh, settings)
         asset.locate(graph)
         asset.install(asset.prepare(graph, settings), settings)
-        for name, query in (("neutral", MapQuery("neutral")),):
-            found = asset.drawn(name, query, 1001, 0, 0, 0, 2048)
+        for frame in (NEUTRAL_FRAME, Frame.of(smiling(mesh))):
+            found = asset.drawn(frame, MapQuery("redraw", sampling=sampling), 1001, 0, 0, 0, 4096)
             assert apart(*(between(found, uv) for uv in (here, there))) < BAND
         asset.release()
 
@@ -150,7 +153,7 @@ def test_skewed_wrinkles_are_those_of_the_reference(device: Device, made) -> Non
         asset = ResidentAsset(device, mesh, settings)
         asset.locate(graph)
         asset.install(asset.prepare(graph, settings), settings)
-        found = asset.drawn("neutral", MapQuery("neutral"), 1001, 0, 0, 0, 512)
+        found = asset.drawn(NEUTRAL_FRAME, MapQuery("neutral"), 1001, 0, 0, 0, 512)
         asset.release()
     rows, columns = np.meshgrid(np.arange(512), np.arange(512), indexing="ij")
     uv = np.stack([(columns + 0.5) / 512, 1 - (rows + 0.5) / 512], -1).reshape(-1, 2)
@@ -160,25 +163,18 @@ def test_skewed_wrinkles_are_those_of_the_reference(device: Device, made) -> Non
 
 def reference_scales(mesh, graph, settings, positions):
     """(M,), (M,), (N,), (N,) scales of width and depth: copies take those of their originals."""
-    from pipeline.scenes import reference_stretch
-    from reference.response import on_surface, pore_stretch, scales, wrinkle_stretch
-
     ratios, axes = reference_stretch(mesh, positions, "tensor")
     logs = stretch.log_stretch(ratios, settings.response.log_stretch_limit)
     at, theta = graph.edge_triangle, redraw.directions(graph)
     sampled, ways = axes[at], theta
     if settings.angles == "surface":
-        uv, corners = mesh.triangle_uv(), mesh.positions[mesh.faces].astype(float)
-        jacobian = Surface.of(mesh).jacobian[at]
-        q, r = np.linalg.qr(jacobian)
+        _, r = np.linalg.qr(Surface.of(mesh).jacobian[at])
         sampled, ways = on_surface(r[:, None], sampled), on_surface(r, theta)
     response = settings.response
     wide, deep = scales(
         wrinkle_stretch(logs[at], sampled, ways), response.alpha_w, response.alpha_d
     )
-    pores = scales(
-        pore_stretch(logs[graph.node_triangle]), response.beta_w, response.beta_d
-    )
+    pores = scales(pore_stretch(logs[graph.node_triangle]), response.beta_w, response.beta_d)
     edges = np.where(graph.edge_copy_of < 0, np.arange(graph.wrinkles), graph.edge_copy_of)
     nodes = np.where(graph.node_copy_of < 0, np.arange(graph.pores), graph.node_copy_of)
     return wide[edges], deep[edges], pores[0][nodes], pores[1][nodes]
@@ -186,8 +182,6 @@ def reference_scales(mesh, graph, settings, positions):
 
 def between(heights: np.ndarray, uv: np.ndarray) -> np.ndarray:
     """(P,) heights at places (P, 2) of a map, by cubic interpolation."""
-    from scipy.ndimage import map_coordinates
-
     side = len(heights)
     rows, columns = (1 - uv[:, 1]) * side - 0.5, uv[:, 0] * side - 0.5
     return map_coordinates(heights.astype(float), [rows, columns], order=3)

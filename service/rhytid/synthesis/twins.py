@@ -28,9 +28,11 @@ _AGAIN = 1.5
 # What does not reach a seam at its neutral size is not stored again beside itself.
 _BESIDE = 1.5
 # How much longer than wide a copy may be on the surface.
-_LONGER = 3.0
+_LONGER = 6.0
 # It is not stored where it comes by so much nearer to another part of the border of its chart.
 _NEARER = 0.7
+# A map from chart to chart is fitted to places of a seam so much farther than the nearest.
+_COUNTS = 2.0
 # How much the shape of a seam counts beside how its two triangles lie, across the seam.
 _STIFFNESS = 0.02
 # The most by which the shape of a seam may change lengths against its two triangles.
@@ -309,8 +311,11 @@ class Seams:
         are across the seam, near ones above all, and else as the two triangles lie at `nearest`."""
         row = self._places.row[nearest]
         flat, beyond = self._borders.flat[row], self._borders.beyond[row]
-        weight = (1.0 - (near / WIDEST) ** 2) ** 4 + 1e-9
         count = len(nearest)
+        least = np.full(count, np.inf)
+        np.minimum.at(least, group, near)
+        beyond_least = np.minimum((near - least[group]) / _COUNTS, 1.0)
+        weight = (1.0 - beyond_least**2) ** 4 + 1e-6
         total = np.bincount(group, weight, count)[:, None]
         here, there = self._places.here[place], self._places.there[place]
         middle, other = (_sums(group, weight[:, None] * uv, count) / total for uv in (here, there))
