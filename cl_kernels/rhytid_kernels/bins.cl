@@ -1,7 +1,6 @@
 // Draws one precomputed map of the fast method (section 2.4): the wrinkles of one orientation bin,
 // or the pores, all at one stretch. Blocks and sums as in redraw.cl.
-#include "draw.clh"
-#include "wave.clh"
+#include "listed.clh"
 
 // What a map becomes: displacement in mesh units, row by row, or where CODE is defined codes: those of
 // map `index`, per_step of them for a mesh unit.
@@ -36,17 +35,13 @@ inline float leaning(float2 extent, float3 tilt)
 
 // scale: (sigma_w, sigma_d) of the sample, Alg. 1 lines 7 and 8 with its log stretch. part: valleys
 // and bulges together, or one of them for maps that are merged by the mellow-max. tilt: depths are
-// scaled by 1 + leaning, for the maps that tilts are made from; else its factor is 0. waves: as in
-// redraw.cl.
+// scaled by 1 + leaning, for the maps that tilts are made from; else its factor is 0. waves, even,
+// skews: as in redraw.cl.
 __kernel void draw_wrinkle_bin(__global const float4 *segments, __global const float2 *sizes,
                                __global const uchar *bins, int bin, float2 scale, int part,
                                float4 tilt, __global const int *offsets,
-                               __global const int *members,
-#ifdef WAVY
-                               __global const float4 *waves,
-#endif
-                               float4 shape_values, float depth, int blocks, int row, int column,
-                               OUT)
+                               __global const int *members WAVES SKEWS, float4 shape_values,
+                               float depth, int blocks, int row, int column, OUT)
 {
     __local float memory[2 * ROWS * STRIDE];
     shape_t shape = shape_of(shape_values);
@@ -58,14 +53,11 @@ __kernel void draw_wrinkle_bin(__global const float4 *segments, __global const f
         if (bins[i] != bin)
             continue;
         float4 s = segments[i];
-        float half_width = sizes[i].x * scale.x, amplitude = sizes[i].y * scale.y;
+        float amplitude = sizes[i].y * scale.y;
         if (tilt.z != 0.0f)
             amplitude *= 1.0f + leaning(s.zw, tilt.xyz);
-#ifdef WAVY
-        draw_wavy_wrinkle(sums, s.xy - place.corner, s.zw, half_width, amplitude, waves[i], shape);
-#else
-        draw_wrinkle(sums, s.xy - place.corner, s.zw, half_width, amplitude, shape);
-#endif
+        draw_listed(sums, i, place.corner, s, sizes[i], scale.x, amplitude,
+                    shape GIVEN_WAVES GIVEN_SKEWS);
     }
     WRITE(sums, place, shape, depth, part);
 }

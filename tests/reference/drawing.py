@@ -19,6 +19,7 @@ class Wrinkles(NamedTuple):
     half_width: Array  # (M,)
     strength: Array  # (M,) in units of depth
     waves: Waves | None = None  # None: all are straight
+    metric: Array | None = None  # (M, 3) uu, uv, vv, in place of half_width where not 0
 
 
 class Pores(NamedTuple):
@@ -79,6 +80,23 @@ def disc_metric(radius: ArrayLike) -> Array:
     return np.stack([inverse, np.zeros_like(inverse), inverse], axis=-1)
 
 
+def rim_extent(metric: Array) -> Array:
+    """(N, 2) how far the rims of metrics (N, 3) go along u and v."""
+    uu, uv, vv = metric.T
+    return np.sqrt(np.stack([vv, uu], axis=-1) / (uu * vv - uv * uv)[:, None])
+
+
+def _straightened(
+    points: Array, segment: Array, wave: Waves | None, half_width: float, metric: Array
+) -> tuple[Array, Array, Waves | None, float]:
+    """The same wrinkle, its wave, its size and the points in coordinates in which the metric is
+    the identity, kept from being mirrored."""
+    root = np.linalg.cholesky(metric[[0, 1, 1, 2]].reshape(2, 2)).T
+    if wave is not None:
+        wave = wave._replace(amplitude=wave.amplitude / half_width)
+    return points @ root.T, segment @ root.T, wave, 1.0
+
+
 def mellow_max(values: ArrayLike, sharpness: float, slots: int = 1) -> Array:
     """log(1 + Σ(e^{βx} - 1)/n)/β over the last axis; x >= 0."""
     total = np.expm1(sharpness * np.asarray(values, np.float64)).sum(-1)
@@ -113,22 +131,31 @@ def _add_wrinkles(
 ) -> None:
     waves = wrinkles.waves
     reach = wrinkles.half_width if waves is None else wrinkles.half_width + np.abs(waves.amplitude)
-    low = wrinkles.segments.min(axis=1) - reach[:, None]
-    high = wrinkles.segments.max(axis=1) + reach[:, None]
+    extent = np.repeat(reach[:, None], 2, axis=1)
+    skewed = np.zeros(len(reach), bool)
+    if wrinkles.metric is not None:
+        skewed = (wrinkles.metric != 0).any(axis=1)
+        extent[skewed] = rim_extent(wrinkles.metric[skewed])
+        extent[skewed] *= (reach / wrinkles.half_width)[skewed, None]
+    low = wrinkles.segments.min(axis=1) - extent
+    high = wrinkles.segments.max(axis=1) + extent
     for i in strips.touched_by(low, high):
         rows = strips.within(low[i], high[i])
-        if waves is None:
-            distance = segment_distance(points[rows], *wrinkles.segments[i])
+        at, segment, size = points[rows], wrinkles.segments[i], wrinkles.half_width[i]
+        wave = None if waves is None else waves.of(i)
+        if skewed[i]:
+            at, segment, wave, size = _straightened(at, segment, wave, size, wrinkles.metric[i])
+        if wave is None:
+            distance = segment_distance(at, *segment)
         else:
-            distance = wavy_distance(points[rows], *wrinkles.segments[i], waves.of(i))
-        t = distance / wrinkles.half_width[i]
+            distance = wavy_distance(at, *segment, wave)
+        t = distance / size
         height = -wrinkles.strength[i] * profile(t, shape.wrinkle_bulge)
         _add(sums, rows, height, shape.sharpness)
 
 
 def _add_pores(sums: Array, points: Array, strips: PointsByU, pores: Pores, shape: Shape) -> None:
-    uu, uv, vv = pores.metric.T
-    extent = np.sqrt(np.stack([vv, uu], axis=-1) / (uu * vv - uv * uv)[:, None])
+    extent = rim_extent(pores.metric)
     low, high = pores.centres - extent, pores.centres + extent
     for i in strips.touched_by(low, high):
         rows = strips.within(low[i], high[i])

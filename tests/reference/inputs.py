@@ -25,6 +25,7 @@ class Graph(NamedTuple):
     edge_weight: NDArray[np.floating]
     edge_half_width: NDArray[np.floating]
     node_metric: NDArray[np.floating] | None = None
+    edge_metric: NDArray[np.floating] | None = None
 
 
 @dataclass(frozen=True)

@@ -43,7 +43,11 @@ def wrinkles(
     """What is drawn for the edges under σ_w = `width` and σ_d = `depth`, scalars or (M,)."""
     half_width = np.asarray(graph.edge_half_width, np.float64) * np.asarray(width)
     strength = np.asarray(graph.edge_weight, np.float64) * np.asarray(depth)
-    return Wrinkles(segments(graph, origin), half_width, strength, waves)
+    metric = graph.edge_metric
+    if metric is not None:
+        metric = np.asarray(metric, np.float64)
+        metric = metric / np.square(np.asarray(width, np.float64))[..., None]
+    return Wrinkles(segments(graph, origin), half_width, strength, waves, metric)
 
 
 def pores(

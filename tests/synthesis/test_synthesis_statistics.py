@@ -109,10 +109,14 @@ def test_a_wrinkle_across_a_seam_counts_once(device: Device) -> None:
     mesh = sheets.tube()
     graph = synthesize(mesh, wanted(2000), device).graph
     figures = statistics(mesh, graph, device)
-    halves = int((graph.node_weight[graph.edge_nodes] == 0).any(axis=1).sum())
-    assert halves // 2 == figures["seam_wrinkles"] > 20
-    assert figures["drawn_pores"] == graph.pores - halves
-    assert sum(figures["angles"]) == 2000 - figures["seam_wrinkles"]
+    assert figures["seam_wrinkles"] > 20
+    assert figures["wrinkles"] == figures["drawn_wrinkles"] == sum(figures["angles"]) == 2000
+    assert figures["copied_wrinkles"] == graph.wrinkles - 2000 > figures["seam_wrinkles"]
+    assert figures["pores"] == figures["drawn_pores"] == sum(figures["degree"]["histogram"])
+    assert figures["drawn_pores"] + figures["copied_pores"] == np.count_nonzero(graph.node_weight)
+    assert figures["degree"]["mean"] == pytest.approx(4000 / figures["pores"])
+    assert graph.figures()["degree"] == pytest.approx(4000 / figures["pores"])
+    assert sum(graph.figures()["strengths"]) == 2000
     # Its ends are the pores of both sides: no wrinkle is half as long as it is.
     assert figures["length"]["deviation"] < 0.3 * figures["length"]["mean"]
 

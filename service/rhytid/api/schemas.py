@@ -119,8 +119,12 @@ class Asset(_Answer):
     levels: int = Field(description="levels of a map, down to one texel")
     vertices: int
     triangles: int
-    pores: int = Field(description="0 until the graph exists")
-    wrinkles: int = Field(description="0 until the graph exists")
+    pores: int = Field(
+        description="each once, copies at UV seams not counted; 0 until the graph exists"
+    )
+    wrinkles: int = Field(
+        description="each once, copies at UV seams not counted; 0 until the graph exists"
+    )
     statistics: GraphStatistics | None = Field(description="null until the graph exists")
 
 

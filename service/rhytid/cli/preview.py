@@ -54,7 +54,7 @@ def write_preview(
         named = zip("AB", places, strict=False)
         patches = [_patch(asset, name, udim, place, side) for name, place in named]
     caption = (
-        f"{graph.wrinkles} wrinkles, pores {spacing * unit_mm:.3g} mm apart, drawn at "
+        f"{graph.counts()[1]} wrinkles, pores {spacing * unit_mm:.3g} mm apart, drawn at "
         f"{settings.resolution} x {settings.resolution} texels. Whole maps are means of many "
         "texels, their relief exaggerated; patches are true to scale."
     )

@@ -17,6 +17,8 @@ from rhytid.errors import GraphError
 # The least length of a wrinkle, half width and radius, uv units: a 60,000th of the finest texel.
 # Below, squares underflow on the device.
 LEAST_SIZE = 1e-9
+# What node_copy_of and edge_copy_of hold for elements that are no copies.
+ORIGINAL = -1
 # Rows checked at a time: what is computed on the way is in double.
 _ROWS = 1 << 20
 _F32 = np.float32
@@ -30,6 +32,9 @@ _SHAPES: dict[str, tuple[tuple[int | None, ...], Any]] = {
     "node_metric": ((None, 3), _F32),
     "node_triangle": ((None,), np.int32),
     "edge_triangle": ((None,), np.int32),
+    "node_copy_of": ((None,), np.int32),
+    "edge_copy_of": ((None,), np.int32),
+    "edge_metric": ((None, 3), _F32),
 }
 ARRAYS = tuple(_SHAPES)
 REQUIRED = ARRAYS[:6]
@@ -46,6 +51,13 @@ class WrinkleGraph:
     node_metric (N, 3) f32 or None: symmetric UV metric (uu, uv, vv) of a pore, in place of
     the circle of node_radius: the rim is where dᵀ·metric·d = 1.
     node_triangle (N,), edge_triangle (M,) i32 or None: the triangle to sample; -1 = find it.
+    node_copy_of (N,), edge_copy_of (M,) i32 or None: -1, or for what is stored again because it
+    reaches over a UV seam, in the UV of the other side, the row of what it is a copy of. A copy
+    answers to stretch as its original does, whatever triangle it names; it is the same pore or
+    wrinkle. A node of strength 0 that is a copy is the end of a wrinkle whose pore has its place in
+    another chart.
+    edge_metric (M, 3) f32 or None: as node_metric, of the points of the segment: the rim of a
+    wrinkle is that far from it, in place of edge_half_width; 0, 0, 0 for a wrinkle without one.
     origin: what it was made with, and of which mesh; None where that is not known.
 
     Radii, those of a metric too, half widths and lengths are at least LEAST_SIZE; radii and half
@@ -61,6 +73,9 @@ class WrinkleGraph:
     node_metric: NDArray[np.float32] | None = None
     node_triangle: NDArray[np.int32] | None = None
     edge_triangle: NDArray[np.int32] | None = None
+    node_copy_of: NDArray[np.int32] | None = None
+    edge_copy_of: NDArray[np.int32] | None = None
+    edge_metric: NDArray[np.float32] | None = None
     origin: GraphOrigin | None = None
 
     def __post_init__(self) -> None:
@@ -74,13 +89,34 @@ class WrinkleGraph:
 
     @property
     def pores(self) -> int:
-        """Number of nodes."""
+        """Number of nodes, copies and ends beyond seams included."""
         return len(self.node_uv)
 
     @property
     def wrinkles(self) -> int:
-        """Number of edges."""
+        """Number of edges, copies included."""
         return len(self.edge_nodes)
+
+    @property
+    def own_nodes(self) -> NDArray[np.bool_]:
+        """(N,) true but for copies."""
+        return _originals(self.node_copy_of, self.pores)
+
+    @property
+    def own_edges(self) -> NDArray[np.bool_]:
+        """(M,) true but for copies."""
+        return _originals(self.edge_copy_of, self.wrinkles)
+
+    def counts(self) -> tuple[int, int]:
+        """Pores and wrinkles, each once: nodes and edges without copies."""
+        return int(np.count_nonzero(self.own_nodes)), int(np.count_nonzero(self.own_edges))
+
+    def original_nodes(self, nodes: NDArray[np.integer]) -> NDArray[np.integer]:
+        """Nodes, of any shape, with what they are copies of in place of copies."""
+        if self.node_copy_of is None:
+            return nodes
+        first = self.node_copy_of[nodes]
+        return np.where(first == ORIGINAL, nodes, first)
 
     def centres(self) -> NDArray[np.float32]:
         """(M, 2) the middle of each wrinkle, where it samples stretch (Alg. 1, line 1)."""
@@ -90,10 +126,11 @@ class WrinkleGraph:
 
     def figures(self) -> dict[str, Any]:
         """What the graph tells by itself, for JSON. degree: wrinkles at a pore, the mean of those
-        drawn.  strengths: wrinkles by weight, in tenths from 0 to 1."""
-        drawn = self.node_weight > 0
-        ends = np.count_nonzero(drawn[self.edge_nodes[self.edge_weight > 0]])
-        shown = self.edge_weight[self.edge_weight > 0]
+        drawn.  strengths: wrinkles by weight, in tenths from 0 to 1. Copies do not count."""
+        drawn, strong = (self.node_weight > 0) & self.own_nodes, self.edge_weight > 0
+        strong &= self.own_edges
+        ends = np.count_nonzero(drawn[self.original_nodes(self.edge_nodes[strong])])
+        shown = self.edge_weight[strong]
         return {
             "degree": int(ends) / max(int(np.count_nonzero(drawn)), 1),
             "strengths": np.histogram(shown, 10, (0.0, 1.0))[0].tolist(),
@@ -120,8 +157,18 @@ class WrinkleGraph:
             self._require(name, lambda size: (size >= LEAST_SIZE) & (size <= 1), rule)
         rule = f"a UV metric, positive definite, radii from {LEAST_SIZE:g} to 1"
         self._require("node_metric", _is_metric, rule)
+        self._require("edge_metric", lambda m: _is_metric(m) | (m == 0).all(axis=1), f"0 or {rule}")
         for name in ("node_triangle", "edge_triangle"):
             self._require(name, lambda index: index >= -1, "-1 or the index of a triangle")
+        for name in ("node_copy_of", "edge_copy_of"):
+            self._check_copies(name, getattr(self, name))
+
+    def _check_copies(self, name: str, of: NDArray[np.int32] | None) -> None:
+        if of is not None:
+            rule = f"-1 or from 0 to {len(of) - 1}"
+            self._require(name, lambda index: (index >= ORIGINAL) & (index < len(of)), rule)
+            rule = "-1 or a row that is no copy itself"
+            self._require(name, lambda index: (index == ORIGINAL) | (of[index] == ORIGINAL), rule)
 
     def _check_edges(self) -> None:
         rule = f"from 0 to {self.pores - 1}"
@@ -144,6 +191,13 @@ class WrinkleGraph:
             if bad is not None:
                 found = f"{name}[{start + bad}] is {rows[bad].tolist()}"
                 raise GraphError(f"{found}: must be {rule}")
+
+
+def _originals(copy_of: NDArray[np.int32] | None, count: int) -> NDArray[np.bool_]:
+    if copy_of is None:
+        return np.ones(count, np.bool_)
+    own: NDArray[np.bool_] = copy_of == ORIGINAL
+    return own
 
 
 def _is_metric(metric: NDArray[np.float32]) -> NDArray[np.bool_]:

@@ -1,4 +1,8 @@
-"""Wrinkles across a UV seam: which two stored halves are one (see WrinkleGraph)."""
+"""What is stored more than once because of UV seams: which of it is one (see WrinkleGraph).
+
+Graphs say so in `node_copy_of` and `edge_copy_of`; older ones hold two halves of each wrinkle
+across a seam instead, which are found by how they lie.
+"""
 
 from __future__ import annotations
 
@@ -19,10 +23,10 @@ def seam_halves(mesh: Mesh, graph: WrinkleGraph) -> NDArray[np.int64]:
     """(P, 2) wrinkles that are stored once a side of a seam: the rows of their two halves.
 
     Halves follow one another, are equally strong, and go from a pore to a node of no strength that
-    nothing else uses, each towards the pore of the other. None are found in a graph that does not
-    name the triangles of its pores.
+    nothing else uses, each towards the pore of the other. None are found in a graph that names its
+    copies, or does not name the triangles of its pores.
     """
-    if graph.node_triangle is None:
+    if graph.node_triangle is None or graph.edge_copy_of is not None:
         return np.zeros((0, 2), np.int64)
     half = _half(graph, graph.node_triangle)
     first = np.flatnonzero(half[:-1] & half[1:])
@@ -39,7 +43,10 @@ def seam_halves(mesh: Mesh, graph: WrinkleGraph) -> NDArray[np.int64]:
 
 def whole_wrinkles(mesh: Mesh, graph: WrinkleGraph) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Rows (W,) of the wrinkles, each once, and the nodes (W, 2) that each joins: of one across a
-    seam its first half, and both of its pores."""
+    seam the original, or its first half, and both of its pores."""
+    if graph.edge_copy_of is not None or graph.node_copy_of is not None:
+        rows = np.flatnonzero(graph.own_edges)
+        return rows, graph.original_nodes(graph.edge_nodes[rows]).astype(np.int64)
     pairs = seam_halves(mesh, graph)
     nodes = graph.edge_nodes.astype(np.int64)
     nodes[pairs[:, 0], 1] = nodes[pairs[:, 1], 0]

@@ -159,7 +159,7 @@ class Builder:
         self.on_device(resident.warm_up)
         with self._still_known(asset):
             asset.settings, asset.resident = settings, resident
-            asset.pores, asset.wrinkles = graph.pores, graph.wrinkles
+            asset.pores, asset.wrinkles = graph.counts()
             asset.statistics = {"spacing": asset.distance, **graph.figures()}
             asset.state = "ready"
 

@@ -48,7 +48,8 @@ class NewAsset:
 class AssetInfo:
     """An asset as a caller sees it. `state`: building, ready or failed (with `reason`).
 
-    `levels` counts the levels of a map; `pores` and `wrinkles` are 0 until the graph exists.
+    `levels` counts the levels of a map; `pores` and `wrinkles` count each once,
+    copies at UV seams not; they are 0 until the graph exists.
     `statistics`, None until then: "spacing", the mean distance of pores on the surface in mesh
     units, as it came out; "degree", the mean number of wrinkles at a pore; "strengths", wrinkles
     by weight, in tenths from 0 to 1.

@@ -15,10 +15,10 @@ def mean_spacing(mesh: Mesh, graph: WrinkleGraph, triangle: NDArray[np.int32]) -
     """Mean distance from a pore to the nearest one elsewhere, in mesh units.
 
     triangle: (N,) that holds each pore; the number of triangles for a pore in none, left out.
-    Nodes of weight 0, as those beyond UV seams, count only where no others lie at two places. Falls
-    back to the mean length of a mesh edge where none do.
+    Copies at UV seams do not count, and nodes of weight 0, as those beyond seams, only where no
+    others lie at two places. Falls back to the mean length of a mesh edge where none do.
     """
-    on_mesh = triangle < len(mesh.faces)
+    on_mesh = (triangle < len(mesh.faces)) & graph.own_nodes
     for chosen in (on_mesh & (graph.node_weight > 0), on_mesh):
         places = surface_points(mesh, graph.node_uv[chosen], triangle[chosen])
         places = np.unique(places, axis=0)  # of pores that coincide one counts

@@ -17,7 +17,9 @@ from rhytid.domain.origin import GraphOrigin
 from rhytid.errors import GraphError
 from rhytid.formats.limits import check_size
 
-_DTYPES = {"edge_nodes": "I32", "node_triangle": "I32", "edge_triangle": "I32"}
+_DTYPES = dict.fromkeys(
+    ("edge_nodes", "node_triangle", "edge_triangle", "node_copy_of", "edge_copy_of"), "I32"
+)
 # The library declares no types: name -> {dtype, shape, data}.
 _deserialize: Callable[[bytes], list[tuple[str, dict[str, Any]]]] = deserialize
 

@@ -147,7 +147,7 @@ class BinMaker:
         return self._launching(
             "draw_wrinkle_bin",
             elements.segments, elements.sizes, elements.bins, np.int32(index), scales,
-            np.int32(part), leaning, lists.offsets, lists.members, *elements.wave_arguments,
+            np.int32(part), leaning, lists.offsets, lists.members, *elements.wrinkle_arguments,
         )  # fmt: skip
 
     def _pores(self, scales: NDArray[np.float32], part: int) -> _Launch:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,15 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.tiles import udim_origin
 from rhytid.errors import LimitError
 from rhytid.pipeline.cells import CellLists, list_by_cell
+from rhytid.pipeline.copies import (
+    OriginBuffers,
+    Origins,
+    copied,
+    copies_last,
+    metric_roots,
+    rim_reach,
+    skewed_roots,
+)
 
 BLOCK = 64
 # σ_w and σ_d are kept in [1/SCALE_LIMIT, SCALE_LIMIT].
@@ -29,7 +39,10 @@ _MARGIN = 1.001  # beyond the rounding of the scales on the device
 class WrinkleArrays:
     """K wrinkles of a UDIM in texels, v up: segments (K, 4) = start and extent, sizes (K, 2) =
     half width and weight, triangle (K,) that each samples, lists by block, stiffness (K,) or
-    None: 1 throughout. waves (K, 4) as in wave.clh, or None where all are straight."""
+    None: 1 throughout. waves (K, 4) as in wave.clh, or None where all are straight.
+
+    The last of them may be copies, and wrinkles with a metric: skews (S, 4) are the roots (xx, xy,
+    yy, 0) of theirs, and origins what they answer to stretch with."""
 
     segments: NDArray[np.float32]
     sizes: NDArray[np.float32]
@@ -37,19 +50,23 @@ class WrinkleArrays:
     lists: CellLists
     stiffness: NDArray[np.float32] | None = None
     waves: NDArray[np.float32] | None = None
+    skews: NDArray[np.float32] | None = None
+    origins: Origins | None = None
 
 
 @dataclass(frozen=True)
 class PoreArrays:
     """K pores of a UDIM in texels, v up: centres (K, 2), roots (K, 4) = (xx, xy, yy, weight),
     triangle (K,) that each samples, lists by block. The rim is where |root·d| = 1 with
-    root = [[xx, xy], [0, yy]]. stiffness (K,) or None: 1 throughout."""
+    root = [[xx, xy], [0, yy]]. stiffness (K,) or None: 1 throughout. The last of them may be
+    copies; origins is what these answer to stretch with."""
 
     centres: NDArray[np.float32]
     roots: NDArray[np.float32]
     triangle: NDArray[np.int32]
     lists: CellLists
     stiffness: NDArray[np.float32] | None = None
+    origins: Origins | None = None
 
 
 def widest(exponent: float, log_stretch_limit: float) -> float:
@@ -72,18 +89,25 @@ def wrinkle_arrays(
     """
     ends = (graph.node_uv - np.array(udim_origin(udim), np.float32))[graph.edge_nodes]
     low, high = _around_wrinkles(graph, ends, settings, waves)
-    chosen = _chosen(graph.edge_weight, low, high)
+    last = copied(graph.edge_copy_of, graph.edge_metric)
+    chosen, first = copies_last(_chosen(graph.edge_weight, low, high), last)
     _check_cover(low[chosen], high[chosen], settings.resolution, "wrinkles", udim)
-    size = np.float32(settings.resolution)
-    start, stop = ends[chosen, 0].astype(np.float64), ends[chosen, 1].astype(np.float64)
-    extent = ((stop - start) * size).astype(np.float32)
+    size, tail = np.float32(settings.resolution), chosen[first:]
+
+    def segments(rows: NDArray[np.int64]) -> NDArray[np.float32]:
+        start, stop = ends[rows, 0].astype(np.float64), ends[rows, 1].astype(np.float64)
+        extent = ((stop - start) * size).astype(np.float32)
+        return np.concatenate([ends[rows, 0] * size, extent], axis=1)
+
     return WrinkleArrays(
-        np.concatenate([ends[chosen, 0] * size, extent], axis=1),
+        segments(chosen),
         np.stack([graph.edge_half_width[chosen] * size, graph.edge_weight[chosen]], axis=1),
         triangle[chosen],
         _blocks(low[chosen], high[chosen], settings.resolution),
         None if stiffness is None else stiffness[chosen],
         None if waves is None else waves[chosen] * np.array([size, 1, 1, 1], np.float32),
+        skewed_roots(graph, tail, settings.resolution) if len(tail) else None,
+        Origins.of(tail, graph.edge_copy_of, segments, triangle, stiffness),
     )
 
 
@@ -101,7 +125,9 @@ def pore_arrays(
     centres = graph.node_uv - np.array(udim_origin(udim), np.float32)
     root = _roots(graph)
     low, high = _around_pores(centres, root, settings)
-    chosen = _chosen(graph.node_weight, low, high)
+    chosen, first = copies_last(
+        _chosen(graph.node_weight, low, high), copied(graph.node_copy_of, None)
+    )
     _check_cover(low[chosen], high[chosen], settings.resolution, "pores", udim)
     size = np.float32(settings.resolution)
     in_texels = root[chosen] / float(settings.resolution)
@@ -112,6 +138,13 @@ def pore_arrays(
         triangle[chosen],
         _blocks(low[chosen], high[chosen], settings.resolution),
         None if stiffness is None else stiffness[chosen],
+        Origins.of(
+            chosen[first:],
+            graph.node_copy_of,
+            lambda rows: centres[rows] * size,
+            triangle,
+            stiffness,
+        ),
     )
 
 
@@ -161,16 +194,27 @@ class UdimElements:
         self.wrinkle_stiffness = _upload(device, wrinkles.stiffness)
         self.wrinkle_lists = Lists.upload(device, wrinkles.lists)
         self.waves = _upload(device, wrinkles.waves)
+        self.skews = _upload(device, wrinkles.skews)
+        self._even = self.wrinkles - (0 if wrinkles.skews is None else len(wrinkles.skews))
+        self.wrinkle_origins = OriginBuffers.upload(device, wrinkles.origins, self.wrinkles)
         self.centres = device.upload(pores.centres)
         self.roots = device.upload(pores.roots)
         self.pore_triangle = device.upload(pores.triangle)
         self.pore_stiffness = _upload(device, pores.stiffness)
         self.pore_lists = Lists.upload(device, pores.lists)
+        self.pore_origins = OriginBuffers.upload(device, pores.origins, self.pores)
 
     @property
-    def wave_arguments(self) -> tuple[Buffer, ...]:
-        """What drawing kernels take of waves, last of their elements."""
-        return () if self.waves is None else (self.waves,)
+    def wrinkle_arguments(self) -> tuple[Any, ...]:
+        """What drawing kernels take of waves and skews, last of their elements."""
+        waves = () if self.waves is None else (self.waves,)
+        return waves if self.skews is None else (*waves, np.int32(self._even), self.skews)
+
+    @property
+    def defines(self) -> dict[str, object]:
+        """What drawing kernels are compiled with for these."""
+        found = {"WAVY": self.waves, "SKEWED": self.skews}
+        return {name: 1 for name, buffer in found.items() if buffer is not None}
 
     def release(self) -> None:
         """Give the memory back."""
@@ -178,7 +222,7 @@ class UdimElements:
             if isinstance(value, Lists):
                 value.offsets.release()
                 value.members.release()
-            elif isinstance(value, Buffer):
+            elif isinstance(value, Buffer | OriginBuffers):
                 value.release()
 
 
@@ -198,6 +242,11 @@ def _around_wrinkles(
     reach = (graph.edge_half_width * scale)[:, None]
     if waves is not None:
         reach = reach + np.abs(waves[:, :1])
+    if graph.edge_metric is not None:
+        rows = np.flatnonzero(graph.edge_metric.any(axis=1))
+        wider = reach[rows] / graph.edge_half_width[rows, None]
+        reach = np.repeat(reach, 2, axis=1)
+        reach[rows] = wider * rim_reach(metric_roots(graph.edge_metric[rows]))
     return ends.min(axis=1) - reach, ends.max(axis=1) + reach
 
 
@@ -206,8 +255,7 @@ def _around_pores(
 ) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
     """Corners (N, 2) and (N, 2) of the boxes around pores at any stretch."""
     response = settings.response
-    reach = np.stack([np.hypot(root[:, 1], root[:, 2]) / root[:, 0], np.ones(len(root))], axis=1)
-    reach *= widest(response.beta_w, response.log_stretch_limit) / root[:, 2:]
+    reach = rim_reach(root) * widest(response.beta_w, response.log_stretch_limit)
     return centres - reach, centres + reach
 
 
@@ -216,10 +264,7 @@ def _roots(graph: WrinkleGraph) -> NDArray[np.float64]:
     if graph.node_metric is None:
         across = 1.0 / graph.node_radius.astype(np.float64)
         return np.stack([across, np.zeros_like(across), across], axis=1)
-    uu, uv, vv = graph.node_metric.astype(np.float64).T
-    xx = np.sqrt(uu)
-    # Products of two float32 are exact in double, so the determinant is rounded only once.
-    return np.stack([xx, uv / xx, np.sqrt((uu * vv - uv * uv) / uu)], axis=1)
+    return metric_roots(graph.node_metric)
 
 
 def _chosen(

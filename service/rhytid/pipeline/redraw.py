@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +16,9 @@ from rhytid.pipeline.elements import BLOCK, RESPONSE_DEFINES, Lists, UdimElement
 from rhytid.pipeline.levels import Draw
 from rhytid.pipeline.stretch_buffers import StretchBuffers
 from rhytid.pipeline.vectors import VECTOR
+
+# Fills scales of so many elements from their places, triangles and stiffness.
+Answer = Callable[[int, Buffer, Buffer, Buffer | None, Buffer], None]
 
 
 @dataclass(frozen=True)
@@ -42,20 +45,53 @@ def respond(
     """Alg. 1 for every wrinkle and Alg. 2 for every pore."""
     response = settings.response
     scales = ScaleBuffers.allocate(device, elements)
-    device.launch(
-        "respond", "respond_wrinkles", (-(-elements.wrinkles // VECTOR),),
-        elements.segments, elements.wrinkle_triangle, stretch.axes, stretch.logs,
-        stretch.jacobians, elements.wrinkle_stiffness, np.int32(elements.wrinkles),
-        np.float32(response.alpha_w), np.float32(response.alpha_d), scales.wrinkles,
-        defines=RESPONSE_DEFINES,
-    )  # fmt: skip
-    device.launch(
-        "respond", "respond_pores", (-(-elements.pores // VECTOR),),
-        elements.pore_triangle, stretch.logs, elements.pore_stiffness, np.int32(elements.pores),
-        np.float32(response.beta_w), np.float32(response.beta_d), scales.pores,
-        defines=RESPONSE_DEFINES,
-    )  # fmt: skip
+
+    def wrinkles(
+        count: int, places: Buffer, triangle: Buffer, stiff: Buffer | None, into: Buffer
+    ) -> None:
+        device.launch(
+            "respond", "respond_wrinkles", (-(-count // VECTOR),),
+            places, triangle, stretch.axes, stretch.logs, stretch.jacobians, stiff, np.int32(count),
+            np.float32(response.alpha_w), np.float32(response.alpha_d), into,
+            defines=RESPONSE_DEFINES,
+        )  # fmt: skip
+
+    def pores(
+        count: int, places: Buffer, triangle: Buffer, stiff: Buffer | None, into: Buffer
+    ) -> None:
+        device.launch(
+            "respond", "respond_pores", (-(-count // VECTOR),),
+            triangle, stretch.logs, stiff, np.int32(count),
+            np.float32(response.beta_w), np.float32(response.beta_d), into,
+            defines=RESPONSE_DEFINES,
+        )  # fmt: skip
+
+    answer(device, elements, scales, wrinkles, pores)
     return scales
+
+
+def answer(
+    device: Device, elements: UdimElements, scales: ScaleBuffers, wrinkles: Answer, pores: Answer
+) -> None:
+    """Fill the scales of the elements of a UDIM: of copies with what their originals answer."""
+    wrinkles(
+        elements.wrinkles, elements.segments, elements.wrinkle_triangle, elements.wrinkle_stiffness,
+        scales.wrinkles,
+    )  # fmt: skip
+    pores(
+        elements.pores, elements.centres, elements.pore_triangle, elements.pore_stiffness,
+        scales.pores,
+    )  # fmt: skip
+    of_copies = (
+        (wrinkles, elements.wrinkle_origins, scales.wrinkles),
+        (pores, elements.pore_origins, scales.pores),
+    )
+    for respond_to, origins, into in of_copies:
+        if origins is not None:
+            respond_to(
+                origins.count, origins.places, origins.triangle, origins.stiffness, origins.scales
+            )
+            origins.give(device, into)
 
 
 def redrawing(
@@ -69,7 +105,7 @@ def redrawing(
             device, "redraw", "redraw", settings, elements, (row, column, side),
             elements.segments, elements.sizes, scales.wrinkles, *_both(elements.wrinkle_lists),
             elements.centres, elements.roots, scales.pores, *_both(elements.pore_lists),
-            *elements.wave_arguments, into=(out,),
+            *elements.wrinkle_arguments, into=(out,),
         )  # fmt: skip
         return out
 
@@ -92,13 +128,15 @@ def launch_blocks(
     arguments: of the elements.  into: those of what is written."""
     row, column, side = square
     blocks, rows = side // BLOCK, min(device.shape.rows, BLOCK)
-    wavy = {} if elements.waves is None else {"WAVY": 1}
     device.launch(
         program, kernel, (blocks * device.shape.lanes, side // rows), *arguments,
         shape_values(settings.shape), np.float32(settings.depth),
         np.int32(settings.resolution // BLOCK), np.int32(row // BLOCK), np.int32(column // BLOCK),
         *into, group=(device.shape.lanes, 1),
-        defines={"BLOCK": BLOCK, "ROWS": rows, "ITEMS": device.shape.lanes, **wavy, **defines},
+        defines={
+            "BLOCK": BLOCK, "ROWS": rows, "ITEMS": device.shape.lanes,
+            **elements.defines, **defines,
+        },
     )  # fmt: skip
 
 

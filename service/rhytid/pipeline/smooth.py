@@ -17,7 +17,7 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.mesh import Mesh
 from rhytid.pipeline.elements import RESPONSE_DEFINES, UdimElements
 from rhytid.pipeline.locate import UdimTriangles
-from rhytid.pipeline.redraw import ScaleBuffers
+from rhytid.pipeline.redraw import ScaleBuffers, answer
 from rhytid.pipeline.stretch_buffers import StretchBuffers
 from rhytid.pipeline.uv_vertices import UvVertices, unit_jacobians
 
@@ -116,18 +116,26 @@ def respond_smooth(
     """Alg. 1 for every wrinkle and Alg. 2 for every pore, each at its own point."""
     response, texels = settings.response, np.float32(settings.resolution)
     scales = ScaleBuffers.allocate(device, elements)
-    device.launch(
-        "smooth", "respond_smooth_wrinkles", (elements.wrinkles,),
-        elements.segments, elements.wrinkle_triangle, texels, *fields.arguments(located),
-        fields.neutral, elements.wrinkle_stiffness,
-        np.float32(response.alpha_w), np.float32(response.alpha_d), scales.wrinkles,
-        defines=RESPONSE_DEFINES,
-    )  # fmt: skip
-    device.launch(
-        "smooth", "respond_smooth_pores", (elements.pores,),
-        elements.centres, elements.pore_triangle, texels, *fields.arguments(located),
-        elements.pore_stiffness,
-        np.float32(response.beta_w), np.float32(response.beta_d), scales.pores,
-        defines=RESPONSE_DEFINES,
-    )  # fmt: skip
+
+    def wrinkles(
+        count: int, places: Buffer, triangle: Buffer, stiff: Buffer | None, into: Buffer
+    ) -> None:
+        device.launch(
+            "smooth", "respond_smooth_wrinkles", (count,),
+            places, triangle, texels, *fields.arguments(located), fields.neutral, stiff,
+            np.float32(response.alpha_w), np.float32(response.alpha_d), into,
+            defines=RESPONSE_DEFINES,
+        )  # fmt: skip
+
+    def pores(
+        count: int, places: Buffer, triangle: Buffer, stiff: Buffer | None, into: Buffer
+    ) -> None:
+        device.launch(
+            "smooth", "respond_smooth_pores", (count,),
+            places, triangle, texels, *fields.arguments(located), stiff,
+            np.float32(response.beta_w), np.float32(response.beta_d), into,
+            defines=RESPONSE_DEFINES,
+        )  # fmt: skip
+
+    answer(device, elements, scales, wrinkles, pores)
     return scales

@@ -26,7 +26,8 @@ def wrinkle_waves(
     triangle: (M,) that each samples, the number of triangles for none: such a wrinkle is straight,
     as is one on a triangle without area. Amplitude and frequency are meant on the neutral surface;
     a shift across the wrinkle is det J / |J θ| times as long there as in UV. The phase comes from
-    the row of the wrinkle. The halves of one across a seam are parts of one wave.
+    the row of the wrinkle. The halves of one across a seam are parts of one wave, and a copy runs
+    as its original does, its amplitude in proportion to its half width.
     """
     if shape.wave_amplitude == 0.0:
         return None
@@ -50,7 +51,23 @@ def wrinkle_waves(
         _phase(row),
         part,
     )
-    return np.stack(columns, axis=1).astype(np.float32)
+    waves = np.stack(columns, axis=1).astype(np.float32)
+    if graph.edge_copy_of is not None:
+        _take_over(mesh, graph, triangle, waves)
+    return waves
+
+
+def _take_over(
+    mesh: Mesh, graph: WrinkleGraph, triangle: NDArray[np.int32], waves: NDArray[np.float32]
+) -> None:
+    """Give copies the waves of their originals, in place."""
+    assert graph.edge_copy_of is not None
+    copies = np.flatnonzero(~graph.own_edges)
+    first = graph.edge_copy_of[copies]
+    waves[copies] = waves[first]
+    wider = graph.edge_half_width[copies] / graph.edge_half_width[first]
+    mirrored = _handed(mesh, triangle[copies]) * _handed(mesh, triangle[first])
+    waves[copies, 0] *= (wider * mirrored).astype(np.float32)
 
 
 def _measured(

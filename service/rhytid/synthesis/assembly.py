@@ -7,8 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.domain.graph import WrinkleGraph
+from rhytid.domain.graph import ORIGINAL, WrinkleGraph
 from rhytid.synthesis import shapes
+from rhytid.synthesis.borders import Borders
+from rhytid.synthesis.copies import with_copies
 from rhytid.synthesis.drawing import Lines
 from rhytid.synthesis.net import Ground
 from rhytid.synthesis.progress import Progress
@@ -31,12 +33,13 @@ def assemble(
     ground: Ground,
     pores: Points,
     lines: Lines,
+    borders: Borders,
     worn: Worn,
     spacing: float,
     rng: np.random.Generator,
     progress: Progress,
 ) -> WrinkleGraph:
-    """Pores and lines with what they are drawn with.
+    """Pores and lines with what they are drawn with, and copies of what reaches over a seam.
 
     spacing: mean, of pores.  Nodes beyond a border are as large as their pore and not drawn.
     """
@@ -47,22 +50,29 @@ def assemble(
     size[worn.hubs] *= np.float32(shapes.HUB)
     size *= fields.pore_radius(pores.triangle, pores.uv)
     progress(0.6, "shapes")
-    depth = shapes.pore_weights(lines.nodes, weight, size, rng)
+    first = lines.copy_of == ORIGINAL
+    depth = shapes.pore_weights(lines.pores[first], weight[first], size, rng)
     _scale(depth, fields.pore_strength(pores.triangle, pores.uv))
     _scale(weight, factor)
     metric, radius = shapes.pore_ellipses(ground.surface, pores.triangle, size)
     progress(0.8, "shapes")
     none = np.zeros(len(lines.owner), np.float32)
+    arrays = {
+        "node_uv": np.concatenate([pores.uv, lines.beyond]),
+        "node_weight": np.concatenate([depth, none]),
+        "node_radius": np.concatenate([radius, radius[lines.owner]]),
+        "node_metric": np.concatenate([metric, metric[lines.owner]]),
+        "node_triangle": np.concatenate([pores.triangle, pores.triangle[lines.owner]]),
+        "node_copy_of": np.concatenate([np.full(len(pores), ORIGINAL), lines.stands_for]),
+        "edge_nodes": lines.nodes,
+        "edge_weight": weight,
+        "edge_half_width": half_width,
+        "edge_triangle": lines.triangle,
+        "edge_copy_of": lines.copy_of,
+        "edge_metric": np.zeros((len(weight), 3), np.float32),
+    }
     return WrinkleGraph(
-        node_uv=np.concatenate([pores.uv, lines.beyond]),
-        node_weight=np.concatenate([depth, none]),
-        node_radius=np.concatenate([radius, radius[lines.owner]]),
-        node_metric=np.concatenate([metric, metric[lines.owner]]),
-        node_triangle=np.concatenate([pores.triangle, pores.triangle[lines.owner]]),
-        edge_nodes=lines.nodes,
-        edge_weight=weight,
-        edge_half_width=half_width,
-        edge_triangle=lines.triangle,
+        **with_copies(arrays, ground.surface, borders, spacing * fields.least_spacing)
     )
 
 
@@ -76,18 +86,19 @@ def _lines(
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
     """(W,) weights, factors that these still lack, and half widths in UV."""
     chosen, fields = strength[lines.edge], ground.fields
+    uv = np.concatenate([pores.uv, lines.beyond])
     mean = float(chosen.mean(dtype=np.float64))
     weight, factor, half_width = (np.empty(len(chosen), np.float32) for _ in range(3))
     for rows in row_blocks(len(chosen)):
         progress(0.4 * rows.start / len(chosen), "shapes")
         triangle, step = lines.triangle[rows], lines.step[rows]
-        middle = pores.uv[lines.nodes[rows, 0]] + np.float32(0.5) * step
+        middle = uv[lines.nodes[rows, 0]] + np.float32(0.5) * step
         weight[rows] = shapes.edge_weights(chosen[rows], mean)
         width = shapes.widths(weight[rows], spacing) * fields.width(triangle, middle)
         half_width[rows] = shapes.half_widths_uv(ground.surface, triangle, step, width)
         factor[rows] = fields.strength(triangle, middle)
-    second = 1 + np.flatnonzero(lines.edge[1:] == lines.edge[:-1])
-    factor[second] = factor[second - 1]  # both halves across a seam are one wrinkle
+    second = np.flatnonzero(lines.copy_of != ORIGINAL)
+    factor[second] = factor[lines.copy_of[second]]  # both halves across a seam are one wrinkle
     return weight, factor, half_width
 
 

@@ -13,7 +13,8 @@ from rhytid.synthesis.surface import FloatArray, IntArray, Surface
 BORDER = -1
 # Triangles that one line may cross; a line still under way then ends there.
 LONGEST = 4096
-_SIDES = np.array([[0, 1], [1, 2], [2, 0]])
+# The corners at both ends of each side.
+SIDES = np.array([[0, 1], [1, 2], [2, 0]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +38,7 @@ def neighbours(mesh: Mesh) -> NDArray[np.int32]:
     Two triangles meet where a side has the same two vertices and the same UV at both, however
     often the file repeats that UV; not across a fold of the map, nor where three meet.
     """
-    keys = _welded(mesh)[:, _SIDES]
+    keys = corner_numbers(mesh)[:, SIDES]
     keys = np.sort(keys, axis=-1).reshape(-1, 2)
     order = np.lexsort((keys[:, 1], keys[:, 0]))
     ordered = keys[order]
@@ -46,7 +47,7 @@ def neighbours(mesh: Mesh) -> NDArray[np.int32]:
     before, after = np.append(False, same[:-1]), np.append(same[1:], False)
     pair = np.flatnonzero(same & ~before & ~after)
     one, two = order[pair], order[pair + 1]
-    turn = _orientation(mesh.triangle_uv())
+    turn = orientation(mesh.triangle_uv())
     flat = (turn[one // 3] == turn[two // 3]) & (turn[one // 3] != 0)
     across = np.full(3 * len(mesh.faces), BORDER, np.int32)
     across[one[flat]] = two[flat] // 3
@@ -109,7 +110,7 @@ def _exit(
     return np.where(lost, BORDER, following).astype(np.int64), np.where(lost, 0.0, nearest)
 
 
-def _welded(mesh: Mesh) -> IntArray:
+def corner_numbers(mesh: Mesh) -> IntArray:
     """(F, 3) one number for each pair of a vertex and a place in UV."""
     corner = np.empty(mesh.faces.size, dtype=[("vertex", "i8"), ("u", "f8"), ("v", "f8")])
     corner["vertex"] = mesh.faces.ravel()
@@ -120,7 +121,8 @@ def _welded(mesh: Mesh) -> IntArray:
     return welded
 
 
-def _orientation(uv: FloatArray) -> NDArray[np.float64]:
+def orientation(uv: FloatArray) -> NDArray[np.float64]:
+    """(F,) 1 where the UV of a triangle turn left, -1 where right, 0 without area."""
     turn: NDArray[np.float64] = np.sign(cross(uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]))
     return turn
 

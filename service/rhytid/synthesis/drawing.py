@@ -1,4 +1,4 @@
-"""Wrinkles as they are stored: whole ones, and two halves for each that crosses a UV seam."""
+"""Wrinkles as they are stored: each on the chart of one of its pores."""
 
 from __future__ import annotations
 
@@ -7,73 +7,130 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.synthesis.charts import BORDER
+from rhytid.domain.graph import ORIGINAL
+from rhytid.synthesis.borders import NONE, Borders
+from rhytid.synthesis.charts import BORDER, SIDES, cross
 from rhytid.synthesis.edges import Edges
 from rhytid.synthesis.net import Ground, Net
-from rhytid.synthesis.seams import halves
+from rhytid.synthesis.seams import Halves, halves
 from rhytid.synthesis.shapes import WIDE, half_widths_uv
-from rhytid.synthesis.surface import FloatArray, Points
+from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray, Points
 
 Indices = NDArray[np.int32]
+# A wrinkle whose far pore, laid flat, is so much nearer or farther than on the surface is cut at
+# the seam: the charts meet in a corner there.
+_BEND = 2.0
 
 
 @dataclass(frozen=True, eq=False)
 class Lines:
     """W stored lines and the S nodes that some of them need beyond a border.
 
-    edge (W,): the candidate that each draws.  nodes (W, 2): pores, then the nodes beyond from
-    number N on.  step (W, 2): from the first node to the second in UV.
-    triangle (W,): the triangle to sample.
-    owner (S,): the pore on whose side of the seam each node beyond belongs.  beyond (S, 2): its uv.
+    edge (W,): the candidate that each draws.  pores (W, 2): that it joins.  nodes (W, 2): pores,
+    then the nodes beyond from number N on.  step (W, 2): from the first node to the second in UV.
+    triangle (W,): the triangle to sample.  copy_of (W,): ORIGINAL, or of the second half of a
+    wrinkle that is cut at a seam the line that is the first.
+    owner (S,): the pore on whose chart each node beyond belongs.  stands_for (S,): the pore whose
+    place it takes.  beyond (S, 2): its uv.
     """
 
     edge: Indices
+    pores: Indices
     nodes: Indices
     step: NDArray[np.float32]
     triangle: Indices
+    copy_of: Indices
     owner: Indices
+    stands_for: Indices
     beyond: NDArray[np.float32]
 
 
 def lines_of(edges: Edges) -> int:
-    """How many lines the edges take in the graph."""
-    return len(edges) + int(np.count_nonzero(edges.middle == BORDER))
+    """How many wrinkles the edges make in the graph."""
+    return len(edges)
 
 
-def stored(edges: Edges, order: Indices, count: int) -> tuple[Indices, NDArray[np.uint8]]:
-    """The first `count` lines of the edges in `order`, in the order of their numbers, which is that
-    of space: edge (W,) and side 0 or 1 (W,).
-
-    Where the last is one of two halves the wrinkle ends at the seam: the least wanted of all.
-    """
-    order = order[:count]
-    copies = 1 + (edges.middle[order] == BORDER).astype(np.uint8)
-    ends = np.cumsum(copies, dtype=np.int64)
-    last = int(np.searchsorted(ends, count))
-    copies[last] -= ends[last] - count
-    lines = np.zeros(len(edges), np.uint8)
-    lines[order[: last + 1]] = copies[: last + 1]
-    drawn = np.flatnonzero(lines).astype(np.int32)
-    edge = np.repeat(drawn, lines[drawn])
-    side = np.zeros(len(edge), np.uint8)
-    side[1:] = edge[1:] == edge[:-1]
-    return edge, side
+def stored(order: Indices, count: int) -> Indices:
+    """(W,) the first `count` edges of `order`, in the order of their numbers, which is that of
+    space."""
+    return np.sort(order[:count])
 
 
-def draw(ground: Ground, net: Net, edge: Indices, side: NDArray[np.uint8], spacing: float) -> Lines:
-    """Put edge (W,) of a net, from its node `side` (W,) on, into the map."""
-    nodes, pores = net.edges.nodes[edge], net.pores
-    turned = np.flatnonzero(side)
-    nodes[turned] = nodes[turned, ::-1]
-    step = pores.uv[nodes[:, 1]] - pores.uv[nodes[:, 0]]
+def draw(ground: Ground, net: Net, borders: Borders, edge: Indices, spacing: float) -> Lines:
+    """Put edges (W,) of a net into the map: one across a seam on the chart with its middle."""
+    joined, pores = net.edges.nodes[edge], net.pores
     triangle = net.edges.middle[edge]
     split = np.flatnonzero(triangle == BORDER)
-    owner = nodes[split, 0]
-    triangle[split] = pores.triangle[owner]
-    step[split] = _over_the_border(ground, pores, nodes[split], spacing)
-    beyond = pores.uv[owner] + step[split]
-    nodes[split, 1] = len(pores) + np.arange(len(split))
-    return Lines(edge, nodes, step, triangle, owner, beyond)
+    half = _turned_to_middle(ground, pores, joined, split)
+    step = pores.uv[joined[:, 1]] - pores.uv[joined[:, 0]]
+    triangle[split] = np.where(half.middle == BORDER, half.last, half.middle)
+    owner, other = joined[split].T
+    flat, whole = _laid_flat(ground, pores, borders, joined[split], half)
+    step[split] = flat
+    cut = split[~whole]
+    step[cut] = _over_the_border(ground, pores, joined[cut], spacing)
+    nodes, count = joined.copy(), len(pores)
+    nodes[split, 1] = count + np.arange(len(split))
+    # Of a cut one the other half, from the seam on to the other pore.
+    back = -_over_the_border(ground, pores, joined[cut, ::-1], spacing)
+    ends = np.stack([count + len(split) + np.arange(len(cut)), joined[cut, 1]], axis=1)
+    return Lines(
+        np.concatenate([edge, edge[cut]]),
+        np.concatenate([joined, joined[cut]]),
+        np.concatenate([nodes, ends]).astype(np.int32),
+        np.concatenate([step, back.astype(np.float32)]),
+        np.concatenate([triangle, pores.triangle[joined[cut, 1]]]).astype(np.int32),
+        np.concatenate([np.full(len(edge), ORIGINAL), cut]).astype(np.int32),
+        np.concatenate([owner, joined[cut, 1]]),
+        np.concatenate([other, joined[cut, 0]]),
+        np.concatenate([pores.uv[owner] + step[split], pores.uv[joined[cut, 1]] - back]).astype(
+            np.float32
+        ),
+    )
+
+
+def _turned_to_middle(ground: Ground, pores: Points, nodes: Indices, split: IntArray) -> Halves:
+    """The longer halves of wrinkles across a seam; nodes (W, 2) of these are turned in place to
+    start with them."""
+    there = halves(ground.surface, ground.across, pores, nodes[split])
+    back = halves(ground.surface, ground.across, pores, nodes[split, ::-1])
+    turned = back.share > there.share
+    nodes[split[turned]] = nodes[split[turned], ::-1]
+    return Halves(
+        *(
+            np.where(turned.reshape(-1, *(one.ndim - 1) * (1,)), two, one)
+            for one, two in zip(vars(there).values(), vars(back).values(), strict=True)
+        )
+    )
+
+
+def _laid_flat(
+    ground: Ground, pores: Points, borders: Borders, nodes: Indices, half: Halves
+) -> tuple[FloatArray, BoolArray]:
+    """(S, 2) UV steps to where the second pore is with the two triangles at the seam laid flat, and
+    (S,) where that can be said."""
+    surface, (owner, other) = ground.surface, nodes.T
+    row = borders.row[half.last, _side_at(surface.uv[half.last], half.exit_uv)]
+    mate = np.where(row == NONE, NONE, borders.mate[row])
+    landing = borders.chart[borders.triangle[mate]]
+    known = (mate != NONE) & (landing == borders.chart[pores.triangle[other]])
+    origin = pores.uv[owner].astype(np.float64)
+    step = borders.from_mate(np.where(known, row, 0), pores.uv[other].astype(np.float64)) - origin
+    flat, length = (
+        np.linalg.norm(surface.along(pores.triangle[owner], vector), axis=-1)
+        for vector in (step, half.step)
+    )
+    known &= (flat < _BEND * length) & (length < _BEND * flat)
+    return np.where(known[:, None], step, half.step), known
+
+
+def _side_at(corners: FloatArray, uv: FloatArray) -> IntArray:
+    """(S,) the side of triangles (S, 3, 2) that goes through points (S, 2) on their rims."""
+    start, stop = corners[:, SIDES[:, 0]], corners[:, SIDES[:, 1]]
+    along = stop - start
+    off = np.abs(cross(along, uv[:, None] - start)) / np.linalg.norm(along, axis=-1)
+    side: IntArray = np.argmin(off, axis=1)
+    return side
 
 
 def _over_the_border(ground: Ground, pores: Points, nodes: Indices, spacing: float) -> FloatArray:

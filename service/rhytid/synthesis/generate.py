@@ -14,6 +14,7 @@ from rhytid.domain.mesh import Mesh
 from rhytid.errors import MeshError
 from rhytid.synthesis.amount import FEWEST, check_extent, check_uv, wrinkles_in_all
 from rhytid.synthesis.assembly import Worn, assemble
+from rhytid.synthesis.borders import Borders
 from rhytid.synthesis.charts import neighbours
 from rhytid.synthesis.directions import Directions
 from rhytid.synthesis.drawing import draw, lines_of, stored
@@ -86,10 +87,11 @@ def synthesize(
         worn = _worn(ground, net, settings, radius, directions, part(report, 0.48, 0.92))
         order = preference(work, net, worn.strength, part(report, 0.92, 0.945))
     report(0.945, "shapes")
-    chosen = stored(net.edges, order, wanted)
+    chosen, borders = stored(order, wanted), Borders.of(mesh, surface, across)
     report(0.947, "shapes")
-    lines = draw(ground, net, *chosen, spacing)
-    graph = assemble(ground, net.pores, lines, worn, spacing, rng, part(report, 0.95, 1.0))
+    lines = draw(ground, net, borders, chosen, spacing)
+    shaping = part(report, 0.95, 1.0)
+    graph = assemble(ground, net.pores, lines, borders, worn, spacing, rng, shaping)
     report(1.0, "shapes")
     spacing *= surface.scale
     if settings.wrinkles is None and settings.spacing is not None:

@@ -1,4 +1,4 @@
-"""Wrinkles across a UV seam: one half on each side, ending beyond the border of its chart."""
+"""Wrinkles across a UV seam, from each of their pores up to the border of its chart."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.synthesis.charts import trace
-from rhytid.synthesis.surface import BoolArray, FloatArray, Points, Surface
+from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray, Points, Surface
 
 Triangles = NDArray[np.int32]
 # The two halves of a wrinkle meet within this share of its length.
@@ -21,12 +21,17 @@ class Halves:
 
     step (N, 2): UV vector to where the second pore would be if the chart went on.
     share (N,): how much of it lies on the chart, 1 where it meets no border.
-    exit (N, 3): the place on the surface where it leaves the chart.
+    exit (N, 3): the place on the surface where it leaves the chart.  exit_uv (N, 2): in UV.
+    last (N,): the triangle there.  middle (N,): that of the midpoint, BORDER where the chart ends
+    before.
     """
 
     step: FloatArray
     share: FloatArray
     exit: FloatArray
+    exit_uv: FloatArray
+    last: IntArray
+    middle: IntArray
 
 
 def halves(
@@ -38,8 +43,8 @@ def halves(
     ahead = pores.position[two] - pores.position[one]
     step = np.einsum("ncx,nx->nc", np.linalg.pinv(surface.jacobian[triangle]), ahead)
     line = trace(surface, across, triangle, origin, step)
-    leaves = surface.place(line.end, origin + line.share[:, None] * step)
-    return Halves(step, line.share, leaves)
+    end = origin + line.share[:, None] * step
+    return Halves(step, line.share, surface.place(line.end, end), end, line.end, line.middle)
 
 
 def meets_at_seam(

@@ -27,10 +27,11 @@ ANGLES = 9  # of ten degrees, from 0 to 90
 def statistics(mesh: Mesh, graph: WrinkleGraph, device: Device) -> dict[str, Any]:
     """Plain values for JSON.
 
-    pores, wrinkles: as many as the graph holds.  drawn_pores, drawn_wrinkles: those of them that
-    have a strength above 0.  seam_wrinkles: how many across a UV seam are stored as two halves.
+    pores, wrinkles: as many as the graph holds, without copies at UV seams.  drawn_pores,
+    drawn_wrinkles: those of them that have a strength above 0.  copied_pores, copied_wrinkles: how
+    many copies there are.  seam_wrinkles: how many wrinkles join pores on two sides of a seam.
 
-    Of what is drawn, a wrinkle across a seam counting once:
+    Of what is drawn, each pore and wrinkle once:
     spacing: mean and deviation of the distance from a pore to the nearest on the surface, mesh
     units.  length: the same of wrinkles.  degree: wrinkles at a pore, mean, and how many pores
     have 0, 1, 2 … of them.  crossings: pairs of wrinkles that cross, per wrinkle.
@@ -47,11 +48,14 @@ def statistics(mesh: Mesh, graph: WrinkleGraph, device: Device) -> dict[str, Any
         mean, deviation = mean_spacing(work, net.points.take(net.pores))
         crossing = len(crossings(work, net.points, net.nodes, net.length.astype(np.float32)))
     count = max(len(net.weight), 1)
+    pores, wrinkles = graph.counts()
     return {
-        "pores": graph.pores,
-        "drawn_pores": int(np.count_nonzero(graph.node_weight)),
-        "wrinkles": graph.wrinkles,
-        "drawn_wrinkles": int(np.count_nonzero(graph.edge_weight)),
+        "pores": pores,
+        "drawn_pores": int(np.count_nonzero(graph.node_weight[graph.own_nodes])),
+        "copied_pores": int(np.count_nonzero(graph.node_weight[~graph.own_nodes])),
+        "wrinkles": wrinkles,
+        "drawn_wrinkles": int(np.count_nonzero(graph.edge_weight[graph.own_edges])),
+        "copied_wrinkles": graph.wrinkles - wrinkles,
         "seam_wrinkles": net.seams,
         "spacing": {"mean": mean * surface.scale, "deviation": deviation * surface.scale},
         "length": _moments(net.length * surface.scale),
@@ -65,8 +69,8 @@ def statistics(mesh: Mesh, graph: WrinkleGraph, device: Device) -> dict[str, Any
 @dataclass(frozen=True, eq=False)
 class _Net:
     """What is drawn. points (N,): the nodes on the surface.  pores (N,): those with a strength.
-    Of wrinkles nodes (W, 2), step (W, 3), length (W,), weight (W,).  seams: how many of them are
-    stored as two halves."""
+    Of wrinkles nodes (W, 2), step (W, 3), length (W,), weight (W,).  seams: how many of them
+    join pores on two sides of a UV seam."""
 
     points: Points
     pores: BoolArray
@@ -81,8 +85,10 @@ def _net(mesh: Mesh, surface: Surface, graph: WrinkleGraph) -> _Net:
     if graph.node_triangle is None:
         raise GraphError("node_triangle is missing: statistics need the triangle of every pore")
     rows, nodes = whole_wrinkles(mesh, graph)
-    seams = graph.wrinkles - len(rows)
-    placed = graph.node_triangle >= 0
+    # A half, or an original across a seam, ends at a node that is no pore.
+    ends = graph.edge_nodes[rows]
+    seams = int(np.count_nonzero((ends != nodes).any(axis=1)))
+    placed = (graph.node_triangle >= 0) & graph.own_nodes
     shown = (graph.edge_weight[rows] > 0) & placed[nodes].all(axis=1)
     nodes, weight = (
         (np.cumsum(placed, dtype=np.int32) - np.int32(1))[nodes[shown]],

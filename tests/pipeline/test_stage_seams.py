@@ -1,0 +1,187 @@
+"""The two sides of a UV seam show the same skin: a folded sheet in two charts that are turned,
+stretched and scaled against each other, drawn in float64 and by the product."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.ndimage import map_coordinates
+
+from pipeline.scenes import DEPTH, reference_stretch, settings_of
+from reference import redraw, stretch
+from reference.response import on_surface, pore_stretch, scales, wrinkle_stretch
+from rhytid.device.runtime import Device
+from rhytid.domain.mesh import Mesh
+from rhytid.engine.frames import NEUTRAL_FRAME, Frame
+from rhytid.engine.messages import MapQuery
+from rhytid.engine.resident import ResidentAsset
+from rhytid.pipeline.elements import UdimElements, pore_arrays, wrinkle_arrays
+from rhytid.pipeline.redraw import respond
+from rhytid.pipeline.stretch import StretchStage
+from rhytid.synthesis.generate import synthesize
+from rhytid.synthesis.surface import Surface
+from synthesis import sheets
+from synthesis.seam_places import seam_places
+
+N = 8
+BAND = 0.02  # of the rms of the heights
+
+
+def folded(angle: float = 35.0, mirrored: bool = False) -> Mesh:
+    """Two unit squares that meet at right angles, each a chart: the second is turned, 1.3 times as
+    dense along the seam and 0.7 times across. Vertices are split along the seam."""
+    x, y = np.meshgrid(np.linspace(0, 1, N + 1), np.linspace(0, 1, N + 1))
+    x, y = x.ravel(), y.ravel()
+    flat, up = np.stack([x - 1, y, 0 * x], 1), np.stack([0 * x, y, x], 1)
+    corner = (np.arange(N)[:, None] * (N + 1) + np.arange(N)).reshape(-1, 1)
+    quads = np.stack([corner + [0, 1, N + 2], corner + [0, N + 2, N + 1]], 1).reshape(-1, 3)
+    cos, sin = np.cos(np.radians(angle)), np.sin(np.radians(angle))
+    local = np.stack([0.7 * (x - 0.5), 1.3 * (y - 0.5)], 1) * (0.25, 0.25)
+    if mirrored:
+        local = local * (-1, 1)
+    second = [0.72, 0.6] + local @ [[cos, sin], [-sin, cos]]
+    uv = np.concatenate([0.05 + 0.35 * np.stack([x, y], 1), second])
+    faces = np.concatenate([quads, quads + len(x)])
+    return Mesh(np.concatenate([flat, up]).astype(np.float32), faces, uv, faces)
+
+
+def smiling(mesh: Mesh) -> np.ndarray:
+    """Positions in which the stretch differs from triangle to triangle, across the seam as well."""
+    p = mesh.positions.astype(float)
+    wave = 0.12 * np.sin(3 * p[:, [1]] + 1) * np.cos(2 * p[:, [0]] + 3 * p[:, [2]])
+    return (p * [1.25, 0.85, 1.1] + wave * [0.6, 1.0, 0.8]).astype(np.float32)
+
+
+def places(mesh: Mesh, spacing: float):
+    """Those a pore spacing or more from the ends of the seam."""
+    found = seam_places(mesh, Surface.of(mesh).carries, 0.2 * spacing, np.radians(20))
+    far = found.corner > spacing
+    return found.here[far], found.there[far]
+
+
+def apart(one: np.ndarray, two: np.ndarray) -> float:
+    """How much two heights differ, over their rms."""
+    return float(np.sqrt(np.mean((one - two) ** 2) / np.mean(one**2)))
+
+
+@pytest.fixture(scope="module", params=[False, True], ids=["turned", "mirrored"])
+def made(request: pytest.FixtureRequest, device: Device):
+    mesh = folded(mirrored=request.param)
+    if request.param:  # the other way round in UV, so outwards as before
+        assert np.linalg.det(mesh.triangle_uv()[-1][1:] - mesh.triangle_uv()[-1][0]) < 0
+    found = synthesize(mesh, sheets.wanted(3000), device)
+    return mesh, found.graph, found.spacing
+
+
+def test_neutral_heights_are_equal_on_both_sides(made) -> None:
+    mesh, graph, spacing = made
+    settings = settings_of()
+    here, there = places(mesh, spacing)
+    heights = [redraw.neutral(uv, graph, settings.shape, 1.0) for uv in (here, there)]
+    assert np.sqrt(np.mean(heights[0] ** 2)) > 0.1
+    assert apart(*heights) < BAND
+    alone = replace(
+        graph,
+        node_weight=graph.node_weight * graph.own_nodes,
+        edge_weight=graph.edge_weight * graph.own_edges,
+    )
+    assert apart(*(redraw.neutral(uv, alone, settings.shape, 1.0) for uv in (here, there))) > 0.3
+
+
+@pytest.mark.parametrize("angles", ["uv", "surface"])
+def test_stretched_heights_are_equal_on_both_sides(device: Device, made, angles: str) -> None:
+    mesh, graph, spacing = made
+    settings = settings_of(angles=angles)
+    scales = reference_scales(mesh, graph, settings, smiling(mesh))
+    assert scales[0].min() < 0.8 < 1.2 < scales[0].max()
+    here, there = places(mesh, spacing)
+    lines, discs = redraw.wrinkles(graph, *scales[:2]), redraw.pores(graph, *scales[2:])
+    drawn = [redraw.draw(uv, lines, discs, settings.shape, 1.0) for uv in (here, there)]
+    assert apart(*drawn) < BAND
+
+
+@pytest.mark.parametrize("angles", ["uv", "surface"])
+def test_copies_answer_to_stretch_as_their_originals(device: Device, made, angles: str) -> None:
+    mesh, graph, _ = made
+    settings = settings_of(angles=angles)
+    elements = UdimElements(
+        device,
+        wrinkle_arrays(graph, graph.edge_triangle, settings, 1001),
+        pore_arrays(graph, graph.node_triangle, settings, 1001),
+        settings.bins.count,
+    )
+    measured = StretchStage(device, mesh).run(
+        smiling(mesh), settings.response.log_stretch_limit, "tensor", angles
+    )
+    scales = respond(device, elements, settings, measured)
+    wanted = reference_scales(mesh, graph, settings, smiling(mesh))
+    # Elements are sorted: as sets their scales are those of the reference.
+    drawn = graph.node_weight > 0
+    for buffer, (width, depth) in (
+        (scales.wrinkles, wanted[:2]),
+        (scales.pores, (wanted[2][drawn], wanted[3][drawn])),
+    ):
+        found = device.read(buffer, (len(width), 2), np.float32)
+        np.testing.assert_allclose(np.sort(found[:, 0]), np.sort(width), rtol=2e-3)
+        np.testing.assert_allclose(np.sort(found[:, 1]), np.sort(depth), rtol=2e-3)
+
+
+@pytest.mark.parametrize("sampling", ["nearest", "smooth"])
+@pytest.mark.parametrize("waves", [0.0, 0.01])
+def test_maps_are_equal_on_both_sides(device: Device, made, sampling: str, waves: float) -> None:
+    """Heights between texels by cubic interpolation: what that misses is below the band."""
+    mesh, graph, spacing = made
+    shape = {"wave_amplitude": waves, "wave_frequency": 20.0}
+    settings = settings_of(resolution=4096, shape=shape)
+    here, there = places(mesh, spacing)
+    with device.task():
+        asset = ResidentAsset(device, mesh, settings)
+        asset.locate(graph)
+        asset.install(asset.prepare(graph, settings), settings)
+        for frame in (NEUTRAL_FRAME, Frame.of(smiling(mesh))):
+            found = asset.drawn(frame, MapQuery("redraw", sampling=sampling), 1001, 0, 0, 0, 4096)
+            assert apart(*(between(found, uv) for uv in (here, there))) < BAND
+        asset.release()
+
+
+def test_skewed_wrinkles_are_those_of_the_reference(device: Device, made) -> None:
+    mesh, graph, _ = made
+    settings = settings_of(resolution=512)
+    with device.task():
+        asset = ResidentAsset(device, mesh, settings)
+        asset.locate(graph)
+        asset.install(asset.prepare(graph, settings), settings)
+        found = asset.drawn(NEUTRAL_FRAME, MapQuery("neutral"), 1001, 0, 0, 0, 512)
+        asset.release()
+    rows, columns = np.meshgrid(np.arange(512), np.arange(512), indexing="ij")
+    uv = np.stack([(columns + 0.5) / 512, 1 - (rows + 0.5) / 512], -1).reshape(-1, 2)
+    wanted = redraw.neutral(uv, graph, settings.shape, DEPTH).reshape(512, 512)
+    assert np.abs(found - wanted).max() <= 1e-4 * DEPTH
+
+
+def reference_scales(mesh, graph, settings, positions):
+    """(M,), (M,), (N,), (N,) scales of width and depth: copies take those of their originals."""
+    ratios, axes = reference_stretch(mesh, positions, "tensor")
+    logs = stretch.log_stretch(ratios, settings.response.log_stretch_limit)
+    at, theta = graph.edge_triangle, redraw.directions(graph)
+    sampled, ways = axes[at], theta
+    if settings.angles == "surface":
+        _, r = np.linalg.qr(Surface.of(mesh).jacobian[at])
+        sampled, ways = on_surface(r[:, None], sampled), on_surface(r, theta)
+    response = settings.response
+    wide, deep = scales(
+        wrinkle_stretch(logs[at], sampled, ways), response.alpha_w, response.alpha_d
+    )
+    pores = scales(pore_stretch(logs[graph.node_triangle]), response.beta_w, response.beta_d)
+    edges = np.where(graph.edge_copy_of < 0, np.arange(graph.wrinkles), graph.edge_copy_of)
+    nodes = np.where(graph.node_copy_of < 0, np.arange(graph.pores), graph.node_copy_of)
+    return wide[edges], deep[edges], pores[0][nodes], pores[1][nodes]
+
+
+def between(heights: np.ndarray, uv: np.ndarray) -> np.ndarray:
+    """(P,) heights at places (P, 2) of a map, by cubic interpolation."""
+    side = len(heights)
+    rows, columns = (1 - uv[:, 1]) * side - 0.5, uv[:, 0] * side - 0.5
+    return map_coordinates(heights.astype(float), [rows, columns], order=3)
