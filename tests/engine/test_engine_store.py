@@ -125,10 +125,15 @@ CHANGES = [
 def test_changing_an_asset_gives_the_bits_of_one_made_so(engine, changes):
     asset = built(engine, new_asset())
     engine.put_frame(asset, "bent", BENT)
-    maps(engine, asset, "bent")  # so that there is something out of date
+    tiles = [engine.tile(asset, "bent", query, ADDRESS) for query in QUERIES]
+    drawn = tiles + maps(engine, asset, "bent", 2)
     before = keys(engine, asset, "bent")
     engine.change_asset(asset, changes)
-    assert not set(before) & set(keys(engine, asset, "bent"))
+    tiles = [engine.tile(asset, "bent", query, ADDRESS) for query in QUERIES]
+    now = zip(drawn, tiles + maps(engine, asset, "bent", 2), strict=True)
+    kept = [a == b for a, b in zip(before, keys(engine, asset, "bent"), strict=True)]
+    assert not all(kept)
+    assert all(same([old], [new]) for key, (old, new) in zip(kept, now, strict=True) if key)
     made_so = built(engine, new_asset(**changes))
     engine.put_frame(made_so, "bent", BENT)
     for level in (0, 3):
