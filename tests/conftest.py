@@ -55,4 +55,4 @@ def device() -> Device:
     from rhytid.settings import ServiceSettings
 
     settings = ServiceSettings.from_environment()
-    return Device(choose(settings.device), settings.device_memory)
+    return Device(choose(settings.device, settings.cache), settings.device_memory)

@@ -5,6 +5,7 @@ Includes are put in here, so a program is one string and a compiler needs no sea
 
 from __future__ import annotations
 
+import hashlib
 import re
 from functools import cache
 from importlib.resources import files
@@ -24,6 +25,11 @@ def source(name: str) -> str:
     Raises FileNotFoundError where there is no such program.
     """
     return expand(_read(f"{name}.cl"))
+
+
+def digest(name: str) -> str:
+    """Twelve hexadecimal digits that change with the source of a program."""
+    return hashlib.sha256(source(name).encode()).hexdigest()[:12]
 
 
 def expand(text: str) -> str:

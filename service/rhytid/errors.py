@@ -14,6 +14,7 @@
     │   ├── NotReadyError        the asset is still building (``retry_after`` seconds)
     │   └── ReadOnlyError        ``neutral`` cannot be written
     ├── LimitError               larger than this server allows; the message has both numbers
+    │   └── FrameMemoryError     the memory for frames is full
     ├── BusyError                the queue of the device is full (``retry_after`` seconds)
     ├── CancelledError           the caller cancelled the job
     ├── StorageError             the store is damaged or cannot be written
@@ -74,6 +75,10 @@ class ReadOnlyError(ConflictError):
 
 class LimitError(RhytidError):
     """Larger than this server allows."""
+
+
+class FrameMemoryError(LimitError):
+    """The memory for frames is full."""
 
 
 class BusyError(RhytidError):

@@ -45,6 +45,47 @@ def test_accept_that_is_not_offered_is_406(client: httpx.Client, frame: str) -> 
     assert "text/html" in is_problem(client.get(frame, headers={"Accept": "text/html"}), 406)
 
 
+JSON_TYPE, NPY_TYPE, RAW_TYPE = (
+    f"application/{name}" for name in ("json", "x-npy", "octet-stream")
+)
+ACCEPTS = {
+    "": JSON_TYPE,
+    "*/*": JSON_TYPE,
+    "text/*, application/*": JSON_TYPE,
+    f"{NPY_TYPE}, {JSON_TYPE}": NPY_TYPE,
+    f"{JSON_TYPE};q=0.1, {NPY_TYPE};q=0.9": NPY_TYPE,
+    f"{JSON_TYPE}; q=0.5, {NPY_TYPE}; Q=0.500, {RAW_TYPE};q=0.501": RAW_TYPE,
+    f"{JSON_TYPE};q=0.000, */*": NPY_TYPE,
+    f"*/*;q=0.1, {RAW_TYPE};q=0.2": RAW_TYPE,
+    f"*/*, {JSON_TYPE};q=0, {NPY_TYPE};q=0.": RAW_TYPE,
+    f"application/*;q=0, {NPY_TYPE};q=0.001": NPY_TYPE,
+    f"{JSON_TYPE};q=2, {RAW_TYPE};q=0.3": RAW_TYPE,
+    f"text/html, {NPY_TYPE};version=1;q=0.4": NPY_TYPE,
+}
+
+
+@pytest.mark.parametrize(("accept", "wanted"), ACCEPTS.items(), ids=ACCEPTS.keys())
+def test_the_type_of_the_highest_weight_is_sent(
+    client: httpx.Client, frame: str, accept: str, wanted: str
+) -> None:
+    answer = client.get(frame, headers={"Accept": accept})
+    assert answer.status_code == 200
+    assert answer.headers["content-type"] == wanted
+    assert answer.headers["vary"] == "Accept"
+
+
+@pytest.mark.parametrize(
+    "accept", [f"{JSON_TYPE};q=0.000", "*/*;q=0.0", f"{JSON_TYPE};q=0.00, {NPY_TYPE};q=0"]
+)
+def test_a_weight_of_zero_is_a_refusal(client: httpx.Client, frame: str, accept: str) -> None:
+    assert accept in is_problem(client.get(frame, headers={"Accept": accept}), 406)
+
+
+def test_several_accept_headers_are_one(client: httpx.Client, frame: str) -> None:
+    headers = [("Accept", f"{JSON_TYPE};q=0.1"), ("Accept", NPY_TYPE)]
+    assert client.get(frame, headers=headers).headers["content-type"] == NPY_TYPE
+
+
 def test_frames_are_listed_and_forgotten(client: httpx.Client, asset: str, frame: str) -> None:
     path = f"/v1/assets/{asset}/frames"
     assert {"neutral", "smile"} <= {f["name"] for f in client.get(path).json()}

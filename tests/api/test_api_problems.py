@@ -27,6 +27,7 @@ STATUSES = {
     "NotReadyError": 409,
     "ReadOnlyError": 409,
     "LimitError": 413,
+    "FrameMemoryError": 507,
     "BusyError": 503,
     "DeviceMemoryError": 507,
     "KernelBuildError": 500,

@@ -3,11 +3,14 @@ the engine goes on."""
 
 from __future__ import annotations
 
+import re
 import threading
 
 import numpy as np
 import pytest
 
+from api.asking import NPY, is_problem, npy
+from api.live import serving
 from engine.engines import (
     BINNED,
     CONVOLVED,
@@ -26,7 +29,13 @@ from pipeline.scenes import random_graph, settings_of, sheet
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.messages import NewAsset
 from rhytid.engine.resident_parts import RECENT_FRAMES
-from rhytid.errors import BusyError, DeviceMemoryError, LimitError, NotFoundError, ReadOnlyError
+from rhytid.errors import (
+    BusyError,
+    DeviceMemoryError,
+    FrameMemoryError,
+    NotFoundError,
+    ReadOnlyError,
+)
 
 ADDRESS = TileAddress(1001, 0, 0, 0)
 BENT = deform(sheet().positions, 1, 0.15)
@@ -169,8 +178,13 @@ def test_frames_beyond_their_memory_are_refused_with_numbers(tmp_path):
         asset = built(engine, new_asset())
         engine.put_frame(asset, "a", BENT)
         engine.put_frame(asset, "b", BENT)
-        with pytest.raises(LimitError, match=rf"{2 * size} of {2 * size + 10} bytes.*{size} more"):
+        full = rf"{2 * size} of {2 * size + 10} bytes.*{size} more"
+        with pytest.raises(FrameMemoryError, match=full):
             engine.put_frame(asset, "c", BENT)
+        with serving(engine) as client:
+            path = f"/v1/assets/{asset}/frames/c"
+            answer = client.put(path, content=npy(BENT), headers=NPY)
+        assert re.search(full, is_problem(answer, 507, "frame-memory"))
         engine.put_frame(asset, "b", BENT)  # in place of what is there
         engine.delete_frame(asset, "a")
         engine.put_frame(asset, "c", BENT)

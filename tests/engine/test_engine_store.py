@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -125,10 +127,15 @@ CHANGES = [
 def test_changing_an_asset_gives_the_bits_of_one_made_so(engine, changes):
     asset = built(engine, new_asset())
     engine.put_frame(asset, "bent", BENT)
-    maps(engine, asset, "bent")  # so that there is something out of date
+    tiles = [engine.tile(asset, "bent", query, ADDRESS) for query in QUERIES]
+    drawn = tiles + maps(engine, asset, "bent", 2)
     before = keys(engine, asset, "bent")
     engine.change_asset(asset, changes)
-    assert not set(before) & set(keys(engine, asset, "bent"))
+    tiles = [engine.tile(asset, "bent", query, ADDRESS) for query in QUERIES]
+    now = zip(drawn, tiles + maps(engine, asset, "bent", 2), strict=True)
+    kept = [a == b for a, b in zip(before, keys(engine, asset, "bent"), strict=True)]
+    assert not all(kept)
+    assert all(same([old], [new]) for key, (old, new) in zip(kept, now, strict=True) if key)
     made_so = built(engine, new_asset(**changes))
     engine.put_frame(made_so, "bent", BENT)
     for level in (0, 3):
@@ -167,6 +174,25 @@ def test_a_damaged_asset_fails_with_its_reason_and_the_others_live(tmp_path):
         assert same(maps(engine, other, "neutral"), before)
         engine.delete_asset(asset)
         assert built(engine, new_asset()) == asset
+
+
+@pytest.mark.parametrize("damage", [Path.unlink, lambda path: path.write_bytes(b"{}")])
+def test_damaged_settings_are_noticed_and_healed_by_sending_again(tmp_path, damage):
+    with running(tmp_path) as engine:
+        asset, other = built(engine, new_asset()), built(engine, new_asset(seed=2))
+        first = engine.asset(asset).settings
+        engine.change_asset(asset, {"shape": {"wrinkle_bulge": 5.0}})
+    damage(tmp_path / "assets" / asset / "overlay.json")
+    with running(tmp_path) as engine:
+        settle(engine, other)
+        info = engine.asset(asset)
+        assert (info.state, info.reason) == ("failed", "damaged in the store: send it again")
+        assert built(engine, new_asset()) == asset
+        assert engine.asset(asset).settings == first
+        engine.change_asset(asset, {"shape": {"wrinkle_bulge": 4.0}})
+    with running(tmp_path) as engine:
+        settle(engine, asset)
+        assert engine.asset(asset).settings["shape"]["wrinkle_bulge"] == 4.0
 
 
 def test_two_engines_on_one_store_are_refused(tmp_path):

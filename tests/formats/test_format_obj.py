@@ -27,6 +27,34 @@ f 1/1 2/2 3/3
 f 1/1 3/3 4/4
 """
 FIRST = "f 1/1 2/2 3/3"
+# Every statement of the format that holds no face, as in the examples of its specification.
+CURVES = """\
+vp 0.2 0.3 1
+cstype rat bspline
+deg 3 3
+bmat u 1 0 0 0 \\
+ 0 1 0 0
+step 1 1
+res 4 4
+curv2 1 1 1
+parm u 0 0 1 1
+end
+curv 0.0 1.0 1 2 3 4
+surf 0 1 0 1 1/1 2/2 \\
+ 3/3 4/4
+parm u 0.0 1.0
+trim 0 1 1
+hole 0 1 1
+scrv 0 1 1
+sp 1
+end
+con 1 0 1 1 2 0 1 1
+ctech cparm 1.0
+stech cparma 1.0 1.0
+cdc 1 2 3 4
+cdp 1 2 3 4
+bsp 1 2 3 4
+"""
 
 
 def edited(old: str, new: str) -> bytes:
@@ -81,6 +109,10 @@ def test_a_plain_file() -> None:
             + PLAIN.encode(),
             id="passed over",
         ),
+        pytest.param(
+            PLAIN.replace(FIRST, CURVES + FIRST).encode() + b"p 1 2\nl 1/1 2/2\nbzp 1 2\n",
+            id="curves and surfaces",
+        ),
     ],
 )
 def test_accepted_spellings_of_one_mesh(data: bytes) -> None:
@@ -129,6 +161,7 @@ def test_accepted_spellings_of_one_mesh(data: bytes) -> None:
         (edited("f 1/1 3/3 4/4", "f 1/1 3/3 9/4"), "line 10: face corner 3 '9/4'"),
         (vertex("V 1 0 0"), "line 2: 'V' is not a statement"),
         (face("call other.obj"), "line 9: 'call' is not a statement"),
+        (face("csh ls"), "line 9: 'csh' is not a statement"),
         (b"\x00\x01\x02", r"line 1: '\\x00"),
         (b"", "no faces"),
         (b"v 0 0 0\n", "no faces"),

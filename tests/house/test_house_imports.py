@@ -43,7 +43,7 @@ ONLY_IN = {
     "rhytid_kernels": {"device"},
 }
 # The only readers of the environment: the settings, and what OpenCL's loader must find there.
-ENVIRONMENT = ("settings.py", "device/loader.py")
+ENVIRONMENT = ("settings.py", "device/caches.py", "device/loader.py")
 
 
 def everything(package: str) -> Iterator[Import]:

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 import rhytid_kernels
 from rhytid.device.runtime import BUILD_OPTIONS, Device
-from rhytid.device.select import cl
+from rhytid.device.trial import cl
 
 _C_TYPES = {"f4": "float", "i4": "int", "u4": "uint", "i1": "char", "i2": "short"}
 

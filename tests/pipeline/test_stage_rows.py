@@ -12,8 +12,8 @@ from meshes import deform
 from pipeline.binned import BinnedScene
 from pipeline.scenes import Scene, random_graph, settings_of, sheet
 from rhytid.device.runtime import BUILD_OPTIONS, Device
-from rhytid.device.select import cl
 from rhytid.device.shape import launch_shapes
+from rhytid.device.trial import cl
 from rhytid.pipeline.elements import BLOCK
 
 PROMISED = 32 << 10

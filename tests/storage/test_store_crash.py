@@ -126,11 +126,13 @@ def test_everything_is_synced_before_it_is_visible(
         disk = Disk(patch, fatal=10**9)
         store.put_asset(ID, mesh, graph, settings, {})
     names = [name for name, _ in disk.log]
-    at = names.index("replace")
+    moved = [(at, Path(to).name) for at, (name, to) in enumerate(disk.log) if name == "replace"]
+    assert [name for _, name in moved[:2]] == ["overlay.json", "asset"]
+    at = moved[0][0]
     written = names[:at].count("open")
-    assert written == 4
+    assert written == 5
     assert names[:at].count("fsync") == written + 2, "each file, its folder and the list of assets"
-    assert names[at + 1] == "fsync"
+    assert names[at : at + 4] == ["replace", "fsync"] * 2
 
 
 def test_interrupted_build_is_pending_after_a_restart(

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +16,8 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.stiffness import Stiffness
 from rhytid.errors import StorageError
-from rhytid.storage import AssetStore
+from rhytid.storage import AssetStore, StoredAsset
+from rhytid.storage.canonical import canonical
 
 ID = "00112233aabbccdd"
 FILES = (
@@ -140,3 +144,85 @@ def test_damaged_asset_can_be_deleted_and_put_again(
 def test_names_that_are_not_ids_are_not_assets(folder: Path, store: AssetStore) -> None:
     (folder / "assets" / "lost+found" / "asset").mkdir(parents=True)
     assert store.ids() == []
+
+
+def test_a_deleted_overlay_is_noticed(
+    store: AssetStore, folder: Path, mesh: Mesh, graph: WrinkleGraph, settings: AssetSettings
+) -> None:
+    store.put_asset(ID, mesh, graph, settings, {})
+    store.put_overlay(ID, settings.with_r_max(0.3))
+    (folder / "assets" / ID / "overlay.json").unlink()
+    with pytest.raises(StorageError, match=r"overlay\.json is damaged: the file is missing"):
+        store.overlay(ID)
+    store.put_overlay(ID, settings)
+    assert store.overlay(ID) == settings
+
+
+def test_an_asset_of_an_older_version_needs_no_overlay(
+    store: AssetStore,
+    folder: Path,
+    mesh: Mesh,
+    graph: WrinkleGraph,
+    settings: AssetSettings,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    plain = {"settings": settings.as_json(), "extra": {}}
+    files = {**StoredAsset(mesh, graph, settings, {}).files(), "facts.json": canonical(plain)}
+    monkeypatch.setattr(StoredAsset, "files", lambda self: files)
+    store.put_asset(ID, mesh, graph, settings, {})
+    (folder / "assets" / ID / "overlay.json").unlink()
+    assert store.overlay(ID) is None
+    assert store.asset(ID).settings == settings
+
+
+@pytest.fixture
+def locked_out() -> Iterator[Path]:
+    """A folder of a user to whom permission bits apply; root is somebody else meanwhile."""
+    folder = Path(tempfile.mkdtemp())
+    root = os.geteuid() == 0
+    if root:
+        os.chown(folder, 12345, -1)
+        os.seteuid(12345)
+    yield folder
+    if root:
+        os.seteuid(0)
+    for path in folder.rglob("*"):
+        path.chmod(0o700)
+    shutil.rmtree(folder)
+
+
+@pytest.mark.parametrize("kind", ["built", "requested", "empty", "link to itself"])
+def test_a_folder_that_cannot_be_read_does_not_keep_the_store_from_opening(
+    locked_out: Path, mesh: Mesh, graph: WrinkleGraph, settings: AssetSettings, kind: str
+) -> None:
+    folder, bad = locked_out / "store", "f" * 16
+    home = folder / "assets" / bad
+    with AssetStore(folder) as store:
+        store.put_asset(ID, mesh, graph, settings, {})
+        if kind == "built":
+            store.put_asset(bad, mesh, graph, settings, {})
+        elif kind == "requested":
+            store.put_request(bad, mesh, settings, graph)
+    if kind == "empty":
+        home.mkdir()
+    if kind == "link to itself":
+        home.symlink_to(home)
+    else:
+        home.chmod(0)
+    with AssetStore(folder) as store:
+        assert store.asset(ID).settings == settings
+        assert (store.ids(), store.pending()) == ([ID, bad], [])
+        for call in (store.asset, store.request, store.overlay):
+            with pytest.raises(StorageError, match=f"{bad}.* cannot be read"):
+                call(bad)
+        with pytest.raises(StorageError):
+            store.put_request(bad, mesh, settings, graph)
+    if kind == "link to itself":
+        home.unlink()
+    else:
+        home.chmod(0o700)
+    with AssetStore(folder) as store:
+        assert (bad in store.ids(), bad in store.pending()) == (
+            kind == "built",
+            kind == "requested",
+        )

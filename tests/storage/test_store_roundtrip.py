@@ -105,7 +105,7 @@ def test_overlay_is_replaced_and_survives(
 ) -> None:
     with AssetStore(folder) as store:
         store.put_asset(ID, mesh, graph, settings, {})
-        assert store.overlay(ID) is None
+        assert store.overlay(ID) == settings
         store.put_overlay(ID, settings.with_r_max(0.3))
         store.put_overlay(ID, settings.with_r_max(0.1234567890123))
     with AssetStore(folder) as store:
@@ -118,7 +118,7 @@ def test_deleted_asset_leaves_nothing(
 ) -> None:
     with AssetStore(folder) as store:
         store.put_asset(ID, mesh, graph, settings, {})
-        store.put_overlay(ID, settings)
+        store.put_overlay(ID, settings.with_r_max(0.3))
         store.put_request(OTHER, mesh, settings, None)
         store.delete(ID)
         store.delete(OTHER)
@@ -128,7 +128,7 @@ def test_deleted_asset_leaves_nothing(
         with pytest.raises(NotFoundError, match=ID):
             store.delete(ID)
         store.put_asset(ID, mesh, graph, settings, {})
-        assert store.overlay(ID) is None
+        assert store.overlay(ID) == settings
 
 
 BAD_IDS = ["", "..", "../../etc/passwd0", "ABCDEF0123456789", "0" * 15, "0" * 17, "0" * 16 + "\n"]

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from fastapi import Request, Response
 from numpy.typing import NDArray
-from starlette.exceptions import HTTPException
 
 from rhytid import __version__
 from rhytid.engine.messages import FrameStretch
@@ -113,19 +112,3 @@ def tagged(request: Request, body: bytes, media_type: str) -> Response:
     if matches(request.headers.get("if-none-match"), headers["ETag"]):
         return Response(status_code=304, headers=headers)
     return Response(body, headers=headers, media_type=media_type)
-
-
-def preferred(accept: str, offers: tuple[str, ...]) -> str:
-    """The first offer that `Accept` names, in the client's order; 406 where it names none.
-
-    A wildcard means the first offer. Weights other than 0 are not compared.
-    """
-    for entry in accept.split(",") if accept else ["*/*"]:
-        wanted, *parameters = (piece.strip().lower() for piece in entry.split(";"))
-        if any(p in ("q=0", "q=0.0") for p in parameters):
-            continue
-        if wanted in ("*/*", "application/*"):
-            return offers[0]
-        if wanted in offers:
-            return wanted
-    raise HTTPException(406, f"Accept is {accept!r}: one of {', '.join(offers)}")

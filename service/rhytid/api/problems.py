@@ -48,6 +48,7 @@ KINDS: dict[type[BaseException], Kind] = {
     errors.ReadOnlyError: Kind(409, "read-only", "Cannot be written"),
     errors.ConflictError: Kind(409, "conflict", "Not possible in the present state"),
     errors.CancelledError: Kind(409, "cancelled", "The job was cancelled"),
+    errors.FrameMemoryError: Kind(507, "frame-memory", "The memory for frames is full"),
     errors.LimitError: Kind(413, "limit", "Larger than this server allows"),
     errors.BusyError: Kind(503, "busy", "The queue of the device is full"),
     errors.NoDeviceError: Kind(503, "no-device", "No OpenCL device computes"),

@@ -14,7 +14,8 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import busiest_udim
-from rhytid.engine.frames import Frame, log_stretch_percentiles
+from rhytid.engine.frames import Frame
+from rhytid.engine.log_stretch import LogStretch
 from rhytid.pipeline.stretch import StretchStage, r_max_of
 from rhytid.samples.face import procedural_face
 from rhytid.samples.sphere import SPHERE_STRETCHES, sphere, sphere_stretch
@@ -130,6 +131,6 @@ def describe(subject: Subject, skin: Skin) -> dict[str, dict[str, float]]:
     """Percentiles of the clamped log stretch of each frame."""
     limit = skin.settings.response.log_stretch_limit
     return {
-        name: log_stretch_percentiles(skin.stretch(frame)[0], limit)
+        name: LogStretch.of(skin.stretch(frame)[0]).percentiles(limit)
         for name, frame in subject.frames.items()
     }

@@ -28,7 +28,8 @@ def run(arguments: argparse.Namespace) -> None:
     # Imported here, because looking for OpenCL drivers takes time that --help should not.
     from rhytid.device.select import candidates, choose
 
-    used = choose(ServiceSettings.from_environment().device)
+    settings = ServiceSettings.from_environment()
+    used = choose(settings.device, settings.cache)
     figures = [
         {
             "number": device.index,

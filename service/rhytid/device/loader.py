@@ -16,18 +16,21 @@ import tempfile
 from pathlib import Path
 from types import ModuleType
 
+from rhytid.device.caches import provide_cache_folder
+
 SYSTEM_VENDORS = Path("/etc/OpenCL/vendors")
 # A pip driver for FPGA emulation comes along with the one for CPUs: it is not wanted here.
 _CPU_DRIVER = "intel-cpu.icd"
 
 
 def load_pyopencl() -> ModuleType:
-    """Import pyopencl with pip's drivers in sight."""
+    """Import pyopencl with pip's drivers in sight and a folder that drivers can write to."""
     prefix = Path(sys.prefix)
     driver = pip_driver(prefix)
     if driver is not None and sys.platform == "linux" and "OCL_ICD_VENDORS" not in os.environ:
         os.environ["OCL_ICD_VENDORS"] = _vendor_folder(driver)
     _pin_pocl()
+    provide_cache_folder()
     import pyopencl
 
     return pyopencl

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from types import MappingProxyType
@@ -14,9 +13,10 @@ from numpy.typing import DTypeLike, NDArray
 import rhytid_kernels
 from rhytid.device.budget import MemoryBudget
 from rhytid.device.memory import usual_device_memory
-from rhytid.device.select import Candidate, cl, compile_program
+from rhytid.device.select import Candidate
 from rhytid.device.shape import launch_shapes
 from rhytid.device.spares import Spares
+from rhytid.device.trial import cl, compile_program
 from rhytid.errors import DeviceError, DeviceMemoryError, KernelBuildError
 
 BUILD_OPTIONS = ("-cl-std=CL1.2",)
@@ -176,7 +176,7 @@ class Device:
 
     def digest(self, program: str) -> str:
         """Twelve hexadecimal digits that change with the source of a program."""
-        return hashlib.sha256(rhytid_kernels.source(program).encode()).hexdigest()[:12]
+        return rhytid_kernels.digest(program)
 
     def build(self, text: str, options: list[str]) -> Any:
         """A program from source text; raises KernelBuildError with the compiler's log."""

@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
-import warnings
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from rhytid.device.loader import load_pyopencl
+import rhytid_kernels
+from rhytid.device import trial
+from rhytid.device.remembered import recall, remember
+from rhytid.device.trial import cl
 from rhytid.errors import NoDeviceError
-
-cl: Any = load_pyopencl()
 
 ADVICE = (
     "Get a CPU runtime with  pip install intel-opencl-rt intel-cmplr-lib-rt  (x86-64), or PoCL "
     "with  apt-get install pocl-opencl-icd  (Debian, Ubuntu), or install your GPU vendor's driver."
 )
-_PROBE = "__kernel void probe(__global float *x) { int i = get_global_id(0); x[i] = 2.0f * i; }"
+_FILE = "devices.json"
+# How much slower than the fastest a CPU driver may be that comes first in the usual order. Those
+# worth having differ by less, and noise must not make the choice another one at every start.
+_SLOWER = 3.0
 
 
 @dataclass(frozen=True)
@@ -37,6 +41,11 @@ class Candidate:
     local_memory: int
     largest_group: int
     handle: Any
+
+    @property
+    def identity(self) -> str:
+        """What stays the same while the machine and its drivers do."""
+        return f"{self.platform} | {self.name} | {self.version}"
 
     def matches(self, wanted: str) -> bool:
         """Whether `wanted` is this index or part of the name, the platform or the version."""
@@ -57,31 +66,21 @@ def candidates() -> tuple[Candidate, ...]:
 
 
 def computes(candidate: Candidate) -> bool:
-    """Compile and run a small kernel: a driver can list a device and fail at the first build."""
-    try:
-        context = cl.Context([candidate.handle])
-        queue = cl.CommandQueue(context)
-        program = compile_program(context, _PROBE, [])
-        host = np.empty(256, np.float32)
-        buffer = cl.Buffer(context, cl.mem_flags.READ_WRITE, host.nbytes)
-        program.probe(queue, host.shape, None, buffer)
-        cl.enqueue_copy(queue, host, buffer)
-    except (cl.Error, RuntimeError):
-        return False
-    return bool(np.array_equal(host, 2.0 * np.arange(256)))
+    """Whether it compiles and runs a small kernel."""
+    return trial.computes(candidate.handle)
 
 
-def compile_program(context: Any, text: str, options: list[str]) -> Any:
-    """Build a program; raises the runtime's own error. Drivers that chat while they compile
-    would each time raise a warning, so that one is left out."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", cl.CompilerWarning)
-        return cl.Program(context, text).build(options)
+def pace(candidate: Candidate) -> float:
+    """Seconds of a small piece of drawing; infinity where it fails."""
+    return trial.pace(candidate.handle)
 
 
-def choose(wanted: str | None = None) -> Candidate:
-    """The first device that computes, of those that `wanted` names or of all: GPUs first, then CPU
-    drivers other than PoCL, then PoCL, then the rest; of equals in the order of the drivers.
+def choose(wanted: str | None = None, cache: Path | None = None) -> Candidate:
+    """The first device that computes, of those that `wanted` names or of all: GPUs first, then
+    CPUs, then the rest; of equals in the order of the drivers.
+
+    Of several CPU devices, those other than PoCL's come first, but not one that takes three times
+    as long as another for a small piece of drawing.  cache: a folder that remembers which it was.
 
     Raises NoDeviceError; never falls back to a device that was not asked for.
     """
@@ -92,17 +91,40 @@ def choose(wanted: str | None = None) -> Candidate:
     if not fitting:
         names = "; ".join(f"{c.index}: {c.name} ({c.platform})" for c in found)
         raise NoDeviceError(f"no OpenCL device matches {wanted!r}. There is {names}")
-    for candidate in sorted(fitting, key=_rank):
-        if computes(candidate):
-            return candidate
+    for kind in ("gpu", "cpu", "other"):
+        for candidate in _in_order([c for c in fitting if c.kind == kind], cache):
+            if computes(candidate):
+                return candidate
     names = ", ".join(c.name for c in fitting)
     raise NoDeviceError(f"{names}: listed, but fails to build or run a small kernel. {ADVICE}")
 
 
-def _rank(candidate: Candidate) -> tuple[int, bool, int]:
+def _in_order(alike: Sequence[Candidate], cache: Path | None) -> list[Candidate]:
+    """Devices of one kind, the best first."""
     # Of two drivers for the same CPU, PoCL has been the slower one on every kernel.
-    is_pocl = candidate.platform == "Portable Computing Language"
-    return {"gpu": 0, "cpu": 1}.get(candidate.kind, 2), is_pocl, candidate.index
+    usual = sorted(alike, key=lambda c: (c.platform == "Portable Computing Language", c.index))
+    if len(usual) < 2 or usual[0].kind != "cpu":
+        return usual
+    best = _quick(usual, cache)
+    return [best, *(c for c in usual if c is not best)]
+
+
+def _quick(usual: Sequence[Candidate], cache: Path | None) -> Candidate:
+    """The first that is not much slower than another, as remembered or measured now."""
+    file = None if cache is None else cache / _FILE
+    by_identity = {c.identity: c for c in reversed(usual)}
+    key = " + ".join([rhytid_kernels.digest(trial.PROGRAM), *sorted(by_identity)])
+    known = None if file is None else recall(file).get(key)
+    if isinstance(known, str) and known in by_identity:
+        return by_identity[known]
+    seconds = [pace(c) for c in usual]
+    least = min(seconds)
+    if math.isinf(least):
+        return usual[0]
+    best = next(c for c, s in zip(usual, seconds, strict=True) if s <= _SLOWER * least)
+    if file is not None:
+        remember(file, key, best.identity)
+    return best
 
 
 def _devices(platform: Any) -> list[Any]:

@@ -46,15 +46,22 @@ class AssetArrivals(EngineCore):
         return self._build(id, new.mesh, new.settings, frames)
 
     def _intact(self, id: str) -> StoredAsset | None:
-        """The built asset of the store; a damaged one is removed, for it was sent again."""
+        """The built asset of the store, for it was sent again: a damaged one is removed, damaged
+        settings of an intact one are those that it was built with."""
         if id not in self._store.ids():
             return None
         try:
-            return self._store.asset(id)
+            stored = self._store.asset(id)
         except StorageError as error:
             _log.error("asset %s is built anew: %s", id, error)
             self._store.delete(id)
             return None
+        try:
+            self._store.overlay(id)
+        except StorageError as error:
+            _log.error("asset %s has the settings again that it was built with: %s", id, error)
+            self._store.put_overlay(id, stored.settings)
+        return stored
 
     def _build(self, id: str, mesh: Mesh, settings: AssetSettings, frames: Positions = ()) -> Asset:
         asset = self._asset(id, mesh, settings)
@@ -100,7 +107,7 @@ class AssetArrivals(EngineCore):
     def _give_up(self, id: str, error: StorageError) -> None:
         """Know a damaged asset as failed; the log has the file, callers need not."""
         _log.error("asset %s: %s", id, error)
-        reason = "damaged in the store: delete it and send it again"
+        reason = "damaged in the store: send it again"
         self._assets.add(Asset.failed(id, reason, self._assets.frame_memory))
 
     def _asset(self, id: str, mesh: Mesh, settings: AssetSettings) -> Asset:

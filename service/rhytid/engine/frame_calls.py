@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from rhytid.domain.frame import NEUTRAL, check_frame_name, check_positions
 from rhytid.engine.assets import Asset
 from rhytid.engine.core import EngineCore
-from rhytid.engine.frames import Frame, log_stretch_percentiles, refuse_neutral
+from rhytid.engine.frames import Frame, refuse_neutral
+from rhytid.engine.log_stretch import LogStretch
 from rhytid.engine.messages import FrameInfo, FrameStretch
 
 
@@ -21,8 +22,8 @@ class FrameCalls(EngineCore):
     def put_frame(self, asset: str, frame: str, positions: ArrayLike) -> FrameInfo:
         """Store positions (V, 3) under a name, in place of what had that name.
 
-        Raises FrameError naming the count or the vertex, ReadOnlyError for `neutral`, LimitError
-        where the memory for frames is full.
+        Raises FrameError naming the count or the vertex, ReadOnlyError for `neutral`,
+        FrameMemoryError where the memory for frames is full.
         """
         check_frame_name(frame)
         refuse_neutral(frame)
@@ -33,13 +34,13 @@ class FrameCalls(EngineCore):
         """Every frame of an asset, `neutral` first."""
         found = self._assets.get(asset)
         found.ready()
-        return found.frames.infos()
+        return found.frames.infos(_limit(found))
 
     def frame(self, asset: str, frame: str) -> FrameInfo:
         """What is known of a frame."""
         found = self._assets.get(asset)
         found.ready()
-        return found.frames.info(frame)
+        return found.frames.info(frame, _limit(found))
 
     def frame_positions(self, asset: str, frame: str) -> NDArray[np.float32]:
         """(V, 3) positions of a frame; those of the neutral mesh for `neutral`."""
@@ -70,7 +71,10 @@ def put_frame(
     resident = asset.ready()
     frame = Frame.of(check_positions(positions, asset.vertices))
     ratios, _ = on_device(resident.stretch, frame)
-    limit = asset.settings.response.log_stretch_limit
-    info = FrameInfo(name, log_stretch_percentiles(ratios, limit))
-    asset.frames.put(name, frame, info)
-    return info
+    measured = LogStretch.of(ratios)
+    asset.frames.put(name, frame, measured)
+    return FrameInfo(name, measured.percentiles(_limit(asset)))
+
+
+def _limit(asset: Asset) -> float:
+    return asset.settings.response.log_stretch_limit

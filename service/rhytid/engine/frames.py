@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.domain.frame import NEUTRAL
+from rhytid.engine.log_stretch import NAMES, LogStretch
 from rhytid.engine.messages import FrameInfo
-from rhytid.errors import LimitError, NotFoundError, ReadOnlyError
-
-_PERCENTILES = (1, 10, 50, 90, 99)
+from rhytid.errors import FrameMemoryError, NotFoundError, ReadOnlyError
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,15 +31,6 @@ class Frame:
 NEUTRAL_FRAME = Frame(None, NEUTRAL)
 
 
-def log_stretch_percentiles(ratios: NDArray[np.float32], limit: float) -> dict[str, float]:
-    """Percentiles of the clamped log stretch over triangles and axes, and of its size."""
-    with np.errstate(divide="ignore"):
-        logs = np.clip(np.log(ratios.astype(np.float64)), -limit, limit)
-    found = np.percentile(logs, _PERCENTILES)
-    named = {f"p{p}": float(x) for p, x in zip(_PERCENTILES, found, strict=True)}
-    return {**named, "abs_p90": float(np.percentile(np.abs(logs), 90))}
-
-
 class FrameMemory:
     """Counts the bytes of all frames of all assets against a limit."""
 
@@ -50,10 +40,11 @@ class FrameMemory:
         self._lock = threading.Lock()
 
     def change(self, more: int) -> None:
-        """Count `more` bytes in, or out where negative; raises LimitError naming both numbers."""
+        """Count `more` bytes in, or out where negative; raises FrameMemoryError naming both
+        numbers."""
         with self._lock:
             if more > 0 and self._used + more > self._limit:
-                raise LimitError(
+                raise FrameMemoryError(
                     f"frames hold {self._used} of {self._limit} bytes (RHYTID_FRAME_MEMORY_MB), "
                     f"{more} more do not fit: delete some"
                 )
@@ -66,31 +57,35 @@ class Frames:
     def __init__(self, memory: FrameMemory) -> None:
         self._memory = memory
         self._lock = threading.Lock()
-        self._frames: dict[str, tuple[Frame, FrameInfo]] = {}
+        self._frames: dict[str, tuple[Frame, LogStretch]] = {}
         self._closed = False
 
-    def put(self, name: str, frame: Frame, info: FrameInfo) -> None:
-        """Store a frame, in place of one of the same name."""
+    def put(self, name: str, frame: Frame, stretch: LogStretch) -> None:
+        """Store a frame and how it stretches, in place of one of the same name."""
         assert frame.positions is not None
         refuse_neutral(name)
         with self._lock:
             if self._closed:
                 raise NotFoundError("the asset was removed")
             self._memory.change(frame.positions.nbytes - self._bytes(name))
-            self._frames[name] = (frame, info)
+            self._frames[name] = (frame, stretch)
 
     def get(self, name: str) -> Frame:
         """A frame by name; raises NotFoundError."""
         return NEUTRAL_FRAME if name == NEUTRAL else self._entry(name)[0]
 
-    def info(self, name: str) -> FrameInfo:
-        """What is known of a frame; raises NotFoundError."""
-        return _neutral_info() if name == NEUTRAL else self._entry(name)[1]
+    def info(self, name: str, limit: float) -> FrameInfo:
+        """What is known of a frame, its log stretch clamped to ± `limit`; raises NotFoundError."""
+        if name == NEUTRAL:
+            return _neutral_info()
+        return FrameInfo(name, self._entry(name)[1].percentiles(limit))
 
-    def infos(self) -> list[FrameInfo]:
+    def infos(self, limit: float) -> list[FrameInfo]:
         """Every frame, the neutral first, then by name."""
         with self._lock:
-            return [_neutral_info(), *(self._frames[name][1] for name in sorted(self._frames))]
+            known = sorted((name, stretch) for name, (_, stretch) in self._frames.items())
+        infos = (FrameInfo(name, stretch.percentiles(limit)) for name, stretch in known)
+        return [_neutral_info(), *infos]
 
     def delete(self, name: str) -> None:
         """Forget a frame; raises NotFoundError, and ReadOnlyError for the neutral."""
@@ -107,7 +102,7 @@ class Frames:
             self._memory.change(-sum(self._bytes(name) for name in self._frames))
             self._frames.clear()
 
-    def _entry(self, name: str) -> tuple[Frame, FrameInfo]:
+    def _entry(self, name: str) -> tuple[Frame, LogStretch]:
         with self._lock:
             if name not in self._frames:
                 raise NotFoundError(f"no frame {name!r}")
@@ -125,5 +120,4 @@ def refuse_neutral(name: str) -> None:
 
 
 def _neutral_info() -> FrameInfo:
-    names = [*(f"p{p}" for p in _PERCENTILES), "abs_p90"]
-    return FrameInfo(NEUTRAL, dict.fromkeys(names, 0.0))
+    return FrameInfo(NEUTRAL, dict.fromkeys(NAMES, 0.0))

@@ -12,11 +12,22 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
 from rhytid.engine.messages import MapQuery
 
+# Settings that a method does not read: a tile stays the same where they change. `preset` is a name
+# for what stands in `bins`. Whatever is not named here changes the keys.
+_UNREAD: dict[str, tuple[str, ...]] = {
+    "neutral": ("preset", "bins", "convolve", "response", "angles"),
+    "redraw": ("preset", "bins", "convolve"),
+    "binned": ("preset", "convolve"),
+    "convolved": ("preset", "bins", "angles"),
+}
+
 
 @lru_cache(maxsize=256)
-def settings_key(asset: str, settings: AssetSettings, device: str) -> str:
-    """Names an asset with its present settings on a device; floats differ between devices."""
-    return _digest([asset, settings.as_json(), device, __version__])
+def settings_key(asset: str, settings: AssetSettings, device: str, method: str) -> str:
+    """Names an asset on a device, where floats differ, with the present settings that a method
+    reads."""
+    read = {k: v for k, v in settings.as_json().items() if k not in _UNREAD[method]}
+    return _digest([asset, read, device, __version__])
 
 
 def map_key(revision: str, frame: Frame, query: MapQuery, place: str) -> str:

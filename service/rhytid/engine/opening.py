@@ -13,7 +13,7 @@ def open_device(settings: ServiceSettings, wanted: str | None = None) -> Device:
 
     Raises NoDeviceError where none computes.
     """
-    device = Device(choose(wanted or settings.device), settings.device_memory)
+    device = Device(choose(wanted or settings.device, settings.cache), settings.device_memory)
     if settings.cache is not None:
         device.shape = remembered_shape(device, settings.cache)
     return device

@@ -74,12 +74,10 @@ class TileCalls(EngineCore):
     def displacement_scale(self, asset: str) -> float:
         """What the largest code of a png tile stands for, mesh units: one scale an asset.
 
-        The largest displacement that the maps of the fast method can hold.
+        The largest displacement that the maps of the fast method can hold, whatever its bins are.
         """
         settings = self._assets.get(asset).settings
-        factored = settings.bins.depth_factored
-        most = SCALE_LIMIT * (1.0 + HEADROOM) if factored else SCALE_LIMIT + HEADROOM
-        return most * (settings.depth or 0.0)
+        return SCALE_LIMIT * (1.0 + HEADROOM) * (settings.depth or 0.0)
 
     def bins(self, asset: str) -> BinManifest:
         """The precomputed maps of an asset (section 2.4)."""
@@ -121,7 +119,7 @@ class TileCalls(EngineCore):
         return self._on_device(found.ready().bin_codes, address, index)
 
     def _key(self, asset: Asset, frame: Frame, query: MapQuery, place: str) -> str:
-        revision = settings_key(asset.id, asset.settings, self._device_key)
+        revision = settings_key(asset.id, asset.settings, self._device_key, query.method)
         return map_key(revision, frame, query, place)
 
     def _tile(self, asset: Asset, frame: Frame, query: MapQuery, address: TileAddress) -> Tile:

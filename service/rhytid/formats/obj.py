@@ -2,8 +2,8 @@
 
 Accepted: relative indices, `vt` with a third component, `v` with a weight or colours, comments in
 any encoding, CRLF, tabs, a byte-order mark, lines continued by a backslash, polygons. Materials,
-groups, normals, lines and points are passed over; an unknown keyword is refused, since a misspelt
-vertex would shift the order of all that follow.
+groups, normals, points, lines, curves and surfaces are passed over; an unknown keyword is refused,
+since a misspelt vertex would shift the order of all that follow.
 
 Each statement is matched against its grammar once, then all numbers are converted together.
 """

@@ -8,10 +8,15 @@ from dataclasses import dataclass, field
 from rhytid.errors import MeshError
 from rhytid.formats.decimals import show
 
-# They change neither the vertices nor the triangles. What points to a file is never opened.
+# They change neither the vertices nor the triangles. What points to a file is never opened; `call`
+# and `csh`, which would bring in another file's vertices, are not among them.
 _PASSED_OVER = frozenset(
+    # normals, points, lines, groups, display
     b"vn vp l p o g s mg lod bevel c_interp d_interp "
-    b"mtllib usemtl maplib usemap shadow_obj trace_obj".split()
+    b"mtllib usemtl maplib usemap shadow_obj trace_obj "
+    # curves and surfaces, their attributes and bodies; the last row is of older files
+    b"cstype deg bmat step curv curv2 surf parm trim hole scrv sp end con ctech stech "
+    b"bsp bzp cdc cdp res".split()
 )
 _CONTINUATION = re.compile(rb"\\ *\n")
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -12,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from rhytid.device.remembered import recall, remember
 from rhytid.device.runtime import Device
 from rhytid.device.shape import LaunchShape
 from rhytid.domain.asset_settings import AssetSettings
@@ -41,7 +41,7 @@ def remembered_shape(
 
     measure: seconds of every shape of a device; the usual shape is the first."""
     file, key = folder / _FILE, _key(device)
-    known = _read(file)
+    known = recall(file)
     with suppress(KeyError, TypeError):
         shape = LaunchShape(**known[key])
         if shape in device.shapes:
@@ -50,9 +50,7 @@ def remembered_shape(
         shape = _fastest((measure or shape_seconds)(device))
     except DeviceError:
         return device.shape
-    with suppress(OSError):
-        folder.mkdir(parents=True, exist_ok=True)
-        file.write_text(json.dumps({**known, key: asdict(shape)}, indent=1), encoding="utf-8")
+    remember(file, key, asdict(shape))
     return shape
 
 
@@ -86,16 +84,7 @@ def _fastest(seconds: dict[LaunchShape, float]) -> LaunchShape:
 
 
 def _key(device: Device) -> str:
-    info = device.info
-    return f"{info.platform} | {info.name} | {info.version} | {device.digest('redraw')}"
-
-
-def _read(file: Path) -> dict[str, Any]:
-    """What is remembered; nothing where the file is missing or damaged."""
-    with suppress(OSError, ValueError):
-        found = json.loads(file.read_text(encoding="utf-8"))
-        return found if isinstance(found, dict) else {}
-    return {}
+    return f"{device.info.identity} | {device.digest('redraw')}"
 
 
 def _patch(device: Device) -> tuple[UdimElements, ScaleBuffers, Draw]:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import logging
 import os
 import shutil
+import stat
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from uuid import uuid4
 
@@ -22,6 +23,14 @@ def reported(doing: str) -> Iterator[None]:
         yield
     except OSError as exc:
         raise StorageError(f"{doing}: {exc}") from exc
+
+
+def is_folder(path: Path) -> bool:
+    """Whether there is a folder of that name; raises StorageError where that cannot be seen, which
+    `Path.is_dir` may take for no."""
+    with reported(f"{path} cannot be read"), suppress(FileNotFoundError, NotADirectoryError):
+        return stat.S_ISDIR(path.stat().st_mode)
+    return False
 
 
 def write_file(path: Path, data: bytes) -> None:

@@ -31,6 +31,8 @@ Files = Mapping[str, bytes]
 
 MESH, GRAPH, FACTS = "mesh.safetensors", "graph.safetensors", "facts.json"
 STIFFNESS, CONTROLS = "stiffness.safetensors", "controls.safetensors"
+# A fact of assets that have had an overlay from the start; older ones have one once they change.
+_OVERLAID = "overlaid"
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +76,7 @@ class StoredAsset:
 
     def files(self) -> dict[str, bytes]:
         """The files of the asset, by name."""
-        facts = {"settings": self.settings.as_json(), "extra": self.extra}
+        facts = {"settings": self.settings.as_json(), "extra": self.extra, _OVERLAID: True}
         return _files(self.mesh, self.graph, facts, self.stiffness)
 
     @classmethod
@@ -98,6 +100,13 @@ def read_overlay(label: str, data: bytes, path: Path) -> AssetSettings:
     if not isinstance(value, dict) or value.get("label") != label:
         raise damaged(path, f"not the settings of {label}")
     return _parse_settings(value.get("settings"), path)
+
+
+def must_have_overlay(facts: bytes, path: Path) -> bool:
+    """Whether an asset whose facts are these is damaged without an overlay; StorageError where the
+    facts are, naming `path`."""
+    found = parse_canonical(facts, path)
+    return isinstance(found, dict) and bool(found.get(_OVERLAID, False))
 
 
 def _files(

@@ -8,15 +8,16 @@
     └── assets/<id>/
         ├── request/               what a caller sent, until the asset is built: a sealed folder
         ├── asset/                 the built asset, never changed: a sealed folder
-        └── overlay.json           settings changed since, replaced as a whole
+        └── overlay.json           the present settings, replaced as a whole
 """
 
 from __future__ import annotations
 
-import re
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from rhytid.domain.asset_settings import AssetSettings
@@ -26,13 +27,32 @@ from rhytid.domain.mesh import Mesh
 from rhytid.domain.stiffness import Stiffness
 from rhytid.errors import NotFoundError, StorageError
 from rhytid.storage import durable
-from rhytid.storage.durable import reported
+from rhytid.storage.canonical import damaged
+from rhytid.storage.durable import is_folder, reported
+from rhytid.storage.homes import (
+    ASSET,
+    ID,
+    REQUEST,
+    holds_something,
+    homes,
+    is_built,
+    is_readable,
+    is_requested,
+    sweep,
+)
 from rhytid.storage.lock import FolderLock
-from rhytid.storage.records import StoredAsset, StoredRequest, read_overlay, write_overlay
+from rhytid.storage.records import (
+    FACTS,
+    StoredAsset,
+    StoredRequest,
+    must_have_overlay,
+    read_overlay,
+    write_overlay,
+)
 from rhytid.storage.sealed import seal, unseal
 
-_ID = re.compile(r"[0-9a-f]{16}", re.ASCII)
-_REQUEST, _ASSET, _OVERLAY = "request", "asset", "overlay.json"
+_OVERLAY = "overlay.json"
+_NOTHING: Mapping[str, bytes] = MappingProxyType({})
 
 
 class AssetStore:
@@ -54,7 +74,7 @@ class AssetStore:
             self._partial.mkdir(exist_ok=True)
             self._lock = FolderLock(folder)
             try:
-                self._sweep()
+                sweep(self._assets, self._partial)
             except BaseException:
                 self.close()
                 raise
@@ -70,13 +90,16 @@ class AssetStore:
         self.close()
 
     def ids(self) -> list[str]:
-        """Ids of the built assets, ascending; a damaged one is listed and raises when read."""
-        return [home.name for home in self._homes() if (home / _ASSET).is_dir()]
+        """Ids of the built assets, ascending; one that is damaged, or whose folder cannot be read,
+        is listed and raises when read."""
+        return [
+            home.name for home in homes(self._assets) if not is_readable(home) or is_built(home)
+        ]
 
     def pending(self) -> list[str]:
         """Ids that were requested and are not built yet, ascending."""
-        waiting = (home for home in self._homes() if (home / _REQUEST).is_dir())
-        return [home.name for home in waiting if not (home / _ASSET).is_dir()]
+        waiting = (home for home in homes(self._assets) if is_readable(home) and is_requested(home))
+        return [home.name for home in waiting if not is_built(home)]
 
     def put_request(
         self,
@@ -89,14 +112,14 @@ class AssetStore:
     ) -> None:
         """Keep what a caller sent until the asset is built; a known id is left as it is."""
         home = self._home(id)
-        if not (home / _ASSET).is_dir() and not (home / _REQUEST).is_dir():
+        if not holds_something(home):
             request = StoredRequest(mesh, settings, graph, stiffness, controls)
-            self._put(home, _REQUEST, request.files())
+            self._put(home, REQUEST, request.files())
 
     def request(self, id: str) -> StoredRequest:
         """What a caller sent for an asset that is not built yet."""
-        folder = self._existing(id, _REQUEST)
-        return StoredRequest.read(unseal(folder, f"{_REQUEST} {id}"), folder)
+        folder = self._existing(id, REQUEST)
+        return StoredRequest.read(unseal(folder, f"{REQUEST} {id}"), folder)
 
     def put_asset(
         self,
@@ -107,27 +130,28 @@ class AssetStore:
         extra: Mapping[str, Any],
         stiffness: Stiffness | None = None,
     ) -> None:
-        """Keep a built asset, for good, and drop its request.
+        """Keep a built asset, for good, with an overlay of its settings, and drop its request.
 
         `settings` are resolved; `extra` is a JSON object. Raises StorageError where the asset is
         there already: it does not change, only `delete` removes it.
         """
         home = self._home(id)
         asset = StoredAsset(mesh, graph, settings, dict(extra), stiffness)
-        if not self._put(home, _ASSET, asset.files()):
+        overlay = write_overlay(f"asset {id}", settings)
+        if not self._put(home, ASSET, asset.files(), {_OVERLAY: overlay}):
             raise StorageError(f"asset {id} is stored already, and stored assets do not change")
         with self._changing, reported(f"the request of asset {id} cannot be removed"):
-            if (home / _REQUEST).is_dir():
-                durable.discard(home / _REQUEST, self._partial)
+            if is_requested(home):
+                durable.discard(home / REQUEST, self._partial)
 
     def asset(self, id: str) -> StoredAsset:
         """A built asset, every byte of it verified."""
-        folder = self._existing(id, _ASSET)
-        return StoredAsset.read(unseal(folder, f"{_ASSET} {id}"), folder)
+        folder = self._existing(id, ASSET)
+        return StoredAsset.read(unseal(folder, f"{ASSET} {id}"), folder)
 
     def put_overlay(self, id: str, settings: AssetSettings) -> None:
-        """Replace the settings that were changed since the asset was built."""
-        path = self._existing(id, _ASSET).parent / _OVERLAY
+        """Replace the present settings of a built asset."""
+        path = self._existing(id, ASSET).parent / _OVERLAY
         with (
             reported(f"{path} cannot be written"),
             durable.workplace(self._partial) as place,
@@ -136,60 +160,60 @@ class AssetStore:
             durable.install(place / _OVERLAY, path)
 
     def overlay(self, id: str) -> AssetSettings | None:
-        """The settings of the last `put_overlay`, or None."""
-        path = self._existing(id, _ASSET).parent / _OVERLAY
-        with reported(f"{path} cannot be read"):
-            data = path.read_bytes() if path.exists() else None
-        return None if data is None else read_overlay(f"asset {id}", data, path)
+        """The present settings, or None of an asset of an older version that never changed."""
+        folder = self._existing(id, ASSET)
+        path = folder.parent / _OVERLAY
+        with reported(f"{path} cannot be read"), suppress(FileNotFoundError):
+            return read_overlay(f"asset {id}", path.read_bytes(), path)
+        facts = folder / FACTS
+        with reported(f"{facts} cannot be read"):
+            if must_have_overlay(facts.read_bytes(), facts):
+                raise damaged(path, "the file is missing")
+        return None
 
     def delete(self, id: str) -> None:
         """Remove an asset, its request and its changed settings, all at once."""
         home = self._home(id)
         with self._changing, reported(f"asset {id} cannot be removed"):
-            if not _holds_something(home):
+            if not holds_something(home):
                 raise NotFoundError(f"no asset {id} in the store")
             durable.discard(home, self._partial)
 
-    def _put(self, home: Path, kind: str, files: Mapping[str, bytes]) -> bool:
-        """Seal `files` as home/kind; False, and nothing done, where that is there already."""
+    def _put(
+        self,
+        home: Path,
+        kind: str,
+        files: Mapping[str, bytes],
+        before: Mapping[str, bytes] = _NOTHING,
+    ) -> bool:
+        """Seal `files` as home/kind; False, and nothing done, where that is there already.
+
+        before: files that stand in `home` as soon as home/kind does.
+        """
         with (
             reported(f"{kind} {home.name} cannot be written"),
             durable.workplace(self._partial) as place,
         ):
             seal(place / kind, f"{kind} {home.name}", files)
+            for name, data in before.items():
+                durable.write_file(place / name, data)
             with self._changing:
-                if (home / kind).is_dir():
+                if is_folder(home / kind):
                     return False
                 home.mkdir(exist_ok=True)
                 durable.sync_folder(self._assets)
+                for name in before:
+                    durable.install(place / name, home / name)
                 durable.install(place / kind, home / kind)
         return True
 
     def _home(self, id: str) -> Path:
-        if not _ID.fullmatch(id):
+        if not ID.fullmatch(id):
             raise NotFoundError(f"no asset {id!r}: ids are 16 hexadecimal digits")
         return self._assets / id
 
     def _existing(self, id: str, kind: str) -> Path:
         folder = self._home(id) / kind
-        if not folder.is_dir():
+        if not is_folder(folder):
             raise NotFoundError(f"no {kind} {id} in the store")
         return folder
-
-    def _homes(self) -> Iterator[Path]:
-        with reported(f"{self._assets} cannot be read"):
-            entries = sorted(self._assets.iterdir())
-        return (entry for entry in entries if _ID.fullmatch(entry.name))
-
-    def _sweep(self) -> None:
-        for leftover in self._partial.iterdir():
-            durable.remove_tree(leftover)
-        for home in self._homes():
-            if not _holds_something(home):
-                durable.discard(home, self._partial)
-            elif (home / _ASSET).is_dir() and (home / _REQUEST).is_dir():
-                durable.discard(home / _REQUEST, self._partial)
-
-
-def _holds_something(home: Path) -> bool:
-    return (home / _ASSET).is_dir() or (home / _REQUEST).is_dir()

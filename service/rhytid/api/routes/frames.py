@@ -6,9 +6,10 @@ from typing import Any
 
 from fastapi import APIRouter, Request, Response
 
+from rhytid.api.accept import preferred
 from rhytid.api.dependencies import EngineDep, NoQuery, Place, Positions
 from rhytid.api.documentation import POSITIONS, binary, problems
-from rhytid.api.encoding import NPY, RAW, npy, npz, preferred
+from rhytid.api.encoding import NPY, RAW, npy, npz
 from rhytid.api.schemas import Frame, Job
 
 JSON = "application/json"
@@ -25,11 +26,12 @@ def listing(asset: str, engine: EngineDep) -> Any:
 @router.put(
     "/frames/{frame}",
     response_model=Frame,
-    responses=problems(404, 409, 413, 422, 503),
+    responses=problems(404, 409, 413, 422, 503, 507),
     openapi_extra=POSITIONS,
 )
 def put(asset: str, frame: str, positions: Positions, engine: EngineDep, place: Place) -> Any:
-    """Store positions under a name, replacing what was there."""
+    """Store positions under a name, replacing what was there; 507 where the memory for frames is
+    full."""
     with place:
         return engine.put_frame(asset, frame, positions)
 
@@ -39,11 +41,14 @@ def put(asset: str, frame: str, positions: Positions, engine: EngineDep, place: 
     response_model=Frame,
     responses={200: {"content": {NPY: {}, RAW: {}}}, **problems(404, 406, 409, 422)},
 )
-def show(asset: str, frame: str, request: Request, engine: EngineDep) -> Any:
-    """A frame as JSON, or its positions with `Accept: application/x-npy` (or raw float32)."""
-    wanted = preferred(request.headers.get("accept", ""), (JSON, NPY, RAW))
+def show(asset: str, frame: str, request: Request, engine: EngineDep, response: Response) -> Any:
+    """A frame as JSON, or its positions with `Accept: application/x-npy` (or
+    `application/octet-stream`, raw float32). The type of the highest weight is sent, a weight of 0
+    means not this one."""
+    wanted = preferred(request, (JSON, NPY, RAW))
     info = engine.frame(asset, frame)
     if wanted == JSON:
+        response.headers["Vary"] = "Accept"
         return info
     positions = engine.frame_positions(asset, frame).astype("<f4", copy=False)
     body = npy(positions) if wanted == NPY else positions.tobytes()

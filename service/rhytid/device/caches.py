@@ -1,0 +1,77 @@
+"""Gives OpenCL drivers a folder for compiled kernels where the user's own cannot be written.
+
+PoCL lists no device without such a folder, and pyopencl fails while it says that it has none. Both
+look in XDG_CACHE_HOME and in the home, which a service account or a container may lack.
+"""
+
+from __future__ import annotations
+
+import atexit
+import os
+import shutil
+import stat
+import sys
+import tempfile
+from pathlib import Path
+
+# What is made there by PoCL and by pyopencl: one of another owner is as bad as none.
+_MADE = ("pocl/kcache", "pyopencl", "pytools")
+
+
+def provide_cache_folder() -> None:
+    """Set XDG_CACHE_HOME where kernels could not be kept otherwise, else leave all as it is.
+
+    Where nothing at all can be written, pyopencl is told to go without.
+    """
+    if sys.platform != "linux":
+        return
+    usual = _usual_folder()
+    folder = usual if usual is not None and _keeps(usual) else _own_folder()
+    if folder is None:
+        os.environ.setdefault("PYOPENCL_NO_CACHE", "1")
+    elif folder != usual or "HOME" not in os.environ:  # PoCL looks up no home by itself
+        os.environ["XDG_CACHE_HOME"] = str(folder)
+
+
+def _usual_folder() -> Path | None:
+    """Where caches go by custom; None for a user without a home."""
+    try:
+        folder = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser()
+    except RuntimeError:
+        return None
+    return folder if folder.is_absolute() else None
+
+
+def _keeps(folder: Path) -> bool:
+    made = (folder / name for name in _MADE)
+    return _writable(folder) and all(_writable(path) for path in made if os.path.lexists(path))
+
+
+def _writable(folder: Path) -> bool:
+    try:
+        folder.mkdir(0o700, parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return True
+    except OSError:
+        return False
+
+
+def _own_folder() -> Path | None:
+    """A folder of this user among the temporary files, kept for the next start; where another
+    user's is in its place, one that goes with the process."""
+    try:
+        folder = Path(tempfile.gettempdir()) / f"rhytid-cache-{os.getuid()}"
+        if _writable(folder) and _is_private(folder) and _keeps(folder):
+            return folder
+        folder = Path(tempfile.mkdtemp(prefix="rhytid-cache-"))
+    except OSError:
+        return None
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return folder
+
+
+def _is_private(folder: Path) -> bool:
+    """Whether nobody else can put compiled code there."""
+    found = folder.lstat()
+    mine = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid()
+    return mine and not stat.S_IMODE(found.st_mode) & 0o077

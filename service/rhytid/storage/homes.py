@@ -1,0 +1,66 @@
+"""The folders of a store, one an asset: which there are, what they hold, what is swept out."""
+
+from __future__ import annotations
+
+import logging
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+from rhytid.errors import StorageError
+from rhytid.storage import durable
+from rhytid.storage.durable import is_folder, reported
+
+ID = re.compile(r"[0-9a-f]{16}", re.ASCII)
+REQUEST, ASSET = "request", "asset"
+_log = logging.getLogger(__name__)
+
+
+def homes(assets: Path) -> Iterator[Path]:
+    """The folders of all assets, by id."""
+    with reported(f"{assets} cannot be read"):
+        entries = sorted(assets.iterdir())
+    return (entry for entry in entries if ID.fullmatch(entry.name))
+
+
+def is_built(home: Path) -> bool:
+    """Whether it holds a built asset; raises StorageError where that cannot be seen."""
+    return is_folder(home / ASSET)
+
+
+def is_requested(home: Path) -> bool:
+    """Whether it holds a request; raises StorageError where that cannot be seen."""
+    return is_folder(home / REQUEST)
+
+
+def holds_something(home: Path) -> bool:
+    """Either of them."""
+    return is_built(home) or is_requested(home)
+
+
+def is_readable(home: Path) -> bool:
+    """Whether what it holds can be seen."""
+    try:
+        holds_something(home)
+    except StorageError:
+        return False
+    return True
+
+
+def sweep(assets: Path, partial: Path) -> None:
+    """Remove what interrupted changes left behind. A folder that resists, or cannot be read, is
+    left as it is: it must not keep the others from being served."""
+    for leftover in partial.iterdir():
+        durable.remove_tree(leftover)
+    for home in homes(assets):
+        _tidy(home, partial)
+
+
+def _tidy(home: Path, partial: Path) -> None:
+    try:
+        if not holds_something(home):
+            durable.discard(home, partial)
+        elif is_built(home) and is_requested(home):
+            durable.discard(home / REQUEST, partial)
+    except (OSError, StorageError) as exc:
+        _log.warning("%s is left as it is: %s", home, exc)
