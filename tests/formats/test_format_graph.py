@@ -27,6 +27,9 @@ OPTIONAL: dict[str, Any] = {
     "node_metric": np.array([[4, 0, 4], [4, 1, 9], [1, 0, 1]], np.float32),
     "node_triangle": np.array([-1, 0, 7], np.int32),
     "edge_triangle": np.array([-1, 3], np.int32),
+    "node_copy_of": np.array([-1, 0, 0], np.int32),
+    "edge_copy_of": np.array([-1, 0], np.int32),
+    "edge_metric": np.array([[0, 0, 0], [4, 1, 9]], np.float32),
 }
 METADATA = {"asset": "a1b2", "seed": "1", "unit": "µm", "": "empty"}
 
@@ -100,3 +103,18 @@ def without(name: str) -> dict[str, Any]:
 def test_refused(data: bytes, message: str) -> None:
     with pytest.raises(GraphError, match=message):
         read_graph(data)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "rule"),
+    [
+        ("node_copy_of", [-1, 3, -1], r"node_copy_of\[1\] is 3: must be -1 or from 0 to 2"),
+        ("node_copy_of", [1, -2, -1], r"node_copy_of\[1\] is -2"),
+        ("edge_copy_of", [1, 0], r"edge_copy_of\[0\] is 1: must be -1 or a row that is no copy"),
+        ("edge_copy_of", [0, -1], r"edge_copy_of\[0\] is 0: must be -1 or a row that is no copy"),
+        ("edge_metric", [[0, 0, 0], [4, 9, 9]], r"edge_metric\[1\] is .* must be 0 or a UV metric"),
+    ],
+)
+def test_copies_that_cannot_be_are_refused(name: str, value: Any, rule: str) -> None:
+    with pytest.raises(GraphError, match=rule):
+        WrinkleGraph(**{**ARRAYS, name: np.array(value)})

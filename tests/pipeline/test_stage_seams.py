@@ -34,14 +34,16 @@ def folded(angle: float = 35.0, mirrored: bool = False) -> Mesh:
     dense along the seam and 0.7 times across. Vertices are split along the seam."""
     x, y = np.meshgrid(np.linspace(0, 1, N + 1), np.linspace(0, 1, N + 1))
     x, y = x.ravel(), y.ravel()
-    flat, up = np.stack([x - 1, y, 0 * x], 1), np.stack([0 * x, y, x], 1)
+    flat, up = np.stack([x - 1, y, np.zeros_like(x)], 1), np.stack([np.zeros_like(x), y, x], 1)
     corner = (np.arange(N)[:, None] * (N + 1) + np.arange(N)).reshape(-1, 1)
-    quads = np.stack([corner + [0, 1, N + 2], corner + [0, N + 2, N + 1]], 1).reshape(-1, 3)
+    quads = np.stack(
+        [corner + np.array([0, 1, N + 2]), corner + np.array([0, N + 2, N + 1])], 1
+    ).reshape(-1, 3)
     cos, sin = np.cos(np.radians(angle)), np.sin(np.radians(angle))
     local = np.stack([0.7 * (x - 0.5), 1.3 * (y - 0.5)], 1) * (0.25, 0.25)
     if mirrored:
         local = local * (-1, 1)
-    second = [0.72, 0.6] + local @ [[cos, sin], [-sin, cos]]
+    second = np.array([0.72, 0.6]) + local @ [[cos, sin], [-sin, cos]]
     uv = np.concatenate([0.05 + 0.35 * np.stack([x, y], 1), second])
     faces = np.concatenate([quads, quads + len(x)])
     return Mesh(np.concatenate([flat, up]).astype(np.float32), faces, uv, faces)

@@ -28,7 +28,7 @@ _AGAIN = 1.5
 # What does not reach a seam at its neutral size is not stored again beside itself.
 _BESIDE = 1.5
 # How much longer than wide a copy may be on the surface.
-_LONGER = 6.0
+_LONGER = 3.0
 # It is not stored where it comes by so much nearer to another part of the border of its chart.
 _NEARER = 0.7
 # A map from chart to chart is fitted to places of a seam so much farther than the nearest.
@@ -208,7 +208,7 @@ class Seams:
         who, place, near = who[reached], place[reached], near[reached]
         missing = np.flatnonzero(~self._covered(shapes, drawn, who, place, near))
         who, place, near = who[missing], place[missing], near[missing]
-        more = self._over(drawn, who, place, near)
+        more = self._over(shapes, drawn, who, place, near)
         more = more.take(self._apart(shapes, drawn, more))
         return more.take(self._round(shapes, more))
 
@@ -270,7 +270,9 @@ class Seams:
             covered[rows] = gap <= _ABOUT + _SHARE * near[rows]
         return covered
 
-    def _over(self, drawn: Twins, who: IntArray, place: IntArray, near: FloatArray) -> Twins:
+    def _over(
+        self, shapes: Shapes, drawn: Twins, who: IntArray, place: IntArray, near: FloatArray
+    ) -> Twins:
         """A twin for the nearest stretch of seam of each element."""
         if not len(who):
             return Twins.originals(who)
@@ -280,8 +282,9 @@ class Seams:
         best = order[np.append(True, np.diff(drawn.of[who][order]) != 0)]
         kept = np.flatnonzero(np.isin(run, run[best]))
         _, group = np.unique(drawn.of[who[kept]], return_inverse=True)
-        turn, shift = self._fitted(group.ravel(), place[kept], near[kept], place[best])
         source = drawn.take(who[best])
+        root = shapes.root[source.of] @ np.linalg.inv(source.turn)
+        turn, shift = self._fitted(root, group.ravel(), place[kept], near[kept], place[best])
         return Twins(
             source.of,
             self._places.row[place[best]],
@@ -305,12 +308,17 @@ class Seams:
         return run
 
     def _fitted(
-        self, group: IntArray, place: IntArray, near: FloatArray, nearest: IntArray
+        self,
+        root: FloatArray,
+        group: IntArray,
+        place: IntArray,
+        near: FloatArray,
+        nearest: IntArray,
     ) -> tuple[FloatArray, FloatArray]:
         """(G, 2, 2), (G, 2): the affine maps that bring the places of each group best to where they
         are across the seam, near ones above all, and else as the two triangles lie at `nearest`."""
         row = self._places.row[nearest]
-        flat, beyond = self._borders.flat[row], self._borders.beyond[row]
+        flat, beyond = self._laid(row, root), self._borders.beyond[row]
         count = len(nearest)
         least = np.full(count, np.inf)
         np.minimum.at(least, group, near)
@@ -335,6 +343,20 @@ class Seams:
         )
         turn = np.linalg.inv(beyond) @ bend @ flat
         return turn, other - np.einsum("nij,nj->ni", turn, middle)
+
+    def _laid(self, row: IntArray, root: FloatArray) -> FloatArray:
+        """(G, 2, 2) from the UV of a chart to the plane of both triangles at a side, in which an
+        element of root (G, 2, 2) is round: where charts are crumpled its triangle and that at the
+        seam differ, and what it is on the seam tells how large it is."""
+        borders = self._borders
+        along = np.einsum("nij,nj->ni", root, borders.ends[row, 1] - borders.ends[row, 0])
+        x, y = along.T
+        size = np.hypot(x, y)
+        turned = np.stack([x, y, -y, x], axis=-1).reshape(-1, 2, 2) / size[:, None, None] @ root
+        sense = np.sign(np.linalg.det(borders.flat[row]) * np.linalg.det(turned))
+        turned[:, 1] *= sense[:, None]
+        laid: FloatArray = turned * (borders.length[row] / size)[:, None, None]
+        return laid
 
     def _wanted(self, shapes: Shapes, twins: Twins) -> IntArray:
         """Rows of the twins without those that would be seen in a chart that they do not belong to
