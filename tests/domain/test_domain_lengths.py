@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.graph_origin import GraphOrigin, mesh_digest
 from rhytid.domain.lengths import Lengths
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.origin import GraphOrigin, mesh_digest
 from rhytid.domain.units import MILLIMETRES, millimetres
 from rhytid.errors import GraphError, SettingsError
 

@@ -16,8 +16,8 @@ from rhytid.cli.program import main
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.controls import Controls
 from rhytid.domain.graph import WrinkleGraph
+from rhytid.domain.graph_origin import GraphOrigin
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.origin import GraphOrigin
 from rhytid.domain.places import surface_points
 from rhytid.engine.messages import NewAsset
 from rhytid.errors import GraphError, LimitError, SettingsError
@@ -106,6 +106,13 @@ def test_the_spacing_told_is_that_of_the_pores(engine, controls):
     told, found = engine.asset(asset).statistics["spacing"], apart(MESH, engine.graph(asset))
     assert told == pytest.approx(found, rel=1e-4)
     assert found == pytest.approx(0.2 if controls is None else 0.1, rel=0.02)
+
+
+def test_the_density_of_the_settings_brings_pores_nearer_and_makes_them_shallower(engine):
+    """As it does where the number is given."""
+    asset = grown(engine, **SIZE, graph={"spacing": 0.2, "density": 4.0})
+    assert engine.asset(asset).statistics["spacing"] == pytest.approx(0.1, rel=0.02)
+    assert lengths(engine, asset)[0] == pytest.approx(0.15 * 0.1)
 
 
 def test_the_same_skin_in_another_unit(engine):

@@ -15,7 +15,7 @@ from typing import Any
 from rhytid.bench.frame import FrameBench
 from rhytid.bench.load import Load, load, merged
 from rhytid.bench.server import served
-from rhytid.domain.origin import GraphOrigin
+from rhytid.domain.graph_origin import GraphOrigin
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.resident_parts import RECENT_FRAMES
 from rhytid.formats.graphs import write_graph

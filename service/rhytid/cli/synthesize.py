@@ -20,8 +20,8 @@ from rhytid.cli.graph_output import (
 from rhytid.cli.options import Commands, add_density, density, new_command, readable
 from rhytid.cli.reporting import share_bar
 from rhytid.domain.asset_settings import AssetSettings, GraphSettings
+from rhytid.domain.graph_origin import GraphOrigin
 from rhytid.domain.lengths import Lengths
-from rhytid.domain.origin import GraphOrigin
 from rhytid.domain.units import USUAL_UNIT
 from rhytid.errors import InputError
 

@@ -7,8 +7,8 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from rhytid.domain.checked import choice, number, power_of_two, read, text, whole
+from rhytid.domain.graph_origin import GraphOrigin
 from rhytid.domain.lengths import Lengths, usual_spacing
-from rhytid.domain.origin import GraphOrigin
 from rhytid.domain.regions import REGIONS, WHOLE_FACE
 from rhytid.domain.tiles import TileGrid
 from rhytid.domain.units import USUAL_UNIT

@@ -13,7 +13,7 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.curves import Curves, graph_curves, with_triangles
 from rhytid.domain.frame import check_positions
 from rhytid.domain.graph import WrinkleGraph
-from rhytid.domain.origin import GraphOrigin
+from rhytid.domain.graph_origin import GraphOrigin
 from rhytid.domain.tiles import mesh_udims
 from rhytid.engine.arrivals import AssetArrivals
 from rhytid.engine.assets import Asset

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
+from rhytid.domain.graph_origin import GraphOrigin
 from rhytid.domain.lengths import Lengths
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.origin import GraphOrigin
 from rhytid.errors import GraphError
 
 

@@ -13,7 +13,7 @@ from safetensors import SafetensorError, deserialize
 from safetensors.numpy import save
 
 from rhytid.domain.graph import ARRAYS, REQUIRED, WrinkleGraph
-from rhytid.domain.origin import GraphOrigin
+from rhytid.domain.graph_origin import GraphOrigin
 from rhytid.errors import GraphError
 from rhytid.formats.limits import check_size
 
