@@ -16,6 +16,7 @@ from rhytid.cli.options import (
     add_query,
     add_several,
     add_stiffness,
+    add_strict,
     add_wrinkles,
     base_name,
     new_command,
@@ -65,6 +66,7 @@ def add_command(commands: Commands) -> None:
     add("--half", action="store_true", help="write half floats")
     add("--store", type=Path, metavar="DIR", help="keep the built asset here (a temporary folder)")
     add("--device", metavar="D", help="number or part of the name of a device")
+    add_strict(parser)
     add_json(parser)
     parser.set_defaults(run=run)
 
@@ -75,12 +77,15 @@ def run(arguments: argparse.Namespace) -> None:
     from rhytid.cli.baking import Baker, Output, build
     from rhytid.cli.frame_files import FrameFiles
     from rhytid.cli.input_files import graph_file, mesh_file, stiffness_files
+    from rhytid.cli.warned import Warned
     from rhytid.engine.engine import Engine
 
     given = asset_settings(arguments)
     settings = AssetSettings.parse(given)
     mesh = mesh_file(arguments.mesh)
     frames = FrameFiles(mesh, arguments.frames)
+    warned = Warned("bake", arguments.strict)
+    warned.inputs(mesh.mesh, arguments.mesh.name, settings.unit, settings.resolution, frames)
     graph = graph_file(arguments.graph) if arguments.graph else None
     new = NewAsset(
         mesh.mesh, settings, graph, stiffness=stiffness_files(arguments.stiffness, mesh.mesh)
@@ -93,11 +98,12 @@ def run(arguments: argparse.Namespace) -> None:
             asset = build(engine, new)
         output = Output(arguments.out, name, arguments.half)
         query = MapQuery(arguments.method, arguments.stretch, arguments.sampling)
-        baker = Baker(engine, asset, query, frames, output, watch)
+        baker = Baker(engine, asset, query, frames, output, watch, warned)
         if arguments.method == "binned" and "r_max" not in given.get("bins", {}):
             baker.calibrate()
         baker.run()
     _tell(arguments, baker, watch)
+    warned.repeat()
 
 
 def asset_settings(arguments: argparse.Namespace) -> dict[str, Any]:
@@ -141,6 +147,7 @@ def _tell(arguments: argparse.Namespace, baker: Baker, watch: Stopwatch) -> None
         "written": baker.written,
         "skipped": baker.skipped,
         "steps": watch.figures(),
+        "warnings": baker.warned.figures(),
     }
     summary = f"{baker.written} maps written to {arguments.out}, {baker.skipped} were done"
     report(figures, f"{watch.table()}\n{summary}", arguments.json)

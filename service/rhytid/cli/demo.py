@@ -7,6 +7,7 @@ from contextlib import closing
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
+from warnings import catch_warnings, simplefilter
 
 from rhytid.cli.options import (
     Commands,
@@ -14,6 +15,7 @@ from rhytid.cli.options import (
     add_query,
     add_several,
     add_stiffness,
+    add_strict,
     add_wrinkles,
     new_command,
     readable,
@@ -62,6 +64,7 @@ def add_command(commands: Commands) -> None:
     add_stiffness(parser)
     add("--unit", choices=UNITS, default="cm", help="length unit of NEUTRAL (%(default)s)")
     add("--device", metavar="D", help="number or part of the name of a device")
+    add_strict(parser)
     add_json(parser)
     parser.set_defaults(run=run, usage_error=parser.error)
 
@@ -75,25 +78,31 @@ def run(arguments: argparse.Namespace) -> None:
     from rhytid.cli.demo_session import Session
     from rhytid.cli.demo_sheets import write_sheets
     from rhytid.cli.server import serving
-    from rhytid_client import Client
+    from rhytid.cli.warned import Warned
+    from rhytid_client import Client, RhytidWarning
 
     face = animation(arguments.mesh, arguments.frames)
+    warned = Warned("demo", arguments.strict)
+    name = arguments.mesh.name if arguments.mesh else "face.npz"
+    warned.inputs(face.mesh, name, arguments.unit, arguments.resolution, face.frames)
     out: Path = arguments.out
     out.mkdir(parents=True, exist_ok=True)
     if arguments.mesh is None:
         face.save(out / "face.npz")
     with TemporaryDirectory(prefix="rhytid-demo-") as store:
         service = chosen(Path(store), arguments.device)
-        with serving(service) as url, closing(Client(url)) as client:
+        with serving(service) as url, closing(Client(url)) as client, catch_warnings():
+            simplefilter("ignore", RhytidWarning)  # told by the command itself
             query = {"stretch": arguments.stretch, "sampling": arguments.sampling}
-            session = Session(client, face, out, query)
+            session = Session(client, face, out, query, warned)
             session.build(_settings(arguments), arguments.stiffness)
             session.send_frames()
             session.draw()
             sheets = write_sheets(session, UNITS[arguments.unit])
-            figures = {**session.figures(), "key_frames": sheets}
+            figures = {**session.figures(), "key_frames": sheets, "warnings": warned.figures()}
     write_json(figures, out / "times.json")
     report(figures, _text(figures, session), arguments.json)
+    warned.repeat()
 
 
 def _settings(arguments: argparse.Namespace) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rhytid.cli.graph_output import add_outputs, check_outputs, open_device, write_outputs
-from rhytid.cli.options import Commands, new_command, readable
+from rhytid.cli.options import Commands, add_strict, new_command, readable
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
@@ -28,6 +28,7 @@ def add_command(commands: Commands) -> None:
     )
     parser.add_argument("mesh", type=readable, metavar="MESH", help="OBJ, PLY, glTF, GLB or npz")
     parser.add_argument("graph", type=readable, metavar="GRAPH.safetensors", help="its wrinkles")
+    add_strict(parser)
     add_outputs(parser)
     parser.set_defaults(run=run)
 
@@ -35,12 +36,17 @@ def add_command(commands: Commands) -> None:
 def run(arguments: argparse.Namespace) -> None:
     """Read both, find the pores on the mesh, write, and tell the figures."""
     from rhytid.cli.input_files import graph_file, mesh_file
+    from rhytid.cli.warned import Warned
 
-    check_outputs(arguments)
     mesh = mesh_file(arguments.mesh).mesh
+    warned = Warned("graph", arguments.strict)
+    warned.inputs(mesh, arguments.mesh.name, arguments.unit, AssetSettings().resolution)
+    check_outputs(arguments)
     device = open_device(arguments)
     graph = _placed(device, mesh, graph_file(arguments.graph))
-    write_outputs(arguments, device, mesh, graph, {"file": str(arguments.graph)})
+    facts = {"file": str(arguments.graph), "warnings": warned.figures()}
+    write_outputs(arguments, device, mesh, graph, facts)
+    warned.repeat()
 
 
 def _placed(device: Device, mesh: Mesh, graph: WrinkleGraph) -> WrinkleGraph:

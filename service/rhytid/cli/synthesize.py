@@ -16,7 +16,7 @@ from rhytid.cli.graph_output import (
     whole_file,
     write_outputs,
 )
-from rhytid.cli.options import Commands, add_wrinkles, new_command, readable
+from rhytid.cli.options import Commands, add_strict, add_wrinkles, new_command, readable
 from rhytid.cli.reporting import share_bar
 from rhytid.domain.asset_settings import AssetSettings, GraphSettings
 from rhytid.errors import InputError
@@ -40,6 +40,7 @@ def add_command(commands: Commands) -> None:
     add_wrinkles(parser)
     parser.add_argument("--seed", type=int, metavar="S", help="another seed, another skin")
     add_controls(parser)
+    add_strict(parser)
     add_outputs(parser)
     parser.set_defaults(run=run)
 
@@ -48,6 +49,7 @@ def run(arguments: argparse.Namespace) -> None:
     """Read, synthesise, write, and tell figures of what came out."""
     # Imported here, so that --help needs no OpenCL.
     from rhytid.cli.input_files import control_files, mesh_file
+    from rhytid.cli.warned import Warned
     from rhytid.formats.graphs import write_graph
     from rhytid.synthesis.generate import synthesize
     from rhytid.synthesis.progress import clocked
@@ -56,9 +58,11 @@ def run(arguments: argparse.Namespace) -> None:
     settings = graph_settings({**given, **control_settings(arguments)})
     if arguments.out.suffix.lower() != GRAPH:
         raise InputError(f"{arguments.out}: the graph is written as {GRAPH}")
+    mesh = mesh_file(arguments.mesh).mesh
+    warned = Warned("synthesize", arguments.strict)
+    warned.inputs(mesh, arguments.mesh.name, arguments.unit, AssetSettings().resolution)
     check_outputs(arguments)
     make_place(arguments.out)
-    mesh = mesh_file(arguments.mesh).mesh
     controls = control_files(control_maps(arguments), mesh)
     device = open_device(arguments)
     out: Path = arguments.out
@@ -66,7 +70,9 @@ def run(arguments: argparse.Namespace) -> None:
         clock, seconds = clocked(show)
         graph = synthesize(mesh, settings, device, clock, controls=controls).graph
     whole_file(out, [write_graph(graph)])
-    write_outputs(arguments, device, mesh, graph, {"file": str(out), "seconds": seconds})
+    facts = {"file": str(out), "seconds": seconds, "warnings": warned.figures()}
+    write_outputs(arguments, device, mesh, graph, facts)
+    warned.repeat()
 
 
 def graph_settings(given: Mapping[str, Any]) -> GraphSettings:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import asdict
 from functools import partial
 from typing import Any, TypeVar
 
@@ -48,7 +49,8 @@ class Builder:
                 settings = wanted.settings.resolved(spacing)
                 job.progress(_SYNTHESIS, "storing")
                 with self._still_known(asset):
-                    facts = {"spacing": spacing}
+                    kept = [asdict(warning) for warning in asset.warnings]
+                    facts = {"spacing": spacing, "warnings": kept}
                     self._store.put_asset(
                         asset.id, wanted.mesh, graph, settings, facts, wanted.stiffness
                     )

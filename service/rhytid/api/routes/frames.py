@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from fastapi import APIRouter, Request, Response
 
-from rhytid.api.dependencies import EngineDep, NoQuery, Place, Positions
+from rhytid.api.dependencies import EngineDep, NoQuery, Place, Positions, Strict
 from rhytid.api.documentation import POSITIONS, binary, problems
 from rhytid.api.encoding import NPY, RAW, npy, npz, preferred
 from rhytid.api.schemas import Frame, Job
+from rhytid.domain.origin import put_back
 
 JSON = "application/json"
 NPZ = "application/x-npz"
@@ -28,10 +30,17 @@ def listing(asset: str, engine: EngineDep) -> Any:
     responses=problems(404, 409, 413, 422, 503),
     openapi_extra=POSITIONS,
 )
-def put(asset: str, frame: str, positions: Positions, engine: EngineDep, place: Place) -> Any:
+def put(
+    asset: str,
+    frame: str,
+    positions: Positions,
+    engine: EngineDep,
+    place: Place,
+    strict: Strict = False,
+) -> Any:
     """Store positions under a name, replacing what was there."""
     with place:
-        return engine.put_frame(asset, frame, positions)
+        return engine.put_frame(asset, frame, positions, strict=strict)
 
 
 @router.get(
@@ -40,13 +49,17 @@ def put(asset: str, frame: str, positions: Positions, engine: EngineDep, place: 
     responses={200: {"content": {NPY: {}, RAW: {}}}, **problems(404, 406, 409, 422)},
 )
 def show(asset: str, frame: str, request: Request, engine: EngineDep) -> Any:
-    """A frame as JSON, or its positions with `Accept: application/x-npy` (or raw float32)."""
+    """A frame as JSON, or its positions with `Accept: application/x-npy` (or raw float32).
+
+    Positions are where they were sent; as .npy float64 where the asset has a `centre`.
+    """
     wanted = preferred(request.headers.get("accept", ""), (JSON, NPY, RAW))
     info = engine.frame(asset, frame)
     if wanted == JSON:
         return info
-    positions = engine.frame_positions(asset, frame).astype("<f4", copy=False)
-    body = npy(positions) if wanted == NPY else positions.tobytes()
+    positions = put_back(engine.frame_positions(asset, frame), np.array(engine.asset(asset).centre))
+    little = positions.astype(positions.dtype.newbyteorder("<"), copy=False)
+    body = npy(little) if wanted == NPY else little.astype("<f4", copy=False).tobytes()
     return Response(body, headers={"Vary": "Accept"}, media_type=wanted)
 
 
@@ -77,8 +90,14 @@ def stretch(asset: str, frame: str, engine: EngineDep, place: Place) -> Response
     responses=problems(404, 409, 413, 422, 503),
     openapi_extra=POSITIONS,
 )
-def calibrate(asset: str, positions: Positions, engine: EngineDep, response: Response) -> Any:
+def calibrate(
+    asset: str,
+    positions: Positions,
+    engine: EngineDep,
+    response: Response,
+    strict: Strict = False,
+) -> Any:
     """Set `bins.r_max` from the stretch of the positions sent; answers with a job."""
-    job = engine.calibrate(asset, positions)
+    job = engine.calibrate(asset, positions, strict=strict)
     response.headers["Location"] = f"/v1/jobs/{job.id}"
     return job
