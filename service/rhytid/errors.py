@@ -26,8 +26,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 
 class RhytidError(Exception):
     """Base of every deliberate error."""
@@ -56,7 +54,7 @@ class SettingsError(InputError):
 class StrictError(InputError):
     """Something is probably wrong, and the caller asked to be strict; `warnings` has it all."""
 
-    def __init__(self, message: str, warnings: tuple[Any, ...] = ()) -> None:
+    def __init__(self, message: str, warnings: tuple[object, ...] = ()) -> None:
         super().__init__(message)
         self.warnings = warnings
 

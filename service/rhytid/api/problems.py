@@ -15,6 +15,7 @@ from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 
 from rhytid import errors
+from rhytid.domain.warnings import InputWarning
 
 MEDIA_TYPE = "application/problem+json"
 LONGEST_DETAIL = 2000
@@ -100,7 +101,7 @@ async def _deliberate(request: Request, error: Exception) -> Response:
     headers = {} if retry is None else {"Retry-After": str(retry)}
     extra = {}
     if isinstance(error, errors.StrictError):
-        extra["warnings"] = [asdict(warning) for warning in error.warnings]
+        extra["warnings"] = [asdict(w) for w in error.warnings if isinstance(w, InputWarning)]
     return problem(kind.status, str(error), kind.title, kind.type, headers, **extra)
 
 

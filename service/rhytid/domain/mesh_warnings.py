@@ -197,7 +197,7 @@ class _Measured:
         uv = self.uv[triangle].mean(axis=0)
         point = put_back(self.corners[triangle].mean(axis=0), self.mesh.centre)
         index = int(np.flatnonzero(self.used)[triangle])
-        at = ", ".join(f"{x:.4g}" for x in point)
+        at = ", ".join(f"{x:.6g}" for x in point)
         return f"triangle {index}, uv ({uv[0]:.3f}, {uv[1]:.3f}), at ({at}) {self.unit}"
 
     def _texel(self, side: float) -> str:
