@@ -32,6 +32,7 @@ from rhytid.settings import ServiceSettings
 
 if TYPE_CHECKING:
     from rhytid.cli.baking import Baker
+    from rhytid.cli.warned import Warned
 
 SUMMARY = "Write the displacement of an animation as EXR files; goes on where it was interrupted."
 DETAILS = """
@@ -73,18 +74,23 @@ def add_command(commands: Commands) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Read everything, build the asset, bake, and tell the times."""
+    from rhytid.cli.warned import Warned
+
+    with Warned("bake", arguments.strict) as warned:
+        _run(arguments, warned)
+
+
+def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     # Imported here, so that --help does not wait for OpenCL.
     from rhytid.cli.baking import Baker, Output, build
     from rhytid.cli.frame_files import FrameFiles
     from rhytid.cli.input_files import graph_file, mesh_file, stiffness_files
-    from rhytid.cli.warned import Warned
     from rhytid.engine.engine import Engine
 
     given = asset_settings(arguments)
     settings = AssetSettings.parse(given)
     mesh = mesh_file(arguments.mesh)
     frames = FrameFiles(mesh, arguments.frames)
-    warned = Warned("bake", arguments.strict)
     warned.inputs(mesh.mesh, arguments.mesh.name, settings.unit, settings.resolution, frames)
     graph = graph_file(arguments.graph) if arguments.graph else None
     new = NewAsset(
@@ -103,7 +109,6 @@ def run(arguments: argparse.Namespace) -> None:
             baker.calibrate()
         baker.run()
     _tell(arguments, baker, watch)
-    warned.repeat()
 
 
 def asset_settings(arguments: argparse.Namespace) -> dict[str, Any]:

@@ -26,6 +26,7 @@ from rhytid.domain.asset_settings import AssetSettings
 
 if TYPE_CHECKING:
     from rhytid.cli.demo_session import Session
+    from rhytid.cli.warned import Warned
 
 UNITS = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
 RESOLUTION = 2048
@@ -73,16 +74,21 @@ def run(arguments: argparse.Namespace) -> None:
     """Serve, send, draw, and tell what came of it and where it lies."""
     if arguments.frames and arguments.mesh is None:
         arguments.usage_error("--frames needs --mesh: the neutral face that they deform")
+    from rhytid.cli.warned import Warned
+
+    with Warned("demo", arguments.strict) as warned:
+        _run(arguments, warned)
+
+
+def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     # Imported here, so that --help does not wait for OpenCL and the web framework.
     from rhytid.cli.demo_face import animation
     from rhytid.cli.demo_session import Session
     from rhytid.cli.demo_sheets import write_sheets
     from rhytid.cli.server import serving
-    from rhytid.cli.warned import Warned
     from rhytid_client import Client, RhytidWarning
 
     face = animation(arguments.mesh, arguments.frames)
-    warned = Warned("demo", arguments.strict)
     name = arguments.mesh.name if arguments.mesh else "face.npz"
     warned.inputs(face.mesh, name, arguments.unit, arguments.resolution, face.frames)
     out: Path = arguments.out
@@ -102,7 +108,6 @@ def run(arguments: argparse.Namespace) -> None:
             figures = {**session.figures(), "key_frames": sheets, "warnings": warned.figures()}
     write_json(figures, out / "times.json")
     report(figures, _text(figures, session), arguments.json)
-    warned.repeat()
 
 
 def _settings(arguments: argparse.Namespace) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 
 if TYPE_CHECKING:
+    from rhytid.cli.warned import Warned
     from rhytid.device.runtime import Device
 
 
@@ -35,18 +36,22 @@ def add_command(commands: Commands) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Read both, find the pores on the mesh, write, and tell the figures."""
-    from rhytid.cli.input_files import graph_file, mesh_file
     from rhytid.cli.warned import Warned
 
+    with Warned("graph", arguments.strict) as warned:
+        _run(arguments, warned)
+
+
+def _run(arguments: argparse.Namespace, warned: Warned) -> None:
+    from rhytid.cli.input_files import graph_file, mesh_file
+
     mesh = mesh_file(arguments.mesh).mesh
-    warned = Warned("graph", arguments.strict)
     warned.inputs(mesh, arguments.mesh.name, arguments.unit, AssetSettings().resolution)
     check_outputs(arguments)
     device = open_device(arguments)
     graph = _placed(device, mesh, graph_file(arguments.graph))
     facts = {"file": str(arguments.graph), "warnings": warned.figures()}
     write_outputs(arguments, device, mesh, graph, facts)
-    warned.repeat()
 
 
 def _placed(device: Device, mesh: Mesh, graph: WrinkleGraph) -> WrinkleGraph:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rhytid.cli.control_options import add_controls, control_maps, control_settings
 from rhytid.cli.graph_output import (
@@ -20,6 +20,9 @@ from rhytid.cli.options import Commands, add_strict, add_wrinkles, new_command, 
 from rhytid.cli.reporting import share_bar
 from rhytid.domain.asset_settings import AssetSettings, GraphSettings
 from rhytid.errors import InputError
+
+if TYPE_CHECKING:
+    from rhytid.cli.warned import Warned
 
 GRAPH = ".safetensors"
 
@@ -47,9 +50,15 @@ def add_command(commands: Commands) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Read, synthesise, write, and tell figures of what came out."""
+    from rhytid.cli.warned import Warned
+
+    with Warned("synthesize", arguments.strict) as warned:
+        _run(arguments, warned)
+
+
+def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     # Imported here, so that --help needs no OpenCL.
     from rhytid.cli.input_files import control_files, mesh_file
-    from rhytid.cli.warned import Warned
     from rhytid.formats.graphs import write_graph
     from rhytid.synthesis.generate import synthesize
     from rhytid.synthesis.progress import clocked
@@ -59,7 +68,6 @@ def run(arguments: argparse.Namespace) -> None:
     if arguments.out.suffix.lower() != GRAPH:
         raise InputError(f"{arguments.out}: the graph is written as {GRAPH}")
     mesh = mesh_file(arguments.mesh).mesh
-    warned = Warned("synthesize", arguments.strict)
     warned.inputs(mesh, arguments.mesh.name, arguments.unit, AssetSettings().resolution)
     check_outputs(arguments)
     make_place(arguments.out)
@@ -72,7 +80,6 @@ def run(arguments: argparse.Namespace) -> None:
     whole_file(out, [write_graph(graph)])
     facts = {"file": str(out), "seconds": seconds, "warnings": warned.figures()}
     write_outputs(arguments, device, mesh, graph, facts)
-    warned.repeat()
 
 
 def graph_settings(given: Mapping[str, Any]) -> GraphSettings:

@@ -28,6 +28,14 @@ class Warned:
         self._command, self._strict = command, strict
         self.warnings: list[InputWarning] = []
 
+    def __enter__(self) -> Warned:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
+        """At the end of a run, of one that failed, too: there the reason may be among them."""
+        if kind is not StrictError:
+            self.repeat()
+
     def inputs(
         self, mesh: Mesh, name: str, unit: str, resolution: int, frames: FrameFiles | None = None
     ) -> None:
@@ -58,7 +66,7 @@ class Warned:
                     self._print(f"warning: {warning}")
 
     def repeat(self) -> None:
-        """At the end of a run: the first of each code again, and how many there are."""
+        """The first of each code again, and how many there are."""
         counts = Counter(warning.code for warning in self.warnings)
         if counts:
             self._print(f"{len(self.warnings)} warnings; docs/warnings.md says what to do:")

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.mesh_warnings import far_detail, median_edge
 from rhytid.domain.origin import number_step, put_back
-from rhytid.domain.units import MILLIMETRES, unit_near
+from rhytid.domain.units import unit_pair
 from rhytid.domain.warnings import (
     CLAMP_MEDIAN,
     FAR_FROM_ORIGIN,
@@ -96,11 +96,10 @@ class FrameCheck:
 
     def _scaled(self, factor: float) -> str:
         detail = f"it is the neutral mesh made {factor:.4g} times as large"
-        if self.unit in MILLIMETRES:
-            name = unit_near(MILLIMETRES[self.unit] / factor, UNIT_TOLERANCE)
-            if name is not None and name != self.unit:
-                times = f"multiply it by {1.0 / factor:.4g}"
-                return f"{detail}: it looks like {name} beside a neutral in {self.unit}; {times}"
+        pair = unit_pair(factor, self.unit, UNIT_TOLERANCE)
+        if pair is not None:
+            times = f"multiply it by {1.0 / factor:.4g}"
+            return f"{detail}: it looks like {pair[1]} beside a neutral in {pair[0]}; {times}"
         return f"{detail}: skin does not grow everywhere by the same factor"
 
 
