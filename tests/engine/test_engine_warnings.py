@@ -93,7 +93,7 @@ def test_frames_calibrations_and_tiles(engine):
 
 
 def test_a_mesh_far_away_is_drawn_as_at_the_origin(tmp_path):
-    """A million units away, as doubles; the same bits, for the centre has few digits."""
+    """A million units away, as doubles."""
     near = sheet()
     far = Mesh.centred(
         near.positions.astype(float) * (1 + 1e-9) + 1e6, near.faces, near.uv, near.face_uv
