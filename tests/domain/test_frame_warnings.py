@@ -67,7 +67,7 @@ def test_a_frame_of_another_mesh() -> None:
 def test_the_median_near_the_clamp(size: float, warned: bool) -> None:
     """Stretched one way and compressed the other, by as much."""
     flat = sphere(32)
-    sheet = Mesh(flat.positions * [1, 1, 0.01], flat.faces, flat.uv, flat.face_uv)
+    sheet = Mesh(flat.positions * [1, 1, 1e-4], flat.faces, flat.uv, flat.face_uv)
     factor = np.exp(size * limits.CLAMP_MEDIAN)
     moved = sheet.positions * [factor, 1 / factor, 1]
     found = codes(moved, FrameCheck(sheet, "cm"))
@@ -99,7 +99,7 @@ def test_a_scale_that_is_not_even(factor: float, warned: bool) -> None:
     """Stretched less along x than along y: no scale once they differ by a third of either."""
     spread = factor * 0.2 / (limits.SCALED_SPREADS + 0.5)  # of the median, the lower end
     flat = sphere(64)
-    sheet = Mesh(flat.positions * [1, 1, 0.01], flat.faces, flat.uv, flat.face_uv)
+    sheet = Mesh(flat.positions * [1, 1, 1e-4], flat.faces, flat.uv, flat.face_uv)
     moved = sheet.positions * [np.exp(0.2 - spread / 2), np.exp(0.2 + spread / 2), 1]
     found = codes(moved, FrameCheck(sheet, "cm"))
     assert found == ([limits.FRAME_SCALED] if warned else [])

@@ -27,8 +27,8 @@ from rhytid.domain.warnings import (
     InputWarning,
 )
 
-# Triangles that are looked at: their median is off by some 3 % of the spread.
-_TRIANGLES = 1024
+# Triangles that are looked at: their median is off by some 4 % of the spread.
+_TRIANGLES = 512
 # Log stretch of a triangle that has no area left.
 _NOTHING = 1e-30
 
@@ -40,15 +40,16 @@ class FrameCheck:
         self.unit, self.centre = unit, mesh.centre
         usable = np.flatnonzero(mesh.usable_triangles())
         step = -(-len(usable) // _TRIANGLES)
-        self._corners = mesh.faces[usable[::step]]
-        first, second = _edges(mesh.positions, self._corners)
-        length = np.linalg.norm(first, axis=1)
-        height = np.linalg.norm(np.cross(first, second), axis=1) / length
-        along = np.einsum("fi,fi->f", first, second) / length
+        corners = mesh.faces[usable[::step]]
+        self._corners = np.ascontiguousarray(corners.T)
+        first, second = self._edges(mesh.positions)
+        length = np.linalg.norm(first, axis=0)
+        height = np.linalg.norm(_cross(first, second), axis=0) / length
+        along = _dot(first, second) / length
         # The columns of F in the frame of the first edge, from the edges of the deformed triangle.
-        self._one = (1.0 / length)[:, None]
-        self._two = np.stack([-along / (length * height), 1.0 / height], axis=1)[..., None]
-        self._edge = median_edge(mesh.positions, self._corners)
+        self._one = 1.0 / length
+        self._two = -along / (length * height), 1.0 / height
+        self._edge = median_edge(mesh.positions, corners)
         self._neutral_far = self._is_far(mesh.positions)
 
     def warnings(self, positions: NDArray[np.float32], where: str) -> tuple[InputWarning, ...]:
@@ -78,18 +79,23 @@ class FrameCheck:
 
     def log_stretch(self, positions: NDArray[np.float32]) -> NDArray[np.float64]:
         """(K, 2) log ρ of the triangles that are looked at, the larger first, unclamped."""
-        first, second = _edges(positions, self._corners)
+        first, second = self._edges(positions)
         one = first * self._one
-        two = first * self._two[:, 0] + second * self._two[:, 1]
-        a, b, c = (np.einsum("fi,fi->f", x, y) for x, y in ((one, one), (one, two), (two, two)))
+        two = first * self._two[0] + second * self._two[1]
+        a, b, c, across = _dot(one, one), _dot(one, two), _dot(two, two), _cross(one, two)
         root = np.sqrt((0.5 * (a - c)) ** 2 + b * b)
         larger = np.maximum(0.5 * (a + c) + root, _NOTHING)
         # The determinant over the larger one: the difference would lose its digits.
-        smaller = np.square(_cross(one, two)).sum(axis=0) / larger
-        logs: NDArray[np.float64] = 0.5 * np.log(
-            np.stack([larger, np.maximum(smaller, _NOTHING)], axis=1)
-        )
+        smaller = np.maximum(_dot(across, across) / larger, _NOTHING)
+        logs: NDArray[np.float64] = 0.5 * np.log(np.stack([larger, smaller], axis=1))
         return logs
+
+    def _edges(
+        self, positions: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(3, K) from the first corner to the second and to the third."""
+        a, b, c = positions[self._corners].transpose(0, 2, 1).astype(np.float64, order="C")
+        return b - a, c - a
 
     def _is_far(self, positions: NDArray[np.float32]) -> bool:
         return number_step(positions, self.centre) > STEP_OF_EDGE * self._edge
@@ -103,14 +109,12 @@ class FrameCheck:
         return f"{detail}: skin does not grow everywhere by the same factor"
 
 
-def _edges(
-    positions: NDArray[np.float32], corners: NDArray[np.int32]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    a, b, c = positions[corners.T].astype(np.float64)
-    return b - a, c - a
+def _dot(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    products: NDArray[np.float64] = np.einsum("ik,ik->k", a, b)
+    return products
 
 
 def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
     """(3, K) cross products; numpy's own takes longer to begin than these few take."""
-    (x, y, z), (u, v, w) = a.T, b.T
+    (x, y, z), (u, v, w) = a, b
     return np.stack([y * w - z * v, z * u - x * w, x * v - y * u])
