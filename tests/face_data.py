@@ -97,5 +97,10 @@ def measured_stretch() -> dict[str, dict[str, float]]:
     return {name: dict(zip(columns, map(float, cells), strict=True)) for name, *cells in rows}
 
 
+def folder() -> Path:
+    """The folder of the data sets."""
+    return Path(os.environ[VARIABLE])
+
+
 def _folder() -> Path:
-    return Path(os.environ[VARIABLE]) / "ict_face"
+    return folder() / "ict_face"

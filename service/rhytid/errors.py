@@ -8,6 +8,7 @@
     │   ├── GraphError
     │   ├── FrameError
     │   ├── SettingsError
+    │   ├── StrictError          something is probably wrong, and the caller asked to be strict
     │   └── QueryError           an address, a method or a format that does not exist
     ├── NotFoundError            no such asset, frame, job, UDIM or tile
     ├── ConflictError            right, but not now
@@ -49,6 +50,14 @@ class FrameError(InputError):
 
 class SettingsError(InputError):
     """A setting that is unknown, of the wrong type or out of range; names its path."""
+
+
+class StrictError(InputError):
+    """Something is probably wrong, and the caller asked to be strict; `warnings` has it all."""
+
+    def __init__(self, message: str, warnings: tuple[object, ...] = ()) -> None:
+        super().__init__(message)
+        self.warnings = warnings
 
 
 class QueryError(InputError):

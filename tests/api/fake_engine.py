@@ -14,6 +14,7 @@ from rhytid.domain.curves import Curves
 from rhytid.domain.frame import NEUTRAL, check_frame_name, check_positions
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.tiles import TileAddress, mesh_udims
+from rhytid.domain.warnings import InputWarning, refuse
 from rhytid.engine.messages import (
     AssetInfo,
     BinManifest,
@@ -78,7 +79,9 @@ class FakeEngine:
 
     # Assets and jobs
 
-    def create_asset(self, new: NewAsset) -> AssetInfo:
+    def create_asset(self, new: NewAsset, *, strict: bool = False) -> AssetInfo:
+        if strict:
+            refuse(self._doubts(new.mesh.positions, "mesh"))
         arrays = [new.mesh.positions, new.mesh.faces, new.mesh.uv, new.mesh.face_uv]
         name = _digest(repr(new.settings), *arrays)[:16]
         if name not in self._assets:
@@ -109,6 +112,8 @@ class FakeEngine:
             pores=graph.pores if built else 0,
             wrinkles=graph.wrinkles if built else 0,
             statistics={"spacing": 0.01, **graph.figures()} if built else None,
+            warnings=self._doubts(mesh.positions, "mesh"),
+            centre=tuple(mesh.centre.tolist()),
         )
 
     def change_asset(self, asset: str, changes: dict[str, Any]) -> AssetInfo:
@@ -157,8 +162,11 @@ class FakeEngine:
 
     # Frames
 
-    def put_frame(self, asset: str, frame: str, positions: Any) -> FrameInfo:
+    def put_frame(
+        self, asset: str, frame: str, positions: Any, *, strict: bool = False
+    ) -> FrameInfo:
         found = self._built(asset)
+        self.frame_warnings(asset, positions, strict=strict)
         if check_frame_name(frame) == NEUTRAL:
             raise ReadOnlyError("frame 'neutral' cannot be written")
         found.frames[frame] = check_positions(positions, len(found.new.mesh.positions))
@@ -168,8 +176,23 @@ class FakeEngine:
         return [self.frame(asset, name) for name in (NEUTRAL, *self._built(asset).frames)]
 
     def frame(self, asset: str, frame: str) -> FrameInfo:
-        moved = self._moved(asset, self.frame_positions(asset, frame))
-        return FrameInfo(frame, dict.fromkeys(PERCENTILES, moved))
+        positions = self.frame_positions(asset, frame)
+        moved = self._moved(asset, positions)
+        doubts = self._doubts(positions, f"frame {frame}") if frame != NEUTRAL else ()
+        return FrameInfo(frame, dict.fromkeys(PERCENTILES, moved), doubts)
+
+    def frame_warnings(
+        self, asset: str, positions: Any, *, strict: bool = False
+    ) -> tuple[InputWarning, ...]:
+        found = self._doubts(positions, "the positions")
+        if strict:
+            refuse(found)
+        return found
+
+    def _doubts(self, positions: Any, where: str) -> tuple[InputWarning, ...]:
+        """Something is doubtful above 50."""
+        large = float(np.max(positions)) > 50.0
+        return (InputWarning("mesh-size", "täglich größer", where),) if large else ()
 
     def frame_positions(self, asset: str, frame: str) -> NDArray[np.float32]:
         found = self._built(asset)
@@ -185,11 +208,14 @@ class FakeEngine:
             raise ReadOnlyError("frame 'neutral' cannot be deleted")
         del self._find(asset).frames[frame]
 
-    def calibrate(self, asset: str, positions: Any) -> JobInfo:
+    def calibrate(self, asset: str, positions: Any, *, strict: bool = False) -> JobInfo:
         found = self._built(asset)
+        warnings = self.frame_warnings(asset, positions, strict=strict)
         check_positions(positions, len(found.new.mesh.positions))
         found.settings = found.settings.with_r_max(0.3)
-        return self._jobs[self._start(asset, "calibrate")]
+        name = self._start(asset, "calibrate")
+        self._jobs[name] = replace(self._jobs[name], warnings=warnings)
+        return self._jobs[name]
 
     # Maps
 

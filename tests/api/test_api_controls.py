@@ -20,7 +20,7 @@ from rhytid.domain.controls import CONTROLS
 from rhytid.formats.graphs import read_graph
 from rhytid_client import Client
 
-SMALL = {**SETTINGS, "graph": {"wrinkles": 1000}}
+SMALL = {**SETTINGS, "unit": "ft", "graph": {"wrinkles": 1000}}
 
 
 @pytest.fixture(scope="module")

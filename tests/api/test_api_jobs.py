@@ -111,4 +111,4 @@ def test_a_job_that_goes_with_its_asset_ends() -> None:
     sent = asyncio.run(collect(events.job_events(JOB, poll, connected_for(9))))
     (name, data) = read_events(sent[-1].decode())[0]
     assert name == "end"
-    assert data == {**asdict(JOB), "state": "cancelled", "detail": "no job 'j'"}
+    assert data == {**asdict(JOB), "warnings": [], "state": "cancelled", "detail": "no job 'j'"}

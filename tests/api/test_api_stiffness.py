@@ -25,7 +25,7 @@ from rhytid.formats.limits import MOST_SIDE
 from rhytid_client import Client
 
 R, EDGE = 256, 20  # texels; what a wrinkle reaches beyond its middle
-SMALL = {**SETTINGS, "graph": {"wrinkles": 2000}}
+SMALL = {**SETTINGS, "unit": "ft", "graph": {"wrinkles": 2000}}
 
 
 @pytest.fixture(scope="module")

@@ -13,6 +13,7 @@ from rhytid.cli.bake_record import BakeRecord
 from rhytid.cli.baking import Baker, Output
 from rhytid.cli.frame_files import FrameFiles
 from rhytid.cli.timing import Stopwatch
+from rhytid.cli.warned import Warned
 from rhytid.domain.mesh import Mesh
 from rhytid.engine.messages import MapQuery
 from rhytid.errors import StorageError
@@ -35,7 +36,9 @@ def baker(engine: FakeEngine, folder: Path, values: list[float], **changes: Any)
     output = Output(folder, "face", changes.get("half", False))
     query = MapQuery(**{key: changes[key] for key in QUERY if key in changes})
     files = FrameFiles(MeshFile(SQUARE, frames), [])
-    return Baker(cast("Any", engine), ASSET, query, files, output, Stopwatch())
+    return Baker(
+        cast("Any", engine), ASSET, query, files, output, Stopwatch(), Warned("bake", False)
+    )
 
 
 def bake(engine: FakeEngine, folder: Path, values: list[float], **changes: Any) -> Baker:

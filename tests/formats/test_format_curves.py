@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -90,3 +91,17 @@ def test_formats_are_known_by_extension_and_by_name() -> None:
             curve_file(name)
     with pytest.raises(QueryError, match="'ply': one of safetensors, obj, usda"):
         curve_format("ply")
+
+
+def test_curves_far_away_are_where_the_mesh_was_sent() -> None:
+    """OBJ has the sums; USD points are single, so that they stay as they are and are moved."""
+    near = replace(made(9), points=made(9).points.astype(np.float32) % np.float32(7))
+    far = replace(near, centre=np.array([1e6, -2e6, 512.0]))
+    lines = text(obj_curves(far, "cm")).splitlines()
+    points = np.array([numbers(line) for line in lines if line.startswith("v ")])
+    np.testing.assert_allclose(points, near.points.astype(float) + far.centre, atol=2e-6, rtol=0)
+    moved, plain = text(usda_curves(far, "cm")), text(usda_curves(near, "cm"))
+    assert "    double3 xformOp:translate = (1000000.0, -2000000.0, 512.0)\n" in moved
+    assert '    uniform token[] xformOpOrder = ["xformOp:translate"]\n' in moved
+    np.testing.assert_array_equal(attribute(moved, "points"), attribute(plain, "points"))
+    assert "xformOp" not in plain

@@ -110,3 +110,16 @@ def test_mesh_bytes_roundtrip(a: np.ndarray) -> None:
     assert again.positions.tobytes() == mesh.positions.tobytes()
     assert again.uv.tobytes() == mesh.uv.tobytes()
     assert again.faces.dtype == mesh.faces.dtype
+
+
+def test_a_centre_is_part_of_the_id_and_of_the_file(
+    mesh: Mesh, graph: WrinkleGraph, settings: AssetSettings
+) -> None:
+    """Curves come back where the mesh was sent; without a centre the id is what it was."""
+    moved = [replace(mesh, centre=np.array([x, 0.0, 0.0])) for x in (0.0, 512.0, 1024.0)]
+    ids = [asset_id(m, settings, graph) for m in moved]
+    assert ids[0] == asset_id(mesh, settings, graph)
+    assert len(set(ids)) == 3
+    for one in moved:
+        np.testing.assert_array_equal(read_mesh(write_mesh(one)).centre, one.centre)
+    assert write_mesh(moved[0]) == write_mesh(mesh)

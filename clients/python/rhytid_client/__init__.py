@@ -13,12 +13,13 @@ from rhytid_client.errors import (
     ProblemError,
     RequestError,
     RhytidError,
+    RhytidWarning,
     ServerBusy,
     ServerError,
     Timeout,
     TooLarge,
 )
-from rhytid_client.results import Asset, Bins, Device, Frame, Job, Stretch, Tile
+from rhytid_client.results import Asset, Bins, Device, Frame, InputWarning, Job, Stretch, Tile
 
 __version__ = "0.1.0"
 
@@ -32,6 +33,7 @@ __all__ = [
     "ConnectionFailed",
     "Device",
     "Frame",
+    "InputWarning",
     "Job",
     "JobCancelled",
     "JobFailed",
@@ -40,6 +42,7 @@ __all__ = [
     "ProblemError",
     "RequestError",
     "RhytidError",
+    "RhytidWarning",
     "ServerBusy",
     "ServerError",
     "Stretch",

@@ -1,9 +1,9 @@
-"""Everything that the client raises on purpose.
+"""Everything that the client raises on purpose, and what it warns with.
 
 ::
 
     RhytidError
-    ├── ProblemError          the server refused; .status .title .detail .type .retry_after
+    ├── ProblemError          the server refused; .status .title .detail .type .warnings
     │   ├── RequestError      4xx: what was asked is wrong
     │   │   ├── NotFound      404
     │   │   ├── Conflict      409
@@ -16,6 +16,8 @@
     ├── JobFailed             .job
     ├── JobCancelled          .job
     └── Timeout               the time given to `wait` is over; .job
+
+    RhytidWarning             a warning of Python's: what was sent is probably wrong
 """
 
 from __future__ import annotations
@@ -23,7 +25,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from rhytid_client.results import Job
+    from rhytid_client.results import InputWarning, Job
+
+
+class RhytidWarning(UserWarning):
+    """What was sent can be used and is probably wrong; the text names what and where.
+
+    `warnings.simplefilter("error", RhytidWarning)` makes it an exception; `strict=True` has the
+    server refuse it.
+    """
 
 
 class RhytidError(Exception):
@@ -34,7 +44,8 @@ class ProblemError(RhytidError):
     """The server refused, with problem details (RFC 9457).
 
     `detail` says what is wrong and where; `type` is the kind as a URI; `call` is the method and
-    path that were asked; `retry_after` is in seconds, where the server gave it.
+    path that were asked; `retry_after` is in seconds, where the server gave it; `warnings` is what
+    `strict` refused.
     """
 
     def __init__(
@@ -45,6 +56,7 @@ class ProblemError(RhytidError):
         type: str = "about:blank",
         call: str = "",
         retry_after: float | None = None,
+        warnings: tuple[InputWarning, ...] = (),
     ) -> None:
         super().__init__(f"{status} {title}: {detail} [{call}]")
         self.status = status
@@ -53,6 +65,7 @@ class ProblemError(RhytidError):
         self.type = type
         self.call = call
         self.retry_after = retry_after
+        self.warnings = warnings
 
 
 class RequestError(ProblemError):

@@ -26,10 +26,11 @@ from rhytid_client.errors import (
     TooLarge,
 )
 from rhytid_client.requests import Request
-from rhytid_client.results import Tile
+from rhytid_client.results import InputWarning, Tile
 
 T = TypeVar("T")
 SCALE = "x-rhytid-scale"
+WARNINGS = "x-rhytid-warnings"
 
 
 @dataclass(frozen=True)
@@ -66,6 +67,7 @@ def failure(response: Response) -> ProblemError | BadAnswer:
     if kind is None:
         return BadAnswer(f"status {response.status} was not expected [{response.request}]")
     problem = _problem(response)
+    warned = problem.get("warnings")
     return kind(
         response.status,
         str(problem.get("title", "")),
@@ -73,6 +75,7 @@ def failure(response: Response) -> ProblemError | BadAnswer:
         str(problem.get("type", "about:blank")),
         str(response.request),
         response.retry_after,
+        input_warnings(warned) if isinstance(warned, list) else (),
     )
 
 
@@ -127,7 +130,26 @@ def read(kind: type[T], data: Any) -> T:
         needed = field.default is MISSING and field.default_factory is MISSING
         if needed and field.name not in data:
             raise BadAnswer(f"{kind.__name__}: the answer has no {field.name!r}")
-    return kind(**{f.name: _frozen(data[f.name]) for f in declared if f.name in data})
+    known = {f.name: _frozen(data[f.name]) for f in declared if f.name in data}
+    if "warnings" in known:
+        known["warnings"] = input_warnings(known["warnings"])
+    return kind(**known)
+
+
+def input_warnings(listed: Any) -> tuple[InputWarning, ...]:
+    """The warnings of a decoded answer."""
+    if not isinstance(listed, (tuple, list)):
+        raise BadAnswer(f"warnings: expected a list, not {listed!r:.80}")
+    return tuple(read(InputWarning, warning) for warning in listed)
+
+
+def header_warnings(response: Response) -> tuple[InputWarning, ...]:
+    """The warnings of an answer that is no JSON."""
+    text = response.headers.get(WARNINGS, "[]")
+    try:
+        return input_warnings(json.loads(text))
+    except (ValueError, RecursionError) as exc:
+        raise BadAnswer(f"{WARNINGS} is not JSON: {exc} [{response.request}]") from exc
 
 
 def _frozen(item: Any) -> Any:

@@ -16,6 +16,8 @@ from rhytid_client.form import Form
 
 NPY = "application/x-npy"
 RAW = "application/octet-stream"
+# Positions this many times their own size away from the origin are sent as doubles.
+FAR_SIZES = 16.0
 Params = tuple[tuple[str, str], ...]
 
 
@@ -69,14 +71,25 @@ def with_positions(
 ) -> Request:
     """A request with (V, 3) positions as .npy, or as raw little-endian float32.
 
-    Raises ValueError for another shape.
+    Of .npy, doubles far from the origin stay doubles. Raises ValueError for another shape.
     """
-    array = np.ascontiguousarray(positions, dtype="<f4")
+    array = np.ascontiguousarray(positions, dtype="<f8" if _far(positions, raw) else "<f4")
     if array.ndim != 2 or array.shape[1] != 3:
         raise ValueError(f"positions have shape {array.shape}, not (V, 3)")
     body = array.tobytes() if raw else npy.encode(array)
     kind = {"Content-Type": RAW if raw else NPY}
     return request(method, *segments, params=params, headers=kind, content=body)
+
+
+def _far(positions: ArrayLike, raw: bool) -> bool:
+    """Whether positions are doubles of which float32 would lose too much: where the server brings
+    them to the origin."""
+    array = np.asarray(positions)
+    if raw or array.dtype != np.float64 or array.ndim != 2 or not len(array):
+        return False
+    low, high = array.min(axis=0), array.max(axis=0)
+    farthest = np.maximum(np.abs(low), np.abs(high)).max()
+    return bool(farthest > FAR_SIZES * (high - low).max())
 
 
 def path(*segments: str | int) -> str:

@@ -10,6 +10,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 
+@final
+@dataclass(frozen=True)
+class InputWarning:
+    """Something that is probably wrong with what was sent.
+
+    code: stable, as "uv-overlap".  detail: what, in plain text.  where: the mesh or the frame, and
+    the place on it.
+    """
+
+    code: str
+    detail: str = ""
+    where: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.code}: {self.where}: {self.detail}"
+
+
 @dataclass(frozen=True)
 class Device:
     """An OpenCL device of the server; memory in bytes, `budget` and `used` are the server's own."""
@@ -28,7 +45,10 @@ class Device:
 @final
 @dataclass(frozen=True)
 class Job:
-    """Long work. `state`: queued, running, done, failed or cancelled; `progress` from 0 to 1."""
+    """Long work. `state`: queued, running, done, failed or cancelled; `progress` from 0 to 1.
+
+    `warnings`: of a calibration, what is probably wrong with its frame.
+    """
 
     id: str
     state: str
@@ -37,6 +57,7 @@ class Job:
     detail: str = ""
     asset: str = ""
     kind: str = ""
+    warnings: tuple[InputWarning, ...] = ()
 
     @property
     def ended(self) -> bool:
@@ -51,7 +72,9 @@ class Asset:
 
     `levels` counts the levels of a map; `pores` and `wrinkles` are 0 until the graph exists.
     `statistics`, None until then, has the mean `spacing` of pores as it came out, in mesh units,
-    the mean `degree` and `strengths`, wrinkles by weight in tenths from 0 to 1.
+    the mean `degree` and `strengths`, wrinkles by weight in tenths from 0 to 1.  `warnings`: what
+    is probably wrong with the mesh, in the answer to `create_asset` also with its frames.
+    `centre`: what the server subtracts from positions, which it keeps as float32.
     """
 
     id: str
@@ -66,14 +89,20 @@ class Asset:
     pores: int = 0
     wrinkles: int = 0
     statistics: Mapping[str, Any] | None = None
+    warnings: tuple[InputWarning, ...] = ()
+    centre: tuple[float, ...] = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
 class Frame:
-    """A stored frame; `log_stretch` maps percentiles ("p50", "abs_p90", …) to values."""
+    """A stored frame; `log_stretch` maps percentiles ("p50", "abs_p90", …) to values.
+
+    `warnings`: what is probably wrong with it.
+    """
 
     name: str
     log_stretch: Mapping[str, float] = field(default_factory=dict)
+    warnings: tuple[InputWarning, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -112,6 +141,7 @@ class Tile:
     content: the bytes as the server sent them.  etag: to ask for it again, None for a tile that
     was drawn once.  scale: of png alone, height = (p - 32768) / 32767 · scale, mesh units.
     values: (n, n) float32 or float16, row 0 at the top, read-only; None for exr and png.
+    warnings: of a tile that was drawn once, what is probably wrong with its positions.
     """
 
     format: str
@@ -119,6 +149,7 @@ class Tile:
     etag: str | None = None
     scale: float | None = None
     values: NDArray[Any] | None = field(default=None, repr=False)
+    warnings: tuple[InputWarning, ...] = ()
 
     @property
     def array(self) -> NDArray[Any]:

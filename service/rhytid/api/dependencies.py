@@ -6,13 +6,14 @@ from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-from fastapi import Depends, Path, Request
+from fastapi import Depends, Path, Query, Request
 from numpy.typing import NDArray
 from starlette.concurrency import run_in_threadpool
 
 from rhytid.api import uploads
 from rhytid.api.metrics import Metrics
 from rhytid.api.parts import Part
+from rhytid.api.schemas import STRICT
 from rhytid.errors import QueryError
 from rhytid.formats.frames import read_positions
 
@@ -40,9 +41,14 @@ async def _metrics(request: Request) -> Any:
 
 
 async def no_query(request: Request) -> None:
-    """Refuse every query parameter; raises QueryError naming the first."""
+    """Refuse every query parameter that the route does not declare; raises QueryError naming the
+    first."""
+    known = [parameter.alias for parameter in request.scope["route"].dependant.query_params]
     for name in request.query_params:
-        raise QueryError(f"unknown query parameter {name!r}: none is known here")
+        if name not in known:
+            here = ", ".join(known) or "none"
+            raise QueryError(f"unknown query parameter {name!r}: {here} is known here")
+    await no_repeats(request)
 
 
 async def no_repeats(request: Request) -> None:
@@ -57,16 +63,19 @@ async def _positions(request: Request, asset: str, engine: EngineDep) -> NDArray
     found = await run_in_threadpool(engine.asset, asset)
     body = await uploads.read_frame(request, found.vertices)
     media_type = uploads.media_type_of(request)
-    return await run_in_threadpool(read_positions, body, media_type, found.vertices)
+    centre = np.array(found.centre)
+    return await run_in_threadpool(read_positions, body, media_type, found.vertices, centre)
 
 
-# The body as positions (V, 3) of the asset in the path; raises FrameError or LimitError.
+# The body as positions (V, 3) of the asset in the path, less its centre; raises FrameError or
+# LimitError.
 Positions = Annotated[NDArray[np.float32], Depends(_positions)]
 NoQuery = Depends(no_query)
 NoRepeats = Depends(no_repeats)
 # Held by `with` for as long as a request waits for the device; raises BusyError on entry.
 Place = Annotated[AbstractContextManager[None], Depends(_place)]
 MetricsDep = Annotated[Metrics, Depends(_metrics)]
+Strict = Annotated[bool, Query(description=STRICT)]
 Json = Annotated[Any, Depends(uploads.read_json)]
 Parts = Annotated[dict[str, Part], Depends(uploads.read_parts)]
 Index = Annotated[int, Path(ge=0, lt=2**31)]

@@ -10,6 +10,7 @@ from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 
 from rhytid import __version__
+from rhytid.api.encoding import WARNINGS
 from rhytid.api.problems import MEDIA_TYPE
 from rhytid.api.schemas import Problem
 from rhytid.domain.controls import CONTROLS, REGION_PREFIX
@@ -126,7 +127,18 @@ TILES: Responses = {
     },
     304: {"description": "The client has these bytes (If-None-Match)"},
 }
-MIXED = binary("multipart/mixed")
+TILES_ONCE: Responses = {
+    200: {
+        **binary("multipart/mixed")[200],
+        "headers": {
+            WARNINGS: {
+                "schema": {"type": "string"},
+                "description": "JSON list of warnings (code, detail, where), ASCII; absent where "
+                "there are none",
+            },
+        },
+    },
+}
 
 
 def describe(app: FastAPI) -> dict[str, Any]:
@@ -140,6 +152,8 @@ def describe(app: FastAPI) -> dict[str, Any]:
             tags=TAGS,
         )
         schemas = document.setdefault("components", {}).setdefault("schemas", {})
-        schemas["Problem"] = Problem.model_json_schema()
+        place = "#/components/schemas/{model}"
+        schemas["Problem"] = Problem.model_json_schema(ref_template=place)
+        schemas.update(schemas["Problem"].pop("$defs", {}))
         app.openapi_schema = document
     return app.openapi_schema

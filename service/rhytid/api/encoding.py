@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import io
-from collections.abc import Callable, Mapping
+import json
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from fastapi import Request, Response
 from numpy.typing import NDArray
 
 from rhytid import __version__
+from rhytid.domain.warnings import InputWarning
 from rhytid.engine.messages import FrameStretch
 from rhytid.errors import QueryError
 from rhytid.formats.tile_header import TileHeader
@@ -22,6 +24,7 @@ from rhytid.formats.tiles import FORMATS, encode
 NPY = "application/x-npy"
 RAW = "application/octet-stream"
 SCALE = "X-Rhytid-Scale"
+WARNINGS = "X-Rhytid-Warnings"
 
 
 @dataclass(frozen=True)
@@ -90,6 +93,12 @@ def bodiless(headers: Mapping[str, str], media_type: str) -> Response:
 def scale_header(format: str, header: TileHeader) -> dict[str, str]:
     """`X-Rhytid-Scale` for png, whose 16 bit mean nothing without it."""
     return {SCALE: repr(float(header.scale))} if format == "png" else {}
+
+
+def warnings_header(warnings: Sequence[InputWarning]) -> dict[str, str]:
+    """`X-Rhytid-Warnings` where there are any, as a JSON list in ASCII."""
+    listed = [asdict(warning) for warning in warnings]
+    return {WARNINGS: json.dumps(listed)} if listed else {}
 
 
 def npy(array: NDArray[Any]) -> bytes:

@@ -19,10 +19,13 @@ class MixedPart:
     body: bytes
 
 
-def mixed_response(parts: Sequence[MixedPart]) -> Response:
+def mixed_response(
+    parts: Sequence[MixedPart], headers: Mapping[str, str] | None = None
+) -> Response:
     """The parts, in order, as one multipart/mixed response."""
     boundary = secrets.token_hex(16)
-    return Response(write(parts, boundary), media_type=f"multipart/mixed; boundary={boundary}")
+    media_type = f"multipart/mixed; boundary={boundary}"
+    return Response(write(parts, boundary), headers=headers, media_type=media_type)
 
 
 def write(parts: Sequence[MixedPart], boundary: str) -> bytes:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import logging
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from http import HTTPStatus
 from typing import Any
 
@@ -15,6 +15,7 @@ from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 
 from rhytid import errors
+from rhytid.domain.warnings import InputWarning
 
 MEDIA_TYPE = "application/problem+json"
 LONGEST_DETAIL = 2000
@@ -42,6 +43,7 @@ KINDS: dict[type[BaseException], Kind] = {
     errors.FrameError: Kind(422, "frame", "The frame cannot be used"),
     errors.SettingsError: Kind(422, "settings", "The settings cannot be used"),
     errors.QueryError: Kind(422, "query", "The query cannot be answered"),
+    errors.StrictError: Kind(422, "warnings", "Something is probably wrong, and strict was asked"),
     errors.InputError: Kind(422, "input", "The request cannot be used"),
     errors.NotFoundError: Kind(404, "not-found", "Not found"),
     errors.NotReadyError: Kind(409, "not-ready", "The asset is not ready"),
@@ -98,7 +100,10 @@ async def _deliberate(request: Request, error: Exception) -> Response:
         return problem(kind.status, "the server's log has the reason", kind.title, kind.type)
     retry = getattr(error, "retry_after", None)
     headers = {} if retry is None else {"Retry-After": str(retry)}
-    return problem(kind.status, str(error), kind.title, kind.type, headers)
+    extra = {}
+    if isinstance(error, errors.StrictError):
+        extra["warnings"] = [asdict(w) for w in error.warnings if isinstance(w, InputWarning)]
+    return problem(kind.status, str(error), kind.title, kind.type, headers, **extra)
 
 
 async def _invalid(request: Request, error: Exception) -> Response:

@@ -6,10 +6,12 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from rhytid.domain.warnings import CODES
 from rhytid.engine.messages import METHODS, SAMPLINGS, STRETCH_MODELS, MapQuery
 from rhytid.formats.curves import CURVE_FORMATS
 from rhytid.formats.tiles import FORMATS
 
+STRICT = "refuse what would be warned of: 422, with `warnings`; nothing is stored or begun"
 GRAPH_FORMATS = ("safetensors", *CURVE_FORMATS)
 
 
@@ -45,6 +47,7 @@ class WholeMapQuery(TileQuery):
 class TilesQuery(TileQuery):
     """The same, and the tiles wanted, in the order of the answer."""
 
+    strict: bool = Field(False, description=STRICT)
     tile: list[str] = Field(min_length=1, description="udim/level/row/column, repeated")
 
 
@@ -68,6 +71,14 @@ class _Answer(BaseModel):
     model_config = ConfigDict(from_attributes=True)
 
 
+class InputWarning(_Answer):
+    """Something that is probably wrong; docs/warnings.md says what to do about each code."""
+
+    code: str = Field(json_schema_extra=_options(CODES))
+    detail: str = Field(description="what is wrong, in plain text")
+    where: str = Field(description="the mesh or the frame, and the place on it")
+
+
 class Problem(BaseModel):
     """RFC 9457 problem details."""
 
@@ -75,6 +86,9 @@ class Problem(BaseModel):
     title: str
     status: int
     detail: str = Field(description="what is wrong, and where")
+    warnings: list[InputWarning] | None = Field(
+        None, description="only where `strict=true` turned them into a problem"
+    )
 
 
 class Status(BaseModel):
@@ -126,6 +140,12 @@ class Asset(_Answer):
         description="each once, copies at UV seams not counted; 0 until the graph exists"
     )
     statistics: GraphStatistics | None = Field(description="null until the graph exists")
+    warnings: list[InputWarning] = Field(
+        description="what is probably wrong with the mesh; in the answer to POST also with frames"
+    )
+    centre: list[float] = Field(
+        description="what is subtracted from positions before they become float32, mesh units"
+    )
 
 
 class Job(_Answer):
@@ -140,6 +160,7 @@ class Job(_Answer):
     progress: float = Field(description="from 0 to 1")
     stage: str
     detail: str
+    warnings: list[InputWarning] = Field(description="about the frame of a calibration")
 
 
 class Frame(_Answer):
@@ -149,6 +170,7 @@ class Frame(_Answer):
     log_stretch: dict[str, float] = Field(
         description="percentiles of the clamped log stretch, over triangles and axes"
     )
+    warnings: list[InputWarning] = Field(description="what is probably wrong with the frame")
 
 
 class Bins(_Answer):

@@ -19,6 +19,7 @@ from rhytid.cli.options import (
     add_query,
     add_several,
     add_stiffness,
+    add_strict,
     base_name,
     density,
     new_command,
@@ -34,6 +35,7 @@ from rhytid.settings import ServiceSettings
 
 if TYPE_CHECKING:
     from rhytid.cli.baking import Baker
+    from rhytid.cli.warned import Warned
 
 SUMMARY = "Write the displacement of an animation as EXR files; goes on where it was interrupted."
 DETAILS = """
@@ -67,12 +69,20 @@ def add_command(commands: Commands) -> None:
     add("--half", action="store_true", help="write half floats")
     add("--store", type=Path, metavar="DIR", help="keep the built asset here (a temporary folder)")
     add("--device", metavar="D", help="number or part of the name of a device")
+    add_strict(parser)
     add_json(parser)
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> None:
     """Read everything, build the asset, bake, and tell the times."""
+    from rhytid.cli.warned import Warned
+
+    with Warned("bake", arguments.strict) as warned:
+        _run(arguments, warned)
+
+
+def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     # Imported here, so that --help does not wait for OpenCL.
     from rhytid.cli.baking import Baker, Output, build
     from rhytid.cli.frame_files import FrameFiles
@@ -83,6 +93,7 @@ def run(arguments: argparse.Namespace) -> None:
     settings = AssetSettings.parse(given)
     mesh = mesh_file(arguments.mesh)
     frames = FrameFiles(mesh, arguments.frames)
+    warned.inputs(mesh.mesh, arguments.mesh.name, settings.length_unit, settings.resolution, frames)
     graph = graph_file(arguments.graph) if arguments.graph else None
     new = NewAsset(
         mesh.mesh,
@@ -99,7 +110,7 @@ def run(arguments: argparse.Namespace) -> None:
             asset = build(engine, new)
         output = Output(arguments.out, name, arguments.half)
         query = MapQuery(arguments.method, arguments.stretch, arguments.sampling)
-        baker = Baker(engine, asset, query, frames, output, watch)
+        baker = Baker(engine, asset, query, frames, output, watch, warned)
         if arguments.method == "binned" and "r_max" not in given.get("bins", {}):
             baker.calibrate()
         baker.run()
@@ -148,6 +159,7 @@ def _tell(arguments: argparse.Namespace, baker: Baker, watch: Stopwatch) -> None
         "written": baker.written,
         "skipped": baker.skipped,
         "steps": watch.figures(),
+        "warnings": baker.warned.figures(),
     }
     summary = f"{baker.written} maps written to {arguments.out}, {baker.skipped} were done"
     report(figures, f"{watch.table()}\n{summary}", arguments.json)

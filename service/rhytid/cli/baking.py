@@ -13,6 +13,7 @@ from rhytid.cli.bake_record import BakeRecord
 from rhytid.cli.frame_files import FrameFiles, FramePlace
 from rhytid.cli.reporting import counted, share_bar
 from rhytid.cli.timing import Stopwatch
+from rhytid.cli.warned import Warned
 from rhytid.engine.messages import ENDED_STATES, AssetInfo, JobInfo, MapQuery, NewAsset
 from rhytid.errors import ConflictError
 from rhytid.formats.exr import write_exr
@@ -51,6 +52,7 @@ class Baker:
     frames: FrameFiles
     output: Output
     watch: Stopwatch
+    warned: Warned
     written: int = 0
     skipped: int = 0
 
@@ -96,6 +98,7 @@ class Baker:
     def _put(self, place: FramePlace) -> float:
         positions = self.frames.read(place)
         info = self.engine.put_frame(self.asset.id, place.label, positions)
+        self.warned.frame(info.warnings, place.name)
         return info.log_stretch["abs_p90"]
 
     def _header(self, place: FramePlace, udim: int) -> TileHeader:

@@ -7,6 +7,7 @@ from contextlib import closing
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
+from warnings import catch_warnings, simplefilter
 
 from rhytid.cli.options import (
     Commands,
@@ -15,6 +16,7 @@ from rhytid.cli.options import (
     add_query,
     add_several,
     add_stiffness,
+    add_strict,
     add_unit,
     density,
     new_command,
@@ -27,6 +29,7 @@ from rhytid.domain.units import USUAL_UNIT, millimetres
 
 if TYPE_CHECKING:
     from rhytid.cli.demo_session import Session
+    from rhytid.cli.warned import Warned
 
 SUMMARY = "Run the service on a face and write EXR sequences, contact sheets and times."
 DETAILS = """
@@ -63,6 +66,7 @@ def add_command(commands: Commands) -> None:
     add_stiffness(parser)
     add_unit(parser, "NEUTRAL")
     add("--device", metavar="D", help="number or part of the name of a device")
+    add_strict(parser)
     add_json(parser)
     parser.set_defaults(run=run, usage_error=parser.error)
 
@@ -71,28 +75,38 @@ def run(arguments: argparse.Namespace) -> None:
     """Serve, send, draw, and tell what came of it and where it lies."""
     if arguments.frames and arguments.mesh is None:
         arguments.usage_error("--frames needs --mesh: the neutral face that they deform")
+    from rhytid.cli.warned import Warned
+
+    with Warned("demo", arguments.strict) as warned:
+        _run(arguments, warned)
+
+
+def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     # Imported here, so that --help does not wait for OpenCL and the web framework.
     from rhytid.cli.demo_face import animation
     from rhytid.cli.demo_session import Session
     from rhytid.cli.demo_sheets import write_sheets
     from rhytid.cli.server import serving
-    from rhytid_client import Client
+    from rhytid_client import Client, RhytidWarning
 
     face = animation(arguments.mesh, arguments.frames)
+    name = arguments.mesh.name if arguments.mesh else "face.npz"
+    warned.inputs(face.mesh, name, arguments.unit or USUAL_UNIT, arguments.resolution, face.frames)
     out: Path = arguments.out
     out.mkdir(parents=True, exist_ok=True)
     if arguments.mesh is None:
         face.save(out / "face.npz")
     with TemporaryDirectory(prefix="rhytid-demo-") as store:
         service = chosen(Path(store), arguments.device)
-        with serving(service) as url, closing(Client(url)) as client:
+        with serving(service) as url, closing(Client(url)) as client, catch_warnings():
+            simplefilter("ignore", RhytidWarning)  # told by the command itself
             query = {"stretch": arguments.stretch, "sampling": arguments.sampling}
-            session = Session(client, face, out, query)
+            session = Session(client, face, out, query, warned)
             session.build(_settings(arguments), arguments.stiffness)
             session.send_frames()
             session.draw()
             sheets = write_sheets(session, millimetres(arguments.unit or USUAL_UNIT) or 1.0)
-            figures = {**session.figures(), "key_frames": sheets}
+            figures = {**session.figures(), "key_frames": sheets, "warnings": warned.figures()}
     write_json(figures, out / "times.json")
     report(figures, _text(figures, session), arguments.json)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,8 @@ from rhytid.cli.demo_face import MESH_ARRAYS, Animation
 from rhytid.cli.frame_files import FramePlace
 from rhytid.cli.reporting import counted, share_bar
 from rhytid.cli.timing import Stopwatch
+from rhytid.cli.warned import Warned
+from rhytid.domain.warnings import InputWarning
 from rhytid_client import Asset, Client, Job, Tile
 
 METHODS = ("redraw", "binned")
@@ -23,10 +26,15 @@ class Session:
     """One asset and its animation, by way of the SDK.  query: stretch and sampling of its maps."""
 
     def __init__(
-        self, client: Client, face: Animation, out: Path, query: Mapping[str, str]
+        self,
+        client: Client,
+        face: Animation,
+        out: Path,
+        query: Mapping[str, str],
+        warned: Warned,
     ) -> None:
         self.client, self.face, self.out = client, face, out
-        self.query = query
+        self.query, self.warned = query, warned
         self.watch = Stopwatch()
         self.asset: Asset
         # The 90th percentile of the absolute log stretch of every frame.
@@ -59,6 +67,7 @@ class Session:
             positions = self.face.frames.read(place)
             with self.watch.step("stretch"):
                 frame = self.client.put_frame(self.asset, place.label, positions, raw=True)
+            self.warned.frame((InputWarning(**asdict(w)) for w in frame.warnings), place.name)
             self.sizes.append(frame.log_stretch["abs_p90"])
         most = self.places[self.sizes.index(max(self.sizes))]
         with self.watch.step("calibrate, bins"), share_bar("calibrate") as show:

@@ -45,7 +45,7 @@ class FrameFiles:
     """
 
     def __init__(self, mesh: MeshFile, files: Sequence[Path]) -> None:
-        self._vertices = len(mesh.mesh.positions)
+        self._vertices, self._centre = len(mesh.mesh.positions), mesh.mesh.centre
         self._kept: tuple[Path | None, Frames | None] = (None, mesh.frames)
         sources: list[Path | None] = [*files] or [None]
         counts = [self._count(source) for source in sources]
@@ -56,7 +56,7 @@ class FrameFiles:
             raise FrameError("no frames: name files of frames, or a .npz mesh that holds frames")
 
     def read(self, place: FramePlace) -> Frames:
-        """(V, 3) float32 positions of one frame."""
+        """(V, 3) float32 positions of one frame, less the centre of its mesh."""
         frame: Frames = self._file(place.file)[place.index]
         return frame
 
@@ -70,7 +70,7 @@ class FrameFiles:
         kept, frames = self._kept
         if frames is None or kept != file:
             assert file is not None
-            frames = frame_file(file, self._vertices)
+            frames = frame_file(file, self._vertices, self._centre)
             self._kept = (file, frames)
         return frames
 

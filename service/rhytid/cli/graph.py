@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rhytid.cli.graph_output import add_outputs, check_outputs, open_device, write_outputs
-from rhytid.cli.options import Commands, add_force, new_command, readable
+from rhytid.cli.options import Commands, add_force, add_strict, new_command, readable
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.units import USUAL_UNIT
 
 if TYPE_CHECKING:
+    from rhytid.cli.warned import Warned
     from rhytid.device.runtime import Device
 
 
@@ -29,19 +31,31 @@ def add_command(commands: Commands) -> None:
     parser.add_argument("mesh", type=readable, metavar="MESH", help="OBJ, PLY, glTF, GLB or npz")
     parser.add_argument("graph", type=readable, metavar="GRAPH.safetensors", help="its wrinkles")
     add_force(parser)
+    add_strict(parser)
     add_outputs(parser)
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> None:
     """Read both, find the pores on the mesh, write, and tell the figures."""
+    from rhytid.cli.warned import Warned
+
+    with Warned("graph", arguments.strict) as warned:
+        _run(arguments, warned)
+
+
+def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     from rhytid.cli.input_files import graph_file, mesh_file
 
-    check_outputs(arguments)
     mesh = mesh_file(arguments.mesh).mesh
+    warned.inputs(
+        mesh, arguments.mesh.name, arguments.unit or USUAL_UNIT, AssetSettings().resolution
+    )
+    check_outputs(arguments)
     device = open_device(arguments)
     graph = _placed(device, mesh, graph_file(arguments.graph), force=arguments.force)
-    write_outputs(arguments, device, mesh, graph, {"file": str(arguments.graph)})
+    facts = {"file": str(arguments.graph), "warnings": warned.figures()}
+    write_outputs(arguments, device, mesh, graph, facts)
 
 
 def _placed(device: Device, mesh: Mesh, graph: WrinkleGraph, *, force: bool) -> WrinkleGraph:

@@ -123,6 +123,8 @@ def _lengths(mesh: Mesh, graph: WrinkleGraph, settings: AssetSettings) -> Length
 def _rows(figures: dict[str, Any]) -> list[tuple[str, str]]:
     rows = []
     for name, value in figures.items():
+        if name == "warnings":  # told on stderr
+            continue
         parts = value.items() if isinstance(value, dict) else [("", value)]
         rows += [(f"{name} {part}".strip(), _text(v)) for part, v in parts]
     return rows

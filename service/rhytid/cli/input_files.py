@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rhytid.domain.controls import Controls
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.origin import ORIGIN, Centre
 from rhytid.domain.stiffness import Stiffness
 from rhytid.domain.tiles import mesh_udims
 from rhytid.errors import InputError, LimitError
@@ -28,10 +29,10 @@ def mesh_file(file: Path) -> MeshFile:
         return read_mesh(file.read_bytes(), file.name)
 
 
-def frame_file(file: Path, vertices: int) -> NDArray[np.float32]:
-    """(N, V, 3) positions: the frames of one file."""
+def frame_file(file: Path, vertices: int, centre: Centre = ORIGIN) -> NDArray[np.float32]:
+    """(N, V, 3) positions, less the centre of their mesh: the frames of one file."""
     with _named(file):
-        return read_frame_file(file.read_bytes(), file.name, vertices)
+        return read_frame_file(file.read_bytes(), file.name, vertices, centre)
 
 
 def graph_file(file: Path) -> WrinkleGraph:

@@ -88,6 +88,12 @@ def add_stiffness(parser: argparse.ArgumentParser) -> None:
     add_several(parser, "--stiffness", type=readable, metavar="FILE", help=stiffness)
 
 
+def add_strict(parser: argparse.ArgumentParser) -> None:
+    """`--strict`."""
+    strict = "end with an error, before anything is made, where there would be warnings"
+    parser.add_argument("--strict", action="store_true", help=strict)
+
+
 def add_query(parser: argparse.ArgumentParser) -> None:
     """`--stretch` and `--sampling`, as a tile's query has them."""
     stretch = "how stretch is measured (%(default)s)"

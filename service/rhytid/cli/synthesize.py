@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rhytid.cli.control_options import add_controls, control_maps, control_settings
 from rhytid.cli.graph_output import (
@@ -17,13 +17,16 @@ from rhytid.cli.graph_output import (
     whole_file,
     write_outputs,
 )
-from rhytid.cli.options import Commands, add_density, density, new_command, readable
+from rhytid.cli.options import Commands, add_density, add_strict, density, new_command, readable
 from rhytid.cli.reporting import share_bar
 from rhytid.domain.asset_settings import AssetSettings, GraphSettings
 from rhytid.domain.graph_origin import GraphOrigin
 from rhytid.domain.lengths import Lengths
 from rhytid.domain.units import USUAL_UNIT
 from rhytid.errors import InputError
+
+if TYPE_CHECKING:
+    from rhytid.cli.warned import Warned
 
 GRAPH = ".safetensors"
 
@@ -44,12 +47,20 @@ def add_command(commands: Commands) -> None:
     add_density(parser)
     parser.add_argument("--seed", type=int, metavar="S", help="another seed, another skin")
     add_controls(parser)
+    add_strict(parser)
     add_outputs(parser)
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> None:
     """Read, synthesise, write, and tell figures of what came out."""
+    from rhytid.cli.warned import Warned
+
+    with Warned("synthesize", arguments.strict) as warned:
+        _run(arguments, warned)
+
+
+def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     # Imported here, so that --help needs no OpenCL.
     from rhytid.cli.input_files import control_files, mesh_file
     from rhytid.formats.graphs import write_graph
@@ -61,9 +72,10 @@ def run(arguments: argparse.Namespace) -> None:
     settings = graph_settings(given, unit)
     if arguments.out.suffix.lower() != GRAPH:
         raise InputError(f"{arguments.out}: the graph is written as {GRAPH}")
+    mesh = mesh_file(arguments.mesh).mesh
+    warned.inputs(mesh, arguments.mesh.name, unit, AssetSettings().resolution)
     check_outputs(arguments)
     make_place(arguments.out)
-    mesh = mesh_file(arguments.mesh).mesh
     controls = control_files(control_maps(arguments), mesh)
     device = open_device(arguments)
     out: Path = arguments.out
@@ -72,7 +84,8 @@ def run(arguments: argparse.Namespace) -> None:
         made = synthesize(mesh, settings, device, clock, controls=controls)
     graph = replace(made.graph, origin=GraphOrigin.of(mesh, unit, Lengths.of(made.spacing)))
     whole_file(out, [write_graph(graph)])
-    write_outputs(arguments, device, mesh, graph, {"file": str(out), "seconds": seconds})
+    facts = {"file": str(out), "seconds": seconds, "warnings": warned.figures()}
+    write_outputs(arguments, device, mesh, graph, facts)
 
 
 def graph_settings(given: Mapping[str, Any], unit: str = USUAL_UNIT) -> GraphSettings:

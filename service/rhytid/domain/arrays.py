@@ -48,5 +48,7 @@ def _on_bytes(array: NDArray[Any]) -> bool:
 
 def first_bad_row(good: NDArray[np.bool_]) -> int | None:
     """Index of the first row of `good` that is not all true, or None."""
+    if good.all():  # by rows it takes many times as long, and frames are checked each time
+        return None
     rows = good if good.ndim == 1 else good.all(axis=-1)
-    return None if rows.all() else int(np.argmin(rows))
+    return int(np.argmin(rows))

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.origin import ORIGIN, Centre
 from rhytid.domain.places import node_places, surface_points
 from rhytid.domain.seams import whole_wrinkles
 from rhytid.errors import GraphError
@@ -20,12 +21,14 @@ class Curves:
 
     points (P, 3) f32, mesh units.  lines (C, 2) i64: the points that each joins.
     widths (C,) f32: across the whole support, mesh units, neutral.  strengths (C,) f32 in (0, 1].
+    centre (3,) f64: add it to the points to have them where the mesh was sent.
     """
 
     points: NDArray[np.float32]
     lines: NDArray[np.int64]
     widths: NDArray[np.float32]
     strengths: NDArray[np.float32]
+    centre: Centre = field(default_factory=lambda: ORIGIN)
 
 
 def with_triangles(
@@ -52,6 +55,7 @@ def graph_curves(mesh: Mesh, graph: WrinkleGraph) -> Curves:
         np.searchsorted(used, lines),
         surface_widths(mesh, graph, rows).astype(np.float32),
         graph.edge_weight[rows],
+        mesh.centre,
     )
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rhytid.domain.arrays import first_bad_row, fixed_array
+from rhytid.domain.origin import ORIGIN, Centre, brought_to
 from rhytid.errors import FrameError
 
 NEUTRAL = "neutral"
@@ -23,8 +24,10 @@ def check_frame_name(name: str) -> str:
     return name
 
 
-def check_positions(values: ArrayLike, vertices: int) -> NDArray[np.float32]:
-    """Frame positions as (V, 3) float32, read-only.
+def check_positions(
+    values: ArrayLike, vertices: int, centre: Centre = ORIGIN
+) -> NDArray[np.float32]:
+    """Frame positions as (V, 3) float32, less the centre of their mesh, read-only.
 
     Raises FrameError naming the count or the first vertex that is not finite.
     """
@@ -33,6 +36,8 @@ def check_positions(values: ArrayLike, vertices: int) -> NDArray[np.float32]:
         raise FrameError(f"frame has shape {shape}, not ({vertices}, 3)")
     if shape[0] != vertices:
         raise FrameError(f"frame has {shape[0]} vertices, the neutral mesh has {vertices}")
+    if centre.any() and np.asarray(values).dtype.kind in "fiu":
+        values = brought_to(np.asarray(values), centre)
     with np.errstate(over="ignore"):
         array: NDArray[Any] = fixed_array(values, "frame", (vertices, 3), np.float32, FrameError)
     bad = first_bad_row(np.isfinite(array))

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.domain.arrays import first_bad_row, fixed_array
+from rhytid.domain.origin import ORIGIN, Centre, brought_to, centre_for
 from rhytid.errors import MeshError
 
 UV_LIMIT = 100.0
@@ -24,6 +25,7 @@ class Mesh:
     faces: (F, 3) int32, indices into positions.
     uv: (T, 2) float64, v up. Double, because a float32 at u = 9 is 1/64 texel at 16k.
     face_uv: (F, 3) int32, indices into uv.
+    centre: (3,) float64, what was subtracted from the positions as they were sent.
 
     A vertex on a UV seam is one position with several uv. The arrays are read-only copies.
     Raises MeshError naming the first element that cannot be used.
@@ -33,6 +35,17 @@ class Mesh:
     faces: NDArray[np.int32]
     uv: NDArray[np.float64]
     face_uv: NDArray[np.int32]
+    centre: Centre = field(default_factory=lambda: ORIGIN)
+
+    @classmethod
+    def centred(cls, positions: Any, faces: Any, uv: Any, face_uv: Any) -> Mesh:
+        """A mesh of positions as a file has them: doubles far from the origin are brought there
+        before they are rounded. Frames of it are less its `centre`, too."""
+        values = np.asarray(positions)
+        if values.ndim != 2 or values.shape[1:] != (3,) or values.dtype.kind != "f":
+            return cls(positions, faces, uv, face_uv)
+        centre = centre_for(values)
+        return cls(brought_to(values, centre), faces, uv, face_uv, centre)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "positions", _finite(self.positions, "position", 3, np.float32))
@@ -40,6 +53,8 @@ class Mesh:
         faces = _indices(self.faces, "faces", len(self.positions))
         object.__setattr__(self, "faces", faces)
         object.__setattr__(self, "face_uv", _indices(self.face_uv, "face_uv", len(self.uv)))
+        centre = fixed_array(self.centre, "centre", (3,), np.float64, MeshError)
+        object.__setattr__(self, "centre", centre)
         self._check()
 
     def _check(self) -> None:
@@ -48,6 +63,8 @@ class Mesh:
         far = first_bad_row(np.abs(self.uv) <= UV_LIMIT)
         if far is not None:
             raise MeshError(f"uv {far} is {self.uv[far].tolist()}: beyond ±{UV_LIMIT:g}")
+        if not np.isfinite(self.centre).all():
+            raise MeshError(f"centre is {self.centre.tolist()}: not finite")
         if not self.usable_triangles().any():
             raise MeshError("no triangle has area both in space and in UV")
 

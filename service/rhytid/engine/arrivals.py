@@ -9,8 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.frame_warnings import FrameCheck
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.mesh_warnings import mesh_warnings
 from rhytid.domain.tiles import mesh_udims
+from rhytid.domain.warnings import InputWarning
 from rhytid.engine.assets import Asset
 from rhytid.engine.core import EngineCore
 from rhytid.engine.frame_calls import put_frame
@@ -23,6 +26,7 @@ from rhytid.settings import ServiceSettings
 from rhytid.storage.records import StoredAsset
 
 Positions = Sequence[NDArray[np.float32]]
+Warnings = tuple[InputWarning, ...]
 Work = Callable[[Job], None]
 _log = logging.getLogger(__name__)
 
@@ -37,13 +41,13 @@ class AssetArrivals(EngineCore):
         for id in self._store.pending():
             self._resume(id)
 
-    def _welcome(self, id: str, new: NewAsset, frames: Positions) -> Asset:
+    def _welcome(self, id: str, new: NewAsset, warnings: Warnings, frames: Positions) -> Asset:
         """Keep what was sent, and build it; where the store has it built already, load it."""
         stored = self._intact(id)
         if stored is not None:
             return self._load(id, stored, frames)
         self._store.put_request(id, new.mesh, new.settings, new.graph, new.stiffness, new.controls)
-        return self._build(id, new.mesh, new.settings, frames)
+        return self._build(id, new.mesh, new.settings, warnings, frames)
 
     def _intact(self, id: str) -> StoredAsset | None:
         """The built asset of the store, for it was sent again: a damaged one is removed, damaged
@@ -63,8 +67,16 @@ class AssetArrivals(EngineCore):
             self._store.put_overlay(id, stored.settings)
         return stored
 
-    def _build(self, id: str, mesh: Mesh, settings: AssetSettings, frames: Positions = ()) -> Asset:
+    def _build(
+        self,
+        id: str,
+        mesh: Mesh,
+        settings: AssetSettings,
+        warnings: Warnings,
+        frames: Positions = (),
+    ) -> Asset:
         asset = self._asset(id, mesh, settings)
+        asset.warnings = warnings
         self._begin("build", asset, lambda job: self._builder.build(job, asset), frames)
         return asset
 
@@ -74,6 +86,7 @@ class AssetArrivals(EngineCore):
         lengths = graph_lengths(stored.graph, settings, spacing, spacing)
         asset = self._asset(id, stored.mesh, settings.with_lengths(lengths))
         asset.lengths, asset.distance = lengths, None if distance is None else float(distance)
+        asset.warnings = _kept_warnings(stored)
         self._begin("load", asset, lambda job: self._builder.load(job, asset), frames)
         return asset
 
@@ -102,7 +115,9 @@ class AssetArrivals(EngineCore):
         except StorageError as error:
             self._give_up(id, error)
             return
-        self._build(id, request.mesh, request.settings)
+        unit, resolution = request.settings.length_unit, request.settings.resolution
+        warnings = mesh_warnings(request.mesh, unit, resolution)
+        self._build(id, request.mesh, request.settings, warnings)
 
     def _give_up(self, id: str, error: StorageError) -> None:
         """Know a damaged asset as failed; the log has the file, callers need not."""
@@ -118,6 +133,8 @@ class AssetArrivals(EngineCore):
             triangles=len(mesh.faces),
             udims=mesh_udims(mesh),
             frames=Frames(self._assets.frame_memory),
+            centre=mesh.centre,
+            frame_check=FrameCheck(mesh, settings.length_unit),
         )
 
     def _frames_work(self, asset: Asset, frames: Positions) -> Work:
@@ -127,3 +144,11 @@ class AssetArrivals(EngineCore):
                 put_frame(self._builder.on_device, asset, f"{index:04d}", positions)
 
         return work
+
+
+def _kept_warnings(stored: StoredAsset) -> Warnings:
+    """Those of a stored asset; found anew for one of a version that kept none."""
+    kept = stored.extra.get("warnings")
+    if kept is None:
+        return mesh_warnings(stored.mesh, stored.settings.length_unit, stored.settings.resolution)
+    return tuple(InputWarning(**warning) for warning in kept)

@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
-from numpy.typing import ArrayLike
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.curves import Curves, graph_curves, with_triangles
 from rhytid.domain.frame import check_positions
+from rhytid.domain.frame_warnings import FrameCheck
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.graph_origin import GraphOrigin
+from rhytid.domain.mesh_warnings import mesh_warnings
 from rhytid.domain.tiles import mesh_udims
+from rhytid.domain.warnings import InputWarning, refuse
 from rhytid.engine.arrivals import AssetArrivals
 from rhytid.engine.assets import Asset
-from rhytid.engine.frames import Frame
+from rhytid.engine.frame_calls import checked_frame
 from rhytid.engine.given_graphs import check_graph
 from rhytid.engine.jobs import Job
 from rhytid.engine.messages import AssetInfo, JobInfo, NewAsset
@@ -34,8 +38,11 @@ CHANGEABLE = ("depth", "angles", "response", "shape", "preset", "bins", "convolv
 class AssetCalls(AssetArrivals):
     """The calls about assets and their jobs."""
 
-    def create_asset(self, new: NewAsset) -> AssetInfo:
+    def create_asset(self, new: NewAsset, *, strict: bool = False) -> AssetInfo:
         """Take a mesh in; the build runs as a job. The same content again: the same asset.
+
+        The answer warns of the mesh and of the frames that came with it. strict: raise StrictError
+        instead, before anything is kept.
 
         Raises GraphError where a given graph does not fit the mesh or was made for another, unless
         `force`; SettingsError where its lengths are of a unit that cannot be converted, or a graph
@@ -63,14 +70,19 @@ class AssetCalls(AssetArrivals):
             raise InputError(f"{names}: maps that guide synthesis; a graph was sent")
         sent = () if new.frames is None else new.frames
         frames = [check_positions(positions, len(new.mesh.positions)) for positions in sent]
+        warnings = mesh_warnings(new.mesh, new.settings.length_unit, new.settings.resolution, udims)
+        of_frames = _frame_warnings(new, frames)
+        if strict:
+            refuse((*warnings, *of_frames))
         id = asset_id(new.mesh, new.settings, new.graph, new.stiffness, new.controls)
         with self._assets.changing:
             asset = self._assets.find(id)
             if asset is None or asset.state == "failed":
-                asset = self._welcome(id, new, frames)
+                asset = self._welcome(id, new, warnings, frames)
             elif frames:
                 asset.job = self._jobs.start("frames", id, self._frames_work(asset, frames))
-            return asset.info()
+            info = asset.info()
+            return replace(info, warnings=(*info.warnings, *of_frames))
 
     def assets(self) -> list[AssetInfo]:
         """Every asset."""
@@ -138,11 +150,14 @@ class AssetCalls(AssetArrivals):
         found.cancel()
         return found.info
 
-    def calibrate(self, asset: str, positions: ArrayLike) -> JobInfo:
-        """Set r_max from a frame (section 2.4) and make the bins anew, as a job."""
+    def calibrate(self, asset: str, positions: ArrayLike, *, strict: bool = False) -> JobInfo:
+        """Set r_max from a frame (section 2.4) and make the bins anew, as a job.
+
+        The job warns of the frame; strict: raise StrictError instead.
+        """
         found = self._assets.get(asset)
         found.ready()
-        frame = Frame.of(check_positions(positions, found.vertices))
+        frame, warnings = checked_frame(found, positions, "frame of the calibration", strict)
 
         def work(job: Job) -> None:
             job.progress(0.0, "measuring stretch")
@@ -153,7 +168,23 @@ class AssetCalls(AssetArrivals):
                 self._builder.change(found, settings)
             self._builder.make_bins(job, found)
 
-        return self._jobs.start("calibration", asset, work).info
+        job = self._jobs.start("calibration", asset, work)
+        job.update(warnings=warnings)
+        return job.info
 
     def _prepare_bins(self, asset: Asset) -> None:
         self._jobs.start("bins", asset.id, lambda job: self._builder.make_bins(job, asset))
+
+
+def _frame_warnings(
+    new: NewAsset, frames: Sequence[NDArray[np.float32]]
+) -> tuple[InputWarning, ...]:
+    """About the frames that come with a mesh, by the names that they will have."""
+    if not frames:
+        return ()
+    check = FrameCheck(new.mesh, new.settings.length_unit)
+    return tuple(
+        warning
+        for index, positions in enumerate(frames)
+        for warning in check.warnings(positions, f"frame {index:04d}")
+    )

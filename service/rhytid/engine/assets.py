@@ -6,9 +6,15 @@ import threading
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.frame_warnings import FrameCheck
 from rhytid.domain.lengths import Lengths
+from rhytid.domain.origin import ORIGIN, Centre
 from rhytid.domain.tiles import TileAddress
+from rhytid.domain.warnings import InputWarning
 from rhytid.engine.frames import Frame, FrameMemory, Frames
 from rhytid.engine.jobs import Job
 from rhytid.engine.messages import AssetInfo
@@ -37,6 +43,10 @@ class Asset:
     distance: float | None = None
     statistics: dict[str, Any] | None = None
     resident: ResidentLevels | None = None
+    warnings: tuple[InputWarning, ...] = ()
+    centre: Centre = field(default_factory=lambda: ORIGIN)
+    # None of an asset that is known as failed alone.
+    frame_check: FrameCheck | None = None
     # Held while settings change, so that no two changes are lost in one another.
     changing: threading.Lock = field(default_factory=threading.Lock)
 
@@ -62,6 +72,8 @@ class Asset:
             pores=self.pores,
             wrinkles=self.wrinkles,
             statistics=self.statistics,
+            warnings=self.warnings,
+            centre=tuple(self.centre.tolist()),
         )
 
     def ready(self) -> ResidentLevels:
@@ -76,6 +88,12 @@ class Asset:
         """A stored frame; raises NotFoundError, and what `ready` raises."""
         self.ready()
         return self.frames.get(name)
+
+    def frame_warnings(self, positions: NDArray[np.float32], name: str) -> tuple[InputWarning, ...]:
+        """What is probably wrong with positions (V, 3) that are called `name`."""
+        if self.frame_check is None:
+            return ()
+        return self.frame_check.warnings(positions, name)
 
     def check_udim(self, udim: int) -> None:
         """Raise NotFoundError for a UDIM without mesh."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import asdict
 from functools import partial
 from typing import Any, TypeVar
 
@@ -54,7 +55,9 @@ class Builder:
                 settings = wanted.settings.with_lengths(asset.lengths)
                 job.progress(_SYNTHESIS, "storing")
                 with self._still_known(asset):
-                    facts = {"spacing": asset.lengths.spacing, "distance": distance}
+                    kept = [asdict(warning) for warning in asset.warnings]
+                    spacing = asset.lengths.spacing
+                    facts = {"spacing": spacing, "distance": distance, "warnings": kept}
                     self._store.put_asset(
                         asset.id, wanted.mesh, graph, settings, facts, wanted.stiffness
                     )

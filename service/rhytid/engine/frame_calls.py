@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rhytid.domain.frame import NEUTRAL, check_frame_name, check_positions
+from rhytid.domain.warnings import InputWarning, refuse
 from rhytid.engine.assets import Asset
 from rhytid.engine.core import EngineCore
 from rhytid.engine.frames import Frame, refuse_neutral
@@ -19,8 +20,13 @@ from rhytid.engine.messages import FrameInfo, FrameStretch
 class FrameCalls(EngineCore):
     """The calls about the frames of an asset."""
 
-    def put_frame(self, asset: str, frame: str, positions: ArrayLike) -> FrameInfo:
+    def put_frame(
+        self, asset: str, frame: str, positions: ArrayLike, *, strict: bool = False
+    ) -> FrameInfo:
         """Store positions (V, 3) under a name, in place of what had that name.
+
+        The answer warns of what is probably wrong; strict: raise StrictError instead, and store
+        nothing.
 
         Raises FrameError naming the count or the vertex, ReadOnlyError for `neutral`,
         FrameMemoryError where the memory for frames is full.
@@ -28,7 +34,17 @@ class FrameCalls(EngineCore):
         check_frame_name(frame)
         refuse_neutral(frame)
         found = self._assets.get(asset)
-        return put_frame(self._on_device, found, frame, positions)
+        return put_frame(self._on_device, found, frame, positions, strict=strict)
+
+    def frame_warnings(
+        self, asset: str, positions: ArrayLike, *, strict: bool = False
+    ) -> tuple[InputWarning, ...]:
+        """What is probably wrong with positions (V, 3) that are not stored.
+
+        strict: raise StrictError where there is something.
+        """
+        found = self._assets.get(asset)
+        return checked_frame(found, positions, "the positions", strict)[1]
 
     def frames(self, asset: str) -> list[FrameInfo]:
         """Every frame of an asset, `neutral` first."""
@@ -65,15 +81,31 @@ class FrameCalls(EngineCore):
 
 
 def put_frame(
-    on_device: Callable[..., Any], asset: Asset, name: str, positions: ArrayLike
+    on_device: Callable[..., Any],
+    asset: Asset,
+    name: str,
+    positions: ArrayLike,
+    *,
+    strict: bool = False,
 ) -> FrameInfo:
     """Measure a frame and store it; see FrameCalls.put_frame."""
     resident = asset.ready()
-    frame = Frame.of(check_positions(positions, asset.vertices))
+    frame, warnings = checked_frame(asset, positions, f"frame {name}", strict)
     ratios, _ = on_device(resident.stretch, frame)
     measured = LogStretch.of(ratios)
-    asset.frames.put(name, frame, measured)
-    return FrameInfo(name, measured.percentiles(_limit(asset)))
+    asset.frames.put(name, frame, measured, warnings)
+    return FrameInfo(name, measured.percentiles(_limit(asset)), warnings)
+
+
+def checked_frame(
+    asset: Asset, positions: ArrayLike, name: str, strict: bool
+) -> tuple[Frame, tuple[InputWarning, ...]]:
+    """Positions as a frame, and what is probably wrong with it; strict: raises StrictError."""
+    checked = check_positions(positions, asset.vertices)
+    warnings = asset.frame_warnings(checked, name)
+    if strict:
+        refuse(warnings)
+    return Frame.of(checked), warnings
 
 
 def _limit(asset: Asset) -> float:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.domain.frame import NEUTRAL
+from rhytid.domain.warnings import InputWarning
 from rhytid.engine.log_stretch import NAMES, LogStretch
 from rhytid.engine.messages import FrameInfo
 from rhytid.errors import FrameMemoryError, NotFoundError, ReadOnlyError
@@ -51,41 +52,57 @@ class FrameMemory:
             self._used += more
 
 
+@dataclass(frozen=True, eq=False)
+class _Stored:
+    frame: Frame
+    stretch: LogStretch
+    warnings: tuple[InputWarning, ...]
+
+    def info(self, name: str, limit: float) -> FrameInfo:
+        return FrameInfo(name, self.stretch.percentiles(limit), self.warnings)
+
+
 class Frames:
     """The frames of one asset by name. `neutral` is always there and cannot be written."""
 
     def __init__(self, memory: FrameMemory) -> None:
         self._memory = memory
         self._lock = threading.Lock()
-        self._frames: dict[str, tuple[Frame, LogStretch]] = {}
+        self._frames: dict[str, _Stored] = {}
         self._closed = False
 
-    def put(self, name: str, frame: Frame, stretch: LogStretch) -> None:
-        """Store a frame and how it stretches, in place of one of the same name."""
+    def put(
+        self,
+        name: str,
+        frame: Frame,
+        stretch: LogStretch,
+        warnings: tuple[InputWarning, ...] = (),
+    ) -> None:
+        """Store a frame, how it stretches and what is probably wrong with it, in place of one of
+        the same name."""
         assert frame.positions is not None
         refuse_neutral(name)
         with self._lock:
             if self._closed:
                 raise NotFoundError("the asset was removed")
             self._memory.change(frame.positions.nbytes - self._bytes(name))
-            self._frames[name] = (frame, stretch)
+            self._frames[name] = _Stored(frame, stretch, warnings)
 
     def get(self, name: str) -> Frame:
         """A frame by name; raises NotFoundError."""
-        return NEUTRAL_FRAME if name == NEUTRAL else self._entry(name)[0]
+        return NEUTRAL_FRAME if name == NEUTRAL else self._entry(name).frame
 
     def info(self, name: str, limit: float) -> FrameInfo:
         """What is known of a frame, its log stretch clamped to ± `limit`; raises NotFoundError."""
         if name == NEUTRAL:
             return _neutral_info()
-        return FrameInfo(name, self._entry(name)[1].percentiles(limit))
+        return self._entry(name).info(name, limit)
 
     def infos(self, limit: float) -> list[FrameInfo]:
         """Every frame, the neutral first, then by name."""
         with self._lock:
-            known = sorted((name, stretch) for name, (_, stretch) in self._frames.items())
-        infos = (FrameInfo(name, stretch.percentiles(limit)) for name, stretch in known)
-        return [_neutral_info(), *infos]
+            known = sorted(self._frames.items())
+        return [_neutral_info(), *(stored.info(name, limit) for name, stored in known)]
 
     def delete(self, name: str) -> None:
         """Forget a frame; raises NotFoundError, and ReadOnlyError for the neutral."""
@@ -102,7 +119,7 @@ class Frames:
             self._memory.change(-sum(self._bytes(name) for name in self._frames))
             self._frames.clear()
 
-    def _entry(self, name: str) -> tuple[Frame, LogStretch]:
+    def _entry(self, name: str) -> _Stored:
         with self._lock:
             if name not in self._frames:
                 raise NotFoundError(f"no frame {name!r}")
@@ -110,7 +127,9 @@ class Frames:
 
     def _bytes(self, name: str) -> int:
         entry = self._frames.get(name)
-        return 0 if entry is None or entry[0].positions is None else entry[0].positions.nbytes
+        if entry is None or entry.frame.positions is None:
+            return 0
+        return entry.frame.positions.nbytes
 
 
 def refuse_neutral(name: str) -> None:

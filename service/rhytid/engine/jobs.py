@@ -9,6 +9,7 @@ from collections import OrderedDict
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from typing import Any
 
 from rhytid.engine.messages import ENDED_STATES, JobInfo
 from rhytid.errors import CancelledError, NotFoundError, RhytidError
@@ -45,10 +46,10 @@ class Job:
             self.resumes = resumes
             self._cancelled.set()
 
-    def update(self, **changes: str | float) -> None:
+    def update(self, **changes: Any) -> None:
         """Replace parts of the info."""
         with self._lock:
-            self._info = replace(self._info, **changes)  # type: ignore[arg-type]
+            self._info = replace(self._info, **changes)
 
     @property
     def ended(self) -> bool:

@@ -17,6 +17,7 @@ from rhytid.domain.controls import Controls
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.stiffness import Stiffness
+from rhytid.domain.warnings import InputWarning
 from rhytid.errors import QueryError
 
 METHODS = ("neutral", "redraw", "binned", "convolved")
@@ -32,7 +33,8 @@ class NewAsset:
     absent means 1 everywhere.
 
     A `graph` that was made for another mesh is refused unless `force`. `frames` are stored as
-    frames 0000, 0001, … once the asset exists: (N, V, 3) float32.
+    frames 0000, 0001, … once the asset exists: (N, V, 3) float32. They are less the centre of the
+    mesh, as positions are throughout the engine.
     """
 
     mesh: Mesh
@@ -52,7 +54,8 @@ class AssetInfo:
     copies at UV seams not; they are 0 until the graph exists.
     `statistics`, None until then: "spacing", the mean distance of pores on the surface in mesh
     units, as it came out; "degree", the mean number of wrinkles at a pore; "strengths", wrinkles
-    by weight, in tenths from 0 to 1.
+    by weight, in tenths from 0 to 1.  `warnings`: what is probably wrong with the mesh.  `centre`:
+    what was subtracted from its positions as they were sent, and is from those of its frames.
     """
 
     id: str
@@ -67,11 +70,16 @@ class AssetInfo:
     pores: int
     wrinkles: int
     statistics: dict[str, Any] | None = None
+    warnings: tuple[InputWarning, ...] = ()
+    centre: tuple[float, ...] = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
 class JobInfo:
-    """Long work. `state`: queued, running, done, failed or cancelled; `progress` from 0 to 1."""
+    """Long work. `state`: queued, running, done, failed or cancelled; `progress` from 0 to 1.
+
+    `warnings`: of a calibration, what is probably wrong with its frame.
+    """
 
     id: str
     asset: str
@@ -80,17 +88,20 @@ class JobInfo:
     progress: float
     stage: str
     detail: str
+    warnings: tuple[InputWarning, ...] = ()
 
 
 @dataclass(frozen=True)
 class FrameInfo:
     """A stored frame and the percentiles of its clamped log stretch, over triangles and axes.
 
-    `log_stretch` maps "p1", "p10", "p50", "p90", "p99" and "abs_p90" to values.
+    `log_stretch` maps "p1", "p10", "p50", "p90", "p99" and "abs_p90" to values.  `warnings`: what
+    is probably wrong with it.
     """
 
     name: str
     log_stretch: dict[str, float]
+    warnings: tuple[InputWarning, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.domain.curves import Curves
+from rhytid.domain.origin import put_back
 from rhytid.domain.units import millimetres
 from rhytid.errors import InputError, QueryError
 
@@ -31,7 +32,9 @@ class CurveFormat:
 def obj_curves(curves: Curves, unit: str) -> Iterator[bytes]:
     """Vertices and a line element for each wrinkle, in `unit`. Widths have no place in OBJ."""
     yield f"# {len(curves.lines)} wrinkles, in {unit}\n".encode()
-    yield from _rows("v %.7g %.7g %.7g\n", curves.points)
+    # A float32 has 7 digits; far from the origin they go on behind those of the centre.
+    item = "v %.13g %.13g %.13g\n" if curves.centre.any() else "v %.7g %.7g %.7g\n"
+    yield from _rows(item, put_back(curves.points, curves.centre))
     yield from _rows("l %d %d\n", curves.lines + 1)
 
 
@@ -52,6 +55,10 @@ def usda_curves(curves: Curves, unit: str) -> Iterator[bytes]:
     yield from _array("float[] widths", "%.7g", curves.widths[:, None], uniform)
     strengths = curves.strengths[:, None]
     yield from _array("float[] primvars:strength", "%.7g", strengths, uniform)
+    if curves.centre.any():
+        place = ", ".join(repr(float(x)) for x in curves.centre)
+        yield f"    double3 xformOp:translate = ({place})\n".encode()
+        yield b'    uniform token[] xformOpOrder = ["xformOp:translate"]\n'
     yield b"}\n"
 
 

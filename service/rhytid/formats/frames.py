@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.domain.frame import check_positions
+from rhytid.domain.origin import ORIGIN, Centre
 from rhytid.errors import FrameError, MeshError
 from rhytid.formats.limits import MAX_FRAME_NUMBERS, check_size
 from rhytid.formats.npy import NpyHeader, read_header
@@ -19,8 +20,10 @@ RAW = "application/octet-stream"
 FRAME_EXTENSIONS = (".npy", ".npz", ".obj")
 
 
-def read_positions(body: bytes, media_type: str, vertices: int) -> NDArray[np.float32]:
-    """(V, 3) float32 positions of one frame, read-only, in mesh units.
+def read_positions(
+    body: bytes, media_type: str, vertices: int, centre: Centre = ORIGIN
+) -> NDArray[np.float32]:
+    """(V, 3) float32 positions of one frame, less the centre of its mesh, read-only, in mesh units.
 
     `media_type` is NPY, or RAW for little-endian float32 without a header. Raises FrameError
     naming the counts, the first vertex that is not finite, or the media types known here.
@@ -30,17 +33,20 @@ def read_positions(body: bytes, media_type: str, vertices: int) -> NDArray[np.fl
         if len(body) != 12 * vertices:
             wanted = f"{vertices} vertices of 3 float32 are {12 * vertices}"
             raise FrameError(f"frame is {len(body)} bytes: {wanted}")
-        return check_positions(np.frombuffer(body, "<f4").reshape(-1, 3), vertices)
+        return check_positions(np.frombuffer(body, "<f4").reshape(-1, 3), vertices, centre)
     if kind == NPY:
         header = _npy_header(body)
         if header.shape != (vertices, 3):
             raise FrameError(f"frame has shape {header.shape}, not ({vertices}, 3)")
-        return check_positions(header.array(body), vertices)
+        return check_positions(header.array(body), vertices, centre)
     raise FrameError(f"frame of media type {media_type!r:.80}: must be {NPY} or {RAW}")
 
 
-def read_frame_file(data: bytes, name: str, vertices: int) -> NDArray[np.float32]:
-    """(N, V, 3) float32, read-only: the frames in the bytes of a file called `name`.
+def read_frame_file(
+    data: bytes, name: str, vertices: int, centre: Centre = ORIGIN
+) -> NDArray[np.float32]:
+    """(N, V, 3) float32, less the centre of their mesh, read-only: the frames in the bytes of a
+    file called `name`.
 
     .npy holds (V, 3) or (N, V, 3); .npz a member `frames` (N, V, 3); of .obj the vertices are
     read, one frame, and there may be no faces. Raises FrameError (MeshError's text for an OBJ
@@ -50,11 +56,11 @@ def read_frame_file(data: bytes, name: str, vertices: int) -> NDArray[np.float32
     if extension == ".npy":
         header = _npy_header(data)
         array = header.array(data)
-        return check_frames(array[None] if array.ndim == 2 else array, vertices)
+        return check_frames(array[None] if array.ndim == 2 else array, vertices, centre)
     if extension == ".npz":
-        return read_npz_frames(data, vertices)
+        return read_npz_frames(data, vertices, centre)
     if extension == ".obj":
-        return check_positions(_obj(data), vertices)[None]
+        return check_positions(_obj(data), vertices, centre)[None]
     known = ", ".join(FRAME_EXTENSIONS)
     raise FrameError(f"frame file with extension {extension!r}: must be one of {known}")
 
@@ -68,7 +74,7 @@ def _npy_header(data: bytes) -> NpyHeader:
     return header
 
 
-def _obj(data: bytes) -> NDArray[np.float32]:
+def _obj(data: bytes) -> NDArray[np.float64]:
     try:
         return read_obj_positions(data)
     except MeshError as exc:

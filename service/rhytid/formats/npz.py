@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.origin import ORIGIN, Centre, brought_to
 from rhytid.errors import FrameError, InputError, MeshError
 from rhytid.formats.limits import MAX_FRAME_NUMBERS, MAX_NUMBERS, check_size
 from rhytid.formats.npy import MAX_HEADER, NpyHeader, read_header
@@ -92,26 +93,34 @@ def read_npz(data: bytes) -> tuple[Mesh, NDArray[np.float32] | None]:
     if "positions" in archive and "neutral" in archive:
         raise MeshError("the archive holds both 'positions' and 'neutral': one must go")
     name = "neutral" if "neutral" in archive else "positions"
-    mesh = Mesh(*(archive.read(member) for member in (name, "faces", "uv", "face_uv")))
+    mesh = Mesh.centred(*(archive.read(member) for member in (name, "faces", "uv", "face_uv")))
     has_frames = "frames" in archive
-    return mesh, _frames(archive, len(mesh.positions)) if has_frames else None
+    return mesh, _frames(archive, len(mesh.positions), mesh.centre) if has_frames else None
 
 
-def read_npz_frames(data: bytes, vertices: int) -> NDArray[np.float32]:
+def read_npz_frames(data: bytes, vertices: int, centre: Centre = ORIGIN) -> NDArray[np.float32]:
     """The member `frames` (N, V, 3); FrameError naming the frame and the vertex, or LimitError."""
-    return _frames(Archive(data, FrameError), vertices)
+    return _frames(Archive(data, FrameError), vertices, centre)
 
 
-def _frames(archive: Archive, vertices: int) -> NDArray[np.float32]:
-    return check_frames(archive.read("frames", MAX_FRAME_NUMBERS), vertices)
+def _frames(archive: Archive, vertices: int, centre: Centre) -> NDArray[np.float32]:
+    return check_frames(archive.read("frames", MAX_FRAME_NUMBERS), vertices, centre)
 
 
-def check_frames(values: NDArray[Any], vertices: int) -> NDArray[np.float32]:
-    """Frames as (N, V, 3) float32, finite, read-only; FrameError naming the first that is not."""
+def check_frames(
+    values: NDArray[Any], vertices: int, centre: Centre = ORIGIN
+) -> NDArray[np.float32]:
+    """Frames as (N, V, 3) float32 less the centre of their mesh, finite, read-only; FrameError
+    naming the first that is not."""
     if values.ndim != 3 or values.shape[1:] != (vertices, 3):
         raise FrameError(f"frames have shape {values.shape}, not (N, {vertices}, 3)")
     with np.errstate(over="ignore"):
-        frames = np.require(values, np.float32, ["C", "A"])
+        if centre.any():  # one by one: all of them in double would take twice the memory
+            frames = np.empty(values.shape, np.float32)
+            for frame, sent in zip(frames, values, strict=True):
+                frame[:] = brought_to(sent, centre)
+        else:
+            frames = np.require(values, np.float32, ["C", "A"])
     finite = np.isfinite(frames).all(axis=2)
     if not finite.all():
         frame, vertex = np.unravel_index(int(np.argmin(finite)), finite.shape)

@@ -43,20 +43,20 @@ def read_obj(data: bytes) -> Mesh:
     counts, references = _references(found[b"f"])
     corners = _resolve(found, counts, references)
     triangles = corners[fan(counts)].astype(np.int32)
-    return Mesh(positions, triangles[..., 0], uv, triangles[..., 1])
+    return Mesh.centred(positions, triangles[..., 0], uv, triangles[..., 1])
 
 
-def read_obj_positions(data: bytes) -> NDArray[np.float32]:
+def read_obj_positions(data: bytes) -> NDArray[np.float64]:
     """(V, 3) the vertices alone, in the order of the file: there may be no faces."""
     return _positions(split_statements(data)[b"v"])
 
 
-def _positions(found: Statements) -> NDArray[np.float32]:
+def _positions(found: Statements) -> NDArray[np.float64]:
     values = _numbers(found, _VERTEX, "v", 3, "3, or 4, 6 or 7 with a weight or colours")
     with np.errstate(over="ignore"):
-        positions = values.astype(np.float32)
-    _require_finite(found, positions, "vertex")
-    return positions
+        narrow = values.astype(np.float32)
+    _require_finite(found, narrow, "vertex")
+    return values
 
 
 def _numbers(

@@ -36,11 +36,9 @@ def read_ply(data: bytes) -> Mesh:
     tables = read_tables(header, data)
     vertices = tables["vertex"]
     positions = _columns(vertices, ("x", "y", "z"))
-    with np.errstate(over="ignore"):
-        narrow = positions.astype(np.float32)
     uv = _columns(vertices, next(n for n in _UV_NAMES if set(n) <= set(vertices.numbers)))
     faces = _faces(tables["face"], len(positions))
-    return Mesh(narrow, faces, uv, faces)
+    return Mesh.centred(positions, faces, uv, faces)
 
 
 def _check_elements(header: Header) -> None:

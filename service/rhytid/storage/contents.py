@@ -96,7 +96,9 @@ def _identity(settings: AssetSettings, given: bool) -> dict[str, Any]:
 
 
 def _mesh_arrays(mesh: Mesh) -> dict[str, NDArray[Any]]:
-    return {name: getattr(mesh, name) for name in _MESH_ARRAYS}
+    arrays = {name: getattr(mesh, name) for name in _MESH_ARRAYS}
+    # Only where there is one: a mesh near the origin keeps its id.
+    return {**arrays, "centre": mesh.centre} if mesh.centre.any() else arrays
 
 
 def _add_arrays(digest: hashlib._Hash, group: str, arrays: Mapping[str, NDArray[Any]]) -> None:

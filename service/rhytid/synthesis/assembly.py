@@ -71,9 +71,8 @@ def assemble(
         "edge_copy_of": lines.copy_of,
         "edge_metric": np.zeros((len(weight), 3), np.float32),
     }
-    return WrinkleGraph(
-        **with_copies(arrays, ground.surface, borders, spacing * fields.least_spacing)
-    )
+    least = spacing * fields.least_spacing
+    return WrinkleGraph(**with_copies(arrays, ground.surface, borders, least), origin=None)
 
 
 def _lines(

@@ -13,8 +13,9 @@ from numpy.typing import ArrayLike
 from rhytid_client import npy, parse
 from rhytid_client.flow import Flow
 from rhytid_client.form import Form, Part
-from rhytid_client.requests import get, request, with_json
+from rhytid_client.requests import Params, get, request, with_json
 from rhytid_client.results import Asset
+from rhytid_client.warned import tell
 
 File = str | os.PathLike[str] | bytes
 # One image, some with the UDIM in their names, or images by UDIM.
@@ -27,6 +28,11 @@ def asset_id(asset: Asset | str) -> str:
     return asset.id if isinstance(asset, Asset) else asset
 
 
+def strictly(strict: bool) -> Params:
+    """The query of a call that may be strict."""
+    return (("strict", "true"),) if strict else ()
+
+
 def create_asset(
     mesh: File | Mapping[str, ArrayLike],
     *,
@@ -37,6 +43,7 @@ def create_asset(
     stiffness: Images | None = None,
     controls: Mapping[str, Images] | None = None,
     progress: Callable[[int, int], None] | None = None,
+    strict: bool = False,
 ) -> Flow[Asset]:
     """Send a mesh and have an asset built of it; `wait` for it before asking for tiles.
 
@@ -50,6 +57,7 @@ def create_asset(
     controls: maps that guide synthesis, by name, given like stiffness: density, strength,
     direction, turn, anisotropy, scale, pore_radius, and region_forehead and the like.
     progress: called with bytes sent and bytes in all.
+    strict: RequestError, and nothing is kept, where there would be `warnings`.
 
     The same content gives the same asset. Raises RequestError naming what is wrong with it.
     """
@@ -64,8 +72,11 @@ def create_asset(
     parts += _images("stiffness", stiffness)
     for control, images in (controls or {}).items():
         parts += _images(control, images)
-    response = yield request("POST", "v1", "assets", content=Form(tuple(parts), progress))
-    return parse.one(Asset, response)
+    form = Form(tuple(parts), progress)
+    response = yield request("POST", "v1", "assets", params=strictly(strict), content=form)
+    made = parse.one(Asset, response)
+    tell(made.warnings)
+    return made
 
 
 def assets() -> Flow[list[Asset]]:

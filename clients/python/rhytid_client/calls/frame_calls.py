@@ -8,21 +8,34 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rhytid_client import npy, parse
-from rhytid_client.calls.asset_calls import asset_id
+from rhytid_client.calls.asset_calls import asset_id, strictly
 from rhytid_client.flow import Flow
 from rhytid_client.requests import NPY, get, request, with_positions
 from rhytid_client.results import Asset, Frame, Job, Stretch
+from rhytid_client.warned import tell
 
 
 def put_frame(
-    asset: Asset | str, frame: str, positions: ArrayLike, *, raw: bool = False
+    asset: Asset | str,
+    frame: str,
+    positions: ArrayLike,
+    *,
+    raw: bool = False,
+    strict: bool = False,
 ) -> Flow[Frame]:
-    """Store positions (V, 3), sent as float32, under a name; what was there is replaced.
+    """Store positions (V, 3) under a name; what was there is replaced.
 
-    `raw` sends bare little-endian float32 in place of .npy.
+    They are sent as float32; as float64 where they are that and stand far from the origin.
+    raw: sends bare little-endian float32 in place of .npy, always.
+    strict: RequestError, and nothing is stored, where there would be `warnings`.
     """
     place = ("v1", "assets", asset_id(asset), "frames", frame)
-    return parse.one(Frame, (yield with_positions("PUT", *place, positions=positions, raw=raw)))
+    response = yield with_positions(
+        "PUT", *place, positions=positions, raw=raw, params=strictly(strict)
+    )
+    stored = parse.one(Frame, response)
+    tell(stored.warnings)
+    return stored
 
 
 def frames(asset: Asset | str) -> Flow[list[Frame]]:
@@ -36,7 +49,7 @@ def frame(asset: Asset | str, frame: str) -> Flow[Frame]:
 
 
 def positions(asset: Asset | str, frame: str) -> Flow[NDArray[np.float32]]:
-    """The positions of a frame, (V, 3) float32, read-only."""
+    """The positions of a frame, (V, 3) float32, read-only; float64 where the asset has a centre."""
     place = ("v1", "assets", asset_id(asset), "frames", frame)
     array: NDArray[Any] = npy.decode(parse.content((yield get(*place, headers={"Accept": NPY}))))
     return array
@@ -54,7 +67,17 @@ def stretch(asset: Asset | str, frame: str) -> Flow[Stretch]:
     return Stretch(axes, ratios)
 
 
-def calibrate(asset: Asset | str, positions: ArrayLike, *, raw: bool = False) -> Flow[Job]:
-    """Set the range of the precomputed maps from a typical frame; `wait` for the job."""
+def calibrate(
+    asset: Asset | str, positions: ArrayLike, *, raw: bool = False, strict: bool = False
+) -> Flow[Job]:
+    """Set the range of the precomputed maps from a typical frame; `wait` for the job.
+
+    raw, strict: as for `put_frame`.
+    """
     place = ("v1", "assets", asset_id(asset), "calibration")
-    return parse.one(Job, (yield with_positions("PUT", *place, positions=positions, raw=raw)))
+    response = yield with_positions(
+        "PUT", *place, positions=positions, raw=raw, params=strictly(strict)
+    )
+    job = parse.one(Job, response)
+    tell(job.warnings)
+    return job

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Any
 
 from numpy.typing import ArrayLike, NDArray
 
 from rhytid_client import npy, parse
-from rhytid_client.calls.asset_calls import asset_id
+from rhytid_client.calls.asset_calls import asset_id, strictly
 from rhytid_client.errors import BadAnswer
 from rhytid_client.flow import Flow
 from rhytid_client.mixed import boundary_of, read_mixed
 from rhytid_client.requests import Request, get, with_positions
 from rhytid_client.results import Asset, Bins, Tile
+from rhytid_client.warned import tell
 
 # udim, level, row, column
 Address = tuple[int, int, int, int]
@@ -77,15 +79,17 @@ def tiles(
     stretch: str = "tensor",
     sampling: str = "nearest",
     format: str = "npy",
+    strict: bool = False,
 ) -> Flow[list[Tile]]:
     """Positions (V, 3) in, tiles out in the order of `addresses`, in one round trip.
 
     An address is (udim, level, row, column). Nothing is stored.
     method, stretch, sampling, format: as for a tile.
+    strict: RequestError, and nothing is drawn, where there would be `warnings`.
     """
     names = ["/".join(str(number) for number in address) for address in addresses]
     query = {"method": method, "stretch": stretch, "sampling": sampling, "format": format}
-    params = (*(("tile", name) for name in names), *query.items())
+    params = (*(("tile", name) for name in names), *query.items(), *strictly(strict))
     place = ("v1", "assets", asset_id(asset), "tiles")
     response = yield with_positions("POST", *place, positions=positions, params=params)
     body = parse.content(response)
@@ -93,7 +97,10 @@ def tiles(
     answered = [part.headers.get("x-rhytid-tile") for part in parts]
     if answered != names:
         raise BadAnswer(f"asked for tiles {names}, answered with {answered}")
-    return [parse.read_tile(part.content, part.headers, format) for part in parts]
+    warned = parse.header_warnings(response)
+    tell(warned)
+    drawn = (parse.read_tile(part.content, part.headers, format) for part in parts)
+    return [replace(tile, warnings=warned) for tile in drawn]
 
 
 def bins(asset: Asset | str) -> Flow[Bins]:

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from fastapi import APIRouter, Request, Response
 
 from rhytid.api.accept import preferred
-from rhytid.api.dependencies import EngineDep, NoQuery, Place, Positions
+from rhytid.api.dependencies import EngineDep, NoQuery, Place, Positions, Strict
 from rhytid.api.documentation import POSITIONS, binary, problems
 from rhytid.api.encoding import NPY, RAW, npy, npz
 from rhytid.api.schemas import Frame, Job
+from rhytid.domain.origin import put_back
 
 JSON = "application/json"
 NPZ = "application/x-npz"
@@ -29,11 +31,18 @@ def listing(asset: str, engine: EngineDep) -> Any:
     responses=problems(404, 409, 413, 422, 503, 507),
     openapi_extra=POSITIONS,
 )
-def put(asset: str, frame: str, positions: Positions, engine: EngineDep, place: Place) -> Any:
+def put(
+    asset: str,
+    frame: str,
+    positions: Positions,
+    engine: EngineDep,
+    place: Place,
+    strict: Strict = False,
+) -> Any:
     """Store positions under a name, replacing what was there; 507 where the memory for frames is
     full."""
     with place:
-        return engine.put_frame(asset, frame, positions)
+        return engine.put_frame(asset, frame, positions, strict=strict)
 
 
 @router.get(
@@ -44,14 +53,18 @@ def put(asset: str, frame: str, positions: Positions, engine: EngineDep, place: 
 def show(asset: str, frame: str, request: Request, engine: EngineDep, response: Response) -> Any:
     """A frame as JSON, or its positions with `Accept: application/x-npy` (or
     `application/octet-stream`, raw float32). The type of the highest weight is sent, a weight of 0
-    means not this one."""
+    means not this one.
+
+    Positions are where they were sent; as .npy float64 where the asset has a `centre`.
+    """
     wanted = preferred(request, (JSON, NPY, RAW))
     info = engine.frame(asset, frame)
     if wanted == JSON:
         response.headers["Vary"] = "Accept"
         return info
-    positions = engine.frame_positions(asset, frame).astype("<f4", copy=False)
-    body = npy(positions) if wanted == NPY else positions.tobytes()
+    positions = put_back(engine.frame_positions(asset, frame), np.array(engine.asset(asset).centre))
+    little = positions.astype(positions.dtype.newbyteorder("<"), copy=False)
+    body = npy(little) if wanted == NPY else little.astype("<f4", copy=False).tobytes()
     return Response(body, headers={"Vary": "Accept"}, media_type=wanted)
 
 
@@ -82,8 +95,14 @@ def stretch(asset: str, frame: str, engine: EngineDep, place: Place) -> Response
     responses=problems(404, 409, 413, 422, 503),
     openapi_extra=POSITIONS,
 )
-def calibrate(asset: str, positions: Positions, engine: EngineDep, response: Response) -> Any:
+def calibrate(
+    asset: str,
+    positions: Positions,
+    engine: EngineDep,
+    response: Response,
+    strict: Strict = False,
+) -> Any:
     """Set `bins.r_max` from the stretch of the positions sent; answers with a job."""
-    job = engine.calibrate(asset, positions)
+    job = engine.calibrate(asset, positions, strict=strict)
     response.headers["Location"] = f"/v1/jobs/{job.id}"
     return job

@@ -17,8 +17,8 @@ from rhytid.api.dependencies import (
     Place,
     Positions,
 )
-from rhytid.api.documentation import MIXED, POSITIONS, TILES, problems
-from rhytid.api.encoding import Source, answer, check_format, scale_header
+from rhytid.api.documentation import POSITIONS, TILES, TILES_ONCE, problems
+from rhytid.api.encoding import Source, answer, check_format, scale_header, warnings_header
 from rhytid.api.multipart import MixedPart, mixed_response
 from rhytid.api.schemas import TileQuery, TilesQuery, WholeMapQuery
 from rhytid.domain.tiles import TileAddress, TileGrid
@@ -100,7 +100,7 @@ def whole_map(
 @router.post(
     "/tiles",
     response_class=Response,
-    responses={**MIXED, **FAULTS, **problems(413)},
+    responses={**TILES_ONCE, **FAULTS, **problems(413)},
     openapi_extra=POSITIONS,
 )
 def tiles_once(
@@ -111,11 +111,15 @@ def tiles_once(
     place: Place,
     query: Annotated[TilesQuery, Query()],
 ) -> Response:
-    """Positions in, tiles out, nothing stored: multipart/mixed in the order of `tile`."""
+    """Positions in, tiles out, nothing stored: multipart/mixed in the order of `tile`.
+
+    What is probably wrong with the positions is in the header `X-Rhytid-Warnings`.
+    """
     check_format(query.format)
     wanted = query.map_query()
     addresses = [TileAddress.parse(text) for text in query.tile]
     check_texels(engine, asset, addresses)
+    warnings = engine.frame_warnings(asset, positions, strict=query.strict)
     parts = []
     with place:
         drawn = engine.tiles_once(asset, positions, wanted, addresses)
@@ -123,7 +127,7 @@ def tiles_once(
         for at, tile in zip(addresses, drawn, strict=True):
             header = header_of(engine, asset, ONCE, wanted, at)
             parts.append(mixed_part(tile, query.format, header, at))
-    return mixed_response(parts)
+    return mixed_response(parts, warnings_header(warnings))
 
 
 def check_texels(engine: EngineDep, asset: str, addresses: list[TileAddress]) -> None:

@@ -1,0 +1,91 @@
+"""How a command warns: a line on stderr at once, and all of it again at the end."""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import asdict, replace
+
+from tqdm import tqdm  # type: ignore[import-untyped]
+
+from rhytid.cli.frame_files import FrameFiles
+from rhytid.cli.reporting import counted
+from rhytid.domain.frame_warnings import FrameCheck
+from rhytid.domain.mesh import Mesh
+from rhytid.domain.mesh_warnings import mesh_warnings
+from rhytid.domain.warnings import InputWarning
+from rhytid.errors import StrictError
+
+# Lines of one code that are told at once: of a long shot in the wrong unit three frames say it all.
+_LINES = 3
+
+
+class Warned:
+    """The warnings of one run of a command; with `strict` they are an error."""
+
+    def __init__(self, command: str, strict: bool) -> None:
+        self._command, self._strict = command, strict
+        self.warnings: list[InputWarning] = []
+
+    def __enter__(self) -> Warned:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
+        """At the end of a run, of one that failed, too: there the reason may be among them."""
+        if kind is not StrictError:
+            self.repeat()
+
+    def inputs(
+        self, mesh: Mesh, name: str, unit: str, resolution: int, frames: FrameFiles | None = None
+    ) -> None:
+        """Warn of a mesh from the file `name`, before anything is made of it.
+
+        Where warnings are errors, frames are looked at too, which are else as they are used; then
+        raises StrictError.
+        """
+        found = mesh_warnings(mesh, unit, resolution)
+        self.tell(replace(warning, where=f"{name}, {warning.where}") for warning in found)
+        if self._strict and frames is not None:
+            check = FrameCheck(mesh, unit)
+            for place in counted(frames.places, "checking", "frame"):
+                self.tell(check.warnings(frames.read(place), f"frame {place.name}"))
+        self._refuse()
+
+    def frame(self, warnings: Iterable[InputWarning], name: str) -> None:
+        """Warn of a frame that is used now; raises StrictError where warnings are errors."""
+        self.tell(replace(warning, where=f"frame {name}") for warning in warnings)
+        self._refuse()
+
+    def tell(self, warnings: Iterable[InputWarning]) -> None:
+        """Print what was not told yet, the first few of each code."""
+        for warning in warnings:
+            if warning not in self.warnings:
+                self.warnings.append(warning)
+                if sum(w.code == warning.code for w in self.warnings) <= _LINES:
+                    self._print(f"warning: {warning}")
+
+    def repeat(self) -> None:
+        """The first of each code again, and how many there are."""
+        counts = Counter(warning.code for warning in self.warnings)
+        if counts:
+            self._print(f"{len(self.warnings)} warnings; docs/warnings.md says what to do:")
+        for code, count in counts.items():
+            first = next(w for w in self.warnings if w.code == code)
+            self._print(f"warning: {first}" + (f" (and {count - 1} more)" if count > 1 else ""))
+
+    def figures(self) -> list[dict[str, str]]:
+        """All of them, for JSON."""
+        return [asdict(warning) for warning in self.warnings]
+
+    def _refuse(self) -> None:
+        if self._strict and self.warnings:
+            count = len(self.warnings)
+            raise StrictError(
+                f"--strict: {count} {'warning' if count == 1 else 'warnings'}, so nothing was done",
+                tuple(self.warnings),
+            )
+
+    def _print(self, line: str) -> None:
+        # Beside a bar that is being drawn, too.
+        tqdm.write(f"rhytid {self._command}: {line}", file=sys.stderr)

@@ -1,0 +1,79 @@
+"""What is probably wrong with a mesh or a frame that can be used all the same: the codes, and from
+where on each is told. `docs/warnings.md` says what to do about them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from rhytid.errors import StrictError
+
+UV_OVERLAP = "uv-overlap"
+UV_MIRRORED = "uv-mirrored"
+NORMALS_INWARD = "normals-inward"
+TEXEL_SIZE = "texel-size"
+MESH_SIZE = "mesh-size"
+FAR_FROM_ORIGIN = "far-from-origin"
+STRETCH_AT_CLAMP = "stretch-at-clamp"
+FRAME_SCALED = "frame-scaled"
+CODES = (
+    UV_OVERLAP,
+    UV_MIRRORED,
+    NORMALS_INWARD,
+    TEXEL_SIZE,
+    MESH_SIZE,
+    FAR_FROM_ORIGIN,
+    STRETCH_AT_CLAMP,
+    FRAME_SCALED,
+)
+
+# uv-overlap: share of the covered UV area that lies under two triangles or more. Layouts have
+# slivers that overlap by rounding; a hundredth of a face is a nostril.
+OVERLAP_SHARE = 0.01
+# uv-mirrored: share of the UV area that runs against the rest of a layout seen from outside. The
+# same hundredth: single triangles are turned over where charts are tight.
+MIRRORED_SHARE = 0.01
+# normals-inward: mean cosine between the normals and the way out from the middle. Faces, heads and
+# hemispheres have 0.5 to 0.9, turned inside out the same below 0, a flat sheet 0.
+INWARD_COSINE = -0.25
+# texel-size: side of a texel on the surface, its largest over its smallest where half a hundredth
+# of the area at either end is left out, so that slivers do not count. 1.4 on the built-in face, 3
+# to 4 on a game's mask; beyond 10 pores of one place are a texel wide or those of another waste
+# most of the map.
+TEXEL_RATIO = 10.0
+TEXEL_TAIL = 0.005
+# mesh-size: longest side of the box around the mesh, mm. A newborn's face is about 90 mm tall, a
+# head with shoulders 500 mm. A factor of 10 in the unit leaves this range on one side or the other.
+LEAST_SIZE, MOST_SIZE, USUAL_SIZE = 90.0, 1000.0, 230.0
+# far-from-origin: the step of the numbers as they were sent over the length of the median edge. A
+# stretch that is wrong by 0.001 makes a pore 1 % deeper or shallower (beta_d is 10).
+STEP_OF_EDGE = 1e-3
+# stretch-at-clamp: median |log stretch|. 0.8 of the usual clamp: half the skin stretched or
+# compressed by half. Strong expressions have a median of 0.1, shuffled vertices one above 1.
+CLAMP_MEDIAN = 0.4
+# frame-scaled: the median log stretch, at least this and this many times the distance from the
+# 10th to the 90th percentile. Skin does not grow by 5 % everywhere; where expressions stretch it by
+# so much, they stretch some of it and leave the rest.
+SCALED_MEDIAN, SCALED_SPREADS = 0.05, 3.0
+# frame-scaled: how near the factor must be to that of two units for these to be named.
+UNIT_TOLERANCE = 0.05
+
+
+@dataclass(frozen=True)
+class InputWarning:
+    """Something that is probably wrong. code: one of CODES.  detail: what, in plain text.
+    where: the mesh or the frame, and the place on it where there is one."""
+
+    code: str
+    detail: str
+    where: str
+
+    def __str__(self) -> str:
+        return f"{self.code}: {self.where}: {self.detail}"
+
+
+def refuse(warnings: Sequence[InputWarning]) -> None:
+    """Raise StrictError naming the warnings, where there are any."""
+    if warnings:
+        told = "; ".join(str(warning) for warning in warnings)
+        raise StrictError(f"refused, for strict was asked for: {told}", tuple(warnings))

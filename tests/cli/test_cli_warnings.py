@@ -1,0 +1,141 @@
+"""Warnings of the commands: told on stderr, told again at the end, an error with --strict."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rhytid.cli import main
+from rhytid.cli.warned import Warned
+from rhytid.domain.warnings import InputWarning
+from rhytid.errors import StrictError
+from rhytid.samples.face import procedural_face
+
+SMALL = ("--resolution", "256", "--wrinkles", "400")
+SAMPLE = procedural_face(16)
+ARRAYS = {name: getattr(SAMPLE.mesh, name) for name in ("positions", "faces", "uv", "face_uv")}
+
+
+@pytest.fixture
+def neutral(tmp_path: Path) -> Path:
+    np.savez(tmp_path / "head.npz", **ARRAYS)
+    return tmp_path / "head.npz"
+
+
+@pytest.fixture
+def metres(tmp_path: Path) -> Path:
+    """Two frames in metres."""
+    frames = [SAMPLE.pose({"smile": w}) / np.float32(100) for w in (0.5, 1.0)]
+    np.save(tmp_path / "shot.npy", np.stack(frames))
+    return tmp_path / "shot.npy"
+
+
+def lines(capsys: pytest.CaptureFixture[str], code: str) -> list[str]:
+    return [line for line in capsys.readouterr().err.splitlines() if f"warning: {code}: " in line]
+
+
+@pytest.mark.parametrize("method", ["redraw", "binned"])
+def test_bake_tells_what_and_where_and_tells_it_again(
+    neutral: Path, metres: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], method: str
+) -> None:
+    out, figures = tmp_path / "maps", tmp_path / "figures.json"
+    given = ["--mesh", str(neutral), "--frames", str(metres), "--out", str(out), *SMALL]
+    assert main(["bake", *given, "--method", method, "--json", str(figures)]) == 0
+    told = lines(capsys, "frame-scaled")
+    assert [f"frame 000{i} of shot.npy" in line for i, line in zip((1, 2), told, strict=False)] == [
+        True,
+        True,
+    ]
+    assert all(line.startswith("rhytid bake: ") and "m beside" in line for line in told)
+    assert len(told) == 3
+    assert told[2].endswith("(and 1 more)")
+    kept = json.loads(figures.read_text())["warnings"]
+    assert [w["code"] for w in kept] == ["frame-scaled"] * 2
+
+
+def test_strict_bake_writes_nothing(
+    neutral: Path, metres: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "maps"
+    given = ["--mesh", str(neutral), "--frames", str(metres), "--out", str(out), *SMALL]
+    assert main(["bake", *given, "--strict"]) == 1
+    told = capsys.readouterr().err
+    assert "--strict: 2 warnings, so nothing was done" in told
+    assert "frame 0002 of shot.npy" in told
+    assert not out.exists()
+
+
+def test_what_is_right_is_baked_strictly_and_in_silence(
+    neutral: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    np.save(tmp_path / "smile.npy", SAMPLE.pose({"smile": 1.0}))
+    out = tmp_path / "maps"
+    given = ["--mesh", str(neutral), "--frames", str(tmp_path / "smile.npy"), "--out", str(out)]
+    assert main(["bake", *given, *SMALL, "--strict"]) == 0
+    assert "warning" not in capsys.readouterr().err
+    assert len(list(out.glob("*.exr"))) == 1
+
+
+def test_demo_warns_and_refuses(
+    neutral: Path, metres: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = ["demo", "--mesh", str(neutral), "--frames", str(metres), *SMALL]
+    out = tmp_path / "demo"
+    assert main([*given, "--out", str(out), "--unit", "mm", "--strict"]) == 1
+    told = capsys.readouterr().err
+    assert "warning: mesh-size: head.npz, mesh: " in told
+    assert "warning: frame-scaled: frame 0001 of shot.npy" in told
+    assert not out.exists()
+    assert main([*given, "--out", str(out)]) == 0
+    told = capsys.readouterr().err
+    assert told.count("warning: frame-scaled: frame 0001 of shot.npy") == 2
+    assert len(json.loads((out / "times.json").read_text())["warnings"]) == 2
+
+
+def test_a_run_that_fails_tells_again_what_may_be_the_reason(
+    neutral: Path, metres: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """There is no patch of skin 6 mm wide on a head of 24 mm."""
+    given = ["demo", "--mesh", str(neutral), "--frames", str(metres), "--unit", "mm", *SMALL]
+    assert main([*given, "--out", str(tmp_path / "demo")]) == 1
+    assert capsys.readouterr().err.count("warning: mesh-size: head.npz, mesh: ") == 2
+
+
+@pytest.mark.parametrize("command", ["synthesize", "graph"])
+def test_graphs_of_a_mesh_in_the_wrong_unit(
+    neutral: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], command: str
+) -> None:
+    graph = tmp_path / "graph.safetensors"
+    assert main(["synthesize", str(neutral), "--out", str(graph), "--wrinkles", "300"]) == 0
+    assert "warning" not in capsys.readouterr().err
+    made, curves = tmp_path / "made" / "g.safetensors", tmp_path / "curves" / "g.obj"
+    rest = ["--out", str(made), "--wrinkles", "300"] if command == "synthesize" else [str(graph)]
+    given = [command, str(neutral), *rest, "--curves", str(curves), "--unit", "m"]
+    assert main([*given, "--strict"]) == 1
+    assert lines(capsys, "mesh-size")
+    assert not made.parent.exists()
+    assert not curves.parent.exists()
+    assert main(given) == 0
+    assert len(lines(capsys, "mesh-size")) == 2
+    assert curves.exists()
+
+
+def test_a_long_shot_is_told_in_a_few_lines(capsys: pytest.CaptureFixture[str]) -> None:
+    warned = Warned("bake", False)
+    for i in range(400):
+        warned.frame([InputWarning("frame-scaled", "x", "?")], f"{i:04d}")
+        warned.frame([InputWarning("frame-scaled", "x", "?")], f"{i:04d}")
+    assert len(capsys.readouterr().err.splitlines()) == 3
+    warned.repeat()
+    told = capsys.readouterr().err.splitlines()
+    assert told[0] == "rhytid bake: 400 warnings; docs/warnings.md says what to do:"
+    assert told[1] == "rhytid bake: warning: frame-scaled: frame 0000: x (and 399 more)"
+    assert len(warned.figures()) == 400
+
+
+def test_a_strict_command_ends_with_the_first_frame_that_is_wrong() -> None:
+    with pytest.raises(StrictError):
+        Warned("bake", True).frame([InputWarning("frame-scaled", "x", "?")], "0001")

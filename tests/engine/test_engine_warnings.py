@@ -1,0 +1,115 @@
+"""What the engine warns of, when it refuses, and what of it survives a restart."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from engine.engines import built, finish, new_asset, running, settle
+from meshes import deform
+from pipeline.scenes import sheet
+from rhytid.domain import warnings as codes
+from rhytid.domain.mesh import Mesh
+from rhytid.domain.tiles import TileAddress
+from rhytid.engine import arrivals
+from rhytid.engine.messages import MapQuery
+from rhytid.errors import StrictError
+
+# The sheet is 2 units wide: in feet it could be a face.
+BENT = deform(sheet().positions, 1, 0.1)
+SMALL = (codes.MESH_SIZE,)
+
+
+def told(found):
+    return tuple(warning.code for warning in found)
+
+
+def test_a_mesh_that_is_right_is_not_warned_of(engine):
+    assert engine.create_asset(new_asset(unit="ft"), strict=True).warnings == ()
+
+
+def test_warnings_of_an_asset_survive_a_restart(tmp_path, monkeypatch):
+    with running(tmp_path) as engine:
+        first = engine.create_asset(new_asset(unit="cm"))
+        asset = built(engine, new_asset(unit="cm"))
+        assert told(first.warnings) == SMALL
+        assert engine.asset(asset).warnings == first.warnings
+    # They come from the store.
+    monkeypatch.setattr(arrivals, "mesh_warnings", None)
+    with running(tmp_path) as engine:
+        assert engine.asset(asset).warnings == first.warnings
+        settle(engine, asset)
+        assert engine.create_asset(new_asset(unit="cm")).warnings == first.warnings
+        assert engine.change_asset(asset, {"depth": 0.01}).warnings == first.warnings
+
+
+def test_an_asset_of_a_store_without_warnings_is_looked_at(tmp_path, monkeypatch):
+    with running(tmp_path) as engine:
+        asset = built(engine, new_asset(unit="cm"))
+        stored = engine._store.asset(asset)
+    del stored.extra["warnings"]
+    assert told(arrivals._kept_warnings(stored)) == SMALL
+
+
+def test_a_strict_asset_leaves_nothing(engine):
+    with pytest.raises(StrictError, match="mesh-size: mesh: ") as refused:
+        engine.create_asset(new_asset(unit="cm"), strict=True)
+    assert told(refused.value.warnings) == SMALL
+    assert engine.assets() == []
+    assert engine._store.pending() == engine._store.ids() == []
+
+
+def test_frames_that_come_with_a_mesh(engine):
+    frames = np.stack([BENT, BENT * np.float32(0.1)])
+    new = replace(new_asset(unit="ft"), frames=frames)
+    with pytest.raises(StrictError, match="frame-scaled: frame 0001"):
+        engine.create_asset(new, strict=True)
+    info = engine.create_asset(new)
+    assert [(w.code, w.where) for w in info.warnings] == [(codes.FRAME_SCALED, "frame 0001")]
+    finish(engine, info.job)
+    assert told(engine.frame(info.id, "0001").warnings) == (codes.FRAME_SCALED,)
+    assert engine.frame(info.id, "0000").warnings == engine.asset(info.id).warnings == ()
+
+
+def test_frames_calibrations_and_tiles(engine):
+    asset = built(engine, new_asset(unit="ft"))
+    shuffled = BENT[np.random.default_rng(1).permutation(len(BENT))]
+    clamp = (codes.STRETCH_AT_CLAMP,)
+    calls = {
+        "put": lambda **strict: engine.put_frame(asset, "a", shuffled, **strict).warnings,
+        "calibrate": lambda **strict: engine.calibrate(asset, shuffled, **strict).warnings,
+        "tiles": lambda **strict: engine.frame_warnings(asset, shuffled, **strict),
+    }
+    for call in calls.values():
+        with pytest.raises(StrictError, match="stretch-at-clamp"):
+            call(strict=True)
+    assert [info.name for info in engine.frames(asset)] == ["neutral"]
+    assert [told(call()) for call in calls.values()] == [clamp] * 3
+    assert told(engine.frame(asset, "a").warnings) == clamp
+    assert engine.frame(asset, "neutral").warnings == ()
+    assert engine.put_frame(asset, "b", BENT, strict=True).warnings == ()
+
+
+def test_a_mesh_far_away_is_drawn_as_at_the_origin(tmp_path):
+    """A million units away, as doubles."""
+    near = sheet()
+    far = Mesh.centred(
+        near.positions.astype(float) * (1 + 1e-9) + 1e6, near.faces, near.uv, near.face_uv
+    )
+    query, address = MapQuery(), TileAddress(1001, 0, 0, 0)
+    with running(tmp_path) as engine:
+        assets = [built(engine, new_asset(mesh, unit="ft")) for mesh in (near, far)]
+        tiles = []
+        for asset in assets:
+            engine.put_frame(asset, "bent", BENT)
+            tiles.append(engine.tile(asset, "bent", query, address))
+        here, there = (engine.curves(asset) for asset in assets)
+    assert assets[0] != assets[1]
+    np.testing.assert_allclose(tiles[0], tiles[1], atol=1e-5)
+    np.testing.assert_allclose(there.points + there.centre, here.points + 1e6, atol=1e-6)
+    with running(tmp_path) as engine:
+        settle(engine, assets[1])
+        assert engine.asset(assets[1]).centre == tuple(far.centre)
+        np.testing.assert_array_equal(engine.frame_positions(assets[1], "neutral"), far.positions)
