@@ -10,9 +10,11 @@ from engine.engines import BINNED, REDRAW, built, finish, new_asset, running, se
 from meshes import deform
 from pipeline.scenes import settings_of, sheet
 from rhytid.domain.tiles import TileAddress
+from rhytid.engine import resident_finest
 from rhytid.engine.frames import Frames
 from rhytid.engine.messages import NewAsset
 from rhytid.engine.resident import ResidentAsset
+from rhytid.engine.resident_levels import ResidentLevels
 from rhytid.errors import BusyError, DeviceMemoryError, NotFoundError, StorageError
 from rhytid.storage.store import AssetStore
 
@@ -127,7 +129,8 @@ def test_a_change_that_fails_halfway_leaves_the_elements_in_place(engine, monkey
 
 def test_a_map_is_of_one_setting(engine, monkeypatch):
     asset = built(engine, new_asset())
-    blended, calls = ResidentAsset.blended, []
+    squares, calls = ResidentLevels.squares, []
+    monkeypatch.setitem(resident_finest._PIECE, "binned", 64)
 
     def changing(resident, *arguments):
         calls.append(1)
@@ -136,10 +139,11 @@ def test_a_map_is_of_one_setting(engine, monkeypatch):
             changed = found.settings.changed({"depth": 2 * found.settings.depth})
             resident.use(changed)
             found.settings = changed
-        return blended(resident, *arguments)
+        return squares(resident, *arguments)
 
-    monkeypatch.setattr(ResidentAsset, "blended", changing)
+    monkeypatch.setattr(ResidentLevels, "squares", changing)
     drawn = engine.map(asset, "neutral", BINNED, 1001, 0)
+    assert len(calls) == 16 + 2  # every piece, and anew the two before the change
     assert drawn.tobytes() == engine.map(asset, "neutral", BINNED, 1001, 0).tobytes()
 
 

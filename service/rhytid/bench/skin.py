@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -16,7 +16,7 @@ from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.frames import Frame
 from rhytid.engine.messages import METHODS, MapQuery
-from rhytid.engine.resident import ResidentAsset
+from rhytid.engine.resident_levels import ResidentLevels
 
 Map = NDArray[np.float32]
 
@@ -45,7 +45,7 @@ _COLUMNS = (
 COLUMNS = tuple(column for column in _COLUMNS if column.method in METHODS)
 
 # What draws those methods that come tile by tile.
-_BY_TILE = {"binned": "blended", "convolved": "convolved"}
+_BY_TILE = ("binned", "convolved")
 
 
 class Skin:
@@ -64,7 +64,7 @@ class Skin:
     ) -> None:
         self.device, self.udim = device, udim
         self._graph, self._base = graph, settings
-        self._asset = ResidentAsset(device, mesh, settings)
+        self._asset = ResidentLevels(device, mesh, settings)
         with device.task():
             self._asset.locate(graph)
             self._asset.install(self._asset.prepare(graph, settings), settings)
@@ -96,8 +96,7 @@ class Skin:
         if method not in _BY_TILE:
             with self.device.task():
                 return self._asset.drawn(frame, query, self.udim, 0, 0, 0, grid.resolution)
-        draw = getattr(self._asset, _BY_TILE[method])
-        tiles = [self._tile(draw, frame, query, a) for a in grid.addresses(self.udim, 0)]
+        tiles = [self._tile(frame, query, a) for a in grid.addresses(self.udim, 0)]
         count = grid.count(0)
         return np.block([tiles[i : i + count] for i in range(0, len(tiles), count)])
 
@@ -106,11 +105,9 @@ class Skin:
         with self.device.task():
             return self._asset.bin_codes(address, index)
 
-    def _tile(
-        self, draw: Callable[..., Map], frame: Frame, query: MapQuery, address: TileAddress
-    ) -> Map:
+    def _tile(self, frame: Frame, query: MapQuery, address: TileAddress) -> Map:
         with self.device.task():
-            return draw(frame, query, address)
+            return self._asset.tiles(frame, query, [address])[0]
 
     def release(self) -> None:
         """Give the device memory back."""
