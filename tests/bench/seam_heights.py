@@ -57,4 +57,5 @@ def _texels(uv: np.ndarray, weight: np.ndarray, spacing: float) -> np.ndarray:
 if __name__ == "__main__":
     mesh, graph = mesh_file(Path(sys.argv[1])).mesh, graph_file(Path(sys.argv[2]))
     assert graph.node_triangle is not None
-    print(seam_figures(mesh, graph, mean_spacing(mesh, graph, graph.node_triangle)))
+    figures = seam_figures(mesh, graph, mean_spacing(mesh, graph, graph.node_triangle))
+    sys.stdout.write(f"{figures}\n")

@@ -22,8 +22,8 @@ _MOST = 8
 # An element that is so near in sizes of its own needs no other in this place: ABOUT, and SHARE of
 # how far away it is.
 _ABOUT, _SHARE = 0.5, 0.25
-# Copies are followed over further seams no further than this: how one chart goes on in the next is
-# known only near their seam.
+# Copies that are needed at their neutral size are followed over further seams, no further than
+# this: how one chart goes on in the next is known only near their seam.
 _AGAIN = 1.5
 # What does not reach a seam at its neutral size is not stored again beside itself.
 _BESIDE = 1.5
@@ -76,7 +76,10 @@ class Shapes:
 
     def reach(self) -> FloatArray:
         """(E,) how far from there they go in UV at their widest."""
-        smallest = np.linalg.svd(self.root, compute_uv=False)[:, 1]
+        # Singular values in closed form: for every element of a graph a decomposition takes long.
+        square, det = (self.root**2).sum(axis=(1, 2)), np.abs(np.linalg.det(self.root))
+        largest2 = 0.5 * (square + np.sqrt(np.maximum(square**2 - 4 * det**2, 0.0)))
+        smallest = det / np.sqrt(largest2)
         reach: FloatArray = 0.5 * np.linalg.norm(self.step, axis=-1) + WIDEST / smallest
         return reach
 
@@ -204,7 +207,8 @@ class Seams:
         )
         who, place = who[seam], place[seam]
         near = shapes.distance(drawn.of[who], _back(drawn, who, self._places.here[place]))
-        reached = np.flatnonzero(near < np.where(drawn.side[who] == NONE, WIDEST, _AGAIN))
+        further = np.where(drawn.nearest[who] < 1.0, _AGAIN, 0.0)
+        reached = np.flatnonzero(near < np.where(drawn.side[who] == NONE, WIDEST, further))
         who, place, near = who[reached], place[reached], near[reached]
         missing = np.flatnonzero(~self._covered(shapes, drawn, who, place, near))
         who, place, near = who[missing], place[missing], near[missing]
@@ -345,18 +349,20 @@ class Seams:
         return turn, other - np.einsum("nij,nj->ni", turn, middle)
 
     def _laid(self, row: IntArray, root: FloatArray) -> FloatArray:
-        """(G, 2, 2) from the UV of a chart to the plane of both triangles at a side, in which an
-        element of root (G, 2, 2) is round: where charts are crumpled its triangle and that at the
-        seam differ, and what it is on the seam tells how large it is."""
+        """(G, 2, 2) from the UV of a chart to the plane of both triangles at a side, as it is
+        around the side; or, where charts are so crumpled that an element of root (G, 2, 2) would be
+        longer than _LONGER there, as the element is round and as large as it is on the seam."""
         borders = self._borders
+        sizes = np.linalg.svd(borders.flat[row] @ np.linalg.inv(root), compute_uv=False)
+        crumpled = sizes[:, 0] > _LONGER * sizes[:, 1]
         along = np.einsum("nij,nj->ni", root, borders.ends[row, 1] - borders.ends[row, 0])
         x, y = along.T
         size = np.hypot(x, y)
         turned = np.stack([x, y, -y, x], axis=-1).reshape(-1, 2, 2) / size[:, None, None] @ root
         sense = np.sign(np.linalg.det(borders.flat[row]) * np.linalg.det(turned))
         turned[:, 1] *= sense[:, None]
-        laid: FloatArray = turned * (borders.length[row] / size)[:, None, None]
-        return laid
+        round_: FloatArray = turned * (borders.length[row] / size)[:, None, None]
+        return np.where(crumpled[:, None, None], round_, borders.flat[row])
 
     def _wanted(self, shapes: Shapes, twins: Twins) -> IntArray:
         """Rows of the twins without those that would be seen in a chart that they do not belong to
