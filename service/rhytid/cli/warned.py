@@ -69,7 +69,7 @@ class Warned:
         """The first of each code again, and how many there are."""
         counts = Counter(warning.code for warning in self.warnings)
         if counts:
-            self._print(f"{len(self.warnings)} warnings; docs/warnings.md says what to do:")
+            self._print(f"{self._count()}; docs/warnings.md says what to do:")
         for code, count in counts.items():
             first = next(w for w in self.warnings if w.code == code)
             self._print(f"warning: {first}" + (f" (and {count - 1} more)" if count > 1 else ""))
@@ -80,11 +80,12 @@ class Warned:
 
     def _refuse(self) -> None:
         if self._strict and self.warnings:
-            count = len(self.warnings)
-            raise StrictError(
-                f"--strict: {count} {'warning' if count == 1 else 'warnings'}, so nothing was done",
-                tuple(self.warnings),
-            )
+            told = f"--strict: {self._count()}, so nothing was done"
+            raise StrictError(told, tuple(self.warnings))
+
+    def _count(self) -> str:
+        count = len(self.warnings)
+        return f"{count} {'warning' if count == 1 else 'warnings'}"
 
     def _print(self, line: str) -> None:
         # Beside a bar that is being drawn, too.
