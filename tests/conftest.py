@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,6 +15,27 @@ from meshes import SmallMesh, bumpy_grid
 
 if TYPE_CHECKING:
     from rhytid.device.runtime import Device
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """OpenCL promises 32 KiB: `pytest --local-memory 32768 tests/kernels tests/pipeline`."""
+    told = "run as if work-groups of the device had no more bytes of local memory"
+    parser.addoption("--local-memory", type=int, help=told)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def local_memory(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Let every device have what `--local-memory` says."""
+    given = request.config.getoption("local_memory")
+    if given is None:
+        yield
+        return
+    from rhytid.device import select
+
+    found = tuple(replace(c, local_memory=given) for c in select.candidates())
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(select, "candidates", lambda: found)
+        yield
 
 
 @pytest.fixture(scope="session", autouse=True)

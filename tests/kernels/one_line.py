@@ -82,7 +82,8 @@ def vector(*values: float) -> np.void:
 
 @cache
 def _kernel(device: Device, text: str, kernel: str, options: tuple[str, ...]) -> Any:
-    return getattr(device.build(rhytid_kernels.expand(text), [*BUILD_OPTIONS, *options]), kernel)
+    program = device.build(rhytid_kernels.expand(text), [*BUILD_OPTIONS, *options])
+    return device.fitting(getattr(program, kernel))
 
 
 def _c_type(array: NDArray[Any]) -> str:

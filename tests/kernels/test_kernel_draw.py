@@ -67,9 +67,10 @@ def pores(seed, count):
     return centres.astype(np.float32), rows.astype(np.float32)
 
 
-def drawn(device, lines, discs, shape, items=1, rows=BLOCK, part=BOTH):
+def drawn(device, lines, discs, shape, items=1, rows=None, part=BOTH):
     """(BLOCK, BLOCK) displacement of depth 1, top row first, by groups of `items` work-items that
-    draw `rows` rows each."""
+    draw `rows` rows each, as many as fit where that is None."""
+    rows = rows or device.shape.rows
     values = [shape.wrinkle_bulge, shape.pore_bulge, shape.sharpness, shape.slots]
     arguments = [np.int32(len(lines[0])), *lines, np.int32(len(discs[0])), discs[0]]
     arguments.append(roots(discs[1]))

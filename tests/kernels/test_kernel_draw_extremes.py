@@ -102,4 +102,5 @@ __kernel void one(__global const float *in, __global float *out)
 }}"""
     values = np.full(LANES, t2, np.float32)
     out = np.ones(2 * LANES, np.float32)
-    return run(device, text, "one", (1,), [values], out, options(1), (1,))
+    rows = device.shape.rows
+    return run(device, text, "one", (1,), [values], out, options(1, rows), (1,))

@@ -171,8 +171,20 @@ class Device:
         if key not in self._kernels:
             text = rhytid_kernels.source(program)
             options = [*BUILD_OPTIONS, *(f"-D{k}={v}" for k, v in sorted(defines.items()))]
-            self._kernels[key] = getattr(self.build(text, options), kernel)
+            self._kernels[key] = self.fitting(getattr(self.build(text, options), kernel))
         return self._kernels[key]
+
+    def fitting(self, kernel: Any) -> Any:
+        """The kernel itself; raises DeviceError where a work-group has too little local memory for
+        it, which some drivers tell in words of their own and others not at all."""
+        asked = cl.kernel_work_group_info.LOCAL_MEM_SIZE
+        needed = kernel.get_work_group_info(asked, self.info.handle)
+        if needed > self.info.local_memory:
+            raise DeviceError(
+                f"kernel {kernel.function_name} needs {needed} bytes of local memory: "
+                f"{self.info.name} has {self.info.local_memory}"
+            )
+        return kernel
 
     def digest(self, program: str) -> str:
         """Twelve hexadecimal digits that change with the source of a program."""
