@@ -40,19 +40,12 @@ def lines_of(edges: Edges) -> int:
     return len(edges) + int(np.count_nonzero(edges.middle == BORDER))
 
 
-def stored(edges: Edges, order: Indices, count: int) -> tuple[Indices, NDArray[np.uint8]]:
-    """The first `count` lines of the edges in `order`, in the order of their numbers, which is that
-    of space: edge (W,) and side 0 or 1 (W,).
+def stored(lines: NDArray[np.uint8]) -> tuple[Indices, NDArray[np.uint8]]:
+    """As many lines (E,) of each edge, in the order of their numbers, which is that of space: edge
+    (W,) and side 0 or 1 (W,).
 
-    Where the last is one of two halves the wrinkle ends at the seam: the least wanted of all.
+    Where there is one of two halves the wrinkle ends at the seam.
     """
-    order = order[:count]
-    copies = 1 + (edges.middle[order] == BORDER).astype(np.uint8)
-    ends = np.cumsum(copies, dtype=np.int64)
-    last = int(np.searchsorted(ends, count))
-    copies[last] -= ends[last] - count
-    lines = np.zeros(len(edges), np.uint8)
-    lines[order[: last + 1]] = copies[: last + 1]
     drawn = np.flatnonzero(lines).astype(np.int32)
     edge = np.repeat(drawn, lines[drawn])
     side = np.zeros(len(edge), np.uint8)

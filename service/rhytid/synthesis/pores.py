@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rhytid.synthesis.darts import Darts
+from rhytid.synthesis.even_skin import PACKING
 from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.progress import Progress
 from rhytid.synthesis.rooms import total_room
@@ -12,9 +13,6 @@ from rhytid.synthesis.sieve import Sieve
 from rhytid.synthesis.surface import Points, Surface
 from rhytid.synthesis.workspace import Workspace
 
-# Centres per r² once DARTS are thrown. (Thrown for ever, discs jam at 0.547 · 4/π = 0.696; the
-# last of them fit into rooms too small to see.)
-PACKING = 0.605
 # Darts thrown per expected pore, in rounds. Where so many miss, another centre would have had a
 # room of a few per cent of r².
 DARTS = (2.0, 3.0, 4.0, 5.0, 6.0)

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.synthesis.charts import BORDER
+from rhytid.synthesis.edges import Edges
 from rhytid.synthesis.incidence import Incidence
 from rhytid.synthesis.independent import chosen
 from rhytid.synthesis.net import Net
-from rhytid.synthesis.progress import Progress, part
-from rhytid.synthesis.rounds import DROPPED, KEPT, NEEDED
+from rhytid.synthesis.progress import Progress
+from rhytid.synthesis.rounds import KEPT, NEEDED
 from rhytid.synthesis.workspace import Workspace
 
 # Every pore keeps so many of its edges before the strength alone decides: polygons close, and
@@ -17,21 +21,70 @@ from rhytid.synthesis.workspace import Workspace
 ENDS = 3
 
 
-def preference(
-    work: Workspace, net: Net, strength: NDArray[np.float32], progress: Progress
-) -> NDArray[np.int32]:
-    """(E,) indices of the edges of a net, of strength (E,), in the order in which they are wanted.
+# Between the classes of edges: more than any strength.
+_CLASS = 1024.0
 
-    First those that belong to the strongest of a pore and cross nothing stronger, then the others
+
+@dataclass(frozen=True)
+class Cut:
+    """The least wanted edge that is drawn: its wish and length, and how many of its two lines where
+    it crosses a UV seam."""
+
+    wish: float
+    length: float = np.inf
+    lines: int = 2
+
+    @classmethod
+    def at(cls, edges: Edges, wish: NDArray[np.float64], count: int) -> Cut:
+        """Where exactly `count` lines are drawn; of equal wishes the shorter edges first."""
+        order = np.argsort(-wish, kind="stable")
+        tied = np.flatnonzero(wish == wish[order[_last(edges, order, count)[0]]])
+        first = np.count_nonzero(wish > wish[tied[0]])
+        order[first : first + len(tied)] = tied[np.argsort(edges.length[tied], kind="stable")]
+        last, lines = _last(edges, order, count)
+        return cls(float(wish[order[last]]), float(edges.length[order[last]]), lines)
+
+    def lines_of(self, edges: Edges, wish: NDArray[np.float64]) -> NDArray[np.uint8]:
+        """(E,) as how many lines each edge is drawn: whether it is hangs on the edge alone."""
+        even = wish == self.wish
+        last = even & (edges.length == self.length)
+        drawn = (wish > self.wish) | (even & (edges.length <= self.length))
+        lines = drawn * _lines_of(edges)
+        lines[last] = np.minimum(lines[last], self.lines)
+        return lines
+
+
+def wishes(
+    work: Workspace, net: Net, strength: NDArray[np.float32], progress: Progress
+) -> NDArray[np.float64]:
+    """(E,) how much the edges of a net, of strength (E,), are wanted.
+
+    Most those that belong to the strongest of a pore and cross nothing stronger, then the others
     that cross nothing stronger, then the rest; by strength in each.
     """
-    mark = _marks(work, net, strength, part(progress, 0.0, 0.6))
-    wanted = []
-    for index, state in enumerate((NEEDED, KEPT, DROPPED)):
-        progress(0.6 + 0.1 * index, "selection")
-        members = np.flatnonzero(mark == state).astype(np.int32)
-        wanted.append(members[np.argsort(-strength[members], kind="stable")])
-    return np.concatenate(wanted)
+    mark = _marks(work, net, strength, progress)
+    wish: NDArray[np.float64] = strength.astype(np.float64)
+    wish[mark == KEPT] += _CLASS
+    wish[mark == NEEDED] += 2.0 * _CLASS
+    progress(1.0, "selection")
+    return wish
+
+
+def flat(strength: float) -> Cut:
+    """What crosses nothing stronger and is as strong as this, and all that pores need."""
+    return Cut(_CLASS + strength)
+
+
+def _last(edges: Edges, order: NDArray[np.intp], count: int) -> tuple[int, int]:
+    """Where in an order the last of `count` lines is, and how many of it are among these."""
+    ends = np.cumsum(_lines_of(edges)[order[:count]], dtype=np.int64)
+    last = int(np.searchsorted(ends, count))
+    return last, int(count - (ends[last - 1] if last else 0))
+
+
+def _lines_of(edges: Edges) -> NDArray[np.uint8]:
+    """(E,) how many lines each edge takes in the graph."""
+    return np.uint8(1) + (edges.middle == BORDER).astype(np.uint8)
 
 
 def _marks(
