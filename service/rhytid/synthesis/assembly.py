@@ -40,7 +40,8 @@ def assemble(
 ) -> WrinkleGraph:
     """Pores and lines with what they are drawn with.
 
-    spacing: mean, of pores on even skin.  Nodes beyond a border are as large as their pore and not drawn.
+    spacing: mean, of pores on even skin.  Nodes beyond a border are as large as their pore and not
+    drawn.
     """
     fields = ground.fields
     weight, factor, half_width = _lines(ground, pores, lines, worn.strength, spacing, progress)

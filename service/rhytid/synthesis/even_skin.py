@@ -16,7 +16,13 @@ SPACING = 1.0935
 LENGTH = 1.408
 # Where each pore looks for so many neighbours, or more: candidate edges per pore; and the strength
 # at which the faintest is drawn where the number of wrinkles is not given, 2.1 per pore.
-_NEIGHBOURS = {4: (2.21, 0.057), 5: (2.6, 0.235), 6: (2.8, 0.29), 7: (2.85, 0.303), 8: (2.86, 0.303)}
+_NEIGHBOURS = {
+    4: (2.21, 0.057),
+    5: (2.6, 0.235),
+    6: (2.8, 0.29),
+    7: (2.85, 0.303),
+    8: (2.86, 0.303),
+}
 # The mean strength of the edges that are drawn.
 STRENGTH = 1.446
 # The strength at which the faintest edge of the coarse net becomes a primary line, 1.9 per coarse

@@ -79,9 +79,7 @@ def grown(ground: Ground, radius: float, settings: GraphSettings, progress: Prog
     """Skin with pores `radius` apart, in units of the surface, times what its fields say."""
     check_uv(ground.surface, settings, radius, ground.fields.least_spacing)
     check_extent(ground.surface, settings, radius * ground.fields.least_spacing)
-    net = Net.spun(
-        ground, radius, settings.neighbours, settings.seed, part(progress, 0.0, 0.5)
-    )
+    net = Net.spun(ground, radius, settings.neighbours, settings.seed, part(progress, 0.0, 0.5))
     return _worn(ground, net, radius, settings, part(progress, 0.5, 1.0))
 
 

@@ -15,7 +15,9 @@ Words = NDArray[np.uint32]
 
 def random4(x: Any, y: Any, z: Any, w: Any) -> tuple[Words, Words, Words, Words]:
     """Four random words for each four words: pcg4d of Jarzynski and Olano, JCGT 9(3), 2020."""
-    scrambled = np.broadcast_arrays(*(np.atleast_1d(np.asarray(v, np.uint32)) for v in (x, y, z, w)))
+    scrambled = np.broadcast_arrays(
+        *(np.atleast_1d(np.asarray(v, np.uint32)) for v in (x, y, z, w))
+    )
     a, b, c, d = (v * np.uint32(1664525) + np.uint32(1013904223) for v in scrambled)
     a, b, c, d = _mixed(a, b, c, d)
     return _mixed(*(v ^ (v >> np.uint32(16)) for v in (a, b, c, d)))

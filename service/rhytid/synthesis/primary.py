@@ -74,9 +74,7 @@ class Primary:
         """(E,) the weight that primary lines give to each edge of the fine net, 0 beside them; and
         the pores (H,) where they meet."""
         factor = spacings(ground.fields, self.pores.triangle, self.pores.uv)
-        hubs = nearest_pores(
-            ground.work, net.pores, self.pores, 2.0 * radius, factor, net.lattice
-        )
+        hubs = nearest_pores(ground.work, net.pores, self.pores, 2.0 * radius, factor, net.lattice)
         weight = lay_routes(ground.work, net.pores, paths, hubs, self.ends, self.weight)
         used = np.unique(hubs[np.unique(self.ends)])
         return weight, used[used >= 0]

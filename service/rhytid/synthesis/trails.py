@@ -142,7 +142,9 @@ class _Trails:
         for index, family in enumerate(FAMILIES):
             share = part(progress, index / len(FAMILIES), (index + 1) / len(FAMILIES))
             self._walk(family, number * len(FAMILIES) + index, share)
-        self._run("wear_edges", self.paths.edges, self.walks.keep, self.gain, self.deposit, self.strength)
+        self._run(
+            "wear_edges", self.paths.edges, self.walks.keep, self.gain, self.deposit, self.strength
+        )
 
     def _walk(self, family: Family, turn: int, progress: Progress) -> None:
         """One family walks once."""
