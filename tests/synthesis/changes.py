@@ -71,7 +71,7 @@ class Painted:
         that tell them apart, and where on the surface they are."""
         place = sheets.places(self.surface, graph) * self.surface.scale
         uv, metric = graph.node_uv, graph.node_metric
-        assert metric is not None and graph.node_triangle is not None
+        assert metric is not None
         drawn = np.column_stack([uv, graph.node_weight, graph.node_radius, metric])
         ends = graph.edge_nodes
         across = np.column_stack([uv[ends[:, 0]], uv[ends[:, 1]]])

@@ -18,8 +18,8 @@ class Fields:
 
     least_spacing, most_spacing: what `spacing` keeps within, above 0. Pores stand apart by the
     radius times the mean of both factors.  detail: UV length within which spacing and bareness
-    hardly change.  some_bare: whether `bare` is true anywhere.  usual_pore_radius: what `pore_radius`
-    is where nothing is painted.
+    hardly change.  some_bare: whether `bare` is true anywhere.  usual_pore_radius: what
+    `pore_radius` is where nothing is painted.
     """
 
     least_spacing = 1.0

@@ -24,8 +24,8 @@ from rhytid.synthesis.workspace import Caller, Workspace, directly
 class Synthesis:
     """A graph and what came up while it was made.
 
-    spacing: distance of a pore to the nearest, on the surface, mesh units, where nothing is painted;
-    the mean on even skin of that density.
+    spacing: distance of a pore to the nearest, on the surface, mesh units: the mean on even skin of
+    the density that is set, whatever is painted.
     stretched: how many triangles hold no pore because their UV is stretched beyond reason.
     """
 
@@ -43,15 +43,18 @@ def synthesize(
     call: Caller = directly,
     controls: Controls | None = None,
 ) -> Synthesis:
-    """A graph after Weiss et al. 2023, of exactly `settings.wrinkles` wrinkles where density is 1.
+    """A graph after Weiss et al. 2023, of exactly `settings.wrinkles` wrinkles times density
+    where nothing is painted.
 
     The same mesh, settings, seed and device give the same graph, bit for bit; so does the mesh
     scaled by a power of two. Where something is painted that pores and lines grow by, the skin
-    without it is grown first: that says how far apart pores are and which edges are too faint, and so
-    what is painted changes only its surroundings. progress(fraction, stage) is called often and may raise
-    CancelledError. fields: what differs from place to place, in place of what settings and
-    controls say of it. call: runs each step on the device's thread. Raises MeshError where the mesh
-    has no room for pores, or its UV none for the wrinkles, and what `wrinkles_in_all` does.
+    without it is grown first: that says how far apart pores are and which edges are too faint, so
+    that what is painted changes only its surroundings.
+
+    progress(fraction, stage) is called often and may raise CancelledError. fields: what differs
+    from place to place, in place of what settings and controls say of it. call: runs each step on
+    the device's thread. Raises MeshError where the mesh has no room for pores, or its UV none for
+    the wrinkles, and what `wrinkles_in_all` does.
     """
     report = rising(progress)
     report(0.0, "pores")

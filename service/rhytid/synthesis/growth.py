@@ -1,4 +1,4 @@
-"""Skin that grows: pores so far apart, what walkers wear between them, and which edges are drawn."""
+"""Skin that grows: pores, what walkers wear between them, and which edges are drawn."""
 
 from __future__ import annotations
 

@@ -15,10 +15,9 @@ Words = NDArray[np.uint32]
 
 def random4(x: Any, y: Any, z: Any, w: Any) -> tuple[Words, Words, Words, Words]:
     """Four random words for each four words: pcg4d of Jarzynski and Olano, JCGT 9(3), 2020."""
-    scrambled = np.broadcast_arrays(
-        *(np.atleast_1d(np.asarray(v, np.uint32)) for v in (x, y, z, w))
-    )
-    a, b, c, d = (v * np.uint32(1664525) + np.uint32(1013904223) for v in scrambled)
+    words = (np.atleast_1d(np.asarray(v, np.uint32)) for v in (x, y, z, w))
+    spread = np.broadcast_arrays(*words)
+    a, b, c, d = (v * np.uint32(1664525) + np.uint32(1013904223) for v in spread)
     a, b, c, d = _mixed(a, b, c, d)
     return _mixed(*(v ^ (v >> np.uint32(16)) for v in (a, b, c, d)))
 
@@ -49,10 +48,10 @@ def normals(key: Words, salt: int, seed: int) -> NDArray[np.float32]:
 
 def _unit_interval(word: Words) -> NDArray[np.float32]:
     """In (0, 1)."""
-    found: NDArray[np.float32] = ((word >> np.uint32(8)).astype(np.float32) + np.float32(0.5)) * (
-        np.float32(2.0**-24)
-    )
-    return np.minimum(found, np.float32(1.0 - 2.0**-24))
+    found: NDArray[np.float32] = (word >> np.uint32(9)).astype(np.float32)
+    found += np.float32(0.5)
+    found *= np.float32(2.0**-23)
+    return found
 
 
 def _mixed(a: Words, b: Words, c: Words, d: Words) -> tuple[Words, Words, Words, Words]:

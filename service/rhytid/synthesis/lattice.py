@@ -9,15 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 _STEPS = 30
-# A length that places are counted for has at least 2^_FINE steps.
-_FINE = 14
+# A length that places are counted for has 2^_FINE steps: the order of places is the same at any
+# scale of the mesh.
+_FINE = 16
 # What the origin is moved by where a mesh is far from that of its coordinates, in steps.
 _BLOCK = 2.0 ** (_STEPS - 4)
 
 
 @dataclass(frozen=True, eq=False)
 class Lattice:
-    """A cube of 2³⁰ steps a side.  origin (3,): its lowest corner.  unit: a step, a power of two."""
+    """A cube of 2³⁰ steps a side.
+
+    origin (3,): its lowest corner.  unit: a step.
+    """
 
     origin: NDArray[np.float64]
     unit: float
@@ -36,10 +40,10 @@ class Lattice:
     ) -> Lattice:
         """One for `length`, that does not hang on what it holds, from `low` (3,) to `high` (3,).
 
-        Its middle is the origin of coordinates, from which it reaches at least 2¹⁵ lengths. What
+        Its middle is the origin of coordinates, from which it reaches 2¹³ lengths. What
         reaches further moves it, and what is larger makes its steps coarser.
         """
-        unit = 2.0 ** (int(np.floor(np.log2(length))) - _FINE)
+        unit = length * 2.0**-_FINE
         half = 2.0 ** (_STEPS - 1) - 1.0
         if max(np.abs(low).max(), np.abs(high).max()) < half * unit:
             return cls(np.full(3, -(2.0 ** (_STEPS - 1)) * unit), unit)

@@ -136,7 +136,7 @@ class PaintedFields(Fields):
         base = _value(REGIONS[self._settings.region], name)
         if not self._regions:
             # As an array, so that it is rounded as where a mask of black is painted.
-            return np.repeat(np.asarray(_meant(np.float32([base]), name)), len(triangle))
+            return np.repeat(np.asarray(_meant(np.full(1, base, np.float32), name)), len(triangle))
         total, mixed = np.zeros(len(triangle), np.float32), np.zeros(len(triangle), np.float32)
         for region in self._regions:
             weight = self._maps[region].at(triangle, uv, neutral=0.0)

@@ -49,7 +49,7 @@ class Cut:
         even = wish == self.wish
         last = even & (edges.length == self.length)
         drawn = (wish > self.wish) | (even & (edges.length <= self.length))
-        lines = drawn * _lines_of(edges)
+        lines: NDArray[np.uint8] = drawn * _lines_of(edges)
         lines[last] = np.minimum(lines[last], self.lines)
         return lines
 
@@ -84,7 +84,8 @@ def _last(edges: Edges, order: NDArray[np.intp], count: int) -> tuple[int, int]:
 
 def _lines_of(edges: Edges) -> NDArray[np.uint8]:
     """(E,) how many lines each edge takes in the graph."""
-    return np.uint8(1) + (edges.middle == BORDER).astype(np.uint8)
+    lines: NDArray[np.uint8] = np.uint8(1) + (edges.middle == BORDER).astype(np.uint8)
+    return lines
 
 
 def _marks(

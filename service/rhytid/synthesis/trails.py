@@ -159,8 +159,8 @@ class _Trails:
         most = int(np.ceil(walkers))
         self._run(
             "walk", most * paths.pores, most, walkers, np.uint32(turn), self.seed,
-            self.walks.steps, family.deposit, along, paths.key, ways.offsets, ways.pairs, ways.others, paths.direction,
-            paths.anisotropy, self.appeal, self.deposit,
+            self.walks.steps, family.deposit, along, paths.key, ways.offsets, ways.pairs,
+            ways.others, paths.direction, paths.anisotropy, self.appeal, self.deposit,
             report=lambda share: progress(share, "trails"),
         )  # fmt: skip
 
