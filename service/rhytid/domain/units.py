@@ -28,8 +28,8 @@ _BY_NAME = {name.casefold(): length for name, length in MILLIMETRES.items()}
 
 
 def unit_pair(factor: float, unit: str, tolerance: float) -> tuple[str, str] | None:
-    """Two units of meshes, of which numbers in the second are `factor` times those in the first,
-    within a share of it; the first is `unit` where that can be. None where there are no such two."""
+    """Two units of meshes: numbers in the second are `factor` times those in the first, within a
+    share of it. The first is `unit` where that can be. None where there are no such two."""
     for first in sorted(OF_MESHES, key=lambda name: name != unit):
         for second in OF_MESHES:
             near = abs(factor * MILLIMETRES[second] / MILLIMETRES[first] - 1.0) <= tolerance

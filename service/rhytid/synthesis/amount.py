@@ -79,13 +79,23 @@ def check_uv(surface: Surface, settings: GraphSettings, radius: float, factor: f
 def check_extent(surface: Surface, settings: GraphSettings, radius: float) -> None:
     """Raise MeshError where parts of the mesh lie so far apart that places in space are too coarse
     for pores that are `radius` apart."""
-    unit = Lattice.around(surface.corners[surface.carries].reshape(-1, 3)).unit
+    unit = Lattice.absolute(radius, *surface.extent).unit
     if radius < _PLACES * unit:
         wanted = _wanted(surface, settings)
         fit = wanted.at_most(wanted.wrinkles * (radius / (_PLACES * unit)) ** 2)
         raise MeshError(
             f"{wanted}: the parts of the mesh lie so far apart that places can be told from each "
             f"other for about {fit}"
+        )
+
+
+def check_drawn(surface: Surface, settings: GraphSettings, drawn: int) -> None:
+    """Raise MeshError where pores and lines found less room than the area promised."""
+    if drawn < FEWEST:
+        wanted = _wanted(surface, settings)
+        raise MeshError(
+            f"{wanted}: only {drawn} can be drawn between pores so far apart, for the UV of the "
+            f"mesh is in small parts; at least {FEWEST}: ask for a smaller spacing"
         )
 
 

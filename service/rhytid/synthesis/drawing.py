@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from rhytid.domain.graph import ORIGINAL
 from rhytid.synthesis.borders import NONE, Borders
 from rhytid.synthesis.charts import BORDER, SIDES, cross
-from rhytid.synthesis.edges import Edges
 from rhytid.synthesis.net import Ground, Net
 from rhytid.synthesis.seams import Halves, halves
 from rhytid.synthesis.shapes import WIDE, half_widths_uv
@@ -43,17 +42,6 @@ class Lines:
     owner: Indices
     stands_for: Indices
     beyond: NDArray[np.float32]
-
-
-def lines_of(edges: Edges) -> int:
-    """How many wrinkles the edges make in the graph."""
-    return len(edges)
-
-
-def stored(order: Indices, count: int) -> Indices:
-    """(W,) the first `count` edges of `order`, in the order of their numbers, which is that of
-    space."""
-    return np.sort(order[:count])
 
 
 def draw(ground: Ground, net: Net, borders: Borders, edge: Indices, spacing: float) -> Lines:
