@@ -18,6 +18,7 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.stiffness import Stiffness
 from rhytid.pipeline.bins import (
     CODES,
+    TILT_SHARE,
     code_limit,
     directions,
     drawn_depth_exponents,
@@ -26,6 +27,7 @@ from rhytid.pipeline.bins import (
     quantisation_steps,
     sample_stretches,
     scale,
+    tilt_width,
 )
 from rhytid.pipeline.elements import UdimElements
 from rhytid.pipeline.levels import Draw, in_one_piece, render
@@ -33,9 +35,6 @@ from rhytid.pipeline.locate import UdimTriangles
 from rhytid.pipeline.redraw import launch_blocks
 from rhytid.pipeline.stiffness import stiffness_of_texels
 from rhytid.pipeline.vectors import VECTOR, VectorTriangles
-
-# Tilts are drawn from wrinkles whose depths are scaled by 1 ± this from edge to edge of a bin.
-TILT_SHARE = 0.25
 
 # Runs the kernel of a map over a square of level 0: (square, into, defines).
 _Launch = Callable[..., None]
@@ -128,8 +127,7 @@ class BinMaker:
 
     def _tilt(self, index: int, place: tuple[int, int, int, int], at: int, codes: Buffer) -> None:
         """Codes of where in the bin the wrinkles run, drawn as wide as they ever are."""
-        r = self._settings.last_sample
-        scales = _float2(scale(r, self._settings.response.alpha_w), 1.0)
+        scales = _float2(tilt_width(self._settings), 1.0)
         launches = (self._wrinkles(index, scales, 0, s) for s in (TILT_SHARE, -TILT_SHARE))
         up, down = (render(self._device, self._drawing(launch), *place) for launch in launches)
         share = np.float32(TILT_SHARE)
