@@ -13,7 +13,15 @@ from numpy.typing import NDArray
 from rhytid.device.runtime import Buffer, Device
 from rhytid.domain.asset_settings import AssetSettings, BinSettings
 from rhytid.pipeline.bin_maker import BinTile
-from rhytid.pipeline.bins import CODES, code_limit, directions, map_count, parts, quantisation_steps
+from rhytid.pipeline.bins import (
+    CODES,
+    TILT_NODE,
+    code_limit,
+    directions,
+    map_count,
+    parts,
+    quantisation_steps,
+)
 from rhytid.pipeline.elements import RESPONSE_DEFINES
 from rhytid.pipeline.locate import UdimTriangles
 from rhytid.pipeline.smooth import SmoothFields
@@ -24,8 +32,6 @@ from rhytid.pipeline.vectors import VECTOR
 MERGES = {"min": "MIN", "soft": "SOFT", "signed": "MELLOW", "mellow": "MELLOW"}
 # That blend.cl takes.
 TILES_A_LAUNCH = 4
-# Half bins from the middle of a bin to where the line through its depth scales is taken.
-TILT_NODE = 0.6
 
 
 def unit_of(settings: AssetSettings) -> float:
