@@ -174,7 +174,7 @@ def test_one_more_chart_changes_nothing_of_the_others(
 
 def _copies(graph: WrinkleGraph, triangles: int) -> np.ndarray:
     """(K, 7) the copies of pores on the first triangles that are drawn, sorted. What is mapped to
-    another chart is rounded by libraries in blocks, in its last digits by how much there is of it."""
+    another chart is rounded by libraries in blocks: its last digits hang on how much there is."""
     assert graph.node_triangle is not None
     assert graph.node_copy_of is not None
     assert graph.node_metric is not None
