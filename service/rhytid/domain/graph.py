@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -110,6 +110,16 @@ class WrinkleGraph:
     def counts(self) -> tuple[int, int]:
         """Pores and wrinkles, each once: nodes and edges without copies."""
         return int(np.count_nonzero(self.own_nodes)), int(np.count_nonzero(self.own_edges))
+
+    def without_copies(self) -> WrinkleGraph:
+        """The same where copies have no strength and every rim is as far as edge_half_width says:
+        what is drawn knows no seams."""
+        return replace(
+            self,
+            node_weight=self.node_weight * self.own_nodes.astype(np.float32),
+            edge_weight=self.edge_weight * self.own_edges.astype(np.float32),
+            edge_metric=None,
+        )
 
     def original_nodes(self, nodes: NDArray[np.integer]) -> NDArray[np.integer]:
         """Nodes, of any shape, with what they are copies of in place of copies."""
