@@ -17,7 +17,8 @@ from rhytid.errors import GraphError
 from rhytid.formats.limits import check_size
 
 _FIELDS = {field.name: field for field in fields(WrinkleGraph)}
-_DTYPES = {"edge_nodes": "I32", "node_triangle": "I32", "edge_triangle": "I32"}
+_WHOLE = ("edge_nodes", "node_triangle", "edge_triangle", "edge_partners")
+_DTYPES = dict.fromkeys(_WHOLE, "I32")
 # The library declares no types: name -> {dtype, shape, data}.
 _deserialize: Callable[[bytes], list[tuple[str, dict[str, Any]]]] = deserialize
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,13 +14,12 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.tiles import udim_origin
 from rhytid.errors import LimitError
+from rhytid.pipeline.bends import Bends, arc_box, bends_of, straight_box
 from rhytid.pipeline.cells import CellLists, list_by_cell
 
 BLOCK = 64
 # σ_w and σ_d are kept in [1/SCALE_LIMIT, SCALE_LIMIT].
 SCALE_LIMIT = 4.0
-# What response.clh takes of this page.
-RESPONSE_DEFINES = {"SCALE_LIMIT": f"{SCALE_LIMIT}f"}
 # Texels that may be covered for each texel of the map, all elements together.
 _MOST_COVER = 4096.0
 _MARGIN = 1.001  # beyond the rounding of the scales on the device
@@ -29,7 +29,11 @@ _MARGIN = 1.001  # beyond the rounding of the scales on the device
 class WrinkleArrays:
     """K wrinkles of a UDIM in texels, v up: segments (K, 4) = start and extent, sizes (K, 2) =
     half width and weight, triangle (K,) that each samples, lists by block, stiffness (K,) or
-    None: 1 throughout. waves (K, 4) as in wave.clh, or None where all are straight."""
+    None: 1 throughout. waves (K, 4) as in wave.clh, or None where none is wavy.
+
+    Where they bend or taper slopes is (K, 2), else None, and sizes (K, 4): half widths at both
+    ends, then weights. partners (K, 2) int32: who goes on at either end, -1 for none, or None:
+    nobody. Those partners that do not reach into the UDIM come last and are in no list."""
 
     segments: NDArray[np.float32]
     sizes: NDArray[np.float32]
@@ -37,6 +41,8 @@ class WrinkleArrays:
     lists: CellLists
     stiffness: NDArray[np.float32] | None = None
     waves: NDArray[np.float32] | None = None
+    slopes: NDArray[np.float32] | None = None
+    partners: NDArray[np.int32] | None = None
 
 
 @dataclass(frozen=True)
@@ -50,6 +56,12 @@ class PoreArrays:
     triangle: NDArray[np.int32]
     lists: CellLists
     stiffness: NDArray[np.float32] | None = None
+
+
+def response_defines(soft_limits: bool) -> dict[str, object]:
+    """What response.clh takes."""
+    soft = {"SOFT_LIMITS": 1} if soft_limits else {}
+    return {"SCALE_LIMIT": f"{SCALE_LIMIT}f", **soft}
 
 
 def widest(exponent: float, log_stretch_limit: float) -> float:
@@ -71,19 +83,23 @@ def wrinkle_arrays(
     makes of the settings.
     """
     ends = (graph.node_uv - np.array(udim_origin(udim), np.float32))[graph.edge_nodes]
-    low, high = _around_wrinkles(graph, ends, settings, waves)
-    chosen = _chosen(graph.edge_weight, low, high)
-    _check_cover(low[chosen], high[chosen], settings.resolution, "wrinkles", udim)
+    bends = bends_of(graph, settings)
+    low, high = _around_wrinkles(graph, ends, settings, bends, waves)
+    drawn = _chosen(graph.edge_weight, low, high)
+    _check_cover(low[drawn], high[drawn], settings.resolution, "wrinkles", udim)
+    chosen, partners = _with_partners(drawn, None if bends is None else bends.partners)
     size = np.float32(settings.resolution)
     start, stop = ends[chosen, 0].astype(np.float64), ends[chosen, 1].astype(np.float64)
     extent = ((stop - start) * size).astype(np.float32)
     return WrinkleArrays(
         np.concatenate([ends[chosen, 0] * size, extent], axis=1),
-        np.stack([graph.edge_half_width[chosen] * size, graph.edge_weight[chosen]], axis=1),
+        _sizes(graph, bends, chosen, size),
         triangle[chosen],
-        _blocks(low[chosen], high[chosen], settings.resolution),
+        _blocks(low[drawn], high[drawn], settings.resolution),
         None if stiffness is None else stiffness[chosen],
         None if waves is None else waves[chosen] * np.array([size, 1, 1, 1], np.float32),
+        None if bends is None else bends.slopes[chosen],
+        partners,
     )
 
 
@@ -120,7 +136,11 @@ def check_cover(graph: WrinkleGraph, settings: AssetSettings, udim: int) -> None
     straight wrinkles, for how far waves reach is known only where the wrinkles are located."""
     local = graph.node_uv - np.array(udim_origin(udim), np.float32)
     around = (
-        ("wrinkles", graph.edge_weight, _around_wrinkles(graph, local[graph.edge_nodes], settings)),
+        (
+            "wrinkles",
+            graph.edge_weight,
+            _around_wrinkles(graph, local[graph.edge_nodes], settings, bends_of(graph, settings)),
+        ),
         ("pores", graph.node_weight, _around_pores(local, _roots(graph), settings)),
     )
     for what, weight, (low, high) in around:
@@ -161,6 +181,8 @@ class UdimElements:
         self.wrinkle_stiffness = _upload(device, wrinkles.stiffness)
         self.wrinkle_lists = Lists.upload(device, wrinkles.lists)
         self.waves = _upload(device, wrinkles.waves)
+        self.slopes = _upload(device, wrinkles.slopes)
+        self.partners = _upload(device, wrinkles.partners)
         self.centres = device.upload(pores.centres)
         self.roots = device.upload(pores.roots)
         self.pore_triangle = device.upload(pores.triangle)
@@ -168,9 +190,26 @@ class UdimElements:
         self.pore_lists = Lists.upload(device, pores.lists)
 
     @property
-    def wave_arguments(self) -> tuple[Buffer, ...]:
-        """What drawing kernels take of waves, last of their elements."""
-        return () if self.waves is None else (self.waves,)
+    def bent(self) -> bool:
+        """Whether wrinkles have sizes and scales for each of their ends."""
+        return self.slopes is not None
+
+    @property
+    def response_defines(self) -> dict[str, object]:
+        """What the kernels that find r of wrinkles are compiled with for these."""
+        return {"BENT": 1} if self.bent else {}
+
+    @property
+    def line_arguments(self) -> tuple[Buffer, ...]:
+        """LINES of line.clh."""
+        given = (self.segments, self.sizes, self.slopes, self.waves)
+        return tuple(buffer for buffer in given if buffer is not None)
+
+    @property
+    def line_defines(self) -> dict[str, object]:
+        """What line.clh is compiled with for these wrinkles."""
+        given = {"BENT": self.slopes, "WAVY": self.waves}
+        return {name: 1 for name, buffer in given.items() if buffer is not None}
 
     def release(self) -> None:
         """Give the memory back."""
@@ -182,7 +221,7 @@ class UdimElements:
                 value.release()
 
 
-def _upload(device: Device, array: NDArray[np.float32] | None) -> Buffer | None:
+def _upload(device: Device, array: NDArray[Any] | None) -> Buffer | None:
     return None if array is None else device.upload(array)
 
 
@@ -190,15 +229,50 @@ def _around_wrinkles(
     graph: WrinkleGraph,
     ends: NDArray[np.float32],
     settings: AssetSettings,
+    bends: Bends | None,
     waves: NDArray[np.float32] | None = None,
 ) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
     """Corners (M, 2) and (M, 2) of the boxes around wrinkles of ends (M, 2, 2) at any stretch."""
     response = settings.response
     scale = widest(response.alpha_w, response.log_stretch_limit)
-    reach = (graph.edge_half_width * scale)[:, None]
+    half_width = graph.edge_half_width if bends is None else bends.half_widths.max(axis=1)
+    reach = np.maximum(half_width * scale, _least(settings))[:, None]
     if waves is not None:
         reach = reach + np.abs(waves[:, :1])
-    return ends.min(axis=1) - reach, ends.max(axis=1) + reach
+    low, high = straight_box(ends) if bends is None else arc_box(ends, bends.slopes)
+    return low - reach, high + reach
+
+
+def _sizes(
+    graph: WrinkleGraph, bends: Bends | None, chosen: NDArray[np.int64], texels: np.float32
+) -> NDArray[np.float32]:
+    """(K, 2) or, where there are bends, (K, 4), as WrinkleArrays has them."""
+    if bends is None:
+        half_width, weight = graph.edge_half_width[chosen], graph.edge_weight[chosen]
+        return np.stack([half_width * texels, weight], axis=1)
+    return np.concatenate([bends.half_widths[chosen] * texels, bends.weights[chosen]], axis=1)
+
+
+def _with_partners(
+    drawn: NDArray[np.int64], partners: NDArray[np.int32] | None
+) -> tuple[NDArray[np.int64], NDArray[np.int32] | None]:
+    """The rows that are drawn and after them (K,) those whose partners they are; and the partners
+    (K, 2) among these rows, -1 of rows that are not drawn."""
+    if partners is None:
+        return drawn, None
+    row = np.full(len(partners), -1, np.int32)
+    row[drawn] = np.arange(len(drawn))
+    wanted = partners[drawn]
+    beyond = np.unique(wanted[(wanted >= 0) & (row[wanted] < 0)])
+    row[beyond] = len(drawn) + np.arange(len(beyond))
+    found = np.full((len(drawn) + len(beyond), 2), -1, np.int32)
+    found[: len(drawn)] = np.where(wanted >= 0, row[wanted], -1)
+    return np.concatenate([drawn, beyond]), found
+
+
+def _least(settings: AssetSettings) -> float:
+    """The least half width in UV."""
+    return settings.shape.least_half_width / settings.resolution
 
 
 def _around_pores(
@@ -208,6 +282,8 @@ def _around_pores(
     response = settings.response
     reach = np.stack([np.hypot(root[:, 1], root[:, 2]) / root[:, 0], np.ones(len(root))], axis=1)
     reach *= widest(response.beta_w, response.log_stretch_limit) / root[:, 2:]
+    if least := _least(settings):  # of an ellipse no axis of which is below it
+        reach = np.hypot(reach, least)
     return centres - reach, centres + reach
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from rhytid.device.held import Held
 from rhytid.device.runtime import NO_DEFINES, Buffer, Device
 from rhytid.domain.asset_settings import AssetSettings, ShapeSettings
-from rhytid.pipeline.elements import BLOCK, RESPONSE_DEFINES, Lists, UdimElements
+from rhytid.pipeline.elements import BLOCK, Lists, UdimElements, response_defines
 from rhytid.pipeline.levels import Draw
 from rhytid.pipeline.stretch_buffers import StretchBuffers
 from rhytid.pipeline.vectors import VECTOR
@@ -20,7 +21,8 @@ from rhytid.pipeline.vectors import VECTOR
 
 @dataclass(frozen=True)
 class ScaleBuffers(Held):
-    """(σ_w, σ_d) of each wrinkle and pore of a UDIM in one frame, on the device."""
+    """(σ_w, σ_d) of each wrinkle and pore of a UDIM in one frame, on the device; of wrinkles that
+    bend σ_w at both ends, then σ_d."""
 
     wrinkles: Buffer
     pores: Buffer
@@ -28,8 +30,8 @@ class ScaleBuffers(Held):
     @classmethod
     def allocate(cls, device: Device, elements: UdimElements) -> ScaleBuffers:
         """Room for the scales of those elements, not initialised."""
-        counts = (elements.wrinkles, elements.pores)
-        return cls(*(device.empty(2 * count, np.float32) for count in counts))
+        counts = ((4 if elements.bent else 2) * elements.wrinkles, 2 * elements.pores)
+        return cls(*(device.empty(count, np.float32) for count in counts))
 
     @property
     def _buffers(self) -> tuple[Buffer, ...]:
@@ -40,22 +42,44 @@ def respond(
     device: Device, elements: UdimElements, settings: AssetSettings, stretch: StretchBuffers
 ) -> ScaleBuffers:
     """Alg. 1 for every wrinkle and Alg. 2 for every pore."""
-    response = settings.response
+    response, defines = settings.response, response_defines(settings.response.soft_limits)
     scales = ScaleBuffers.allocate(device, elements)
-    device.launch(
-        "respond", "respond_wrinkles", (-(-elements.wrinkles // VECTOR),),
-        elements.segments, elements.wrinkle_triangle, stretch.axes, stretch.logs,
-        stretch.jacobians, elements.wrinkle_stiffness, np.int32(elements.wrinkles),
-        np.float32(response.alpha_w), np.float32(response.alpha_d), scales.wrinkles,
-        defines=RESPONSE_DEFINES,
-    )  # fmt: skip
+    with wrinkle_scales(device, elements, settings, scales) as found:
+        device.launch(
+            "respond", "respond_wrinkles", (-(-elements.wrinkles // VECTOR),),
+            elements.segments, elements.wrinkle_triangle, stretch.axes, stretch.logs,
+            stretch.jacobians, elements.wrinkle_stiffness, np.int32(elements.wrinkles),
+            np.float32(response.alpha_w), np.float32(response.alpha_d), found,
+            defines={**defines, **elements.response_defines},
+        )  # fmt: skip
     device.launch(
         "respond", "respond_pores", (-(-elements.pores // VECTOR),),
         elements.pore_triangle, stretch.logs, elements.pore_stiffness, np.int32(elements.pores),
-        np.float32(response.beta_w), np.float32(response.beta_d), scales.pores,
-        defines=RESPONSE_DEFINES,
+        np.float32(response.beta_w), np.float32(response.beta_d),
+        np.float32(response.pore_depth_limit), scales.pores,
+        defines=defines,
     )  # fmt: skip
     return scales
+
+
+@contextmanager
+def wrinkle_scales(
+    device: Device, elements: UdimElements, settings: AssetSettings, scales: ScaleBuffers
+) -> Iterator[Buffer]:
+    """What the block launches a kernel to write: the scales of wrinkles, or where wrinkles bend r
+    of each, of which the scales at their ends are made on leaving."""
+    if not elements.bent:
+        yield scales.wrinkles
+        return
+    response, r = settings.response, device.empty(elements.wrinkles, np.float32)
+    yield r
+    device.launch(
+        "ends", "respond_ends", (-(-elements.wrinkles // VECTOR),),
+        r, elements.partners, np.int32(elements.wrinkles), np.float32(response.ends),
+        np.float32(response.alpha_w), np.float32(response.alpha_d), scales.wrinkles,
+        defines=response_defines(response.soft_limits),
+    )  # fmt: skip
+    r.release()
 
 
 def redrawing(
@@ -67,9 +91,9 @@ def redrawing(
         out = device.empty(side * side, np.float32)
         launch_blocks(
             device, "redraw", "redraw", settings, elements, (row, column, side),
-            elements.segments, elements.sizes, scales.wrinkles, *_both(elements.wrinkle_lists),
+            *elements.line_arguments, scales.wrinkles, *_both(elements.wrinkle_lists),
             elements.centres, elements.roots, scales.pores, *_both(elements.pore_lists),
-            *elements.wave_arguments, into=(out,),
+            into=(out,),
         )  # fmt: skip
         return out
 
@@ -92,13 +116,13 @@ def launch_blocks(
     arguments: of the elements.  into: those of what is written."""
     row, column, side = square
     blocks, rows = side // BLOCK, min(device.shape.rows, BLOCK)
-    wavy = {} if elements.waves is None else {"WAVY": 1}
+    shape, lines = settings.shape, elements.line_defines
     device.launch(
         program, kernel, (blocks * device.shape.lanes, side // rows), *arguments,
-        shape_values(settings.shape), np.float32(settings.depth),
+        shape_values(shape), np.float32(shape.least_half_width), np.float32(settings.depth),
         np.int32(settings.resolution // BLOCK), np.int32(row // BLOCK), np.int32(column // BLOCK),
         *into, group=(device.shape.lanes, 1),
-        defines={"BLOCK": BLOCK, "ROWS": rows, "ITEMS": device.shape.lanes, **wavy, **defines},
+        defines={"BLOCK": BLOCK, "ROWS": rows, "ITEMS": device.shape.lanes, **lines, **defines},
     )  # fmt: skip
 
 

@@ -15,9 +15,9 @@ from rhytid.device.held import Held
 from rhytid.device.runtime import Buffer, Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.mesh import Mesh
-from rhytid.pipeline.elements import RESPONSE_DEFINES, UdimElements
+from rhytid.pipeline.elements import UdimElements, response_defines
 from rhytid.pipeline.locate import UdimTriangles
-from rhytid.pipeline.redraw import ScaleBuffers
+from rhytid.pipeline.redraw import ScaleBuffers, wrinkle_scales
 from rhytid.pipeline.stretch_buffers import StretchBuffers
 from rhytid.pipeline.uv_vertices import UvVertices, unit_jacobians
 
@@ -70,9 +70,9 @@ class SmoothStage:
         )
         self.neutral = self._neutral_fields()
 
-    def run(self, stretch: StretchBuffers, limit: float) -> SmoothFields:
+    def run(self, stretch: StretchBuffers, limit: float, soft: bool = False) -> SmoothFields:
         """The fields of a frame, whatever model measured it; angles as they are for `stretch`."""
-        values = self._fields(f"{stretch.model}_fields", *self._inputs(stretch, limit))
+        values = self._fields(f"{stretch.model}_fields", *self._inputs(stretch, limit), soft=soft)
         neutral = None if stretch.jacobians is None else self.neutral
         return SmoothFields(values, self._corners, limit, neutral, stretch.model)
 
@@ -81,11 +81,10 @@ class SmoothStage:
         for buffer in (self._jacobians, self._vertex, self._corners, *self._means, self.neutral):
             buffer.release()
 
-    def _fields(self, kernel: str, *inputs: object) -> Buffer:
+    def _fields(self, kernel: str, *inputs: object, soft: bool = False) -> Buffer:
         values = self._device.empty(8 * self._count, np.float32)
-        self._device.launch(
-            "smooth", kernel, (self._count,), *inputs, values, defines=RESPONSE_DEFINES
-        )
+        defines = response_defines(soft)
+        self._device.launch("smooth", kernel, (self._count,), *inputs, values, defines=defines)
         return values
 
     def _neutral_fields(self) -> Buffer:
@@ -115,19 +114,24 @@ def respond_smooth(
 ) -> ScaleBuffers:
     """Alg. 1 for every wrinkle and Alg. 2 for every pore, each at its own point."""
     response, texels = settings.response, np.float32(settings.resolution)
-    scales = ScaleBuffers.allocate(device, elements)
-    device.launch(
-        "smooth", "respond_smooth_wrinkles", (elements.wrinkles,),
-        elements.segments, elements.wrinkle_triangle, texels, *fields.arguments(located),
-        fields.neutral, elements.wrinkle_stiffness,
-        np.float32(response.alpha_w), np.float32(response.alpha_d), scales.wrinkles,
-        defines=RESPONSE_DEFINES,
-    )  # fmt: skip
+    scales, defines = (
+        ScaleBuffers.allocate(device, elements),
+        response_defines(response.soft_limits),
+    )
+    with wrinkle_scales(device, elements, settings, scales) as found:
+        device.launch(
+            "smooth", "respond_smooth_wrinkles", (elements.wrinkles,),
+            elements.segments, elements.wrinkle_triangle, texels, *fields.arguments(located),
+            fields.neutral, elements.wrinkle_stiffness,
+            np.float32(response.alpha_w), np.float32(response.alpha_d), found,
+            defines={**defines, **elements.response_defines},
+        )  # fmt: skip
     device.launch(
         "smooth", "respond_smooth_pores", (elements.pores,),
         elements.centres, elements.pore_triangle, texels, *fields.arguments(located),
         elements.pore_stiffness,
-        np.float32(response.beta_w), np.float32(response.beta_d), scales.pores,
-        defines=RESPONSE_DEFINES,
+        np.float32(response.beta_w), np.float32(response.beta_d),
+        np.float32(response.pore_depth_limit), scales.pores,
+        defines=defines,
     )  # fmt: skip
     return scales
