@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.synthesis import shapes
+from rhytid.synthesis.continuations import ends_of
 from rhytid.synthesis.drawing import Lines
 from rhytid.synthesis.net import Ground
 from rhytid.synthesis.progress import Progress
@@ -41,7 +42,9 @@ def assemble(
     spacing: mean, of pores.  Nodes beyond a border are as large as their pore and not drawn.
     """
     fields = ground.fields
-    weight, factor, half_width = _lines(ground, pores, lines, worn.strength, spacing, progress)
+    weight, factor, half_width, width = _lines(
+        ground, pores, lines, worn.strength, spacing, progress
+    )
     progress(0.4, "shapes")
     size = shapes.pore_sizes(pores.position, spacing, rng)
     size[worn.hubs] *= np.float32(shapes.HUB)
@@ -53,6 +56,8 @@ def assemble(
     metric, radius = shapes.pore_ellipses(ground.surface, pores.triangle, size)
     progress(0.8, "shapes")
     none = np.zeros(len(lines.owner), np.float32)
+    ends = ends_of(ground, pores, lines, weight, half_width, width)
+    progress(0.9, "shapes")
     return WrinkleGraph(
         node_uv=np.concatenate([pores.uv, lines.beyond]),
         node_weight=np.concatenate([depth, none]),
@@ -63,6 +68,7 @@ def assemble(
         edge_weight=weight,
         edge_half_width=half_width,
         edge_triangle=lines.triangle,
+        **ends.arrays(),
     )
 
 
@@ -73,22 +79,23 @@ def _lines(
     strength: NDArray[np.float32],
     spacing: float,
     progress: Progress,
-) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
-    """(W,) weights, factors that these still lack, and half widths in UV."""
+) -> tuple[NDArray[np.float32], ...]:
+    """(W,) weights, factors that these still lack, and half widths in UV and on the surface."""
     chosen, fields = strength[lines.edge], ground.fields
     mean = float(chosen.mean(dtype=np.float64))
-    weight, factor, half_width = (np.empty(len(chosen), np.float32) for _ in range(3))
+    weight, factor, half_width, wide = (np.empty(len(chosen), np.float32) for _ in range(4))
     for rows in row_blocks(len(chosen)):
         progress(0.4 * rows.start / len(chosen), "shapes")
         triangle, step = lines.triangle[rows], lines.step[rows]
         middle = pores.uv[lines.nodes[rows, 0]] + np.float32(0.5) * step
         weight[rows] = shapes.edge_weights(chosen[rows], mean)
         width = shapes.widths(weight[rows], spacing) * fields.width(triangle, middle)
+        wide[rows] = width
         half_width[rows] = shapes.half_widths_uv(ground.surface, triangle, step, width)
         factor[rows] = fields.strength(triangle, middle)
     second = 1 + np.flatnonzero(lines.edge[1:] == lines.edge[:-1])
     factor[second] = factor[second - 1]  # both halves across a seam are one wrinkle
-    return weight, factor, half_width
+    return weight, factor, half_width, wide
 
 
 def _scale(weight: NDArray[np.float32], factor: NDArray[np.float32]) -> None:
