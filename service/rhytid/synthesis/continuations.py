@@ -1,7 +1,7 @@
 """Wrinkles that continue one another as one line: shared tangents, strengths and widths.
 
-Pairs are found on whole wrinkles, by their pores on the surface; what is stored of one, all of it or
-a half on either side of a seam, is told afterwards. Kernel: continuations.cl.
+Pairs are found on whole wrinkles, by their pores on the surface; what is stored of one, all of it
+or a half on either side of a seam, is told afterwards. Kernel: continuations.cl.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ Indices = NDArray[np.int32]
 
 # Lines that turn by up to 60 degrees go on as one.
 LEAST_COSINE = 0.5
-# Strength, and half width, of a wrinkle where it ends on others, and where nothing else is, as shares
-# of its own.
+# Strength, and half width, of a wrinkle where it ends on others, and where nothing else is, as
+# shares of its own.
 ON_OTHERS, ALONE = (0.6, 0.8), (0.0, 0.5)
 # What the kernel answers for an end with no partner, where others meet; one less where none do.
 NOTHING = -1
