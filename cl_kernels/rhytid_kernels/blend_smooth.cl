@@ -50,7 +50,7 @@ inline field_t fields_at(__global const int2 *first, __global const int2 *end, f
 // texel, or NULL.
 __kernel void blend_smooth(__global const int *firsts, __global const int2 *members,
                            __global const CODE *codes, __global const float *steps,
-                           __global const float2 *directions, float r_max, float2 exponents,
+                           __global const float2 *directions, float r_max, float4 exponents,
                            float unit, int width, int side, int row, int column,
                            __global const float *corners, __global const int *vertices,
                            __global const float8 *fields, int none, float limit,

@@ -19,7 +19,7 @@ inline float16 stretch_of(__global const int2 *first, __global const int2 *end,
 __kernel void blend_stiff(__global const int *firsts, __global const int2 *members,
                           __global const float *stiffness, __global const CODE *codes,
                           __global const float *stretches, __global const float *steps,
-                          float r_max, float2 exponents, float unit, __global float *out)
+                          float r_max, float4 exponents, float unit, __global float *out)
 {
     int i = get_global_id(0), at = i * WIDTH;
     __global const int2 *first = members + firsts[i], *end = members + firsts[i + 1];

@@ -122,9 +122,10 @@ class Scene:
         )
 
     def stretch(self, positions: Positions | None, model: str = "tensor") -> StretchBuffers:
-        limit = self.settings.response.log_stretch_limit
+        response, angles = self.settings.response, self.settings.angles
         stage = StretchStage(self.device, self.mesh)
-        return stage.run(positions, limit, model, self.settings.angles)
+        limit, soft = response.log_stretch_limit, response.soft_limits
+        return stage.run(positions, limit, model, angles, soft)
 
     def redrawn(
         self,

@@ -43,11 +43,16 @@ def wrinkles(
     """What is drawn for the edges under σ_w = `width` and σ_d = `depth`, scalars or (M,)."""
     half_width = np.asarray(graph.edge_half_width, np.float64) * np.asarray(width)
     strength = np.asarray(graph.edge_weight, np.float64) * np.asarray(depth)
-    metric = graph.edge_metric
-    if metric is not None:
-        metric = np.asarray(metric, np.float64)
-        metric = metric / np.square(np.asarray(width, np.float64))[..., None]
-    return Wrinkles(segments(graph, origin), half_width, strength, waves, metric)
+    return Wrinkles(segments(graph, origin), half_width, strength, waves, metric=line_metric(graph))
+
+
+def line_metric(graph: Graph) -> Array | None:
+    """(M, 3) in which the rim of a wrinkle with a metric is its half width from its line."""
+    if graph.edge_metric is None:
+        return None
+    half_width = np.asarray(graph.edge_half_width, np.float64)[:, None]
+    metric: Array = np.asarray(graph.edge_metric, np.float64) * half_width**2
+    return metric
 
 
 def pores(

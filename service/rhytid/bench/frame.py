@@ -79,7 +79,10 @@ class FrameBench:
         self._located = UdimTriangles(device, mesh, udim, size, padding)
         self._stage = StretchStage(device, mesh)
         self._limit = settings.response.log_stretch_limit
-        self._frame = self._stage.run(deformed, self._limit, angles=settings.angles)
+        self._soft = settings.response.soft_limits
+        self._frame = self._stage.run(
+            deformed, self._limit, angles=settings.angles, soft=self._soft
+        )
         self._blend = Blend(device, settings, len(mesh.faces))
         self._convolve = Convolve(device, mesh)
         self._bins: list[BinTile] = []
@@ -196,7 +199,7 @@ class FrameBench:
         return work[case]()
 
     def _stretch(self) -> list[Buffer]:
-        self._stage.run(self.deformed, self._limit).release()
+        self._stage.run(self.deformed, self._limit, soft=self._soft).release()
         return []
 
     def _middle(self) -> tuple[int, int, int]:

@@ -152,17 +152,19 @@ class ResidentAsset(ResidentParts):
         )  # fmt: skip
 
     def _fields(self, frame: Frame, model: str) -> SmoothFields:
-        limit = self.settings.response.log_stretch_limit
+        response = self.settings.response
+        limit, soft = response.log_stretch_limit, response.soft_limits
         return self._keep_of(
             frame, "fields", model,
-            make=lambda: self._smooth.run(self._stretch_buffers(frame, model), limit),
+            make=lambda: self._smooth.run(self._stretch_buffers(frame, model), limit, soft),
         )  # fmt: skip
 
     def _stretch_buffers(self, frame: Frame, model: str) -> StretchBuffers:
-        limit = self.settings.response.log_stretch_limit
+        response, angles = self.settings.response, self.settings.angles
+        limit, soft = response.log_stretch_limit, response.soft_limits
         return self._keep_of(
             frame, "stretch", model,
-            make=lambda: self._stretch.run(frame.positions, limit, model, self.settings.angles),
+            make=lambda: self._stretch.run(frame.positions, limit, model, angles, soft),
         )  # fmt: skip
 
     def _kernels(self, frame: Frame, model: str) -> Buffer:

@@ -22,6 +22,7 @@ from rhytid.domain.stiffness import Stiffness
 from rhytid.pipeline.bins import (
     CODES,
     code_limit,
+    depth_limits,
     directions,
     drawn_depth_exponents,
     map_count,
@@ -111,8 +112,8 @@ class BinMaker:
 
     def _tilt(self, index: int, square: tuple[int, int, int], at: int, codes: Buffer) -> None:
         """Codes of where in the bin the wrinkles run, drawn as wide as they ever are."""
-        r = self._settings.last_sample
-        scales = _float2(scale(r, self._settings.response.alpha_w), 1.0)
+        r, response = self._settings.last_sample, self._settings.response
+        scales = _float2(scale(response, r, response.alpha_w), 1.0)
         launches = (self._wrinkles(index, scales, 0, s) for s in (TILT_SHARE, -TILT_SHARE))
         up, down = (self._drawn(launch, square) for launch in launches)
         count = square[2] ** 2 // VECTOR
@@ -133,10 +134,11 @@ class BinMaker:
     def _map(self, layer: int, part: int, sample: int) -> _Launch:
         settings, response = self._settings, self._settings.response
         r = float(sample_stretches(settings, layer)[sample])
-        depth = scale(r, -drawn_depth_exponents(settings)[layer])
+        exponent, most = drawn_depth_exponents(settings)[layer], depth_limits(settings)[layer]
+        depth = scale(response, r, -exponent, most)
         if layer == settings.bins.count:
-            return self._pores(_float2(scale(r, response.beta_w), depth), part)
-        return self._wrinkles(layer, _float2(scale(r, response.alpha_w), depth), part)
+            return self._pores(_float2(scale(response, r, response.beta_w), depth), part)
+        return self._wrinkles(layer, _float2(scale(response, r, response.alpha_w), depth), part)
 
     def _wrinkles(
         self, index: int, scales: NDArray[np.float32], part: int, tilt: float = 0.0
@@ -146,8 +148,8 @@ class BinMaker:
         leaning = np.array([*directions(count)[index], tilt * 2 * count / np.pi, 0.0], np.float32)
         return self._launching(
             "draw_wrinkle_bin",
-            elements.segments, elements.sizes, elements.bins, np.int32(index), scales,
-            np.int32(part), leaning, lists.offsets, lists.members, *elements.wrinkle_arguments,
+            *elements.line_arguments, elements.bins, np.int32(index), scales,
+            np.int32(part), leaning, lists.offsets, lists.members,
         )  # fmt: skip
 
     def _pores(self, scales: NDArray[np.float32], part: int) -> _Launch:

@@ -14,7 +14,7 @@ from rhytid.device.runtime import Buffer, Device
 from rhytid.domain.asset_settings import AssetSettings, BinSettings
 from rhytid.pipeline.bin_maker import BinTile
 from rhytid.pipeline.bins import CODES, code_limit, directions, map_count, parts, quantisation_steps
-from rhytid.pipeline.elements import RESPONSE_DEFINES
+from rhytid.pipeline.elements import SCALE_LIMIT, response_defines
 from rhytid.pipeline.locate import UdimTriangles
 from rhytid.pipeline.smooth import SmoothFields
 from rhytid.pipeline.stretch_buffers import StretchBuffers
@@ -51,7 +51,9 @@ class Blend:
         self._last_sample = np.float32(settings.last_sample)
         self._unit = np.float32(unit_of(settings))
         exponents = [response.alpha_d, response.beta_d] if bins.depth_factored else [0.0, 0.0]
-        self._exponents = np.array(exponents, np.float32)
+        limits = [SCALE_LIMIT, response.pore_depth_limit]
+        self._exponents = np.array([*exponents, *limits], np.float32)
+        self._response = response_defines(response.soft_limits)
         self._directions = device.upload(_directions(bins))
         self._steps = device.upload(quantisation_steps(settings))
         self._layers: dict[str, object] = {
@@ -79,11 +81,11 @@ class Blend:
         self._device.launch(
             "weights", "sample_weights", (count,),
             *self._stretch(stretch), self._last_sample, self._exponents, found,
-            defines={**self._layers, **RESPONSE_DEFINES, **self._oriented},
+            defines={**self._layers, **self._response, **self._oriented},
         )  # fmt: skip
         self._device.launch(
             "weights", "coefficients", (count * layers,), self._steps, self._unit, found,
-            defines={**self._layers, **RESPONSE_DEFINES, **self._oriented},
+            defines={**self._layers, **self._response, **self._oriented},
         )  # fmt: skip
         return found
 
@@ -95,7 +97,7 @@ class Blend:
         found = self._device.empty(sides * count * (self._bins.count + 1), np.float32)
         self._device.launch(
             "weights", "layer_stretches", (count,), *self._stretch(stretch), found,
-            defines={**self._layers, **RESPONSE_DEFINES, **self._oriented},
+            defines={**self._layers, **self._response, **self._oriented},
         )  # fmt: skip
         return found
 
@@ -134,7 +136,7 @@ class Blend:
             "blend_stiff", "blend_stiff", (maps.texels // VECTOR,),
             maps.triangles.firsts, maps.triangles.members, maps.stiffness, maps.codes, stretches,
             self._steps, self._last_sample, self._exponents, self._unit, out,
-            defines={**self._layers, **RESPONSE_DEFINES, **self._oriented, **self._codes},
+            defines={**self._layers, **self._response, **self._oriented, **self._codes},
         )  # fmt: skip
         return out
 
@@ -147,7 +149,7 @@ class Blend:
             self._directions, self._last_sample, self._exponents, self._unit,
             *maps.place, *fields.arguments(located),
             fields.neutral, maps.stiffness, out,
-            defines={**self._layers, **RESPONSE_DEFINES, **self._oriented, **self._codes},
+            defines={**self._layers, **self._response, **self._oriented, **self._codes},
         )  # fmt: skip
         return out
 

@@ -14,6 +14,7 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.tiles import udim_origin
 from rhytid.errors import LimitError
+from rhytid.pipeline.bends import Bends, arc_box, bends_of, straight_box
 from rhytid.pipeline.cells import CellLists, list_by_cell
 from rhytid.pipeline.copies import (
     OriginBuffers,
@@ -22,14 +23,12 @@ from rhytid.pipeline.copies import (
     copies_last,
     metric_roots,
     rim_reach,
-    skewed_roots,
+    skews_of,
 )
 
 BLOCK = 64
 # σ_w and σ_d are kept in [1/SCALE_LIMIT, SCALE_LIMIT].
 SCALE_LIMIT = 4.0
-# What response.clh takes of this page.
-RESPONSE_DEFINES = {"SCALE_LIMIT": f"{SCALE_LIMIT}f"}
 # Texels that may be covered for each texel of the map, all elements together.
 _MOST_COVER = 4096.0
 _MARGIN = 1.001  # beyond the rounding of the scales on the device
@@ -39,10 +38,15 @@ _MARGIN = 1.001  # beyond the rounding of the scales on the device
 class WrinkleArrays:
     """K wrinkles of a UDIM in texels, v up: segments (K, 4) = start and extent, sizes (K, 2) =
     half width and weight, triangle (K,) that each samples, lists by block, stiffness (K,) or
-    None: 1 throughout. waves (K, 4) as in wave.clh, or None where all are straight.
+    None: 1 throughout. waves (K, 4) as in wave.clh, or None where none is wavy.
 
-    The last of them may be copies, and wrinkles with a metric: skews (S, 4) are the roots (xx, xy,
-    yy, 0) of theirs, and origins what they answer to stretch with."""
+    Where they bend or taper slopes is (K, 2), else None, and sizes (K, 4): half widths at both
+    ends, then weights. partners (K, 2) int32: who goes on at either end, -1 for none, or None:
+    nobody. Those partners that do not reach into the UDIM come last and are in no list.
+
+    Before these may come copies, and wrinkles with a metric: skews (S, 4) are theirs as in
+    line.clh, origins what they answer to stretch with, and even how many wrinkles come before
+    them."""
 
     segments: NDArray[np.float32]
     sizes: NDArray[np.float32]
@@ -50,8 +54,11 @@ class WrinkleArrays:
     lists: CellLists
     stiffness: NDArray[np.float32] | None = None
     waves: NDArray[np.float32] | None = None
+    slopes: NDArray[np.float32] | None = None
+    partners: NDArray[np.int32] | None = None
     skews: NDArray[np.float32] | None = None
     origins: Origins | None = None
+    even: int = 0
 
 
 @dataclass(frozen=True)
@@ -67,6 +74,17 @@ class PoreArrays:
     lists: CellLists
     stiffness: NDArray[np.float32] | None = None
     origins: Origins | None = None
+
+    @property
+    def copies(self) -> int:
+        """How many of them have origins."""
+        return 0 if self.origins is None else len(self.origins.triangle)
+
+
+def response_defines(soft_limits: bool) -> dict[str, object]:
+    """What response.clh takes."""
+    soft = {"SOFT_LIMITS": 1} if soft_limits else {}
+    return {"SCALE_LIMIT": f"{SCALE_LIMIT}f", **soft}
 
 
 def widest(exponent: float, log_stretch_limit: float) -> float:
@@ -88,11 +106,13 @@ def wrinkle_arrays(
     makes of the settings.
     """
     ends = (graph.node_uv - np.array(udim_origin(udim), np.float32))[graph.edge_nodes]
-    low, high = _around_wrinkles(graph, ends, settings, waves)
+    bends = bends_of(graph, settings)
+    low, high = _around_wrinkles(graph, ends, settings, bends, waves)
     last = copied(graph.edge_copy_of, graph.edge_metric)
-    chosen, first = copies_last(_chosen(graph.edge_weight, low, high), last)
-    _check_cover(low[chosen], high[chosen], settings.resolution, "wrinkles", udim)
-    size, tail = np.float32(settings.resolution), chosen[first:]
+    drawn, even = copies_last(_chosen(graph.edge_weight, low, high), last)
+    _check_cover(low[drawn], high[drawn], settings.resolution, "wrinkles", udim)
+    chosen, partners = _with_partners(drawn, None if bends is None else bends.partners)
+    size, tail = np.float32(settings.resolution), drawn[even:]
 
     def segments(rows: NDArray[np.int64]) -> NDArray[np.float32]:
         start, stop = ends[rows, 0].astype(np.float64), ends[rows, 1].astype(np.float64)
@@ -101,13 +121,16 @@ def wrinkle_arrays(
 
     return WrinkleArrays(
         segments(chosen),
-        np.stack([graph.edge_half_width[chosen] * size, graph.edge_weight[chosen]], axis=1),
+        _sizes(graph, bends, chosen, size),
         triangle[chosen],
-        _blocks(low[chosen], high[chosen], settings.resolution),
+        _blocks(low[drawn], high[drawn], settings.resolution),
         None if stiffness is None else stiffness[chosen],
         None if waves is None else waves[chosen] * np.array([size, 1, 1, 1], np.float32),
-        skewed_roots(graph, tail, settings.resolution) if len(tail) else None,
+        None if bends is None else bends.slopes[chosen],
+        partners,
+        skews_of(graph, tail) if len(tail) else None,
         Origins.of(tail, graph.edge_copy_of, segments, triangle, stiffness),
+        even,
     )
 
 
@@ -153,7 +176,11 @@ def check_cover(graph: WrinkleGraph, settings: AssetSettings, udim: int) -> None
     straight wrinkles, for how far waves reach is known only where the wrinkles are located."""
     local = graph.node_uv - np.array(udim_origin(udim), np.float32)
     around = (
-        ("wrinkles", graph.edge_weight, _around_wrinkles(graph, local[graph.edge_nodes], settings)),
+        (
+            "wrinkles",
+            graph.edge_weight,
+            _around_wrinkles(graph, local[graph.edge_nodes], settings, bends_of(graph, settings)),
+        ),
         ("pores", graph.node_weight, _around_pores(local, _roots(graph), settings)),
     )
     for what, weight, (low, high) in around:
@@ -194,27 +221,40 @@ class UdimElements:
         self.wrinkle_stiffness = _upload(device, wrinkles.stiffness)
         self.wrinkle_lists = Lists.upload(device, wrinkles.lists)
         self.waves = _upload(device, wrinkles.waves)
+        self.slopes = _upload(device, wrinkles.slopes)
+        self.partners = _upload(device, wrinkles.partners)
         self.skews = _upload(device, wrinkles.skews)
-        self._even = self.wrinkles - (0 if wrinkles.skews is None else len(wrinkles.skews))
-        self.wrinkle_origins = OriginBuffers.upload(device, wrinkles.origins, self.wrinkles)
+        self._even = wrinkles.even
+        self.wrinkle_origins = OriginBuffers.upload(device, wrinkles.origins, wrinkles.even)
         self.centres = device.upload(pores.centres)
         self.roots = device.upload(pores.roots)
         self.pore_triangle = device.upload(pores.triangle)
         self.pore_stiffness = _upload(device, pores.stiffness)
         self.pore_lists = Lists.upload(device, pores.lists)
-        self.pore_origins = OriginBuffers.upload(device, pores.origins, self.pores)
+        self.pore_origins = OriginBuffers.upload(device, pores.origins, self.pores - pores.copies)
 
     @property
-    def wrinkle_arguments(self) -> tuple[Any, ...]:
-        """What drawing kernels take of waves and skews, last of their elements."""
-        waves = () if self.waves is None else (self.waves,)
-        return waves if self.skews is None else (*waves, np.int32(self._even), self.skews)
+    def bent(self) -> bool:
+        """Whether wrinkles have sizes and scales for each of their ends."""
+        return self.slopes is not None
 
     @property
-    def defines(self) -> dict[str, object]:
-        """What drawing kernels are compiled with for these."""
-        found = {"WAVY": self.waves, "SKEWED": self.skews}
-        return {name: 1 for name, buffer in found.items() if buffer is not None}
+    def response_defines(self) -> dict[str, object]:
+        """What the kernels that find r of wrinkles are compiled with for these."""
+        return {"BENT": 1} if self.bent else {}
+
+    @property
+    def line_arguments(self) -> tuple[Any, ...]:
+        """LINES of line.clh."""
+        given = (self.segments, self.sizes, self.slopes, self.waves)
+        found = tuple(buffer for buffer in given if buffer is not None)
+        return found if self.skews is None else (*found, np.int32(self._even), self.skews)
+
+    @property
+    def line_defines(self) -> dict[str, object]:
+        """What line.clh is compiled with for these wrinkles."""
+        given = {"BENT": self.slopes, "WAVY": self.waves, "SKEWED": self.skews}
+        return {name: 1 for name, buffer in given.items() if buffer is not None}
 
     def release(self) -> None:
         """Give the memory back."""
@@ -226,7 +266,7 @@ class UdimElements:
                 value.release()
 
 
-def _upload(device: Device, array: NDArray[np.float32] | None) -> Buffer | None:
+def _upload(device: Device, array: NDArray[Any] | None) -> Buffer | None:
     return None if array is None else device.upload(array)
 
 
@@ -234,20 +274,70 @@ def _around_wrinkles(
     graph: WrinkleGraph,
     ends: NDArray[np.float32],
     settings: AssetSettings,
+    bends: Bends | None,
     waves: NDArray[np.float32] | None = None,
 ) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
     """Corners (M, 2) and (M, 2) of the boxes around wrinkles of ends (M, 2, 2) at any stretch."""
     response = settings.response
     scale = widest(response.alpha_w, response.log_stretch_limit)
-    reach = (graph.edge_half_width * scale)[:, None]
+    half_width = graph.edge_half_width if bends is None else bends.half_widths.max(axis=1)
+    reach = np.maximum(half_width * scale, _least(settings))[:, None]
     if waves is not None:
         reach = reach + np.abs(waves[:, :1])
+    low, high = _boxes(graph, ends, bends)
+    if graph.edge_metric is None:
+        return low - reach, high + reach
+    rows = np.flatnonzero(graph.edge_metric.any(axis=1))
+    wider = reach[rows] / graph.edge_half_width[rows, None]
+    reach = np.repeat(reach, 2, axis=1)
+    reach[rows] = wider * rim_reach(metric_roots(graph.edge_metric[rows]))
+    return low - reach, high + reach
+
+
+def _boxes(
+    graph: WrinkleGraph, ends: NDArray[np.float32], bends: Bends | None
+) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+    """Corners (M, 2) and (M, 2) of the boxes around lines without their width."""
+    if bends is None:
+        return straight_box(ends)
+    low, high = arc_box(ends, bends.slopes)
     if graph.edge_metric is not None:
         rows = np.flatnonzero(graph.edge_metric.any(axis=1))
-        wider = reach[rows] / graph.edge_half_width[rows, None]
-        reach = np.repeat(reach, 2, axis=1)
-        reach[rows] = wider * rim_reach(metric_roots(graph.edge_metric[rows]))
-    return ends.min(axis=1) - reach, ends.max(axis=1) + reach
+        roots = metric_roots(graph.edge_metric[rows])
+        low[rows], high[rows] = arc_box(ends[rows], bends.slopes[rows], roots)
+    return low, high
+
+
+def _sizes(
+    graph: WrinkleGraph, bends: Bends | None, chosen: NDArray[np.int64], texels: np.float32
+) -> NDArray[np.float32]:
+    """(K, 2) or, where there are bends, (K, 4), as WrinkleArrays has them."""
+    if bends is None:
+        half_width, weight = graph.edge_half_width[chosen], graph.edge_weight[chosen]
+        return np.stack([half_width * texels, weight], axis=1)
+    return np.concatenate([bends.half_widths[chosen] * texels, bends.weights[chosen]], axis=1)
+
+
+def _with_partners(
+    drawn: NDArray[np.int64], partners: NDArray[np.int32] | None
+) -> tuple[NDArray[np.int64], NDArray[np.int32] | None]:
+    """The rows that are drawn and after them (K,) those whose partners they are; and the partners
+    (K, 2) among these rows, -1 of rows that are not drawn."""
+    if partners is None:
+        return drawn, None
+    row = np.full(len(partners), -1, np.int32)
+    row[drawn] = np.arange(len(drawn))
+    wanted = partners[drawn]
+    beyond = np.unique(wanted[(wanted >= 0) & (row[wanted] < 0)])
+    row[beyond] = len(drawn) + np.arange(len(beyond))
+    found = np.full((len(drawn) + len(beyond), 2), -1, np.int32)
+    found[: len(drawn)] = np.where(wanted >= 0, row[wanted], -1)
+    return np.concatenate([drawn, beyond]), found
+
+
+def _least(settings: AssetSettings) -> float:
+    """The least half width in UV."""
+    return settings.shape.least_half_width / settings.resolution
 
 
 def _around_pores(
@@ -256,6 +346,8 @@ def _around_pores(
     """Corners (N, 2) and (N, 2) of the boxes around pores at any stretch."""
     response = settings.response
     reach = rim_reach(root) * widest(response.beta_w, response.log_stretch_limit)
+    if least := _least(settings):  # of an ellipse no axis of which is below it
+        reach = np.hypot(reach, least)
     return centres - reach, centres + reach
 
 
