@@ -52,7 +52,13 @@ LARGE_LAYERS = ("LAYERS=17", "SAMPLES=7", "PORE_SAMPLES=5", "ORIENTED=16")
 TILTED = ("TILT=1", "TILT_NODE=0.6f")
 MELLOW = (*LARGE_LAYERS, *TILTED, "PARTS=2", "MERGE=MELLOW")
 SOFT = (*LARGE_LAYERS, *TILTED, "PARTS=1", "MERGE=SOFT", "WAVY=1")
-RANGES = {"small": SMALL + SMALL_LAYERS, "mellow": LARGE + MELLOW, "soft": LARGE + SOFT}
+# Of a layer with an apron around its blocks.
+COARSE = ("APRON=2", "COARSE_BLOCK=60", "LEAST_HALF_WIDTH=1.25f")
+RANGES = {
+    "small": (*SMALL, *SMALL_LAYERS, *COARSE, "COARSER=2"),
+    "mellow": (*LARGE, *MELLOW, *COARSE, "COARSER=4", "RAISED=1"),
+    "soft": (*LARGE, *SOFT, *COARSE, "COARSER=8", "RAISED=1"),
+}
 
 
 @pytest.mark.parametrize("defines", RANGES.values(), ids=RANGES)

@@ -79,6 +79,9 @@ class ShapeSettings:
     curvature: float = number(1.0, 0.0, 1.0)
     taper: float = number(1.0, 0.0, 1.0)
     least_half_width: float = number(0.7, 0.0, 4.0)
+    cushion: float = number(0.0, 0.0, 1.0)
+    cushion_width: float = number(3.3, 1.0, 8.0)
+    cushion_sharpness: float = number(5.0, 0.1, 12.0)
 
 
 @dataclass(frozen=True)
