@@ -67,6 +67,11 @@ class ShapeSettings:
     curvature and taper: how much of the slopes, and of the strengths and half widths at the ends of
     wrinkles, that the graph has is drawn; at 0 wrinkles are straight and even.  least_half_width:
     texels of level 0; what is narrower in a frame is drawn that wide and as much shallower.
+
+    cushion: the share of the depth of wrinkles that a second, broad layer of them carries, so that
+    what lies between furrows swells; `cushion_width` times as wide, meeting with a sharpness of its
+    own. Lines of strength 0.2 or less swell nothing. grain: root mean square of the micro relief
+    between lines, in depths; `grain_size`: its largest wavelength, mesh units. Both are off at 0.
     """
 
     # Above 9 a bulge would rise over the depth of its furrow, past what the sums can hold.
@@ -82,6 +87,8 @@ class ShapeSettings:
     cushion: float = number(0.0, 0.0, 1.0)
     cushion_width: float = number(3.3, 1.0, 8.0)
     cushion_sharpness: float = number(5.0, 0.1, 12.0)
+    grain: float = number(0.0, 0.0, 1.0)
+    grain_size: float | None = number(None, 1e-30, 1e30)
 
 
 @dataclass(frozen=True)
@@ -155,6 +162,11 @@ class ConvolveSettings:
 # In units of the mean pore spacing, unless they are set.
 DEPTH_OF_SPACING = 0.15
 SIGMA_OF_SPACING = 0.25
+# Of the largest wave of the grain where the unit is known, and in units of the mean pore spacing
+# where it is not.
+GRAIN_MILLIMETRES = 0.2
+GRAIN_OF_SPACING = 0.36
+MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
 # Waves in a mean pore spacing, unless the frequency is set: most wrinkles get a bend.
 WAVES_OF_SPACING = 0.4
 
@@ -219,10 +231,15 @@ class AssetSettings:
         frequency = self.shape.wave_frequency
         if frequency is None:
             frequency = WAVES_OF_SPACING / spacing
+        grain = self.shape.grain_size
+        if grain is None and self.unit in MILLIMETRES:
+            grain = GRAIN_MILLIMETRES / MILLIMETRES[self.unit]
+        elif grain is None:
+            grain = GRAIN_OF_SPACING * spacing
         return replace(
             self,
             depth=DEPTH_OF_SPACING * spacing if depth is None else depth,
-            shape=replace(self.shape, wave_frequency=frequency),
+            shape=replace(self.shape, wave_frequency=frequency, grain_size=grain),
             convolve=replace(self.convolve, sigma=sigma),
         )
 

@@ -12,19 +12,18 @@ from rhytid.device.runtime import Buffer
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
 from rhytid.engine.messages import MapQuery
-from rhytid.engine.resident_parts import ResidentParts
+from rhytid.engine.resident_frames import ResidentFrames
 from rhytid.pipeline.bin_maker import BinMaker, BinTile
 from rhytid.pipeline.bins import map_count
 from rhytid.pipeline.elements import BLOCK
 from rhytid.pipeline.levels import Draw, in_one_piece, render, render_to_host
 from rhytid.pipeline.neutral_tiles import NeutralTile, NeutralTiles
 from rhytid.pipeline.redraw import ScaleBuffers, redrawing, respond
-from rhytid.pipeline.smooth import SmoothFields, respond_smooth
-from rhytid.pipeline.stretch_buffers import StretchBuffers
+from rhytid.pipeline.smooth import respond_smooth
 from rhytid.pipeline.vectors import BYTES_A_TEXEL, VECTOR
 
 
-class ResidentAsset(ResidentParts):
+class ResidentAsset(ResidentFrames):
     """What can be drawn of an asset: stretch, tiles by every method, precomputed maps."""
 
     def warm_up(self) -> None:
@@ -121,7 +120,7 @@ class ResidentAsset(ResidentParts):
                 neutral.release()
             return out
 
-        return draw
+        return self._grained(draw, frame, query, address.udim)
 
     def _blended(self, frame: Frame, query: MapQuery, addresses: list[TileAddress]) -> list[Buffer]:
         assert self._blend is not None
@@ -166,22 +165,6 @@ class ResidentAsset(ResidentParts):
             make=lambda: blend.stretches(self._stretch_buffers(frame, model)),
         )  # fmt: skip
 
-    def _fields(self, frame: Frame, model: str) -> SmoothFields:
-        response = self.settings.response
-        limit, soft = response.log_stretch_limit, response.soft_limits
-        return self._keep_of(
-            frame, "fields", model,
-            make=lambda: self._smooth.run(self._stretch_buffers(frame, model), limit, soft),
-        )  # fmt: skip
-
-    def _stretch_buffers(self, frame: Frame, model: str) -> StretchBuffers:
-        response, angles = self.settings.response, self.settings.angles
-        limit, soft = response.log_stretch_limit, response.soft_limits
-        return self._keep_of(
-            frame, "stretch", model,
-            make=lambda: self._stretch.run(frame.positions, limit, model, angles, soft),
-        )  # fmt: skip
-
     def _kernels(self, frame: Frame, model: str) -> Buffer:
         return self._keep_of(
             frame, "kernels", model,
@@ -206,10 +189,14 @@ class ResidentAsset(ResidentParts):
         self, maker: NeutralTiles, udim: int, row: int, column: int, side: int
     ) -> NeutralTile:
         """What is convolved for `side`² texels of level 0."""
-        draw = self._redrawing(NEUTRAL_FRAME, MapQuery("neutral"), udim)
+        draw = self._lines(NEUTRAL_FRAME, MapQuery("neutral"), udim)
         return maker.neutral_tile(draw, self._located[udim], self.settings, udim, row, column, side)
 
     def _redrawing(self, frame: Frame, query: MapQuery, udim: int) -> Draw:
+        return self._grained(self._lines(frame, query, udim), frame, query, udim)
+
+    def _lines(self, frame: Frame, query: MapQuery, udim: int) -> Draw:
+        """What draws wrinkles and pores of a frame, without grain."""
         scales = self._scales(frame, query, udim)
         return redrawing(self._device, self._elements[udim], self.settings, scales)
 
