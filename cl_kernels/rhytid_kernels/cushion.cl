@@ -2,6 +2,7 @@
 // as coarse as the texels, which spline.clh brings up. A work-group draws ROWS rows of a block of
 // COARSE_BLOCK x COARSE_BLOCK coarse texels and of APRON more around it, BLOCK texels a side; the
 // apron is written where the square ends. Within 1e-4 of `depth` of the same in double.
+#include "leaning.clh"
 #include "line.clh"
 
 #define COARSE (1.0f / COARSER)
@@ -113,6 +114,29 @@ __kernel void cushion(LINES, __global const SIZES *scales, __global const int *o
     for (int k = offsets[part.block]; k < offsets[part.block + 1]; k++) {
         int i = members[k];
         line_t line = LINE_AT(i, sizes[i] * scales[i], (float2)(0.0f), LEAST_HALF_WIDTH);
+        draw_cushion(sums, part, line, shape);
+    }
+    write_part(sums, part, square, shape, depth, out);
+}
+
+// Those of one orientation bin, all at one stretch: bins to tilt as in bins.cl.
+__kernel void cushion_bin(LINES, __global const uchar *bins, int bin, float2 scale, float4 tilt,
+                          __global const int *offsets, __global const int *members,
+                          float4 shape_values, float depth, int4 place, __global float *out)
+{
+    __local float memory[ROWS * STRIDE];
+    shape_t shape = shape_of(shape_values);
+    square_t square = {place.x, place.y, place.z, place.w};
+    part_t part = part_of_group(square);
+    sums_t sums = valleys_at(part, memory);
+    for (int k = offsets[part.block]; k < offsets[part.block + 1]; k++) {
+        int i = members[k];
+        if (bins[i] != bin)
+            continue;
+        float2 here = scale;
+        if (tilt.z != 0.0f)
+            here.y *= 1.0f + leaning(segments[i].zw, tilt.xyz);
+        line_t line = LINE_AT(i, sizes[i] * SCALES(here), (float2)(0.0f), LEAST_HALF_WIDTH);
         draw_cushion(sums, part, line, shape);
     }
     write_part(sums, part, square, shape, depth, out);

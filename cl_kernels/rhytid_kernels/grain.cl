@@ -4,6 +4,8 @@
 #include "grain.clh"
 #include "vectors.clh"
 
+POWER_OF_TWO(power16, float16, int16)
+
 // Of each triangle; the last is none, unstretched.
 __kernel void grain_gains(__global const float2 *logs, float exponent, __global float *gains)
 {
@@ -34,9 +36,9 @@ __kernel void add_grain(__global const int *firsts, __global const int2 *members
     float16 gain;
     if (stiffness) {
         float16 stiff = vload16(0, stiffness + at);
-        float16 log1 = stiff * member_logs(member, end, logs, 0);
-        float16 log2 = stiff * member_logs(member, end, logs, 1);
-        gain = GRAIN_GAIN(power16, log1, log2, exponent);
+        float16 first_log = stiff * member_logs(member, end, logs, 0);
+        float16 second_log = stiff * member_logs(member, end, logs, 1);
+        gain = GRAIN_GAIN(power16, first_log, second_log, exponent);
     } else {
         gain = gains[member->x];
         for (member++; member < end; member++)

@@ -5,6 +5,8 @@
 #include "grain.clh"
 #include "texel_fields.clh"
 
+POWER_OF_TWO(power16, float16, int16)
+
 // side: of the level, whose texel (row, column) is the first of the tile. corners to limit: as in
 // blend_smooth.cl. The rest: as in grain.cl.
 __kernel void add_smooth_grain(__global const int *firsts, __global const int2 *members,

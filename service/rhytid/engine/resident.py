@@ -15,6 +15,7 @@ from rhytid.engine.messages import MapQuery
 from rhytid.engine.resident_frames import ResidentFrames
 from rhytid.pipeline.bin_maker import BinMaker, BinTile
 from rhytid.pipeline.bins import map_count
+from rhytid.pipeline.blend import Coefficients
 from rhytid.pipeline.elements import BLOCK
 from rhytid.pipeline.levels import Draw, in_one_piece, render, render_to_host
 from rhytid.pipeline.neutral_tiles import NeutralTile, NeutralTiles
@@ -128,15 +129,39 @@ class ResidentAsset(ResidentFrames):
         tiles = [self.bin_tile(address) for address in addresses]
         if query.sampling == "smooth":
             fields, located = self._fields(frame, model), self._located[udim]
-            return [blend.smooth_tile(maps, fields, located) for maps in tiles]
-        plain = [maps for maps in tiles if maps.stiffness is None]
-        made = iter(blend.tiles(plain, self._coefficients(frame, model)) if plain else ())
-        return [
-            next(made)
-            if maps.stiffness is None
-            else blend.stiff_tile(maps, self._stretches(frame, model))
-            for maps in tiles
-        ]
+            made = [blend.smooth_tile(maps, fields, located) for maps in tiles]
+            return self._all_grained(made, frame, query, addresses)
+        plain = [a for a, maps in zip(addresses, tiles, strict=True) if maps.stiffness is None]
+        stiff = [a for a in addresses if a not in plain]
+        found = dict(zip(plain, self._blended_plain(frame, model, plain), strict=True))
+        others = [blend.stiff_tile(self.bin_tile(a), self._stretches(frame, model)) for a in stiff]
+        found |= dict(zip(stiff, self._all_grained(others, frame, query, stiff), strict=True))
+        return [found[address] for address in addresses]
+
+    def _blended_plain(
+        self, frame: Frame, model: str, addresses: list[TileAddress]
+    ) -> list[Buffer]:
+        """Tiles whose texels have no stiffness of their own."""
+        assert self._blend is not None
+        if not addresses:
+            return []
+        tiles, grains = [self.bin_tile(address) for address in addresses], None
+        if self._shows_grain(addresses[0]):
+            grains = [self._grain_codes(a.udim, *self._place(a)) for a in addresses]
+        return self._blend.tiles(tiles, self._coefficients(frame, model), grains)
+
+    def _all_grained(
+        self, made: list[Buffer], frame: Frame, query: MapQuery, addresses: list[TileAddress]
+    ) -> list[Buffer]:
+        """Tiles with the grain of a frame added."""
+        for out, address in zip(made, addresses, strict=True):
+            if self._shows_grain(address):
+                square = (*self._place(address), self.settings.tile_size)
+                self._add_grain(out, frame, query, address.udim, square)
+        return made
+
+    def _shows_grain(self, address: TileAddress) -> bool:
+        return address.level == 0 and self.settings.shape.grain > 0.0
 
     def _place(self, address: TileAddress) -> tuple[int, int]:
         """Row and column of a tile's first texel."""
@@ -149,7 +174,7 @@ class ResidentAsset(ResidentFrames):
         buffer.release()
         return result
 
-    def _coefficients(self, frame: Frame, model: str) -> Buffer:
+    def _coefficients(self, frame: Frame, model: str) -> Coefficients:
         assert self._blend is not None
         blend = self._blend
         return self._keep_of(

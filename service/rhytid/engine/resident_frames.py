@@ -10,10 +10,11 @@ from rhytid.engine.messages import MapQuery
 from rhytid.engine.resident_parts import ResidentParts
 from rhytid.pipeline.grain import (
     Grain,
+    GrainPlace,
     GrainPlanes,
-    GrainTile,
+    grain_codes,
     grain_gains,
-    grain_tile,
+    grain_place,
     tiles_of_square,
 )
 from rhytid.pipeline.levels import Draw
@@ -46,12 +47,18 @@ class ResidentFrames(ResidentParts):
             return draw
 
         def grained(row: int, column: int, side: int) -> Buffer:
-            out, grain = draw(row, column, side), self._grain(frame, query, udim)
-            for place in tiles_of_square(row, column, side, self.settings.tile_size):
-                grain.add(out, (row, column, side), self._grain_tile(udim, *place))
+            out = draw(row, column, side)
+            self._add_grain(out, frame, query, udim, (row, column, side))
             return out
 
         return grained
+
+    def _add_grain(
+        self, out: Buffer, frame: Frame, query: MapQuery, udim: int, square: tuple[int, int, int]
+    ) -> None:
+        grain = self._grain(frame, query, udim)
+        for at in tiles_of_square(*square, self.settings.tile_size):
+            grain.add(out, square, self._grain_place(udim, *at), self._grain_codes(udim, *at))
 
     def _grain(self, frame: Frame, query: MapQuery, udim: int) -> Grain:
         stretch = self._stretch_buffers(frame, query.stretch)
@@ -72,11 +79,15 @@ class ResidentFrames(ResidentParts):
         assert size is not None
         return self._keep("planes", make=partial(GrainPlanes, self._device, self._mesh, size))
 
-    def _grain_tile(self, udim: int, row: int, column: int) -> GrainTile:
-        """What no frame changes of the grain of a tile of level 0."""
-        place = (row, column, self.settings.tile_size)
-        make = partial(
-            grain_tile, self._device, self._grain_planes(), self._located[udim], self.settings,
-            self._stiffness, place,
-        )  # fmt: skip
+    def _grain_codes(self, udim: int, row: int, column: int) -> Buffer:
+        """Of a tile of level 0."""
+        square = (row, column, self.settings.tile_size)
+        planes, located = self._grain_planes(), self._located[udim]
+        make = partial(grain_codes, self._device, planes, located, self.settings, square)
         return self._keep("grain", udim, row, column, make=make)
+
+    def _grain_place(self, udim: int, row: int, column: int) -> GrainPlace:
+        square = (row, column, self.settings.tile_size)
+        located, stiffness = self._located[udim], self._stiffness
+        make = partial(grain_place, self._device, located, self.settings, stiffness, square)
+        return self._keep("grain place", udim, row, column, make=make)

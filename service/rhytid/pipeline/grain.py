@@ -31,21 +31,19 @@ CODES = 32.0
 
 
 @dataclass(frozen=True)
-class GrainTile(Held):
-    """Grain of `side`² texels of level 0 from (row, column) on, and their triangles.
-
-    codes: int8.  stiffness: float32 of each texel, or None: 1 throughout."""
+class GrainPlace(Held):
+    """Where the texels of a square of level 0 are: `side`² from (row, column) on, their triangles,
+    and their stiffness, float32, or None: 1 throughout."""
 
     row: int
     column: int
     side: int
     triangles: VectorTriangles
-    codes: Buffer
     stiffness: Buffer | None = None
 
     @property
     def _buffers(self) -> tuple[VectorTriangles | Buffer | None, ...]:
-        return (self.triangles, self.codes, self.stiffness)
+        return (self.triangles, self.stiffness)
 
 
 class GrainPlanes(Held):
@@ -63,12 +61,11 @@ class GrainPlanes(Held):
 
 def grain_codes(
     device: Device, planes: GrainPlanes, located: UdimTriangles, settings: AssetSettings,
-    triangles: Buffer, place: tuple[int, int, int],
+    square: tuple[int, int, int],
 ) -> Buffer:  # fmt: skip
-    """int8 of each texel of a square (row, column, texels a side) of level 0.
-
-    triangles: int32 of each texel."""
-    row, column, side = place
+    """int8 of each texel of a square (row, column, texels a side) of level 0."""
+    row, column, side = square
+    triangles = located.texels(settings.resolution, row, column, side)
     codes = device.empty(side * side, np.int8)
     device.launch(
         "grain_codes", "grain_codes", (side * side,),
@@ -76,23 +73,24 @@ def grain_codes(
         np.int32(settings.resolution), np.int32(row), np.int32(column),
         np.uint32(settings.graph.seed), codes,
     )  # fmt: skip
+    device.finish()
+    triangles.release()
     return codes
 
 
-def grain_tile(
-    device: Device, planes: GrainPlanes, located: UdimTriangles, settings: AssetSettings,
-    stiffness: Stiffness | None, place: tuple[int, int, int],
-) -> GrainTile:  # fmt: skip
+def grain_place(
+    device: Device, located: UdimTriangles, settings: AssetSettings, stiffness: Stiffness | None,
+    square: tuple[int, int, int],
+) -> GrainPlace:  # fmt: skip
     """Made once for a square (row, column, texels a side) of level 0."""
-    row, column, side = place
+    row, column, side = square
     triangles = located.texels(settings.resolution, row, column, side)
-    codes = grain_codes(device, planes, located, settings, triangles, place)
     vectors = VectorTriangles.of(device, triangles, side * side)
     triangles.release()
     stiff = stiffness_of_texels(
         device, stiffness, located.udim, settings.resolution, row, column, side
     )
-    return GrainTile(row, column, side, vectors, codes, stiff)
+    return GrainPlace(row, column, side, vectors, stiff)
 
 
 def grain_amplitude(settings: AssetSettings) -> float:
@@ -136,9 +134,11 @@ class Grain:
     gains: Buffer
     fields: SmoothFields | None = None
 
-    def add(self, out: Buffer, square: tuple[int, int, int], tile: GrainTile) -> None:
+    def add(
+        self, out: Buffer, square: tuple[int, int, int], tile: GrainPlace, codes: Buffer
+    ) -> None:
         """To that part of a square (row, column, texels a side) of level 0 that lies in a tile.
-        out: side² float32, mesh units, and whatever comes after them."""
+        out: side² float32, mesh units, and whatever comes after them.  codes: of the tile."""
         row, column, side = square
         top, left = max(row, tile.row), max(column, tile.column)
         height = min(row + side, tile.row + tile.side) - top
@@ -152,7 +152,7 @@ class Grain:
             np.float32(settings.depth),
             np.int32(tile.side), np.int32(first), np.int32(side), np.int32(to), out,
         )  # fmt: skip
-        texels = (tile.triangles.firsts, tile.triangles.members, tile.codes, tile.stiffness)
+        texels = (tile.triangles.firsts, tile.triangles.members, codes, tile.stiffness)
         size = (width // VECTOR, height)
         if self.fields is None:
             self.device.launch(
