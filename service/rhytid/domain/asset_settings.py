@@ -75,7 +75,7 @@ class ShapeSettings:
     """
 
     # Above 9 a bulge would rise over the depth of its furrow, past what the sums can hold.
-    wrinkle_bulge: float = number(2.5, 0.0, 9.0)
+    wrinkle_bulge: float = number(1.0, 0.0, 9.0)
     pore_bulge: float = number(0.0, 0.0, 9.0)
     sharpness: float = number(20.0, 0.1, 20.0)
     slots: int = whole(1, 1, 1024)
@@ -84,10 +84,10 @@ class ShapeSettings:
     curvature: float = number(1.0, 0.0, 1.0)
     taper: float = number(1.0, 0.0, 1.0)
     least_half_width: float = number(0.7, 0.0, 4.0)
-    cushion: float = number(0.0, 0.0, 1.0)
+    cushion: float = number(0.7, 0.0, 1.0)
     cushion_width: float = number(3.3, 1.0, 8.0)
     cushion_sharpness: float = number(5.0, 0.1, 12.0)
-    grain: float = number(0.0, 0.0, 1.0)
+    grain: float = number(0.03, 0.0, 1.0)
     grain_size: float | None = number(None, 1e-30, 1e30)
 
 
@@ -121,9 +121,17 @@ class Preset:
     shape: Mapping[str, Any]
 
 
-# As the paper draws: hard limits, straight even lines, nothing done for those below a texel.
+# As the paper draws: hard limits, straight even lines, nothing done for those below a texel, flat
+# plates.
 _PAPER_RESPONSE = {"ends": 0.0, "soft_limits": False, "pore_depth_limit": 4.0}
-_PAPER_SHAPE = {"curvature": 0.0, "taper": 0.0, "least_half_width": 0.0}
+_PAPER_SHAPE = {
+    "wrinkle_bulge": 2.5,
+    "curvature": 0.0,
+    "taper": 0.0,
+    "least_half_width": 0.0,
+    "cushion": 0.0,
+    "grain": 0.0,
+}
 
 
 def _usual(settings: Any, names: Mapping[str, Any]) -> dict[str, Any]:

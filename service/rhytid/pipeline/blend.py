@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from itertools import chain
 
 import numpy as np
@@ -248,10 +249,10 @@ class Blend:
             self._cushion.release()
 
 
-def _group(most: int, vectors: int) -> tuple[int, int] | None:
-    """A work-group of vectors; None, the driver's choice, where few fit side by side."""
-    fitting = math.gcd(most, vectors)
-    return (fitting, 1) if fitting == min(most, vectors) else None
+@cache
+def _group(most: int, vectors: int) -> tuple[int, int]:
+    """The largest work-group that the vectors of a tile can be cut into."""
+    return next(n for n in range(min(most, vectors), 0, -1) if vectors % n == 0), 1
 
 
 def _cushions(tiles: Sequence[BinTile]) -> list[BinTile]:
