@@ -27,6 +27,9 @@ inline float16 blend_triangle(__global const CODE *maps, __global const float4 *
     for (int n = 0; n < DRAWN; n++)
         for (int part = 0; part < PARTS; part++) {
             float16 d = between(maps + LAYER_AT(n, part), coefficients[n]);
+#ifdef CODE_GAIN // codes of the broad layer are so many times larger, in units of its merge
+            d *= CODE_GAIN;
+#endif
 #if TILT
             if (n < LAYERS - 1)
                 d += d * (FLOATS_OF(maps + TILT_AT(n)) * coefficients[n].w);

@@ -82,7 +82,8 @@ def test_grain_is_that_of_redraw(device, sampling, painted):
 def test_it_comes_as_close_to_redraw_as_without(device):
     frame = Frame.of(deform(sheet().positions, 3, 0.15))
     errors = []
-    for shape in ({}, {**GRAINY, **SWOLLEN}):
+    flat = {"cushion": 0.0, "grain": 0.0, "wrinkle_bulge": 2.5}
+    for shape in (flat, {**GRAINY, **SWOLLEN}):
         asset = asset_of(device, lines=LINES, shape=shape, **BEST)
         found, wanted = (tile_of(asset, frame, m, 1, 1) for m in ("binned", "redraw"))
         errors.append(np.linalg.norm(found - wanted) / np.linalg.norm(wanted))

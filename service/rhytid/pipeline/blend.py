@@ -17,7 +17,12 @@ from rhytid.device.runtime import Buffer, Device
 from rhytid.domain.asset_settings import AssetSettings, BinSettings
 from rhytid.pipeline.bin_maker import BinTile
 from rhytid.pipeline.bins import CODES, code_limit, directions, map_count, parts, quantisation_steps
-from rhytid.pipeline.cushion_bins import cushion_map_count, cushion_settings, cushion_steps
+from rhytid.pipeline.cushion_bins import (
+    cushion_map_count,
+    cushion_settings,
+    cushion_steps,
+    range_of_codes,
+)
 from rhytid.pipeline.cushion_elements import APRON
 from rhytid.pipeline.elements import SCALE_LIMIT, response_defines
 from rhytid.pipeline.grain import grain_amplitude, grain_gains
@@ -49,16 +54,15 @@ def _directions(bins: BinSettings) -> NDArray[np.float32]:
 
 @dataclass(frozen=True)
 class Coefficients(Held):
-    """Of a frame. own: what the codes of each layer are multiplied by in each triangle.  cushion:
-    the same of the broad layer, and gains: of the grain, where there are such."""
+    """Of a frame. own: what the codes of each layer are multiplied by in each triangle.  gains: of
+    the grain, where there is one."""
 
     own: Buffer
-    cushion: Coefficients | None = None
     gains: Buffer | None = None
 
     @property
-    def _buffers(self) -> tuple[Buffer | Coefficients | None, ...]:
-        return (self.own, self.cushion, self.gains)
+    def _buffers(self) -> tuple[Buffer | None, ...]:
+        return (self.own, self.gains)
 
 
 class Blend:
@@ -71,6 +75,7 @@ class Blend:
         assert settings.depth is not None
         steps = cushion_steps(settings) if coarse else quantisation_steps(settings)
         self._cushion: Blend | None = None
+        narrow_unit = unit_of(settings)
         if coarse:
             settings = cushion_settings(settings)
         elif settings.shape.cushion > 0.0:
@@ -101,17 +106,20 @@ class Blend:
             "PARTS": len(parts(bins)),
             "MERGE": MERGES[bins.merge],
             "MAPS": cushion_map_count(settings) if coarse else map_count(bins),
-            **({"DRAWN": bins.count} if coarse else {}),
         }
+        if coarse:
+            # Both layers take the coefficients of the narrow one.
+            gain = range_of_codes(settings) * narrow_unit / unit_of(settings)
+            own = {"DRAWN": bins.count, "MERGE": "VALLEYS_ONLY", "CODE_GAIN": f"{gain:.9e}f"}
+            self._codes.update(own)
 
     def coefficients(self, stretch: StretchBuffers) -> Coefficients:
         """What the codes of each layer are multiplied by in each triangle: where it stands between
         the samples and the depth scale that its maps lack (Alg. 3, lines 6 to 10)."""
         own = self._own_coefficients(stretch)
-        cushion = None if self._cushion is None else self._cushion.coefficients(stretch)
         grainy = self._settings.shape.grain > 0.0
         gains = grain_gains(self._device, self._settings, stretch) if grainy else None
-        return Coefficients(own, cushion, gains)
+        return Coefficients(own, gains)
 
     def _own_coefficients(self, stretch: StretchBuffers) -> Buffer:
         count, layers = self._triangles + 1, self._bins.count + 1
@@ -174,8 +182,8 @@ class Blend:
     ) -> None:
         raised = _cushions(tiles) if self._cushion is not None else []
         coarse: list[Buffer] = []
-        if self._cushion is not None and raised and coefficients.cushion is not None:
-            coarse = self._cushion.tiles(raised, coefficients.cushion)
+        if self._cushion is not None and raised:
+            coarse = self._cushion.tiles(raised, coefficients)
         of_each = [
             (maps.triangles.firsts, maps.triangles.members, maps.codes,
              coarse[i] if coarse else None, grains[i] if grains else None, made[i])

@@ -45,10 +45,14 @@ def cushion_map_count(settings: AssetSettings) -> int:
 
 def cushion_steps(settings: AssetSettings) -> NDArray[np.float32]:
     """As `quantisation_steps`, for the depth that the layer takes and what meets in it."""
-    shape = settings.shape
-    range_ = shape.cushion + math.log(_MEETING) / shape.cushion_sharpness
-    steps: NDArray[np.float32] = quantisation_steps(settings) * np.float32(range_)
+    steps: NDArray[np.float32] = quantisation_steps(settings) * np.float32(range_of_codes(settings))
     return steps
+
+
+def range_of_codes(settings: AssetSettings) -> float:
+    """How many times as large a code of the layer is as one of the narrow layer."""
+    shape = settings.shape
+    return shape.cushion + math.log(_MEETING) / shape.cushion_sharpness
 
 
 class CushionBins:
