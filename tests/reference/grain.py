@@ -10,7 +10,7 @@ from reference.inputs import Array, Indices
 STEP = 1 / 32
 CELLS = 2  # of the noise to a wave: half of its power is in waves of 1.9 cells and longer
 FINER = 5**0.5
-SHARES = (0.731, 0.585, 0.351)
+SHARES = (0.898, 0.401, 0.180)
 TURN = np.array([[0.0, 0.8, 0.6], [-0.8, 0.36, -0.48], [-0.6, -0.48, 0.64]])
 
 

@@ -87,7 +87,7 @@ class ShapeSettings:
     cushion: float = number(0.7, 0.0, 1.0)
     cushion_width: float = number(3.3, 1.0, 8.0)
     cushion_sharpness: float = number(5.0, 0.1, 12.0)
-    grain: float = number(0.03, 0.0, 1.0)
+    grain: float = number(0.02, 0.0, 1.0)
     grain_size: float | None = number(None, 1e-30, 1e30)
 
 
