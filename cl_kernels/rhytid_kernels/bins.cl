@@ -1,5 +1,6 @@
 // Draws one precomputed map of the fast method (section 2.4): the wrinkles of one orientation bin,
 // or the pores, all at one stretch. Blocks and sums as in redraw.cl.
+#include "leaning.clh"
 #include "line.clh"
 
 // What a map becomes: displacement in mesh units, row by row, or where CODE is defined codes: those of
@@ -24,14 +25,6 @@ inline void write_codes(sums_t sums, place_t place, shape_t shape, float scale, 
 #define OUT __global float *out
 #define WRITE(sums, place, shape, depth, part) write_rows(sums, place, shape, depth, part, out)
 #endif
-
-// Where in its bin a wrinkle along `extent` runs: its angle to theta, mod pi, times a factor.
-// tilt: (theta, factor).
-inline float leaning(float2 extent, float3 tilt)
-{
-    float along = dot(extent, tilt.xy), across = extent.x * tilt.y - extent.y * tilt.x;
-    return atan(across / along) * tilt.z;
-}
 
 // scale: (sigma_w, sigma_d) of the sample, Alg. 1 lines 7 and 8 with its log stretch, the same at both
 // ends. part: valleys and bulges together, or one of them for maps that are merged by the mellow-max.

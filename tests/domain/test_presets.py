@@ -57,7 +57,14 @@ def test_an_unknown_preset_is_refused(name: object) -> None:
 
 PAPER = {
     "response": {"ends": 0.0, "soft_limits": False, "pore_depth_limit": 4.0},
-    "shape": {"curvature": 0.0, "taper": 0.0, "least_half_width": 0.0},
+    "shape": {
+        "wrinkle_bulge": 2.5,
+        "curvature": 0.0,
+        "taper": 0.0,
+        "least_half_width": 0.0,
+        "cushion": 0.0,
+        "grain": 0.0,
+    },
 }
 
 

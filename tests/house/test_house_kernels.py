@@ -54,12 +54,14 @@ MELLOW = (*LARGE_LAYERS, *TILTED, "PARTS=2", "MERGE=MELLOW", "BENT=1", "SOFT_LIM
 SOFT = (*LARGE_LAYERS, *TILTED, "PARTS=1", "MERGE=SOFT", "WAVY=1", "BENT=1", "SKEWED=1")
 WAVY = (*SMALL_LAYERS, "WAVY=1", "SOFT_LIMITS=1", "SKEWED=1")
 SKEWED = (*SMALL_LAYERS, "SKEWED=1")
+# Of a layer with an apron around its blocks.
+COARSE = ("APRON=2", "COARSE_BLOCK=60", "LEAST_HALF_WIDTH=1.25f")
 RANGES = {
-    "small": SMALL + SMALL_LAYERS,
-    "wavy": SMALL + WAVY,
-    "skewed": SMALL + SKEWED,
-    "mellow": LARGE + MELLOW,
-    "soft": LARGE + SOFT,
+    "small": (*SMALL, *SMALL_LAYERS, *COARSE, "COARSER=2"),
+    "wavy": (*SMALL, *WAVY, *COARSE, "COARSER=2"),
+    "skewed": (*SMALL, *SKEWED, *COARSE, "COARSER=2", "RAISED=1"),
+    "mellow": (*LARGE, *MELLOW, *COARSE, "COARSER=4", "RAISED=1"),
+    "soft": (*LARGE, *SOFT, *COARSE, "COARSER=8", "RAISED=1"),
 }
 
 

@@ -23,7 +23,7 @@ __kernel void one_tile(__global const int *firsts, __global const int2 *members,
                        __global const CODE *codes, __global const float4 *coefficients, float unit,
                        __global float *out)
 {
-    blend_vector(firsts, members, codes, coefficients, unit, out);
+    blend_vector(firsts, members, codes, 0, 0, coefficients, 0, unit, 16, 0.0f, 1.0f, out);
 }
 """
 WIDTH = 16

@@ -169,7 +169,9 @@ def test_copies_answer_to_stretch_as_their_originals(device: Device, made, angle
 
 @pytest.mark.parametrize("sampling", ["nearest", "smooth"])
 @pytest.mark.parametrize(
-    ("waves", "bent"), [(0.0, {}), (0.01, {}), (0.01, BENT)], ids=["straight", "wavy", "bent"]
+    ("waves", "bent"),
+    [(0.0, {}), (0.01, {}), (0.01, BENT), (0.0, {**BENT, "cushion": 0.7, "grain": 0.02})],
+    ids=["straight", "wavy", "bent", "swollen"],
 )
 def test_maps_are_equal_on_both_sides(
     device: Device, made, sampling: str, waves: float, bent: dict[str, float]
@@ -195,6 +197,9 @@ def test_skewed_wrinkles_are_those_of_the_reference(
     device: Device, made, bent: dict[str, float]
 ) -> None:
     mesh, graph, _ = made
+    if "taper" in bent:  # of other arcs some are wider and steeper than the bound is for
+        skewed = graph.edge_metric.any(axis=1)
+        graph = replace(graph, edge_weight=graph.edge_weight * skewed)
     settings = settings_of(resolution=512, shape=bent)
     with device.task():
         asset = ResidentAsset(device, mesh, settings)
@@ -208,8 +213,7 @@ def test_skewed_wrinkles_are_those_of_the_reference(
     lines = bends.lines(graph, *given)
     discs = bends.discs(graph, np.zeros(graph.pores), *given[1:])
     wanted = redraw.draw(uv, lines, discs, settings.shape, DEPTH).reshape(512, 512)
-    # The second is the claim of line.clh for arcs that are a quarter as wide as they are long.
-    assert np.abs(found - wanted).max() <= (6e-3 if "taper" in bent else 1e-4) * DEPTH
+    assert np.abs(found - wanted).max() <= (1e-3 if "taper" in bent else 1e-4) * DEPTH
 
 
 def elements_of(device: Device, graph: WrinkleGraph, settings: AssetSettings) -> UdimElements:

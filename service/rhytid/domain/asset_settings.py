@@ -11,7 +11,7 @@ from rhytid.domain.graph_origin import GraphOrigin
 from rhytid.domain.lengths import Lengths, usual_spacing
 from rhytid.domain.regions import REGIONS, WHOLE_FACE
 from rhytid.domain.tiles import TileGrid
-from rhytid.domain.units import USUAL_UNIT
+from rhytid.domain.units import USUAL_UNIT, millimetres
 from rhytid.errors import SettingsError
 
 MOST_WRINKLES = 40_000_000
@@ -73,10 +73,15 @@ class ShapeSettings:
     curvature and taper: how much of the slopes, and of the strengths and half widths at the ends of
     wrinkles, that the graph has is drawn; at 0 wrinkles are straight and even.  least_half_width:
     texels of level 0; what is narrower in a frame is drawn that wide and as much shallower.
+
+    cushion: the share of the depth of wrinkles that a second, broad layer of them carries, so that
+    what lies between furrows swells; `cushion_width` times as wide, meeting with a sharpness of its
+    own. Lines of strength 0.2 or less swell nothing. grain: root mean square of the micro relief
+    between lines, in depths; `grain_size`: its largest wavelength, mesh units. Both are off at 0.
     """
 
     # Above 9 a bulge would rise over the depth of its furrow, past what the sums can hold.
-    wrinkle_bulge: float = number(2.5, 0.0, 9.0)
+    wrinkle_bulge: float = number(1.0, 0.0, 9.0)
     pore_bulge: float = number(0.0, 0.0, 9.0)
     sharpness: float = number(20.0, 0.1, 20.0)
     slots: int = whole(1, 1, 1024)
@@ -85,6 +90,11 @@ class ShapeSettings:
     curvature: float = number(1.0, 0.0, 1.0)
     taper: float = number(1.0, 0.0, 1.0)
     least_half_width: float = number(0.7, 0.0, 4.0)
+    cushion: float = number(0.7, 0.0, 1.0)
+    cushion_width: float = number(3.3, 1.0, 8.0)
+    cushion_sharpness: float = number(5.0, 0.1, 12.0)
+    grain: float = number(0.02, 0.0, 1.0)
+    grain_size: float | None = number(None, 1e-30, 1e30)
 
 
 @dataclass(frozen=True)
@@ -117,9 +127,17 @@ class Preset:
     shape: Mapping[str, Any]
 
 
-# As the paper draws: hard limits, straight even lines, nothing done for those below a texel.
+# As the paper draws: hard limits, straight even lines, nothing done for those below a texel, flat
+# plates.
 _PAPER_RESPONSE = {"ends": 0.0, "soft_limits": False, "pore_depth_limit": 4.0}
-_PAPER_SHAPE = {"curvature": 0.0, "taper": 0.0, "least_half_width": 0.0}
+_PAPER_SHAPE = {
+    "wrinkle_bulge": 2.5,
+    "curvature": 0.0,
+    "taper": 0.0,
+    "least_half_width": 0.0,
+    "cushion": 0.0,
+    "grain": 0.0,
+}
 
 
 def _usual(settings: Any, names: Mapping[str, Any]) -> dict[str, Any]:
@@ -153,6 +171,12 @@ class ConvolveSettings:
     blur_gain: float = number(4.0, 0.0, 64.0)
     sharpen_gain: float = number(4.0, 0.0, 64.0)
     sigma: float | None = number(None, 1e-30, 1e30)
+
+
+# Of the largest wave of the grain where the unit is known, and in units of the mean pore spacing
+# where it is not.
+GRAIN_MILLIMETRES = 0.2
+GRAIN_OF_SPACING = 0.36
 
 
 @dataclass(frozen=True)
@@ -220,13 +244,23 @@ class AssetSettings:
         frequency = self.shape.wave_frequency
         if frequency is None:
             frequency = lengths.wave_frequency
+        shape = replace(
+            self.shape, wave_frequency=frequency, grain_size=self._grain_size(lengths.spacing)
+        )
         return replace(
             self,
             unit=self.length_unit,
             depth=lengths.depth if depth is None else depth,
-            shape=replace(self.shape, wave_frequency=frequency),
+            shape=shape,
             convolve=replace(self.convolve, sigma=lengths.sigma if sigma is None else sigma),
         )
+
+    def _grain_size(self, spacing: float) -> float:
+        """That which is set, else the usual one of skin where the unit is known."""
+        if self.shape.grain_size is not None:
+            return self.shape.grain_size
+        length = millimetres(self.length_unit)
+        return GRAIN_OF_SPACING * spacing if length is None else GRAIN_MILLIMETRES / length
 
     def lengths(self, spacing: float) -> Lengths:
         """Those of resolved settings.  spacing: of the pores, mesh units."""

@@ -186,4 +186,5 @@ class ResidentParts:
 def _laid_out(shape: ShapeSettings) -> tuple[float | None, ...]:
     """What of a shape is in the elements, or in the boxes around them."""
     waves = (shape.wave_amplitude, shape.wave_frequency)
-    return (*waves, shape.curvature, shape.taper, shape.least_half_width)
+    cushion = (shape.cushion, shape.cushion_width)
+    return (*waves, *cushion, shape.curvature, shape.taper, shape.least_half_width)

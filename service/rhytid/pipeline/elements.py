@@ -25,6 +25,15 @@ from rhytid.pipeline.copies import (
     rim_reach,
     skews_of,
 )
+from rhytid.pipeline.cushion_elements import (
+    APRON,
+    LEAST_HALF_WIDTH,
+    CushionArrays,
+    broad_weight,
+    coarse_factor,
+    cushion_lists,
+    narrow_weight,
+)
 
 BLOCK = 64
 # σ_w and σ_d are kept in [1/SCALE_LIMIT, SCALE_LIMIT].
@@ -46,7 +55,9 @@ class WrinkleArrays:
 
     Before these may come copies, and wrinkles with a metric: skews (S, 4) are theirs as in
     line.clh, origins what they answer to stretch with, and even how many wrinkles come before
-    them."""
+    them.
+
+    cushion: their broad layer, beside which these are the narrow one, or None: there is none."""
 
     segments: NDArray[np.float32]
     sizes: NDArray[np.float32]
@@ -59,6 +70,7 @@ class WrinkleArrays:
     skews: NDArray[np.float32] | None = None
     origins: Origins | None = None
     even: int = 0
+    cushion: CushionArrays | None = None
 
 
 @dataclass(frozen=True)
@@ -108,8 +120,10 @@ def wrinkle_arrays(
     ends = (graph.node_uv - np.array(udim_origin(udim), np.float32))[graph.edge_nodes]
     bends = bends_of(graph, settings)
     low, high = _around_wrinkles(graph, ends, settings, bends, waves)
+    broad = _Broad.of(graph, ends, settings, bends, waves)
+    reach = (low, high) if broad is None else broad.reach(low, high)
     last = copied(graph.edge_copy_of, graph.edge_metric)
-    drawn, even = copies_last(_chosen(graph.edge_weight, low, high), last)
+    drawn, even = copies_last(_chosen(graph.edge_weight, *reach), last)
     _check_cover(low[drawn], high[drawn], settings.resolution, "wrinkles", udim)
     chosen, partners = _with_partners(drawn, None if bends is None else bends.partners)
     size, tail = np.float32(settings.resolution), drawn[even:]
@@ -121,7 +135,7 @@ def wrinkle_arrays(
 
     return WrinkleArrays(
         segments(chosen),
-        _sizes(graph, bends, chosen, size),
+        _sizes(graph, bends, chosen, settings),
         triangle[chosen],
         _blocks(low[drawn], high[drawn], settings.resolution),
         None if stiffness is None else stiffness[chosen],
@@ -131,6 +145,7 @@ def wrinkle_arrays(
         skews_of(graph, tail) if len(tail) else None,
         Origins.of(tail, graph.edge_copy_of, segments, triangle, stiffness),
         even,
+        None if broad is None else broad.arrays(chosen, len(drawn), udim),
     )
 
 
@@ -175,12 +190,12 @@ def check_cover(graph: WrinkleGraph, settings: AssetSettings, udim: int) -> None
     """Raise LimitError where `wrinkle_arrays` or `pore_arrays` would, for what they cover; of
     straight wrinkles, for how far waves reach is known only where the wrinkles are located."""
     local = graph.node_uv - np.array(udim_origin(udim), np.float32)
+    ends = local[graph.edge_nodes]
+    bends = bends_of(graph, settings)
+    if (broad := _Broad.of(graph, ends, settings, bends)) is not None:
+        broad.check(_reaching_in(broad.swells, broad.low, broad.high), udim)
     around = (
-        (
-            "wrinkles",
-            graph.edge_weight,
-            _around_wrinkles(graph, local[graph.edge_nodes], settings, bends_of(graph, settings)),
-        ),
+        ("wrinkles", graph.edge_weight, _around_wrinkles(graph, ends, settings, bends)),
         ("pores", graph.node_weight, _around_pores(local, _roots(graph), settings)),
     )
     for what, weight, (low, high) in around:
@@ -206,6 +221,32 @@ class Lists:
         """The lists, on the device."""
         return cls(device.upload(lists.offsets), device.upload(lists.members))
 
+    def release(self) -> None:
+        """Give the memory back."""
+        self.offsets.release()
+        self.members.release()
+
+
+@dataclass(frozen=True)
+class CushionElements:
+    """CushionArrays on the device."""
+
+    factor: int
+    sizes: Buffer
+    lists: Lists
+
+    @classmethod
+    def upload(cls, device: Device, arrays: CushionArrays | None) -> CushionElements | None:
+        """The arrays, on the device."""
+        if arrays is None:
+            return None
+        return cls(arrays.factor, device.upload(arrays.sizes), Lists.upload(device, arrays.lists))
+
+    def release(self) -> None:
+        """Give the memory back."""
+        self.sizes.release()
+        self.lists.release()
+
 
 class UdimElements:
     """The wrinkles and pores of one UDIM on the device."""
@@ -226,6 +267,7 @@ class UdimElements:
         self.skews = _upload(device, wrinkles.skews)
         self._even = wrinkles.even
         self.wrinkle_origins = OriginBuffers.upload(device, wrinkles.origins, wrinkles.even)
+        self.cushion = CushionElements.upload(device, wrinkles.cushion)
         self.centres = device.upload(pores.centres)
         self.roots = device.upload(pores.roots)
         self.pore_triangle = device.upload(pores.triangle)
@@ -259,11 +301,76 @@ class UdimElements:
     def release(self) -> None:
         """Give the memory back."""
         for value in vars(self).values():
-            if isinstance(value, Lists):
-                value.offsets.release()
-                value.members.release()
-            elif isinstance(value, Buffer | OriginBuffers):
+            if isinstance(value, Lists | CushionElements | Buffer | OriginBuffers):
                 value.release()
+
+
+@dataclass(frozen=True)
+class _Broad:
+    """The broad layer of every wrinkle of the graph. weights: (M, 1), or (M, 2) where there are
+    bends, at both ends; 0 where it swells nothing. low, high: (M, 2) corners of the boxes around
+    what is drawn of it at any stretch."""
+
+    graph: WrinkleGraph
+    settings: AssetSettings
+    bends: Bends | None
+    factor: int
+    weights: NDArray[np.float32]
+    low: NDArray[np.floating]
+    high: NDArray[np.floating]
+
+    @classmethod
+    def of(
+        cls,
+        graph: WrinkleGraph,
+        ends: NDArray[np.float32],
+        settings: AssetSettings,
+        bends: Bends | None,
+        waves: NDArray[np.float32] | None = None,
+    ) -> _Broad | None:
+        """None where no cushion is wanted."""
+        if settings.shape.cushion == 0.0:
+            return None
+        factor = coarse_factor(graph, settings)
+        least = LEAST_HALF_WIDTH * factor / settings.resolution
+        broader = settings.shape.cushion_width
+        low, high = _around_wrinkles(graph, ends, settings, bends, waves, broader, least)
+        weights = broad_weight(_of_ends(graph, bends)[1], settings.shape)
+        return cls(graph, settings, bends, factor, weights, low, high)
+
+    @property
+    def swells(self) -> NDArray[np.bool_]:
+        """(M,) whether there is anything of a wrinkle in the layer."""
+        found: NDArray[np.bool_] = self.weights.max(axis=1) > 0
+        return found
+
+    def reach(
+        self, low: NDArray[np.floating], high: NDArray[np.floating]
+    ) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+        """Boxes of both layers, with what the spline reads of the broad one beyond a border."""
+        swells = self.swells[:, None]
+        margin = (APRON + 1) * self.factor / self.settings.resolution
+        return (
+            np.where(swells, np.minimum(self.low - margin, low), low),
+            np.where(swells, np.maximum(self.high + margin, high), high),
+        )
+
+    def check(self, inside: NDArray[np.integer] | NDArray[np.bool_], udim: int) -> None:
+        """Raise LimitError where those of these indices cover too much."""
+        texels = self.settings.resolution // self.factor
+        _check_cover(self.low[inside], self.high[inside], texels, "cushions", udim, self.factor)
+
+    def arrays(self, chosen: NDArray[np.int64], drawn: int, udim: int) -> CushionArrays:
+        """Those of the wrinkles with these indices, of which the first `drawn` are listed."""
+        listed = chosen[:drawn]
+        swells, low, high = self.swells[listed], self.low[listed], self.high[listed]
+        self.check(listed[swells], udim)
+        nowhere = np.where(swells, 0.0, np.inf)[:, None]  # a box that is in no block
+        texels = self.settings.resolution / self.factor * self.settings.shape.cushion_width
+        widths = _of_ends(self.graph, self.bends)[0][chosen] * np.float32(texels)
+        lists = cushion_lists(low + nowhere, high - nowhere, self.settings, self.factor)
+        sizes = np.concatenate([widths, self.weights[chosen]], axis=1)
+        return CushionArrays(self.factor, sizes, lists)
 
 
 def _upload(device: Device, array: NDArray[Any] | None) -> Buffer | None:
@@ -276,12 +383,17 @@ def _around_wrinkles(
     settings: AssetSettings,
     bends: Bends | None,
     waves: NDArray[np.float32] | None = None,
+    broader: float = 1.0,
+    least: float = 0.0,
 ) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
-    """Corners (M, 2) and (M, 2) of the boxes around wrinkles of ends (M, 2, 2) at any stretch."""
+    """Corners (M, 2) and (M, 2) of the boxes around wrinkles of ends (M, 2, 2) at any stretch.
+
+    broader: than the graph has them.  least: half width, in UV.
+    """
     response = settings.response
     scale = widest(response.alpha_w, response.log_stretch_limit)
     half_width = graph.edge_half_width if bends is None else bends.half_widths.max(axis=1)
-    reach = np.maximum(half_width * scale, _least(settings))[:, None]
+    reach = np.maximum(half_width * (scale * broader), max(least, _least(settings)))[:, None]
     if waves is not None:
         reach = reach + np.abs(waves[:, :1])
     low, high = _boxes(graph, ends, bends)
@@ -309,13 +421,21 @@ def _boxes(
 
 
 def _sizes(
-    graph: WrinkleGraph, bends: Bends | None, chosen: NDArray[np.int64], texels: np.float32
+    graph: WrinkleGraph, bends: Bends | None, chosen: NDArray[np.int64], settings: AssetSettings
 ) -> NDArray[np.float32]:
     """(K, 2) or, where there are bends, (K, 4), as WrinkleArrays has them."""
+    half_widths, weights = (values[chosen] for values in _of_ends(graph, bends))
+    texels = np.float32(settings.resolution)
+    return np.concatenate([half_widths * texels, narrow_weight(weights, settings.shape)], axis=1)
+
+
+def _of_ends(
+    graph: WrinkleGraph, bends: Bends | None
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Half widths and weights, (M, 1), or (M, 2) at both ends where there are bends."""
     if bends is None:
-        half_width, weight = graph.edge_half_width[chosen], graph.edge_weight[chosen]
-        return np.stack([half_width * texels, weight], axis=1)
-    return np.concatenate([bends.half_widths[chosen] * texels, bends.weights[chosen]], axis=1)
+        return graph.edge_half_width[:, None], graph.edge_weight[:, None]
+    return bends.half_widths, bends.weights
 
 
 def _with_partners(
@@ -369,7 +489,9 @@ def _chosen(
 
 
 def _reaching_in(
-    weight: NDArray[np.float32], low: NDArray[np.floating], high: NDArray[np.floating]
+    weight: NDArray[np.float32] | NDArray[np.bool_],
+    low: NDArray[np.floating],
+    high: NDArray[np.floating],
 ) -> NDArray[np.bool_]:
     inside: NDArray[np.bool_] = (weight > 0) & (high > 0).all(axis=1) & (low < 1).all(axis=1)
     return inside
@@ -381,10 +503,15 @@ def _blocks(low: NDArray[np.floating], high: NDArray[np.floating], resolution: i
 
 
 def _check_cover(
-    low: NDArray[np.floating], high: NDArray[np.floating], resolution: int, what: str, udim: int
+    low: NDArray[np.floating],
+    high: NDArray[np.floating],
+    resolution: int,
+    what: str,
+    udim: int,
+    factor: int = 1,
 ) -> None:
-    size = np.minimum(high, 1.0) - np.maximum(low, 0.0)
-    cover = float(np.prod(size, axis=1, dtype=np.float64).sum())
+    size = np.maximum(np.minimum(high, 1.0) - np.maximum(low, 0.0), 0.0)
+    cover = float(np.prod(size, axis=1, dtype=np.float64).sum()) / factor**2
     if cover > _MOST_COVER:
         raise LimitError(
             f"the {what} cover {cover:.0f} times the map of UDIM {udim} at their widest: "

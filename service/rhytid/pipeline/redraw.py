@@ -14,6 +14,7 @@ from rhytid.device.held import Held
 from rhytid.device.runtime import NO_DEFINES, Buffer, Device
 from rhytid.domain.asset_settings import AssetSettings, ShapeSettings
 from rhytid.pipeline.copies import OriginBuffers
+from rhytid.pipeline.cushion import draw_cushion
 from rhytid.pipeline.elements import BLOCK, Lists, UdimElements, response_defines
 from rhytid.pipeline.levels import Draw
 from rhytid.pipeline.stretch_buffers import StretchBuffers
@@ -137,16 +138,32 @@ def redrawing(
     """Draws any rectangle of level 0 of the frame that `scales` belong to."""
 
     def draw(row: int, column: int, side: int) -> Buffer:
+        square = (row, column, side)
         out = device.empty(side * side, np.float32)
-        launch_blocks(
-            device, "redraw", "redraw", settings, elements, (row, column, side),
-            *elements.line_arguments, scales.wrinkles, *_both(elements.wrinkle_lists),
-            elements.centres, elements.roots, scales.pores, *_both(elements.pore_lists),
-            into=(out,),
-        )  # fmt: skip
+        with _cushion(device, elements, settings, scales, square) as (coarse, defines):
+            launch_blocks(
+                device, "redraw", "redraw", settings, elements, square,
+                *elements.line_arguments, scales.wrinkles, *_both(elements.wrinkle_lists),
+                elements.centres, elements.roots, scales.pores, *_both(elements.pore_lists),
+                into=(*coarse, out), defines=defines,
+            )  # fmt: skip
         return out
 
     return draw
+
+
+@contextmanager
+def _cushion(
+    device: Device, elements: UdimElements, settings: AssetSettings, scales: ScaleBuffers,
+    square: tuple[int, int, int],
+) -> Iterator[tuple[tuple[Buffer, ...], Mapping[str, object]]]:  # fmt: skip
+    """The broad layer under a square, as `redraw` takes it; nothing where there is none."""
+    if elements.cushion is None:
+        yield (), NO_DEFINES
+        return
+    coarse = draw_cushion(device, elements, settings, scales.wrinkles, square)
+    yield (coarse,), {"RAISED": 1, "COARSER": elements.cushion.factor}
+    coarse.release()
 
 
 def launch_blocks(
