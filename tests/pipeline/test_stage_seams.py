@@ -170,7 +170,7 @@ def test_copies_answer_to_stretch_as_their_originals(device: Device, made, angle
 @pytest.mark.parametrize("sampling", ["nearest", "smooth"])
 @pytest.mark.parametrize(
     ("waves", "bent"),
-    [(0.0, {}), (0.01, {}), (0.01, BENT), (0.0, {**BENT, "cushion": 0.7, "grain": 0.02})],
+    [(0.0, {}), (0.01, {}), (0.01, BENT), (0.0, {**BENT, "cushion": 0.7, "grain": 0.02, "grain_size": 0.02})],
     ids=["straight", "wavy", "bent", "swollen"],
 )
 def test_maps_are_equal_on_both_sides(
