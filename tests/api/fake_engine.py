@@ -262,7 +262,11 @@ class FakeEngine:
             layers |= {"wrinkle_bulges": bins.count, "pore_bulges": 1}
         steps = dict.fromkeys(layers, (1e-4,) * 3)
         factored = bins.depth_factored
-        return BinManifest(angles, samples, steps, bins.bits, bins.merge, factored, layers)
+        return BinManifest(
+            angles, samples, steps, bins.bits, bins.merge, factored, layers, samples,
+            depth=1.0, sharpness=20.0, log_stretch_limit=0.5, scale_limit=4.0,
+            depth_exponents={"wrinkles": 4.0, "pores": 10.0}, measured_in="uv", tilt=None,
+        )  # fmt: skip
 
     def bin_tile(
         self, asset: str, address: TileAddress, layer: str, bin: int, sample: int

@@ -15,7 +15,7 @@ from rhytid.formats.graphs import read_graph
 from rhytid_client import Client, RequestError
 from synthesis import sheets
 
-SETTINGS = {"resolution": 256, "tile_size": 256, "unit": "mm", "graph": {"spacing": 2.0}}
+SETTINGS = {"resolution": 256, "tile_size": 256, "unit": "mm", "graph": {"spacing": 8.0}}
 ARRAYS = ("positions", "faces", "uv", "face_uv")
 
 
@@ -23,8 +23,8 @@ def arrays(mesh):
     return {name: getattr(mesh, name) for name in ARRAYS}
 
 
-ONE = arrays(sheets.sheet(scale=40.0))
-OTHER = arrays(sheets.sheet(lambda xy: 0.1 + 0.7 * xy, scale=40.0))
+ONE = arrays(sheets.sheet(scale=160.0))
+OTHER = arrays(sheets.sheet(lambda xy: 0.1 + 0.7 * xy, scale=160.0))
 
 
 @pytest.fixture(scope="module")
@@ -44,8 +44,8 @@ def graph(client):
 
 def test_the_file_says_what_it_is_drawn_with(graph):
     origin = read_graph(graph).origin
-    assert (origin.unit, origin.spacing, origin.depth) == ("mm", 2.0, pytest.approx(0.3))
-    assert (origin.sigma, origin.wave_frequency) == (0.5, 0.2)
+    assert (origin.unit, origin.spacing, origin.depth) == ("mm", 8.0, pytest.approx(1.2))
+    assert (origin.sigma, origin.wave_frequency) == (2.0, 0.05)
 
 
 def test_the_service_takes_it_where_it_is_forced(client, graph):
@@ -54,7 +54,7 @@ def test_the_service_takes_it_where_it_is_forced(client, graph):
         client.create_asset(OTHER, settings=sizes, graph=graph)
     made = client.wait(client.create_asset(OTHER, settings=sizes, graph=graph, force=True))
     assert made.settings["unit"] == "mm"
-    assert made.settings["depth"] == pytest.approx(0.3)
+    assert made.settings["depth"] == pytest.approx(1.2)
 
 
 @pytest.mark.parametrize("sent", ["yes", "1", "", "null"])

@@ -232,4 +232,5 @@ def test_too_many_or_too_few_for_the_spacing_are_refused_with_one_that_fits(engi
         engine.create_asset(NewAsset(tiny, AssetSettings.parse(SIZE)))
     fit = float(str(told.value).split("graph.spacing of ")[1].split()[0])
     made = grown(engine, tiny, **SIZE, graph={"spacing": fit})
-    assert 100 <= engine.asset(made).wrinkles <= 104
+    # The area tells so small a number to a tenth: where exactly pores find room decides.
+    assert engine.asset(made).wrinkles == pytest.approx(100, rel=0.1)

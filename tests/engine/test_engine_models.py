@@ -19,6 +19,7 @@ from rhytid.errors import NotFoundError, SettingsError
 
 ROWS = [MapQuery(method, model) for method, model in product(METHODS, STRETCH_MODELS)]
 ADDRESS = TileAddress(1001, 0, 1, 2)
+PLACES = [(row, column) for row in range(4) for column in range(4)]
 BENT = deform(sheet().positions, 3, 0.15)
 MELLOW = {"merge": "mellow", "depth_factored": True}
 
@@ -79,7 +80,8 @@ def test_the_layers_of_a_mellow_merge_are_valleys_and_bulges(engine):
     for layer, count in manifest.layers.items():
         sign = 1 if layer.endswith("bulges") else -1
         for bin, sample in product(range(count), range(3)):
-            codes = engine.bin_tile(asset, TileAddress(1001, 2, 0, 0), layer, bin, sample)
+            addresses = [TileAddress(1001, 0, row, column) for row, column in PLACES]
+            codes = np.stack([engine.bin_tile(asset, a, layer, bin, sample) for a in addresses])
             assert (codes * sign >= 0).all(), layer
             assert (codes != 0).any(), layer
     for layer, bin in (("wrinkle_bulges", 4), ("pore_bulges", 1), ("bulges", 0)):

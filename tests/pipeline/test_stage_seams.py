@@ -30,6 +30,7 @@ from synthesis.seam_places import seam_places
 N = 8
 BAND = 0.02  # of the rms of the heights
 BENT = {"curvature": 1.0, "taper": 1.0}
+SWOLLEN = {**BENT, "cushion": 0.7, "grain": 0.02, "grain_size": 0.02}
 
 
 def folded(angle: float = 35.0, mirrored: bool = False) -> Mesh:
@@ -170,7 +171,12 @@ def test_copies_answer_to_stretch_as_their_originals(device: Device, made, angle
 @pytest.mark.parametrize("sampling", ["nearest", "smooth"])
 @pytest.mark.parametrize(
     ("waves", "bent"),
-    [(0.0, {}), (0.01, {}), (0.01, BENT), (0.0, {**BENT, "cushion": 0.7, "grain": 0.02, "grain_size": 0.02})],
+    [
+        (0.0, {}),
+        (0.01, {}),
+        (0.01, BENT),
+        (0.0, {**BENT, "cushion": 0.7, "grain": 0.02, "grain_size": 0.02}),
+    ],
     ids=["straight", "wavy", "bent", "swollen"],
 )
 def test_maps_are_equal_on_both_sides(

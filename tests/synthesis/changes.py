@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from rhytid.domain.graph import ORIGINAL, WrinkleGraph
+from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.synthesis.surface import Surface
 from synthesis import sheets
@@ -78,8 +78,7 @@ class Painted:
         worn = np.column_stack([across, graph.edge_weight, graph.edge_half_width])
         middle = place[ends].mean(axis=1)
         # Copies and ends beyond a seam come and go with their wrinkles; they are no other pores.
-        assert graph.node_copy_of is not None
-        pores = graph.node_copy_of == ORIGINAL
+        pores = graph.own_nodes
         return (
             _by_bytes(uv[pores], place[pores]), _by_bytes(across, middle), _by_bytes(drawn, place),
             _by_bytes(worn, middle),

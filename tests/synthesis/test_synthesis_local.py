@@ -173,8 +173,8 @@ def test_one_more_chart_changes_nothing_of_the_others(
 
 
 def _copies(graph: WrinkleGraph, triangles: int) -> np.ndarray:
-    """(K, 7) the copies of pores on the first triangles, sorted. What is mapped to another chart is
-    rounded by libraries in blocks, in its last digits by how much there is of it."""
+    """(K, 7) the copies of pores on the first triangles that are drawn, sorted. What is mapped to
+    another chart is rounded by libraries in blocks: its last digits hang on how much there is."""
     assert graph.node_triangle is not None
     assert graph.node_copy_of is not None
     assert graph.node_metric is not None
@@ -183,23 +183,26 @@ def _copies(graph: WrinkleGraph, triangles: int) -> np.ndarray:
     rows = np.column_stack(
         [graph.node_uv, graph.node_weight, graph.node_radius, graph.node_metric / across]
     )
-    rows = rows[(graph.node_triangle < triangles) & (graph.node_copy_of >= 0)]
+    rows = rows[
+        (graph.node_triangle < triangles) & (graph.node_copy_of >= 0) & (graph.node_weight > 0)
+    ]
     return rows[np.lexsort(rows[:, :2].T)]
 
 
 def _rows(graph: WrinkleGraph, triangles: int) -> set[bytes]:
-    """What the pores and wrinkles on the first triangles are, but for copies of pores, all their
-    bits."""
+    """What the pores and wrinkles on the first triangles are, all their bits. But for copies: one
+    that would lie on another chart is left out."""
     assert graph.node_triangle is not None
     assert graph.edge_triangle is not None
     assert graph.node_metric is not None
     assert graph.node_copy_of is not None
+    assert graph.edge_copy_of is not None
     uv, ends = graph.node_uv, graph.edge_nodes
     pores = np.column_stack([uv, graph.node_weight, graph.node_radius, graph.node_metric])
     lines = np.column_stack([uv[ends[:, 0]], uv[ends[:, 1]], graph.edge_weight,
                              graph.edge_half_width])  # fmt: skip
     pores = pores[(graph.node_triangle < triangles) & (graph.node_copy_of == ORIGINAL)]
-    lines = lines[graph.edge_triangle < triangles]
+    lines = lines[(graph.edge_triangle < triangles) & (graph.edge_copy_of == ORIGINAL)]
     return {row.tobytes() for rows in (pores, lines) for row in rows.astype(np.float32)}
 
 

@@ -107,14 +107,18 @@ class Frame:
 
 @dataclass(frozen=True)
 class Bins:
-    """The precomputed maps of an asset.
+    """The precomputed maps of an asset, and the numbers that blending them takes: docs/binned.md
+    of the server has the formulas.
 
-    angles: direction of each bin, radians, θ = (sin, cos).  samples: log stretch of each sample; of
-    pores there are as many as they have steps, evenly over the same range.
+    angles: direction of each bin, radians from v towards u, θ = (sin, cos).  samples,
+    pore_samples: log stretch of each sample, of wrinkles and of pores.
     steps: mesh units per code, by layer and sample.  layers: bins of each layer: wrinkles and
     pores; where merge is mellow these are the valleys, with wrinkle_bulges and pore_bulges; with
     tilts also wrinkle_tilts, of one sample, whose codes run from one edge of a bin in angle, -1, to
     the other, 1.
+    depth: of strength 1, mesh units.  sharpness: β of the merge.  log_stretch_limit: that log ρ is
+    clamped to.  scale_limit: σ stays within 1 over it and it.  depth_exponents: of wrinkles and
+    pores.  measured_in: "uv" or "surface".  tilt: None, or `node`, `share` and `width`.
     """
 
     angles: tuple[float, ...]
@@ -124,6 +128,14 @@ class Bins:
     merge: str
     depth_factored: bool
     layers: Mapping[str, int]
+    pore_samples: tuple[float, ...] = ()
+    depth: float = 0.0
+    sharpness: float = 0.0
+    log_stretch_limit: float = 0.0
+    scale_limit: float = 0.0
+    depth_exponents: Mapping[str, float] = field(default_factory=dict)
+    measured_in: str = "uv"
+    tilt: Mapping[str, float] | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -173,17 +173,53 @@ class Frame(_Answer):
     warnings: list[InputWarning] = Field(description="what is probably wrong with the frame")
 
 
-class Bins(_Answer):
-    """The precomputed maps of an asset."""
+class TiltLine(_Answer):
+    """How the depth of a bin goes over its tilts."""
 
-    angles: list[float] = Field(description="direction of each bin, radians; θ = (sin, cos)")
-    samples: list[float] = Field(
-        description="log stretch of each sample; pores have as many as steps, over the same range"
+    node: float = Field(
+        description="where σ_d is taken for the line: this share of the way from the middle of a "
+        "bin to its edge, to either side"
     )
-    steps: dict[str, list[float]] = Field(description="mesh units per code, by layer and sample")
-    bits: int
-    merge: str
-    depth_factored: bool
+    share: float = Field(
+        description="depths were scaled by 1 ± this from edge to edge of a bin in the two drawings "
+        "whose difference gives the tilts"
+    )
+    width: float = Field(description="what half widths were scaled by in these drawings")
+
+
+class Bins(_Answer):
+    """The precomputed maps of an asset, and the numbers that blending them takes: docs/binned.md
+    has the formulas."""
+
+    angles: list[float] = Field(
+        description="direction of each bin, radians from v towards u; θ = (sin, cos)"
+    )
+    samples: list[float] = Field(description="log stretch of each sample of the wrinkles")
+    pore_samples: list[float] = Field(description="log stretch of each sample of the pores")
+    steps: dict[str, list[float]] = Field(
+        description="mesh units per code, by layer and sample; of tilts 1 over the largest code"
+    )
+    bits: int = Field(description="of a code, signed; the largest is 2^(bits-1) - 1")
+    merge: str = Field(
+        description="how layers meet: min; soft, whose two deepest valleys a >= b come to "
+        "a + min(b, (w - (a - b))²/4w) with the square only where a - b < w, w = 4 log(2) "
+        "depth/sharpness, and the highest bulge is added; signed and mellow, the mellow-max"
+    )
+    depth_factored: bool = Field(
+        description="maps have no depth scale: the blend is multiplied by σ_d of its own stretch"
+    )
     layers: dict[str, int] = Field(
-        description="bins of each layer; a mellow merge has layers of bulges too, tilts theirs"
+        description="bins of each layer; a mellow merge has layers of bulges too. wrinkle_tilts: "
+        "where in its bin a wrinkle runs, code/largest from -1, the edge of the smaller angle, to 1"
     )
+    depth: float = Field(description="of a wrinkle of strength 1, mesh units")
+    sharpness: float = Field(description="β of the merge, per depth")
+    log_stretch_limit: float = Field(description="log ρ is clamped to ± this before anything else")
+    scale_limit: float = Field(description="σ stays within 1/this and this")
+    depth_exponents: dict[str, float] = Field(
+        description="by wrinkles and pores: what is multiplied by is exp(-exponent r); 0: nothing"
+    )
+    measured_in: str = Field(
+        description="where the angle between a bin and the axes of stretch is taken: uv, surface"
+    )
+    tilt: TiltLine | None = Field(description="null without tilts")

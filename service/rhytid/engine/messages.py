@@ -146,15 +146,35 @@ class FrameStretch:
 
 
 @dataclass(frozen=True)
-class BinManifest:
-    """The precomputed maps of an asset, in the order of `bin_tile`'s indices.
+class TiltLine:
+    """How a bin's depth goes over its tilts (docs/binned.md).
 
-    angles (N,): bin directions αₙ = πn/N in radians; θₙ = (sin αₙ, cos αₙ).
-    samples (M,): log stretch of each sample; of pores there are as many as they have steps, evenly
-    over the same range.  layers: {"wrinkles": N, "pores": 1}; where merge
+    node: how far from the middle of a bin, as a share of the way to its edge, σ_d is taken.
+    share: depths were scaled by 1 ± this from edge to edge in the two drawings that tilts are made
+    from.  width: what half widths were scaled by in these.
+    """
+
+    node: float
+    share: float
+    width: float
+
+
+@dataclass(frozen=True)
+class BinManifest:
+    """The precomputed maps of an asset, in the order of `bin_tile`'s indices, and all numbers that
+    blending them takes (docs/binned.md).
+
+    angles (N,): bin directions αₙ = πn/N in radians from v towards u; θₙ = (sin αₙ, cos αₙ).
+    samples (M,), pore_samples: log stretch of each sample, of wrinkles and of pores.
+    layers: {"wrinkles": N, "pores": 1}; where merge
     is mellow these are the valleys, and {"wrinkle_bulges": N, "pore_bulges": 1} the bulges; with
-    tilts {"wrinkle_tilts": N}, of one sample, from one edge of a bin in angle, -1, to the other, 1.
+    tilts {"wrinkle_tilts": N}, of one sample, from one edge of a bin in angle, -1, to the other, 1,
+    which is the one of larger angle.
     steps: displacement per code, mesh units, by layer and sample; of tilts their unit.
+    depth: of strength 1, mesh units.  sharpness: β of the merge.  log_stretch_limit: that log ρ is
+    clamped to.  scale_limit: σ stays within 1/scale_limit and scale_limit.  depth_exponents: by
+    layer, wrinkles and pores, of the σ_d that blending multiplies by; 0 where maps have it.
+    measured_in: where angles are taken, "uv" or "surface".  tilt: None without tilts.
     """
 
     angles: tuple[float, ...]
@@ -164,3 +184,11 @@ class BinManifest:
     merge: str
     depth_factored: bool
     layers: dict[str, int]
+    pore_samples: tuple[float, ...]
+    depth: float
+    sharpness: float
+    log_stretch_limit: float
+    scale_limit: float
+    depth_exponents: dict[str, float]
+    measured_in: str
+    tilt: TiltLine | None

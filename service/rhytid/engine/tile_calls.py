@@ -11,19 +11,13 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.frame import check_positions
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.assets import Asset
+from rhytid.engine.bin_manifest import bin_manifest
 from rhytid.engine.core import EngineCore
 from rhytid.engine.frames import Frame
 from rhytid.engine.keys import map_key, settings_key
 from rhytid.engine.messages import BinManifest, MapQuery
 from rhytid.errors import NotFoundError
-from rhytid.pipeline.bins import (
-    HEADROOM,
-    TILTS,
-    code_limit,
-    layers,
-    quantisation_steps,
-    sample_stretches,
-)
+from rhytid.pipeline.bins import HEADROOM, TILTS, layers
 from rhytid.pipeline.elements import SCALE_LIMIT
 
 Tile = NDArray[np.float32]
@@ -83,23 +77,7 @@ class TileCalls(EngineCore):
         """The precomputed maps of an asset (section 2.4)."""
         found = self._assets.get(asset)
         found.ready()
-        bins, steps = found.settings.bins, quantisation_steps(found.settings)
-        wrinkles, pores = (
-            tuple(steps[layer, : bins.layer_samples[layer]].tolist()) for layer in (0, -1)
-        )
-        names = layers(bins)
-        by_layer = {name: pores if name.startswith("pore") else wrinkles for name in names}
-        if bins.tilt:
-            by_layer[TILTS] = (1.0 / code_limit(bins.bits),)
-        return BinManifest(
-            angles=tuple(float(np.pi * n / bins.count) for n in range(bins.count)),
-            samples=tuple(sample_stretches(found.settings).tolist()),
-            steps=by_layer,
-            bits=bins.bits,
-            merge=bins.merge,
-            depth_factored=bins.depth_factored,
-            layers={name: len(places) for name, places in names.items()},
-        )
+        return bin_manifest(found.settings)
 
     def bin_tile(
         self, asset: str, address: TileAddress, layer: str, bin: int, sample: int

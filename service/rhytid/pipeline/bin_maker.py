@@ -21,6 +21,7 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.stiffness import Stiffness
 from rhytid.pipeline.bins import (
     CODES,
+    TILT_SHARE,
     code_limit,
     depth_limits,
     directions,
@@ -30,6 +31,7 @@ from rhytid.pipeline.bins import (
     quantisation_steps,
     sample_stretches,
     scale,
+    tilt_width,
 )
 from rhytid.pipeline.cushion import coarse_side
 from rhytid.pipeline.cushion_bins import CushionBins
@@ -39,9 +41,6 @@ from rhytid.pipeline.locate import UdimTriangles
 from rhytid.pipeline.redraw import launch_blocks
 from rhytid.pipeline.stiffness import stiffness_of_texels
 from rhytid.pipeline.vectors import VECTOR, VectorTriangles
-
-# Tilts are drawn from wrinkles whose depths are scaled by 1 ± this from edge to edge of a bin.
-TILT_SHARE = 0.25
 
 # Runs the kernel of a map over a square of level 0: (square, into, defines).
 _Launch = Callable[..., None]
@@ -146,8 +145,7 @@ class BinMaker:
 
     def _tilt(self, index: int, square: tuple[int, int, int], at: int, codes: Buffer) -> None:
         """Codes of where in the bin the wrinkles run, drawn as wide as they ever are."""
-        r, response = self._settings.last_sample, self._settings.response
-        scales = _float2(scale(response, r, response.alpha_w), 1.0)
+        scales = _float2(tilt_width(self._settings), 1.0)
         launches = (self._wrinkles(index, scales, 0, s) for s in (TILT_SHARE, -TILT_SHARE))
         up, down = (self._drawn(launch, square) for launch in launches)
         count = square[2] ** 2 // VECTOR

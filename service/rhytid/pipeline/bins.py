@@ -14,6 +14,10 @@ from rhytid.pipeline.elements import SCALE_LIMIT
 HEADROOM = 0.2
 # The C type of a code, by its bits.
 CODES = {8: "char", 16: "short"}
+# Tilts are drawn from wrinkles whose depths are scaled by 1 ± this from edge to edge of a bin.
+TILT_SHARE = 0.25
+# Half bins from the middle of a bin to where the line through its depth scales is taken.
+TILT_NODE = 0.6
 # The layer of tilts; its maps follow those of all others.
 TILTS = "wrinkle_tilts"
 
@@ -60,6 +64,12 @@ def drawn_depth_exponents(settings: AssetSettings) -> list[float]:
     if bins.depth_factored:
         return [0.0] * (bins.count + 1)
     return [response.alpha_d] * bins.count + [response.beta_d]
+
+
+def tilt_width(settings: AssetSettings) -> float:
+    """What half widths are scaled by where tilts are drawn: as wide as wrinkles ever are."""
+    response = settings.response
+    return scale(response, settings.last_sample, response.alpha_w)
 
 
 def parts(bins: BinSettings) -> tuple[int, ...]:

@@ -16,7 +16,15 @@ from rhytid.device.held import Held
 from rhytid.device.runtime import Buffer, Device
 from rhytid.domain.asset_settings import AssetSettings, BinSettings
 from rhytid.pipeline.bin_maker import BinTile
-from rhytid.pipeline.bins import CODES, code_limit, directions, map_count, parts, quantisation_steps
+from rhytid.pipeline.bins import (
+    CODES,
+    TILT_NODE,
+    code_limit,
+    directions,
+    map_count,
+    parts,
+    quantisation_steps,
+)
 from rhytid.pipeline.cushion_bins import (
     cushion_map_count,
     cushion_settings,
@@ -35,8 +43,6 @@ from rhytid.pipeline.vectors import VECTOR
 MERGES = {"min": "MIN", "soft": "SOFT", "signed": "MELLOW", "mellow": "MELLOW"}
 # That blend.cl takes.
 TILES_A_LAUNCH = 4
-# Half bins from the middle of a bin to where the line through its depth scales is taken.
-TILT_NODE = 0.6
 
 
 def unit_of(settings: AssetSettings) -> float:

@@ -17,7 +17,7 @@ router = APIRouter(prefix="/v1/assets/{asset}/bins", tags=["bins"])
 
 @router.get("", response_model=Bins, responses=problems(404, 409, 422), dependencies=[NoQuery])
 def manifest(asset: str, engine: EngineDep) -> Any:
-    """Angles, samples, steps and layers."""
+    """Angles, samples, steps and layers, and the numbers that blending takes: docs/binned.md."""
     return engine.bins(asset)
 
 
@@ -38,7 +38,8 @@ def tile(
     column: Index,
     query: Annotated[BinQuery, Query()],
 ) -> Response:
-    """One tile of codes, int8 or int16, as .npy; the manifest's step turns codes into heights.
+    """One tile of codes, int8 or int16, as .npy; times the manifest's step they are displacement,
+    furrows negative, of tilts a place from -1 to 1 in the bin.
 
     Level 0 only: a coarser level is 404, for those of `binned` are means of its level 0.
     """
