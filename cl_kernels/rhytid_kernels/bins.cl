@@ -1,6 +1,7 @@
 // Draws one precomputed map of the fast method (section 2.4): the wrinkles of one orientation bin,
 // or the pores, all at one stretch. Blocks and sums as in redraw.cl.
-#include "listed.clh"
+#include "leaning.clh"
+#include "line.clh"
 
 // What a map becomes: displacement in mesh units, row by row, or where CODE is defined codes: those of
 // map `index`, per_step of them for a mesh unit.
@@ -25,22 +26,13 @@ inline void write_codes(sums_t sums, place_t place, shape_t shape, float scale, 
 #define WRITE(sums, place, shape, depth, part) write_rows(sums, place, shape, depth, part, out)
 #endif
 
-// Where in its bin a wrinkle along `extent` runs: its angle to theta, mod pi, times a factor.
-// tilt: (theta, factor).
-inline float leaning(float2 extent, float3 tilt)
-{
-    float along = dot(extent, tilt.xy), across = extent.x * tilt.y - extent.y * tilt.x;
-    return atan(across / along) * tilt.z;
-}
-
-// scale: (sigma_w, sigma_d) of the sample, Alg. 1 lines 7 and 8 with its log stretch. part: valleys
-// and bulges together, or one of them for maps that are merged by the mellow-max. tilt: depths are
-// scaled by 1 + leaning, for the maps that tilts are made from; else its factor is 0. waves, even,
-// skews: as in redraw.cl.
-__kernel void draw_wrinkle_bin(__global const float4 *segments, __global const float2 *sizes,
-                               __global const uchar *bins, int bin, float2 scale, int part,
+// scale: (sigma_w, sigma_d) of the sample, Alg. 1 lines 7 and 8 with its log stretch, the same at both
+// ends. part: valleys and bulges together, or one of them for maps that are merged by the mellow-max.
+// tilt: depths are scaled by 1 + leaning, for the maps that tilts are made from; else its factor is 0.
+// An arc leans as its segment does. least: as in redraw.cl.
+__kernel void draw_wrinkle_bin(LINES, __global const uchar *bins, int bin, float2 scale, int part,
                                float4 tilt, __global const int *offsets,
-                               __global const int *members WAVES SKEWS, float4 shape_values,
+                               __global const int *members, float4 shape_values, float least,
                                float depth, int blocks, int row, int column, OUT)
 {
     __local float memory[2 * ROWS * STRIDE];
@@ -52,20 +44,19 @@ __kernel void draw_wrinkle_bin(__global const float4 *segments, __global const f
         int i = members[k];
         if (bins[i] != bin)
             continue;
-        float4 s = segments[i];
-        float amplitude = sizes[i].y * scale.y;
+        float2 here = scale;
         if (tilt.z != 0.0f)
-            amplitude *= 1.0f + leaning(s.zw, tilt.xyz);
-        draw_listed(sums, i, place.corner, s, sizes[i], scale.x, amplitude,
-                    shape GIVEN_WAVES GIVEN_SKEWS);
+            here.y *= 1.0f + leaning(segments[i].zw, tilt.xyz);
+        line_t line = LINE_AT(i, sizes[i] * SCALES(here), place.corner, least);
+        draw_line(sums, line, shape);
     }
     WRITE(sums, place, shape, depth, part);
 }
 
 __kernel void draw_pore_layer(__global const float2 *centres, __global const float4 *roots,
                               float2 scale, int part, __global const int *offsets,
-                              __global const int *members, float4 shape_values, float depth,
-                              int blocks, int row, int column, OUT)
+                              __global const int *members, float4 shape_values, float least,
+                              float depth, int blocks, int row, int column, OUT)
 {
     __local float memory[2 * ROWS * STRIDE];
     shape_t shape = shape_of(shape_values);
@@ -75,7 +66,8 @@ __kernel void draw_pore_layer(__global const float2 *centres, __global const flo
     for (int k = offsets[block]; k < offsets[block + 1]; k++) {
         int i = members[k];
         float4 r = roots[i];
-        draw_pore(sums, centres[i] - place.corner, r.xyz / scale.x, r.w * scale.y, shape);
+        float4 pore = at_least_pore(r.xyz / scale.x, r.w * scale.y, least);
+        draw_pore(sums, centres[i] - place.corner, pore.xyz, pore.w, shape);
     }
     WRITE(sums, place, shape, depth, part);
 }

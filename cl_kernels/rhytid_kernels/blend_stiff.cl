@@ -2,6 +2,9 @@
 // stiffness of the texel, so no texel is blended like another (Alg. 3, lines 8 to 14). A vector of
 // texels a work-item.
 #include "texel_blend.clh"
+#ifdef RAISED
+#include "spline.clh"
+#endif
 
 // r at the texels of a vector. first, end: its members. stretches: SIDES x LAYERS a triangle, of
 // weights.cl; k: which of them.
@@ -15,11 +18,12 @@ inline float16 stretch_of(__global const int2 *first, __global const int2 *end,
 }
 
 // stiffness: of each texel. firsts, members, codes, steps, unit: as in blend.cl. r_max, exponents:
-// as in weights.cl.
+// as in weights.cl. coarse, width: as in blend.cl.
 __kernel void blend_stiff(__global const int *firsts, __global const int2 *members,
                           __global const float *stiffness, __global const CODE *codes,
                           __global const float *stretches, __global const float *steps,
-                          float r_max, float2 exponents, float unit, __global float *out)
+                          float r_max, float4 exponents, float unit, int width,
+                          __global const float *coarse, __global float *out)
 {
     int i = get_global_id(0), at = i * WIDTH;
     __global const int2 *first = members + firsts[i], *end = members + firsts[i + 1];
@@ -27,11 +31,15 @@ __kernel void blend_stiff(__global const int *firsts, __global const int2 *membe
     codes += (size_t)i * VECTOR_CODES;
     blend_t blend = {steps, r_max, exponents, unit};
     met_t met = NONE_MET;
-    for (int n = 0; n < LAYERS; n++) {
+    for (int n = 0; n < DRAWN; n++) {
         stretches_t s;
         for (int side = 0; side < SIDES; side++)
             s.r[side] = stiff * stretch_of(first, end, stretches, side * LAYERS + n);
         met = meet_layer(met, n, s, codes, blend);
     }
-    vstore16(height_of(met) * unit, 0, out + at);
+    float16 heights = height_of(met) * unit;
+#ifdef RAISED
+    heights += brought_up16(coarse, width, at);
+#endif
+    vstore16(heights, 0, out + at);
 }

@@ -1,21 +1,45 @@
 // Redraws every wrinkle and pore of a frame into displacement (section 2.3): a gather, each texel
 // of a block of BLOCK x BLOCK in one work-group, no atomics, so any tiling gives the same bits.
-#include "listed.clh"
+#include "line.clh"
+#ifdef RAISED
+#include "spline.clh"
 
-// segments: (a, e) in texels of the UDIM, v up. sizes: (half width in texels, weight).
-// centres: pores in texels. roots: (xx, xy, yy, weight), see draw_pore. scales: (sigma_w, sigma_d)
-// of the frame.
+// As write_rows, with the broad layer of the square added, see cushion.cl.
+inline void write_raised_rows(sums_t sums, place_t place, shape_t shape, float depth,
+                              __global const float *coarse, __global float *out)
+{
+    const int width = -place.above, side = width / COARSER + 4;
+    for (int y = first_owned(sums, sums.low); y < sums.low + ROWS; y += ITEMS) {
+        int at = place.at + y * place.above, row = at / width, column = at % width;
+        for (int x = 0; x < BLOCK; x += LANES)
+            vstore8(depth * heights_at(sums, x, y, shape, BOTH_PARTS) +
+                        brought_up(coarse, side, column + x, row),
+                    0, out + at + x);
+    }
+}
+#define COARSE_MAP __global const float *coarse,
+#define WRITE_ROWS(sums, place, shape, depth, out)                                                 \
+    write_raised_rows(sums, place, shape, depth, coarse, out)
+#else
+#define COARSE_MAP
+#define WRITE_ROWS(sums, place, shape, depth, out)                                                 \
+    write_rows(sums, place, shape, depth, BOTH_PARTS, out)
+#endif
+
+// LINES, in texels of the UDIM, v up; sizes (half width, weight), see line.clh.
+// wrinkle_scales: (sigma_w, sigma_d) of the frame, with BENT sigma_w at both ends, then sigma_d.
+// centres: pores in texels. roots: (xx, xy, yy, weight), see draw_pore. pore_scales: (sigma_w,
+// sigma_d).
 // offsets, members: elements of each block, ascending; blocks count from the top left.
-// waves: where WAVY is defined, see draw_wavy_wrinkle; amplitudes in texels.
-// even, skews: where SKEWED is defined, see draw_listed; (xx, xy, yy, 0), texels^-1.
+// least: half width in texels that nothing is drawn narrower than, 0 for none.
+// coarse: where RAISED is defined, the broad layer around the square, mesh units.
 // out: displacement in mesh units from block (row, column) on.
-__kernel void redraw(__global const float4 *segments, __global const float2 *sizes,
-                     __global const float2 *wrinkle_scales, __global const int *wrinkle_offsets,
-                     __global const int *wrinkle_members, __global const float2 *centres,
-                     __global const float4 *roots, __global const float2 *pore_scales,
-                     __global const int *pore_offsets,
-                     __global const int *pore_members WAVES SKEWS, float4 shape_values,
-                     float depth, int blocks, int row, int column, __global float *out)
+__kernel void redraw(LINES, __global const SIZES *wrinkle_scales,
+                     __global const int *wrinkle_offsets, __global const int *wrinkle_members,
+                     __global const float2 *centres, __global const float4 *roots,
+                     __global const float2 *pore_scales, __global const int *pore_offsets,
+                     __global const int *pore_members, float4 shape_values, float least,
+                     float depth, int blocks, int row, int column, COARSE_MAP __global float *out)
 {
     __local float memory[2 * ROWS * STRIDE];
     shape_t shape = shape_of(shape_values);
@@ -24,15 +48,15 @@ __kernel void redraw(__global const float4 *segments, __global const float2 *siz
     int block = place.block;
     for (int k = wrinkle_offsets[block]; k < wrinkle_offsets[block + 1]; k++) {
         int i = wrinkle_members[k];
-        float2 scale = wrinkle_scales[i], size = sizes[i];
-        draw_listed(sums, i, place.corner, segments[i], size, scale.x, size.y * scale.y,
-                    shape GIVEN_WAVES GIVEN_SKEWS);
+        line_t line = LINE_AT(i, sizes[i] * wrinkle_scales[i], place.corner, least);
+        draw_line(sums, line, shape);
     }
     for (int k = pore_offsets[block]; k < pore_offsets[block + 1]; k++) {
         int i = pore_members[k];
         float2 scale = pore_scales[i];
         float4 r = roots[i];
-        draw_pore(sums, centres[i] - place.corner, r.xyz / scale.x, r.w * scale.y, shape);
+        float4 pore = at_least_pore(r.xyz / scale.x, r.w * scale.y, least);
+        draw_pore(sums, centres[i] - place.corner, pore.xyz, pore.w, shape);
     }
-    write_rows(sums, place, shape, depth, BOTH_PARTS, out);
+    WRITE_ROWS(sums, place, shape, depth, out);
 }

@@ -62,19 +62,19 @@ __kernel void tension_fields(__global const int *vertex, __global const float *t
                              __global float8 *fields)
 {
     int w = get_global_id(0);
-    float r = clamped_log(tension[vertex[w]], limit);
+    float r = limited_log(tension[vertex[w]], limit);
     fields[w] = field_of((float3)(1.0f, 0.0f, 1.0f), (float3)(r, 0.0f, r));
 }
 
 // As respond.cl, with the stretch at the wrinkle's middle in the triangle that it samples.
 // texels: a side of level 0, the unit of segments. neutral: fields of the neutral for angles on the
-// surface, NULL for angles in UV. stiffness: of each wrinkle, or NULL. scales: (sigma_w, sigma_d).
+// surface, NULL for angles in UV. stiffness: of each wrinkle, or NULL. found: see FOUND.
 __kernel void respond_smooth_wrinkles(__global const float4 *segments, __global const int *triangle,
                                       float texels, __global const float *corners,
                                       __global const int *vertices, __global const float8 *fields,
                                       int none, float limit, __global const float8 *neutral,
                                       __global const float *stiffness, float width_exponent,
-                                      float depth_exponent, __global float2 *scales)
+                                      float depth_exponent, __global FOUND *found)
 {
     int i = get_global_id(0);
     float4 s = segments[i];
@@ -87,23 +87,29 @@ __kernel void respond_smooth_wrinkles(__global const float4 *segments, __global 
         field_t at = field_at(triangle[i], 1, middle.x, middle.y, corners, vertices, neutral, none);
         r = across_surface(theta, p, at.metric);
     }
-    scales_t found = scales_of(stiffened(r, stiffness, i), width_exponent, depth_exponent);
-    scales[i] = (float2)(found.width, found.depth);
+    r = stiffened(r, stiffness, i);
+#ifdef BENT
+    found[i] = r;
+#else
+    scales_t scales = scales_of(r, width_exponent, depth_exponent, SCALE_LIMIT);
+    found[i] = (float2)(scales.width, scales.depth);
+#endif
 }
 
-// One work-item a pore; centres in texels.
+// One work-item a pore; centres in texels. depth_limit: of sigma_d.
 __kernel void respond_smooth_pores(__global const float2 *centres, __global const int *triangle,
                                    float texels, __global const float *corners,
                                    __global const int *vertices, __global const float8 *fields,
                                    int none, float limit, __global const float *stiffness,
                                    float width_exponent, float depth_exponent,
-                                   __global float2 *scales)
+                                   float depth_limit, __global float2 *scales)
 {
     int i = get_global_id(0);
     float2 centre = centres[i] / texels;
     principal_t p = principal(
         field_at(triangle[i], 1, centre.x, centre.y, corners, vertices, fields, none), limit);
     float r = mean_log_stretch((float2)(p.log1, p.log2));
-    scales_t found = scales_of(stiffened(r, stiffness, i), width_exponent, depth_exponent);
+    r = stiffened(r, stiffness, i);
+    scales_t found = scales_of(r, width_exponent, depth_exponent, depth_limit);
     scales[i] = (float2)(found.width, found.depth);
 }

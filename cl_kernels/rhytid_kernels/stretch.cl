@@ -4,7 +4,7 @@
 #include "stretch.clh"
 
 // positions: 3 floats a vertex. faces: 3 indices a triangle.
-// ratios, axes: unclamped rho and axes; logs: log rho clamped to +-limit, dimensionless.
+// ratios, axes: unclamped rho and axes; logs: log rho within +-limit, dimensionless.
 __kernel void stretch_tensor(__global const float *positions, __global const int *faces,
                              __global const float8 *rest, __global const float4 *frame_to_uv,
                              int triangles, float limit, __global float2 *ratios,
@@ -17,5 +17,5 @@ __kernel void stretch_tensor(__global const float *positions, __global const int
                              vload3(faces[3 * i + 2], positions), rest[i], frame_to_uv[i]);
     ratios[i] = s.ratio;
     axes[i] = (float4)(s.axis1, s.axis2);
-    logs[i] = (float2)(clamped_log(s.ratio.x, limit), clamped_log(s.ratio.y, limit));
+    logs[i] = (float2)(limited_log(s.ratio.x, limit), limited_log(s.ratio.y, limit));
 }

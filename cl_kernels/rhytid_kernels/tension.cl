@@ -20,7 +20,7 @@ __kernel void vertex_tension(__global const float *positions, __global const int
 // one that explodes have a mean.
 #define LOG_LIMIT 104.0f
 
-// Per triangle the mean of the log over its vertices; the mean is clamped to +-limit. One work-item
+// Per triangle the mean of the log over its vertices; the mean is held within +-limit. One work-item
 // more than triangles, for points in none. ratios, axes, logs: as in stretch.cl.
 __kernel void stretch_tension(__global const float *tension, __global const int *faces,
                               int triangles, float limit, __global float2 *ratios,
@@ -34,5 +34,5 @@ __kernel void stretch_tension(__global const float *tension, __global const int 
              clamped_log(tension[faces[3 * i + 2]], LOG_LIMIT)) / 3.0f;
     ratios[i] = (float2)(exp(r));
     axes[i] = (float4)(1.0f, 0.0f, 0.0f, 1.0f);
-    logs[i] = (float2)(clamped(r, limit));
+    logs[i] = (float2)(limited(r, limit));
 }

@@ -34,5 +34,5 @@ __kernel void stretch_uv(__global const float *positions, __global const int *fa
     }
     ratios[i] = ratio;
     axes[i] = (float4)(1.0f, 0.0f, 0.0f, 1.0f);
-    logs[i] = (float2)(clamped_log(ratio.x, limit), clamped_log(ratio.y, limit));
+    logs[i] = (float2)(limited_log(ratio.x, limit), limited_log(ratio.y, limit));
 }

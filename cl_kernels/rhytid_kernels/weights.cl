@@ -22,7 +22,8 @@ inline float2 tilted_depth(int n, int t, __global const float4 *axes, __global c
 {
     float before = layer_stretch(n, t, axes, logs, jacobians, directions + ORIENTED);
     float after = layer_stretch(n, t, axes, logs, jacobians, directions + 2 * ORIENTED);
-    float low = scales_of(before, 0.0f, exponent).depth, high = scales_of(after, 0.0f, exponent).depth;
+    float low = scales_of(before, 0.0f, exponent, SCALE_LIMIT).depth;
+    float high = scales_of(after, 0.0f, exponent, SCALE_LIMIT).depth;
     float middle = 0.5f * (low + high), rise = (high - low) / (2.0f * TILT_NODE * middle);
     float most = min(1.0f, SCALE_LIMIT / middle - 1.0f);
     return (float2)(middle, clamp(rise, -most, most) / CODE_LIMIT);
@@ -33,21 +34,21 @@ inline float2 tilted_depth(int n, int t, __global const float4 *axes, __global c
 // stretch); what the depth is scaled by: 1, or for maps without their depth scale sigma_d of the
 // stretch before it is clamped to r_max; with TILT, as a line over the tilts, its rise; 0.
 // directions: then also those TILT_NODE half bins before and after each. r_max: of the last sample.
-// exponents: of the depth of wrinkles and of pores; 0 gives 1.
+// exponents: of the depth of wrinkles and of pores, where 0 gives 1, and the limits of both depths.
 __kernel void sample_weights(__global const float4 *axes, __global const float2 *logs,
                              __global const float4 *jacobians,
-                             __global const float2 *directions, float r_max, float2 exponents,
+                             __global const float2 *directions, float r_max, float4 exponents,
                              __global float4 *weights)
 {
     int t = get_global_id(0);
     for (int n = 0; n < LAYERS; n++) {
         float r = layer_stretch(n, t, axes, logs, jacobians, directions);
-        float exponent = n < LAYERS - 1 ? exponents.x : exponents.y;
+        float2 depth_of = n < LAYERS - 1 ? exponents.xz : exponents.yw;
         float position = (clamp(r / r_max, -1.0f, 1.0f) + 1.0f) * (0.5f * (SAMPLES_OF(n) - 1));
-        float2 depth = (float2)(scales_of(r, 0.0f, exponent).depth, 0.0f);
+        float2 depth = (float2)(scales_of(r, 0.0f, depth_of.x, depth_of.y).depth, 0.0f);
 #if TILT
         if (n < ORIENTED)
-            depth = tilted_depth(n, t, axes, logs, jacobians, directions, exponent);
+            depth = tilted_depth(n, t, axes, logs, jacobians, directions, depth_of.x);
 #endif
         weights[t * LAYERS + n] = (float4)(position, depth, 0.0f);
     }

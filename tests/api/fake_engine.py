@@ -266,6 +266,7 @@ class FakeEngine:
             angles, samples, steps, bins.bits, bins.merge, factored, layers, samples,
             depth=1.0, sharpness=20.0, log_stretch_limit=0.5, scale_limit=4.0,
             depth_exponents={"wrinkles": 4.0, "pores": 10.0}, measured_in="uv", tilt=None,
+            soft_limits=True, pore_depth_limit=2.0,
         )  # fmt: skip
 
     def bin_tile(

@@ -42,6 +42,7 @@ CASES: dict[str, dict[str, Any]] = {
     "soft where all is near": {"preset": "best", "shape": {"sharpness": 1.5}},
     "surface": {"preset": "best", "angles": "surface"},
     "exponents": {"preset": "best", "response": {"alpha_d": 6.0, "log_stretch_limit": 0.3}},
+    "hard limits": {"preset": "best", "response": {"soft_limits": False, "pore_depth_limit": 1.2}},
 }  # fmt: skip
 
 
@@ -72,6 +73,8 @@ def sent(client: httpx.Client, stiff: bool = False, **settings: Any) -> str:
     mesh = io.BytesIO()
     np.savez(mesh, **MESH._asdict())
     given = {"depth": 0.03, "resolution": RESOLUTION, "tile_size": SIDE, **settings}
+    # Their maps are not published, as the page says.
+    given["shape"] = {"cushion": 0.0, "grain": 0.0, **given.get("shape", {})}
     files = {
         "mesh": ("sheet.npz", mesh.getvalue()),
         "settings": (None, json.dumps(given)),

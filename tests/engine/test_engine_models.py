@@ -166,7 +166,7 @@ def test_a_preset_can_be_changed_like_the_bins(engine):
     asset = built(engine, new_asset(bins={"r_max": 0.1, "count": 8}))
     engine.put_frame(asset, "bent", BENT)
     settings = engine.change_asset(asset, {"preset": "best", "bins": {"bits": 16}}).settings
-    best = {**asdict(PRESETS["best"]), "r_max": 0.1, "bits": 16}
+    best = {**asdict(PRESETS["best"].bins), "r_max": 0.1, "bits": 16}
     assert (settings["preset"], settings["bins"]) == ("best", best)
     made_so = built(engine, new_asset(preset="best", bins={"r_max": 0.1, "bits": 16}))
     engine.put_frame(made_so, "bent", BENT)

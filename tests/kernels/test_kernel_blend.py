@@ -15,7 +15,7 @@ from reference.inputs import Bins, Shape
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.pipeline.blend import MERGES as MERGE_NAMES
 from rhytid.pipeline.blend import unit_of
-from rhytid.pipeline.elements import RESPONSE_DEFINES
+from rhytid.pipeline.elements import response_defines
 from rhytid.pipeline.vectors import VectorTriangles
 
 ONE_TILE = """
@@ -23,7 +23,7 @@ __kernel void one_tile(__global const int *firsts, __global const int2 *members,
                        __global const CODE *codes, __global const float4 *coefficients, float unit,
                        __global float *out)
 {
-    blend_vector(firsts, members, codes, coefficients, unit, out);
+    blend_vector(firsts, members, codes, 0, 0, coefficients, 0, unit, 16, 0.0f, 1.0f, out);
 }
 """
 WIDTH = 16
@@ -105,7 +105,7 @@ def coefficients(device, maps):
         "-DORIENTED=0",
         "-DTILT=0",
     ]
-    given += [f"-D{name}={value}" for name, value in RESPONSE_DEFINES.items()]
+    given += [f"-D{name}={value}" for name, value in response_defines(False).items()]
     text, found = rhytid_kernels.source("weights"), maps.weights.copy()
     size = (triangles * layers,)
     return run(device, text, "coefficients", size, [maps.steps, unit(maps)], found, given)

@@ -19,7 +19,7 @@ SHAPES = (
 )
 NO_WRINKLES = np.zeros((0, 4), np.float32), np.zeros((0, 2), np.float32)
 NO_PORES = np.zeros((0, 2), np.float32), np.zeros((0, 4), np.float32)
-DRAWING = """#include "draw.clh"
+DRAWING = """#include "line.clh"
 __kernel void block(int wrinkles, __global const float4 *segments, __global const float2 *sizes,
                     int pores, __global const float2 *centres, __global const float4 *roots,
                     __global const float *s, int part, __global float *out)
@@ -28,8 +28,10 @@ __kernel void block(int wrinkles, __global const float4 *segments, __global cons
     shape_t shape = shape_of(vload4(0, s));
     place_t place = place_of_group(1, 0, 0);
     sums_t sums = sums_at(place, memory);
-    for (int i = 0; i < wrinkles; i++)
-        draw_wrinkle(sums, segments[i].xy, segments[i].zw, sizes[i].x, sizes[i].y, shape);
+    for (int i = 0; i < wrinkles; i++) {
+        line_t line = LINE_AT(i, sizes[i], (float2)(0.0f), 0.0f);
+        draw_line(sums, line, shape);
+    }
     for (int i = 0; i < pores; i++)
         draw_pore(sums, centres[i], roots[i].xyz, roots[i].w, shape);
     write_rows(sums, place, shape, 1.0f, part, out);
@@ -172,7 +174,7 @@ def test_rows_near_never_cuts_a_texel_that_the_profile_reaches(device):
     a, e, half_width, first = columns_of_segments(7)
     inputs = {"a": a, "e": e, "h": half_width, "x": first}
     rows = [
-        evaluate(device, "draw", f"rows_near(a, e, h, x).{end}", inputs, np.int32, 1, options(1))
+        evaluate(device, "line", f"rows_near(a, e, h, x).{end}", inputs, np.int32, 1, options(1))
         for end in ("low", "high")
     ]
     reached = 0

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from kernels.one_line import evaluate
 from reference import response as reference
-from rhytid.pipeline.elements import RESPONSE_DEFINES
+from rhytid.pipeline.elements import response_defines
 
-OPTIONS = [f"-D{name}={value}" for name, value in RESPONSE_DEFINES.items()]
+OPTIONS = [f"-D{name}={value}" for name, value in response_defines(False).items()]
 
 
 def unit(angle):
@@ -71,7 +71,8 @@ def test_mean_log_stretch_is_algorithm_2(device):
 
 def scales(device, r, width, depth):
     expression = (
-        f"(float2)(scales_of(r, {width}f, {depth}f).width, scales_of(r, {width}f, {depth}f).depth)"
+        f"(float2)(scales_of(r, {width}f, {depth}f, 4.0f).width, "
+        f"scales_of(r, {width}f, {depth}f, 4.0f).depth)"
     )
     return evaluate(device, "response", expression, {"r": r}, width=2, options=OPTIONS)
 
@@ -112,6 +113,6 @@ def test_an_error_of_r_counts_as_often_as_the_exponent(device):
 
 def test_the_limit_of_scales_is_the_one_that_is_given(device):
     r = np.array([-2.0, 2.0], np.float32)
-    call = "(float2)(scales_of(r, 1.0f, 1.0f).width, scales_of(r, 1.0f, 1.0f).depth)"
+    call = "(float2)(scales_of(r, 1.0f, 1.0f, 2.0f).width, scales_of(r, 1.0f, 1.0f, 2.0f).depth)"
     found = evaluate(device, "response", call, {"r": r}, width=2, options=["-DSCALE_LIMIT=2.0f"])
     np.testing.assert_array_equal(found, [[0.5, 2.0], [2.0, 0.5]])

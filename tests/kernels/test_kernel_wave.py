@@ -11,7 +11,7 @@ from reference import waves as reference
 from reference.drawing import Wrinkles, crop, meet
 from reference.inputs import Shape
 
-DRAWING = """#include "wave.clh"
+DRAWING = """#include "line.clh"
 __kernel void block(int count, __global const float4 *segments, __global const float2 *sizes,
                     __global const float4 *waves, __global const float *s, __global float *out)
 {
@@ -19,13 +19,13 @@ __kernel void block(int count, __global const float4 *segments, __global const f
     shape_t shape = shape_of(vload4(0, s));
     place_t place = place_of_group(1, 0, 0);
     sums_t sums = sums_at(place, memory);
-    for (int i = 0; i < count; i++)
-        DRAW;
+    for (int i = 0; i < count; i++) {
+        line_t line = LINE_AT(i, sizes[i], (float2)(0.0f), 0.0f);
+        draw_line(sums, line, shape);
+    }
     write_rows(sums, place, shape, 1.0f, 0, out);
 }"""
-SEGMENT = "sums, segments[i].xy, segments[i].zw, sizes[i].x, sizes[i].y"
-WAVY = f"draw_wavy_wrinkle({SEGMENT}, waves[i], shape)"
-STRAIGHT = f"draw_wrinkle({SEGMENT}, shape)"
+WAVY, STRAIGHT = ["-DWAVY=1"], list[str]()
 
 
 def drawn(device, lines, waves, shape, items=1, rows=None, draw=WAVY):
@@ -34,8 +34,7 @@ def drawn(device, lines, waves, shape, items=1, rows=None, draw=WAVY):
     given = [np.int32(len(waves)), *lines, waves, np.array(values, np.float32)]
     out = np.zeros((BLOCK, BLOCK), np.float32)
     size, group = (items, BLOCK // rows), (items, 1)
-    text = DRAWING.replace("DRAW", draw)
-    return run(device, text, "block", size, given, out, options(items, rows), group)
+    return run(device, DRAWING, "block", size, given, out, options(items, rows) + draw, group)
 
 
 def random_waves(seed, lines, most=1.5):

@@ -13,7 +13,7 @@ from reference import bins as reference
 from reference.inputs import Bins
 from reference.response import scales
 from rhytid.pipeline.blend import TILT_NODE
-from rhytid.pipeline.elements import RESPONSE_DEFINES
+from rhytid.pipeline.elements import response_defines
 
 COUNT = 500
 
@@ -41,9 +41,16 @@ def weights(device, axes, logs, bins, exponents=(0.0, 0.0)):
     options += [f"-DPORE_SAMPLES={bins.pore_samples or bins.samples}"]
     options += [f"-DTILT={int(bins.tilt)}", f"-DTILT_NODE={TILT_NODE}f"]
     options += [f"-DCODE_LIMIT={most}"]
-    options += [f"-D{name}={value}" for name, value in RESPONSE_DEFINES.items()]
+    options += [f"-D{name}={value}" for name, value in response_defines(False).items()]
     in_uv = None
-    arguments = [axes, logs, in_uv, directions, np.float32(bins.r_max), vector(*exponents)]
+    arguments = [
+        axes,
+        logs,
+        in_uv,
+        directions,
+        np.float32(bins.r_max),
+        vector(*exponents, 4.0, 4.0),
+    ]
     text, out = rhytid_kernels.source("weights"), np.zeros((COUNT, layers, 4), np.float32)
     found = run(device, text, "sample_weights", (COUNT,), arguments, out, options)
     return np.moveaxis(found, -1, 0)

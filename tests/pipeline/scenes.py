@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshes import Positions, bumpy_grid
-from reference import locate, redraw, stretch, stretch_models, waves
+from reference import cushion, locate, redraw, stretch, stretch_models, waves
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
@@ -122,9 +122,10 @@ class Scene:
         )
 
     def stretch(self, positions: Positions | None, model: str = "tensor") -> StretchBuffers:
-        limit = self.settings.response.log_stretch_limit
+        response, angles = self.settings.response, self.settings.angles
         stage = StretchStage(self.device, self.mesh)
-        return stage.run(positions, limit, model, self.settings.angles)
+        limit, soft = response.log_stretch_limit, response.soft_limits
+        return stage.run(positions, limit, model, angles, soft)
 
     def redrawn(
         self,
@@ -162,7 +163,18 @@ class Scene:
             DEPTH,
             origin,
             waves=self.reference_waves(),
+            cushion=self.reference_cushion(),
         )
+
+    def reference_cushion(self) -> cushion.Cushion | None:
+        """None where plates do not swell."""
+        shape = self.settings.shape
+        if shape.cushion == 0:
+            return None
+        return cushion.Cushion.of(
+            self.graph, self.settings.resolution,
+            shape.cushion, shape.cushion_width, shape.cushion_sharpness,
+        )  # fmt: skip
 
     def reference_waves(self) -> waves.Waves | None:
         """Of the wrinkles, none of which crosses a seam; None where all are straight."""

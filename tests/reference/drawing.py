@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from reference import arcs
 from reference.boxes import PointsByU
 from reference.inputs import Array, Shape
 from reference.waves import Waves, wave
@@ -16,10 +17,13 @@ class Wrinkles(NamedTuple):
     """Stretch is already in: half_width = σ_w · half width, strength = weight · σ_d."""
 
     segments: Array  # (M, 2, 2) ends in UV
-    half_width: Array  # (M,)
-    strength: Array  # (M,) in units of depth
-    waves: Waves | None = None  # None: all are straight
-    metric: Array | None = None  # (M, 3) uu, uv, vv, in place of half_width where not 0
+    half_width: Array  # (M,), or (M, 2) at both ends
+    strength: Array  # (M,) in units of depth, or (M, 2)
+    waves: Waves | None = None  # None: none is wavy
+    slopes: Array | None = None  # (M, 2) of arcs at both ends; None: all are straight
+    least: float = 0.0  # half width below which a line is drawn that wide and shallower
+    # (M, 3) uu, uv, vv: in what distances and slopes of a line are meant, UV where it is 0.
+    metric: Array | None = None
 
 
 class Pores(NamedTuple):
@@ -28,6 +32,7 @@ class Pores(NamedTuple):
     centres: Array  # (N, 2)
     metric: Array  # (N, 3) uu, uv, vv
     strength: Array  # (N,) in units of depth
+    least: float = 0.0  # radius; an axis below it is drawn that long, and the pore shallower
 
 
 def texels(rows: range, columns: range, resolution: int) -> Array:
@@ -86,15 +91,11 @@ def rim_extent(metric: Array) -> Array:
     return np.sqrt(np.stack([vv, uu], axis=-1) / (uu * vv - uv * uv)[:, None])
 
 
-def _straightened(
-    points: Array, segment: Array, wave: Waves | None, half_width: float, metric: Array
-) -> tuple[Array, Array, Waves | None, float]:
-    """The same wrinkle, its wave, its size and the points in coordinates in which the metric is
-    the identity, kept from being mirrored."""
-    root = np.linalg.cholesky(metric[[0, 1, 1, 2]].reshape(2, 2)).T
-    if wave is not None:
-        wave = wave._replace(amplitude=wave.amplitude / half_width)
-    return points @ root.T, segment @ root.T, wave, 1.0
+def _root(metric: Array) -> Array:
+    """(2, 2) that leads to coordinates in which a metric (3,) is the identity, kept from being
+    mirrored."""
+    root: Array = np.linalg.cholesky(metric[[0, 1, 1, 2]].reshape(2, 2)).T
+    return root
 
 
 def mellow_max(values: ArrayLike, sharpness: float, slots: int = 1) -> Array:
@@ -129,39 +130,95 @@ def draw(
 def _add_wrinkles(
     sums: Array, points: Array, strips: PointsByU, wrinkles: Wrinkles, shape: Shape
 ) -> None:
-    waves = wrinkles.waves
-    reach = wrinkles.half_width if waves is None else wrinkles.half_width + np.abs(waves.amplitude)
-    extent = np.repeat(reach[:, None], 2, axis=1)
-    skewed = np.zeros(len(reach), bool)
-    if wrinkles.metric is not None:
-        skewed = (wrinkles.metric != 0).any(axis=1)
-        extent[skewed] = rim_extent(wrinkles.metric[skewed])
-        extent[skewed] *= (reach / wrinkles.half_width)[skewed, None]
-    low = wrinkles.segments.min(axis=1) - extent
-    high = wrinkles.segments.max(axis=1) + extent
+    low, high = _around(wrinkles)
     for i in strips.touched_by(low, high):
         rows = strips.within(low[i], high[i])
-        at, segment, size = points[rows], wrinkles.segments[i], wrinkles.half_width[i]
-        wave = None if waves is None else waves.of(i)
-        if skewed[i]:
-            at, segment, wave, size = _straightened(at, segment, wave, size, wrinkles.metric[i])
-        if wave is None:
-            distance = segment_distance(at, *segment)
-        else:
-            distance = wavy_distance(at, *segment, wave)
-        t = distance / size
-        height = -wrinkles.strength[i] * profile(t, shape.wrinkle_bulge)
+        share, distance = _nearest(points[rows], wrinkles, i)
+        half_width = arcs.between(wrinkles.half_width[i], share)
+        drawn = np.maximum(half_width, wrinkles.least)
+        strength = arcs.between(wrinkles.strength[i], share) * half_width / drawn
+        height = -strength * profile(distance / drawn, shape.wrinkle_bulge)
         _add(sums, rows, height, shape.sharpness)
+
+
+def _around(wrinkles: Wrinkles) -> tuple[Array, Array]:
+    """Corners (M, 2) and (M, 2) of boxes around the wrinkles."""
+    widest = np.asarray(wrinkles.half_width)
+    if widest.ndim == 2:
+        widest = widest.max(axis=1)
+    reach = np.maximum(widest, wrinkles.least)[:, None]
+    if wrinkles.waves is not None:
+        reach = reach + np.abs(wrinkles.waves.amplitude)[:, None]
+    low, high = wrinkles.segments.min(axis=1), wrinkles.segments.max(axis=1)
+    if wrinkles.slopes is not None:
+        ends = zip(wrinkles.segments, wrinkles.slopes, strict=True)
+        corners = [arcs.box(*segment, slopes) for segment, slopes in ends]
+        low, high = np.reshape(corners, (-1, 2, 2)).swapaxes(0, 1)
+    low, high = low - reach, high + reach
+    for i in _skewed(wrinkles):
+        low[i], high[i] = _skewed_box(wrinkles, i, reach[i])
+    return low, high
+
+
+def _skewed(wrinkles: Wrinkles) -> Array:
+    """Those with a metric."""
+    if wrinkles.metric is None:
+        return np.zeros(0, int)
+    return np.flatnonzero((wrinkles.metric != 0).any(axis=1))
+
+
+def _skewed_box(wrinkles: Wrinkles, i: int, reach: Array) -> tuple[Array, Array]:
+    """Corners of a box around wrinkle i, which is `reach` (1,) wide in its metric: what goes out to
+    where it is a box there."""
+    root = _root(wrinkles.metric[i])
+    ends = wrinkles.segments[i] @ root.T
+    low, high = ends.min(axis=0), ends.max(axis=0)
+    if wrinkles.slopes is not None:
+        low, high = arcs.box(*ends, wrinkles.slopes[i])
+    x, y = np.stack([low - reach, high + reach], axis=1)
+    corners = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2) @ np.linalg.inv(root).T
+    return corners.min(axis=0), corners.max(axis=0)
+
+
+def _nearest(points: Array, wrinkles: Wrinkles, i: int) -> tuple[Array, Array]:
+    """Where along wrinkle i (P,), 0 to 1, and the distance (P,) there."""
+    segment, waves = wrinkles.segments[i], wrinkles.waves
+    if wrinkles.metric is not None and wrinkles.metric[i].any():
+        root = _root(wrinkles.metric[i])
+        points, segment = points @ root.T, segment @ root.T
+    if wrinkles.slopes is not None:
+        assert waves is None
+        return arcs.nearest(points, *segment, wrinkles.slopes[i])
+    along = segment[1] - segment[0]
+    share = np.clip((points - segment[0]) @ along / (along @ along), 0.0, 1.0)
+    if waves is None:
+        return share, segment_distance(points, *segment)
+    return share, wavy_distance(points, *segment, waves.of(i))
 
 
 def _add_pores(sums: Array, points: Array, strips: PointsByU, pores: Pores, shape: Shape) -> None:
-    extent = rim_extent(pores.metric)
+    metrics, strength = at_least(pores)
+    extent = rim_extent(metrics)
     low, high = pores.centres - extent, pores.centres + extent
     for i in strips.touched_by(low, high):
         rows = strips.within(low[i], high[i])
-        t = metric_distance(points[rows], pores.centres[i], pores.metric[i])
-        height = -pores.strength[i] * profile(t, shape.pore_bulge)
+        t = metric_distance(points[rows], pores.centres[i], metrics[i])
+        height = -strength[i] * profile(t, shape.pore_bulge)
         _add(sums, rows, height, shape.sharpness)
+
+
+def at_least(pores: Pores) -> tuple[Array, Array]:
+    """Metrics (N, 3) and strengths (N,): no axis of a pore below the least radius, its mean as it
+    was."""
+    if pores.least == 0.0:
+        return pores.metric, pores.strength
+    uu, uv, vv = pores.metric.T
+    values, axes = np.linalg.eigh(np.stack([uu, uv, uv, vv], axis=-1).reshape(-1, 2, 2))
+    radii = values**-0.5
+    drawn = np.maximum(radii, pores.least)
+    made = np.einsum("nik,nk,njk->nij", axes, drawn**-2.0, axes)
+    strength = pores.strength * radii.prod(axis=-1) / drawn.prod(axis=-1)
+    return np.stack([made[:, 0, 0], made[:, 0, 1], made[:, 1, 1]], axis=-1), strength
 
 
 def _add(sums: Array, rows: np.ndarray, height: Array, sharpness: float) -> None:

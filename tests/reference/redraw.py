@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from reference.cushion import Cushion, raised, strengths
 from reference.drawing import Pores, Wrinkles, disc_metric, draw
 from reference.inputs import Array, Graph, Response, Shape
 from reference.response import on_surface, pore_stretch, scales, wrinkle_stretch
@@ -43,11 +44,16 @@ def wrinkles(
     """What is drawn for the edges under σ_w = `width` and σ_d = `depth`, scalars or (M,)."""
     half_width = np.asarray(graph.edge_half_width, np.float64) * np.asarray(width)
     strength = np.asarray(graph.edge_weight, np.float64) * np.asarray(depth)
-    metric = graph.edge_metric
-    if metric is not None:
-        metric = np.asarray(metric, np.float64)
-        metric = metric / np.square(np.asarray(width, np.float64))[..., None]
-    return Wrinkles(segments(graph, origin), half_width, strength, waves, metric)
+    return Wrinkles(segments(graph, origin), half_width, strength, waves, metric=line_metric(graph))
+
+
+def line_metric(graph: Graph) -> Array | None:
+    """(M, 3) in which the rim of a wrinkle with a metric is its half width from its line."""
+    if graph.edge_metric is None:
+        return None
+    half_width = np.asarray(graph.edge_half_width, np.float64)[:, None]
+    metric: Array = np.asarray(graph.edge_metric, np.float64) * half_width**2
+    return metric
 
 
 def pores(
@@ -81,6 +87,7 @@ def redraw(
     origin: ArrayLike = ORIGIN,
     jacobian: Array | None = None,
     waves: Waves | None = None,
+    cushion: Cushion | None = None,
 ) -> Array:
     """(P,) displacement under stretch.
 
@@ -94,4 +101,9 @@ def redraw(
     lines = wrinkles(graph, *scales(r, response.alpha_w, response.alpha_d), origin, waves)
     r = pore_stretch(at_pores[0])
     discs = pores(graph, *scales(r, response.beta_w, response.beta_d), origin)
-    return draw(points, lines, discs, shape, depth)
+    if cushion is None:
+        return draw(points, lines, discs, shape, depth)
+    narrow, broad = strengths(graph.edge_weight, cushion.share)
+    sigma_d = scales(wrinkle_stretch(logs, axes, theta), response.alpha_w, response.alpha_d)[1]
+    swelling = depth * raised(points, lines._replace(strength=broad * sigma_d), cushion)
+    return swelling + draw(points, lines._replace(strength=narrow * sigma_d), discs, shape, depth)

@@ -9,12 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.asset_settings import PRESETS, AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.stiffness import Stiffness
 from rhytid.errors import NotFoundError, StorageError
 from rhytid.storage import AssetStore
+from rhytid.storage.canonical import hashed
+from rhytid.storage.records import read_overlay, write_overlay
 
 ID, OTHER = "00112233aabbccdd", "ffffffffffffffff"
 
@@ -188,3 +190,26 @@ def test_folder_that_is_a_file(tmp_path: Path) -> None:
     (tmp_path / "store").write_text("")
     with pytest.raises(StorageError, match="cannot be opened"):
         AssetStore(tmp_path / "store")
+
+
+def test_settings_from_before_new_keys_draw_as_they_did(settings: AssetSettings) -> None:
+    """A record that says nothing of arcs, knees, cushions and grain has none of them."""
+    stored, new = settings.as_json(), PRESETS["paper"]
+    later = {"grain_size", "cushion_width", "cushion_sharpness"} | new.shape.keys()
+    later -= {"wrinkle_bulge"}
+    assert later < stored["shape"].keys()
+    assert new.response.keys() < stored["response"].keys()
+    old = {
+        **stored,
+        "shape": {k: v for k, v in stored["shape"].items() if k not in later},
+        "response": {k: v for k, v in stored["response"].items() if k not in new.response},
+    }
+    overlay = hashed({"label": "a", "settings": old})
+    found = read_overlay("a", overlay, Path("overlay.json"))
+    for name in later & new.shape.keys():
+        assert getattr(found.shape, name) == new.shape[name]
+    for name, value in new.response.items():
+        assert getattr(found.response, name) == value
+    assert found.shape.wrinkle_bulge == settings.shape.wrinkle_bulge
+    again = read_overlay("a", write_overlay("a", settings), Path("overlay.json"))
+    assert again == settings

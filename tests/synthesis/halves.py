@@ -41,6 +41,7 @@ def in_halves(graph: WrinkleGraph) -> WrinkleGraph:
     triangle[pores:] = graph.node_triangle[graph.original_nodes(np.array(near_extra, int))]
     arrays["node_triangle"] = triangle
     arrays |= {n: a[rows] for n, a in graph.arrays().items() if n.startswith("edge")}
-    for name in ("node_copy_of", "edge_copy_of", "edge_metric"):
-        del arrays[name]
+    bends = ("edge_slopes", "edge_end_weights", "edge_end_half_widths", "edge_partners")
+    for name in ("node_copy_of", "edge_copy_of", "edge_metric", *bends):
+        arrays.pop(name)
     return WrinkleGraph(**{**arrays, "edge_nodes": np.array(nodes)})

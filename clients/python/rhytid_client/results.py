@@ -119,6 +119,7 @@ class Bins:
     depth: of strength 1, mesh units.  sharpness: β of the merge.  log_stretch_limit: that log ρ is
     clamped to.  scale_limit: σ stays within 1 over it and it.  depth_exponents: of wrinkles and
     pores.  measured_in: "uv" or "surface".  tilt: None, or `node`, `share` and `width`.
+    soft_limits: limits are knees.  pore_depth_limit: that of σ_d of pores.
     """
 
     angles: tuple[float, ...]
@@ -136,6 +137,8 @@ class Bins:
     depth_exponents: Mapping[str, float] = field(default_factory=dict)
     measured_in: str = "uv"
     tilt: Mapping[str, float] | None = None
+    soft_limits: bool = False
+    pore_depth_limit: float = 4.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -223,3 +223,5 @@ class Bins(_Answer):
         description="where the angle between a bin and the axes of stretch is taken: uv, surface"
     )
     tilt: TiltLine | None = Field(description="null without tilts")
+    soft_limits: bool = Field(description="log ρ and the logs of σ are limited by a knee")
+    pore_depth_limit: float = Field(description="σ_d of pores is at most this")

@@ -51,9 +51,11 @@ class BlendClock:
         self._vectors = self._placed(resolution)
         self._stage = StretchStage(device, subject.mesh)
         positions = subject.frames[subject.strongest].positions
-        self._stretch = self._stage.run(positions, settings.response.log_stretch_limit)
+        self._stretch = self._stage.run(
+            positions, settings.response.log_stretch_limit, soft=settings.response.soft_limits
+        )
         self.copy_seconds = self._copy()
-        self._paper = self._made(PRESETS["paper"])
+        self._paper = self._made(PRESETS["paper"].bins)
         self._paper_seconds = min(self._blend(self._paper) for _ in range(REPEATS))
 
     def seconds(self, bins: BinSettings) -> float:

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.bench.grains import Grains
 from rhytid.bench.scene import Floats, Scene
 from rhytid.bench.skin import Skin
 from rhytid.device.runtime import Buffer, Device
@@ -81,9 +82,13 @@ class FrameBench:
         self._located = UdimTriangles(device, mesh, udim, size, padding)
         self._stage = StretchStage(device, mesh)
         self._limit = settings.response.log_stretch_limit
-        self._frame = self._stage.run(deformed, self._limit, angles=settings.angles)
+        self._soft = settings.response.soft_limits
+        self._frame = self._stage.run(
+            deformed, self._limit, angles=settings.angles, soft=self._soft
+        )
         self._blend = Blend(device, settings, len(mesh.faces))
         self._convolve = Convolve(device, mesh)
+        self._grains = Grains(device, mesh, self._located, settings)
         self._bins: list[BinTile] = []
         self._neutral: list[NeutralTile] = []
         self._copied = tuple(device.full(size * size, np.float32(1.0)) for _ in range(2))
@@ -173,6 +178,7 @@ class FrameBench:
     def release(self) -> None:
         """Give the device memory back."""
         made = (*self._bins, *self._neutral, *self._copied, self._frame)
+        self._grains.release()
         stages = (self._elements, self._located, self._stage, self._blend, self._convolve)
         _release(*made, *stages)
         self._bins.clear()
@@ -198,7 +204,7 @@ class FrameBench:
         return work[case]()
 
     def _stretch(self) -> list[Buffer]:
-        self._stage.run(self.deformed, self._limit).release()
+        self._stage.run(self.deformed, self._limit, soft=self._soft).release()
         return []
 
     def _middle(self) -> tuple[int, int, int]:
@@ -212,6 +218,7 @@ class FrameBench:
         draw = redrawing(self.device, self._elements, self.settings, scales)
         out = draw(row, column, side)
         scales.release()
+        self._grains.add(out, stretch, (row, column, side))
         return [out]
 
     def _neutral_map(self) -> list[Buffer]:
@@ -229,7 +236,8 @@ class FrameBench:
 
     def _binned(self) -> list[Buffer]:
         coefficients = self._blend.coefficients(self._frame)
-        tiles = self._blend.tiles(self._bins, coefficients)
+        grains = self._grains.codes(self._tile_corners())
+        tiles = self._blend.tiles(self._bins, coefficients, grains)
         coefficients.release()
         return tiles
 

@@ -11,7 +11,7 @@ from rhytid.domain.graph_origin import GraphOrigin
 from rhytid.domain.lengths import Lengths, usual_spacing
 from rhytid.domain.regions import REGIONS, WHOLE_FACE
 from rhytid.domain.tiles import TileGrid
-from rhytid.domain.units import USUAL_UNIT
+from rhytid.domain.units import USUAL_UNIT, millimetres
 from rhytid.errors import SettingsError
 
 MOST_WRINKLES = 40_000_000
@@ -43,13 +43,22 @@ class GraphSettings:
 
 @dataclass(frozen=True)
 class ResponseSettings:
-    """Exponents of Alg. 1 (alpha, wrinkles) and Alg. 2 (beta, pores), and the clamp of log rho."""
+    """Exponents of Alg. 1 (alpha, wrinkles) and Alg. 2 (beta, pores), and the clamp of log rho.
+
+    ends: of a wrinkle that another continues, how far r goes at that end from its own, 0, to the
+    mean of both, 1; linear between the ends.  soft_limits: log stretch and the logs of the scales
+    bend from half of their limit on and are level at one and a half times it, in place of a clamp.
+    pore_depth_limit: how many times as deep a pore becomes at most; 4 is the limit of all scales.
+    """
 
     alpha_w: float = number(1.0, 0.0, 64.0)
     alpha_d: float = number(4.0, 0.0, 64.0)
     beta_w: float = number(4.0, 0.0, 64.0)
     beta_d: float = number(10.0, 0.0, 64.0)
     log_stretch_limit: float = number(0.5, 0.01, 4.0)
+    ends: float = number(1.0, 0.0, 1.0)
+    soft_limits: bool = choice(True, False, True)
+    pore_depth_limit: float = number(2.0, 1.1, 4.0)
 
 
 @dataclass(frozen=True)
@@ -60,15 +69,32 @@ class ShapeSettings:
     Wrinkles run to and fro by `wave_amplitude`, mesh units on the neutral surface, `wave_frequency`
     times a mesh unit; at 0 they are straight. No wrinkle runs aside by more than a fifth of its
     length.
+
+    curvature and taper: how much of the slopes, and of the strengths and half widths at the ends of
+    wrinkles, that the graph has is drawn; at 0 wrinkles are straight and even.  least_half_width:
+    texels of level 0; what is narrower in a frame is drawn that wide and as much shallower.
+
+    cushion: the share of the depth of wrinkles that a second, broad layer of them carries, so that
+    what lies between furrows swells; `cushion_width` times as wide, meeting with a sharpness of its
+    own. Lines of strength 0.2 or less swell nothing. grain: root mean square of the micro relief
+    between lines, in depths; `grain_size`: its largest wavelength, mesh units. Both are off at 0.
     """
 
     # Above 9 a bulge would rise over the depth of its furrow, past what the sums can hold.
-    wrinkle_bulge: float = number(2.5, 0.0, 9.0)
+    wrinkle_bulge: float = number(1.0, 0.0, 9.0)
     pore_bulge: float = number(0.0, 0.0, 9.0)
     sharpness: float = number(20.0, 0.1, 20.0)
     slots: int = whole(1, 1, 1024)
     wave_amplitude: float = number(0.0, 0.0, 1e30)
     wave_frequency: float | None = number(None, 1e-30, 1e30)
+    curvature: float = number(1.0, 0.0, 1.0)
+    taper: float = number(1.0, 0.0, 1.0)
+    least_half_width: float = number(0.7, 0.0, 4.0)
+    cushion: float = number(0.7, 0.0, 1.0)
+    cushion_width: float = number(3.3, 1.0, 8.0)
+    cushion_sharpness: float = number(5.0, 0.1, 12.0)
+    grain: float = number(0.02, 0.0, 1.0)
+    grain_size: float | None = number(None, 1e-30, 1e30)
 
 
 @dataclass(frozen=True)
@@ -91,11 +117,42 @@ class BinSettings:
         return (self.samples,) * self.count + (self.pore_samples or self.samples,)
 
 
-# What `preset` sets of the bins. `best` is the closest to `redraw` that was measured at no more
-# than twice the time of `paper`, the paper's own choice.
-PRESETS: dict[str, BinSettings] = {
-    "paper": BinSettings(),
-    "best": BinSettings(pore_samples=5, merge="soft", depth_factored=True, tilt=True, reach=1.25),
+@dataclass(frozen=True)
+class Preset:
+    """What naming a preset sets: all of the bins but for `r_max`, and some keys of `response` and
+    `shape`, which are the same ones in every preset."""
+
+    bins: BinSettings
+    response: Mapping[str, Any]
+    shape: Mapping[str, Any]
+
+
+# As the paper draws: hard limits, straight even lines, nothing done for those below a texel, flat
+# plates.
+_PAPER_RESPONSE = {"ends": 0.0, "soft_limits": False, "pore_depth_limit": 4.0}
+_PAPER_SHAPE = {
+    "wrinkle_bulge": 2.5,
+    "curvature": 0.0,
+    "taper": 0.0,
+    "least_half_width": 0.0,
+    "cushion": 0.0,
+    "grain": 0.0,
+}
+
+
+def _usual(settings: Any, names: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: getattr(settings, name) for name in names}
+
+
+# The bins of `best` are the closest to `redraw` that was measured at no more than twice the time of
+# `paper`, the paper's own choice; the rest of it are the defaults.
+PRESETS: dict[str, Preset] = {
+    "paper": Preset(BinSettings(), _PAPER_RESPONSE, _PAPER_SHAPE),
+    "best": Preset(
+        BinSettings(pore_samples=5, merge="soft", depth_factored=True, tilt=True, reach=1.25),
+        _usual(ResponseSettings(), _PAPER_RESPONSE),
+        _usual(ShapeSettings(), _PAPER_SHAPE),
+    ),
 }
 
 
@@ -116,13 +173,20 @@ class ConvolveSettings:
     sigma: float | None = number(None, 1e-30, 1e30)
 
 
+# Of the largest wave of the grain where the unit is known, and in units of the mean pore spacing
+# where it is not.
+GRAIN_MILLIMETRES = 0.2
+GRAIN_OF_SPACING = 0.36
+
+
 @dataclass(frozen=True)
 class AssetSettings:
     """Everything that can be set for an asset; `None` is resolved when the asset is built.
 
     `unit` is that of the mesh: of the graph's file where that says one, else cm.  `depth` is the
     depth of strength 1, in mesh units; `padding` is in level-0 texels. Naming a
-    `preset` sets the bins but for `r_max`; keys of `bins` beside it go before it.
+    `preset` sets the bins but for `r_max`, and how lines and limits are drawn (`Preset`); keys
+    beside it go before it.
     """
 
     unit: str | None = text(None, 16)
@@ -135,7 +199,7 @@ class AssetSettings:
     graph: GraphSettings = field(default_factory=GraphSettings)
     response: ResponseSettings = field(default_factory=ResponseSettings)
     shape: ShapeSettings = field(default_factory=ShapeSettings)
-    bins: BinSettings = field(default_factory=lambda: PRESETS[DEFAULT_PRESET])
+    bins: BinSettings = field(default_factory=lambda: PRESETS[DEFAULT_PRESET].bins)
     convolve: ConvolveSettings = field(default_factory=ConvolveSettings)
 
     @classmethod
@@ -159,10 +223,16 @@ class AssetSettings:
         return settings
 
     def _with_preset(self, name: Any) -> AssetSettings:
-        """Its bins in place of these; what is no preset is left to `read` to refuse."""
+        """What it sets in place of these; what is no preset is left to `read` to refuse."""
         if not isinstance(name, str) or name not in PRESETS:
             return self
-        return replace(self, bins=replace(PRESETS[name], r_max=self.bins.r_max))
+        preset = PRESETS[name]
+        return replace(
+            self,
+            bins=replace(preset.bins, r_max=self.bins.r_max),
+            response=replace(self.response, **preset.response),
+            shape=replace(self.shape, **preset.shape),
+        )
 
     def resolved(self, spacing: float) -> AssetSettings:
         """A copy with everything set, for a pore spacing in mesh units."""
@@ -174,13 +244,23 @@ class AssetSettings:
         frequency = self.shape.wave_frequency
         if frequency is None:
             frequency = lengths.wave_frequency
+        shape = replace(
+            self.shape, wave_frequency=frequency, grain_size=self._grain_size(lengths.spacing)
+        )
         return replace(
             self,
             unit=self.length_unit,
             depth=lengths.depth if depth is None else depth,
-            shape=replace(self.shape, wave_frequency=frequency),
+            shape=shape,
             convolve=replace(self.convolve, sigma=lengths.sigma if sigma is None else sigma),
         )
+
+    def _grain_size(self, spacing: float) -> float:
+        """That which is set, else the usual one of skin where the unit is known."""
+        if self.shape.grain_size is not None:
+            return self.shape.grain_size
+        length = millimetres(self.length_unit)
+        return GRAIN_OF_SPACING * spacing if length is None else GRAIN_MILLIMETRES / length
 
     def lengths(self, spacing: float) -> Lengths:
         """Those of resolved settings.  spacing: of the pores, mesh units."""

@@ -19,6 +19,8 @@ from rhytid.errors import GraphError
 LEAST_SIZE = 1e-9
 # What node_copy_of and edge_copy_of hold for elements that are no copies.
 ORIGINAL = -1
+# The steepest end of an arc over its chord: what the drawing keeps its distances for (line.clh).
+STEEPEST = 0.8
 # Rows checked at a time: what is computed on the way is in double.
 _ROWS = 1 << 20
 _F32 = np.float32
@@ -35,6 +37,10 @@ _SHAPES: dict[str, tuple[tuple[int | None, ...], Any]] = {
     "node_copy_of": ((None,), np.int32),
     "edge_copy_of": ((None,), np.int32),
     "edge_metric": ((None, 3), _F32),
+    "edge_slopes": ((None, 2), _F32),
+    "edge_end_weights": ((None, 2), _F32),
+    "edge_end_half_widths": ((None, 2), _F32),
+    "edge_partners": ((None, 2), np.int32),
 }
 ARRAYS = tuple(_SHAPES)
 REQUIRED = ARRAYS[:6]
@@ -60,6 +66,15 @@ class WrinkleGraph:
     wrinkle is that far from it, in place of edge_half_width; 0, 0, 0 for a wrinkle without one.
     origin: what it was made with, and of which mesh; None where that is not known.
 
+    Of wrinkles that are not straight and even, at their first node and at their second, or None:
+    edge_slopes (M, 2) f32: dy/dx of the arc over the chord e from node to node, in UV, to its left,
+    within STEEPEST: p(s) = a + s e + y(s) n, y(s) = |e| (m₁ s(1-s)² - m₂ s²(1-s)); of one with an
+    edge_metric in coordinates in which that is round: both sides of a seam have the same arc.
+    edge_end_weights (M, 2), edge_end_half_widths (M, 2) f32: strength and half width there, linear
+    between, in place of edge_weight and edge_half_width; of edge_weight 0 none is drawn still. A
+    metric is of edge_half_width, and wider and narrower as these are.
+    edge_partners (M, 2) i32: the wrinkle that goes on there, -1 for none; of copies, too.
+
     Radii, those of a metric too, half widths and lengths are at least LEAST_SIZE; radii and half
     widths at most 1. Raises GraphError naming the array and the first element that cannot be used.
     """
@@ -76,6 +91,10 @@ class WrinkleGraph:
     node_copy_of: NDArray[np.int32] | None = None
     edge_copy_of: NDArray[np.int32] | None = None
     edge_metric: NDArray[np.float32] | None = None
+    edge_slopes: NDArray[np.float32] | None = None
+    edge_end_weights: NDArray[np.float32] | None = None
+    edge_end_half_widths: NDArray[np.float32] | None = None
+    edge_partners: NDArray[np.int32] | None = None
     origin: GraphOrigin | None = None
 
     def __post_init__(self) -> None:
@@ -160,9 +179,9 @@ class WrinkleGraph:
 
     def _check_values(self) -> None:
         self._require("node_uv", lambda uv: np.abs(uv) <= UV_LIMIT, f"within ±{UV_LIMIT:g}")
-        for name in ("node_weight", "edge_weight"):
+        for name in ("node_weight", "edge_weight", "edge_end_weights"):
             self._require(name, lambda weight: (weight >= 0) & (weight <= 1), "from 0 to 1")
-        for name in ("node_radius", "edge_half_width"):
+        for name in ("node_radius", "edge_half_width", "edge_end_half_widths"):
             rule = f"from {LEAST_SIZE:g} to 1"
             self._require(name, lambda size: (size >= LEAST_SIZE) & (size <= 1), rule)
         rule = f"a UV metric, positive definite, radii from {LEAST_SIZE:g} to 1"
@@ -170,6 +189,10 @@ class WrinkleGraph:
         self._require("edge_metric", lambda m: _is_metric(m) | (m == 0).all(axis=1), f"0 or {rule}")
         for name in ("node_triangle", "edge_triangle"):
             self._require(name, lambda index: index >= -1, "-1 or the index of a triangle")
+        rule = f"slopes within ±{STEEPEST:g}"
+        self._require("edge_slopes", lambda slope: np.abs(slope) <= _F32(STEEPEST), rule)
+        rule = f"-1 or the index of a wrinkle, at most {self.wrinkles - 1}"
+        self._require("edge_partners", lambda i: (i >= -1) & (i < self.wrinkles), rule)
         for name in ("node_copy_of", "edge_copy_of"):
             self._check_copies(name, getattr(self, name))
 

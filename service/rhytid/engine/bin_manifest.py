@@ -41,6 +41,8 @@ def bin_manifest(settings: AssetSettings) -> BinManifest:
         depth_exponents=factored if bins.depth_factored else dict.fromkeys(factored, 0.0),
         measured_in=settings.angles,
         tilt=tilt,
+        soft_limits=response.soft_limits,
+        pore_depth_limit=response.pore_depth_limit,
     )
 
 

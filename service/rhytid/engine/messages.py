@@ -174,6 +174,7 @@ class BinManifest:
     depth: of strength 1, mesh units.  sharpness: β of the merge.  log_stretch_limit: that log ρ is
     clamped to.  scale_limit: σ stays within 1/scale_limit and scale_limit.  depth_exponents: by
     layer, wrinkles and pores, of the σ_d that blending multiplies by; 0 where maps have it.
+    soft_limits: limits are knees.  pore_depth_limit: that of σ_d of pores.
     measured_in: where angles are taken, "uv" or "surface".  tilt: None without tilts.
     """
 
@@ -192,3 +193,5 @@ class BinManifest:
     depth_exponents: dict[str, float]
     measured_in: str
     tilt: TiltLine | None
+    soft_limits: bool
+    pore_depth_limit: float

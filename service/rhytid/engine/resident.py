@@ -12,19 +12,19 @@ from rhytid.device.runtime import Buffer
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
 from rhytid.engine.messages import MapQuery
-from rhytid.engine.resident_parts import ResidentParts
+from rhytid.engine.resident_frames import ResidentFrames
 from rhytid.pipeline.bin_maker import BinMaker, BinTile
 from rhytid.pipeline.bins import map_count
+from rhytid.pipeline.blend import Coefficients
 from rhytid.pipeline.elements import BLOCK
 from rhytid.pipeline.levels import Draw, render_to_host
 from rhytid.pipeline.neutral_tiles import NeutralTile, NeutralTiles
 from rhytid.pipeline.redraw import ScaleBuffers, redrawing, respond
-from rhytid.pipeline.smooth import SmoothFields, respond_smooth
-from rhytid.pipeline.stretch_buffers import StretchBuffers
+from rhytid.pipeline.smooth import respond_smooth
 from rhytid.pipeline.vectors import BYTES_A_TEXEL, VECTOR
 
 
-class ResidentAsset(ResidentParts):
+class ResidentAsset(ResidentFrames):
     """What can be drawn of an asset: stretch, tiles by every method, precomputed maps."""
 
     def warm_up(self) -> None:
@@ -66,10 +66,14 @@ class ResidentAsset(ResidentParts):
         if query.method != "convolved":
             return self._redrawn(frame, query, udim)(row, column, side)
         maker, convolve = self._convolving(frame, query, udim)
-        neutral = self._neutral_tile(maker, udim, row, column, side)
-        out = convolve(neutral)
-        neutral.release()
-        return out
+
+        def draw(row: int, column: int, side: int) -> Buffer:
+            neutral = self._neutral_tile(maker, udim, row, column, side)
+            out = convolve(neutral)
+            neutral.release()
+            return out
+
+        return self._grained(draw, frame, query, udim)(row, column, side)
 
     def bin_tile(self, address: TileAddress) -> BinTile:
         """The precomputed maps of one tile; made where they are not there."""
@@ -110,7 +114,7 @@ class ResidentAsset(ResidentParts):
 
             return convolve(self._keep("neutral", query.sampling, address, make=make))
 
-        return draw
+        return self._grained(draw, frame, query, address.udim)
 
     def _blended(
         self, frame: Frame, query: MapQuery, addresses: Sequence[TileAddress]
@@ -120,22 +124,47 @@ class ResidentAsset(ResidentParts):
         tiles = [self.bin_tile(address) for address in addresses]
         if query.sampling == "smooth":
             fields, located = self._fields(frame, model), self._located[udim]
-            return [blend.smooth_tile(maps, fields, located) for maps in tiles]
-        plain = [maps for maps in tiles if maps.stiffness is None]
-        made = iter(blend.tiles(plain, self._coefficients(frame, model)) if plain else ())
-        return [
-            next(made)
-            if maps.stiffness is None
-            else blend.stiff_tile(maps, self._stretches(frame, model))
-            for maps in tiles
-        ]
+            made = [blend.smooth_tile(maps, fields, located) for maps in tiles]
+            return self._all_grained(made, frame, query, addresses)
+        plain = [a for a, maps in zip(addresses, tiles, strict=True) if maps.stiffness is None]
+        stiff = [a for a in addresses if a not in plain]
+        found = dict(zip(plain, self._blended_plain(frame, model, plain), strict=True))
+        others = [blend.stiff_tile(self.bin_tile(a), self._stretches(frame, model)) for a in stiff]
+        found |= dict(zip(stiff, self._all_grained(others, frame, query, stiff), strict=True))
+        return [found[address] for address in addresses]
+
+    def _blended_plain(
+        self, frame: Frame, model: str, addresses: list[TileAddress]
+    ) -> list[Buffer]:
+        """Tiles whose texels have no stiffness of their own."""
+        assert self._blend is not None
+        if not addresses:
+            return []
+        tiles, grains = [self.bin_tile(address) for address in addresses], None
+        if self._shows_grain:
+            grains = [self._grain_codes(a.udim, *self._place(a)) for a in addresses]
+        return self._blend.tiles(tiles, self._coefficients(frame, model), grains)
+
+    def _all_grained(
+        self, made: list[Buffer], frame: Frame, query: MapQuery, addresses: Sequence[TileAddress]
+    ) -> list[Buffer]:
+        """Tiles with the grain of a frame added."""
+        for out, address in zip(made, addresses, strict=True):
+            if self._shows_grain:
+                square = (*self._place(address), self.settings.tile_size)
+                self._add_grain(out, frame, query, address.udim, square)
+        return made
+
+    @property
+    def _shows_grain(self) -> bool:
+        return self.settings.shape.grain > 0.0
 
     def _place(self, address: TileAddress) -> tuple[int, int]:
         """Row and column of a tile's first texel."""
         texels = self.settings.grid.texels(address.level)
         return address.row * texels, address.column * texels
 
-    def _coefficients(self, frame: Frame, model: str) -> Buffer:
+    def _coefficients(self, frame: Frame, model: str) -> Coefficients:
         assert self._blend is not None
         blend = self._blend
         return self._keep_of(
@@ -149,20 +178,6 @@ class ResidentAsset(ResidentParts):
         return self._keep_of(
             frame, "stretches", model,
             make=lambda: blend.stretches(self._stretch_buffers(frame, model)),
-        )  # fmt: skip
-
-    def _fields(self, frame: Frame, model: str) -> SmoothFields:
-        limit = self.settings.response.log_stretch_limit
-        return self._keep_of(
-            frame, "fields", model,
-            make=lambda: self._smooth.run(self._stretch_buffers(frame, model), limit),
-        )  # fmt: skip
-
-    def _stretch_buffers(self, frame: Frame, model: str) -> StretchBuffers:
-        limit = self.settings.response.log_stretch_limit
-        return self._keep_of(
-            frame, "stretch", model,
-            make=lambda: self._stretch.run(frame.positions, limit, model, self.settings.angles),
         )  # fmt: skip
 
     def _kernels(self, frame: Frame, model: str) -> Buffer:
@@ -189,10 +204,14 @@ class ResidentAsset(ResidentParts):
         self, maker: NeutralTiles, udim: int, row: int, column: int, side: int
     ) -> NeutralTile:
         """What is convolved for `side`² texels of level 0."""
-        draw = self._redrawing(NEUTRAL_FRAME, MapQuery("neutral"), udim)
+        draw = self._lines(NEUTRAL_FRAME, MapQuery("neutral"), udim)
         return maker.neutral_tile(draw, self._located[udim], self.settings, udim, row, column, side)
 
     def _redrawing(self, frame: Frame, query: MapQuery, udim: int) -> Draw:
+        return self._grained(self._lines(frame, query, udim), frame, query, udim)
+
+    def _lines(self, frame: Frame, query: MapQuery, udim: int) -> Draw:
+        """What draws wrinkles and pores of a frame, without grain."""
         scales = self._scales(frame, query, udim)
         return redrawing(self._device, self._elements[udim], self.settings, scales)
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rhytid.device.budget import Releasable
 from rhytid.device.runtime import Device
-from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.asset_settings import AssetSettings, ShapeSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.stiffness import Stiffness
@@ -107,9 +107,8 @@ class ResidentParts:
     def prepares(self, settings: AssetSettings) -> bool:
         """Whether elements are other ones with these settings, so that `use` is not enough."""
         old = self.settings
-        waves = [(s.shape.wave_amplitude, s.shape.wave_frequency) for s in (settings, old)]
         other = settings.response != old.response or settings.bins.count != old.bins.count
-        return other or waves[0] != waves[1]
+        return other or _laid_out(settings.shape) != _laid_out(old.shape)
 
     def install(self, prepared: Prepared, settings: AssetSettings) -> None:
         """Take elements and settings in place of those before, in one step."""
@@ -182,3 +181,10 @@ class ResidentParts:
             return isinstance(key, tuple) and key[0] == id(self) and belongs(key)
 
         self._device.budget.drop(of_this)
+
+
+def _laid_out(shape: ShapeSettings) -> tuple[float | None, ...]:
+    """What of a shape is in the elements, or in the boxes around them."""
+    waves = (shape.wave_amplitude, shape.wave_frequency)
+    cushion = (shape.cushion, shape.cushion_width)
+    return (*waves, *cushion, shape.curvature, shape.taper, shape.least_half_width)

@@ -18,7 +18,11 @@ from rhytid.errors import GraphError
 from rhytid.formats.limits import check_size
 
 _DTYPES = dict.fromkeys(
-    ("edge_nodes", "node_triangle", "edge_triangle", "node_copy_of", "edge_copy_of"), "I32"
+    (
+        *("edge_nodes", "node_triangle", "edge_triangle"),
+        *("node_copy_of", "edge_copy_of", "edge_partners"),
+    ),
+    "I32",
 )
 # The library declares no types: name -> {dtype, shape, data}.
 _deserialize: Callable[[bytes], list[tuple[str, dict[str, Any]]]] = deserialize

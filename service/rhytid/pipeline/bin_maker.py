@@ -7,7 +7,7 @@ There are maps of level 0 only: means of maps, blended, are flatter than the mea
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import count as counter
 from itertools import product
 from typing import Any
@@ -23,6 +23,7 @@ from rhytid.pipeline.bins import (
     CODES,
     TILT_SHARE,
     code_limit,
+    depth_limits,
     directions,
     drawn_depth_exponents,
     map_count,
@@ -32,6 +33,9 @@ from rhytid.pipeline.bins import (
     scale,
     tilt_width,
 )
+from rhytid.pipeline.cushion import coarse_side
+from rhytid.pipeline.cushion_bins import CushionBins
+from rhytid.pipeline.cushion_elements import APRON
 from rhytid.pipeline.elements import UdimElements
 from rhytid.pipeline.locate import UdimTriangles
 from rhytid.pipeline.redraw import launch_blocks
@@ -49,17 +53,20 @@ class BinTile(Held):
     codes: (texels / VECTOR, maps, VECTOR), maps being M samples within parts within N + 1
     layers, and after those of a bin its tilt.
     stiffness: float32 of each texel, or None: 1 throughout.
-    place: texels a side of the tile and of its map, row and column of its first texel."""
+    place: texels a side of the tile and of its map, row and column of its first texel.
+    cushion: the broad layer of wrinkles around the tile, coarse, with no pores; None where there is
+    none."""
 
     triangles: VectorTriangles
     codes: Buffer
     texels: int
     place: tuple[np.int32, np.int32, np.int32, np.int32]
     stiffness: Buffer | None = None
+    cushion: BinTile | None = None
 
     @property
-    def _buffers(self) -> tuple[VectorTriangles | Buffer | None, ...]:
-        return (self.triangles, self.codes, self.stiffness)
+    def _buffers(self) -> tuple[VectorTriangles | Buffer | BinTile | None, ...]:
+        return (self.triangles, self.codes, self.stiffness, self.cushion)
 
 
 class BinMaker:
@@ -97,8 +104,36 @@ class BinMaker:
 
     def _tile(self, square: tuple[int, int, int], codes: Buffer) -> BinTile:
         """With what is known of the triangles of its texels."""
-        row, column, texels = square
         side = self._settings.resolution
+        tile = self._located_tile((side, *square), codes)
+        cushion = self._cushion(square)
+        if cushion is None:
+            return tile
+        # Stiff in one of both is stiff in both: they are blended alike.
+        stiff = tile.stiffness is not None or cushion.stiffness is not None
+        own, coarse = (self._stiff(one) if stiff else one for one in (tile, cushion))
+        return replace(own, cushion=coarse)
+
+    def _stiff(self, tile: BinTile) -> BinTile:
+        """With a stiffness of 1 where it has none."""
+        if tile.stiffness is not None:
+            return tile
+        return replace(tile, stiffness=self._device.full(tile.texels, np.float32(1.0)))
+
+    def _cushion(self, square: tuple[int, int, int]) -> BinTile | None:
+        """Of a square (row, column, texels a side)."""
+        if self._elements.cushion is None:
+            return None
+        factor = self._elements.cushion.factor
+        maker = CushionBins(self._device, self._elements, self._settings, TILT_SHARE)
+        codes, texels = maker.codes(square), coarse_side(square[2], factor)
+        row, column = (at // factor - APRON for at in square[:2])
+        place = (self._settings.resolution // factor, row, column, texels)
+        return self._located_tile(place, codes)
+
+    def _located_tile(self, place: tuple[int, int, int, int], codes: Buffer) -> BinTile:
+        """Of (texels a side of the map, row, column, texels a side of the tile)."""
+        side, row, column, texels = place
         triangles = self._located.texels(side, row, column, texels)
         found = VectorTriangles.of(self._device, triangles, texels * texels)
         triangles.release()
@@ -131,10 +166,11 @@ class BinMaker:
     def _map(self, layer: int, part: int, sample: int) -> _Launch:
         settings, response = self._settings, self._settings.response
         r = float(sample_stretches(settings, layer)[sample])
-        depth = scale(r, -drawn_depth_exponents(settings)[layer])
+        exponent, most = drawn_depth_exponents(settings)[layer], depth_limits(settings)[layer]
+        depth = scale(response, r, -exponent, most)
         if layer == settings.bins.count:
-            return self._pores(_float2(scale(r, response.beta_w), depth), part)
-        return self._wrinkles(layer, _float2(scale(r, response.alpha_w), depth), part)
+            return self._pores(_float2(scale(response, r, response.beta_w), depth), part)
+        return self._wrinkles(layer, _float2(scale(response, r, response.alpha_w), depth), part)
 
     def _wrinkles(
         self, index: int, scales: NDArray[np.float32], part: int, tilt: float = 0.0
@@ -144,8 +180,8 @@ class BinMaker:
         leaning = np.array([*directions(count)[index], tilt * 2 * count / np.pi, 0.0], np.float32)
         return self._launching(
             "draw_wrinkle_bin",
-            elements.segments, elements.sizes, elements.bins, np.int32(index), scales,
-            np.int32(part), leaning, lists.offsets, lists.members, *elements.wrinkle_arguments,
+            *elements.line_arguments, elements.bins, np.int32(index), scales,
+            np.int32(part), leaning, lists.offsets, lists.members,
         )  # fmt: skip
 
     def _pores(self, scales: NDArray[np.float32], part: int) -> _Launch:

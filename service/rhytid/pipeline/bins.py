@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.domain.asset_settings import AssetSettings, BinSettings
+from rhytid.domain.asset_settings import AssetSettings, BinSettings, ResponseSettings
 from rhytid.pipeline.elements import SCALE_LIMIT
 
 # What bulges and overlaps may add to the deepest furrow, in units of depth.
@@ -35,9 +35,26 @@ def sample_stretches(settings: AssetSettings, layer: int = 0) -> NDArray[np.floa
     return steps * (2.0 * settings.last_sample / (samples - 1))
 
 
-def scale(r: float, exponent: float) -> float:
+def scale(
+    response: ResponseSettings, r: float, exponent: float, most: float = SCALE_LIMIT
+) -> float:
     """exp(r)^exponent within the limits of the response (Alg. 1, lines 7 and 8)."""
-    return float(np.clip(math.exp(exponent * r), 1.0 / SCALE_LIMIT, SCALE_LIMIT))
+    if not response.soft_limits:
+        return float(np.clip(math.exp(exponent * r), 1.0 / SCALE_LIMIT, most))
+    return math.exp(held(exponent * r, math.log(SCALE_LIMIT), math.log(most)))
+
+
+def held(x: float, low: float, high: float) -> float:
+    """x by a knee within -low and high (HELD of limits.clh): x itself as far as half of them, the
+    limit from one and a half times it on, between them a parabola."""
+    size, limit = abs(x), high if x > 0 else low
+    past = min(max(size - 0.5 * limit, 0.0), limit)
+    return math.copysign(min(size, 1.5 * limit) - past * past / (2.0 * limit), x)
+
+
+def depth_limits(settings: AssetSettings) -> list[float]:
+    """The largest depth scale of each layer, bins first, then the pores."""
+    return [SCALE_LIMIT] * settings.bins.count + [settings.response.pore_depth_limit]
 
 
 def drawn_depth_exponents(settings: AssetSettings) -> list[float]:
@@ -51,7 +68,8 @@ def drawn_depth_exponents(settings: AssetSettings) -> list[float]:
 
 def tilt_width(settings: AssetSettings) -> float:
     """What half widths are scaled by where tilts are drawn: as wide as wrinkles ever are."""
-    return scale(settings.last_sample, settings.response.alpha_w)
+    response = settings.response
+    return scale(response, settings.last_sample, response.alpha_w)
 
 
 def parts(bins: BinSettings) -> tuple[int, ...]:
@@ -98,8 +116,14 @@ def quantisation_steps(settings: AssetSettings) -> NDArray[np.float32]:
     assert settings.depth is not None
     bins = settings.bins
     found = np.zeros((bins.count + 1, max(bins.layer_samples)), np.float32)
+    limits = depth_limits(settings)
     for layer, exponent in enumerate(drawn_depth_exponents(settings)):
-        depths = np.array([scale(r, -exponent) for r in sample_stretches(settings, layer)])
+        depths = np.array(
+            [
+                scale(settings.response, r, -exponent, limits[layer])
+                for r in sample_stretches(settings, layer)
+            ]
+        )
         step = settings.depth * (depths + HEADROOM) / code_limit(bins.bits)
         found[layer, : len(depths)] = step
     return found

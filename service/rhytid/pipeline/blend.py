@@ -5,11 +5,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
 from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.device.held import Held
 from rhytid.device.runtime import Buffer, Device
 from rhytid.domain.asset_settings import AssetSettings, BinSettings
 from rhytid.pipeline.bin_maker import BinTile
@@ -22,7 +25,15 @@ from rhytid.pipeline.bins import (
     parts,
     quantisation_steps,
 )
-from rhytid.pipeline.elements import RESPONSE_DEFINES
+from rhytid.pipeline.cushion_bins import (
+    cushion_map_count,
+    cushion_settings,
+    cushion_steps,
+    range_of_codes,
+)
+from rhytid.pipeline.cushion_elements import APRON
+from rhytid.pipeline.elements import SCALE_LIMIT, response_defines
+from rhytid.pipeline.grain import grain_amplitude, grain_gains
 from rhytid.pipeline.locate import UdimTriangles
 from rhytid.pipeline.smooth import SmoothFields
 from rhytid.pipeline.stretch_buffers import StretchBuffers
@@ -47,19 +58,45 @@ def _directions(bins: BinSettings) -> NDArray[np.float32]:
     return np.concatenate([directions(bins.count, turn) for turn in turns]).astype(np.float32)
 
 
+@dataclass(frozen=True)
+class Coefficients(Held):
+    """Of a frame. own: what the codes of each layer are multiplied by in each triangle.  gains: of
+    the grain, where there is one."""
+
+    own: Buffer
+    gains: Buffer | None = None
+
+    @property
+    def _buffers(self) -> tuple[Buffer | None, ...]:
+        return (self.own, self.gains)
+
+
 class Blend:
     """What blending needs of an asset, on the device."""
 
-    def __init__(self, device: Device, settings: AssetSettings, triangles: int) -> None:
+    def __init__(
+        self, device: Device, settings: AssetSettings, triangles: int, *, coarse: bool = False
+    ) -> None:
+        """coarse: of the broad layer alone, which has no pores, no grain and one sign."""
         assert settings.depth is not None
+        steps = cushion_steps(settings) if coarse else quantisation_steps(settings)
+        self._cushion: Blend | None = None
+        narrow_unit = unit_of(settings)
+        if coarse:
+            settings = cushion_settings(settings)
+        elif settings.shape.cushion > 0.0:
+            self._cushion = Blend(device, settings, triangles, coarse=True)
+        self._settings = settings
         bins, response = settings.bins, settings.response
         self._device, self._bins, self._triangles = device, bins, triangles
         self._last_sample = np.float32(settings.last_sample)
         self._unit = np.float32(unit_of(settings))
         exponents = [response.alpha_d, response.beta_d] if bins.depth_factored else [0.0, 0.0]
-        self._exponents = np.array(exponents, np.float32)
+        limits = [SCALE_LIMIT, response.pore_depth_limit]
+        self._exponents = np.array([*exponents, *limits], np.float32)
+        self._response = response_defines(response.soft_limits)
         self._directions = device.upload(_directions(bins))
-        self._steps = device.upload(quantisation_steps(settings))
+        self._steps = device.upload(steps)
         self._layers: dict[str, object] = {
             "LAYERS": bins.count + 1,
             "SAMPLES": bins.samples,
@@ -74,22 +111,33 @@ class Blend:
             "CODE_BITS": bins.bits,
             "PARTS": len(parts(bins)),
             "MERGE": MERGES[bins.merge],
-            "MAPS": map_count(bins),
+            "MAPS": cushion_map_count(settings) if coarse else map_count(bins),
         }
+        if coarse:
+            # Both layers take the coefficients of the narrow one.
+            gain = range_of_codes(settings) * narrow_unit / unit_of(settings)
+            own = {"DRAWN": bins.count, "MERGE": "VALLEYS_ONLY", "CODE_GAIN": f"{gain:.9e}f"}
+            self._codes.update(own)
 
-    def coefficients(self, stretch: StretchBuffers) -> Buffer:
+    def coefficients(self, stretch: StretchBuffers) -> Coefficients:
         """What the codes of each layer are multiplied by in each triangle: where it stands between
         the samples and the depth scale that its maps lack (Alg. 3, lines 6 to 10)."""
+        own = self._own_coefficients(stretch)
+        grainy = self._settings.shape.grain > 0.0
+        gains = grain_gains(self._device, self._settings, stretch) if grainy else None
+        return Coefficients(own, gains)
+
+    def _own_coefficients(self, stretch: StretchBuffers) -> Buffer:
         count, layers = self._triangles + 1, self._bins.count + 1
         found = self._device.empty(4 * count * layers, np.float32)
         self._device.launch(
             "weights", "sample_weights", (count,),
             *self._stretch(stretch), self._last_sample, self._exponents, found,
-            defines={**self._layers, **RESPONSE_DEFINES, **self._oriented},
+            defines={**self._layers, **self._response, **self._oriented},
         )  # fmt: skip
         self._device.launch(
             "weights", "coefficients", (count * layers,), self._steps, self._unit, found,
-            defines={**self._layers, **RESPONSE_DEFINES, **self._oriented},
+            defines={**self._layers, **self._response, **self._oriented},
         )  # fmt: skip
         return found
 
@@ -101,60 +149,107 @@ class Blend:
         found = self._device.empty(sides * count * (self._bins.count + 1), np.float32)
         self._device.launch(
             "weights", "layer_stretches", (count,), *self._stretch(stretch), found,
-            defines={**self._layers, **RESPONSE_DEFINES, **self._oriented},
+            defines={**self._layers, **self._response, **self._oriented},
         )  # fmt: skip
         return found
 
-    def tile(self, maps: BinTile, coefficients: Buffer) -> Buffer:
-        """float32 displacement of one tile, on the device (Alg. 3, lines 11 to 15)."""
-        return self.tiles([maps], coefficients)[0]
+    def tile(
+        self, maps: BinTile, coefficients: Coefficients, grain: Buffer | None = None
+    ) -> Buffer:
+        """float32 displacement of one tile, on the device (Alg. 3, lines 11 to 15).
 
-    def tiles(self, tiles: Sequence[BinTile], coefficients: Buffer) -> list[Buffer]:
+        grain: codes of its texels, to be added where they are given."""
+        return self.tiles([maps], coefficients, None if grain is None else [grain])[0]
+
+    def tiles(
+        self,
+        tiles: Sequence[BinTile],
+        coefficients: Coefficients,
+        grains: Sequence[Buffer] | None = None,
+    ) -> list[Buffer]:
         """As `tile`, of tiles of as many texels, a few a launch."""
-        made = [self._device.empty(maps.texels, np.float32) for maps in tiles]
+        made = [self._room(maps) for maps in tiles]
         for first in range(0, len(tiles), TILES_A_LAUNCH):
             some = slice(first, first + TILES_A_LAUNCH)
-            self._launch_blend(tiles[some], made[some], coefficients)
+            own = None if grains is None else grains[some]
+            self._launch_blend(tiles[some], made[some], coefficients, own)
         return made
 
+    def _room(self, maps: BinTile) -> Buffer:
+        """For the displacement of a tile, and for what is read beyond that of a coarse one."""
+        return self._device.empty(maps.texels + VECTOR, np.float32)
+
     def _launch_blend(
-        self, tiles: Sequence[BinTile], made: Sequence[Buffer], coefficients: Buffer
+        self,
+        tiles: Sequence[BinTile],
+        made: Sequence[Buffer],
+        coefficients: Coefficients,
+        grains: Sequence[Buffer] | None,
     ) -> None:
+        raised = _cushions(tiles) if self._cushion is not None else []
+        coarse: list[Buffer] = []
+        if self._cushion is not None and raised:
+            coarse = self._cushion.tiles(raised, coefficients)
         of_each = [
-            (maps.triangles.firsts, maps.triangles.members, maps.codes, out)
-            for maps, out in zip(tiles, made, strict=True)
-        ]
+            (maps.triangles.firsts, maps.triangles.members, maps.codes,
+             coarse[i] if coarse else None, grains[i] if grains else None, made[i])
+            for i, maps in enumerate(tiles)
+        ]  # fmt: skip
         of_each += [of_each[0]] * (TILES_A_LAUNCH - len(tiles))  # which no work-item looks at
         vectors = tiles[0].texels // VECTOR
         self._device.launch(
             "blend", "blend", (vectors, len(tiles)),
-            *chain.from_iterable(of_each), coefficients, self._unit,
-            group=(min(self._device.shape.vectors, vectors), 1),
-            defines={**self._layers, **self._codes},
+            *chain.from_iterable(of_each), coefficients.own,
+            coefficients.gains if grains else None, self._unit, tiles[0].place[0],
+            np.float32(grain_amplitude(self._settings)), np.float32(self._settings.depth),
+            group=_group(self._device.shape.vectors, vectors),
+            defines={
+                **self._layers, **self._codes, **_raised(tiles[0], coarse),
+                **({**self._response, "GRAINY": 1} if grains else {}),
+            },
         )  # fmt: skip
+        for buffer in coarse:
+            buffer.release()
 
     def stiff_tile(self, maps: BinTile, stretches: Buffer) -> Buffer:
         """As `tile`, of a tile whose texels have a stiffness (Alg. 3, lines 8 to 15)."""
-        out = self._device.empty(maps.texels, np.float32)
+        out = self._room(maps)
+        coarse: list[Buffer] = []
+        if self._cushion is not None and maps.cushion is not None:
+            coarse = [self._cushion.stiff_tile(maps.cushion, stretches)]
         self._device.launch(
             "blend_stiff", "blend_stiff", (maps.texels // VECTOR,),
             maps.triangles.firsts, maps.triangles.members, maps.stiffness, maps.codes, stretches,
-            self._steps, self._last_sample, self._exponents, self._unit, out,
-            defines={**self._layers, **RESPONSE_DEFINES, **self._oriented, **self._codes},
+            self._steps, self._last_sample, self._exponents, self._unit, maps.place[0],
+            coarse[0] if coarse else None, out,
+            defines={
+                **self._layers, **self._response, **self._oriented, **self._codes,
+                **_raised(maps, coarse),
+            },
         )  # fmt: skip
+        for buffer in coarse:
+            buffer.release()
         return out
 
     def smooth_tile(self, maps: BinTile, fields: SmoothFields, located: UdimTriangles) -> Buffer:
         """As `tile`, with a stretch of its own for every texel (Alg. 3, lines 2 to 15)."""
-        out = self._device.empty(maps.texels, np.float32)
+        out = self._room(maps)
+        coarse: list[Buffer] = []
+        if self._cushion is not None and maps.cushion is not None:
+            coarse = [self._cushion.smooth_tile(maps.cushion, fields, located)]
         self._device.launch(
             "blend_smooth", "blend_smooth", (maps.texels // VECTOR,),
             maps.triangles.firsts, maps.triangles.members, maps.codes, self._steps,
             self._directions, self._last_sample, self._exponents, self._unit,
             *maps.place, *fields.arguments(located),
-            fields.neutral, maps.stiffness, out,
-            defines={**self._layers, **RESPONSE_DEFINES, **self._oriented, **self._codes},
+            fields.neutral, maps.stiffness, coarse[0] if coarse else None, out,
+            defines={
+                **self._layers, **self._response, **self._oriented, **self._codes,
+                **_raised(maps, coarse),
+            },
         )  # fmt: skip
+        for buffer in coarse:
+            buffer.release()
         return out
 
     def _stretch(self, stretch: StretchBuffers) -> tuple[object, ...]:
@@ -164,3 +259,24 @@ class Blend:
         """Give the memory back."""
         self._directions.release()
         self._steps.release()
+        if self._cushion is not None:
+            self._cushion.release()
+
+
+@cache
+def _group(most: int, vectors: int) -> tuple[int, int]:
+    """The largest work-group that the vectors of a tile can be cut into."""
+    return next(n for n in range(min(most, vectors), 0, -1) if vectors % n == 0), 1
+
+
+def _cushions(tiles: Sequence[BinTile]) -> list[BinTile]:
+    """Of tiles that all have one, else none."""
+    return [maps.cushion for maps in tiles if maps.cushion is not None]
+
+
+def _raised(maps: BinTile, coarse: Sequence[Buffer]) -> dict[str, object]:
+    """What kernels must know of the broad layer of a tile."""
+    if not coarse or maps.cushion is None:
+        return {}
+    sides = int(maps.place[0]), int(maps.cushion.place[0]) - 2 * APRON
+    return {"RAISED": 1, "COARSER": sides[0] // sides[1]}

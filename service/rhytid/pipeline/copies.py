@@ -1,10 +1,10 @@
 """Copies at UV seams: they are drawn in the UV of another chart than that of what they copy, and
-answer to stretch as that does. Kernels: copies.cl, listed.clh.
+answer to stretch as that does. Kernels: copies.cl, line.clh.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,9 +19,9 @@ Floats = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Origins:
-    """What the last C elements of a UDIM answer to stretch with, as if they were where their
-    originals are: places (C, 4) segments or (C, 2) centres in texels, triangle (C,), stiffness (C,)
-    or None."""
+    """What C elements of a UDIM, one after the other, answer to stretch with, as if they were where
+    their originals are: places (C, 4) segments or (C, 2) centres in texels, triangle (C,),
+    stiffness (C,) or None."""
 
     places: Floats
     triangle: NDArray[np.int32]
@@ -48,7 +48,7 @@ class Origins:
 @dataclass(frozen=True)
 class OriginBuffers:
     """Origins on the device. first: the element that the first of them belongs to.  scales: room
-    for (sigma_w, sigma_d) of each."""
+    for what each answers, (sigma_w, sigma_d), or r."""
 
     count: int
     first: int
@@ -58,25 +58,27 @@ class OriginBuffers:
     scales: Buffer
 
     @classmethod
-    def upload(cls, device: Device, origins: Origins | None, elements: int) -> OriginBuffers | None:
-        """Those of the last of so many elements."""
+    def upload(cls, device: Device, origins: Origins | None, first: int) -> OriginBuffers | None:
+        """Those of elements `first` and following."""
         if origins is None:
             return None
         count, stiffness = len(origins.triangle), origins.stiffness
         return cls(
             count,
-            elements - count,
+            first,
             device.upload(origins.places),
             device.upload(origins.triangle),
             None if stiffness is None else device.upload(stiffness),
             device.empty(2 * count, np.float32),
         )
 
-    def give(self, device: Device, scales: Buffer) -> None:
-        """Put the scales of the originals in the place of those of the copies."""
+    def give(self, device: Device, scales: Buffer, defines: Mapping[str, object]) -> None:
+        """Put what the originals answer in the place of what the copies do.  defines: with which
+        both were found."""
         device.launch(
-            "copies", "take_scales", (self.count,), self.scales, np.int32(self.first), scales
-        )
+            "copies", "take_scales", (self.count,), self.scales, np.int32(self.first), scales,
+            defines=defines,
+        )  # fmt: skip
 
     def release(self) -> None:
         """Give the memory back."""
@@ -118,12 +120,13 @@ def rim_reach(root: NDArray[np.float64]) -> NDArray[np.float64]:
     return reach
 
 
-def skewed_roots(graph: WrinkleGraph, rows: Rows, resolution: int) -> Floats:
-    """(S, 4) float32 (xx, xy, yy, 0), texels⁻¹, of wrinkles (S,); round where one has no metric."""
-    across = 1.0 / graph.edge_half_width[rows].astype(np.float64)
-    root = np.stack([across, np.zeros_like(across), across, np.zeros_like(across)], axis=1)
+def skews_of(graph: WrinkleGraph, rows: Rows) -> Floats:
+    """(S, 4) float32 (xx, xy, yy, 0) of wrinkles (S,), as line.clh has them: places times these are
+    where a wrinkle with a metric is as wide as its half width; (1, 0, 1, 0) where one has none."""
+    skews = np.tile(np.array([1.0, 0.0, 1.0, 0.0]), (len(rows), 1))
     if graph.edge_metric is not None:
         metric = graph.edge_metric[rows]
         given = np.flatnonzero(metric.any(axis=1))
-        root[given, :3] = metric_roots(metric[given])
-    return (root / resolution).astype(np.float32)
+        half_width = graph.edge_half_width[rows[given]].astype(np.float64)
+        skews[given, :3] = metric_roots(metric[given]) * half_width[:, None]
+    return skews.astype(np.float32)

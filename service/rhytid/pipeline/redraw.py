@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,18 +13,21 @@ from numpy.typing import NDArray
 from rhytid.device.held import Held
 from rhytid.device.runtime import NO_DEFINES, Buffer, Device
 from rhytid.domain.asset_settings import AssetSettings, ShapeSettings
-from rhytid.pipeline.elements import BLOCK, RESPONSE_DEFINES, Lists, UdimElements
+from rhytid.pipeline.copies import OriginBuffers
+from rhytid.pipeline.cushion import draw_cushion
+from rhytid.pipeline.elements import BLOCK, Lists, UdimElements, response_defines
 from rhytid.pipeline.levels import Draw
 from rhytid.pipeline.stretch_buffers import StretchBuffers
 from rhytid.pipeline.vectors import VECTOR
 
-# Fills scales of so many elements from their places, triangles and stiffness.
+# Fills scales, or r, of so many elements from their places, triangles and stiffness.
 Answer = Callable[[int, Buffer, Buffer, Buffer | None, Buffer], None]
 
 
 @dataclass(frozen=True)
 class ScaleBuffers(Held):
-    """(σ_w, σ_d) of each wrinkle and pore of a UDIM in one frame, on the device."""
+    """(σ_w, σ_d) of each wrinkle and pore of a UDIM in one frame, on the device; of wrinkles that
+    bend σ_w at both ends, then σ_d."""
 
     wrinkles: Buffer
     pores: Buffer
@@ -31,8 +35,8 @@ class ScaleBuffers(Held):
     @classmethod
     def allocate(cls, device: Device, elements: UdimElements) -> ScaleBuffers:
         """Room for the scales of those elements, not initialised."""
-        counts = (elements.wrinkles, elements.pores)
-        return cls(*(device.empty(2 * count, np.float32) for count in counts))
+        counts = ((4 if elements.bent else 2) * elements.wrinkles, 2 * elements.pores)
+        return cls(*(device.empty(count, np.float32) for count in counts))
 
     @property
     def _buffers(self) -> tuple[Buffer, ...]:
@@ -43,7 +47,7 @@ def respond(
     device: Device, elements: UdimElements, settings: AssetSettings, stretch: StretchBuffers
 ) -> ScaleBuffers:
     """Alg. 1 for every wrinkle and Alg. 2 for every pore."""
-    response = settings.response
+    response, defines = settings.response, response_defines(settings.response.soft_limits)
     scales = ScaleBuffers.allocate(device, elements)
 
     def wrinkles(
@@ -53,7 +57,7 @@ def respond(
             "respond", "respond_wrinkles", (-(-count // VECTOR),),
             places, triangle, stretch.axes, stretch.logs, stretch.jacobians, stiff, np.int32(count),
             np.float32(response.alpha_w), np.float32(response.alpha_d), into,
-            defines=RESPONSE_DEFINES,
+            defines={**defines, **elements.response_defines},
         )  # fmt: skip
 
     def pores(
@@ -62,36 +66,70 @@ def respond(
         device.launch(
             "respond", "respond_pores", (-(-count // VECTOR),),
             triangle, stretch.logs, stiff, np.int32(count),
-            np.float32(response.beta_w), np.float32(response.beta_d), into,
-            defines=RESPONSE_DEFINES,
+            np.float32(response.beta_w), np.float32(response.beta_d),
+            np.float32(response.pore_depth_limit), into,
+            defines=defines,
         )  # fmt: skip
 
-    answer(device, elements, scales, wrinkles, pores)
+    answer(device, elements, settings, scales, wrinkles, pores)
     return scales
 
 
 def answer(
-    device: Device, elements: UdimElements, scales: ScaleBuffers, wrinkles: Answer, pores: Answer
+    device: Device,
+    elements: UdimElements,
+    settings: AssetSettings,
+    scales: ScaleBuffers,
+    wrinkles: Answer,
+    pores: Answer,
 ) -> None:
     """Fill the scales of the elements of a UDIM: of copies with what their originals answer."""
-    wrinkles(
-        elements.wrinkles, elements.segments, elements.wrinkle_triangle, elements.wrinkle_stiffness,
-        scales.wrinkles,
-    )  # fmt: skip
+    with _wrinkle_scales(device, elements, settings, scales) as found:
+        wrinkles(
+            elements.wrinkles, elements.segments, elements.wrinkle_triangle,
+            elements.wrinkle_stiffness, found,
+        )  # fmt: skip
+        defines = elements.response_defines
+        _take_over(device, elements.wrinkle_origins, wrinkles, found, defines)
     pores(
         elements.pores, elements.centres, elements.pore_triangle, elements.pore_stiffness,
         scales.pores,
     )  # fmt: skip
-    of_copies = (
-        (wrinkles, elements.wrinkle_origins, scales.wrinkles),
-        (pores, elements.pore_origins, scales.pores),
-    )
-    for respond_to, origins, into in of_copies:
-        if origins is not None:
-            respond_to(
-                origins.count, origins.places, origins.triangle, origins.stiffness, origins.scales
-            )
-            origins.give(device, into)
+    _take_over(device, elements.pore_origins, pores, scales.pores, NO_DEFINES)
+
+
+def _take_over(
+    device: Device,
+    origins: OriginBuffers | None,
+    respond_to: Answer,
+    found: Buffer,
+    defines: Mapping[str, object],
+) -> None:
+    if origins is not None:
+        respond_to(
+            origins.count, origins.places, origins.triangle, origins.stiffness, origins.scales
+        )
+        origins.give(device, found, defines)
+
+
+@contextmanager
+def _wrinkle_scales(
+    device: Device, elements: UdimElements, settings: AssetSettings, scales: ScaleBuffers
+) -> Iterator[Buffer]:
+    """What the block launches kernels to write: the scales of wrinkles, or where wrinkles bend r
+    of each, of which the scales at their ends are made on leaving."""
+    if not elements.bent:
+        yield scales.wrinkles
+        return
+    response, r = settings.response, device.empty(elements.wrinkles, np.float32)
+    yield r
+    device.launch(
+        "ends", "respond_ends", (-(-elements.wrinkles // VECTOR),),
+        r, elements.partners, np.int32(elements.wrinkles), np.float32(response.ends),
+        np.float32(response.alpha_w), np.float32(response.alpha_d), scales.wrinkles,
+        defines=response_defines(response.soft_limits),
+    )  # fmt: skip
+    r.release()
 
 
 def redrawing(
@@ -100,16 +138,32 @@ def redrawing(
     """Draws any rectangle of level 0 of the frame that `scales` belong to."""
 
     def draw(row: int, column: int, side: int) -> Buffer:
+        square = (row, column, side)
         out = device.empty(side * side, np.float32)
-        launch_blocks(
-            device, "redraw", "redraw", settings, elements, (row, column, side),
-            elements.segments, elements.sizes, scales.wrinkles, *_both(elements.wrinkle_lists),
-            elements.centres, elements.roots, scales.pores, *_both(elements.pore_lists),
-            *elements.wrinkle_arguments, into=(out,),
-        )  # fmt: skip
+        with _cushion(device, elements, settings, scales, square) as (coarse, defines):
+            launch_blocks(
+                device, "redraw", "redraw", settings, elements, square,
+                *elements.line_arguments, scales.wrinkles, *_both(elements.wrinkle_lists),
+                elements.centres, elements.roots, scales.pores, *_both(elements.pore_lists),
+                into=(*coarse, out), defines=defines,
+            )  # fmt: skip
         return out
 
     return draw
+
+
+@contextmanager
+def _cushion(
+    device: Device, elements: UdimElements, settings: AssetSettings, scales: ScaleBuffers,
+    square: tuple[int, int, int],
+) -> Iterator[tuple[tuple[Buffer, ...], Mapping[str, object]]]:  # fmt: skip
+    """The broad layer under a square, as `redraw` takes it; nothing where there is none."""
+    if elements.cushion is None:
+        yield (), NO_DEFINES
+        return
+    coarse = draw_cushion(device, elements, settings, scales.wrinkles, square)
+    yield (coarse,), {"RAISED": 1, "COARSER": elements.cushion.factor}
+    coarse.release()
 
 
 def launch_blocks(
@@ -128,15 +182,13 @@ def launch_blocks(
     arguments: of the elements.  into: those of what is written."""
     row, column, side = square
     blocks, rows = side // BLOCK, min(device.shape.rows, BLOCK)
+    shape, lines = settings.shape, elements.line_defines
     device.launch(
         program, kernel, (blocks * device.shape.lanes, side // rows), *arguments,
-        shape_values(settings.shape), np.float32(settings.depth),
+        shape_values(shape), np.float32(shape.least_half_width), np.float32(settings.depth),
         np.int32(settings.resolution // BLOCK), np.int32(row // BLOCK), np.int32(column // BLOCK),
         *into, group=(device.shape.lanes, 1),
-        defines={
-            "BLOCK": BLOCK, "ROWS": rows, "ITEMS": device.shape.lanes,
-            **elements.defines, **defines,
-        },
+        defines={"BLOCK": BLOCK, "ROWS": rows, "ITEMS": device.shape.lanes, **lines, **defines},
     )  # fmt: skip
 
 

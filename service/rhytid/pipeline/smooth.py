@@ -15,7 +15,7 @@ from rhytid.device.held import Held
 from rhytid.device.runtime import Buffer, Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.mesh import Mesh
-from rhytid.pipeline.elements import RESPONSE_DEFINES, UdimElements
+from rhytid.pipeline.elements import UdimElements, response_defines
 from rhytid.pipeline.locate import UdimTriangles
 from rhytid.pipeline.redraw import ScaleBuffers, answer
 from rhytid.pipeline.stretch_buffers import StretchBuffers
@@ -70,9 +70,9 @@ class SmoothStage:
         )
         self.neutral = self._neutral_fields()
 
-    def run(self, stretch: StretchBuffers, limit: float) -> SmoothFields:
+    def run(self, stretch: StretchBuffers, limit: float, soft: bool = False) -> SmoothFields:
         """The fields of a frame, whatever model measured it; angles as they are for `stretch`."""
-        values = self._fields(f"{stretch.model}_fields", *self._inputs(stretch, limit))
+        values = self._fields(f"{stretch.model}_fields", *self._inputs(stretch, limit), soft=soft)
         neutral = None if stretch.jacobians is None else self.neutral
         return SmoothFields(values, self._corners, limit, neutral, stretch.model)
 
@@ -81,11 +81,10 @@ class SmoothStage:
         for buffer in (self._jacobians, self._vertex, self._corners, *self._means, self.neutral):
             buffer.release()
 
-    def _fields(self, kernel: str, *inputs: object) -> Buffer:
+    def _fields(self, kernel: str, *inputs: object, soft: bool = False) -> Buffer:
         values = self._device.empty(8 * self._count, np.float32)
-        self._device.launch(
-            "smooth", kernel, (self._count,), *inputs, values, defines=RESPONSE_DEFINES
-        )
+        defines = response_defines(soft)
+        self._device.launch("smooth", kernel, (self._count,), *inputs, values, defines=defines)
         return values
 
     def _neutral_fields(self) -> Buffer:
@@ -116,6 +115,7 @@ def respond_smooth(
     """Alg. 1 for every wrinkle and Alg. 2 for every pore, each at its own point."""
     response, texels = settings.response, np.float32(settings.resolution)
     scales = ScaleBuffers.allocate(device, elements)
+    defines = response_defines(response.soft_limits)
 
     def wrinkles(
         count: int, places: Buffer, triangle: Buffer, stiff: Buffer | None, into: Buffer
@@ -124,7 +124,7 @@ def respond_smooth(
             "smooth", "respond_smooth_wrinkles", (count,),
             places, triangle, texels, *fields.arguments(located), fields.neutral, stiff,
             np.float32(response.alpha_w), np.float32(response.alpha_d), into,
-            defines=RESPONSE_DEFINES,
+            defines={**defines, **elements.response_defines},
         )  # fmt: skip
 
     def pores(
@@ -133,9 +133,10 @@ def respond_smooth(
         device.launch(
             "smooth", "respond_smooth_pores", (count,),
             places, triangle, texels, *fields.arguments(located), stiff,
-            np.float32(response.beta_w), np.float32(response.beta_d), into,
-            defines=RESPONSE_DEFINES,
+            np.float32(response.beta_w), np.float32(response.beta_d),
+            np.float32(response.pore_depth_limit), into,
+            defines=defines,
         )  # fmt: skip
 
-    answer(device, elements, scales, wrinkles, pores)
+    answer(device, elements, settings, scales, wrinkles, pores)
     return scales

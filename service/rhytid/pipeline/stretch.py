@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rhytid.device.runtime import Buffer, Device
 from rhytid.domain.mesh import Mesh
-from rhytid.pipeline.stretch_buffers import StretchBuffers, StretchModel, in_two_parts
+from rhytid.pipeline.stretch_buffers import LogLimit, StretchBuffers, StretchModel, in_two_parts
 from rhytid.pipeline.tension import Tension
 from rhytid.pipeline.uv_stretch import UvStretch
 from rhytid.pipeline.uv_vertices import unit_jacobians
@@ -50,13 +50,14 @@ class Tensor:
         self._frame_to_uv = device.upload(rest.frame_to_uv)
 
     def launch(
-        self, frame: Buffer, faces: Buffer, triangles: int, limit: float, found: StretchBuffers
+        self, frame: Buffer, faces: Buffer, triangles: int, limit: LogLimit, found: StretchBuffers
     ) -> None:
         """Fill `found` for the first `triangles`; the rest is unstretched."""
         self._device.launch(
             "stretch", "stretch_tensor", (found.count,),
             frame, faces, self._shape, self._frame_to_uv,
-            np.int32(triangles), np.float32(limit), found.ratios, found.axes, found.logs,
+            np.int32(triangles), np.float32(limit.most), found.ratios, found.axes, found.logs,
+            defines=limit.defines,
         )  # fmt: skip
 
     def release(self) -> None:
@@ -86,22 +87,25 @@ class StretchStage:
         limit: float,
         model: str = "tensor",
         angles: str = "uv",
+        soft: bool = False,
     ) -> StretchBuffers:
         """Stretch of deformed positions (V, 3); of the neutral by definition where None.
 
         angles: whether those who take it compare directions in `uv` or on the `surface`.
+        soft: log stretch goes to its limit by a knee.
         """
+        log_limit = LogLimit(limit, soft)
         jacobians = self._jacobians if angles == "surface" else None
         # Nothing is stretched in the neutral frame: not by any model, whatever rounding would say.
         if positions is None:
-            return self._measure(self._neutral, 0, limit, "tensor", jacobians)
-        return self._measure(positions, self.triangles, limit, model, jacobians)
+            return self._measure(self._neutral, 0, log_limit, "tensor", jacobians)
+        return self._measure(positions, self.triangles, log_limit, model, jacobians)
 
     def _measure(
         self,
         positions: NDArray[np.float32],
         triangles: int,
-        limit: float,
+        limit: LogLimit,
         model: str,
         jacobians: Buffer | None,
     ) -> StretchBuffers:

@@ -17,7 +17,7 @@ class StretchBuffers(Held):
     """Stretch on the device, F triangles and one neutral entry for points in no triangle.
 
     count: F + 1.  ratios: float2, unclamped.  axes: float4, (ŝ₁, ŝ₂).
-    logs: float2, log ρ, clamped.  model: what measured it.
+    logs: float2, log ρ within its limit.  model: what measured it.
     tension: ρ of each vertex, by the model `tension` only.
     jacobians: float4, ∂X/∂(u, v) of the neutral for angles on the surface, or None; the stage's.
     """
@@ -45,11 +45,24 @@ class StretchBuffers(Held):
         return (self.ratios, self.axes, self.logs, self.tension)
 
 
+@dataclass(frozen=True)
+class LogLimit:
+    """What log ρ is kept within, ±most: by a clamp, or where soft by a knee (limits.clh)."""
+
+    most: float
+    soft: bool = False
+
+    @property
+    def defines(self) -> dict[str, object]:
+        """What the kernels that use it are compiled with."""
+        return {"SOFT_LIMITS": 1} if self.soft else {}
+
+
 class StretchModel(Protocol):
     """One way to measure stretch, with what it needs of the neutral on the device."""
 
     def launch(
-        self, frame: Buffer, faces: Buffer, triangles: int, limit: float, found: StretchBuffers
+        self, frame: Buffer, faces: Buffer, triangles: int, limit: LogLimit, found: StretchBuffers
     ) -> None:
         """Fill `found` for the first `triangles`; the rest is unstretched."""
         ...

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from rhytid.device.runtime import Buffer, Device
 from rhytid.domain.mesh import Mesh
-from rhytid.pipeline.stretch_buffers import StretchBuffers
+from rhytid.pipeline.stretch_buffers import LogLimit, StretchBuffers
 
 
 class Tension:
@@ -20,7 +20,7 @@ class Tension:
         self._edges = (device.upload(offsets), device.upload(neighbours), device.upload(rest))
 
     def launch(
-        self, frame: Buffer, faces: Buffer, triangles: int, limit: float, found: StretchBuffers
+        self, frame: Buffer, faces: Buffer, triangles: int, limit: LogLimit, found: StretchBuffers
     ) -> None:
         """Fill `found` for the first `triangles`; the rest is unstretched."""
         self._device.launch(
@@ -28,8 +28,8 @@ class Tension:
         )
         self._device.launch(
             "tension", "stretch_tension", (found.count,),
-            found.tension, faces, np.int32(triangles), np.float32(limit),
-            found.ratios, found.axes, found.logs,
+            found.tension, faces, np.int32(triangles), np.float32(limit.most),
+            found.ratios, found.axes, found.logs, defines=limit.defines,
         )  # fmt: skip
 
     def release(self) -> None:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from rhytid.device.runtime import Buffer, Device
 from rhytid.domain.mesh import Mesh
-from rhytid.pipeline.stretch_buffers import StretchBuffers, in_two_parts
+from rhytid.pipeline.stretch_buffers import LogLimit, StretchBuffers, in_two_parts
 
 
 class UvStretch:
@@ -18,13 +18,13 @@ class UvStretch:
         self._weights = device.upload(in_two_parts(uv_weights(mesh)))
 
     def launch(
-        self, frame: Buffer, faces: Buffer, triangles: int, limit: float, found: StretchBuffers
+        self, frame: Buffer, faces: Buffer, triangles: int, limit: LogLimit, found: StretchBuffers
     ) -> None:
         """Fill `found` for the first `triangles`; the rest is unstretched."""
         self._device.launch(
             "uv_stretch", "stretch_uv", (found.count,),
-            frame, faces, self._weights, np.int32(triangles), np.float32(limit),
-            found.ratios, found.axes, found.logs,
+            frame, faces, self._weights, np.int32(triangles), np.float32(limit.most),
+            found.ratios, found.axes, found.logs, defines=limit.defines,
         )  # fmt: skip
 
     def release(self) -> None:

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 from safetensors import SafetensorError
 
-from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.asset_settings import PRESETS, AssetSettings
 from rhytid.domain.controls import Controls
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
@@ -151,6 +151,16 @@ def _settings(facts: Mapping[str, Any], folder: Path) -> AssetSettings:
 
 def _parse_settings(value: Any, path: Path) -> AssetSettings:
     try:
-        return AssetSettings.parse(value)
+        return AssetSettings.parse(_drawn_as_before(value))
     except InputError as exc:
         raise damaged(path, str(exc)) from exc
+
+
+def _drawn_as_before(value: Any) -> Any:
+    """Settings written before lines were arcs and skin swelled, with what leaves them as they were
+    drawn: the preset `paper` has all of it."""
+    if not isinstance(value, dict):
+        return value
+    before = {"shape": PRESETS["paper"].shape, "response": PRESETS["paper"].response}
+    known = {name: value[name] for name in before if isinstance(value.get(name), dict)}
+    return {**value, **{name: {**before[name], **given} for name, given in known.items()}}

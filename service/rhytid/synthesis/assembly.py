@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from rhytid.domain.graph import ORIGINAL, WrinkleGraph
 from rhytid.synthesis import shapes
 from rhytid.synthesis.borders import Borders
+from rhytid.synthesis.continuations import ends_of
 from rhytid.synthesis.copies import with_copies
 from rhytid.synthesis.drawing import Lines
 from rhytid.synthesis.even_skin import Usual
@@ -49,7 +50,7 @@ def assemble(
     drawn.
     """
     fields = ground.fields
-    weight, factor, half_width = _lines(ground, pores, lines, worn, spacing, progress)
+    weight, factor, half_width, width = _lines(ground, pores, lines, worn, spacing, progress)
     progress(0.4, "shapes")
     key = place_keys(pores.uv)
     size = shapes.pore_sizes(pores.position / spacing, key, seed)
@@ -66,6 +67,8 @@ def assemble(
     metric, radius = shapes.pore_ellipses(ground.surface, pores.triangle, size)
     progress(0.8, "shapes")
     none = np.zeros(len(lines.owner), np.float32)
+    ends = ends_of(ground, pores, lines, weight, half_width, width)
+    progress(0.9, "shapes")
     arrays = {
         "node_uv": np.concatenate([pores.uv, lines.beyond]),
         "node_weight": np.concatenate([depth, none]),
@@ -79,6 +82,7 @@ def assemble(
         "edge_triangle": lines.triangle,
         "edge_copy_of": lines.copy_of,
         "edge_metric": np.zeros((len(weight), 3), np.float32),
+        **ends.arrays(),
     }
     least = spacing * fields.least_spacing
     return WrinkleGraph(**with_copies(arrays, ground.surface, borders, least), origin=None)
@@ -91,22 +95,23 @@ def _lines(
     worn: Worn,
     spacing: float,
     progress: Progress,
-) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
-    """(W,) weights, factors that these still lack, and half widths in UV."""
+) -> tuple[NDArray[np.float32], ...]:
+    """(W,) weights, factors that these still lack, and half widths in UV and on the surface."""
     chosen, fields = worn.strength[lines.edge], ground.fields
     uv = np.concatenate([pores.uv, lines.beyond])
-    weight, factor, half_width = (np.empty(len(chosen), np.float32) for _ in range(3))
+    weight, factor, half_width, wide = (np.empty(len(chosen), np.float32) for _ in range(4))
     for rows in row_blocks(len(chosen)):
         progress(0.4 * rows.start / len(chosen), "shapes")
         triangle, step = lines.triangle[rows], lines.step[rows]
         middle = uv[lines.nodes[rows, 0]] + np.float32(0.5) * step
         weight[rows] = shapes.edge_weights(chosen[rows], worn.usual.strength)
         width = shapes.widths(weight[rows], spacing) * fields.width(triangle, middle)
+        wide[rows] = width
         half_width[rows] = shapes.half_widths_uv(ground.surface, triangle, step, width)
         factor[rows] = fields.strength(triangle, middle)
     second = np.flatnonzero(lines.copy_of != ORIGINAL)
     factor[second] = factor[lines.copy_of[second]]  # both halves across a seam are one wrinkle
-    return weight, factor, half_width
+    return weight, factor, half_width, wide
 
 
 def _scale(weight: NDArray[np.float32], factor: NDArray[np.float32]) -> None:

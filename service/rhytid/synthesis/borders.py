@@ -74,10 +74,14 @@ class Borders:
 
     def from_mate(self, row: IntArray, uv: FloatArray) -> FloatArray:
         """(N, 2) where points (N, 2) of the chart across the side `row` (N,) lie in its own."""
-        turn = np.linalg.inv(self.flat[row]) @ self.beyond[row]
-        offset = np.einsum("nij,nj->ni", turn, uv - self.across[row, 0])
+        offset = np.einsum("nij,nj->ni", self.turn_from_mate(row), uv - self.across[row, 0])
         here: FloatArray = self.ends[row, 0] + offset
         return here
+
+    def turn_from_mate(self, row: IntArray) -> FloatArray:
+        """(N, 2, 2) the same of steps."""
+        turn: FloatArray = np.linalg.inv(self.flat[row]) @ self.beyond[row]
+        return turn
 
 
 def _mates(mesh: Mesh, surface: Surface, triangle: IntArray, side: IntArray) -> IntArray:

@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.domain.graph import LEAST_SIZE, ORIGINAL
+from rhytid.domain.graph import LEAST_SIZE, ORIGINAL, STEEPEST
 from rhytid.domain.mesh import UV_LIMIT
 from rhytid.synthesis.borders import Borders
+from rhytid.synthesis.charts import cross
 from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray, Surface
 from rhytid.synthesis.twins import PLACES, Seams, Shapes, Twins
 
@@ -69,7 +70,8 @@ def _pores(arrays: Arrays, borders: Borders, seams: Seams) -> Arrays:
 
 def _wrinkles(arrays: Arrays, surface: Surface, borders: Borders, seams: Seams) -> Arrays:
     """Copied wrinkles, and nodes of no strength of their own that these end at; edge_nodes count
-    from the first of these nodes on. Gives a metric to what is copied, in place."""
+    from the first of these nodes on. Gives metrics, and slopes in these, to what is copied, in
+    place."""
     rows = np.flatnonzero(arrays["edge_copy_of"] == ORIGINAL)
     shapes, metric = _round_on_surface(arrays, surface, borders, rows)
     twins = seams.twins(shapes)
@@ -87,6 +89,11 @@ def _wrinkles(arrays: Arrays, surface: Surface, borders: Borders, seams: Seams) 
     )  # fmt: skip
     of, count = rows[twins.of[kept]], len(kept)
     arrays["edge_metric"][of] = _flat(metric[twins.of[kept]])
+    bent = _in_metric(arrays["edge_slopes"][of], shapes.take(twins.of[kept]))
+    arrays["edge_slopes"][of] = bent
+    mirrored = np.sign(np.linalg.det(twins.turn[kept])).astype(np.float32)
+    wider = (width[kept] / half[kept])[:, None]
+    end_widths = np.clip(arrays["edge_end_half_widths"][of] * wider, LEAST_SIZE, 1.0)
     pores = arrays["edge_nodes"][of].ravel()
     first = arrays["node_copy_of"][pores]
     landing = _landing(borders, twins)[kept]
@@ -103,7 +110,26 @@ def _wrinkles(arrays: Arrays, surface: Surface, borders: Borders, seams: Seams) 
         "edge_triangle": landing,
         "edge_copy_of": of.astype(np.int32),
         "edge_metric": _flat(turned[kept]),
+        "edge_slopes": bent * mirrored[:, None],
+        "edge_end_weights": arrays["edge_end_weights"][of],
+        "edge_end_half_widths": end_widths.astype(np.float32),
+        "edge_partners": arrays["edge_partners"][of],
     }
+
+
+def _in_metric(slopes: NDArray[np.float32], lines: Shapes) -> NDArray[np.float32]:
+    """(K, 2) slopes (K, 2) of arcs in UV as they are where their supports are round: there arcs of
+    both sides of a seam are the same, but for mirrored UV."""
+    step, left = lines.step, np.stack([-lines.step[:, 1], lines.step[:, 0]], axis=1)
+    along = np.einsum("nij,nj->ni", lines.root, step)
+    found = np.zeros_like(slopes)
+    for end in (0, 1):
+        tangent = step + slopes[:, end, None] * left
+        there = np.einsum("nij,nj->ni", lines.root, tangent)
+        ahead = (along * there).sum(-1)
+        steep = cross(along, there) / np.where(ahead > 0, ahead, np.inf)
+        found[:, end] = np.clip(steep, -STEEPEST, STEEPEST)
+    return found
 
 
 def _round_on_surface(

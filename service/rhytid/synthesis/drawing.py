@@ -30,7 +30,8 @@ class Lines:
     triangle (W,): the triangle to sample.  copy_of (W,): ORIGINAL, or of the second half of a
     wrinkle that is cut at a seam the line that is the first.
     owner (S,): the pore on whose chart each node beyond belongs.  stands_for (S,): the pore whose
-    place it takes.  beyond (S, 2): its uv.
+    place it takes.  beyond (S, 2): its uv.  turn (S, 2, 2): steps there in UV, from those in the
+    chart of that pore.
     """
 
     edge: Indices
@@ -42,6 +43,7 @@ class Lines:
     owner: Indices
     stands_for: Indices
     beyond: NDArray[np.float32]
+    turn: FloatArray
 
 
 def draw(ground: Ground, net: Net, borders: Borders, edge: Indices, spacing: float) -> Lines:
@@ -53,7 +55,7 @@ def draw(ground: Ground, net: Net, borders: Borders, edge: Indices, spacing: flo
     step = pores.uv[joined[:, 1]] - pores.uv[joined[:, 0]]
     triangle[split] = np.where(half.middle == BORDER, half.last, half.middle)
     owner, other = joined[split].T
-    flat, whole = _laid_flat(ground, pores, borders, joined[split], half)
+    flat, whole, turn = _laid_flat(ground, pores, borders, joined[split], half)
     step[split] = flat
     cut = split[~whole]
     step[cut] = _over_the_border(ground, pores, joined[cut], spacing)
@@ -74,6 +76,7 @@ def draw(ground: Ground, net: Net, borders: Borders, edge: Indices, spacing: flo
         np.concatenate([pores.uv[owner] + step[split], pores.uv[joined[cut, 1]] - back]).astype(
             np.float32
         ),
+        np.concatenate([turn, turn[~whole]]),
     )
 
 
@@ -94,22 +97,24 @@ def _turned_to_middle(ground: Ground, pores: Points, nodes: Indices, split: IntA
 
 def _laid_flat(
     ground: Ground, pores: Points, borders: Borders, nodes: Indices, half: Halves
-) -> tuple[FloatArray, BoolArray]:
-    """(S, 2) UV steps to where the second pore is with the two triangles at the seam laid flat, and
-    (S,) where that can be said."""
+) -> tuple[FloatArray, BoolArray, FloatArray]:
+    """(S, 2) UV steps to where the second pore is with the two triangles at the seam laid flat,
+    (S,) where that can be said, and (S, 2, 2) how steps at that pore turn with them."""
     surface, (owner, other) = ground.surface, nodes.T
     row = borders.row[half.last, _side_at(surface.uv[half.last], half.exit_uv)]
     mate = np.where(row == NONE, NONE, borders.mate[row])
     landing = borders.chart[borders.triangle[mate]]
     known = (mate != NONE) & (landing == borders.chart[pores.triangle[other]])
     origin = pores.uv[owner].astype(np.float64)
-    step = borders.from_mate(np.where(known, row, 0), pores.uv[other].astype(np.float64)) - origin
+    known_row = np.where(known, row, 0)
+    step = borders.from_mate(known_row, pores.uv[other].astype(np.float64)) - origin
     flat, length = (
         np.linalg.norm(surface.along(pores.triangle[owner], vector), axis=-1)
         for vector in (step, half.step)
     )
     known &= (flat < _BEND * length) & (length < _BEND * flat)
-    return np.where(known[:, None], step, half.step), known
+    turn = borders.turn_from_mate(known_row)
+    return np.where(known[:, None], step, half.step), known, turn
 
 
 def _side_at(corners: FloatArray, uv: FloatArray) -> IntArray:

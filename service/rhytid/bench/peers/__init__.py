@@ -52,5 +52,5 @@ def _check_maps(scene: Scene) -> None:
     if scene.size > _LARGEST_BINNED:
         raise LeftOut(f"left out: over {_LARGEST_BINNED} texels a side its maps are too large")
     bins = scene.settings.bins
-    if bins != replace(PRESETS["paper"], r_max=bins.r_max):
+    if bins != replace(PRESETS["paper"].bins, r_max=bins.r_max):
         raise LeftOut("left out: it blends the maps of the preset `paper` alone")

@@ -1,0 +1,143 @@
+// The wrinkles a second time, broad and soft, for the cushions between furrows: a map COARSER times
+// as coarse as the texels, which spline.clh brings up. A work-group draws ROWS rows of a block of
+// COARSE_BLOCK x COARSE_BLOCK coarse texels and of APRON more around it, BLOCK texels a side; the
+// apron is written where the square ends. Within 1e-4 of `depth` of the same in double.
+#include "leaning.clh"
+#include "line.clh"
+
+#define COARSE (1.0f / COARSER)
+#define SNAP 4096.0f // to the texel
+
+// A square of the coarse map with APRON samples more around it: `side` a row, the first in
+// (row, column), which may be -APRON. Blocks of the whole map, in a row: `blocks`.
+typedef struct {
+    int row, column, side, blocks;
+} square_t;
+
+// The block of this group, counted from the top left; its first row and column in the square; where
+// the square goes on beyond it, the apron belongs to another group.
+typedef struct {
+    int block, row, column; // row: the upper one of the apron
+    float2 corner;          // the lower left one of the apron, coarse texels of the UDIM, v up
+    int low, top, left, bottom, right;
+} part_t;
+
+inline part_t part_of_group(square_t square)
+{
+    const int parts = BLOCK / ROWS, down = get_group_id(1) / parts;
+    int row = (square.row + APRON) / COARSE_BLOCK + down;
+    int column = (square.column + APRON) / COARSE_BLOCK + get_group_id(0);
+    bool first_down = down == 0, last_down = down == get_num_groups(1) / parts - 1;
+    bool first = get_group_id(0) == 0, last = get_group_id(0) == get_num_groups(0) - 1;
+    part_t p = {row * square.blocks + column,
+                row * COARSE_BLOCK - APRON - square.row,
+                column * COARSE_BLOCK - APRON - square.column,
+                (float2)(column, square.blocks - 1 - row) * (float)COARSE_BLOCK - (float)APRON,
+                get_group_id(1) % parts * ROWS,
+                first_down ? 0 : APRON,
+                first ? 0 : APRON,
+                last_down ? BLOCK : BLOCK - APRON,
+                last ? BLOCK : BLOCK - APRON};
+    return p;
+}
+
+// Only valleys: a line without a bulge raises nothing. memory: ROWS * STRIDE.
+inline sums_t valleys_at(part_t part, __local float *memory)
+{
+    sums_t sums = {memory, memory, get_local_id(0), part.low};
+    for (int y = first_owned(sums, sums.low); y < sums.low + ROWS; y += ITEMS)
+        for (int x = 0; x < STRIDE; x += 4)
+            vstore4((float4)(0.0f), 0, memory + at_texel(sums, x, y));
+    return sums;
+}
+
+// What the spline takes from the middle of a profile: exact where the line is straight and runs
+// through samples, and within 2 % elsewhere.
+inline float left_by_spline(float half_width)
+{
+    float width = max(half_width, LEAST_HALF_WIDTH), q = 1.0f / (width * width);
+    return 1.0f - q * (2.0f - q) / 3.0f;
+}
+
+#ifdef BENT
+#define LEFT(size)                                                                                 \
+    (float4)(1.0f, 1.0f, left_by_spline((size).x), left_by_spline((size).y))
+#else
+#define LEFT(size) (float2)(1.0f, left_by_spline((size).x))
+#endif
+
+// Places are rounded so that they are the same from the corner of any block: a sample has the same
+// bits whichever group draws it. Lines that the samples do not carry keep their mean. line: from
+// the corner of the UDIM in texels, with sizes as they are drawn, half widths in coarse texels.
+inline void draw_cushion(sums_t sums, part_t part, line_t line, shape_t shape)
+{
+    line.start = rint(line.start * SNAP) * (COARSE / SNAP) - part.corner;
+    line.extent *= COARSE;
+    line.wave.x *= COARSE;
+    line.size /= LEFT(line.size);
+    draw_line(sums, line, shape);
+}
+
+// out: displacement, mesh units.
+inline void write_part(sums_t sums, part_t part, square_t square, shape_t shape, float depth,
+                       __global float *out)
+{
+    for (int y = first_owned(sums, sums.low); y < sums.low + ROWS; y += ITEMS) {
+        int down = BLOCK - 1 - y, row = part.row + down;
+        if (down < part.top || down >= part.bottom || row < 0 || row >= square.side)
+            continue;
+        int left = max(part.left, -part.column);
+        int right = min(part.right, square.side - part.column);
+        __global float *to = out + row * square.side + part.column;
+        for (int x = left; x < right; x += LANES) {
+            float8 heights = depth * heights_at(sums, x, y, shape, VALLEYS);
+            if (x + LANES <= right)
+                vstore8(heights, 0, to + x);
+            else
+                for (int lane = 0; lane < right - x; lane++)
+                    to[x + lane] = ((float *)&heights)[lane];
+        }
+    }
+}
+
+// LINES: as in redraw.cl, in texels, but half widths in coarse texels. scales: of the frame, as there.
+// offsets, members: those of each block that swell.
+__kernel void cushion(LINES, __global const SIZES *scales, __global const int *offsets,
+                      __global const int *members, float4 shape_values, float depth, int4 place,
+                      __global float *out)
+{
+    __local float memory[ROWS * STRIDE];
+    shape_t shape = shape_of(shape_values);
+    square_t square = {place.x, place.y, place.z, place.w};
+    part_t part = part_of_group(square);
+    sums_t sums = valleys_at(part, memory);
+    for (int k = offsets[part.block]; k < offsets[part.block + 1]; k++) {
+        int i = members[k];
+        line_t line = LINE_AT(i, sizes[i] * scales[i], (float2)(0.0f), LEAST_HALF_WIDTH);
+        draw_cushion(sums, part, line, shape);
+    }
+    write_part(sums, part, square, shape, depth, out);
+}
+
+// Those of one orientation bin, all at one stretch: bins to tilt as in bins.cl.
+__kernel void cushion_bin(LINES, __global const uchar *bins, int bin, float2 scale, float4 tilt,
+                          __global const int *offsets, __global const int *members,
+                          float4 shape_values, float depth, int4 place, __global float *out)
+{
+    __local float memory[ROWS * STRIDE];
+    shape_t shape = shape_of(shape_values);
+    square_t square = {place.x, place.y, place.z, place.w};
+    part_t part = part_of_group(square);
+    sums_t sums = valleys_at(part, memory);
+    for (int k = offsets[part.block]; k < offsets[part.block + 1]; k++) {
+        int i = members[k];
+        if (bins[i] != bin)
+            continue;
+        float2 here = scale;
+        if (tilt.z != 0.0f)
+            here.y *= 1.0f + leaning(segments[i].zw, tilt.xyz);
+        line_t line = LINE_AT(i, sizes[i] * SCALES(here), (float2)(0.0f), LEAST_HALF_WIDTH);
+        draw_cushion(sums, part, line, shape);
+    }
+    write_part(sums, part, square, shape, depth, out);
+}

@@ -1,0 +1,37 @@
+// Scales at the two ends of wrinkles that bend, from r of every wrinkle: at an end that another wrinkle
+// continues r goes from its own towards the mean of both, so that a line has no step there.
+#include "response.clh"
+
+#define LANES 16
+
+POWER_OF_TWO(power16, float16, int16)
+
+// r at an end that wrinkle `partner` continues; none where negative.
+inline float at_end(__global const float *r, int i, int partner, float share)
+{
+    return partner < 0 ? r[i] : r[i] + 0.5f * share * (r[partner] - r[i]);
+}
+
+// A work-item takes LANES wrinkles. partners: of each at its start and at its end, or NULL.
+// share: of the way to the mean, 0 to 1. scales: (sigma_w at the start, at the end, sigma_d likewise).
+__kernel void respond_ends(__global const float *r, __global const int2 *partners, int count,
+                           float share, float width_exponent, float depth_exponent,
+                           __global float4 *scales)
+{
+    int first = get_global_id(0) * LANES;
+    float start[LANES], end[LANES], found[4][LANES];
+    for (int lane = 0; lane < LANES; lane++) {
+        int i = min(first + lane, count - 1);
+        int2 partner = partners ? partners[i] : (int2)(-1);
+        start[lane] = at_end(r, i, partner.x, share);
+        end[lane] = at_end(r, i, partner.y, share);
+    }
+    float16 at_start = vload16(0, start), at_stop = vload16(0, end);
+    vstore16(SCALE(power16, at_start, width_exponent, SCALE_LIMIT), 0, found[0]);
+    vstore16(SCALE(power16, at_stop, width_exponent, SCALE_LIMIT), 0, found[1]);
+    vstore16(SCALE(power16, at_start, -depth_exponent, SCALE_LIMIT), 0, found[2]);
+    vstore16(SCALE(power16, at_stop, -depth_exponent, SCALE_LIMIT), 0, found[3]);
+    for (int lane = 0; lane < min(LANES, count - first); lane++)
+        scales[first + lane] =
+            (float4)(found[0][lane], found[1][lane], found[2][lane], found[3][lane]);
+}

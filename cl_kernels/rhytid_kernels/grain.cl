@@ -1,0 +1,50 @@
+// Adds the grain of a frame to heights that are drawn. A vector of texels a work-item, in the part of
+// a tile of `width` texels a row from texel `first` on that lies in a map of `out_width` a row from
+// texel `out_first` on.
+#include "grain.clh"
+#include "vectors.clh"
+
+POWER_OF_TWO(power16, float16, int16)
+
+// Of each triangle; the last is none, unstretched.
+__kernel void grain_gains(__global const float2 *logs, float exponent, __global float *gains)
+{
+    int t = get_global_id(0);
+    gains[t] = GRAIN_GAIN(power, logs[t].x, logs[t].y, exponent);
+}
+
+// The log stretches of the texels of a vector.
+inline float16 member_logs(__global const int2 *first, __global const int2 *end,
+                           __global const float *logs, int axis)
+{
+    float16 found = logs[2 * first->x + axis];
+    for (first++; first < end; first++)
+        found = select(found, (float16)(logs[2 * first->x + axis]), lanes_of(first->y));
+    return found;
+}
+
+// firsts, members: the triangles of each vector of the tile. stiffness: of its texels, or NULL.
+// gains: of the triangles. logs, exponent: what they come from, for texels with a stiffness.
+__kernel void add_grain(__global const int *firsts, __global const int2 *members,
+                        __global const char *codes, __global const float *stiffness,
+                        __global const float *gains, __global const float *logs, float exponent,
+                        float amplitude, float depth, int width, int first, int out_width,
+                        int out_first, __global float *out)
+{
+    int at = first + get_global_id(1) * width + get_global_id(0) * WIDTH, i = at / WIDTH;
+    __global const int2 *member = members + firsts[i], *end = members + firsts[i + 1];
+    float16 gain;
+    if (stiffness) {
+        float16 stiff = vload16(0, stiffness + at);
+        float16 first_log = stiff * member_logs(member, end, logs, 0);
+        float16 second_log = stiff * member_logs(member, end, logs, 1);
+        gain = GRAIN_GAIN(power16, first_log, second_log, exponent);
+    } else {
+        gain = gains[member->x];
+        for (member++; member < end; member++)
+            gain = select(gain, (float16)(gains[member->x]), lanes_of(member->y));
+    }
+    out += out_first + get_global_id(1) * out_width + get_global_id(0) * WIDTH;
+    float16 code = convert_float16(vload16(0, codes + at));
+    vstore16(grained(vload16(0, out), code, gain, amplitude, depth), 0, out);
+}

@@ -1,0 +1,71 @@
+"""Which wrinkles swell the skin between them, how broadly, and at which resolution: once an asset.
+
+The same wrinkles are drawn a second time, broad and soft, so that what lies between furrows is a
+cushion. That layer is smooth, so it is drawn coarse and brought up by a cubic B-spline.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.domain.asset_settings import AssetSettings, ShapeSettings
+from rhytid.domain.graph import WrinkleGraph
+from rhytid.pipeline.cells import CellLists, list_by_cell
+
+# Coarse texels a side of a block of the layer, and around it what the spline reads of others.
+COARSE_BLOCK, APRON = 64, 2
+# Up to this strength a wrinkle swells nothing, from twice as much on in full; linear between.
+THRESHOLD = 0.2
+# Coarse texels: a line that is narrower is drawn so wide, and shallower, so that its mean stays.
+LEAST_HALF_WIDTH = 1.25
+# Coarse texels in the median half width, at least, where the layer is drawn at less than a half.
+CARRIED = 1.5
+FACTORS = (8, 4, 2)
+
+
+@dataclass(frozen=True)
+class CushionArrays:
+    """The broad layer of a UDIM's wrinkles.
+
+    factor: texels of the map to a coarse one.  sizes: of every wrinkle as WrinkleArrays has them,
+    of the broad layer, half widths in coarse texels.  lists: by block of the coarse map, of those
+    alone that swell something."""
+
+    factor: int
+    sizes: NDArray[np.float32]
+    lists: CellLists
+
+
+def broad_weight(weight: NDArray[np.float32], shape: ShapeSettings) -> NDArray[np.float32]:
+    """Strength in the broad layer: the share `cushion`, fading out where lines are weak."""
+    fade = np.clip(weight / np.float32(THRESHOLD) - np.float32(1), 0, 1).astype(np.float32)
+    broad: NDArray[np.float32] = np.float32(shape.cushion) * weight * fade
+    return broad
+
+
+def narrow_weight(weight: NDArray[np.float32], shape: ShapeSettings) -> NDArray[np.float32]:
+    """Strength in the narrow layer: the rest of the share, of weak lines too."""
+    return weight if shape.cushion == 0.0 else np.float32(1.0 - shape.cushion) * weight
+
+
+def coarse_factor(graph: WrinkleGraph, settings: AssetSettings) -> int:
+    """The coarsest of 8, 4 and 2 that carries the median broad half width; 2 where none does."""
+    width = graph.edge_half_width[graph.edge_weight > THRESHOLD]
+    if not width.size:
+        return FACTORS[-1]
+    texels = float(np.median(width)) * settings.resolution * settings.shape.cushion_width
+    most = min(texels / CARRIED, settings.resolution / COARSE_BLOCK)
+    return next((factor for factor in FACTORS if factor <= most), FACTORS[-1])
+
+
+def cushion_lists(
+    low: NDArray[np.floating], high: NDArray[np.floating], settings: AssetSettings, factor: int
+) -> CellLists:
+    """By coarse block, with what the apron of a block takes; low, high: (K, 2) boxes in UV."""
+    texel = factor / settings.resolution
+    margin = (APRON + 1) * texel
+    cells = settings.resolution // (factor * COARSE_BLOCK)
+    return list_by_cell(low - margin, high + margin, cells, top_down=True)

@@ -1,0 +1,184 @@
+"""Micro relief between the lines: noise of the neutral surface, the same on both sides of a seam.
+Kernels: grain_codes.cl, grain.cl, grain_smooth.cl.
+
+Its codes are made once for a tile and kept; a frame only says how much of it shows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.device.held import Held
+from rhytid.device.runtime import Buffer, Device
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.mesh import Mesh
+from rhytid.domain.stiffness import Stiffness
+from rhytid.pipeline.elements import response_defines
+from rhytid.pipeline.locate import UdimTriangles
+from rhytid.pipeline.smooth import SmoothFields
+from rhytid.pipeline.stiffness import stiffness_of_texels
+from rhytid.pipeline.stretch_buffers import StretchBuffers
+from rhytid.pipeline.vectors import VECTOR, VectorTriangles
+
+# Of the noise to a wave, as grain_codes.cl has it.
+CELLS = 2.0
+# Codes for the root mean square of the noise where texels carry all of it.
+CODES = 32.0
+
+
+@dataclass(frozen=True)
+class GrainPlace(Held):
+    """Where the texels of a square of level 0 are: `side`² from (row, column) on, their triangles,
+    and their stiffness, float32, or None: 1 throughout."""
+
+    row: int
+    column: int
+    side: int
+    triangles: VectorTriangles
+    stiffness: Buffer | None = None
+
+    @property
+    def _buffers(self) -> tuple[VectorTriangles | Buffer | None, ...]:
+        return (self.triangles, self.stiffness)
+
+
+class GrainPlanes(Held):
+    """Where in space the texels of each triangle are, in cells of the noise.
+
+    size: the largest wavelength, mesh units."""
+
+    def __init__(self, device: Device, mesh: Mesh, size: float) -> None:
+        self.values = device.upload(_planes(mesh, size / CELLS))
+
+    @property
+    def _buffers(self) -> tuple[Buffer, ...]:
+        return (self.values,)
+
+
+def grain_codes(
+    device: Device, planes: GrainPlanes, located: UdimTriangles, settings: AssetSettings,
+    square: tuple[int, int, int],
+) -> Buffer:  # fmt: skip
+    """int8 of each texel of a square (row, column, texels a side) of level 0."""
+    row, column, side = square
+    triangles = located.texels(settings.resolution, row, column, side)
+    codes = device.empty(side * side, np.int8)
+    device.launch(
+        "grain_codes", "grain_codes", (side * side,),
+        triangles, located.none, located.corners, planes.values, np.int32(side),
+        np.int32(settings.resolution), np.int32(row), np.int32(column),
+        np.uint32(settings.graph.seed), codes,
+    )  # fmt: skip
+    device.finish()
+    triangles.release()
+    return codes
+
+
+def grain_place(
+    device: Device, located: UdimTriangles, settings: AssetSettings, stiffness: Stiffness | None,
+    square: tuple[int, int, int],
+) -> GrainPlace:  # fmt: skip
+    """Made once for a square (row, column, texels a side) of level 0."""
+    row, column, side = square
+    triangles = located.texels(settings.resolution, row, column, side)
+    vectors = VectorTriangles.of(device, triangles, side * side)
+    triangles.release()
+    stiff = stiffness_of_texels(
+        device, stiffness, located.udim, settings.resolution, row, column, side
+    )
+    return GrainPlace(row, column, side, vectors, stiff)
+
+
+def grain_amplitude(settings: AssetSettings) -> float:
+    """Displacement of one code in the neutral, mesh units."""
+    assert settings.depth is not None
+    return settings.shape.grain * settings.depth / CODES
+
+
+def grain_exponent(settings: AssetSettings) -> float:
+    """Of the stretch ratio along either axis: half of that of the depth of wrinkles."""
+    return settings.response.alpha_d / 2
+
+
+def grain_gains(device: Device, settings: AssetSettings, stretch: StretchBuffers) -> Buffer:
+    """float32 of each triangle: how many times the grain of the neutral shows."""
+    gains = device.empty(stretch.count, np.float32)
+    exponent = np.float32(grain_exponent(settings))
+    device.launch(
+        "grain", "grain_gains", (stretch.count,), stretch.logs, exponent, gains,
+        defines=response_defines(settings.response.soft_limits),
+    )  # fmt: skip
+    return gains
+
+
+def tiles_of_square(row: int, column: int, side: int, tile: int) -> list[tuple[int, int]]:
+    """(row, column) of the tiles of `tile`² texels that a square of level 0 lies in."""
+    rows, columns = (range(at // tile * tile, at + side, tile) for at in (row, column))
+    return list(product(rows, columns))
+
+
+@dataclass(frozen=True)
+class Grain:
+    """The grain of a frame, ready to be added to what is drawn.
+
+    fields: where every texel has a stretch of its own (smooth sampling), else None."""
+
+    device: Device
+    settings: AssetSettings
+    located: UdimTriangles
+    stretch: StretchBuffers
+    gains: Buffer
+    fields: SmoothFields | None = None
+
+    def add(
+        self, out: Buffer, square: tuple[int, int, int], tile: GrainPlace, codes: Buffer
+    ) -> None:
+        """To that part of a square (row, column, texels a side) of level 0 that lies in a tile.
+        out: side² float32, mesh units, and whatever comes after them.  codes: of the tile."""
+        row, column, side = square
+        top, left = max(row, tile.row), max(column, tile.column)
+        height = min(row + side, tile.row + tile.side) - top
+        width = min(column + side, tile.column + tile.side) - left
+        first = (top - tile.row) * tile.side + left - tile.column
+        to = (top - row) * side + left - column
+        settings = self.settings
+        assert settings.depth is not None
+        last = (
+            np.float32(grain_exponent(settings)), np.float32(grain_amplitude(settings)),
+            np.float32(settings.depth),
+            np.int32(tile.side), np.int32(first), np.int32(side), np.int32(to), out,
+        )  # fmt: skip
+        texels = (tile.triangles.firsts, tile.triangles.members, codes, tile.stiffness)
+        size = (width // VECTOR, height)
+        if self.fields is None:
+            self.device.launch(
+                "grain", "add_grain", size, *texels, self.gains, self.stretch.logs, *last,
+                defines=response_defines(settings.response.soft_limits),
+            )  # fmt: skip
+            return
+        place = (settings.resolution, tile.row, tile.column)
+        self.device.launch(
+            "grain_smooth", "add_smooth_grain", size, *texels,
+            *self.fields.arguments(self.located), *(np.int32(at) for at in place), *last,
+            defines=response_defines(settings.response.soft_limits),
+        )  # fmt: skip
+
+
+def _planes(mesh: Mesh, size: float) -> NDArray[np.float32]:
+    """(F, 10): of each triangle the place of its first corner from the middle of the mesh, ∂X/∂u,
+    ∂X/∂v, and the longest step of a unit of UV, all over `size`; 0 where it has no area in UV."""
+    used = np.flatnonzero(mesh.triangles_with_uv())
+    places = mesh.positions.astype(np.float64)
+    middle = 0.5 * (places.min(axis=0) + places.max(axis=0))
+    uv, corners = mesh.triangle_uv()[used], (places[mesh.faces[used]] - middle) / size
+    edges, edges_uv = (np.swapaxes(c[:, 1:] - c[:, :1], 1, 2) for c in (corners, uv))
+    jacobians = edges @ np.linalg.inv(edges_uv)
+    longest = np.linalg.svd(jacobians, compute_uv=False)[:, :1]
+    found = np.zeros((len(mesh.faces), 10), np.float32)
+    columns = [corners[:, 0], jacobians[:, :, 0], jacobians[:, :, 1], longest]
+    found[used] = np.clip(np.concatenate(columns, axis=1), -1e37, 1e37)
+    return found

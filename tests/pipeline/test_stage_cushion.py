@@ -1,0 +1,168 @@
+"""The broad layer of the wrinkles: against the reference, over any tiling, and at share 0."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from meshes import deform
+from pipeline.scenes import DEPTH, Scene, random_graph, settings_of, sheet
+from reference import cushion as reference
+from reference import drawing
+from rhytid.device.runtime import Device
+from rhytid.domain.tiles import udim_origin
+from rhytid.errors import LimitError
+from rhytid.pipeline.cushion_elements import THRESHOLD, broad_weight, coarse_factor, narrow_weight
+from rhytid.pipeline.elements import check_cover, wrinkle_arrays
+
+# What cushion.cl claims, of the coarse map, and draw.clh of the fine one.
+BOUND = 2e-4 * DEPTH
+SWOLLEN = {"cushion": 0.7, "wrinkle_bulge": 1.0}
+# Median half widths that 2, 4 and 8 texels to a coarse one carry at 1024 texels a side.
+WIDTHS = {2: (0.0008, 0.0012), 4: (0.0018, 0.0022), 8: (0.005, 0.01)}
+
+
+def scene(device, graph=None, **changes):
+    shape = {**SWOLLEN, **changes.pop("shape", {})}
+    return Scene(device, sheet(), graph or random_graph(1), settings_of(shape=shape, **changes))
+
+
+def check(made, at=(64, 64), side=128, udim=1001, seed=11):
+    positions = deform(made.mesh.positions, seed, 0.15)
+    found = made.redrawn(positions, udim, at=at, side=side)
+    points = drawing.crop(*at, side, side, made.settings.resolution)
+    wanted = made.expected(points, positions, udim).reshape(side, side)
+    assert np.abs(wanted).max() > 0.3 * DEPTH
+    assert np.abs(found - wanted).max() <= BOUND
+    return found
+
+
+@pytest.mark.parametrize("factor", WIDTHS)
+def test_every_factor_is_that_of_the_reference(device, factor):
+    graph = random_graph(3, 900, WIDTHS[factor], (0.01, 0.05))
+    made = scene(device, graph, resolution=1024)
+    assert made.elements().cushion.factor == factor
+    assert made.reference_cushion().texels == 1024 // factor
+    check(made, at=(320, 448), side=192)
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        {"cushion": 1.0},
+        {"cushion": 0.3, "cushion_width": 6.0, "cushion_sharpness": 1.0},
+        {"cushion_width": 1.0, "cushion_sharpness": 12.0, "slots": 16},
+        {"wave_amplitude": 0.06, "wave_frequency": 4.0},
+    ],
+)
+def test_shapes_of_all_kinds(device, shape):
+    check(scene(device, shape=shape))
+
+
+@pytest.mark.parametrize("graph", [random_graph(3, 60, (0.003, 0.006), (0.5, 1.2)),
+                                   random_graph(4, 200, (0.02, 0.05), (1e-5, 1e-3)),
+                                   random_graph(6, 400, (0.0003, 0.002))],
+                         ids=["long", "short", "finer than a coarse texel"])  # fmt: skip
+def test_graphs_of_all_kinds(device, graph):
+    check(scene(device, graph))
+
+
+@pytest.mark.parametrize("udim", [1001, 1002, 1011, 1012])
+def test_swelling_goes_on_across_the_borders_of_udims(device, udim):
+    graph = random_graph(7, 150, span=2.0)
+    made = Scene(device, sheet(udims=2), graph, settings_of(shape=SWOLLEN))
+    u, v = udim_origin(udim)
+    check(made, at=(128 * v, 128 * (1 - u)), udim=udim)  # the corner that all four share
+
+
+@pytest.mark.parametrize("side", [64, 128, 256])
+@pytest.mark.parametrize("wave", [0.0, 0.06])
+def test_tiles_equal_crops_bit_for_bit(device, side, wave):
+    graph = random_graph(8, 300, (0.001, 0.004), (0.1, 1.0))  # drawn in 4 x 4 blocks
+    shape = {"wave_amplitude": wave, "wave_frequency": 4.0}
+    made = scene(device, graph, shape=shape, resolution=512)
+    positions = deform(made.mesh.positions, 3, 0.15)
+    whole = made.redrawn(positions)
+    for row in range(0, 512, side):
+        for column in range(0, 512, side):
+            tile = made.redrawn(positions, at=(row, column), side=side)
+            np.testing.assert_array_equal(tile, whole[row : row + side, column : column + side])
+
+
+def test_any_launch_shape_gives_the_same_bits(device):
+    positions, maps = deform(sheet().positions, 3, 0.15), []
+    for shape in device.shapes:
+        other = Device(device.info, device.budget.limit)
+        other.shape = shape
+        maps.append(scene(other, random_graph(31, 300)).redrawn(positions))
+    for lanes in (16, 32):
+        other = Device(device.info, device.budget.limit)
+        other.shape = replace(device.shape, rows=32, lanes=lanes)
+        maps.append(scene(other, random_graph(31, 300)).redrawn(positions))
+    for found in maps[1:]:
+        np.testing.assert_array_equal(found, maps[0])
+
+
+def test_share_0_draws_as_before_bit_for_bit(device):
+    graph = random_graph(9, 200)
+    plain = Scene(device, sheet(), graph, settings_of())
+    other = scene(device, graph, shape={"cushion": 0.0, "cushion_width": 8.0, "wrinkle_bulge": 2.5})
+    assert plain.elements().cushion is None
+    positions = deform(plain.mesh.positions, 4, 0.15)
+    np.testing.assert_array_equal(other.redrawn(positions), plain.redrawn(positions))
+
+
+def test_a_lone_line_keeps_its_depth(device):
+    for angle in np.linspace(0, np.pi, 7):
+        middle, along = np.array([0.503, 0.497]), 0.2 * np.array([np.cos(angle), np.sin(angle)])
+        ends = np.stack([middle - along, middle + along]).astype(np.float32)
+        graph = random_graph(1, 1)
+        graph = replace(
+            graph, node_uv=ends, node_weight=np.zeros(2, np.float32),
+            edge_weight=np.ones(1, np.float32), edge_half_width=np.full(1, 0.02, np.float32),
+        )  # fmt: skip
+        depth = (
+            -scene(device, graph, shape={"cushion": 0.9, "cushion_width": 1.0}).redrawn(None).min()
+        )
+        assert depth == pytest.approx(DEPTH, rel=0.03)
+
+
+def test_weak_lines_swell_nothing_and_none_pops():
+    shape = settings_of(shape=SWOLLEN).shape
+    weight = np.linspace(0, 1, 2001, dtype=np.float32)
+    broad, narrow = broad_weight(weight, shape), narrow_weight(weight, shape)
+    np.testing.assert_allclose([narrow, broad], reference.strengths(weight, 0.7), atol=1e-6)
+    assert (broad[weight <= THRESHOLD] == 0).all()
+    assert np.abs(np.diff(broad)).max() < 0.002
+    full = weight >= 2 * THRESHOLD
+    np.testing.assert_allclose((broad + narrow)[full], weight[full], rtol=1e-6)
+
+
+def test_only_lines_that_swell_are_listed():
+    graph, settings = random_graph(2, 400), settings_of(shape=SWOLLEN)
+    arrays = wrinkle_arrays(graph, np.zeros(400, np.int32), settings, 1001)
+    listed = np.unique(arrays.cushion.lists.members)
+    assert (arrays.cushion.sizes[listed, 1] > 0).all()
+    assert 0 < len(listed) < 0.9 * len(arrays.sizes)
+
+
+def test_no_factor_leaves_less_than_a_block():
+    wide = random_graph(5, 30, (0.1, 0.3), (0.05, 0.5))
+    assert coarse_factor(wide, settings_of(shape=SWOLLEN)) == 4  # of 256 texels
+    faint = replace(wide, edge_weight=0.1 * wide.edge_weight)
+    assert coarse_factor(faint, settings_of(shape=SWOLLEN)) == 2
+
+
+def test_cushions_that_cover_too_much_are_refused():
+    graph = random_graph(5, 200_000, (0.05, 0.051), (0.01, 0.02))
+    silent = np.zeros(graph.pores, np.float32)
+    graph = replace(graph, node_weight=silent, edge_weight=np.ones(200_000, np.float32))
+    broad = {**SWOLLEN, "cushion_width": 8.0}
+    flat, swollen = (settings_of(shape=shape, response={"alpha_w": 0.0}) for shape in ({}, broad))
+    check_cover(graph, flat, 1001)
+    with pytest.raises(LimitError, match=r"the cushions cover [0-9]+ times the map of UDIM 1001"):
+        check_cover(graph, swollen, 1001)
+    with pytest.raises(LimitError, match="the cushions cover"):
+        wrinkle_arrays(graph, np.zeros(200_000, np.int32), swollen, 1001)
