@@ -1,30 +1,43 @@
-// Darts on the surface, uniform by weight: one stratum of the surface each, in its order.
+// Darts on the surface, uniform by area: those of each triangle by a word of its own.
 #include "points.clh"
 #include "random.clh"
 
-// ends: where the stretch of each triangle ends on [0, 2^32).  corners: a place and two sides.
-// normals: those of the corners.  uvs: of every triangle, UDIM origin and three corners from there.
-// A dart outside the UDIMs has triangle -1.
-__kernel void throw_darts(int first, int count, uint start, uint total, uint round, uint seed,
-                          int triangles, __global const uint *ends, __global const int *index,
+inline uint reversed(uint bits)
+{
+    bits = ((bits & 0x55555555u) << 1) | ((bits >> 1) & 0x55555555u);
+    bits = ((bits & 0x33333333u) << 2) | ((bits >> 2) & 0x33333333u);
+    bits = ((bits & 0x0f0f0f0fu) << 4) | ((bits >> 4) & 0x0f0f0f0fu);
+    return as_uint(as_uchar4(bits).wzyx);
+}
+
+// Of each triangle every `parts`-th dart from number firsts[] on.  rate: darts to an area.  ends:
+// where the darts of each triangle end in this throw.  phase, key: words of each.  area: of each.
+// corners: a place and two sides.  normals: those of the corners.  uvs: of every triangle, UDIM
+// origin and three corners from there.  A dart outside the UDIMs has triangle -1.  level: how much
+// of the darts of its triangle that come before it, in darts of an even spacing of factor 1.
+__kernel void throw_darts(int first, int count, uint turn, uint seed, uint parts, float rate,
+                          int triangles, __global const int *ends, __global const uint *firsts,
+                          __global const uint *phase, __global const uint *key,
+                          __global const float *area, __global const int *index,
                           __global const int *corners, __global const float *normals,
                           __global const float8 *uvs, __global int *triangle,
                           __global int *place, __global float *normal, __global float2 *uv,
-                          __global uint *priority)
+                          __global uint *priority, __global float *level)
 {
     int i = first + get_global_id(0);
     if (i >= count)
         return;
-    uint4 r = random4(start + i, round, seed, 0u);
-    uint target = stratum(start + i, r.x, total);
     int low = 0, high = triangles - 1;
     while (low < high) {
         int middle = (low + high) / 2;
-        if (target < ends[middle])
+        if (i < ends[middle])
             high = middle;
         else
             low = middle + 1;
     }
+    int before = low > 0 ? ends[low - 1] : 0;
+    uint number = firsts[low] + (uint)(i - before) * parts;
+    uint4 r = random4(key[low], number, turn, seed);
     // Barycentric coordinates in units of 2^-31; the half beyond the diagonal is folded back.
     uint a = r.y >> 1, b = r.z >> 1, one = 1u << 31;
     if (a + b > one) {
@@ -44,5 +57,6 @@ __kernel void throw_darts(int first, int count, uint start, uint total, uint rou
     vstore3(vload3(3 * low, normals) * (1.0f - s - t) + vload3(3 * low + 1, normals) * s +
                 vload3(3 * low + 2, normals) * t,
             i, normal);
-    priority[i] = r.w;
+    priority[i] = reversed(number + phase[low]);
+    level[i] = ((float)number + unit_interval(r.x)) / (rate * area[low]);
 }

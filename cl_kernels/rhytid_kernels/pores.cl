@@ -13,12 +13,13 @@ inline bool too_close(int3 p, int3 q, float one, float other, float scale)
     return dot(d, d) < limit * limit;
 }
 
-// room: 1 for a dart that no pore is too close to. scale: 1/radius.
+// room: 1 for a dart that no pore is too close to. scale: 1/radius. level: of a dart; where skin has
+// fewer pores, those of a higher level than one over the squared factor are none.
 __kernel void find_room(int first, int count, __global const int *triangle,
                         __global const int *place, __global const float *normal,
-                        __global const float *factor, __global const int *pore_place,
-                        __global const float *pore_normal, __global const float *pore_factor,
-                        int cell, uint mask, __global const int *head, __global const int *next,
+                        __global const float *factor, __global const float *level,
+                        __global const int *pore_place, __global const float *pore_normal,
+                        __global const float *pore_factor, int cell, uint mask, __global const int *head, __global const int *next,
                         float scale, __global uchar *room)
 {
     int i = first + get_global_id(0);
@@ -26,7 +27,7 @@ __kernel void find_room(int first, int count, __global const int *triangle,
         return;
     int3 p = vload3(i, place), at = p / cell;
     float3 n = vload3(i, normal);
-    bool hit = triangle[i] < 0;
+    bool hit = triangle[i] < 0 || level[i] * factor[i] * factor[i] >= 1.0f;
     for (int z = at.z - 1; z <= at.z + 1 && !hit; z++)
         for (int y = at.y - 1; y <= at.y + 1 && !hit; y++)
             for (int x = at.x - 1; x <= at.x + 1 && !hit; x++)

@@ -1,19 +1,19 @@
 // The lines of a coarse net laid along the edges of a fine one, from pore to pore.
 #include "points.clh"
 
-// The point nearest to each of some places, within 1/scale and on its sheet; -1 for none.
+// The point nearest to each of some places, within factor/scale and on its sheet; -1 for none.
 __kernel void nearest_point(int first, int count, __global const int *place,
                             __global const float *normal, __global const int *point_place,
                             __global const float *point_normal, int cell, uint mask,
                             __global const int *head, __global const int *next, float scale,
-                            __global int *nearest)
+                            __global const float *factor, __global int *nearest)
 {
     int i = first + get_global_id(0);
     if (i >= count)
         return;
     int3 p = vload3(i, place), at = p / cell;
     float3 n = vload3(i, normal);
-    float best = 1.0f;
+    float best = factor[i] * factor[i];
     int found = -1;
     FOR_POINTS(j, at - 1, at + 1)
     {

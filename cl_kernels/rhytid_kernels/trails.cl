@@ -74,11 +74,12 @@ inline float straightness(float cosine) // nothing for a turn beyond a right ang
     return c * c * (c * c);
 }
 
-// Walkers start evenly all over, either way along `along` or, as far as anisotropy falls short of 1,
-// any way, and each time choose a way out by chance in proportion to its appeal and to how straight
-// on it goes.
-__kernel void walk(int first, int count, int walkers, int pores, uint round, uint seed, int steps,
-                   int amount, float2 along, __global const int *offsets,
+// From each pore start as many walkers, `walkers` to one on the mean, `most` at most, either way along
+// `along` or, as far as anisotropy falls short of 1, any way, and each time choose a way out by chance
+// in proportion to its appeal and to how straight on it goes. key: a word of each pore, so that its
+// walkers do not hang on what is elsewhere.
+__kernel void walk(int first, int count, int most, float walkers, uint round, uint seed, int steps,
+                   int amount, float2 along, __global const uint *key, __global const int *offsets,
                    __global const int *edges, __global const int *others,
                    __global const short2 *direction, __global const float *anisotropy,
                    __global const float *appeal, __global int *deposit)
@@ -86,8 +87,11 @@ __kernel void walk(int first, int count, int walkers, int pores, uint round, uin
     int w = first + get_global_id(0);
     if (w >= count)
         return;
-    uint4 r = random4(w, round, seed, 1u);
-    int node = (int)(((ulong)stratum(w, r.x, walkers) * (ulong)pores) >> 32);
+    int node = w / most, number = w % most;
+    uint own = key[node];
+    uint4 r = random4(own, round, seed, 256u * number + 1u);
+    if (number + unit_interval(r.x) >= walkers)
+        return;
     float2 lines = gathered(along, anisotropy[node]);
     float2 heading = r.y & 1u ? -lines : lines;
     if (unit_interval(r.z) >= anisotropy[node]) {
@@ -96,7 +100,7 @@ __kernel void walk(int first, int count, int walkers, int pores, uint round, uin
     }
     for (int step = 0; step < steps; step++) {
         if ((step & 3) == 0)
-            r = random4(w, round, seed, 2u + step);
+            r = random4(own, round, seed, 256u * number + 2u + step);
         int begin = offsets[node], degree = min(offsets[node + 1] - begin, WAYS);
         float sums[WAYS], sum = 0.0f;
         for (int s = 0; s < degree; s++) {
@@ -120,20 +124,7 @@ __kernel void walk(int first, int count, int walkers, int pores, uint round, uin
     }
 }
 
-// Sums of deposits over stretches of `stretch` edges.
-__kernel void sum_deposits(int first, int count, int edges, int stretch,
-                           __global const int *deposit, __global ulong *sums)
-{
-    int k = first + get_global_id(0);
-    if (k >= count)
-        return;
-    ulong sum = 0;
-    for (int e = k * stretch; e < min((k + 1) * stretch, edges); e++)
-        sum += deposit[e];
-    sums[k] = sum;
-}
-
-// Every edge decays, and the mean of what comes on top is 1 - keep.
+// Every edge decays, and the mean of what comes on top is 1 - keep on even skin.
 __kernel void wear_edges(int first, int count, float keep, float gain, __global int *deposit,
                          __global float *strength)
 {

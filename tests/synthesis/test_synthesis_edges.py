@@ -69,7 +69,7 @@ def test_no_two_edges_leave_a_pore_side_by_side(device: Device) -> None:
 
 
 def test_no_edge_crosses_a_hole(device: Device) -> None:
-    pores, edges = sheets.net(device, sheets.with_hole(), RADIUS)
+    pores, edges = sheets.net(device, sheets.with_hole(), RADIUS, seed=4)
     middle = pores.uv[edges.nodes].mean(axis=1)
     inside = (np.abs(middle - 0.5) < 0.8 / 6 - 1e-6).all(axis=1)
     assert not inside.any()

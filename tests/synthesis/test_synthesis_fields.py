@@ -13,9 +13,10 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.synthesis.directions import Directions
 from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.generate import synthesize
+from rhytid.synthesis.lattice import Lattice
 from rhytid.synthesis.paths import Paths
 from rhytid.synthesis.progress import silent
-from rhytid.synthesis.trails import wear
+from rhytid.synthesis.trails import FINE, wear
 from rhytid.synthesis.workspace import Workspace
 from synthesis import sheets
 
@@ -95,12 +96,12 @@ def test_without_anisotropy_walkers_go_every_way(device: Device) -> None:
     along, left = (np.tile(axis.astype(np.float32), (len(pores), 1)) for axis in np.eye(3)[:2])
     way = pores.position[edges.nodes[:, 1]] - pores.position[edges.nodes[:, 0]]
     level = np.abs(way[:, 0]) > 0.97 * np.linalg.norm(way, axis=-1)
-    shares = []
+    lattice, shares = Lattice.absolute(0.03, np.zeros(3), np.ones(3)), []
     for anisotropy in (Fields(), Right("anisotropy", 0.0)):
         with Workspace(device) as work:
             found = anisotropy.anisotropy(pores.triangle, np.ones((len(pores), 2)))
-            paths = Paths.of(work, pores, edges, along, left, found)
-            strength = wear(work, paths, np.empty((0, 2), np.int32), 2, silent)
+            paths = Paths.of(work, pores, edges, along, left, found, lattice, 0.04)
+            strength = wear(work, paths, np.empty((0, 2), np.int32), 2, 2.86, FINE, silent)
         shares.append(strength[level].mean() / strength.mean())
     assert shares[0] > 1.3
     assert 0.8 < shares[1] < 1.15

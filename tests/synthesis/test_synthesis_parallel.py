@@ -14,7 +14,7 @@ from rhytid.device.runtime import Device
 from rhytid.domain.mesh import Mesh
 from rhytid.synthesis import workspace
 from rhytid.synthesis.crossings import crossings
-from rhytid.synthesis.darts import Darts
+from rhytid.synthesis.darts import Darts, Throw
 from rhytid.synthesis.edges import LEAST_ANGLE, REACH
 from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.generate import synthesize
@@ -43,45 +43,54 @@ def test_darts_are_kept_as_if_thrown_one_by_one(
 ) -> None:
     monkeypatch.setattr("rhytid.synthesis.sieve._SPARE", 16)  # so that it must make room
     with Workspace(device) as work:
-        darts = Darts(work, Surface.of(make()), fields, 5, 2000)
+        darts = Darts(work, Surface.of(make()), fields, RADIUS, 5, 700)
         sieve, thrown = Sieve(work, darts, RADIUS, fields, 10.0), []
         for turn in range(2):
-            throw = darts.throw(0, 2000, 2000, turn)
-            sieve.take(throw)
-            place = work.read(throw.place, (2000, 3), np.int32)
-            normal = work.read(throw.normal, (2000, 3), np.float32)
-            order = np.argsort(work.read(throw.priority, (2000,), np.uint32), kind="stable")
-            factor = work.read(throw.factor, (2000,), np.float32)
-            thrown.append((place[order], normal[order], factor[order]))
+            for throw in darts.throws(turn, 2000 / darts.room):
+                sieve.take(throw)
+                thrown.append(counting(work, throw))
         pores = sieve.points()
+    assert len(thrown) > 4
     place, normal, factor = (np.concatenate(arrays) for arrays in zip(*thrown, strict=True))
     kept = thrown_one_by_one(place, normal, factor, range(len(place)), RADIUS / darts.lattice.unit)
     wanted = darts.lattice.positions(place[kept])
     assert sorted(pores.position.tolist()) == sorted(wanted.tolist())
 
 
+def counting(work: Workspace, throw: Throw) -> tuple[NDArray[Any], ...]:
+    """Places, normals and factors of the darts that count, in the order of their priorities."""
+    count = throw.count
+    factor = work.read(throw.factor, (count,), np.float32)
+    level = work.read(throw.level, (count,), np.float32)
+    order = np.argsort(work.read(throw.priority, (count,), np.uint32), kind="stable")
+    order = order[(level * factor * factor < 1)[order]]
+    place = work.read(throw.place, (count, 3), np.int32)
+    return place[order], work.read(throw.normal, (count, 3), np.float32)[order], factor[order]
+
+
 def test_darts_are_uniform_by_area_in_space(device: Device) -> None:
     surface = Surface.of(sheets.sheet(sheets.uneven))
     count = 100_000
     with Workspace(device) as work:
-        darts = Darts(work, surface, Fields(), 5, count)
-        place = work.read(darts.throw(0, count, count, 0).place, (count, 3), np.int32)
+        darts = Darts(work, surface, Fields(), RADIUS, 5, 2 * count)
+        (place, _, _) = counting(work, next(darts.throws(0, count / darts.room)))
+    assert len(place) == pytest.approx(count, rel=1e-3)
     position = darts.lattice.positions(place)
     counts, _, _ = np.histogram2d(position[:, 0], position[:, 1], 8)
-    # Chi squared with 63 degrees of freedom: mean 63, deviation 11.2. Darts are thrown by strata,
+    # Chi squared with 63 degrees of freedom: mean 63, deviation 11.2. Every triangle has its share,
     # so it is far less.
     expected = count / counts.size
     assert np.sum((counts - expected) ** 2 / expected) < 63 + 5 * 11.2
 
 
-def test_batches_are_parts_of_one_throw(device: Device) -> None:
-    with Workspace(device) as work:
-        darts = Darts(work, Surface.of(sheets.sheet()), Fields(), 5, 1000)
-        whole = work.read(darts.throw(0, 1000, 1000, 3).place, (1000, 3), np.int32)
-        part = work.read(darts.throw(300, 500, 1000, 3).place, (500, 3), np.int32)
-        other = work.read(darts.throw(300, 500, 1000, 4).place, (500, 3), np.int32)
-    assert (part == whole[300:800]).all()
-    assert (part != other).any(axis=1).mean() > 0.99
+def test_how_many_darts_are_thrown_at_a_time_changes_no_pore(
+    device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = sheets.scattered(device, sheets.tube(), 0.03)
+    monkeypatch.setattr("rhytid.synthesis.pores.BATCH", 1500)
+    parts = sheets.scattered(device, sheets.tube(), 0.03)
+    assert whole.position.tobytes() == parts.position.tobytes()
+    assert whole.uv.tobytes() == parts.uv.tobytes()
 
 
 @MESHES

@@ -11,6 +11,7 @@ from rhytid.device.runtime import Device
 from rhytid.synthesis.charts import neighbours
 from rhytid.synthesis.directions import Directions
 from rhytid.synthesis.fields import Fields
+from rhytid.synthesis.lattice import Lattice
 from rhytid.synthesis.net import Ground, Net
 from rhytid.synthesis.paths import Paths
 from rhytid.synthesis.primary import COARSER, Primary, deepened
@@ -67,10 +68,14 @@ def nearest_in_double(pores: Points, places: Points) -> NDArray[np.intp]:
 def test_the_nearest_pore_is_found_or_none(device: Device, laid: Laid) -> None:
     net, primary, _, _ = laid
     with Workspace(device) as work:
-        found = nearest_pores(work, net.pores, primary.pores, 2 * RADIUS)
-        none = nearest_pores(work, net.pores.take(np.arange(5)), primary.pores, RADIUS / 4)
+        even = np.ones(len(primary.pores), np.float32)
+        few = net.pores.take(np.arange(5))
+        found = nearest_pores(work, net.pores, primary.pores, 2 * RADIUS, even, net.lattice)
+        none = nearest_pores(work, few, primary.pores, RADIUS / 4, even, net.lattice)
+        wide = nearest_pores(work, net.pores, primary.pores, RADIUS / 4, 8 * even, net.lattice)
     assert (found == nearest_in_double(net.pores, primary.pores)).all()
     assert np.mean(none == -1) > 0.9
+    assert (wide == found).all()
 
 
 def test_a_line_that_cannot_arrive_is_not_laid(device: Device) -> None:
@@ -82,7 +87,8 @@ def test_a_line_that_cannot_arrive_is_not_laid(device: Device) -> None:
     other = np.argmin(np.where(up, np.inf, apart))
     hubs = np.array([one, two, other, -1], np.int32)
     with Workspace(device) as work:
-        paths = Paths.of(work, pores, edges, frame, frame, frame[:, 0])
+        lattice = Lattice.absolute(0.04, *Surface.of(sheets.face_to_face()).extent)
+        paths = Paths.of(work, pores, edges, frame, frame, frame[:, 0], lattice, 0.06)
         for ends, any_laid in (([0, 1], True), ([0, 2], False), ([0, 3], False), ([1, 1], False)):
             line = np.array([ends], np.int32)
             found = lay_routes(work, pores, paths, hubs, line, np.ones(1, np.float32))

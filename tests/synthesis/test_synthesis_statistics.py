@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from rhytid.device.runtime import Device
 from rhytid.domain.graph import WrinkleGraph
@@ -14,6 +15,7 @@ from rhytid.domain.mesh import Mesh
 from rhytid.errors import GraphError
 from rhytid.synthesis.generate import Synthesis, synthesize
 from rhytid.synthesis.statistics import statistics
+from rhytid.synthesis.surface import Surface
 from synthesis import sheets
 from synthesis.sheets import wanted
 
@@ -30,7 +32,10 @@ def test_figures_of_a_synthesis_are_plain_and_right(device: Device, made: Synthe
     assert json.loads(json.dumps(figures)) == figures
     assert figures["wrinkles"] == sum(figures["strengths"]) == sum(figures["angles"]) == 3000
     assert figures["pores"] == sum(figures["degree"]["histogram"]) == made.graph.pores
-    assert figures["spacing"]["mean"] == pytest.approx(made.spacing, rel=1e-5)
+    at = sheets.places(Surface.of(sheets.sheet(sheets.uneven)), made.graph)
+    nearest = cKDTree(at).query(at, k=2)[0][:, 1]
+    assert figures["spacing"]["mean"] == pytest.approx(nearest.mean(), rel=1e-5)
+    assert made.spacing == pytest.approx(nearest.mean(), rel=0.01)
     assert figures["degree"]["mean"] == pytest.approx(6000 / made.graph.pores)
     assert figures["length"]["mean"] > figures["spacing"]["mean"]
     assert figures["crossings"] < 0.001

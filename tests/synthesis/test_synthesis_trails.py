@@ -9,15 +9,18 @@ from numpy.typing import NDArray
 from rhytid.device.runtime import Device
 from rhytid.synthesis.crossings import crossings
 from rhytid.synthesis.edges import Edges
+from rhytid.synthesis.even_skin import edges_per_pore
+from rhytid.synthesis.lattice import Lattice
 from rhytid.synthesis.net import Net
 from rhytid.synthesis.paths import Paths
 from rhytid.synthesis.progress import silent
-from rhytid.synthesis.selection import preference
+from rhytid.synthesis.selection import wishes
 from rhytid.synthesis.surface import Points
-from rhytid.synthesis.trails import wear
+from rhytid.synthesis.trails import FINE, wear
 from rhytid.synthesis.workspace import Workspace
 from synthesis import sheets
 
+LATTICE = Lattice.absolute(0.03, np.zeros(3), np.ones(3))
 Worn = tuple[Points, Edges, NDArray[np.int32], NDArray[np.float32]]
 
 
@@ -27,8 +30,9 @@ def worn(device: Device) -> Worn:
     pores, edges = sheets.net(device, sheets.sheet(), 0.03, seed=2)
     with Workspace(device) as work:
         found = crossings(work, pores, edges.nodes, edges.length)
-        paths = Paths.of(work, pores, edges, *frames(len(pores)), np.ones(len(pores), np.float32))
-        return pores, edges, found, wear(work, paths, found, 2, silent)
+        as_usual = np.ones(len(pores), np.float32)
+        paths = Paths.of(work, pores, edges, *frames(len(pores)), as_usual, LATTICE, 0.04)
+        return pores, edges, found, wear(work, paths, found, 2, edges_per_pore(8), FINE, silent)
 
 
 def frames(count: int) -> tuple[NDArray[np.float32], ...]:
@@ -42,7 +46,7 @@ def test_ways_out_lead_along_their_edges(device: Device) -> None:
     points = Points(np.zeros(3, int), position[:, :2], position, np.tile([0.0, 0, 1], (3, 1)))
     edges = Edges(nodes, np.float32([1, 1.4, 1]), np.zeros(3, np.int32))
     with Workspace(device) as work:
-        paths = Paths.of(work, points, edges, *frames(3), np.ones(3, np.float32))
+        paths = Paths.of(work, points, edges, *frames(3), np.ones(3, np.float32), LATTICE, 1.0)
         starts = work.read(paths.ways.offsets, (4,), np.int32)
         pairs = work.read(paths.ways.pairs, (6,), np.int32)
         others = work.read(paths.ways.others, (6,), np.int32)
@@ -83,11 +87,11 @@ def test_strong_lines_go_on(worn: Worn) -> None:
 def test_what_is_wanted_first_is_flat_and_closed(device: Device, worn: Worn) -> None:
     pores, edges, found, strength = worn
     with Workspace(device) as work:
-        order = preference(work, Net(pores, edges, found), strength, silent)
-    assert sorted(order.tolist()) == list(range(len(edges)))
-    first = edges.take(order[: int(2.1 * len(pores))])
+        net = Net(pores, edges, found, LATTICE, 0.04, edges_per_pore(8))
+        wish = wishes(work, net, strength, silent)
+    first = edges.take(np.argsort(-wish)[: int(2.1 * len(pores))])
     with Workspace(device) as work:
         assert len(crossings(work, pores, first.nodes, first.length)) == 0
     degree = np.bincount(first.nodes.ravel(), minlength=len(pores))
-    inner = (np.abs(pores.position[:, :2]) < 0.42).all(axis=1)
+    inner = (np.abs(pores.position[:, :2] - 0.5) < 0.42).all(axis=1)
     assert degree[inner].min() >= 3

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rhytid.device.runtime import Device
 from rhytid.synthesis.charts import BORDER, neighbours, trace
 from rhytid.synthesis.edges import DEFINES, Edges
+from rhytid.synthesis.lattice import Lattice
 from rhytid.synthesis.paths import Paths
 from rhytid.synthesis.surface import Points, Surface
 from rhytid.synthesis.workspace import Workspace
@@ -30,7 +31,9 @@ def star(work: Workspace) -> Paths:
     points = Points(np.zeros(count, int), position[:, :2], position, np.eye(3)[[2] * count])
     edges = Edges(nodes, length.astype(np.float32), np.zeros(count - 1, np.int32))
     along, left = (np.tile(axis.astype(np.float32), (count, 1)) for axis in np.eye(3)[:2])
-    return Paths.of(work, points, edges, along, left, np.ones(count, np.float32))
+    lattice = Lattice.absolute(1.0, *np.array([[-3.0] * 3, [3.0] * 3]))
+    as_usual = np.ones(count, np.float32)
+    return Paths.of(work, points, edges, along, left, as_usual, lattice, 1.5)
 
 
 def two_floats(x: float, y: float) -> Any:
@@ -46,8 +49,9 @@ def test_walkers_choose_in_proportion_to_appeal_and_straightness(device: Device)
         given = np.concatenate([appeal, np.zeros(len(SPOKES))]).astype(np.float32)
         deposit = work.full(len(SPOKES), np.int32(0))
         work.run(
-            "trails", "walk", count, count, paths.pores, np.uint32(1), np.uint32(7), 1, 3,
-            two_floats(np.cos(heading), np.sin(heading)), ways.offsets, ways.pairs, ways.others,
+            "trails", "walk", count, count // paths.pores, count / paths.pores, np.uint32(1),
+            np.uint32(7), 1, 3, two_floats(np.cos(heading), np.sin(heading)), paths.key,
+            ways.offsets, ways.pairs, ways.others,
             paths.direction, paths.anisotropy, work.upload(given), deposit, defines=DEFINES,
         )  # fmt: skip
         found = work.read(deposit, (len(SPOKES),), np.int32)

@@ -23,6 +23,8 @@ CONTROLS = (
     "pore_radius",
     *REGION_MAPS,
 )
+# Maps of what is drawn; by all others pores and lines grow.
+_DRAWN = ("strength", "scale", "pore_radius")
 # Both middle codes of 8 bits, and all between them, are the middle: 0 of `signed`.
 _DARKER, _LIGHTER = np.float32(127 / 255), np.float32(128 / 255)
 
@@ -45,6 +47,11 @@ class Controls:
             every = [map for known in fixed.values() for map in known.values()]
             check_total(every, name, "control")
         object.__setattr__(self, "maps", fixed)
+
+    @property
+    def grow(self) -> bool:
+        """Whether pores and lines come to lie elsewhere by these maps."""
+        return not set(self.maps) <= set(_DRAWN)
 
     def arrays(self) -> dict[str, Map]:
         """The maps as `name.udim`."""

@@ -79,7 +79,7 @@ def check_uv(surface: Surface, settings: GraphSettings, radius: float, factor: f
 def check_extent(surface: Surface, settings: GraphSettings, radius: float) -> None:
     """Raise MeshError where parts of the mesh lie so far apart that places in space are too coarse
     for pores that are `radius` apart."""
-    unit = Lattice.around(surface.corners[surface.carries].reshape(-1, 3)).unit
+    unit = Lattice.absolute(radius, *surface.extent).unit
     if radius < _PLACES * unit:
         wanted = _wanted(surface, settings)
         fit = wanted.at_most(wanted.wrinkles * (radius / (_PLACES * unit)) ** 2)

@@ -12,12 +12,17 @@ from rhytid.synthesis import shapes
 from rhytid.synthesis.borders import Borders
 from rhytid.synthesis.copies import with_copies
 from rhytid.synthesis.drawing import Lines
+from rhytid.synthesis.even_skin import STRENGTH
+from rhytid.synthesis.hashes import place_keys
 from rhytid.synthesis.net import Ground
 from rhytid.synthesis.progress import Progress
 from rhytid.synthesis.rows import row_blocks
 from rhytid.synthesis.surface import Points
 
 _LEAST_WEIGHT = 1e-4
+# Seams are looked at as closely as painted density can ask for: were it as closely as it does, what
+# is painted in one place would move copies at all seams.
+_CLOSEST = 8.0**-0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,22 +41,26 @@ def assemble(
     borders: Borders,
     worn: Worn,
     spacing: float,
-    rng: np.random.Generator,
+    seed: int,
     progress: Progress,
 ) -> WrinkleGraph:
     """Pores and lines with what they are drawn with, and copies of what reaches over a seam.
 
-    spacing: mean, of pores.  Nodes beyond a border are as large as their pore and not drawn.
+    spacing: mean, of pores on even skin.  Nodes beyond a border are as large as their pore and not
+    drawn.
     """
     fields = ground.fields
     weight, factor, half_width = _lines(ground, pores, lines, worn.strength, spacing, progress)
     progress(0.4, "shapes")
-    size = shapes.pore_sizes(pores.position, spacing, rng)
+    key = place_keys(pores.uv)
+    size = shapes.pore_sizes(pores.position / spacing, key, seed)
     size[worn.hubs] *= np.float32(shapes.HUB)
     size *= fields.pore_radius(pores.triangle, pores.uv)
     progress(0.6, "shapes")
+    usual = np.float32(fields.usual_pore_radius)
     first = lines.copy_of == ORIGINAL
-    depth = shapes.pore_weights(lines.pores[first], weight[first], size, rng)
+    depth = shapes.pore_weights(lines.pores[first], weight[first], size / usual, key, seed)
+    size *= np.float32(shapes.PORE_SIZE * spacing)
     _scale(depth, fields.pore_strength(pores.triangle, pores.uv))
     _scale(weight, factor)
     metric, radius = shapes.pore_ellipses(ground.surface, pores.triangle, size)
@@ -71,7 +80,7 @@ def assemble(
         "edge_copy_of": lines.copy_of,
         "edge_metric": np.zeros((len(weight), 3), np.float32),
     }
-    least = spacing * fields.least_spacing
+    least = spacing * min(fields.least_spacing, _CLOSEST)
     return WrinkleGraph(**with_copies(arrays, ground.surface, borders, least), origin=None)
 
 
@@ -86,13 +95,12 @@ def _lines(
     """(W,) weights, factors that these still lack, and half widths in UV."""
     chosen, fields = strength[lines.edge], ground.fields
     uv = np.concatenate([pores.uv, lines.beyond])
-    mean = float(chosen.mean(dtype=np.float64))
     weight, factor, half_width = (np.empty(len(chosen), np.float32) for _ in range(3))
     for rows in row_blocks(len(chosen)):
         progress(0.4 * rows.start / len(chosen), "shapes")
         triangle, step = lines.triangle[rows], lines.step[rows]
         middle = uv[lines.nodes[rows, 0]] + np.float32(0.5) * step
-        weight[rows] = shapes.edge_weights(chosen[rows], mean)
+        weight[rows] = shapes.edge_weights(chosen[rows], STRENGTH)
         width = shapes.widths(weight[rows], spacing) * fields.width(triangle, middle)
         half_width[rows] = shapes.half_widths_uv(ground.surface, triangle, step, width)
         factor[rows] = fields.strength(triangle, middle)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from rhytid.synthesis.cloud import Cloud
 from rhytid.synthesis.incidence import Incidence
+from rhytid.synthesis.lattice import Lattice
 from rhytid.synthesis.progress import Progress, silent
 from rhytid.synthesis.surface import Points
 from rhytid.synthesis.workspace import Workspace
@@ -17,6 +18,9 @@ from rhytid.synthesis.workspace import Workspace
 # Edges that are looked at together, and partners of one that there is room for at first; of edges
 # with more fewer are looked at together.
 _BLOCK, _PARTNERS = 1 << 19, 8
+# Of a step of the lattice: products of four coordinates stay within float32. A power of two rounds
+# nothing, so that what crosses does not hang on the lengths of other edges.
+_SCALE = 2.0**-15
 
 
 def crossings(
@@ -25,19 +29,21 @@ def crossings(
     nodes: NDArray[np.int32],
     length: NDArray[np.float32],
     progress: Progress = silent,
+    lattice: Lattice | None = None,
 ) -> NDArray[np.int32]:
     """(P, 2) pairs of edges that cross, seen along the normal between them, each once.
 
     nodes: (E, 2).  length: (E,), the distance of the two.  Edges with a common pore do not cross,
-    nor do those of different sheets.
+    nor do those of different sheets.  lattice: of the places of pores; one around them if none is
+    given.
     """
     if not len(nodes):
         return np.empty((0, 2), np.int32)
     if not (nodes[1:, 0] >= nodes[:-1, 0]).all():  # neighbours at work see the same memory
         order = np.argsort(nodes[:, 0], kind="stable").astype(np.int32)
-        return order[crossings(work, pores, nodes[order], length[order], progress)]
+        return order[crossings(work, pores, nodes[order], length[order], progress, lattice)]
     with work.room() as room:
-        return np.concatenate(list(_blocks(room, pores, nodes, length, progress)))
+        return np.concatenate(list(_blocks(room, pores, nodes, length, progress, lattice)))
 
 
 def _blocks(
@@ -46,15 +52,16 @@ def _blocks(
     nodes: NDArray[np.int32],
     length: NDArray[np.float32],
     progress: Progress,
+    lattice: Lattice | None,
 ) -> Iterator[NDArray[np.int32]]:
     """Pairs, from some edges after others."""
     typical = max(1.5 * float(length.mean()), 1e-9)
-    cloud = Cloud.of(work, pores, typical)
+    cloud = Cloud.of(work, pores, typical, lattice)
     members = work.upload(nodes)
     lists = Incidence.of(work, members, len(nodes), len(pores))
     shared = (
         members, work.upload(length), lists.offsets, lists.pairs, lists.others, *cloud.points,
-        float(cloud.lattice.unit), float(cloud.lattice.unit / typical), *cloud.grid.arguments,
+        float(cloud.lattice.unit), _SCALE, *cloud.grid.arguments,
     )  # fmt: skip
     for start in range(0, len(nodes), _BLOCK):
         progress(start / len(nodes), "crossings")

@@ -50,10 +50,9 @@ def lines_of(edges: Edges) -> int:
     return len(edges)
 
 
-def stored(order: Indices, count: int) -> Indices:
-    """(W,) the first `count` edges of `order`, in the order of their numbers, which is that of
-    space."""
-    return np.sort(order[:count])
+def stored(drawn: BoolArray) -> Indices:
+    """(W,) the edges of a mask (E,), in the order of their numbers, which is that of space."""
+    return np.flatnonzero(drawn).astype(np.int32)
 
 
 def draw(ground: Ground, net: Net, borders: Borders, edge: Indices, spacing: float) -> Lines:

@@ -16,6 +16,7 @@ from rhytid.synthesis.cloud import Cloud
 from rhytid.synthesis.darts import map_corners
 from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.incidence import starts_of
+from rhytid.synthesis.lattice import Lattice
 from rhytid.synthesis.progress import Progress, part
 from rhytid.synthesis.rooms import spacings
 from rhytid.synthesis.seams import meets_at_seam
@@ -72,7 +73,9 @@ def candidates(
     fields = fields or Fields()
     with work.room() as room:
         factor = spacings(fields, pores.triangle, pores.uv)
-        cloud = Cloud.of(room, pores, REACH * radius * float(factor.max(initial=0.0)))
+        lattice = Lattice.absolute(radius, *surface.extent)
+        cell = REACH * radius * float(factor.max(initial=0.0))
+        cloud = Cloud.of(room, pores, cell, lattice)
         found = room.upload(factor)
         ways = _ways(room, cloud, found, radius, count, part(progress, 0.0, 0.6))
         nodes, length = _pairs(room, cloud, ways)

@@ -18,13 +18,15 @@ class Fields:
 
     least_spacing, most_spacing: what `spacing` keeps within, above 0. Pores stand apart by the
     radius times the mean of both factors.  detail: UV length within which spacing and bareness
-    hardly change.  some_bare: whether `bare` is true anywhere.
+    hardly change.  some_bare: whether `bare` is true anywhere.  usual_pore_radius: what
+    `pore_radius` is where nothing is painted.
     """
 
     least_spacing = 1.0
     most_spacing = 1.0
     detail = float("inf")
     some_bare = False
+    usual_pore_radius = 1.0
 
     def spacing(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Factor of the distance between pores."""

@@ -9,13 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 _STEPS = 30
+# A length that places are counted for has 2^_FINE steps: the order of places is the same at any
+# scale of the mesh.
+_FINE = 16
+# What the origin is moved by where a mesh is far from that of its coordinates, in steps.
+_BLOCK = 2.0 ** (_STEPS - 4)
 
 
 @dataclass(frozen=True, eq=False)
 class Lattice:
-    """A cube of 2³⁰ steps a side.  origin (3,): its lowest corner.  unit: a step, a power of two.
+    """A cube of 2³⁰ steps a side.
 
-    Of a surface of area 1 as large as a face a step is 1e-9, where pores are 3e-4 apart.
+    origin (3,): its lowest corner.  unit: a step.
     """
 
     origin: NDArray[np.float64]
@@ -28,6 +33,23 @@ class Lattice:
         high = np.max([p.max(axis=0) for p in points], axis=0)
         extent = max(float((high - low).max()), 1e-30)
         return cls(low, 2.0 ** (int(np.floor(np.log2(extent))) + 1 - _STEPS))
+
+    @classmethod
+    def absolute(
+        cls, length: float, low: NDArray[np.float64], high: NDArray[np.float64]
+    ) -> Lattice:
+        """One for `length`, that does not hang on what it holds, from `low` (3,) to `high` (3,).
+
+        Its middle is the origin of coordinates, from which it reaches 2¹³ lengths. What
+        reaches further moves it, and what is larger makes its steps coarser.
+        """
+        unit = length * 2.0**-_FINE
+        half = 2.0 ** (_STEPS - 1) - 1.0
+        if max(np.abs(low).max(), np.abs(high).max()) < half * unit:
+            return cls(np.full(3, -(2.0 ** (_STEPS - 1)) * unit), unit)
+        while float((high - low).max()) >= (2.0**_STEPS - 2.0 * _BLOCK) * unit:
+            unit *= 2.0
+        return cls(np.floor(low / (_BLOCK * unit)) * _BLOCK * unit, unit)
 
     def places(self, positions: NDArray[np.floating]) -> NDArray[np.int32]:
         """(..., 3) whole steps from the origin."""
@@ -44,13 +66,19 @@ class Lattice:
 
 
 def spatial_order(places: NDArray[np.int32]) -> NDArray[np.intp]:
-    """(N,) an order in which neighbours (N, 3) are near each other: along Morton's curve."""
+    """(N,) an order in which neighbours (N, 3) are near each other: along Morton's curve.
+
+    Which of two places comes first hangs on these alone.
+    """
     code = np.zeros(len(places), np.uint64)
     for axis in range(3):
-        code |= _spread(places[:, axis].astype(np.uint64) >> np.uint64(_STEPS - 20)) << np.uint64(
+        code |= _spread(places[:, axis].astype(np.uint64) >> np.uint64(_STEPS - 21)) << np.uint64(
             axis
         )
     order: NDArray[Any] = np.argsort(code, kind="stable")
+    ordered = code[order]
+    if (ordered[1:] == ordered[:-1]).any():
+        order = np.lexsort((*places.T, code))
     return order
 
 

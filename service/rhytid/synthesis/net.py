@@ -10,12 +10,14 @@ from numpy.typing import NDArray
 from rhytid.synthesis.crossings import crossings
 from rhytid.synthesis.directions import Directions
 from rhytid.synthesis.edges import Edges, candidates
+from rhytid.synthesis.even_skin import LENGTH, edges_per_pore
 from rhytid.synthesis.fields import Fields
+from rhytid.synthesis.lattice import Lattice
 from rhytid.synthesis.paths import Paths
 from rhytid.synthesis.pores import scatter_pores
 from rhytid.synthesis.progress import Progress, part
 from rhytid.synthesis.surface import Points, Surface
-from rhytid.synthesis.trails import wear
+from rhytid.synthesis.trails import Walks, wear
 from rhytid.synthesis.workspace import Workspace
 
 
@@ -31,11 +33,18 @@ class Ground:
 
 @dataclass(frozen=True, eq=False)
 class Net:
-    """Pores, the candidate edges between them, and which of those cross: (P, 2)."""
+    """Pores, the candidate edges between them, and which of those cross: (P, 2).
+
+    lattice: of the places of pores.  length, degree: typical of edges, and how many there are to a
+    pore, on even skin.
+    """
 
     pores: Points
     edges: Edges
     crossings: NDArray[np.int32]
+    lattice: Lattice
+    length: float
+    degree: float
 
     @classmethod
     def spun(cls, ground: Ground, radius: float, count: int, seed: int, progress: Progress) -> Net:
@@ -44,9 +53,10 @@ class Net:
         pores = scatter_pores(work, surface, radius, seed, part(progress, 0.0, 0.64), fields)
         joining, crossing = part(progress, 0.64, 0.79), part(progress, 0.79, 0.97)
         edges = candidates(work, surface, ground.across, pores, radius, count, joining, fields)
-        found = crossings(work, pores, edges.nodes, edges.length, crossing)
+        lattice = Lattice.absolute(radius, *surface.extent)
+        found = crossings(work, pores, edges.nodes, edges.length, crossing, lattice)
         progress(0.97, "crossings")
-        return cls(pores, edges, found)
+        return cls(pores, edges, found, lattice, LENGTH * radius, edges_per_pore(count))
 
     def paths(
         self, work: Workspace, directions: Directions, fields: Fields, progress: Progress
@@ -54,11 +64,13 @@ class Net:
         """The ways out of the pores against the preferred directions."""
         along, left = directions.frames(self.pores, progress)
         anisotropy = fields.anisotropy(self.pores.triangle, self.pores.uv)
-        return Paths.of(work, self.pores, self.edges, along, left, anisotropy)
+        return Paths.of(
+            work, self.pores, self.edges, along, left, anisotropy, self.lattice, self.length
+        )
 
     def worn(
-        self, work: Workspace, paths: Paths, seed: int, progress: Progress
+        self, work: Workspace, paths: Paths, seed: int, walks: Walks, progress: Progress
     ) -> NDArray[np.float32]:
-        """(E,) how strong walkers make the edges; the mean is near 1."""
+        """(E,) how strong walkers make the edges; the mean is near 1 on even skin."""
         progress(0.0, "trails")
-        return wear(work, paths, self.crossings, seed, progress)
+        return wear(work, paths, self.crossings, seed, self.degree, walks, progress)

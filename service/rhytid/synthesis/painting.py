@@ -48,6 +48,8 @@ class PaintedFields(Fields):
         self.some_bare = "density" in maps and self._darkest() < BARE
         shaping = [self._maps[name] for name in ("density", *self._regions) if name in maps]
         self.detail = min((lookup.detail for lookup in shaping), default=float("inf"))
+        base = REGIONS[settings.region]
+        self.usual_pore_radius = settings.pore_radius * base.pore_radius * base.density**-0.5
 
     def spacing(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Factor of the distance between pores."""
@@ -133,7 +135,8 @@ class PaintedFields(Fields):
         their logarithms. What masks leave is the region of the settings."""
         base = _value(REGIONS[self._settings.region], name)
         if not self._regions:
-            return np.full(len(triangle), _meant(base, name), np.float32)
+            # As an array, so that it is rounded as where a mask of black is painted.
+            return np.repeat(np.asarray(_meant(np.full(1, base, np.float32), name)), len(triangle))
         total, mixed = np.zeros(len(triangle), np.float32), np.zeros(len(triangle), np.float32)
         for region in self._regions:
             weight = self._maps[region].at(triangle, uv, neutral=0.0)
@@ -155,7 +158,8 @@ class PaintedFields(Fields):
         if "density" in self._maps:
             most = float(density_of(np.float32(self._maps["density"].most)))
             low, high = low * max(self._darkest(), BARE), high * most
-        slack = 1e-6 if high > low else 0.0
+        # Nothing is to be cut off, whatever else is painted.
+        slack = 1e-6 if (low, high) != (1.0, 1.0) else 0.0
         low, high = np.clip([low * (1.0 - slack), high * (1.0 + slack)], *_DENSITY)
         return float(low), float(high)
 

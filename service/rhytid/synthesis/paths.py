@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from rhytid.device.runtime import Buffer
 from rhytid.synthesis.edges import DEFINES, Edges
+from rhytid.synthesis.hashes import place_keys
 from rhytid.synthesis.incidence import Incidence
 from rhytid.synthesis.lattice import Lattice
 from rhytid.synthesis.surface import Points
@@ -21,8 +22,9 @@ class Paths:
 
     ways: lists of edges by pore.  direction (2E, 2) int16: cosine and sine of each way out against
     the preferred direction of the pore, times 32767.  length (E,) float32.
-    anisotropy (N,) float32: how far walkers keep to those directions.  place (N, 3) int32: of the
-    pores, in steps of `unit`.
+    typical: length of edges on even skin.  anisotropy (N,) float32: how far walkers keep to those
+    directions.  place (N, 3) int32: of the pores, in steps of `unit`.  key (N,) uint32: a word of
+    each pore from its place in the map.
     """
 
     pores: int
@@ -30,10 +32,11 @@ class Paths:
     ways: Incidence
     direction: Buffer
     length: Buffer
-    mean_length: float
+    typical: float
     anisotropy: Buffer
     place: Buffer
     unit: float
+    key: Buffer
 
     @classmethod
     def of(
@@ -44,10 +47,14 @@ class Paths:
         along: NDArray[np.float32],
         left: NDArray[np.float32],
         anisotropy: NDArray[np.float32],
+        lattice: Lattice,
+        length: float,
     ) -> Paths:
-        """Lay out the edges; `along`, `left` (N, 3) is the frame of each pore."""
+        """Lay out the edges; `along`, `left` (N, 3) is the frame of each pore.
+
+        lattice: of the places of pores.  length: of edges on even skin, typically.
+        """
         ways = Incidence.of(work, work.upload(edges.nodes), len(edges), len(pores))
-        lattice = Lattice.around(pores.position)
         place = work.upload(lattice.places(pores.position))
         frame = work.upload(along), work.upload(left)
         direction = work.empty(2 * ways.entries, np.int16)
@@ -58,5 +65,6 @@ class Paths:
         work.release(*frame)
         return cls(
             len(pores), len(edges), ways, direction, work.upload(edges.length),
-            float(edges.length.mean()), work.upload(anisotropy), place, lattice.unit,
+            length, work.upload(anisotropy), place, lattice.unit,
+            work.upload(place_keys(pores.uv)),
         )  # fmt: skip

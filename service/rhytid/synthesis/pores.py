@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from rhytid.synthesis.darts import Darts
+from rhytid.synthesis.even_skin import PACKING
 from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.progress import Progress
 from rhytid.synthesis.rooms import total_room
 from rhytid.synthesis.sieve import Sieve
 from rhytid.synthesis.surface import Points, Surface
-from rhytid.synthesis.wanted import PACKING
 from rhytid.synthesis.workspace import Workspace
 
 # Darts thrown per expected pore, in rounds. Where so many miss, another centre would have had a
@@ -33,21 +33,22 @@ def scatter_pores(
     Times the mean of their spacing factors, where `fields` has such. Dart throwing, many at a time:
     those of a batch that no older pore is too close to are kept in the order of their priorities,
     as throwing them one by one would. Distances are Euclidean; surfaces that touch face to face
-    (lips, eyelids) are kept apart by their normals. Pores come in spatial order.
+    (lips, eyelids) are kept apart by their normals. Pores come in spatial order. Which they are
+    hangs on the place of each triangle in the map, its area and what is painted nearby; not on how
+    many darts are thrown at a time.
     """
     fields = fields or Fields()
     with work.room() as room:
-        darts = Darts(room, surface, fields, seed, BATCH)
+        darts = Darts(room, surface, fields, radius, seed, BATCH)
         a_room = PACKING / radius**2
         sieve = Sieve(room, darts, radius, fields, a_room * darts.filled)
-        rounds = [int(np.ceil(share * a_room * darts.room)) for share in DARTS]
+        every = sum(DARTS) * a_room * darts.room
         done = 0
-        for turn, total in enumerate(rounds):
-            for start in range(0, total, BATCH):
-                progress(done / sum(rounds), "pores")
-                count = min(BATCH, total - start)
-                sieve.take(darts.throw(start, count, total, turn))
-                done += count
+        for turn, share in enumerate(DARTS):
+            for thrown in darts.throws(turn, share * a_room):
+                progress(min(done / every, 1.0), "pores")
+                sieve.take(thrown)
+                done += thrown.count
         return sieve.points()
 
 

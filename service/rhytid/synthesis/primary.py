@@ -14,19 +14,22 @@ from numpy.typing import NDArray
 
 from rhytid.synthesis import shapes
 from rhytid.synthesis.directions import Directions
+from rhytid.synthesis.even_skin import FAINTEST_PRIMARY, PACKING, PRIMARY_STRENGTH
 from rhytid.synthesis.net import Ground, Net
 from rhytid.synthesis.paths import Paths
 from rhytid.synthesis.progress import Progress, part
+from rhytid.synthesis.rooms import spacings
 from rhytid.synthesis.routes import lay_routes, nearest_pores
-from rhytid.synthesis.selection import preference
+from rhytid.synthesis.selection import flat, wishes
 from rhytid.synthesis.surface import Points
+from rhytid.synthesis.trails import COARSE
 
 # Spacing of the coarse net in spacings of the fine one.
 COARSER = 4.0
-# Coarse wrinkles per coarse pore.
-_LINES = 1.9
-# Below so many coarse pores there is no net to speak of.
+# Below so many coarse pores on even skin there is no net to speak of.
 _FEWEST = 50
+# What sets strong primary lines apart from weak ones, beyond what their short walks do.
+_SHARPER = np.float32(1.2)
 # Strength of secondary lines, of that which walkers make; and that of a primary line of weight 1.
 SECONDARY, PRIMARY = 0.7, 8.0
 # Another number than that of the fine net.
@@ -54,14 +57,15 @@ class Primary:
         """radius, count, seed: those of the fine net."""
         other = seed ^ _SALT
         net = Net.spun(ground, COARSER * radius, count, other, part(progress, 0.0, 0.5))
-        if len(net.pores) < _FEWEST or not len(net.edges):
+        even = PACKING * ground.surface.area.sum() / (COARSER * radius) ** 2
+        if even < _FEWEST or not len(net.edges):
             return cls(net.pores, np.empty((0, 2), np.int32), np.empty(0, np.float32))
         with ground.work.room() as room:
             paths = net.paths(room, directions, ground.fields, part(progress, 0.5, 0.6))
-            strength = net.worn(room, paths, other, part(progress, 0.6, 0.9))
-        order = preference(ground.work, net, strength, part(progress, 0.9, 1.0))
-        chosen = order[: int(_LINES * len(net.pores))]
-        weight = shapes.edge_weights(strength[chosen], float(strength[chosen].mean()))
+            strength = net.worn(room, paths, other, COARSE, part(progress, 0.6, 0.9))
+        wish = wishes(ground.work, net, strength, part(progress, 0.9, 1.0))
+        chosen = np.flatnonzero(flat(FAINTEST_PRIMARY).drawn(net.edges, wish))
+        weight = shapes.edge_weights(strength[chosen] ** _SHARPER, PRIMARY_STRENGTH)
         return cls(net.pores, net.edges.nodes[chosen], weight)
 
     def laid(
@@ -69,8 +73,8 @@ class Primary:
     ) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
         """(E,) the weight that primary lines give to each edge of the fine net, 0 beside them; and
         the pores (H,) where they meet."""
-        reach = 2.0 * radius * ground.fields.most_spacing
-        hubs = nearest_pores(ground.work, net.pores, self.pores, reach)
+        factor = spacings(ground.fields, self.pores.triangle, self.pores.uv)
+        hubs = nearest_pores(ground.work, net.pores, self.pores, 2.0 * radius, factor, net.lattice)
         weight = lay_routes(ground.work, net.pores, paths, hubs, self.ends, self.weight)
         used = np.unique(hubs[np.unique(self.ends)])
         return weight, used[used >= 0]

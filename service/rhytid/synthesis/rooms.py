@@ -12,7 +12,8 @@ from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.rows import ROWS
 from rhytid.synthesis.surface import FloatArray, Surface
 
-# Places looked at in all, and along a side of one triangle: their coordinates then take 10 MB.
+# Places looked at in all to tell the room of a surface, and along a side of one triangle: their
+# coordinates then take 10 MB.
 _LOOKS, _FINEST = 1 << 20, 512
 
 
@@ -23,20 +24,33 @@ def spacings(fields: Fields, triangle: NDArray[Any], uv: NDArray[Any]) -> NDArra
 
 
 def total_room(surface: Surface, fields: Fields) -> float:
-    """The area of the surface that is not bare in units of squared spacing factors; 1 where
+    """The area of the surface that is not bare in units of squared spacing factors; the area where
     spacing is even."""
-    return float(rooms(surface, fields, np.flatnonzero(surface.carries))[1].sum())
+    carriers = np.flatnonzero(surface.carries)
+    mean = shares(surface, fields, carriers, _cuts(surface.uv[carriers], fields.detail))[1]
+    return float((surface.area[carriers] * mean).sum())
 
 
-def rooms(
-    surface: Surface, fields: Fields, carriers: NDArray[np.intp]
+def densities(
+    surface: Surface, fields: Fields, carriers: NDArray[np.intp], radius: float
 ) -> tuple[FloatArray, FloatArray]:
-    """(C,) areas over squared factors: by the densest place of each triangle, and on the mean.
+    """(C,) `shares` of triangles that are looked at every `radius`: those of each hang on what is
+    painted on it, and on nothing else."""
+    if np.isinf(fields.detail):
+        return shares(surface, fields, carriers, np.ones(len(carriers), np.int64))
+    corners = surface.corners[carriers]
+    longest = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=-1).max(axis=1)
+    return shares(surface, fields, carriers, _powers(longest / radius))
 
-    A triangle larger than the detail of the fields is looked at in several places.
+
+def shares(
+    surface: Surface, fields: Fields, carriers: NDArray[np.intp], cuts: NDArray[np.int64]
+) -> tuple[FloatArray, FloatArray]:
+    """(C,) one over squared factors: at the densest place of each triangle, and on the mean.
+
+    cuts (C,): into how many parts the sides of a triangle are cut to look at it.
     """
     most, mean = np.empty(len(carriers)), np.empty(len(carriers))
-    cuts = _cuts(surface.uv[carriers], fields.detail)
     for cut in np.unique(cuts):
         places, nodes = _places(int(cut))
         chosen = np.flatnonzero(cuts == cut)
@@ -45,8 +59,7 @@ def rooms(
             rows = chosen[first : first + step]
             share = _shares(surface, fields, carriers[rows], places)
             most[rows], mean[rows] = share.max(axis=1), share[:, nodes:].mean(axis=1)
-    area = surface.area[carriers]
-    return area * most, area * mean
+    return most, mean
 
 
 def _shares(
@@ -63,12 +76,17 @@ def _shares(
 
 def _cuts(uv: FloatArray, detail: float) -> NDArray[np.int64]:
     """(T,) into how many parts the sides of each triangle are cut: powers of two."""
-    longest = np.ptp(uv, axis=1).max(axis=1)
-    exponent = np.ceil(np.log2(np.clip(longest / detail, 1.0, _FINEST)))
-    cuts: NDArray[np.int64] = np.exp2(exponent).astype(np.int64)
+    cuts = _powers(np.ptp(uv, axis=1).max(axis=1) / detail)
     while (1.5 * cuts**2).sum() > _LOOKS and (cuts > 1).any():
         cuts = np.maximum(cuts // 2, 1)
     return cuts
+
+
+def _powers(parts: FloatArray) -> NDArray[np.int64]:
+    """Powers of two, no less than these as far as `_FINEST`."""
+    exponent = np.ceil(np.log2(np.clip(parts, 1.0, _FINEST)))
+    powers: NDArray[np.int64] = np.exp2(exponent).astype(np.int64)
+    return powers
 
 
 @cache

@@ -37,7 +37,7 @@ def lay_routes(
         room.run(
             "routes", "lay_routes", len(ends), _STEPS, room.upload(hubs[ends]), wanted,
             paths.ways.offsets, paths.ways.pairs, paths.ways.others, paths.place,
-            float(paths.unit / paths.mean_length), laid,
+            float(paths.unit / paths.typical), laid,
         )  # fmt: skip
         found = room.read(laid, (paths.edges,), np.int32)
     weights: NDArray[np.float32] = found.astype(np.float32) * np.float32(_STEP)
@@ -45,18 +45,26 @@ def lay_routes(
 
 
 def nearest_pores(
-    work: Workspace, pores: Points, places: Points, reach: float
+    work: Workspace,
+    pores: Points,
+    places: Points,
+    reach: float,
+    factor: NDArray[np.float32],
+    lattice: Lattice,
 ) -> NDArray[np.int32]:
-    """(H,) the pore nearest to each place on its sheet, -1 where none is within `reach`."""
+    """(H,) the pore nearest to each place on its sheet, -1 where none is within `reach` times the
+    factor (H,) of the place.
+
+    lattice: that of the pores; places lie on it too.
+    """
     with work.room() as room:
-        lattice = Lattice.around(pores.position, places.position)
-        cloud = Cloud.of(room, pores, reach, lattice)
+        cloud = Cloud.of(room, pores, reach * float(factor.max(initial=0.0)), lattice)
         nearest: Buffer = room.empty(len(places), np.int32)
         at = room.upload(lattice.places(places.position))
         facing = room.upload(places.normal.astype(np.float32))
         room.run(
             "routes", "nearest_point", len(places), at, facing, *cloud.points,
-            *cloud.grid.arguments, float(lattice.unit / reach), nearest,
+            *cloud.grid.arguments, float(lattice.unit / reach), room.upload(factor), nearest,
         )  # fmt: skip
         found: NDArray[np.int32] = room.read(nearest, (len(places),), np.int32)
     return found

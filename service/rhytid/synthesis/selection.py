@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.synthesis.edges import Edges
 from rhytid.synthesis.incidence import Incidence
 from rhytid.synthesis.independent import chosen
 from rhytid.synthesis.net import Net
-from rhytid.synthesis.progress import Progress, part
-from rhytid.synthesis.rounds import DROPPED, KEPT, NEEDED
+from rhytid.synthesis.progress import Progress
+from rhytid.synthesis.rounds import KEPT, NEEDED
 from rhytid.synthesis.workspace import Workspace
 
 # Every pore keeps so many of its edges before the strength alone decides: polygons close, and
@@ -17,21 +20,51 @@ from rhytid.synthesis.workspace import Workspace
 ENDS = 3
 
 
-def preference(
-    work: Workspace, net: Net, strength: NDArray[np.float32], progress: Progress
-) -> NDArray[np.int32]:
-    """(E,) indices of the edges of a net, of strength (E,), in the order in which they are wanted.
+# Between the classes of edges: more than any strength.
+_CLASS = 1024.0
 
-    First those that belong to the strongest of a pore and cross nothing stronger, then the others
+
+@dataclass(frozen=True)
+class Cut:
+    """The least wanted edge that is drawn: its wish and length."""
+
+    wish: float
+    length: float = np.inf
+
+    @classmethod
+    def at(cls, edges: Edges, wish: NDArray[np.float64], count: int) -> Cut:
+        """Where exactly `count` are drawn; of equal wishes the shorter edges first."""
+        least = np.partition(wish, len(wish) - count)[len(wish) - count]
+        tied = np.flatnonzero(wish == least)
+        left = count - np.count_nonzero(wish > least)
+        return cls(float(least), float(np.sort(edges.length[tied])[left - 1]))
+
+    def drawn(self, edges: Edges, wish: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """(E,) whether each edge is: that hangs on the edge alone."""
+        even = (wish == self.wish) & (edges.length <= self.length)
+        found: NDArray[np.bool_] = (wish > self.wish) | even
+        return found
+
+
+def wishes(
+    work: Workspace, net: Net, strength: NDArray[np.float32], progress: Progress
+) -> NDArray[np.float64]:
+    """(E,) how much the edges of a net, of strength (E,), are wanted.
+
+    Most those that belong to the strongest of a pore and cross nothing stronger, then the others
     that cross nothing stronger, then the rest; by strength in each.
     """
-    mark = _marks(work, net, strength, part(progress, 0.0, 0.6))
-    wanted = []
-    for index, state in enumerate((NEEDED, KEPT, DROPPED)):
-        progress(0.6 + 0.1 * index, "selection")
-        members = np.flatnonzero(mark == state).astype(np.int32)
-        wanted.append(members[np.argsort(-strength[members], kind="stable")])
-    return np.concatenate(wanted)
+    mark = _marks(work, net, strength, progress)
+    wish: NDArray[np.float64] = strength.astype(np.float64)
+    wish[mark == KEPT] += _CLASS
+    wish[mark == NEEDED] += 2.0 * _CLASS
+    progress(1.0, "selection")
+    return wish
+
+
+def flat(strength: float) -> Cut:
+    """What crosses nothing stronger and is as strong as this, and all that pores need."""
+    return Cut(_CLASS + strength)
 
 
 def _marks(

@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.synthesis.directions import SmoothNoise
+from rhytid.synthesis.even_skin import MEETING
+from rhytid.synthesis.hashes import Words, normals
 from rhytid.synthesis.rows import row_blocks
 from rhytid.synthesis.surface import FloatArray, Surface
 
@@ -25,10 +27,12 @@ PORE_SIZE, PORE_VARIATION = 0.30, 0.22
 # How much larger a pore is where primary lines meet.
 HUB = 1.5
 REGION, REGION_VARIATION = 40.0, 0.12
+# So that random numbers for one purpose are others than for another.
+_SIZE, _DEPTH = 1, 2
 
 
 def edge_weights(strength: Floats, mean: float) -> Singles:
-    """(E,) weights in (0, 1): few strong, many weak.  mean: of all strengths."""
+    """(E,) weights in (0, 1): few strong, many weak.  mean: of all strengths on even skin."""
     worn = strength / (strength + HALF * mean)
     weights: Singles = (FAINTEST + (STRONGEST - FAINTEST) * worn**CONTRAST).astype(np.float32)
     return weights
@@ -55,27 +59,31 @@ def half_widths_uv(surface: Surface, triangle: Triangles, step: Floats, width: F
     return half
 
 
-def pore_sizes(position: FloatArray, spacing: float, rng: np.random.Generator) -> Singles:
-    """(N,) radii on the surface: log-normal, with regions of larger and of smaller pores."""
-    deviation = np.float32(REGION_VARIATION) * SmoothNoise(REGION * spacing, rng).at(position)
-    deviation += np.float32(PORE_VARIATION) * rng.standard_normal(len(position), np.float32)
-    sizes: Singles = np.exp(np.clip(deviation, -0.7, 0.7)) * np.float32(PORE_SIZE * spacing)
+def pore_sizes(position: FloatArray, key: Words, seed: int) -> Singles:
+    """(N,) radii in PORE_SIZE spacings: log-normal, with regions of larger and of smaller pores.
+
+    position (N, 3): in spacings.  key (N,): a word of each pore.
+    """
+    noise = SmoothNoise(REGION, np.random.default_rng([seed, _SIZE]))
+    deviation = np.float32(REGION_VARIATION) * noise.at(position)
+    deviation += np.float32(PORE_VARIATION) * normals(key, _SIZE, seed)
+    sizes: Singles = np.exp(np.clip(deviation, -0.7, 0.7))
     return sizes
 
 
 def pore_weights(
-    nodes: NDArray[np.integer], weight: Floats, sizes: Floats, rng: np.random.Generator
+    nodes: NDArray[np.integer], weight: Floats, sizes: Floats, key: Words, seed: int
 ) -> Singles:
     """(N,) strengths in (0, 1]: deep where strong wrinkles meet, and where the pore is large.
 
     nodes (E, 2), weight (E,): the wrinkles; nodes from N on are no pores.
-    sizes (N,): the radii of the pores.
+    sizes (N,): the radii of the pores, over that which is usual.  key (N,): a word of each.
     """
     count = len(sizes)
     total = sum(np.bincount(end, weights=weight, minlength=count)[:count] for end in nodes.T)
-    meeting = total / (total + 2.0 * np.mean(total))
-    chance = np.exp(0.35 * rng.standard_normal(count, np.float32))
-    chance *= np.sqrt(sizes / np.median(sizes))
+    meeting = total / (total + 2.0 * MEETING)
+    chance = np.exp(np.float32(0.35) * normals(key, _DEPTH, seed))
+    chance *= np.sqrt(sizes)
     strengths: Singles = np.clip(1.1 * meeting * chance, FAINTEST, 1.0).astype(np.float32)
     return strengths
 

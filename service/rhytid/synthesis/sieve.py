@@ -64,7 +64,7 @@ class Sieve:
         room = self._work.empty(darts.count, np.uint8)
         self._work.run(
             "pores", "find_room", darts.count, darts.triangle, darts.place, darts.normal,
-            darts.factor, self._kept.place, self._kept.normal, self._kept.factor,
+            darts.factor, darts.level, self._kept.place, self._kept.normal, self._kept.factor,
             *self._grid.arguments, self._scale, room,
         )  # fmt: skip
         fitting = np.flatnonzero(self._work.read(room, (darts.count,), np.uint8))

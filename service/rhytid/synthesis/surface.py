@@ -1,8 +1,9 @@
-"""The mesh as a surface to put pores on: areas, normals and Jacobians, and uniform points."""
+"""The mesh as a surface to put pores on: areas, normals and Jacobians, and points."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
@@ -47,7 +48,9 @@ class Points:
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """A mesh moved and scaled so that the part which carries pores has area 1.
+    """A mesh scaled by a power of two, so that the part which carries pores has area 1/2 to 2.
+
+    What a part of the mesh gives does not hang on the others: a power of two rounds nothing.
 
     corners (F, 3, 3), normals (F, 3, 3) of the corners, uv (F, 3, 2).
     jacobian (F, 3, 2): dX/d(u, v); zero where the triangle has no area in space or in UV.
@@ -73,7 +76,6 @@ class Surface:
     def of(cls, mesh: Mesh) -> Surface:
         """Measure a mesh in float64; raises MeshError where no triangle can carry a pore."""
         positions = mesh.positions.astype(np.float64)
-        positions -= positions.mean(axis=0)
         corners, uv = positions[mesh.faces], mesh.triangle_uv()
         area = 0.5 * np.linalg.norm(_facing(corners), axis=-1)
         usable = mesh.usable_triangles()
@@ -83,7 +85,7 @@ class Surface:
         carries = inside & ~jacobians.absurd(density, narrowest, np.where(inside, area, 0.0))
         if not carries.any():
             raise MeshError("no triangle in u 0 to 10, v above 0 has a UV that can carry pores")
-        scale = float(np.sqrt(area[carries].sum()))
+        scale = float(np.exp2(np.rint(0.5 * np.log2(area[carries].sum()))))
         return cls(
             corners=corners / scale,
             normals=_corner_normals(corners, mesh.faces),
@@ -96,6 +98,12 @@ class Surface:
             scale=scale,
             area=np.where(carries, area, 0.0) / scale**2,
         )
+
+    @cached_property
+    def extent(self) -> FloatArray:
+        """(2, 3) the least and the most coordinates of the triangles that carry pores."""
+        corners = self.corners[self.carries].reshape(-1, 3)
+        return np.stack([corners.min(axis=0), corners.max(axis=0)])
 
     def along(self, triangle: NDArray[np.integer], direction: NDArray[np.floating]) -> FloatArray:
         """(N, 3) J·d: the surface vectors of UV vectors (N, 2) in their triangles."""

@@ -9,15 +9,10 @@ import numpy as np
 
 from rhytid.domain.asset_settings import GraphSettings
 from rhytid.errors import SettingsError
+from rhytid.synthesis.even_skin import PACKING, SPACING
 
 # Wrinkles per pore; a triangulation would have three.
 EDGES_PER_PORE = 2.1
-# Centres per r² once all darts of `pores` are thrown. (Thrown for ever, discs jam at
-# 0.547 · 4/π = 0.696; the last of them fit into rooms too small to see.)
-PACKING = 0.605
-# Mean distance of these to the nearest over r: 1.093 to 1.095 on a procedural face, a real one and
-# a sphere, with 20,000 and 140,000 pores.
-NEAREST = 1.0935
 
 
 @dataclass(frozen=True)
@@ -41,7 +36,7 @@ class Wanted:
             return cls("wrinkles", settings.wrinkles, settings.wrinkles)
         if settings.spacing is None:
             raise SettingsError("graph.spacing or graph.wrinkles must be set for a synthesis")
-        pores = PACKING * area * (NEAREST / settings.spacing) ** 2
+        pores = PACKING * area * (SPACING / settings.spacing) ** 2
         return cls("spacing", settings.spacing, EDGES_PER_PORE * pores)
 
     def __str__(self) -> str:

@@ -1,0 +1,112 @@
+"""Skin that grows: pores, what walkers wear between them, and which edges are drawn."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.domain.asset_settings import GraphSettings
+from rhytid.domain.graph import WrinkleGraph
+from rhytid.errors import MeshError
+from rhytid.synthesis.amount import FEWEST, check_extent, check_uv
+from rhytid.synthesis.assembly import Worn, assemble
+from rhytid.synthesis.borders import Borders
+from rhytid.synthesis.directions import Directions
+from rhytid.synthesis.drawing import draw, lines_of, stored
+from rhytid.synthesis.even_skin import SPACING
+from rhytid.synthesis.independent import independent_set
+from rhytid.synthesis.net import Ground, Net
+from rhytid.synthesis.pores import packed_radius
+from rhytid.synthesis.primary import Primary, deepened
+from rhytid.synthesis.progress import Progress, part
+from rhytid.synthesis.selection import Cut, wishes
+from rhytid.synthesis.trails import FINE
+from rhytid.synthesis.wanted import EDGES_PER_PORE
+
+# How often the pores are scattered anew, at most twice as many, where that gives too few.
+ATTEMPTS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Skin:
+    """What has grown from pores `radius` apart.  wish (E,): of the edges of the net."""
+
+    net: Net
+    radius: float
+    worn: Worn
+    wish: NDArray[np.float64]
+
+    @property
+    def spacing(self) -> float:
+        """Mean distance of a pore to the nearest on even skin."""
+        return SPACING * self.radius
+
+    def drawn(
+        self, ground: Ground, borders: Borders, cut: Cut, seed: int, progress: Progress
+    ) -> WrinkleGraph:
+        """The graph of the edges down to a cut."""
+        progress(0.0, "shapes")
+        chosen = stored(cut.drawn(self.net.edges, self.wish))
+        lines = draw(ground, self.net, borders, chosen, self.spacing)
+        shaping = part(progress, 0.1, 1.0)
+        pores, worn = self.net.pores, self.worn
+        return assemble(ground, pores, lines, borders, worn, self.spacing, seed, shaping)
+
+
+def counted(
+    ground: Ground, settings: GraphSettings, wanted: int, progress: Progress
+) -> tuple[Skin, Cut]:
+    """Skin with as many pores as it takes for exactly the wanted wrinkles, and the cut at these.
+
+    The first guess holds but for a mesh in shreds, where many edges end at a border: there are
+    fewer wrinkles then, if it is the spacing that is set.
+    """
+    radius = packed_radius(ground.surface, ground.fields, wanted / EDGES_PER_PORE)
+    check_uv(ground.surface, settings, radius, ground.fields.least_spacing)
+    check_extent(ground.surface, settings, radius * ground.fields.least_spacing)
+    for _ in range(ATTEMPTS):
+        spinning = part(progress, 0.0, 0.5)
+        net = Net.spun(ground, radius, settings.neighbours, settings.seed, spinning)
+        flat = independent_set(ground.work, net.edges.length, net.crossings)
+        lines = lines_of(net.edges.take(flat))
+        if settings.wrinkles is None and lines >= FEWEST:
+            wanted = min(lines, wanted)
+        if lines >= wanted:
+            skin = _worn(ground, net, radius, settings, part(progress, 0.5, 1.0))
+            return skin, Cut.at(net.edges, skin.wish, wanted)
+        radius *= 0.97 * float(np.sqrt(max(lines / wanted, 0.5)))
+    told, more = "wrinkles", "more wrinkles"
+    if settings.wrinkles is None:
+        told, more = "spacing", "a smaller spacing"
+    raise MeshError(
+        f"graph.{told} is {getattr(settings, told)}: only {lines} of {wanted} can be drawn between "
+        f"pores so far apart, for the UV of the mesh is in small parts; ask for {more}"
+    )
+
+
+def grown(ground: Ground, radius: float, settings: GraphSettings, progress: Progress) -> Skin:
+    """Skin with pores `radius` apart, in units of the surface, times what its fields say."""
+    check_uv(ground.surface, settings, radius, ground.fields.least_spacing)
+    check_extent(ground.surface, settings, radius * ground.fields.least_spacing)
+    net = Net.spun(ground, radius, settings.neighbours, settings.seed, part(progress, 0.0, 0.5))
+    return _worn(ground, net, radius, settings, part(progress, 0.5, 1.0))
+
+
+def _worn(
+    ground: Ground, net: Net, radius: float, settings: GraphSettings, progress: Progress
+) -> Skin:
+    """How strong walkers and primary lines make the edges."""
+    rng = np.random.Generator(np.random.PCG64(settings.seed))
+    directions = Directions(SPACING * radius, rng, ground.fields)
+    spinning = part(progress, 0.0, 0.07)
+    primary = Primary.spun(ground, radius, settings.neighbours, settings.seed, directions, spinning)
+    with ground.work.room() as room:
+        paths = net.paths(room, directions, ground.fields, part(progress, 0.07, 0.15))
+        strength = net.worn(room, paths, settings.seed, FINE, part(progress, 0.15, 0.94))
+        progress(0.94, "trails")
+        weight, hubs = primary.laid(ground, net, paths, radius)
+    found = Worn(deepened(strength, weight), hubs)
+    wish = wishes(ground.work, net, found.strength, part(progress, 0.95, 1.0))
+    return Skin(net, radius, found, wish)
