@@ -10,11 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rhytid.domain.origin import ORIGIN, Centre, brought_to
-from rhytid.errors import FrameError
+from rhytid.errors import FrameError, InputError
 
 # Of more, so many evenly spaced ones are looked at: a captured take repeats itself.
 MOST_EXPRESSIONS = 400
 _LONGEST_NAME = 256
+# What `graph.lines` can say.
+AUTO, BY_EXPRESSIONS, LEVEL = LINES = ("auto", "expressions", "level")
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +47,7 @@ class Expressions:
         if values.ndim != 3 or values.shape[1:] != (vertices, 3) or values.dtype.kind not in "fiu":
             shape = f"shape {values.shape} of {values.dtype}"
             raise FrameError(f"shapes have {shape}, not numbers (E, {vertices}, 3)")
-        chosen = _evenly(len(values))
+        chosen = evenly(len(values))
         known = [f"{i:04d}" for i in chosen]
         if names is not None:
             if len(names) != len(values):
@@ -68,7 +70,23 @@ class Expressions:
         return found.digest()
 
 
-def _evenly(count: int) -> list[int]:
+def grown_from(lines: str | None, expressions: Expressions | None) -> Expressions | None:
+    """The expressions that lines grow by, as `graph.lines` says; None for level lines.
+
+    Raises InputError where it asks for expressions and there are none.
+    """
+    if expressions is not None and not len(expressions):
+        expressions = None
+    if lines == BY_EXPRESSIONS and expressions is None:
+        raise InputError(
+            'graph.lines is "expressions", and none came with the mesh: send shapes, or a mesh '
+            "file that holds shapes, frames or morph targets"
+        )
+    return None if lines == LEVEL else expressions
+
+
+def evenly(count: int) -> list[int]:
+    """Which of so many expressions are looked at."""
     if count <= MOST_EXPRESSIONS:
         return list(range(count))
     picked = np.linspace(0.0, count - 1.0, MOST_EXPRESSIONS)
