@@ -150,3 +150,59 @@ def test_folds_far_away_change_nothing_here(device: Device) -> None:
     for name in ("strength", "anisotropy", "primary", "sure"):
         one, two = (field(f).factor(name, triangle, uv) for f in (near, both))
         np.testing.assert_array_equal(one[here], two[here])
+
+
+def masked(**masks: float) -> FoldField:
+    tensor = folded(0.0, size=0.0).tensor
+    ones = np.ones(len(MESH.positions), np.float32)
+    return field(Folds(tensor, 0, {name: value * ones for name, value in masks.items()}))
+
+
+def region_fields(folds: FoldField | None, **settings: object) -> PaintedFields:
+    return PaintedFields(SURFACE, GraphSettings(**settings), Controls({}), folds)
+
+
+@pytest.mark.parametrize("name", ["spacing", "strength", "pore_radius", "width", "anisotropy"])
+def test_a_mask_of_folds_makes_skin_of_that_region(name: str) -> None:
+    own, set_by = region_fields(masked(lip=1.0)), region_fields(None, region="lip")
+    triangle, uv = places()
+    found, wanted = (getattr(fields, name)(triangle, uv) for fields in (own, set_by))
+    np.testing.assert_allclose(found, wanted, rtol=1e-5)
+    half = getattr(region_fields(masked(lip=0.5)), name)(triangle, uv)
+    if name != "anisotropy":
+        np.testing.assert_allclose(half, wanted**0.5, rtol=0.02)
+
+
+def test_masks_that_overlap_share() -> None:
+    found = region_fields(masked(lip=1.0, forehead=1.0)).spacing(*places())
+    one, two = (
+        region_fields(None, region=name).spacing(*places())[0] for name in ("lip", "forehead")
+    )
+    np.testing.assert_allclose(found, (one * two) ** 0.5, rtol=1e-5)
+
+
+def test_a_painted_mask_goes_before_that_of_folds() -> None:
+    folds = masked(lip=1.0)
+    triangle, uv = places()
+    white = uv[:, 0] > 0.55
+    neck = Controls({"region_neck": {1001: right(1.0, 0.0)}})
+    found = PaintedFields(SURFACE, GraphSettings(), neck, folds).spacing(triangle, uv)
+    lip, painted_neck = (
+        region_fields(None, region=name).spacing(triangle, uv)[0] for name in ("lip", "neck")
+    )
+    np.testing.assert_allclose(found[white], painted_neck, rtol=1e-5)
+    np.testing.assert_allclose(found[uv[:, 0] < 0.45], lip, rtol=1e-5)
+    # A painted mask of the same region takes its place altogether.
+    none = Controls({"region_lip": {1001: right(1.0, 0.0)}})
+    found = PaintedFields(SURFACE, GraphSettings(), none, folds).spacing(triangle, uv)
+    np.testing.assert_allclose(found[white], lip, rtol=1e-5)
+    np.testing.assert_allclose(found[uv[:, 0] < 0.45], 1.0, rtol=1e-5)
+
+
+def test_regions_of_folds_change_how_many_wrinkles_there_are(device: Device) -> None:
+    on = (MESH.positions[:, 0] > 0.5).astype(np.float32)
+    folds = Folds(folded(0.0, size=0.0).tensor, 0, {"lip": on})
+    made = synthesize(MESH, GraphSettings(wrinkles=COUNT), device, folds=folds)
+    left, right_half = halves(MESH, made.graph)
+    assert made.graph.wrinkles == pytest.approx(COUNT * 1.3, rel=0.03)
+    assert right_half.spacing == pytest.approx(left.spacing * 1.6**-0.5, rel=0.04)

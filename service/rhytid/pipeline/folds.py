@@ -15,6 +15,7 @@ from rhytid.domain.expressions import Expressions
 from rhytid.domain.folds import COLUMNS, ROWS, Folds
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.units import millimetres
+from rhytid.pipeline.region_masks import RegionMasks
 from rhytid.pipeline.spreading import Spreading, triangle_areas
 from rhytid.pipeline.stretch import Rest
 
@@ -89,20 +90,23 @@ def measured_folds(
     call: Caller,
 ) -> Folds | None:
     """Where expressions fold a mesh, C = Σ w Σ min(log ρᵢ, 0)² q̂ᵢq̂ᵢᵀ at its vertices, w one over
-    the number of expressions that move anything; None where none does.
+    the number of expressions that move anything; None where none does. And masks of the regions
+    that expressions of known names show.
 
     limit: of |log ρ|.  unit: of the mesh.  progress(fraction, stage) is called for each expression
     and may raise CancelledError.  call: runs each step on the device's thread.
     """
     stage = FoldStage(device, mesh, call)
-    total, moving = np.zeros((len(mesh.faces), 3)), 0
+    total, moving, regions = np.zeros((len(mesh.faces), 3)), 0, RegionMasks(mesh)
     try:
-        for done, positions in enumerate(expressions.positions):
+        every = zip(expressions.names, expressions.positions, strict=True)
+        for done, (name, positions) in enumerate(every):
             progress(0.8 * done / len(expressions), _STAGE)
             folds, moves = stage.measure(positions, limit)
             if moves:
                 total += folds
                 moving += 1
+                regions.add(name, positions, folds)
     finally:
         stage.release()
     if not moving:
@@ -110,8 +114,8 @@ def measured_folds(
     progress(0.8, _STAGE)
     surface = Spreading(mesh, _sigma(mesh, unit), moving_as_one(mesh, expressions))
     tensor = surface.of_triangles(in_space(mesh, total / moving))
-    progress(1.0, _STAGE)
-    return Folds(tensor.astype(np.float32), moving)
+    progress(0.95, _STAGE)
+    return Folds(tensor.astype(np.float32), moving, regions.masks(surface))
 
 
 def in_space(mesh: Mesh, folds: FloatArray) -> FloatArray:

@@ -8,6 +8,7 @@ place, against absolute scales: what folds one place changes no other.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,9 @@ from rhytid.synthesis.rows import row_blocks
 from rhytid.synthesis.surface import FloatArray, Surface, unit
 
 ComplexArray = NDArray[np.complex128]
+# (F, 5): what a value at the corners of a triangle is at (u, v), as slopes along both and at the
+# origin; and the least and the most at its corners.
+Planes = NDArray[np.float64]
 # Root mean square log compression that wears skin much: three quarters of what can be.
 FOLDED = 0.10
 # Shares of what can be, and eccentricities, from which on the direction of the field counts fully.
@@ -52,7 +56,8 @@ class FoldField:
             "primary": _FAINT_PRIMARY + (_DEEP_PRIMARY - _FAINT_PRIMARY) * share,
         }
         known = {n: np.where(f < 1.0, 1.0 - folds.known * (1.0 - f), f) for n, f in found.items()}
-        self._values = {n: v.astype(np.float32) for n, v in {**known, "sure": sure}.items()}
+        self._sure = sure.astype(np.float32)
+        self._planes = {n: self._planes_of(v) for n, v in {**known, "sure": sure}.items()}
         used = np.flatnonzero(surface.carries)
         extent = np.ptp(surface.uv[used], axis=1).max(axis=1)
         self.detail = float(np.median(extent)) if folds.regions else float("inf")
@@ -60,11 +65,27 @@ class FoldField:
     def factor(self, name: str, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """(N,) of `strength`, `anisotropy` or `primary` lines; or how `sure` their direction is,
         from 0 to 1."""
-        return self._at(self._values[name], triangle, uv)
+        return self.at(self._planes[name], triangle, uv)
 
-    def mask(self, region: str, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
-        """(N,) shares of a region."""
-        return self._at(self._masks[region], triangle, uv)
+    def mixed(self, values: Mapping[str, float], base: float) -> Planes:
+        """Values of regions, mixed by their masks, and a base where these leave something."""
+        masks = {region: self._masks[region].astype(np.float64) for region in values}
+        total: FloatArray = np.sum(list(masks.values()), axis=0)
+        found = np.maximum(1.0 - total, 0.0) * base
+        for region, mask in masks.items():
+            found += mask / np.maximum(total, 1.0) * values[region]
+        return self._planes_of(found)
+
+    def at(self, planes: Planes, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """(N,) values at points; within those of the corners, also where a point lies outside."""
+        found = np.empty(len(triangle), np.float32)
+        for rows in row_blocks(len(triangle)):
+            chosen, where = planes[triangle[rows]], uv[rows]
+            value = chosen[:, 0] * where[:, 0]
+            value += chosen[:, 1] * where[:, 1]
+            value += chosen[:, 2]
+            found[rows] = np.clip(value, chosen[:, 3], chosen[:, 4])
+        return found
 
     def instead_of(self, other: Factors, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """(N,) radians to the left from the level direction to the lines of the field; where it is
@@ -73,7 +94,7 @@ class FoldField:
         for rows in row_blocks(len(other)):
             at, where = triangle[rows], uv[rows]
             share = _places(self._surface, at, where)
-            sure = np.einsum("nc,nc->n", share, self._values["sure"][self._faces[at]])
+            sure = np.einsum("nc,nc->n", share, self._sure[self._faces[at]])
             both = sure * self._axis(at, share) + (1.0 - sure) * np.exp(2j * other[rows])
             turn[rows] = 0.5 * np.angle(both)
         return turn
@@ -92,13 +113,19 @@ class FoldField:
         axis: ComplexArray = twice / np.maximum(np.abs(twice), 1e-30)
         return axis
 
-    def _at(self, values: NDArray[np.float32], triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
-        found = np.empty(len(triangle), np.float32)
-        for rows in row_blocks(len(triangle)):
-            at = triangle[rows]
-            share = _places(self._surface, at, uv[rows])
-            found[rows] = np.einsum("nc,nc->n", share, values[self._faces[at]])
-        return found
+    def _planes_of(self, values: FloatArray) -> Planes:
+        """Of values at vertices (V,)."""
+        corners, uv = values[self._faces], self._surface.uv
+        one, two = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
+        area = cross(one, two)
+        area = np.where(area == 0, np.inf, area)
+        rise = corners[:, 1:] - corners[:, :1]
+        planes = np.empty((len(corners), 5))
+        planes[:, 0] = (rise[:, 0] * two[:, 1] - rise[:, 1] * one[:, 1]) / area
+        planes[:, 1] = (rise[:, 1] * one[:, 0] - rise[:, 0] * two[:, 0]) / area
+        planes[:, 2] = corners[:, 0] - (planes[:, :2] * uv[:, 0]).sum(axis=1)
+        planes[:, 3], planes[:, 4] = corners.min(axis=1), corners.max(axis=1)
+        return planes
 
 
 def _form(tensor: FloatArray, one: FloatArray, two: FloatArray) -> FloatArray:

@@ -12,7 +12,7 @@ from rhytid.domain.controls import REGION_MAPS, REGION_PREFIX, Controls, signed
 from rhytid.domain.painted import Shares
 from rhytid.domain.regions import REGIONS, Region
 from rhytid.synthesis.fields import Factors, Fields
-from rhytid.synthesis.folding import FoldField
+from rhytid.synthesis.folding import FoldField, Planes
 from rhytid.synthesis.lookup import Lookup
 from rhytid.synthesis.painted_directions import PaintedDirections
 from rhytid.synthesis.rows import row_blocks
@@ -54,6 +54,7 @@ class PaintedFields(Fields):
         )
         self._regions = [name for name in REGION_MAPS if name in maps]
         masks = () if folds is None else folds.regions
+        self._planes: dict[str, Planes] = {}
         self._masks = [name for name in masks if REGION_PREFIX + name not in maps]
         low, high = self._densities()
         self.least_spacing, self.most_spacing = high**-0.5, low**-0.5
@@ -183,14 +184,19 @@ class PaintedFields(Fields):
         mixed /= np.maximum(total, 1.0)
         left = np.maximum(1.0 - total, 0.0)
         if self._folds is not None and self._masks:
-            masks = {region: self._folds.mask(region, triangle, uv) for region in self._masks}
-            every = sum(masks.values())
-            for region, mask in masks.items():
-                share = left * mask / np.maximum(every, 1.0)
-                mixed += share * np.float32(_value(REGIONS[region], name))
-            left = left * np.maximum(1.0 - every, 0.0)
-        mixed += left * np.float32(base)
+            left *= self._folds.at(self._mixed(name, base), triangle, uv)
+        else:
+            left *= np.float32(base)
+        mixed += left
         return np.asarray(_meant(mixed, name), np.float32)
+
+    def _mixed(self, name: str, base: float) -> Planes:
+        """What `_value` is of the masks of the folds at a place, and of what they leave."""
+        assert self._folds is not None
+        if name not in self._planes:
+            values = {region: _value(REGIONS[region], name) for region in self._masks}
+            self._planes[name] = self._folds.mixed(values, base)
+        return self._planes[name]
 
     def _darkest(self) -> float:
         """The least of the density map."""
