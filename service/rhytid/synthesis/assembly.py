@@ -12,7 +12,7 @@ from rhytid.synthesis import shapes
 from rhytid.synthesis.borders import Borders
 from rhytid.synthesis.copies import with_copies
 from rhytid.synthesis.drawing import Lines
-from rhytid.synthesis.even_skin import STRENGTH
+from rhytid.synthesis.even_skin import Usual
 from rhytid.synthesis.hashes import place_keys
 from rhytid.synthesis.net import Ground
 from rhytid.synthesis.progress import Progress
@@ -28,10 +28,12 @@ _CLOSEST = 8.0**-0.5
 @dataclass(frozen=True, eq=False)
 class Worn:
     """strength (E,) float32: of all candidate edges.  hubs (H,) int32: the pores where primary
-    lines meet."""
+    lines meet.  usual: what strengths are meant against.
+    """
 
     strength: NDArray[np.float32]
     hubs: NDArray[np.int32]
+    usual: Usual
 
 
 def assemble(
@@ -50,7 +52,7 @@ def assemble(
     drawn.
     """
     fields = ground.fields
-    weight, factor, half_width = _lines(ground, pores, lines, worn.strength, spacing, progress)
+    weight, factor, half_width = _lines(ground, pores, lines, worn, spacing, progress)
     progress(0.4, "shapes")
     key = place_keys(pores.uv)
     size = shapes.pore_sizes(pores.position / spacing, key, seed)
@@ -58,8 +60,8 @@ def assemble(
     size *= fields.pore_radius(pores.triangle, pores.uv)
     progress(0.6, "shapes")
     usual = np.float32(fields.usual_pore_radius)
-    first = lines.copy_of == ORIGINAL
-    depth = shapes.pore_weights(lines.pores[first], weight[first], size / usual, key, seed)
+    first, meeting = lines.copy_of == ORIGINAL, worn.usual.meeting
+    depth = shapes.pore_weights(lines.pores[first], weight[first], meeting, size / usual, key, seed)
     size *= np.float32(shapes.PORE_SIZE * spacing)
     _scale(depth, fields.pore_strength(pores.triangle, pores.uv))
     _scale(weight, factor)
@@ -88,19 +90,19 @@ def _lines(
     ground: Ground,
     pores: Points,
     lines: Lines,
-    strength: NDArray[np.float32],
+    worn: Worn,
     spacing: float,
     progress: Progress,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
     """(W,) weights, factors that these still lack, and half widths in UV."""
-    chosen, fields = strength[lines.edge], ground.fields
+    chosen, fields = worn.strength[lines.edge], ground.fields
     uv = np.concatenate([pores.uv, lines.beyond])
     weight, factor, half_width = (np.empty(len(chosen), np.float32) for _ in range(3))
     for rows in row_blocks(len(chosen)):
         progress(0.4 * rows.start / len(chosen), "shapes")
         triangle, step = lines.triangle[rows], lines.step[rows]
         middle = uv[lines.nodes[rows, 0]] + np.float32(0.5) * step
-        weight[rows] = shapes.edge_weights(chosen[rows], STRENGTH)
+        weight[rows] = shapes.edge_weights(chosen[rows], worn.usual.strength)
         width = shapes.widths(weight[rows], spacing) * fields.width(triangle, middle)
         half_width[rows] = shapes.half_widths_uv(ground.surface, triangle, step, width)
         factor[rows] = fields.strength(triangle, middle)

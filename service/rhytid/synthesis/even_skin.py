@@ -7,6 +7,8 @@ face and on flat sheets.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 # Centres per r² once all darts are thrown, r the radius of the discs. (Thrown for ever, discs jam
 # at 0.547 · 4/π = 0.696; the last of them fit into rooms too small to see.)
 PACKING = 0.605
@@ -23,13 +25,21 @@ _NEIGHBOURS = {
     7: (2.85, 0.303),
     8: (2.86, 0.303),
 }
-# The mean strength of the edges that are drawn.
-STRENGTH = 1.446
 # The strength at which the faintest edge of the coarse net becomes a primary line, 1.9 per coarse
 # pore, and the mean of all that do, sharpened.
 FAINTEST_PRIMARY, PRIMARY_STRENGTH = 0.675, 1.468
-# Mean sum of the weights of the wrinkles that meet at a pore.
-MEETING = 1.114
+
+
+@dataclass(frozen=True)
+class Usual:
+    """strength: mean of the edges that are drawn.  meeting: mean sum of the weights of the wrinkles
+    that meet at a pore."""
+
+    strength: float
+    meeting: float
+
+
+WITH_PRIMARY, WITHOUT_PRIMARY = Usual(1.446, 1.114), Usual(0.872, 1.18)
 
 
 def edges_per_pore(neighbours: int) -> float:

@@ -15,11 +15,11 @@ from rhytid.synthesis.assembly import Worn, assemble
 from rhytid.synthesis.borders import Borders
 from rhytid.synthesis.directions import Directions
 from rhytid.synthesis.drawing import draw, lines_of, stored
-from rhytid.synthesis.even_skin import SPACING
+from rhytid.synthesis.even_skin import SPACING, WITH_PRIMARY, WITHOUT_PRIMARY
 from rhytid.synthesis.independent import independent_set
 from rhytid.synthesis.net import Ground, Net
 from rhytid.synthesis.pores import packed_radius
-from rhytid.synthesis.primary import Primary, deepened
+from rhytid.synthesis.primary import Primary, deepened, has_primary
 from rhytid.synthesis.progress import Progress, part
 from rhytid.synthesis.selection import Cut, wishes
 from rhytid.synthesis.trails import FINE
@@ -107,6 +107,7 @@ def _worn(
         strength = net.worn(room, paths, settings.seed, FINE, part(progress, 0.15, 0.94))
         progress(0.94, "trails")
         weight, hubs = primary.laid(ground, net, paths, radius)
-    found = Worn(deepened(strength, weight), hubs)
+    usual = WITH_PRIMARY if has_primary(ground.surface, radius) else WITHOUT_PRIMARY
+    found = Worn(deepened(strength, weight), hubs, usual)
     wish = wishes(ground.work, net, found.strength, part(progress, 0.95, 1.0))
     return Skin(net, radius, found, wish)

@@ -21,7 +21,7 @@ from rhytid.synthesis.progress import Progress, part
 from rhytid.synthesis.rooms import spacings
 from rhytid.synthesis.routes import lay_routes, nearest_pores
 from rhytid.synthesis.selection import flat, wishes
-from rhytid.synthesis.surface import Points
+from rhytid.synthesis.surface import Points, Surface
 from rhytid.synthesis.trails import COARSE
 
 # Spacing of the coarse net in spacings of the fine one.
@@ -57,8 +57,7 @@ class Primary:
         """radius, count, seed: those of the fine net."""
         other = seed ^ _SALT
         net = Net.spun(ground, COARSER * radius, count, other, part(progress, 0.0, 0.5))
-        even = PACKING * ground.surface.area.sum() / (COARSER * radius) ** 2
-        if even < _FEWEST or not len(net.edges):
+        if not has_primary(ground.surface, radius) or not len(net.edges):
             return cls(net.pores, np.empty((0, 2), np.int32), np.empty(0, np.float32))
         with ground.work.room() as room:
             paths = net.paths(room, directions, ground.fields, part(progress, 0.5, 0.6))
@@ -80,6 +79,14 @@ class Primary:
         weight = lay_routes(ground.work, net.pores, paths, hubs, self.ends, self.weight)
         used = np.unique(hubs[np.unique(self.ends)])
         return weight, used[used >= 0]
+
+
+def has_primary(surface: Surface, radius: float) -> bool:
+    """Whether a surface is large enough for primary lines, whatever is painted on it.
+
+    radius: of the fine net.
+    """
+    return float(PACKING * surface.area.sum() / (COARSER * radius) ** 2) >= _FEWEST
 
 
 def deepened(strength: NDArray[np.float32], primary: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.synthesis.directions import SmoothNoise
-from rhytid.synthesis.even_skin import MEETING
 from rhytid.synthesis.hashes import Words, normals
 from rhytid.synthesis.rows import row_blocks
 from rhytid.synthesis.surface import FloatArray, Surface
@@ -72,16 +71,22 @@ def pore_sizes(position: FloatArray, key: Words, seed: int) -> Singles:
 
 
 def pore_weights(
-    nodes: NDArray[np.integer], weight: Floats, sizes: Floats, key: Words, seed: int
+    nodes: NDArray[np.integer],
+    weight: Floats,
+    usual: float,
+    sizes: Floats,
+    key: Words,
+    seed: int,
 ) -> Singles:
     """(N,) strengths in (0, 1]: deep where strong wrinkles meet, and where the pore is large.
 
-    nodes (E, 2), weight (E,): the wrinkles; nodes from N on are no pores.
+    nodes (E, 2), weight (E,): the wrinkles; nodes from N on are no pores.  usual: sum of the
+    weights that meet at a pore of even skin.
     sizes (N,): the radii of the pores, over that which is usual.  key (N,): a word of each.
     """
     count = len(sizes)
     total = sum(np.bincount(end, weights=weight, minlength=count)[:count] for end in nodes.T)
-    meeting = total / (total + 2.0 * MEETING)
+    meeting = total / (total + 2.0 * usual)
     chance = np.exp(np.float32(0.35) * normals(key, _DEPTH, seed))
     chance *= np.sqrt(sizes)
     strengths: Singles = np.clip(1.1 * meeting * chance, FAINTEST, 1.0).astype(np.float32)
