@@ -14,6 +14,8 @@ from rhytid.engine.messages import NewAsset
 from rhytid.errors import InputError
 from rhytid.storage.contents import asset_id
 from rhytid.storage.store import AssetStore
+from rhytid.synthesis.surface import Surface
+from synthesis import sheets
 
 MESH = sheet()
 
@@ -35,9 +37,10 @@ def graph_bytes(engine, asset):
 
 
 def order(engine, asset) -> complex:
-    """Twice the mean angle of the wrinkles on the surface, and how far they agree."""
+    """Mean e^2iθ of the wrinkles at angles θ to x on the surface, seen from above."""
     graph = engine.graph(asset)
-    way = np.diff(graph.node_uv[graph.edge_nodes], axis=1)[:, 0].astype(float) @ [1, 1j]
+    place = sheets.places(Surface.of(MESH), graph)[:, :2]
+    way = np.diff(place[graph.edge_nodes], axis=1)[:, 0] @ [1, 1j]
     weight = graph.edge_weight.astype(float) ** 2
     return complex((weight * (way / abs(way)) ** 2).sum() / weight.sum())
 
@@ -49,8 +52,10 @@ def test_expressions_guide_the_build_and_are_part_of_the_id(tmp_path):
         assert len(set(ids)) == 4
         assert engine.create_asset(asked(shapes())).id == ids[1]
         # Across what is compressed: upright. Without expressions lines are level.
-        assert order(engine, ids[0]).real > 0.1
-        assert order(engine, ids[1]).real < -0.3
+        level, upright = (order(engine, asset) for asset in ids[:2])
+        assert level.real > 0.1
+        assert upright.real < -0.4
+        assert abs(upright.imag) < 0.3
         before = graph_bytes(engine, ids[1])
     with running(tmp_path) as engine:
         settle(engine, ids[1])
