@@ -81,8 +81,8 @@ def test_bake_goes_on_with_the_same_inputs_alone(
     out = tmp_path / "maps"
     given = ["bake", "--mesh", mesh, "--out", str(out), *SMALL, "--json"]
 
-    def counts(*more: str) -> tuple[int, int]:
-        assert main([*given, *more]) == 0
+    def counts(*more: str, lines: str = "level") -> tuple[int, int]:
+        assert main([*given, *more, "--lines", lines]) == 0
         figures = json.loads(capsys.readouterr().out)
         return figures["written"], figures["skipped"]
 
@@ -94,6 +94,11 @@ def test_bake_goes_on_with_the_same_inputs_alone(
     assert (out / "shot.1001.0002.exr").read_bytes() == first
     write_animation(tmp_path / "shot.npz", small_mesh, 3)
     assert counts() == (1, 2)
+    # Lines grow by the frames of the mesh file: with other frames it is other skin.
+    assert counts(lines="auto") == (3, 0)
+    write_animation(tmp_path / "shot.npz", small_mesh, 4)
+    assert counts(lines="auto") == (4, 0)
+    write_animation(tmp_path / "shot.npz", small_mesh, 3)
     assert counts("--method", "binned") == (3, 0)
     texels, header = read_exr(out / "shot.1001.0001.exr")
     assert texels.shape == (256, 256)

@@ -14,6 +14,7 @@ from rhytid.api.encoding import WARNINGS
 from rhytid.api.problems import MEDIA_TYPE
 from rhytid.api.schemas import Problem
 from rhytid.domain.controls import CONTROLS, REGION_PREFIX
+from rhytid.domain.expressions import MOST_EXPRESSIONS
 from rhytid.domain.painted import MOST_TEXELS
 from rhytid.formats.limits import MOST_SIDE
 from rhytid.formats.tiles import FORMATS
@@ -107,6 +108,14 @@ ASSET_FORM = body(
                         "named by it: stiffness.1002.png; 1 moves freely, 0 is rigid; "
                         "a UDIM without one is 1; "
                         f"at most {MOST_SIDE} texels a side and {MOST_TEXELS:,} in all",
+                    },
+                    "shapes": {
+                        **BINARY,
+                        "description": "expressions that lines grow by: .npz with shapes "
+                        "(E, V, 3), positions, and names (E,), or with frames (N, V, 3); or .npy "
+                        f"(E, V, 3), by filename. Of more than {MOST_EXPRESSIONS} so many are "
+                        "picked evenly. "
+                        "Absent: shapes, frames or morph targets of the mesh file",
                     },
                     **{name: _control(name) for name in CONTROLS},
                 },

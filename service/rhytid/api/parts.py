@@ -14,7 +14,7 @@ from rhytid.domain.controls import CONTROLS
 from rhytid.errors import InputError, LimitError
 
 REPEATED = ("stiffness", *CONTROLS)
-PARTS = ("mesh", "settings", "graph", "force", *REPEATED)
+PARTS = ("mesh", "settings", "graph", "force", "shapes", *REPEATED)
 MOST_REPEATED = 512
 HEADER_LIMIT = 8192
 LONGEST_BOUNDARY = 70  # RFC 2046, section 5.1.1

@@ -16,6 +16,7 @@ from rhytid.cli.options import (
     add_density,
     add_force,
     add_json,
+    add_lines,
     add_query,
     add_several,
     add_stiffness,
@@ -63,6 +64,7 @@ def add_command(commands: Commands) -> None:
     add_query(parser)
     graph = "take the wrinkles from safetensors, with their depth and unit; synthesise none"
     add_density(parser).add_argument("--graph", type=readable, metavar="FILE", help=graph)
+    add_lines(parser)
     add_force(parser)
     add_stiffness(parser)
     add("--settings", type=readable, metavar="FILE", help="asset settings as JSON")
@@ -86,7 +88,7 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     # Imported here, so that --help does not wait for OpenCL.
     from rhytid.cli.baking import Baker, Output, build
     from rhytid.cli.frame_files import FrameFiles
-    from rhytid.cli.input_files import graph_file, mesh_file, stiffness_files
+    from rhytid.cli.input_files import graph_file, mesh_file, shape_files, stiffness_files
     from rhytid.engine.engine import Engine
 
     given = asset_settings(arguments)
@@ -101,6 +103,7 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
         graph,
         stiffness=stiffness_files(arguments.stiffness, mesh.mesh),
         force=arguments.force,
+        shapes=shape_files(arguments.shapes, mesh),
     )
     name = arguments.name or _own_name(arguments.mesh)
     arguments.out.mkdir(parents=True, exist_ok=True)
@@ -134,6 +137,8 @@ def asset_settings(arguments: argparse.Namespace) -> dict[str, Any]:
     if density(arguments):
         others = {k: v for k, v in settings.get("graph", {}).items() if k not in DENSITY}
         settings["graph"] = {**others, **density(arguments)}
+    if arguments.lines is not None:
+        settings["graph"] = {**settings.get("graph", {}), "lines": arguments.lines}
     return settings
 
 

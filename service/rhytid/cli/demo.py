@@ -13,6 +13,7 @@ from rhytid.cli.options import (
     Commands,
     add_density,
     add_json,
+    add_lines,
     add_query,
     add_several,
     add_stiffness,
@@ -62,6 +63,7 @@ def add_command(commands: Commands) -> None:
         help="texels a side, a power of two (%(default)s)",
     )
     add_density(parser)
+    add_lines(parser)
     add_query(parser)
     add_stiffness(parser)
     add_unit(parser, "NEUTRAL")
@@ -89,7 +91,7 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     from rhytid.cli.server import serving
     from rhytid_client import Client, RhytidWarning
 
-    face = animation(arguments.mesh, arguments.frames)
+    face = animation(arguments.mesh, arguments.frames, arguments.shapes)
     name = arguments.mesh.name if arguments.mesh else "face.npz"
     warned.inputs(face.mesh, name, arguments.unit or USUAL_UNIT, arguments.resolution, face.frames)
     out: Path = arguments.out
@@ -117,7 +119,7 @@ def _settings(arguments: argparse.Namespace) -> dict[str, Any]:
         "unit": arguments.unit,
         "resolution": arguments.resolution,
         "tile_size": min(AssetSettings().tile_size, arguments.resolution),
-        "graph": density(arguments),
+        "graph": {**density(arguments), "lines": arguments.lines},
     }
 
 

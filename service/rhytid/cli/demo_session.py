@@ -54,6 +54,7 @@ class Session:
                 arrays,
                 settings=settings,
                 stiffness=stiffness,
+                shapes=self.face.shapes,
                 progress=lambda sent, total: show(sent / total, ""),
             )
         with share_bar("build") as show:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.domain.controls import Controls
+from rhytid.domain.expressions import Expressions, evenly
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.origin import ORIGIN, Centre
@@ -17,6 +18,7 @@ from rhytid.domain.stiffness import Stiffness
 from rhytid.domain.tiles import mesh_udims
 from rhytid.errors import InputError, LimitError
 from rhytid.formats.controls import read_controls
+from rhytid.formats.expressions import read_expressions
 from rhytid.formats.frames import read_frame_file
 from rhytid.formats.graphs import read_graph
 from rhytid.formats.meshes import MeshFile, read_mesh
@@ -33,6 +35,23 @@ def frame_file(file: Path, vertices: int, centre: Centre = ORIGIN) -> NDArray[np
     """(N, V, 3) positions, less the centre of their mesh: the frames of one file."""
     with _named(file):
         return read_frame_file(file.read_bytes(), file.name, vertices, centre)
+
+
+def shape_files(place: Path | None, mesh: MeshFile) -> Expressions | None:
+    """The expressions in a file, or in the OBJ files of a folder, by their names; of the mesh file
+    where nothing is named."""
+    if place is None:
+        return mesh.expressions
+    vertices, centre = len(mesh.mesh.positions), mesh.mesh.centre
+    if not place.is_dir():
+        with _named(place):
+            return read_expressions(place.read_bytes(), place.name, vertices, centre)
+    every = sorted(f for f in place.iterdir() if f.suffix.lower() == ".obj" and f.is_file())
+    if not every:
+        raise InputError(f"{place}: no OBJ files there")
+    files = [every[i] for i in evenly(len(every))]
+    read = [frame_file(file, vertices, centre)[0] for file in files]
+    return Expressions.checked(np.stack(read), vertices, [file.stem for file in files])
 
 
 def graph_file(file: Path) -> WrinkleGraph:

@@ -7,6 +7,7 @@ import re
 from pathlib import Path
 from typing import Any
 
+from rhytid.domain.expressions import LINES
 from rhytid.domain.lengths import SKIN
 from rhytid.domain.units import MILLIMETRES, millimetres
 from rhytid.engine.messages import SAMPLINGS, STRETCH_MODELS
@@ -61,6 +62,20 @@ def density(arguments: argparse.Namespace) -> dict[str, Any]:
     """The setting of `graph` that says how dense pores are: none where nothing is given."""
     given = {name: getattr(arguments, name) for name in DENSITY}
     return {name: value for name, value in given.items() if value is not None}
+
+
+def add_lines(parser: argparse.ArgumentParser) -> None:
+    """`--lines` and `--shapes`: what the lines of the skin grow by."""
+    lines = "run lines where expressions fold the face, or level (auto: by expressions, if any)"
+    parser.add_argument("--lines", choices=LINES, help=lines)
+    shapes = "expressions: npz with 'shapes' and 'names' or with 'frames', npy, or a folder of OBJ"
+    parser.add_argument("--shapes", type=_existing, metavar="FILE|DIR", help=shapes)
+
+
+def _existing(text: str) -> Path:
+    if not Path(text).exists():
+        raise argparse.ArgumentTypeError(f"no such file or folder: {text}")
+    return Path(text)
 
 
 def add_unit(parser: argparse.ArgumentParser, mesh: str) -> None:

@@ -17,9 +17,18 @@ from rhytid.cli.graph_output import (
     whole_file,
     write_outputs,
 )
-from rhytid.cli.options import Commands, add_density, add_strict, density, new_command, readable
+from rhytid.cli.options import (
+    Commands,
+    add_density,
+    add_lines,
+    add_strict,
+    density,
+    new_command,
+    readable,
+)
 from rhytid.cli.reporting import share_bar
 from rhytid.domain.asset_settings import AssetSettings, GraphSettings
+from rhytid.domain.expressions import grown_from
 from rhytid.domain.graph_origin import GraphOrigin
 from rhytid.domain.lengths import Lengths
 from rhytid.domain.units import USUAL_UNIT
@@ -27,6 +36,10 @@ from rhytid.errors import InputError
 
 if TYPE_CHECKING:
     from rhytid.cli.warned import Warned
+    from rhytid.device.runtime import Device
+    from rhytid.domain.expressions import Expressions
+    from rhytid.domain.folds import Folds
+    from rhytid.domain.mesh import Mesh
 
 GRAPH = ".safetensors"
 
@@ -46,6 +59,7 @@ def add_command(commands: Commands) -> None:
     )
     add_density(parser)
     parser.add_argument("--seed", type=int, metavar="S", help="another seed, another skin")
+    add_lines(parser)
     add_controls(parser)
     add_strict(parser)
     add_outputs(parser)
@@ -62,30 +76,53 @@ def run(arguments: argparse.Namespace) -> None:
 
 def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     # Imported here, so that --help needs no OpenCL.
-    from rhytid.cli.input_files import control_files, mesh_file
+    from rhytid.cli.input_files import control_files, mesh_file, shape_files
     from rhytid.formats.graphs import write_graph
     from rhytid.synthesis.generate import synthesize
     from rhytid.synthesis.progress import clocked
 
-    given = {**density(arguments), "seed": arguments.seed, **control_settings(arguments)}
+    given = {**density(arguments), "seed": arguments.seed, "lines": arguments.lines}
+    given |= control_settings(arguments)
     unit = arguments.unit or USUAL_UNIT
     settings = graph_settings(given, unit)
     if arguments.out.suffix.lower() != GRAPH:
         raise InputError(f"{arguments.out}: the graph is written as {GRAPH}")
-    mesh = mesh_file(arguments.mesh).mesh
+    read = mesh_file(arguments.mesh)
+    mesh = read.mesh
     warned.inputs(mesh, arguments.mesh.name, unit, AssetSettings().resolution)
     check_outputs(arguments)
     make_place(arguments.out)
     controls = control_files(control_maps(arguments), mesh)
+    expressions = grown_from(settings.lines, shape_files(arguments.shapes, read))
     device = open_device(arguments)
     out: Path = arguments.out
+    folds = None if expressions is None else _folds(device, mesh, expressions, unit)
     with share_bar("synthesis") as show:
         clock, seconds = clocked(show)
-        made = synthesize(mesh, settings, device, clock, controls=controls)
+        made = synthesize(mesh, settings, device, clock, controls=controls, folds=folds)
     graph = replace(made.graph, origin=GraphOrigin.of(mesh, unit, Lengths.of(made.spacing)))
     whole_file(out, [write_graph(graph)])
     facts = {"file": str(out), "seconds": seconds, "warnings": warned.figures()}
     write_outputs(arguments, device, mesh, graph, facts)
+    if folds is not None and arguments.preview is not None:
+        _draw_lines(mesh, folds, arguments.preview)
+
+
+def _folds(device: Device, mesh: Mesh, expressions: Expressions, unit: str) -> Folds | None:
+    from rhytid.pipeline.folds import measured_folds
+    from rhytid.synthesis.workspace import directly
+
+    limit = AssetSettings().response.log_stretch_limit
+    with share_bar("folds") as show:
+        return measured_folds(device, mesh, expressions, limit, unit, show, directly)
+
+
+def _draw_lines(mesh: Mesh, folds: Folds, preview: Path) -> None:
+    """The preferred lines, beside the preview."""
+    from rhytid.pictures.folds import fold_picture
+
+    picture = fold_picture(mesh.positions, mesh.faces, folds)
+    picture.save(preview.with_suffix(".lines.png"), format="png")
 
 
 def graph_settings(given: Mapping[str, Any], unit: str = USUAL_UNIT) -> GraphSettings:

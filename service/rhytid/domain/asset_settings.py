@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from rhytid.domain.checked import choice, number, power_of_two, read, text, whole
+from rhytid.domain.expressions import LINES
 from rhytid.domain.graph_origin import GraphOrigin
 from rhytid.domain.lengths import Lengths, usual_spacing
 from rhytid.domain.regions import REGIONS, WHOLE_FACE
@@ -23,6 +24,8 @@ class GraphSettings:
 
     spacing: mean distance of neighbouring pores where density is 1, mesh units; how many wrinkles
     there are follows from it and the area, unless `wrinkles` says it: then the spacing follows.
+    lines: preferred ones run where `expressions` fold the face, or `level` around the vertical
+    axis; "auto" or None: by expressions where there are any.
     turn: degrees to the left of the preferred lines.  density, strength, scale and pore_radius are
     factors; anisotropy is 0 for lines that run any way, 1 as usual, 2 for one direction alone.
     """
@@ -31,6 +34,8 @@ class GraphSettings:
     wrinkles: int | None = whole(None, 100, MOST_WRINKLES)
     seed: int = whole(1, 0, 2**31 - 1)
     neighbours: int = whole(8, 4, 16)
+    # Along what preferred lines run; null is "auto".
+    lines: str | None = choice(None, None, *LINES)
     # Of the whole mesh, times what `region` and painted maps say of a place.
     region: str = choice(WHOLE_FACE, *REGIONS)
     density: float = number(1.0, 1 / 16, 16.0)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.folds import Folds
 from rhytid.domain.frame_warnings import FrameCheck
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.mesh_warnings import mesh_warnings
@@ -41,12 +42,22 @@ class AssetArrivals(EngineCore):
         for id in self._store.pending():
             self._resume(id)
 
-    def _welcome(self, id: str, new: NewAsset, warnings: Warnings, frames: Positions) -> Asset:
-        """Keep what was sent, and build it; where the store has it built already, load it."""
+    def _welcome(
+        self,
+        id: str,
+        new: NewAsset,
+        warnings: Warnings,
+        frames: Positions,
+        folds: Folds | None = None,
+    ) -> Asset:
+        """Keep what was sent, and what expressions leave of it, and build it; where the store has
+        it built already, load it."""
         stored = self._intact(id)
         if stored is not None:
             return self._load(id, stored, frames)
-        self._store.put_request(id, new.mesh, new.settings, new.graph, new.stiffness, new.controls)
+        self._store.put_request(
+            id, new.mesh, new.settings, new.graph, new.stiffness, new.controls, folds
+        )
         return self._build(id, new.mesh, new.settings, warnings, frames)
 
     def _intact(self, id: str) -> StoredAsset | None:

@@ -12,6 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.curves import Curves, graph_curves, with_triangles
+from rhytid.domain.expressions import Expressions, grown_from
+from rhytid.domain.folds import Folds
 from rhytid.domain.frame import check_positions
 from rhytid.domain.frame_warnings import FrameCheck
 from rhytid.domain.graph import WrinkleGraph
@@ -27,6 +29,7 @@ from rhytid.engine.jobs import Job
 from rhytid.engine.messages import AssetInfo, JobInfo, NewAsset
 from rhytid.errors import InputError, MeshError, NotFoundError, SettingsError
 from rhytid.pipeline.elements import check_cover
+from rhytid.pipeline.folds import measured_folds
 from rhytid.pipeline.stretch import r_max_of
 from rhytid.storage.contents import asset_id
 from rhytid.synthesis.amount import check_amount
@@ -48,11 +51,13 @@ class AssetCalls(AssetArrivals):
         `force`; SettingsError where its lengths are of a unit that cannot be converted, or a graph
         is to be grown in one that is not known; LimitError where it covers too
         many texels, MeshError where the mesh has no UV inside the range of UDIMs, InputError where
-        a painted map is of a UDIM without mesh, what `check_amount` does.
+        a painted map is of a UDIM without mesh or `graph.lines` asks for expressions and none came,
+        what `check_amount` does.
         """
         udims = mesh_udims(new.mesh)
         if not udims:
             raise MeshError("no triangle lies in a UDIM: u goes from 0 to 10, v from 0 up")
+        expressions = None
         if new.graph is not None:
             settings = new.settings.for_graph(new.graph.origin)
             check_graph(new.graph, new.mesh, force=new.force)
@@ -60,6 +65,7 @@ class AssetCalls(AssetArrivals):
                 check_cover(new.graph, settings, udim)
         else:
             settings = new.settings.for_synthesis()
+            expressions = grown_from(settings.graph.lines, new.shapes)
             check_amount(new.mesh, settings.graph, new.controls, self._device.budget.limit)
         new = replace(new, settings=settings)
         for painted in (new.stiffness, new.controls):
@@ -74,15 +80,32 @@ class AssetCalls(AssetArrivals):
         of_frames = _frame_warnings(new, frames)
         if strict:
             refuse((*warnings, *of_frames))
-        id = asset_id(new.mesh, new.settings, new.graph, new.stiffness, new.controls)
+        id = asset_id(new.mesh, new.settings, new.graph, new.stiffness, new.controls, expressions)
+        folds = self._folds(id, new, expressions)
         with self._assets.changing:
             asset = self._assets.find(id)
             if asset is None or asset.state == "failed":
-                asset = self._welcome(id, new, warnings, frames)
+                asset = self._welcome(id, new, warnings, frames, folds)
             elif frames:
                 asset.job = self._jobs.start("frames", id, self._frames_work(asset, frames))
             info = asset.info()
             return replace(info, warnings=(*info.warnings, *of_frames))
+
+    def _folds(self, id: str, new: NewAsset, expressions: Expressions | None) -> Folds | None:
+        """Where expressions fold the mesh of an asset that is not built yet: other work goes
+        between the steps. Raises what `check_amount` does."""
+        known = self._assets.find(id)
+        if expressions is None or (known is not None and known.state != "failed"):
+            return None
+        limit, graph = new.settings.response.log_stretch_limit, new.settings.graph
+        folds = measured_folds(
+            self._device, new.mesh, expressions, limit, new.settings.length_unit,
+            lambda *_: None, self._builder.on_device,
+        )  # fmt: skip
+        if folds is not None and folds.regions:
+            memory = self._device.budget.limit
+            check_amount(new.mesh, graph, new.controls, memory, folds)
+        return folds
 
     def assets(self) -> list[AssetInfo]:
         """Every asset."""

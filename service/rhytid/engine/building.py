@@ -126,7 +126,7 @@ class Builder:
 
         found = synthesize(
             wanted.mesh, wanted.settings.graph, self._device, report,
-            call=self.on_device, controls=wanted.controls,
+            call=self.on_device, controls=wanted.controls, folds=wanted.folds,
         )  # fmt: skip
         return found.graph, found
 

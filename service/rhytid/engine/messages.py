@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.controls import Controls
+from rhytid.domain.expressions import Expressions
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.stiffness import Stiffness
@@ -34,7 +35,8 @@ class NewAsset:
 
     A `graph` that was made for another mesh is refused unless `force`. `frames` are stored as
     frames 0000, 0001, … once the asset exists: (N, V, 3) float32. They are less the centre of the
-    mesh, as positions are throughout the engine.
+    mesh, as positions are throughout the engine. `shapes`: expressions that lines grow by, unless
+    `graph.lines` of the settings says otherwise; without a graph only.
     """
 
     mesh: Mesh
@@ -44,6 +46,7 @@ class NewAsset:
     stiffness: Stiffness | None = None
     controls: Controls | None = None
     force: bool = False
+    shapes: Expressions | None = None
 
 
 @dataclass(frozen=True)

@@ -5,9 +5,9 @@ files and drops what it cannot read in others. A mesh needs three accessors, so 
 short: see `gltf_document.py` for how they are found.
 
 The vertex order is that of the POSITION accessor. Positions stay in the local space of the mesh:
-transforms of nodes, skins and morph targets are not applied, since frames are sent in that space
-and order too. An exporter has split the vertices along UV seams, and they stay split. glTF puts
-v = 0 at the top of the image; here it is at the bottom.
+transforms of nodes and skins are not applied, since frames are sent in that space and order too;
+morph targets are read as expressions. An exporter has split the vertices along UV seams, and they
+stay split. glTF puts v = 0 at the top of the image; here it is at the bottom.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.domain.expressions import Expressions
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import MeshError
 from rhytid.formats.gltf_document import Document
@@ -30,11 +31,22 @@ _JSON_CHUNK, _BINARY_CHUNK = 0x4E4F534A, 0x004E4942
 
 def read_gltf(data: bytes) -> Mesh:
     """The triangle mesh of a .gltf file; raises MeshError naming the object, or LimitError."""
-    return _read(data, None)
+    return read_gltf_shapes(data)[0]
 
 
 def read_glb(data: bytes) -> Mesh:
     """The triangle mesh of a .glb file; raises MeshError naming the object, or LimitError."""
+    return read_glb_shapes(data)[0]
+
+
+def read_gltf_shapes(data: bytes) -> tuple[Mesh, Expressions | None]:
+    """The mesh of a .gltf file and its morph targets; raises MeshError naming the object,
+    FrameError over numbers of a target that are not finite, or LimitError."""
+    return _read(data, None)
+
+
+def read_glb_shapes(data: bytes) -> tuple[Mesh, Expressions | None]:
+    """The same of a .glb file."""
     if len(data) < 12 or data[:4] != b"glTF":
         raise MeshError("not a GLB file: it must begin with 'glTF'")
     version, length = struct.unpack_from("<II", data, 4)
@@ -65,7 +77,7 @@ def _chunks(data: bytes) -> list[tuple[int, bytes]]:
     return chunks
 
 
-def _read(text: bytes, binary: bytes | None) -> Mesh:
+def _read(text: bytes, binary: bytes | None) -> tuple[Mesh, Expressions | None]:
     document = Document(_parse(text), binary)
     where, primitive = document.primitive()
     mode = primitive.get("mode", _TRIANGLES)
@@ -77,7 +89,17 @@ def _read(text: bytes, binary: bytes | None) -> Mesh:
     if len(positions) != len(uv):
         raise MeshError(f"{where}: {len(positions)} positions but {len(uv)} texture coordinates")
     faces = _faces(where, document.indices(where, primitive), len(positions))
-    return Mesh(positions.astype(np.float32), faces, uv * (1, -1) + (0, 1), faces)
+    mesh = Mesh(positions.astype(np.float32), faces, uv * (1, -1) + (0, 1), faces)
+    return mesh, _targets(document, where, primitive, positions)
+
+
+def _targets(
+    document: Document, where: str, primitive: dict[str, Any], positions: NDArray[Any]
+) -> Expressions | None:
+    names, offsets = document.targets(where, primitive, len(positions))
+    if not names:
+        return None
+    return Expressions.checked(positions + offsets, len(positions), names)
 
 
 def _faces(where: str, indices: NDArray[Any] | None, vertices: int) -> NDArray[np.int32]:

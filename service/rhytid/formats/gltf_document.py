@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.errors import MeshError
-from rhytid.formats.limits import check_size
+from rhytid.formats.limits import MAX_FRAME_NUMBERS, check_size
 
 _Object = dict[str, Any]
 
@@ -75,6 +75,64 @@ class Document:
             raise MeshError(f"{where} indices hold {array.dtype.name}: must be unsigned integers")
         return array[:, 0]
 
+    def targets(
+        self, where: str, primitive: _Object, vertices: int
+    ) -> tuple[list[str], NDArray[np.float32]]:
+        """Names and (E, V, 3) offsets of the morph targets that move vertices."""
+        named: list[str] = []
+        found: list[NDArray[Any]] = []
+        every = _list(primitive.get("targets", []), f"{where} targets")
+        names = self._target_names(len(every))
+        check_size(f"{where} targets", 3 * vertices * len(every), MAX_FRAME_NUMBERS)
+        for i, target in enumerate(every):
+            place = f"{where} target {i}"
+            index = _dict(target, place).get("POSITION")
+            if index is None:
+                continue
+            offsets = self._sparse(index, f"{place} POSITION")
+            if len(offsets) != vertices:
+                raise MeshError(f"{place} has {len(offsets)} vertices, the mesh has {vertices}")
+            named.append(names[i])
+            found.append(offsets)
+        return named, np.stack(found) if found else np.empty((0, vertices, 3), np.float32)
+
+    def _target_names(self, count: int) -> list[str]:
+        """As exporters write them into extras of the mesh, or numbers."""
+        mesh = self._root["meshes"]
+        for found in mesh:
+            extras = found.get("extras") if isinstance(found, dict) else None
+            names = extras.get("targetNames") if isinstance(extras, dict) else None
+            if isinstance(names, list) and len(names) == count:
+                return [str(name) for name in names]
+        return [f"{i:04d}" for i in range(count)]
+
+    def _sparse(self, index: Any, where: str) -> NDArray[np.float32]:
+        """(V, 3) float32 of an accessor that may be sparse, or have nothing but zeros."""
+        accessor = self._item("accessors", index, where)
+        dense = {k: v for k, v in accessor.items() if k != "sparse"}
+        if accessor.get("componentType") != 5126 or accessor.get("type") != "VEC3":
+            raise MeshError(f"{where} (accessor {index}): must be VEC3 of float32")
+        count = _whole(accessor, "count", where)
+        check_size(where, 3 * count)
+        base = np.zeros((count, 3), np.float32)
+        if "bufferView" in dense:
+            base[:] = self._elements(dense, where, (count, 3), np.dtype("<f4"))
+        if "sparse" not in accessor:
+            return base
+        sparse = _dict(accessor["sparse"], f"{where} sparse")
+        changed = _whole(sparse, "count", f"{where} sparse")
+        places, values = (_dict(sparse.get(k), f"{where} {k}") for k in ("indices", "values"))
+        component = places.get("componentType")
+        if component not in (5121, 5123, 5125):
+            raise MeshError(f"{where} sparse indices: must be unsigned integers")
+        check_size(where, 3 * changed)
+        kind = np.dtype(_COMPONENTS[component])
+        at = self._elements(places, f"{where} indices", (changed, 1), kind)[:, 0]
+        if changed and int(at.max()) >= count:
+            raise MeshError(f"{where} sparse indices: no element {int(at.max())} of {count}")
+        base[at] = self._elements(values, f"{where} values", (changed, 3), np.dtype("<f4"))
+        return base
+
     def _accessor(self, index: Any, where: str, width: int) -> tuple[_Object, NDArray[Any]]:
         accessor = self._item("accessors", index, where)
         where = f"{where} (accessor {index})"
@@ -93,7 +151,7 @@ class Document:
     def _elements(
         self, accessor: _Object, where: str, shape: tuple[int, int], dtype: np.dtype[Any]
     ) -> NDArray[Any]:
-        view = self._item("bufferViews", accessor["bufferView"], where)
+        view = self._item("bufferViews", accessor.get("bufferView"), where)
         buffer = self._buffer(view.get("buffer"), where)
         start, length = _whole(view, "byteOffset", where, 0), _whole(view, "byteLength", where)
         if start + length > len(buffer):

@@ -9,9 +9,11 @@ from pathlib import PurePath
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.domain.expressions import Expressions
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import MeshError
-from rhytid.formats.gltf import read_glb, read_gltf
+from rhytid.formats.expressions import npz_shapes
+from rhytid.formats.gltf import read_glb_shapes, read_gltf_shapes
 from rhytid.formats.npz import read_npz
 from rhytid.formats.obj import read_obj
 from rhytid.formats.ply import read_ply
@@ -19,19 +21,27 @@ from rhytid.formats.ply import read_ply
 
 @dataclass(frozen=True, eq=False)
 class MeshFile:
-    """What a mesh file holds: the neutral mesh, and frames (N, V, 3) if it is a .npz with them."""
+    """What a mesh file holds: the neutral mesh, frames (N, V, 3) if it is a .npz with them, and
+    shapes: of a .npz, or the morph targets of a glTF."""
 
     mesh: Mesh
     frames: NDArray[np.float32] | None = None
+    shapes: Expressions | None = None
+
+    @property
+    def expressions(self) -> Expressions | None:
+        """The shapes, or what the frames do where there are no shapes."""
+        if self.shapes is not None or self.frames is None:
+            return self.shapes
+        return Expressions.checked(self.frames, len(self.mesh.positions))
 
 
-_READERS: dict[str, Callable[[bytes], Mesh]] = {
-    ".obj": read_obj,
-    ".ply": read_ply,
-    ".gltf": read_gltf,
-    ".glb": read_glb,
+_READERS: dict[str, Callable[[bytes], Mesh]] = {".obj": read_obj, ".ply": read_ply}
+_WITH_SHAPES: dict[str, Callable[[bytes], tuple[Mesh, Expressions | None]]] = {
+    ".gltf": read_gltf_shapes,
+    ".glb": read_glb_shapes,
 }
-MESH_EXTENSIONS = (*_READERS, ".npz")
+MESH_EXTENSIONS = (*_READERS, *_WITH_SHAPES, ".npz")
 
 
 def read_mesh(data: bytes, name: str) -> MeshFile:
@@ -39,11 +49,15 @@ def read_mesh(data: bytes, name: str) -> MeshFile:
 
     The vertex order of the file is kept: it is the order in which frames send their positions.
     Nothing that the file points to is opened. Raises MeshError naming the element that cannot be
-    used, FrameError over the frames of a .npz, LimitError over an array that is too large.
+    used, FrameError over frames and shapes, LimitError over an array that is too large.
     """
     extension = PurePath(name).suffix.lower()
     if extension == ".npz":
-        return MeshFile(*read_npz(data))
+        mesh, frames = read_npz(data)
+        return MeshFile(mesh, frames, npz_shapes(data, len(mesh.positions), mesh.centre))
+    if extension in _WITH_SHAPES:
+        mesh, shapes = _WITH_SHAPES[extension](data)
+        return MeshFile(mesh, shapes=shapes)
     if extension not in _READERS:
         known = ", ".join(MESH_EXTENSIONS)
         raise MeshError(f"mesh file with extension {extension!r}: must be one of {known}")

@@ -19,6 +19,7 @@ from rhytid.errors import InputError
 
 _MAGIC = b"\x93NUMPY"
 _DTYPE = re.compile(r"[<>=|]?[fiu](?:1|2|4|8|16)", re.ASCII)
+_TEXT = re.compile(r"[<>=|]?U[0-9]{1,4}", re.ASCII)
 _KINDS = {
     "O": "Python objects (a pickle)",
     "S": "text",
@@ -58,8 +59,11 @@ class NpyHeader:
         return flat.reshape(self.shape, order="F" if self.fortran_order else "C")
 
 
-def read_header(data: bytes, what: str, error: type[InputError]) -> NpyHeader:
-    """The header at the start of `data`; `error` naming `what` where it is not one of real numbers.
+def read_header(
+    data: bytes, what: str, error: type[InputError], *, names: bool = False
+) -> NpyHeader:
+    """The header at the start of `data`; `error` naming `what` where it is not one of real numbers,
+    or of text where `names` are read.
 
     The first MAX_HEADER bytes of a file are enough.
     """
@@ -70,7 +74,7 @@ def read_header(data: bytes, what: str, error: type[InputError]) -> NpyHeader:
         raise error(f"{what}: the .npy header cannot be read") from exc
     if not isinstance(fields, dict) or set(fields) != {"descr", "fortran_order", "shape"}:
         raise error(f"{what}: the .npy header must hold descr, fortran_order and shape")
-    dtype = _dtype(fields["descr"], what, error)
+    dtype = _text(fields["descr"], what, error) if names else _dtype(fields["descr"], what, error)
     shape, fortran_order = fields["shape"], fields["fortran_order"]
     if not isinstance(shape, tuple) or len(shape) > 4 or not all(map(_is_length, shape)):
         raise error(f"{what}: the .npy header has shape {shape!r:.80}")
@@ -94,6 +98,12 @@ def _header_text(data: bytes, what: str, error: type[InputError]) -> tuple[str, 
     if len(data) < start:
         raise error(f"{what} ends inside its .npy header")
     return data[first:start].decode("latin-1"), start
+
+
+def _text(descr: object, what: str, error: type[InputError]) -> np.dtype[Any]:
+    if isinstance(descr, str) and _TEXT.fullmatch(descr):
+        return np.dtype(descr)
+    raise error(f"{what} has dtype {descr!r:.80}: must be text, as of np.array(['jawOpen', …])")
 
 
 def _dtype(descr: object, what: str, error: type[InputError]) -> np.dtype[Any]:

@@ -48,8 +48,8 @@ class Archive:
     def __contains__(self, name: str) -> bool:
         return name in self._members
 
-    def read(self, name: str, limit: int = MAX_NUMBERS) -> NDArray[Any]:
-        """One array of integers or real numbers."""
+    def read(self, name: str, limit: int = MAX_NUMBERS, *, names: bool = False) -> NDArray[Any]:
+        """One array of integers or real numbers, or of text where `names` are read."""
         info = self._members.get(name)
         if info is None:
             raise self._error(f"the archive has no {name!r}; it has {self._listed()}")
@@ -57,15 +57,15 @@ class Archive:
             raise self._error(f"{name} is packed by method {info.compress_type}: not read here")
         try:
             with self._zip.open(info) as stream:
-                return self._unpack(name, info, stream, limit)
+                return self._unpack(name, info, stream, limit, names)
         except _DAMAGE as exc:
             raise self._error(f"{name} cannot be unpacked: {exc}") from exc
 
     def _unpack(
-        self, name: str, info: zipfile.ZipInfo, stream: IO[bytes], limit: int
+        self, name: str, info: zipfile.ZipInfo, stream: IO[bytes], limit: int, names: bool
     ) -> NDArray[Any]:
         head = stream.read(MAX_HEADER)
-        header = read_header(head, name, self._error)
+        header = read_header(head, name, self._error, names=names)
         check_size(name, header.numbers, limit)
         self._check_length(name, header, info.file_size)
         data = head + stream.read(info.file_size - len(head))

@@ -12,6 +12,8 @@ from safetensors.numpy import load, save
 
 from rhytid.domain.asset_settings import AssetSettings, GraphSettings
 from rhytid.domain.controls import Controls
+from rhytid.domain.expressions import Expressions
+from rhytid.domain.folds import Folds
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.stiffness import Stiffness
@@ -20,7 +22,17 @@ from rhytid.storage.canonical import canonical
 # Part of every id: raise it when the same input shall build another asset.
 ID_VERSION = 1
 # Settings that came later: at their defaults they make the asset that was made before them.
-_LATER = ("spacing", "region", "density", "strength", "turn", "anisotropy", "scale", "pore_radius")
+_LATER = (
+    "spacing",
+    "lines",
+    "region",
+    "density",
+    "strength",
+    "turn",
+    "anisotropy",
+    "scale",
+    "pore_radius",
+)
 # What stood for these where nothing was said, before they could be left open. Where a graph is
 # given the number of wrinkles makes no difference.
 _WRINKLES_BEFORE = 300_000
@@ -33,10 +45,11 @@ def asset_id(
     graph: WrinkleGraph | None,
     stiffness: Stiffness | None = None,
     controls: Controls | None = None,
+    expressions: Expressions | None = None,
 ) -> str:
     """The id of the asset that these build: 16 hex digits of a SHA-256 over their content.
 
-    The same arrays and settings give the same id on every machine.
+    expressions: what lines grow by. The same arrays and settings give the same id on every machine.
     """
     identity = _identity(settings, graph is not None)
     digest = hashlib.sha256(canonical({"version": ID_VERSION, "settings": identity}))
@@ -48,6 +61,8 @@ def asset_id(
         _add_arrays(digest, "stiffness", stiffness.arrays())
     if controls is not None:
         _add_arrays(digest, "controls", controls.arrays())
+    if expressions is not None:
+        digest.update(canonical(["expressions", expressions.digest().hex()]))
     return digest.hexdigest()[:16]
 
 
@@ -84,6 +99,17 @@ def read_controls(data: bytes) -> Controls:
     return Controls.of_arrays(load(data))
 
 
+def write_folds(folds: Folds) -> bytes:
+    """The arrays as safetensors."""
+    data: bytes = save(folds.arrays())
+    return data
+
+
+def read_folds(data: bytes) -> Folds:
+    """The inverse of `write_folds`; raises InputError, KeyError or SafetensorError."""
+    return Folds.of_arrays(load(data))
+
+
 def _identity(settings: AssetSettings, given: bool) -> dict[str, Any]:
     """given: whether the graph is."""
     values, plain = settings.as_json(), GraphSettings()
@@ -91,6 +117,8 @@ def _identity(settings: AssetSettings, given: bool) -> dict[str, Any]:
     graph = values["graph"]
     if given and graph["wrinkles"] is None:
         graph["wrinkles"] = _WRINKLES_BEFORE
+    # By expressions or not, what lines grow by is part of the id itself.
+    graph["lines"] = None
     values["graph"] = {k: v for k, v in graph.items() if k not in _LATER or v != getattr(plain, k)}
     return values
 

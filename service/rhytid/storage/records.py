@@ -11,6 +11,7 @@ from safetensors import SafetensorError
 
 from rhytid.domain.asset_settings import PRESETS, AssetSettings
 from rhytid.domain.controls import Controls
+from rhytid.domain.folds import Folds
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.stiffness import Stiffness
@@ -19,9 +20,11 @@ from rhytid.formats.graphs import read_graph, write_graph
 from rhytid.storage.canonical import canonical, damaged, hashed, parse_canonical, parse_hashed
 from rhytid.storage.contents import (
     read_controls,
+    read_folds,
     read_mesh,
     read_stiffness,
     write_controls,
+    write_folds,
     write_mesh,
     write_stiffness,
 )
@@ -31,19 +34,22 @@ Files = Mapping[str, bytes]
 
 MESH, GRAPH, FACTS = "mesh.safetensors", "graph.safetensors", "facts.json"
 STIFFNESS, CONTROLS = "stiffness.safetensors", "controls.safetensors"
+FOLDS = "folds.safetensors"
 # A fact of assets that have had an overlay from the start; older ones have one once they change.
 _OVERLAID = "overlaid"
 
 
 @dataclass(frozen=True, eq=False)
 class StoredRequest:
-    """What a caller sent; `graph` None asks to synthesise one, guided by `controls`."""
+    """What a caller sent; `graph` None asks to synthesise one, guided by `controls` and `folds`:
+    what is left of the expressions that were sent."""
 
     mesh: Mesh
     settings: AssetSettings
     graph: WrinkleGraph | None
     stiffness: Stiffness | None = None
     controls: Controls | None = None
+    folds: Folds | None = None
 
     def files(self) -> dict[str, bytes]:
         """The files of the request, by name."""
@@ -51,6 +57,8 @@ class StoredRequest:
         files = _files(self.mesh, self.graph, facts, self.stiffness)
         if self.controls is not None:
             files[CONTROLS] = write_controls(self.controls)
+        if self.folds is not None:
+            files[FOLDS] = write_folds(self.folds)
         return files
 
     @classmethod
@@ -61,7 +69,9 @@ class StoredRequest:
         mesh = _decode(files, folder / MESH, read_mesh)
         painted = folder / CONTROLS
         controls = _decode(files, painted, read_controls) if CONTROLS in files else None
-        return cls(mesh, _settings(facts, folder), graph, _stiffness(files, folder), controls)
+        folds = _decode(files, folder / FOLDS, read_folds) if FOLDS in files else None
+        settings, stiffness = _settings(facts, folder), _stiffness(files, folder)
+        return cls(mesh, settings, graph, stiffness, controls, folds)
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +143,7 @@ def _decode(files: Files, path: Path, read: Callable[[bytes], T]) -> T:
         raise damaged(path, "the file is missing")
     try:
         return read(files[path.name])
-    except (SafetensorError, InputError, LimitError, TypeError, ValueError) as exc:
+    except (SafetensorError, InputError, LimitError, TypeError, ValueError, KeyError) as exc:
         raise damaged(path, str(exc)) from exc
 
 

@@ -22,6 +22,7 @@ from typing import Any
 
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.controls import Controls
+from rhytid.domain.folds import Folds
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.stiffness import Stiffness
@@ -109,11 +110,12 @@ class AssetStore:
         graph: WrinkleGraph | None,
         stiffness: Stiffness | None = None,
         controls: Controls | None = None,
+        folds: Folds | None = None,
     ) -> None:
         """Keep what a caller sent until the asset is built; a known id is left as it is."""
         home = self._home(id)
         if not holds_something(home):
-            request = StoredRequest(mesh, settings, graph, stiffness, controls)
+            request = StoredRequest(mesh, settings, graph, stiffness, controls, folds)
             self._put(home, REQUEST, request.files())
 
     def request(self, id: str) -> StoredRequest:

@@ -6,10 +6,12 @@ import numpy as np
 
 from rhytid.domain.asset_settings import MOST_WRINKLES, GraphSettings
 from rhytid.domain.controls import Controls
+from rhytid.domain.folds import Folds
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.regions import REGIONS
 from rhytid.errors import InputError, LimitError, MeshError
 from rhytid.synthesis.fields import Fields
+from rhytid.synthesis.folding import FoldField
 from rhytid.synthesis.lattice import Lattice
 from rhytid.synthesis.painting import fields_of
 from rhytid.synthesis.rooms import total_room
@@ -29,19 +31,25 @@ _PLACES = 16.0
 
 
 def check_amount(
-    mesh: Mesh, settings: GraphSettings, controls: Controls | None, memory: int
+    mesh: Mesh,
+    settings: GraphSettings,
+    controls: Controls | None,
+    memory: int,
+    folds: Folds | None = None,
 ) -> None:
     """Raise what `wrinkles_in_all` does for a mesh, without looking at it where nothing is painted
     and the number is given.
 
     memory: bytes that a synthesis may use on the device.
     """
-    if controls is None and settings.wrinkles is not None:
+    even = controls is None and (folds is None or not folds.regions)
+    if even and settings.wrinkles is not None:
         share = settings.density * REGIONS[settings.region].density
         _checked(Wanted.of(settings, 0.0), share, len(mesh.faces), memory)
         return
     surface = Surface.of(mesh)
-    wrinkles_in_all(surface, settings, fields_of(surface, settings, controls), memory)
+    folding = None if folds is None else FoldField(mesh, surface, folds)
+    wrinkles_in_all(surface, settings, fields_of(surface, settings, controls, folding), memory)
 
 
 def wrinkles_in_all(

@@ -21,6 +21,9 @@ from rhytid.synthesis.rows import row_blocks
 from rhytid.synthesis.surface import Points
 
 _LEAST_WEIGHT = 1e-4
+# Seams are looked at as closely as painted density can ask for: were it as closely as it does, what
+# is painted in one place would move copies at all seams.
+_CLOSEST = 8.0**-0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +87,7 @@ def assemble(
         "edge_metric": np.zeros((len(weight), 3), np.float32),
         **ends.arrays(),
     }
-    least = spacing * fields.least_spacing
+    least = spacing * min(fields.least_spacing, _CLOSEST)
     return WrinkleGraph(**with_copies(arrays, ground.surface, borders, least), origin=None)
 
 

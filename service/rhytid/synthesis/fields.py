@@ -44,6 +44,10 @@ class Fields:
         """Factor of the weight of pores."""
         return self.strength(triangle, uv)
 
+    def primary(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """Factor of how much primary lines are worn: where there are some, and how deep."""
+        return np.ones(len(triangle), np.float32)
+
     def turn(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Radians by which the preferred direction turns left, seen from outside."""
         return np.zeros(len(triangle), np.float32)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import GraphSettings
 from rhytid.domain.controls import Controls
+from rhytid.domain.folds import Folds
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.synthesis.amount import check_drawn, wrinkles_in_all
@@ -14,6 +15,7 @@ from rhytid.synthesis.borders import Borders
 from rhytid.synthesis.charts import neighbours
 from rhytid.synthesis.even_skin import SPACING, faintest
 from rhytid.synthesis.fields import Fields
+from rhytid.synthesis.folding import FoldField
 from rhytid.synthesis.growth import Skin, counted, grown
 from rhytid.synthesis.net import Ground
 from rhytid.synthesis.painting import fields_of
@@ -48,6 +50,7 @@ def synthesize(
     fields: Fields | None = None,
     call: Caller = directly,
     controls: Controls | None = None,
+    folds: Folds | None = None,
 ) -> Synthesis:
     """A graph after Weiss et al. 2023, of exactly `settings.wrinkles` wrinkles times density
     where nothing is painted, or of pores `settings.spacing` apart there.
@@ -59,16 +62,18 @@ def synthesize(
     are too faint.
 
     progress(fraction, stage) is called often and may raise CancelledError. fields: what differs
-    from place to place, in place of what settings and controls say of it. call: runs each step on
+    from place to place, in place of what settings, controls and folds say of it. folds: where the
+    face folds, for lines to run there; without them these run level. call: runs each step on
     the device's thread. Raises MeshError where the mesh has no room for pores, or its UV none for
     the wrinkles, and what `wrinkles_in_all` does.
     """
     report = rising(progress)
     report(0.0, "pores")
     surface, across = Surface.of(mesh), neighbours(mesh)
-    plain = fields_of(surface, settings, None)
+    folding = None if folds is None else FoldField(mesh, surface, folds)
+    plain = fields_of(surface, settings, None, folding)
     uneven = fields is not None or (controls is not None and controls.grow)
-    fields = fields or fields_of(surface, settings, controls)
+    fields = fields or fields_of(surface, settings, controls, folding)
     wrinkles_in_all(surface, settings, fields, device.budget.limit)
     with Workspace(device, call) as work:
         ground = Ground(work, surface, across, fields)

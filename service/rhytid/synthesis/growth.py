@@ -62,7 +62,8 @@ def counted(
 ) -> tuple[Skin, Cut]:
     """Skin with as many pores as it takes for exactly the wanted wrinkles, and the cut at these.
 
-    The first guess holds but for a mesh in shreds, where many edges end at a border.
+    The first guess holds but for a mesh in shreds, where many edges end at a border: there are
+    fewer wrinkles then, if it is the spacing that is set.
     """
     radius = packed_radius(ground.surface, ground.fields, wanted / EDGES_PER_PORE)
     check_uv(ground.surface, settings, radius, ground.fields.least_spacing)
@@ -76,9 +77,12 @@ def counted(
             skin = _worn(ground, net, radius, settings, part(progress, 0.5, 1.0))
             return skin, Cut.at(net.edges, skin.wish, wanted)
         radius *= 0.97 * float(np.sqrt(max(lines / wanted, 0.5)))
+    told, more = "wrinkles", "more wrinkles"
+    if settings.wrinkles is None:
+        told, more = "spacing", "a smaller spacing"
     raise MeshError(
-        f"graph.wrinkles is {settings.wrinkles}: only {lines} of {wanted} can be drawn between "
-        "pores so far apart, for the UV of the mesh is in small parts; ask for more wrinkles"
+        f"graph.{told} is {getattr(settings, told)}: only {lines} of {wanted} can be drawn between "
+        f"pores so far apart, for the UV of the mesh is in small parts; ask for {more}"
     )
 
 

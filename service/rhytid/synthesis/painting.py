@@ -12,6 +12,7 @@ from rhytid.domain.controls import REGION_MAPS, REGION_PREFIX, Controls, signed
 from rhytid.domain.painted import Shares
 from rhytid.domain.regions import REGIONS, Region
 from rhytid.synthesis.fields import Factors, Fields
+from rhytid.synthesis.folding import FoldField, Planes
 from rhytid.synthesis.lookup import Lookup
 from rhytid.synthesis.painted_directions import PaintedDirections
 from rhytid.synthesis.rows import row_blocks
@@ -22,32 +23,47 @@ _DENSITY = (1 / 6, 8.0)
 BARE = 0.25
 # How far lines wind about a painted direction, of what they do about preferred ones.
 _PAINTED_BEND = 0.3
+# The same about those of folds.
+_FOLDED_BEND = 0.3
 # How much more anisotropy counts where a direction is painted.
 _PAINTED_HOLD = 1.0
 _FACTORS = ("density", "strength", "anisotropy", "scale", "pore_radius")
 
 
 class PaintedFields(Fields):
-    """Fields from the settings, the regions and the maps of a surface.
+    """Fields from the settings, the regions, the maps and the folds of a surface.
 
-    Factors of a setting, of the region and of a map are multiplied. Where pores are closer, all
+    Factors of a setting, of the region, of a map and of folds are multiplied; what is painted goes
+    before folds, the more the farther it is from mid grey. Where pores are closer, all
     that is drawn is as much smaller, and shallower. `density` of the settings is not a field: it
     makes for more wrinkles everywhere.
     """
 
-    def __init__(self, surface: Surface, settings: GraphSettings, controls: Controls) -> None:
-        self._surface, self._settings = surface, settings
+    def __init__(
+        self,
+        surface: Surface,
+        settings: GraphSettings,
+        controls: Controls,
+        folds: FoldField | None = None,
+    ) -> None:
+        self._surface, self._settings, self._folds = surface, settings, folds
         maps = controls.maps
         self._maps = {name: Lookup(surface, maps[name]) for name in maps if name != "direction"}
         self._directions = (
             PaintedDirections(surface, maps["direction"]) if "direction" in maps else None
         )
         self._regions = [name for name in REGION_MAPS if name in maps]
+        masks = () if folds is None else folds.regions
+        self._planes: dict[str, Planes] = {}
+        self._masks = [name for name in masks if REGION_PREFIX + name not in maps]
         low, high = self._densities()
         self.least_spacing, self.most_spacing = high**-0.5, low**-0.5
         self.some_bare = "density" in maps and self._darkest() < BARE
         shaping = [self._maps[name] for name in ("density", *self._regions) if name in maps]
-        self.detail = min((lookup.detail for lookup in shaping), default=float("inf"))
+        details = [lookup.detail for lookup in shaping]
+        if folds is not None and self._masks:
+            details.append(folds.detail)
+        self.detail = min(details, default=float("inf"))
         base = REGIONS[settings.region]
         self.usual_pore_radius = settings.pore_radius * base.pore_radius * base.density**-0.5
 
@@ -73,14 +89,24 @@ class PaintedFields(Fields):
         return factor
 
     def pore_strength(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
-        """As that of wrinkles, times what the region says of its pores."""
-        factor: Factors = self.strength(triangle, uv) * self._region("pore_strength", triangle, uv)
+        """As that of wrinkles but for folds, times what the region says of its pores."""
+        factor = self._linear("strength", triangle, uv, folded=False)
+        factor *= np.minimum(self.spacing(triangle, uv), np.float32(1.0))
+        factor *= self._region("pore_strength", triangle, uv)
         return factor
 
+    def primary(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """As folds wear them."""
+        if self._folds is None:
+            return super().primary(triangle, uv)
+        return self._folds.factor("primary", triangle, uv)
+
     def turn(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
-        """Painted directions take the place of the preferred lines and of what a region turns
-        these by."""
+        """Folds, and before them painted directions, take the place of the preferred lines and of
+        what a region turns these by."""
         found = np.radians(self._region("turn", triangle, uv))
+        if self._folds is not None:
+            found = self._folds.instead_of(found, triangle, uv)
         if self._directions is not None:
             for rows in row_blocks(len(triangle)):
                 found[rows] = self._directions.instead_of(found[rows], triangle[rows], uv[rows])
@@ -90,8 +116,11 @@ class PaintedFields(Fields):
         return found
 
     def bend(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
-        """Painted directions are kept to more closely."""
+        """Folds and painted directions are kept to more closely."""
         factor = self._region("bend", triangle, uv)
+        if self._folds is not None:
+            sure = self._folds.factor("sure", triangle, uv)
+            factor += np.minimum(np.float32(_FOLDED_BEND) - factor, np.float32(0.0)) * sure
         if self._directions is not None:
             sure = self._directions.sure(triangle, uv)
             factor += (np.float32(_PAINTED_BEND) - factor) * sure
@@ -113,12 +142,21 @@ class PaintedFields(Fields):
         """From a quarter to four times, and as the spacing."""
         return self._sized("pore_radius", triangle, uv)
 
-    def _linear(self, name: str, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+    def _linear(
+        self, name: str, triangle: NDArray[Any], uv: NDArray[Any], *, folded: bool = True
+    ) -> Factors:
         factor: Factors = self._region(name, triangle, uv) * np.float32(
             getattr(self._settings, name)
         )
-        if name in self._maps:
-            factor *= 1.0 + signed(self._maps[name].at(triangle, uv))
+        painted = signed(self._maps[name].at(triangle, uv)) if name in self._maps else None
+        if painted is not None:
+            factor *= 1.0 + painted
+        if self._folds is not None and folded:
+            folds = self._folds.factor(name, triangle, uv)
+            left = np.float32(1.0) if painted is None else 1.0 - np.abs(painted)
+            if name == "anisotropy" and self._directions is not None:
+                left = left * (1.0 - self._directions.sure(triangle, uv))
+            factor *= folds**left
         return factor
 
     def _sized(self, name: str, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
@@ -132,9 +170,10 @@ class PaintedFields(Fields):
 
     def _region(self, name: str, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """A factor (or the turn, degrees) of the regions, mixed as they are painted: factors by
-        their logarithms. What masks leave is the region of the settings."""
+        their logarithms. What painted masks leave those of folds take, and what these leave is the
+        region of the settings."""
         base = _value(REGIONS[self._settings.region], name)
-        if not self._regions:
+        if not self._regions and not self._masks:
             # As an array, so that it is rounded as where a mask of black is painted.
             return np.repeat(np.asarray(_meant(np.full(1, base, np.float32), name)), len(triangle))
         total, mixed = np.zeros(len(triangle), np.float32), np.zeros(len(triangle), np.float32)
@@ -143,8 +182,21 @@ class PaintedFields(Fields):
             mixed += weight * np.float32(_value(REGIONS[region.removeprefix(REGION_PREFIX)], name))
             total += weight
         mixed /= np.maximum(total, 1.0)
-        mixed += np.maximum(1.0 - total, 0.0) * np.float32(base)
+        left = np.maximum(1.0 - total, 0.0)
+        if self._folds is not None and self._masks:
+            left *= self._folds.at(self._mixed(name, base), triangle, uv)
+        else:
+            left *= np.float32(base)
+        mixed += left
         return np.asarray(_meant(mixed, name), np.float32)
+
+    def _mixed(self, name: str, base: float) -> Planes:
+        """What `_value` is of the masks of the folds at a place, and of what they leave."""
+        assert self._folds is not None
+        if name not in self._planes:
+            values = {region: _value(REGIONS[region], name) for region in self._masks}
+            self._planes[name] = self._folds.mixed(values, base)
+        return self._planes[name]
 
     def _darkest(self) -> float:
         """The least of the density map."""
@@ -152,7 +204,7 @@ class PaintedFields(Fields):
 
     def _densities(self) -> tuple[float, float]:
         """The least and the most that density can be, of what is not bare."""
-        names = [name.removeprefix(REGION_PREFIX) for name in self._regions]
+        names = [name.removeprefix(REGION_PREFIX) for name in self._regions] + self._masks
         regional = [REGIONS[name].density for name in (self._settings.region, *names)]
         low, high = min(regional), max(regional)
         if "density" in self._maps:
@@ -164,13 +216,18 @@ class PaintedFields(Fields):
         return float(low), float(high)
 
 
-def fields_of(surface: Surface, settings: GraphSettings, controls: Controls | None) -> Fields:
+def fields_of(
+    surface: Surface,
+    settings: GraphSettings,
+    controls: Controls | None,
+    folds: FoldField | None = None,
+) -> Fields:
     """Even skin where nothing says otherwise."""
     plain = GraphSettings()
     even = all(getattr(settings, n) == getattr(plain, n) for n in ("region", "turn", *_FACTORS[1:]))
-    if controls is None and even:
+    if controls is None and folds is None and even:
         return Fields()
-    return PaintedFields(surface, settings, controls or Controls({}))
+    return PaintedFields(surface, settings, controls or Controls({}), folds)
 
 
 def density_of(grey: Shares) -> Shares:

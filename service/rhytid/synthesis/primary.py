@@ -62,6 +62,8 @@ class Primary:
         with ground.work.room() as room:
             paths = net.paths(room, directions, ground.fields, part(progress, 0.5, 0.6))
             strength = net.worn(room, paths, other, COARSE, part(progress, 0.6, 0.9))
+        wanted = ground.fields.primary(net.pores.triangle, net.pores.uv)
+        strength *= wanted[net.edges.nodes].mean(axis=1)
         wish = wishes(ground.work, net, strength, part(progress, 0.9, 1.0))
         chosen = np.flatnonzero(flat(FAINTEST_PRIMARY).draws(net.edges, wish))
         weight = shapes.edge_weights(strength[chosen] ** _SHARPER, PRIMARY_STRENGTH)

@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from rhytid_client import npy, parse
@@ -44,6 +45,7 @@ def create_asset(
     controls: Mapping[str, Images] | None = None,
     progress: Callable[[int, int], None] | None = None,
     strict: bool = False,
+    shapes: File | ArrayLike | Mapping[str, ArrayLike] | None = None,
 ) -> Flow[Asset]:
     """Send a mesh and have an asset built of it; `wait` for it before asking for tiles.
 
@@ -56,6 +58,8 @@ def create_asset(
     8192 texels a side and 134,217,728 in all.
     controls: maps that guide synthesis, by name, given like stiffness: density, strength,
     direction, turn, anisotropy, scale, pore_radius, and region_forehead and the like.
+    shapes: expressions that lines grow by: positions (E, V, 3), or a mapping of names to positions
+    (V, 3), or a .npy or .npz file; absent, those of the mesh file count, or its frames.
     progress: called with bytes sent and bytes in all.
     strict: RequestError, and nothing is kept, where there would be `warnings`.
 
@@ -72,6 +76,8 @@ def create_asset(
     parts += _images("stiffness", stiffness)
     for control, images in (controls or {}).items():
         parts += _images(control, images)
+    if shapes is not None:
+        parts.append(_shapes(shapes))
     form = Form(tuple(parts), progress)
     response = yield request("POST", "v1", "assets", params=strictly(strict), content=form)
     made = parse.one(Asset, response)
@@ -114,6 +120,19 @@ def _mesh(mesh: File | Mapping[str, ArrayLike], name: str | None) -> Part:
     if isinstance(mesh, bytes) and name is None:
         raise ValueError("mesh bytes need a name: its extension tells their format")
     return _file("mesh", mesh, name)
+
+
+def _shapes(shapes: File | ArrayLike | Mapping[str, ArrayLike]) -> Part:
+    if isinstance(shapes, Mapping):
+        arrays = {"shapes": np.stack([np.asarray(s) for s in shapes.values()])}
+        packed = npy.pack({**arrays, "names": np.array([str(name) for name in shapes])})
+        return Part("shapes", packed, filename="shapes.npz")
+    if isinstance(shapes, bytes):
+        archive = shapes.startswith(b"PK")
+        return Part("shapes", shapes, filename="shapes.npz" if archive else "shapes.npy")
+    if isinstance(shapes, (str, os.PathLike)):
+        return _file("shapes", shapes, None)
+    return Part("shapes", npy.encode(np.asarray(shapes)), filename="shapes.npy")
 
 
 def _images(field: str, given: Images | None) -> list[Part]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import PurePath
 from typing import Any
 
 from fastapi import APIRouter, Response
@@ -13,12 +14,14 @@ from rhytid.api.schemas import Asset
 from rhytid.api.uploads import decode_json, require
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.controls import CONTROLS
+from rhytid.domain.expressions import Expressions
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.stiffness import Stiffness
 from rhytid.domain.tiles import mesh_udims
 from rhytid.engine.messages import NewAsset
 from rhytid.errors import InputError
 from rhytid.formats.controls import read_controls
+from rhytid.formats.expressions import read_expressions
 from rhytid.formats.graphs import read_graph
 from rhytid.formats.meshes import read_mesh
 from rhytid.formats.stiffness import read_stiffness
@@ -62,7 +65,15 @@ def new_asset(parts: dict[str, Part]) -> NewAsset:
             mesh_udims(read.mesh),
         ),
         force=force,
+        shapes=_shapes(parts["shapes"], read.mesh) if "shapes" in parts else read.expressions,
     )
+
+
+def _shapes(part: Part, mesh: Mesh) -> Expressions:
+    name = part.filename or ""
+    if not PurePath(name).suffix:
+        raise InputError("part shapes has no filename with .npz or .npy: it names the format")
+    return read_expressions(part.data, name, len(mesh.positions), mesh.centre)
 
 
 def _stiffness(parts: dict[str, Part], mesh: Mesh) -> Stiffness:

@@ -1,0 +1,90 @@
+"""Expressions over HTTP and from the SDK: a part, the mesh's own, mistakes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+
+import httpx
+import numpy as np
+import pytest
+
+from api.live import serving
+from api.patch import SETTINGS, obj, positions, upload
+from engine.engines import running
+from formats.writers import npy, npz
+from rhytid_client import Client
+
+SMALL = {**SETTINGS, "unit": "ft", "graph": {"wrinkles": 400}}
+SHAPES = np.stack([positions() * np.float32([0.8, 1, 1]), positions() * np.float32([0.9, 1, 1])])
+
+
+@pytest.fixture(scope="module")
+def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    with running(tmp_path_factory.mktemp("api")) as engine, serving(engine) as client:
+        yield str(client.base_url)
+
+
+def test_every_way_of_sending_them_is_the_same_asset(url: str, tmp_path: Path) -> None:
+    file = tmp_path / "shapes.npz"
+    np.savez(file, shapes=SHAPES, names=np.array(["0000", "0001"]))
+    ways = [SHAPES, file, npy(SHAPES), npz(frames=SHAPES), {"0000": SHAPES[0], "0001": SHAPES[1]}]
+    with closing(Client(url)) as client:
+        made = [client.create_asset(obj(), name="a.obj", settings=SMALL, shapes=w) for w in ways]
+        plain = client.create_asset(obj(), name="a.obj", settings=SMALL)
+        assert len({asset.id for asset in made}) == 1
+        assert plain.id != made[0].id
+        one, other = (client.graph(client.wait(asset)) for asset in (made[0], plain))
+        assert one != other
+        level = {**SMALL, "graph": {"wrinkles": 400, "lines": "level"}}
+        again = client.create_asset(obj(), name="a.obj", settings=level, shapes=SHAPES)
+        assert again.id == plain.id
+
+
+def test_frames_of_the_mesh_file_count_where_there_are_no_shapes(url: str) -> None:
+    rows = [line.split() for line in obj().decode().splitlines()]
+    uv = np.array([[float(x) for x in row[1:]] for row in rows if row[0] == "vt"])
+    quads = [[int(c.split("/")[0]) - 1 for c in row[1:]] for row in rows if row[0] == "f"]
+    faces = np.array([f for q in quads for f in ((q[0], q[1], q[2]), (q[0], q[2], q[3]))])
+    arrays = {"positions": positions(), "faces": faces, "uv": uv, "face_uv": faces}
+    with closing(Client(url)) as client:
+        made = [
+            client.create_asset({**arrays, **more}, settings=SMALL, shapes=shapes).id
+            for more, shapes in (
+                ({}, None), ({}, SHAPES), ({"frames": SHAPES}, None), ({"shapes": SHAPES}, None),
+                ({"frames": SHAPES[:1], "shapes": SHAPES}, None),
+                ({"frames": SHAPES[:1]}, SHAPES), ({"frames": SHAPES[:1]}, None),
+            )
+        ]  # fmt: skip
+    assert len(set(made[1:6])) == 1
+    assert len(set(made)) == 3
+
+
+@pytest.mark.parametrize(
+    ("part", "told"),
+    [
+        (("shapes.npy", npy(SHAPES[:, :20])), "shape (2, 20, 3)"),
+        (("shapes.npy", npy(np.full_like(SHAPES, np.nan))), "frame 0000, vertex 0"),
+        (("shapes", npy(SHAPES)), "part shapes has no filename with .npz or .npy"),
+        (("shapes.obj", obj()), "must be one of .npz, .npy"),
+        (("shapes.npz", b"PK"), "not a readable .npz archive"),
+    ],
+)
+def test_what_cannot_be_used_is_told(url: str, part: tuple[str, bytes], told: str) -> None:
+    refused = httpx.post(f"{url}/v1/assets", files={**upload(), "shapes": part}, timeout=60)
+    assert refused.status_code == 422
+    assert told in refused.json()["detail"]
+
+
+def test_expressions_that_are_asked_for_must_come(url: str) -> None:
+    files = upload(unit="ft", graph={"wrinkles": 200, "lines": "expressions"})
+    refused = httpx.post(f"{url}/v1/assets", files=files, timeout=60)
+    assert refused.status_code == 422
+    assert 'graph.lines is "expressions", and none came' in refused.json()["detail"]
+
+
+def test_the_part_is_documented(url: str) -> None:
+    document = httpx.get(f"{url}/openapi.json").json()
+    form = document["paths"]["/v1/assets"]["post"]["requestBody"]["content"]
+    assert "shapes (E, V, 3)" in str(form["multipart/form-data"]["schema"]["properties"]["shapes"])

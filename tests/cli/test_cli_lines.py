@@ -1,0 +1,79 @@
+"""Lines by expressions on the command line: a folder of OBJ, a file, the mesh's own, none."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cli.running import write_neutral
+from meshes import SmallMesh
+from rhytid.cli import main
+from rhytid.formats.graphs import read_graph
+
+
+def shapes_of(mesh: SmallMesh) -> np.ndarray:
+    factors = np.float32([[0.8, 1, 1], [0.9, 1, 1]])
+    return mesh.positions * factors[:, None]
+
+
+def grown(tmp_path: Path, mesh: Path, *more: str) -> dict[str, bytes]:
+    out = tmp_path / "g.safetensors"
+    command = ["synthesize", str(mesh), "--out", str(out), "--wrinkles", "300", *more]
+    assert main(command) == 0
+    return {name: array.tobytes() for name, array in read_graph(out.read_bytes()).arrays().items()}
+
+
+def write_obj(file: Path, positions: np.ndarray) -> None:
+    file.write_text("".join(f"v {x:.9g} {y:.9g} {z:.9g}\n" for x, y, z in positions))
+
+
+def test_a_folder_a_file_and_the_mesh_itself_say_the_same(
+    tmp_path: Path, small_mesh: SmallMesh
+) -> None:
+    neutral = write_neutral(tmp_path / "mesh.npz", small_mesh)
+    shapes = shapes_of(small_mesh)
+    folder = tmp_path / "shapes"
+    folder.mkdir()
+    for name, shape in zip("ab", shapes, strict=True):
+        write_obj(folder / f"{name}.obj", shape)
+    (folder / "notes.txt").write_text("not a shape")
+    np.save(tmp_path / "s.npy", shapes)
+    np.savez(tmp_path / "own.npz", **small_mesh._asdict(), shapes=shapes)
+    plain = grown(tmp_path, neutral)
+    ways = [
+        grown(tmp_path, neutral, "--shapes", str(folder)),
+        grown(tmp_path, neutral, "--shapes", str(tmp_path / "s.npy"), "--lines", "expressions"),
+        grown(tmp_path, tmp_path / "own.npz"),
+    ]
+    assert ways[0] == ways[1] == ways[2] != plain
+    assert grown(tmp_path, tmp_path / "own.npz", "--lines", "level") == plain
+
+
+def test_mistakes_are_told_with_their_place(
+    tmp_path: Path, small_mesh: SmallMesh, capsys: pytest.CaptureFixture[str]
+) -> None:
+    neutral = str(write_neutral(tmp_path / "mesh.npz", small_mesh))
+    np.save(tmp_path / "few.npy", shapes_of(small_mesh)[:, :5])
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "bad").mkdir()
+    write_obj(tmp_path / "bad" / "smile.obj", small_mesh.positions[:7])
+    out = str(tmp_path / "g.safetensors")
+    for more, told in (
+        (["--lines", "expressions"], 'graph.lines is "expressions", and none came'),
+        (["--shapes", str(tmp_path / "few.npy")], "few.npy: frames have shape (2, 5, 3)"),
+        (["--shapes", str(tmp_path / "empty")], "empty: no OBJ files there"),
+        (["--shapes", str(tmp_path / "bad")], "smile.obj: frame has 7 vertices"),
+    ):
+        assert main(["synthesize", neutral, "--out", out, *more]) != 0
+        assert told in capsys.readouterr().err
+
+
+def test_the_lines_are_drawn_beside_a_preview(tmp_path: Path, small_mesh: SmallMesh) -> None:
+    neutral = write_neutral(tmp_path / "mesh.npz", small_mesh)
+    np.save(tmp_path / "s.npy", shapes_of(small_mesh))
+    preview = tmp_path / "p.png"
+    grown(tmp_path, neutral, "--shapes", str(tmp_path / "s.npy"), "--preview", str(preview))
+    assert preview.exists()
+    assert (tmp_path / "p.lines.png").exists()

@@ -1,0 +1,124 @@
+"""Where the real face folds, from its expressions and from captured frames."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+import face_data
+from rhytid.device.runtime import Device
+from rhytid.domain.expressions import Expressions
+from rhytid.domain.folds import Folds
+from rhytid.domain.mesh import Mesh
+from rhytid.pictures.shade_mesh import vertex_normals
+from rhytid.pipeline.folds import measured_folds
+from rhytid.synthesis.workspace import directly
+
+pytestmark = pytest.mark.face
+
+
+@cache
+def mesh() -> Mesh:
+    face = face_data.load_face()
+    return Mesh(face.positions, face.faces, face.uv.astype(np.float64), face.face_uv)
+
+
+def measured(device: Device, positions: np.ndarray, names: tuple[str, ...] | None = None) -> Folds:
+    shapes = Expressions.checked(positions, len(mesh().positions), names)
+    folds = measured_folds(device, mesh(), shapes, 0.5, "cm", lambda *_: None, directly)
+    assert folds is not None
+    return folds
+
+
+@cache
+def by_expressions(device: Device) -> Folds:
+    face = face_data.load_face()
+    names = face.expression_names
+    return measured(device, np.stack([face.expression(name) for name in names]), names)
+
+
+def lines(folds: Folds) -> np.ndarray:
+    """(V, 3) along the preferred lines."""
+    return np.cross(vertex_normals(mesh().positions, mesh().faces), folds.axes()[2])
+
+
+def near(x: float, y: float, radius: float) -> np.ndarray:
+    """Vertices of the front about a place of both sides of the face, cm."""
+    positions = mesh().positions
+    gap = np.hypot(np.abs(positions[:, 0]) - x, positions[:, 1] - y)
+    return np.flatnonzero((gap < radius) & (positions[:, 2] > 0))
+
+
+def tilt(way: np.ndarray) -> np.ndarray:
+    """Degrees from level, seen from the front, -90 to 90, up and outwards on both sides."""
+    angle = np.degrees(np.arctan2(way[:, 1], way[:, 0]))
+    return (angle + 90.0) % 180.0 - 90.0
+
+
+def test_the_forehead_has_level_lines(device: Device, face: face_data.Face) -> None:
+    folds = by_expressions(device)
+    there = near(3.0, 6.8, 1.6)
+    assert len(there) > 40
+    found = tilt(lines(folds)[there])
+    weight = folds.axes()[0][there]
+    assert np.average(np.abs(found), weights=weight) < 15.0
+    assert np.percentile(np.abs(found), 90) < 25.0
+
+
+def test_crows_feet_fan_out(device: Device, face: face_data.Face) -> None:
+    """From the corner of the eye: upwards above it, downwards below."""
+    way = lines(by_expressions(device))
+    way[:, 0] *= np.sign(mesh().positions[:, 0])
+    level = [float(np.mean(tilt(way[near(6.3, y, 0.5)]))) for y in (4.0, 3.4, 2.8, 2.2, 1.6)]
+    assert (np.diff(level) < -4.0).all()
+    assert level[0] > 15.0
+    assert level[-1] < -5.0
+
+
+def test_lips_have_upright_rays(device: Device, face: face_data.Face) -> None:
+    way = lines(by_expressions(device))
+    for y in (-2.8, -3.8):
+        found = tilt(way[near(0.0, y, 0.5)])
+        assert np.median(90.0 - np.abs(found)) < 15.0
+
+
+def test_captured_frames_say_much_the_same(device: Device, face: face_data.Face) -> None:
+    frames = np.stack([face.captured(i) for i in range(0, 4030, 10)])
+    captured = measured(device, frames)
+    assert captured.moving == 400
+    one, two = by_expressions(device).axes(), captured.axes()
+    turn = np.degrees(np.arccos(np.clip(np.abs((one[2] * two[2]).sum(1)), 0.0, 1.0)))
+    size = one[0] * two[0]
+    assert np.average(turn, weights=size) < 26.0
+    # Where skin is compressed alike in all directions there is no direction to agree on.
+    assert np.average(turn, weights=size * one[1] * two[1]) < 16.0
+
+
+def test_regions_come_by_themselves(device: Device, face: face_data.Face) -> None:
+    folds = by_expressions(device)
+    assert set(folds.regions) == {"forehead", "eye_corner", "lip"}
+    inside = {"forehead": (3.0, 6.8), "eye_corner": (4.8, 2.4), "lip": (0.0, -3.9)}
+    for region, mask in folds.regions.items():
+        assert mask.min() >= 0.0
+        assert mask.max() <= 1.0
+        for name, (x, y) in inside.items():
+            there = mask[near(x, y, 0.4)].mean()
+            assert (there > 0.4) if name == region else (there < 0.05), (region, name, there)
+        # The back of the head, the neck, the tip of the nose and the cheek are of none.
+        for x, y in ((0.0, -14.0), (0.0, 0.0), (6.0, -5.0)):
+            assert mask[near(x, y, 0.5)].max() < 0.05
+        # Soft: hardly more than a third within one edge of 2 mm.
+        edges = mesh().faces[:, :2]
+        short = np.linalg.norm(np.diff(mesh().positions[edges], axis=1)[:, 0], axis=1) < 0.2
+        assert np.abs(np.diff(mask[edges[short]], axis=1)).max() < 0.35
+
+
+def test_names_alone_make_regions(device: Device, face: face_data.Face) -> None:
+    positions = np.stack([face.expression("browInnerUp_L"), face.expression("mouthPucker")])
+    assert measured(device, positions).regions == {}
+    assert set(measured(device, positions, ("browInnerUp_L", "kiss")).regions) == {
+        "forehead",
+        "lip",
+    }
