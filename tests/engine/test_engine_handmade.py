@@ -19,7 +19,7 @@ from reference.inputs import Graph, Shape
 from rhytid.engine.engine import Engine
 from rhytid.formats.graphs import read_graph
 
-SETTINGS = '{"resolution": 256, "tile_size": 64, "depth": 0.05}'
+SETTINGS = '{"preset": "paper", "resolution": 256, "tile_size": 64, "depth": 0.05}'
 
 
 @pytest.fixture

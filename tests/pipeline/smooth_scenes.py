@@ -84,6 +84,7 @@ class Points:
         segments = np.concatenate([centres - extent / 2, extent], axis=1)
         self.wrinkles = self.pores = len(centres)
         self.wrinkle_origins = self.pore_origins = None
+        self.bent, self.response_defines = False, {}
         self.segments = device.upload(segments.astype(np.float32))
         self.centres = device.upload(centres.astype(np.float32))
         self.wrinkle_triangle = self.pore_triangle = device.upload(triangle)
