@@ -16,7 +16,8 @@ from rhytid.errors import InputError, SettingsError
 
 
 def options(**given: object) -> argparse.Namespace:
-    nothing = {"settings": None, "resolution": None, "wrinkles": None, "spacing": None}
+    names = ("settings", "resolution", "wrinkles", "spacing", "lines")
+    nothing: dict[str, object] = dict.fromkeys(names)
     return argparse.Namespace(**{**nothing, **given})
 
 
