@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from reference.drawing import Wrinkles, meet
 from reference.inputs import Array, Graph, Shape
 
-THRESHOLD = 0.2
+THRESHOLD = 0.08
 LEAST = 1.25  # coarse texels
 CARRIED = 1.5
 

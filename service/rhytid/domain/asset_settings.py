@@ -81,7 +81,7 @@ class ShapeSettings:
 
     cushion: the share of the depth of wrinkles that a second, broad layer of them carries, so that
     what lies between furrows swells; `cushion_width` times as wide, meeting with a sharpness of its
-    own. Lines of strength 0.2 or less swell nothing. grain: root mean square of the micro relief
+    own. Lines of strength 0.08 or less swell nothing. grain: root mean square of the micro relief
     between lines, in depths; `grain_size`: its largest wavelength, mesh units. Both are off at 0.
     """
 

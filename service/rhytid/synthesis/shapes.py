@@ -22,7 +22,7 @@ FAINTEST, STRONGEST = 0.03, 0.985
 HALF, CONTRAST = 1.3, 1.5
 # Typical radius of a pore in pore spacings; deviation of its logarithm from one pore to the next
 # and by regions of REGION spacings.
-PORE_SIZE, PORE_VARIATION = 0.30, 0.22
+PORE_SIZE, PORE_VARIATION = 0.38, 0.22
 # How much larger a pore is where primary lines meet.
 HUB = 1.5
 REGION, REGION_VARIATION = 40.0, 0.12
@@ -89,7 +89,7 @@ def pore_weights(
     meeting = total / (total + 2.0 * usual)
     chance = np.exp(np.float32(0.35) * normals(key, _DEPTH, seed))
     chance *= np.sqrt(sizes)
-    strengths: Singles = np.clip(1.1 * meeting * chance, FAINTEST, 1.0).astype(np.float32)
+    strengths: Singles = np.clip(0.6 * meeting * chance, FAINTEST, 1.0).astype(np.float32)
     return strengths
 
 
