@@ -43,7 +43,8 @@ class Frame:
         """The frame turned with a triangle (3, 3), without its stretch: both stay comparable."""
         before, after = _basis(neutral), _basis(deformed)
         left, _, right = np.linalg.svd(after @ np.linalg.inv(before))
-        return Frame(np.asarray(deformed, np.float64).mean(axis=0), self.axes @ (left @ right).T)
+        turn = left @ np.diag((1.0, 1.0, np.linalg.det(left @ right))) @ right
+        return Frame(np.asarray(deformed, np.float64).mean(axis=0), self.axes @ turn.T)
 
     def local(self, points: NDArray[Any]) -> NDArray[np.float64]:
         """(…, 3) coordinates: right, up, to the viewer."""
