@@ -9,6 +9,7 @@ from tests.reference.orthographic import ray_uv, tangent_axes
 
 from rhytid.pictures.crops import spline_samples, spline_slopes
 from rhytid.pictures.relief import flat_light, lit
+from rhytid.pictures.shade_mesh import vertex_normals
 from rhytid.pictures.surface_patch import Frame, surface_patch
 from rhytid.samples.sphere import RADIUS, sphere
 
@@ -156,3 +157,18 @@ def test_a_flat_sheet_is_as_bright_at_grazing_light() -> None:
     x, y, z = flat_light(15.0)[0]
     assert x < 0 < y
     assert np.degrees(np.arcsin(z)) == pytest.approx(15.0)
+
+
+@pytest.mark.parametrize("elevation", [45.0, 15.0])
+def test_the_form_of_the_mesh_is_shaded_and_does_not_burn_out(elevation: float) -> None:
+    mesh = sphere(48)
+    corners = mesh.positions[mesh.faces].astype(np.float64)
+    triangle = int(np.argmax(corners.mean(axis=1)[:, 2]))
+    normals = vertex_normals(mesh.positions, mesh.faces)[mesh.faces]
+    frame = Frame.of(corners[triangle])
+    patch = surface_patch(corners, mesh.triangle_uv(), frame, RADIUS, SIZE, normals)
+    bare = np.zeros((MAP, MAP))
+    formed = patch.picture(bare, elevation, form=True).astype(int)
+    assert formed[8, 8].sum() > formed[-8, -8].sum() + 100
+    assert (formed == 255).all(axis=-1).mean() < 0.01
+    assert np.ptp(patch.picture(bare, elevation)) < 40

@@ -15,6 +15,8 @@ from rhytid.pictures.relief import flat_light, lit
 
 # Sides that a triangle may lie in front of the middle of a patch or behind it.
 _DEPTH = 1.0
+# At most, where the form of the mesh shows: parts of it face the light, and must not burn out.
+_FORM_EXPOSURE = 1.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +90,8 @@ class SurfacePatch:
         normals = self.form.copy() if form else np.tile((0.0, 0.0, 1.0), (*self.uv.shape[:2], 1))
         normals[..., :2] -= self.gradient(displacement)
         normals /= np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-30)
-        colour = lit(normals, *flat_light(elevation))
+        light, exposure = flat_light(elevation)
+        colour = lit(normals, light, min(exposure, _FORM_EXPOSURE) if form else exposure)
         return to_picture(np.where(self.seen.covered[..., None], colour, BACKGROUND))
 
     def _texels(self, size: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
