@@ -11,6 +11,7 @@ from rhytid.pictures.contact_rows import SIZE
 from rhytid.pictures.crops import surface_crop
 from rhytid.pictures.places import Place, find_places
 from rhytid.pictures.sheet import GAP, MARGIN
+from rhytid.pictures.skin_rows import patch_views
 from rhytid.pictures.stretch_colours import Performance
 from rhytid.samples.sphere import RADIUS, sphere, sphere_stretch
 
@@ -86,11 +87,32 @@ def maps(size: int) -> dict[str, NDArray[np.float32]]:
     return {"neutral": redraw * np.float32(0.5), "redraw": redraw, "binned": redraw * 1.1}
 
 
-def test_contact_sheet_has_three_rows_of_five() -> None:
+def test_contact_sheet_has_five_rows_of_five() -> None:
     page = contact_sheet(performance(sphere(32)), maps(256), note="drawn by a test")
     assert page.width == 2 * MARGIN + 5 * SIZE + 4 * GAP
-    assert page.height > 3 * SIZE
+    assert page.height > 5 * SIZE
     assert len(np.unique(np.asarray(page).reshape(-1, 3), axis=0)) > 1000
+
+
+def test_patches_of_a_sheet_lie_on_their_surface() -> None:
+    """Deformed skin shows less of the map where it is stretched, more where it is compressed."""
+    frame = performance(sphere(64))
+    corners = frame.neutral[frame.faces].astype(np.float64)
+    triangle = int(np.argmax(corners.mean(axis=1)[:, 2]))
+    uv = frame.triangle_uv[triangle].mean(axis=0)
+    place = Place(corners[triangle].mean(axis=0), triangle, uv, np.eye(2), np.zeros((2, 2)))
+    views = patch_views(frame, place, 0.5)
+    assert all(view.seen.covered.all() for view in views.values())
+    middle = SIZE // 2
+    for view in views.values():
+        np.testing.assert_allclose(view.uv[middle, middle], uv, atol=2e-3)
+    across, down = (
+        {m: np.linalg.norm(np.ptp(np.take(v.uv, middle, axis), axis=0)) for m, v in views.items()}
+        for axis in (0, 1)
+    )
+    assert across["neutral"] / across["redraw"] == pytest.approx(RATIOS[0], rel=0.02)
+    assert down["neutral"] / down["redraw"] == pytest.approx(RATIOS[1], rel=0.02)
+    assert across["face"] == pytest.approx(2 * across["redraw"], rel=0.05)
 
 
 def test_relative_rms() -> None:

@@ -15,13 +15,12 @@ from rhytid.domain.tiles import triangles_inside, udim_origin
 from rhytid.pictures.colours import diverging
 from rhytid.pictures.contact import relative_rms
 from rhytid.pictures.contact_rows import SIZE, stack, with_places
-from rhytid.pictures.crops import surface_crop
 from rhytid.pictures.images import Picture
 from rhytid.pictures.legends import axis_arrows, blank_strip, scale_bar, wheel_legend
 from rhytid.pictures.places import Place, find_places
-from rhytid.pictures.relief import relief
 from rhytid.pictures.shade_mesh import View, shade_mesh
 from rhytid.pictures.sheet import Panel, sheet
+from rhytid.pictures.skin_rows import STEEP, patch_views
 from rhytid.pictures.stretch_colours import Performance, axis_colours, stretch_bar, stretch_limit
 
 # The side of a crop, in mean pore spacings: wide enough for a pattern, near enough to see it.
@@ -87,8 +86,10 @@ def figure_1(scene: Scene, maps: dict[str, Map]) -> tuple[Image.Image, dict[str,
     rows = [_faces(scene)]
     errors: dict[str, Any] = {}
     for name, place in zip("AB", scene.places, strict=True):
-        crops = {c.title: _crop(scene, place, c, maps[c.title]) for c in columns}
-        rows.append([_skin(scene, name, place, c, crops[c.title]) for c in columns])
+        view = patch_views(scene.performance, place, scene.side)["redraw"]
+        crops = {c.title: view.heights(maps[c.title]) for c in columns}
+        pictures = {c.title: view.picture(maps[c.title], STEEP) for c in columns}
+        rows.append([_skin(scene, name, place, c, pictures[c.title]) for c in columns])
         errors[name] = {c.title: relative_rms(crops[c.title], crops["redraw"]) for c in columns[1:]}
         errors[name]["ratios"] = [float(x) for x in place.principal[0]]
     caption = (
@@ -96,8 +97,8 @@ def figure_1(scene: Scene, maps: dict[str, Map]) -> tuple[Image.Image, dict[str,
         "B the most compressed one. (b) The neutral map on the deformed skin, unchanged. "
         f"{_CONVOLVED if any(c.letter == 'c' for c in columns) else ''}"
         "(d) Every wrinkle redrawn by its stretch. (e) Precomputed maps blended. Crops are "
-        f"{scene.side * scene.unit_mm:.1f} mm wide on the surface that they lie on, heights true "
-        "to scale, one light from the upper left."
+        f"{scene.side * scene.unit_mm:.1f} mm wide on the surface, seen along its normal, heights "
+        "true to scale, one light from the upper left."
     )
     return sheet(rows, caption), errors
 
@@ -123,14 +124,7 @@ def _faces(scene: Scene) -> list[Panel]:
     return panels
 
 
-def _crop(scene: Scene, place: Place, column: Column, heights: Map) -> NDArray[np.float64]:
-    return surface_crop(heights, place, scene.side, SIZE, deformed=True)
-
-
-def _skin(
-    scene: Scene, name: str, place: Place, column: Column, crop: NDArray[np.float64]
-) -> Panel:
-    picture = relief(crop, scene.side / SIZE)
+def _skin(scene: Scene, name: str, place: Place, column: Column, picture: Picture) -> Panel:
     if column is COLUMNS[0]:
         ratios, angles = place.principal
         label = f"to {ratios[0]:.2f} along the arrows\nto {ratios[1]:.2f} across"

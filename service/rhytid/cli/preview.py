@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -20,13 +21,15 @@ from rhytid.engine.messages import MapQuery
 from rhytid.engine.resident import ResidentAsset
 from rhytid.errors import MeshError
 from rhytid.pictures.places import Place, flat_places
-from rhytid.pictures.preview import WHOLE, Patch, WholeMap, preview
-from rhytid.pipeline.elements import BLOCK
+from rhytid.pictures.preview import PATCH, WHOLE, Patch, WholeMap, preview
+from rhytid.pictures.surface_patch import Frame, SurfacePatch, surface_patch
 
 PATCH_MM = 20.0
 MOST_UDIMS = 4
 # Texels between two pores, at least, as far as maps go.
 _DENSITY = 16.0
+# Texels a side of what is drawn at once.
+_DRAWN = 512
 _RESOLUTIONS: list[int] = [2**n for n in range(10, 15)]
 _NEUTRAL = MapQuery("neutral")
 
@@ -51,12 +54,12 @@ def write_preview(
     with _resident(device, mesh, graph, settings) as asset:
         udims = sorted({udim, *mesh_udims(mesh)[:MOST_UDIMS]})
         maps = [_whole(asset, mesh, u) for u in udims[:MOST_UDIMS]]
-        named = zip("AB", places, strict=False)
-        patches = [_patch(asset, name, udim, place, side) for name, place in named]
+        patches = _patches(asset, mesh, udim, places, side)
     caption = (
         f"{graph.counts()[1]} wrinkles, pores {spacing * unit_mm:.3g} mm apart, drawn at "
         f"{settings.resolution} x {settings.resolution} texels. Whole maps are means of many "
-        "texels, their relief exaggerated; patches are true to scale."
+        "texels, their relief exaggerated. Patches are seen on the surface, along its normal, true "
+        "to scale, 45° and grazing light from the upper left."
     )
     preview(maps, patches, unit_mm, caption).save(file, format="png")
 
@@ -107,14 +110,38 @@ def _area(corners: NDArray[np.float64]) -> float:
     return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
 
 
-def _patch(asset: ResidentAsset, name: str, udim: int, place: Place, side: float) -> Patch:
-    """The square of whole blocks around a place that holds its patch."""
+def _patches(
+    asset: ResidentAsset, mesh: Mesh, udim: int, places: tuple[Place, ...], side: float
+) -> list[Patch]:
+    """What the patches of these places show, on one map that is drawn only where they lie."""
+    inside = triangles_inside(mesh, udim)
+    corners = mesh.positions[mesh.faces[inside]].astype(np.float64)
+    uv = mesh.triangle_uv()[inside] - udim_origin(udim)
+    surfaces = [
+        surface_patch(corners, uv, Frame.of(corners[place.triangle]), side, PATCH)
+        for place in places
+    ]
     resolution = asset.settings.resolution
-    reach = 0.5 * side * np.abs(place.to_uv).sum(axis=1) * resolution + 2.0
-    low = np.array([place.uv[0], 1.0 - place.uv[1]]) * resolution - reach
-    column, row = (int(max(x, 0.0)) // BLOCK for x in low)
-    blocks = min(2 + int(2 * reach.max()) // BLOCK, resolution // BLOCK)
-    column, row = (BLOCK * min(i, resolution // BLOCK - blocks) for i in (column, row))
-    heights = asset.drawn(NEUTRAL_FRAME, _NEUTRAL, udim, 0, row, column, BLOCK * blocks)
-    corner = np.array([column, resolution - row - BLOCK * blocks]) / resolution
-    return Patch(name, udim, place, side, heights, corner, 1.0 / resolution)
+    # Memory is taken by the squares that are written, not by the whole map.
+    heights = np.zeros((resolution, resolution), np.float32)
+    drawn = min(_DRAWN, resolution)
+    for row, column in touched_squares(surfaces, resolution, drawn):
+        square = asset.drawn(NEUTRAL_FRAME, _NEUTRAL, udim, 0, row, column, drawn)
+        heights[row : row + drawn, column : column + drawn] = square
+    named = zip("AB", places, surfaces, strict=False)
+    return [Patch(name, udim, p.uv, side, surface, heights) for name, p, surface in named]
+
+
+def touched_squares(
+    surfaces: list[SurfacePatch], resolution: int, side: int
+) -> list[tuple[int, int]]:
+    """Row and column of the squares of `side` texels that the patches read."""
+    found: set[tuple[int, int]] = set()
+    for surface in surfaces:
+        u, v = surface.uv[surface.seen.covered].T
+        texels = np.floor(np.stack([1 - v, u], axis=1) * resolution - 0.5)
+        # A spline reads from one texel before to two after.
+        for shift in itertools.product((-1, 2), repeat=2):
+            squares = np.clip(texels + shift, 0, resolution - 1).astype(np.int64) // side * side
+            found |= {(int(row), int(column)) for row, column in np.unique(squares, axis=0)}
+    return sorted(found)

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from rhytid.errors import InputError
-from rhytid.pictures.contact_rows import METHODS, SIZE, face_row, skin_row
-from rhytid.pictures.crops import surface_crop
-from rhytid.pictures.places import Place, find_places
+from rhytid.pictures.contact_rows import METHODS, face_row
+from rhytid.pictures.places import find_places
 from rhytid.pictures.sheet import sheet
+from rhytid.pictures.skin_rows import grazing_row, patch_views, skin_row
 from rhytid.pictures.stretch_colours import Performance
 
 
@@ -24,7 +24,7 @@ def contact_sheet(
     unit_mm: float = 10.0,
     note: str = "",
 ) -> Image.Image:
-    """One sheet: the face and its stretch above, skin crops of two places below.
+    """One sheet: the face and its stretch above, the skin of two places below.
 
     displacement: (R, R) mesh units, row 0 at the top, by method: neutral, redraw, binned.
     crop_mm: side of a crop on the surface.  unit_mm: millimetres a mesh unit.  note: added to
@@ -36,11 +36,12 @@ def contact_sheet(
     corners = np.asarray(frame.neutral)[frame.faces]
     places = find_places(corners, frame.triangle_uv, frame.axes, frame.ratios, side / 2)
     rows = [face_row(frame, places, side)]
-    crops = [{m: _crop(displacement, place, m, side) for m in METHODS} for place in places]
-    rows += [
-        skin_row(name, place, crop, side, unit_mm)
-        for name, place, crop in zip("AB", places, crops, strict=True)
-    ]
+    crops = []
+    for name, place in zip("AB", places, strict=True):
+        views = patch_views(frame, place, side)
+        crops.append({m: views[m].heights(displacement[m]) for m in METHODS})
+        rows.append(skin_row(name, place, views, displacement, side, unit_mm))
+        rows.append(grazing_row(name, views, displacement, side, unit_mm))
     return sheet(rows, _caption(displacement, crops, crop_mm, note))
 
 
@@ -60,12 +61,6 @@ def _check(displacement: Mapping[str, NDArray[Any]]) -> None:
             raise InputError(f"displacement {method!r} has shape {shape}: three equal squares")
 
 
-def _crop(
-    displacement: Mapping[str, NDArray[Any]], place: Place, method: str, side: float
-) -> NDArray[np.float64]:
-    return surface_crop(displacement[method], place, side, SIZE, method != "neutral")
-
-
 def _caption(
     displacement: Mapping[str, NDArray[Any]],
     crops: list[dict[str, NDArray[Any]]],
@@ -78,8 +73,8 @@ def _caption(
     text = (
         f"A: the most stretched patch, B: the most compressed one, each {crop_mm:g} mm wide on the "
         "surface it is shown on (neutral: undeformed; the others: deformed, so stretched skin "
-        "shows less of the map). Heights are true to scale, read through a cubic B-spline; one "
-        "light from the upper left. "
+        "shows less of the map), seen along the normal at its middle. Heights are true to scale, "
+        "read through a cubic B-spline; one light from the upper left. "
         f"Rms of binned - redraw over rms of redraw: {100 * whole:.1f} % of the whole map "
         f"({resolution} x {resolution} texels), {100 * a:.1f} % in A, {100 * b:.1f} % in B."
     )

@@ -35,8 +35,27 @@ def spline_samples(
     the texels: it smooths by about half a texel (its variance is 1/3 texel²).
     """
     r, c = np.floor(row).astype(np.int64), np.floor(column).astype(np.int64)
-    by_row, by_column = _weights(row - r), _weights(column - c)
-    result = np.zeros(row.shape)
+    return _weighted(values, r, c, _weights(row - r), _weights(column - c))
+
+
+def spline_slopes(
+    values: NDArray[Any], row: NDArray[np.float64], column: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The derivatives of `spline_samples` by row and by column, per texel."""
+    r, c = np.floor(row).astype(np.int64), np.floor(column).astype(np.int64)
+    down = _weighted(values, r, c, _slopes(row - r), _weights(column - c))
+    return down, _weighted(values, r, c, _weights(row - r), _slopes(column - c))
+
+
+def _weighted(
+    values: NDArray[Any],
+    r: NDArray[np.int64],
+    c: NDArray[np.int64],
+    by_row: list[NDArray[np.float64]],
+    by_column: list[NDArray[np.float64]],
+) -> NDArray[np.float64]:
+    """Sums over 4 x 4 texels from (r - 1, c - 1) on; the border is repeated."""
+    result = np.zeros(r.shape)
     for i in range(4):
         y = np.clip(r + i - 1, 0, values.shape[0] - 1)
         for j in range(4):
@@ -52,3 +71,8 @@ def _weights(t: NDArray[np.float64]) -> list[NDArray[np.float64]]:
         (1 + t * (3 + t * (3 - 3 * t))) / 6,
         t**3 / 6,
     ]
+
+
+def _slopes(t: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    """Derivatives of the weights."""
+    return [-((1 - t) ** 2) / 2, t * (3 * t - 4) / 2, (1 + t * (2 - 3 * t)) / 2, t * t / 2]

@@ -4,21 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from rhytid.pictures.crops import surface_crop
 from rhytid.pictures.legends import marked, scale_bar
-from rhytid.pictures.places import Place
 from rhytid.pictures.relief import relief
 from rhytid.pictures.sheet import Panel, sheet
+from rhytid.pictures.surface_patch import SurfacePatch
 
 # Texels and pixels a side.
 WHOLE, PATCH = 512, 720
+# Degrees over the surface: as skin is looked at, and grazing.
+LIGHTS = (45.0, 15.0)
 # Means over many texels have little relief left.
 _EXAGGERATION = 10.0
 _MARK = (178, 32, 32)
@@ -38,35 +39,29 @@ class WholeMap:
 class Patch:
     """A square of `side` mesh units around a place.
 
-    place: in the UV of its UDIM.  heights: (S, S) a square of that UDIM's map which holds the
-    patch.  corner: (2,) uv of its lower left corner.  texel: uv between two texels.
+    uv: (2,) of the place in its UDIM.  surface: (PATCH, PATCH) pixels on the mesh.  heights:
+    (R, R) the map of that UDIM; right where the patch reads it.
     """
 
     name: str
     udim: int
-    place: Place
+    uv: NDArray[np.float64]
     side: float
+    surface: SurfacePatch
     heights: NDArray[Any]
-    corner: NDArray[np.float64]
-    texel: float
-
-    def own(self) -> Place:
-        """The place in a UV that goes from 0 to 1 over the heights."""
-        share = 1.0 / (self.texel * len(self.heights))
-        uv = (self.place.uv - self.corner) * share
-        return replace(self.place, uv=uv, to_uv=self.place.to_uv * share)
 
 
 def preview(
     maps: Sequence[WholeMap], patches: Sequence[Patch], unit_mm: float, caption: str
 ) -> Image.Image:
-    """Whole maps in one row, their relief exaggerated, and patches below at true scale.
+    """Whole maps in one row, their relief exaggerated, and patches below at true scale, each row
+    under one light of LIGHTS.
 
     unit_mm: millimetres in a mesh unit.
     """
     whole = [Panel(f"UDIM {m.udim}", _whole(m, patches)) for m in maps]
-    near = [Panel(f"{p.name}: {p.side * unit_mm:.3g} mm", _patch(p, unit_mm)) for p in patches]
-    return sheet([row for row in (whole, near) if row], caption)
+    near = [[_patch(p, light, unit_mm) for p in patches] for light in LIGHTS]
+    return sheet([row for row in (whole, *near) if row], caption)
 
 
 def _whole(map: WholeMap, patches: Sequence[Patch]) -> Any:
@@ -74,18 +69,16 @@ def _whole(map: WholeMap, patches: Sequence[Patch]) -> Any:
     size = len(map.heights)
     inside = [p for p in patches if p.udim == map.udim]
     boxes = [
-        (p.place.uv * [size, -size] + [0, size], size * p.side / map.side, p.name, _MARK)
-        for p in inside
+        (p.uv * [size, -size] + [0, size], size * p.side / map.side, p.name, _MARK) for p in inside
     ]
     return marked(picture, boxes)
 
 
-def _patch(patch: Patch, unit_mm: float) -> Any:
-    heights = surface_crop(patch.heights, patch.own(), patch.side, PATCH, deformed=False)
-    picture = relief(heights, patch.side / PATCH)
+def _patch(patch: Patch, light: float, unit_mm: float) -> Panel:
     length = _round(0.3 * patch.side * unit_mm)
     pixels = length / unit_mm * PATCH / patch.side
-    return scale_bar(picture, pixels, f"{length:g} mm")
+    picture = scale_bar(patch.surface.picture(patch.heights, light), pixels, f"{length:g} mm")
+    return Panel(f"{patch.name}: {patch.side * unit_mm:.3g} mm, light at {light:g}°", picture)
 
 
 def _round(most: float) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -30,14 +31,29 @@ def relief(
     return to_picture(lit(height_normals(height, texel, exaggeration), light))
 
 
-def lit(normals: NDArray[Any], light: tuple[float, float, float] = LIGHT) -> NDArray[np.float64]:
-    """(H, W, 3) sRGB of skin with unit normals (H, W, 3) under one distant light."""
+def flat_light(elevation: float) -> tuple[tuple[float, float, float], float]:
+    """Light from the upper left, and the exposure that shows a flat sheet as bright as at 45°.
+
+    elevation: over the plane of the picture, degrees, above 0.
+    """
+    angle = math.radians(elevation)
+    across = math.cos(angle) * math.sqrt(0.5)
+    return (-across, across, math.sin(angle)), math.sqrt(0.5) / math.sin(angle)
+
+
+def lit(
+    normals: NDArray[Any], light: tuple[float, float, float] = LIGHT, exposure: float = 1.0
+) -> NDArray[np.float64]:
+    """(H, W, 3) sRGB of skin with unit normals (H, W, 3) under one distant light.
+
+    exposure: multiplies what the light gives, not the light from all around.
+    """
     to_light = np.array(light) / np.linalg.norm(light)
     half = to_light + np.array([0.0, 0.0, 1.0])
     facing = np.clip(normals @ to_light, 0, None)
     mirror = np.clip(normals @ (half / np.linalg.norm(half)), 0, None)
     gloss = sum(strength * mirror**power for strength, power in (_BROAD, _TIGHT))
-    colour: NDArray[np.float64] = _ALBEDO * (_AMBIENT + _DIFFUSE * facing)[..., None]
+    colour: NDArray[np.float64] = _ALBEDO * (_AMBIENT + exposure * _DIFFUSE * facing)[..., None]
     colour += gloss[..., None]
     return colour
 
