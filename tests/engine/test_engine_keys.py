@@ -26,7 +26,7 @@ READ = {
     "angles": ({"angles": "surface"}, ["redraw", "binned"]),
     "r_max": ({"bins": {"r_max": 0.1}}, ["binned"]),
     "bins": ({"bins": {"count": 8, "depth_factored": True}}, ["binned"]),
-    "preset": ({"preset": "best"}, ["binned"]),
+    "preset": ({"preset": "best"}, ["neutral", "redraw", "binned", "convolved"]),
     "convolve": ({"convolve": {"blur_gain": 2.0}}, ["convolved"]),
 }
 
