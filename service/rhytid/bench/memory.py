@@ -16,6 +16,8 @@ GIB = 1 << 30
 # wrinkles. A texel: two maps that are copied; what a case draws into; the triangles beside the
 # precomputed maps; the neutral tiles of `convolved` with their rims, at the widest blur.
 _COPIES, _DRAWN, _PLACED, _NEUTRAL = 8.0, 4.5, 1.6, 11.5
+# Of cushions, at half the resolution where it is finest: a map, and a code of grain.
+_BROAD = 2.0
 # A wrinkle with its pores, a triangle.
 _WRINKLE, _TRIANGLE = 66, 240
 # Bytes on the host: a map that is read in tiles and put together; a wrinkle while it is grown; what
@@ -36,8 +38,12 @@ class Need:
     ) -> Need:
         """What `cases` of a frame need together: what one leaves for the next is kept."""
         a_texel = _COPIES + _DRAWN
+        a_texel += _BROAD if settings.shape.cushion > 0.0 else 0.0
         if {"binned", "precompute"} & set(cases):
-            a_texel += map_count(settings.bins) * settings.bins.bits / 8 + _PLACED
+            bins, codes = settings.bins, settings.bins.bits / 8
+            a_texel += map_count(bins) * codes + _PLACED
+            if settings.shape.cushion > 0.0:
+                a_texel += 0.25 * bins.count * (bins.samples + bins.tilt) * codes
         if "convolved" in cases:
             a_texel += _NEUTRAL
         texels = settings.resolution**2
