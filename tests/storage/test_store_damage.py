@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import shutil
 import tempfile
@@ -175,17 +176,31 @@ def test_an_asset_of_an_older_version_needs_no_overlay(
     assert store.asset(ID).settings == settings
 
 
+# Of <linux/capability.h>: read, write and search whatever the permission bits say.
+_CAPABILITY_VERSION, _DAC_OVERRIDE, _DAC_READ_SEARCH = 0x20080522, 1 << 1, 1 << 2
+
+
+def _bind_root_to_permissions(bound: bool) -> None:
+    """Whether permission bits apply to this thread, where it is of root."""
+    libc = ctypes.CDLL(None, use_errno=True)
+    header = (ctypes.c_uint32 * 2)(_CAPABILITY_VERSION, 0)
+    sets = (ctypes.c_uint32 * 6)()  # effective, permitted, inheritable; then of higher numbers
+    assert libc.capget(header, sets) == 0
+    without = sets[1] & ~(_DAC_OVERRIDE | _DAC_READ_SEARCH)
+    sets[0] = without if bound else sets[1]
+    assert libc.capset(header, sets) == 0
+
+
 @pytest.fixture
 def locked_out() -> Iterator[Path]:
-    """A folder of a user to whom permission bits apply; root is somebody else meanwhile."""
+    """A folder where permission bits apply, to root too."""
     folder = Path(tempfile.mkdtemp())
     root = os.geteuid() == 0
     if root:
-        os.chown(folder, 12345, -1)
-        os.seteuid(12345)
+        _bind_root_to_permissions(True)
     yield folder
     if root:
-        os.seteuid(0)
+        _bind_root_to_permissions(False)
     for path in folder.rglob("*"):
         path.chmod(0o700)
     shutil.rmtree(folder)
