@@ -1,12 +1,7 @@
-// Codes of the grain of a tile, once an asset: noise of the neutral surface in octaves, each
-// 1/sqrt(5) as long as the one before. An octave that the texels of a place do not carry is left
-// out: all of it below two texels a wave, none from three on.
+// Codes of the relief between the lines of a tile, once an asset: noise of the neutral surface in
+// octaves, fine ones of the grain and broad ones of the undulation. An octave that the texels of a
+// place do not carry is left out: all of it below two texels a wave, none from three on.
 #include "noise.clh"
-
-#define OCTAVES 3
-#define FINER 2.23606798f // octave by octave
-
-__constant float SHARES[OCTAVES] = {0.898f, 0.401f, 0.180f}; // as the waves; squares add up to 1
 
 // Turned from octave to octave, so that no cells lie along the axes of a face.
 inline float3 turned(float3 p)
@@ -19,14 +14,42 @@ inline float3 turned(float3 p)
 // those from 1.2 on.
 #define CELLS 2.0f
 
-// triangles: of each texel; `none` has no grain. corners: their UV, three a triangle. planes: of each
-// triangle, in units of the largest wavelength over CELLS: (x, y, z) of its first corner, dX/du, dX/dv, and the
-// most that a step in UV can be long. Outside of a triangle its plane goes on. codes: 32 for the
-// root mean square. Texel (row, column) of a map of `side` texels is the first; `width` a row.
-// Within one code of the same in double.
+// Octaves, each so many times as fine as the one before, and the share of each. Those of the grain
+// are as the waves; those of the undulation as measured on a scanned cheek, where a wave of 4 mm is
+// 2.5 times as high as one of 0.5 mm. The squares add up to 1.
+#define GRAIN_OCTAVES 3
+#define GRAIN_FINER 2.23606798f
+__constant float GRAIN_SHARES[GRAIN_OCTAVES] = {0.898f, 0.401f, 0.180f};
+#define UNDULATION_OCTAVES 4
+#define UNDULATION_FINER 2.0f
+__constant float UNDULATION_SHARES[UNDULATION_OCTAVES] = {0.660f, 0.561f, 0.426f, 0.260f};
+
+// p: in cells of the longest wave.  texel: the most that a texel is long, in the same.  seed: of the
+// first octave; the others count on.
+inline float octaves(float3 p, float texel, int count, float finer, __constant const float *shares,
+                     uint seed)
+{
+    float sum = 0.0f, wave = CELLS;
+    for (int octave = 0; octave < count; octave++) {
+        float carried = clamp(wave / texel - 2.0f, 0.0f, 1.0f);
+        p = turned(p);
+        if (carried > 0.0f)
+            sum += shares[octave] * carried * noise_at(p, seed + octave);
+        p *= finer;
+        wave /= finer;
+    }
+    return sum;
+}
+
+// triangles: of each texel; `none` has no relief. corners: their UV, three a triangle. planes: of each
+// triangle, in units of the largest wavelength of the grain over CELLS: (x, y, z) of its first
+// corner, dX/du, dX/dv, and the most that a step in UV can be long. Outside of a triangle its plane
+// goes on. finer: the largest wavelength of the grain over that of the undulation.  shares: of the
+// grain and the undulation. Texel (row, column) of a map of `side` texels is the first; `width` a
+// row. codes: 32 for the root mean square. Within one code of the same in double.
 __kernel void grain_codes(__global const int *triangles, int none, __global const float *corners,
                           __global const float *planes, int width, int side, int row, int column,
-                          uint seed, __global char *codes)
+                          uint seed, float finer, float2 shares, __global char *codes)
 {
     int i = get_global_id(0), t = triangles[i];
     float sum = 0.0f;
@@ -35,15 +58,14 @@ __kernel void grain_codes(__global const int *triangles, int none, __global cons
         float2 uv = (float2)(column + i % width + 0.5f, side - row - i / width - 0.5f) / (float)side;
         uv -= vload2(3 * t, corners);
         float3 p = vload3(0, plane) + uv.x * vload3(1, plane) + uv.y * vload3(2, plane);
-        float texel = plane[9] / side, wave = CELLS;
-        for (int octave = 0; octave < OCTAVES; octave++) {
-            float carried = clamp(wave / texel - 2.0f, 0.0f, 1.0f);
-            p = turned(p);
-            if (carried > 0.0f)
-                sum += SHARES[octave] * carried * noise_at(p, seed * OCTAVES + octave);
-            p *= FINER;
-            wave *= 1.0f / FINER;
-        }
+        float texel = plane[9] / side;
+        if (shares.x > 0.0f)
+            sum += shares.x * octaves(p, texel, GRAIN_OCTAVES, GRAIN_FINER, GRAIN_SHARES,
+                                      seed * GRAIN_OCTAVES);
+        if (shares.y > 0.0f)
+            sum += shares.y * octaves(finer * p, finer * texel, UNDULATION_OCTAVES,
+                                      UNDULATION_FINER, UNDULATION_SHARES,
+                                      ~(seed * UNDULATION_OCTAVES));
     }
     codes[i] = convert_char_sat_rte(32.0f * sum);
 }

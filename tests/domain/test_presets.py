@@ -64,6 +64,7 @@ PAPER = {
         "least_half_width": 0.0,
         "cushion": 0.0,
         "grain": 0.0,
+        "undulation": 0.0,
     },
 }
 

@@ -49,14 +49,14 @@ def noise_of(asset):
     return drawn(asset) / (SHARE * DEPTH)
 
 
-def expected(mesh, side=SIDE, size=SIZE, seed=1):
+def expected(mesh, side=SIDE, size=SIZE, seed=1, octaves=reference.GRAIN):
     """The reference's noise at every texel, and whether its triangle is sure."""
     points = drawing.crop(0, 0, side, side, side)
     index, margin = locate.locate(points, mesh.triangle_uv(), 16 / side)
     corners = mesh.positions[mesh.faces].astype(np.float64)
     found = reference.grain(
         points, mesh.triangle_uv(), corners, np.maximum(index, 0),
-        mesh.positions.astype(np.float64), size, side, seed,
+        mesh.positions.astype(np.float64), size, side, seed, octaves,
     )  # fmt: skip
     return np.where(index < 0, 0, found).reshape(side, side), (margin > EDGE_BAND), index
 
@@ -69,6 +69,26 @@ def test_noise_is_that_of_the_reference(device, seed):
     sure = sure.reshape(SIDE, SIDE)
     assert np.abs(found - wanted)[sure].max() <= 0.51 * reference.STEP
     assert wanted.std() > 0.5
+
+
+@pytest.mark.parametrize("seed", [1, 2**31 - 1])
+@pytest.mark.parametrize("grain", [0.0, 0.03])
+def test_undulation_is_broad_noise_beside_the_grain(device, seed, grain):
+    mesh, share, size = sheet(), 0.16, 0.5
+    shape = {"grain": grain, "grain_size": SIZE, "undulation": share, "undulation_size": size}
+    found = drawn(asset_of(device, mesh, BARE, shape, graph={"seed": seed})) / DEPTH
+    broad, sure, _ = expected(mesh, size=size, seed=seed, octaves=reference.UNDULATION)
+    wanted = share * broad + grain * expected(mesh, seed=seed)[0]
+    step = np.hypot(share, grain) * reference.STEP
+    assert np.abs(found - wanted)[sure.reshape(SIDE, SIDE)].max() <= 0.51 * step
+    assert broad.std() > 0.5
+
+
+@pytest.mark.parametrize(
+    ("name", "octaves"), [("grain", reference.GRAIN), ("undulation", reference.UNDULATION)]
+)
+def test_octaves_have_the_power_of_one(octaves):
+    assert np.linalg.norm(octaves.shares) == pytest.approx(1.0, abs=1e-3)
 
 
 def test_heights_of_a_frame_are_those_of_the_reference(device):
@@ -121,7 +141,7 @@ def test_noise_has_its_root_mean_square_and_its_band(device):
     asset = asset_of(device, flat, BARE, resolution=512)
     noise = drawn(asset, side=512) / (SHARE * DEPTH)
     carried = np.clip(SIZE * 256 * 5.0 ** -np.array([0, 0.5, 1]) - 2, 0, 1)
-    wanted = np.linalg.norm(reference.SHARES * carried)
+    wanted = np.linalg.norm(reference.GRAIN.shares * carried)
     assert noise.std() == pytest.approx(wanted, rel=0.05)
     power = np.abs(np.fft.fft2(noise * np.outer(*2 * [np.hanning(512)]))) ** 2
     f = np.fft.fftfreq(512, 2 / 512)
@@ -181,9 +201,10 @@ def tile_of(asset, frame, method, row=0, column=0, sampling="nearest"):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_grain_0_is_as_before_bit_for_bit(device, method):
+def test_relief_of_0_is_as_before_bit_for_bit(device, method):
     frame = Frame.of(deform(sheet().positions, 3, 0.15))
-    shapes = ({}, {"grain": 0.0, "grain_size": 0.5})
+    off = {"grain": 0.0, "grain_size": 0.5, "undulation": 0.0, "undulation_size": 0.5}
+    shapes = ({}, off)
     maps = [tile_of(asset_of(device, shape=shape), frame, method) for shape in shapes]
     np.testing.assert_array_equal(*maps)
 
@@ -237,5 +258,7 @@ def test_settings_change_without_synthesis(device):
 @pytest.mark.parametrize(("unit", "size"), [("mm", 0.2), ("cm", 0.02), ("m", 2e-4), ("ell", 0.036)])
 def test_the_usual_size_is_a_fifth_of_a_millimetre(unit, size):
     assert settings_of(unit=unit).resolved(0.1).shape.grain_size == pytest.approx(size)
-    given = settings_of(unit=unit, shape={"grain_size": 3.0})
+    assert settings_of(unit=unit).resolved(0.1).shape.undulation_size == pytest.approx(20 * size)
+    given = settings_of(unit=unit, shape={"grain_size": 3.0, "undulation_size": 7.0})
     assert given.resolved(0.1).shape.grain_size == 3.0
+    assert given.resolved(0.1).shape.undulation_size == 7.0

@@ -1,6 +1,8 @@
-"""Micro relief: noise of the place in space, in octaves, as much of it as texels carry."""
+"""Relief between lines: noise of the place in space, in octaves, as much of it as texels carry."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -9,14 +11,29 @@ from reference.inputs import Array, Indices
 
 STEP = 1 / 32
 CELLS = 2  # of the noise to a wave: half of its power is in waves of 1.9 cells and longer
-FINER = 5**0.5
-SHARES = (0.898, 0.401, 0.180)
 TURN = np.array([[0.0, 0.8, 0.6], [-0.8, 0.36, -0.48], [-0.6, -0.48, 0.64]])
+
+
+@dataclass(frozen=True)
+class Octaves:
+    """finer: each than the one before.  inverted: seeds count from the complement."""
+
+    finer: float
+    shares: tuple[float, ...]
+    inverted: bool = False
+
+    def seed(self, seed: int, octave: int) -> int:
+        first = seed * len(self.shares)
+        return ((~first if self.inverted else first) + octave) % 2**32
+
+
+GRAIN = Octaves(5**0.5, (0.898, 0.401, 0.180))
+UNDULATION = Octaves(2.0, (0.660, 0.561, 0.426, 0.260), inverted=True)
 
 
 def grain(
     points: Array, uv: Array, corners: Array, triangle: Indices, places: Array, size: float,
-    texels: int, seed: int,
+    texels: int, seed: int, octaves: Octaves = GRAIN,
 ) -> Array:  # fmt: skip
     """(P,) noise of root mean square 1 at points (P, 2) in UV of known triangles (P,).
 
@@ -31,11 +48,11 @@ def grain(
     place *= CELLS / size
     texel = np.linalg.norm(jacobian, ord=2, axis=(1, 2)) / texels / size
     total = np.zeros(len(points))
-    for octave, share in enumerate(SHARES):
+    for octave, share in enumerate(octaves.shares):
         place = place @ TURN.T
-        carried = np.clip(FINER**-octave / texel - 2, 0, 1)
-        total += share * carried * noise(place, seed * len(SHARES) + octave)
-        place = place * FINER
+        carried = np.clip(octaves.finer**-octave / texel - 2, 0, 1)
+        total += share * carried * noise(place, octaves.seed(seed, octave))
+        place = place * octaves.finer
     return total
 
 

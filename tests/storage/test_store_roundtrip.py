@@ -195,7 +195,8 @@ def test_folder_that_is_a_file(tmp_path: Path) -> None:
 def test_settings_from_before_new_keys_draw_as_they_did(settings: AssetSettings) -> None:
     """A record that says nothing of arcs, knees, cushions and grain has none of them."""
     stored, new = settings.as_json(), PRESETS["paper"]
-    later = {"grain_size", "cushion_width", "cushion_sharpness"} | new.shape.keys()
+    later = {"grain_size", "undulation_size", "cushion_width", "cushion_sharpness"}
+    later |= new.shape.keys()
     later -= {"wrinkle_bulge"}
     assert later < stored["shape"].keys()
     assert new.response.keys() < stored["response"].keys()

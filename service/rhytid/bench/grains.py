@@ -14,6 +14,7 @@ from rhytid.pipeline.grain import (
     grain_codes,
     grain_gains,
     grain_place,
+    relief,
     tiles_of_square,
 )
 from rhytid.pipeline.locate import UdimTriangles
@@ -33,7 +34,7 @@ class Grains:
         self._codes: dict[Square, Buffer] = {}
         self._places: dict[Square, GrainPlace] = {}
         self._planes: GrainPlanes | None = None
-        if settings.shape.grain > 0.0:
+        if relief(settings) > 0.0:
             assert settings.shape.grain_size is not None
             self._planes = GrainPlanes(device, mesh, settings.shape.grain_size)
 

@@ -9,10 +9,10 @@ from typing import Any
 from rhytid.domain.checked import choice, number, power_of_two, read, text, whole
 from rhytid.domain.expressions import LINES
 from rhytid.domain.graph_origin import GraphOrigin
-from rhytid.domain.lengths import Lengths, usual_spacing
+from rhytid.domain.lengths import GRAIN, UNDULATION, Lengths, usual_spacing
 from rhytid.domain.regions import REGIONS, WHOLE_FACE
 from rhytid.domain.tiles import TileGrid
-from rhytid.domain.units import USUAL_UNIT, millimetres
+from rhytid.domain.units import USUAL_UNIT
 from rhytid.errors import SettingsError
 
 MOST_WRINKLES = 40_000_000
@@ -82,7 +82,9 @@ class ShapeSettings:
     cushion: the share of the depth of wrinkles that a second, broad layer of them carries, so that
     what lies between furrows swells; `cushion_width` times as wide, meeting with a sharpness of its
     own. Lines of strength 0.08 or less swell nothing. grain: root mean square of the micro relief
-    between lines, in depths; `grain_size`: its largest wavelength, mesh units. Both are off at 0.
+    between lines, in depths; `grain_size`: its largest wavelength, mesh units; `undulation` and
+    `undulation_size`: the same of broad swells, of waves down to an eighth of the largest. All are
+    off at 0.
     """
 
     # Above 9 a bulge would rise over the depth of its furrow, past what the sums can hold.
@@ -100,6 +102,8 @@ class ShapeSettings:
     cushion_sharpness: float = number(5.0, 0.1, 12.0)
     grain: float = number(0.02, 0.0, 1.0)
     grain_size: float | None = number(None, 1e-30, 1e30)
+    undulation: float = number(0.2, 0.0, 1.0)
+    undulation_size: float | None = number(None, 1e-30, 1e30)
 
 
 @dataclass(frozen=True)
@@ -142,6 +146,7 @@ _PAPER_SHAPE = {
     "least_half_width": 0.0,
     "cushion": 0.0,
     "grain": 0.0,
+    "undulation": 0.0,
 }
 
 
@@ -176,12 +181,6 @@ class ConvolveSettings:
     blur_gain: float = number(4.0, 0.0, 64.0)
     sharpen_gain: float = number(4.0, 0.0, 64.0)
     sigma: float | None = number(None, 1e-30, 1e30)
-
-
-# Of the largest wave of the grain where the unit is known, and in units of the mean pore spacing
-# where it is not.
-GRAIN_MILLIMETRES = 0.2
-GRAIN_OF_SPACING = 0.36
 
 
 @dataclass(frozen=True)
@@ -246,11 +245,15 @@ class AssetSettings:
     def with_lengths(self, lengths: Lengths) -> AssetSettings:
         """A copy with the lengths that are not set yet."""
         depth, sigma = self.depth, self.convolve.sigma
-        frequency = self.shape.wave_frequency
+        shape = self.shape
+        frequency = shape.wave_frequency
         if frequency is None:
             frequency = lengths.wave_frequency
         shape = replace(
-            self.shape, wave_frequency=frequency, grain_size=self._grain_size(lengths.spacing)
+            shape,
+            wave_frequency=frequency,
+            grain_size=GRAIN.resolved(shape.grain_size, self.length_unit, lengths),
+            undulation_size=UNDULATION.resolved(shape.undulation_size, self.length_unit, lengths),
         )
         return replace(
             self,
@@ -259,13 +262,6 @@ class AssetSettings:
             shape=shape,
             convolve=replace(self.convolve, sigma=lengths.sigma if sigma is None else sigma),
         )
-
-    def _grain_size(self, spacing: float) -> float:
-        """That which is set, else the usual one of skin where the unit is known."""
-        if self.shape.grain_size is not None:
-            return self.shape.grain_size
-        length = millimetres(self.length_unit)
-        return GRAIN_OF_SPACING * spacing if length is None else GRAIN_MILLIMETRES / length
 
     def lengths(self, spacing: float) -> Lengths:
         """Those of resolved settings.  spacing: of the pores, mesh units."""

@@ -66,3 +66,22 @@ def usual_spacing(unit: str) -> float:
             + ", ".join(MILLIMETRES)
         )
     return SKIN.spacing / length
+
+
+@dataclass(frozen=True)
+class LargestWave:
+    """Of a relief between the lines: in millimetres, and in units of the spacing of the pores."""
+
+    millimetres: float
+    of_spacing: float
+
+    def resolved(self, given: float | None, unit: str, lengths: Lengths) -> float:
+        """Mesh units: what is given, else by the unit where that is a length, else by spacing."""
+        if given is not None:
+            return given
+        length = millimetres(unit)
+        return self.of_spacing * lengths.spacing if length is None else self.millimetres / length
+
+
+GRAIN = LargestWave(millimetres=0.2, of_spacing=0.36)
+UNDULATION = LargestWave(millimetres=4.0, of_spacing=7.2)

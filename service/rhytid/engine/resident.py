@@ -17,6 +17,7 @@ from rhytid.pipeline.bin_maker import BinMaker, BinTile
 from rhytid.pipeline.bins import map_count
 from rhytid.pipeline.blend import Coefficients
 from rhytid.pipeline.elements import BLOCK
+from rhytid.pipeline.grain import relief
 from rhytid.pipeline.levels import Draw, render_to_host
 from rhytid.pipeline.neutral_tiles import NeutralTile, NeutralTiles
 from rhytid.pipeline.redraw import ScaleBuffers, redrawing, respond
@@ -157,7 +158,7 @@ class ResidentAsset(ResidentFrames):
 
     @property
     def _shows_grain(self) -> bool:
-        return self.settings.shape.grain > 0.0
+        return relief(self.settings) > 0.0
 
     def _place(self, address: TileAddress) -> tuple[int, int]:
         """Row and column of a tile's first texel."""

@@ -15,6 +15,7 @@ from rhytid.pipeline.grain import (
     grain_codes,
     grain_gains,
     grain_place,
+    relief,
     tiles_of_square,
 )
 from rhytid.pipeline.levels import Draw
@@ -43,7 +44,7 @@ class ResidentFrames(ResidentParts):
 
     def _grained(self, draw: Draw, frame: Frame, query: MapQuery, udim: int) -> Draw:
         """As `draw`, with the grain of a frame added."""
-        if self.settings.shape.grain == 0.0:
+        if relief(self.settings) == 0.0:
             return draw
 
         def grained(row: int, column: int, side: int) -> Buffer:

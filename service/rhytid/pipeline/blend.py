@@ -33,7 +33,7 @@ from rhytid.pipeline.cushion_bins import (
 )
 from rhytid.pipeline.cushion_elements import APRON
 from rhytid.pipeline.elements import SCALE_LIMIT, response_defines
-from rhytid.pipeline.grain import grain_amplitude, grain_gains
+from rhytid.pipeline.grain import grain_amplitude, grain_gains, relief
 from rhytid.pipeline.locate import UdimTriangles
 from rhytid.pipeline.smooth import SmoothFields
 from rhytid.pipeline.stretch_buffers import StretchBuffers
@@ -123,7 +123,7 @@ class Blend:
         """What the codes of each layer are multiplied by in each triangle: where it stands between
         the samples and the depth scale that its maps lack (Alg. 3, lines 6 to 10)."""
         own = self._own_coefficients(stretch)
-        grainy = self._settings.shape.grain > 0.0
+        grainy = relief(self._settings) > 0.0
         gains = grain_gains(self._device, self._settings, stretch) if grainy else None
         return Coefficients(own, gains)
 

@@ -33,7 +33,7 @@ def cushion_settings(settings: AssetSettings) -> AssetSettings:
     """Those that the maps of the layer are made and blended with: heights of one sign, which meet
     across bins as within."""
     sharpness = settings.shape.cushion_sharpness
-    shape = replace(settings.shape, sharpness=sharpness, slots=1, grain=0.0)
+    shape = replace(settings.shape, sharpness=sharpness, slots=1, grain=0.0, undulation=0.0)
     return replace(settings, bins=replace(settings.bins, merge="signed"), shape=shape)
 
 

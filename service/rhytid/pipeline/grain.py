@@ -1,4 +1,5 @@
-"""Micro relief between the lines: noise of the neutral surface, the same on both sides of a seam.
+"""Relief between the lines, fine grain and broad undulation: noise of the neutral surface, the same
+on both sides of a seam.
 Kernels: grain_codes.cl, grain.cl, grain_smooth.cl.
 
 Its codes are made once for a tile and kept; a frame only says how much of it shows.
@@ -6,6 +7,7 @@ Its codes are made once for a tile and kept; a frame only says how much of it sh
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from itertools import product
 
@@ -63,7 +65,9 @@ def grain_codes(
     device: Device, planes: GrainPlanes, located: UdimTriangles, settings: AssetSettings,
     square: tuple[int, int, int],
 ) -> Buffer:  # fmt: skip
-    """int8 of each texel of a square (row, column, texels a side) of level 0."""
+    """int8 of each texel of a square (row, column, texels a side) of level 0.
+
+    settings: resolved, with a relief."""
     row, column, side = square
     triangles = located.texels(settings.resolution, row, column, side)
     codes = device.empty(side * side, np.int8)
@@ -71,7 +75,7 @@ def grain_codes(
         "grain_codes", "grain_codes", (side * side,),
         triangles, located.none, located.corners, planes.values, np.int32(side),
         np.int32(settings.resolution), np.int32(row), np.int32(column),
-        np.uint32(settings.graph.seed), codes,
+        np.uint32(settings.graph.seed), *_shares(settings), codes,
     )  # fmt: skip
     device.finish()
     triangles.release()
@@ -96,7 +100,23 @@ def grain_place(
 def grain_amplitude(settings: AssetSettings) -> float:
     """Displacement of one code in the neutral, mesh units."""
     assert settings.depth is not None
-    return settings.shape.grain * settings.depth / CODES
+    return relief(settings) * settings.depth / CODES
+
+
+def relief(settings: AssetSettings) -> float:
+    """Root mean square of grain and undulation together, depths; 0 where there is none."""
+    return math.hypot(settings.shape.grain, settings.shape.undulation)
+
+
+def _shares(settings: AssetSettings) -> tuple[np.float32, NDArray[np.float32]]:
+    """How many times as fine the grain is as the undulation, and the share of each."""
+    shape = settings.shape
+    assert shape.grain_size is not None
+    assert shape.undulation_size is not None
+    parts = np.array([shape.grain, shape.undulation], np.float32)
+    return np.float32(shape.grain_size / shape.undulation_size), parts / np.float32(
+        relief(settings)
+    )
 
 
 def grain_exponent(settings: AssetSettings) -> float:
