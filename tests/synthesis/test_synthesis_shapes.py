@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rhytid.domain.mesh import Mesh
-from rhytid.synthesis.shapes import edge_weights, half_widths_uv, pore_ellipses
+from rhytid.synthesis.pore_shapes import ALONG, pore_axes, pore_ellipses
+from rhytid.synthesis.shapes import edge_weights, half_widths_uv
 from rhytid.synthesis.surface import Surface
 
 entries = st.floats(-3, 3, allow_nan=False)
@@ -37,18 +38,53 @@ def test_the_rim_of_a_line_is_its_width_away_on_the_surface(surface: Surface, an
     assert np.linalg.norm(across) == pytest.approx(0.07, rel=1e-6)
 
 
-@given(slanted(), angles)
-def test_the_rim_of_a_pore_is_its_radius_away_on_the_surface(
-    surface: Surface, angle: float
+@given(slanted(), angles, angles, st.floats(1, 3))
+def test_the_rim_of_a_pore_is_its_ellipse_on_the_surface(
+    surface: Surface, angle: float, axis: float, longer: float
 ) -> None:
     triangle, radius = np.array([0]), np.array([0.05])
-    metric, circle = pore_ellipses(surface, triangle, radius)
+    metric, circle = pore_ellipses(surface, triangle, radius, np.array([axis]), np.array([longer]))
     uu, uv, vv = metric[0]
     d = np.array([np.cos(angle), np.sin(angle)])
     d /= np.sqrt(uu * d[0] ** 2 + 2 * uv * d[0] * d[1] + vv * d[1] ** 2)
-    assert np.linalg.norm(surface.along(triangle, d[None])) == pytest.approx(0.05, rel=1e-6)
+    rim = surface.along(triangle, d[None])[0]
+    long, wide = 0.05 * np.sqrt(longer), 0.05 / np.sqrt(longer)
+    along, across = (_along_axis(surface, a) for a in (axis, axis + np.pi / 2))
+    assert np.hypot(rim @ along / long, rim @ across / wide) == pytest.approx(1.0, rel=1e-5)
     # The circle covers as much of the map as the ellipse.
-    assert circle[0] ** 2 == pytest.approx(1 / np.sqrt(uu * vv - uv * uv), rel=1e-6)
+    assert circle[0] ** 2 == pytest.approx(1 / np.sqrt(uu * vv - uv * uv), rel=1e-5)
+
+
+def _along_axis(surface: Surface, angle: float) -> np.ndarray:
+    """The direction in space that is `angle` from ∂X/∂u towards ∂X/∂v in the first triangle."""
+    u, v = surface.jacobian[0].T
+    first = u / np.linalg.norm(u)
+    second = v - (v @ first) * first
+    return np.cos(angle) * first + np.sin(angle) * second / np.linalg.norm(second)
+
+
+@given(slanted(), st.lists(angles, min_size=1, max_size=6))
+def test_pores_are_long_along_the_lines_that_meet_at_them(
+    surface: Surface, runs: list[float]
+) -> None:
+    """Lines from one pore to others, by angle on the surface; one line more leaves the map."""
+    key = np.arange(400, dtype=np.uint32)
+    triangle = np.zeros(len(key), int)
+    goes = np.stack([_along_axis(surface, angle) for angle in runs])
+    step = goes @ np.linalg.pinv(surface.jacobian[0]).T
+    ends = np.array([[pore, (pore + 1) % len(key)] for pore in key for _ in runs])
+    ends = np.concatenate([ends, [[0, len(key)]]])
+    step = np.concatenate([np.tile(step, (len(key), 1)), [[0.0, 1.0]]])
+    weight = np.full(len(ends), 0.5)
+    weight[-1] = 1e6
+    angle, longer = pore_axes(surface, triangle, ends, step, weight, key, 7)
+    mean = np.exp(2j * np.array(runs)).mean()
+    assert longer.min() >= 1
+    assert np.median(longer) == pytest.approx(max(1 + ALONG * abs(mean), 1), abs=0.06)
+    off = np.angle(np.exp(2j * (angle - 0.5 * np.angle(mean)))) / 2
+    if abs(mean) > 1e-3:
+        assert np.abs(np.median(off)) < np.radians(3)
+        assert np.degrees(off.std()) == pytest.approx(12, rel=0.2)
 
 
 def test_weights_rise_with_strength_and_stay_below_one() -> None:

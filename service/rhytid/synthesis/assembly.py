@@ -16,6 +16,7 @@ from rhytid.synthesis.drawing import Lines
 from rhytid.synthesis.even_skin import Usual
 from rhytid.synthesis.hashes import place_keys
 from rhytid.synthesis.net import Ground
+from rhytid.synthesis.pore_shapes import pore_axes, pore_ellipses
 from rhytid.synthesis.progress import Progress
 from rhytid.synthesis.rows import row_blocks
 from rhytid.synthesis.surface import Points
@@ -67,7 +68,10 @@ def assemble(
     size *= np.float32(shapes.PORE_SIZE * spacing)
     _scale(depth, fields.pore_strength(pores.triangle, pores.uv))
     _scale(weight, factor)
-    metric, radius = shapes.pore_ellipses(ground.surface, pores.triangle, size)
+    axes = pore_axes(
+        ground.surface, pores.triangle, lines.nodes[first], lines.step[first], strengths, key, seed
+    )
+    metric, radius = pore_ellipses(ground.surface, pores.triangle, size, *axes)
     progress(0.8, "shapes")
     none = np.zeros(len(lines.owner), np.float32)
     ends = ends_of(ground, pores, lines, weight, half_width, width)

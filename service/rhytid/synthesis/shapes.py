@@ -91,20 +91,3 @@ def pore_weights(
     chance *= np.sqrt(sizes)
     strengths: Singles = np.clip(0.6 * meeting * chance, FAINTEST, 1.0).astype(np.float32)
     return strengths
-
-
-def pore_ellipses(surface: Surface, triangle: Triangles, radius: Floats) -> tuple[Singles, Singles]:
-    """UV metrics (N, 3) and UV radii (N,) of pores that are round on the surface.
-
-    The rim |J d| = r is dᵀ(JᵀJ/r²)d = 1; the circle of the same area has the UV radius
-    r / det(JᵀJ)^¼. No pore reaches as far as 1 in UV.
-    """
-    metric, circle = np.empty((len(radius), 3), np.float32), np.empty(len(radius), np.float32)
-    u, v = surface.jacobian.transpose(2, 0, 1)
-    form = np.stack([(u * u).sum(-1), (u * v).sum(-1), (v * v).sum(-1)], axis=-1)
-    for rows in row_blocks(len(radius)):
-        at = triangle[rows]
-        held = np.minimum(radius[rows].astype(np.float64), 0.9 * surface.narrowest[at])
-        metric[rows] = form[at] / held[:, None] ** 2
-        circle[rows] = held / np.sqrt(surface.density[at])
-    return metric, circle
