@@ -15,14 +15,13 @@ inline float3 turned(float3 p)
 #define CELLS 2.0f
 
 // Octaves, each so many times as fine as the one before, and the share of each. Those of the grain
-// are as the waves; those of the undulation as measured on a scanned cheek, where a wave of 4 mm is
-// 2.5 times as high as one of 0.5 mm. The squares add up to 1.
+// are as the waves; those of the undulation are what a scanned cheek has beside its lines. The squares add up to 1.
 #define GRAIN_OCTAVES 3
 #define GRAIN_FINER 2.23606798f
 __constant float GRAIN_SHARES[GRAIN_OCTAVES] = {0.898f, 0.401f, 0.180f};
 #define UNDULATION_OCTAVES 4
 #define UNDULATION_FINER 2.0f
-__constant float UNDULATION_SHARES[UNDULATION_OCTAVES] = {0.660f, 0.561f, 0.426f, 0.260f};
+__constant float UNDULATION_SHARES[UNDULATION_OCTAVES] = {0.739f, 0.517f, 0.370f, 0.222f};
 
 // p: in cells of the longest wave.  texel: the most that a texel is long, in the same.  seed: of the
 // first octave; the others count on.

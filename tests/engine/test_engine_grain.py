@@ -258,7 +258,7 @@ def test_settings_change_without_synthesis(device):
 @pytest.mark.parametrize(("unit", "size"), [("mm", 0.2), ("cm", 0.02), ("m", 2e-4), ("ell", 0.036)])
 def test_the_usual_size_is_a_fifth_of_a_millimetre(unit, size):
     assert settings_of(unit=unit).resolved(0.1).shape.grain_size == pytest.approx(size)
-    assert settings_of(unit=unit).resolved(0.1).shape.undulation_size == pytest.approx(20 * size)
+    assert settings_of(unit=unit).resolved(0.1).shape.undulation_size == pytest.approx(30 * size)
     given = settings_of(unit=unit, shape={"grain_size": 3.0, "undulation_size": 7.0})
     assert given.resolved(0.1).shape.grain_size == 3.0
     assert given.resolved(0.1).shape.undulation_size == 7.0

@@ -28,7 +28,7 @@ class Octaves:
 
 
 GRAIN = Octaves(5**0.5, (0.898, 0.401, 0.180))
-UNDULATION = Octaves(2.0, (0.660, 0.561, 0.426, 0.260), inverted=True)
+UNDULATION = Octaves(2.0, (0.739, 0.517, 0.370, 0.222), inverted=True)
 
 
 def grain(

@@ -102,7 +102,7 @@ class ShapeSettings:
     cushion_sharpness: float = number(5.0, 0.1, 12.0)
     grain: float = number(0.02, 0.0, 1.0)
     grain_size: float | None = number(None, 1e-30, 1e30)
-    undulation: float = number(0.2, 0.0, 1.0)
+    undulation: float = number(0.18, 0.0, 1.0)
     undulation_size: float | None = number(None, 1e-30, 1e30)
 
 

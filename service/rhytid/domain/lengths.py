@@ -84,4 +84,4 @@ class LargestWave:
 
 
 GRAIN = LargestWave(millimetres=0.2, of_spacing=0.36)
-UNDULATION = LargestWave(millimetres=4.0, of_spacing=7.2)
+UNDULATION = LargestWave(millimetres=6.0, of_spacing=10.8)
