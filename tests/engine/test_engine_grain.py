@@ -84,9 +84,7 @@ def test_undulation_is_broad_noise_beside_the_grain(device, seed, grain):
     assert broad.std() > 0.5
 
 
-@pytest.mark.parametrize(
-    ("name", "octaves"), [("grain", reference.GRAIN), ("undulation", reference.UNDULATION)]
-)
+@pytest.mark.parametrize("octaves", [reference.GRAIN, reference.UNDULATION])
 def test_octaves_have_the_power_of_one(octaves):
     assert np.linalg.norm(octaves.shares) == pytest.approx(1.0, abs=1e-3)
 
