@@ -30,7 +30,6 @@ from rhytid.cli.reporting import share_bar
 from rhytid.domain.asset_settings import AssetSettings, GraphSettings
 from rhytid.domain.expressions import grown_from
 from rhytid.domain.graph_origin import GraphOrigin
-from rhytid.domain.lengths import Lengths
 from rhytid.domain.units import USUAL_UNIT
 from rhytid.errors import InputError
 
@@ -100,7 +99,7 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     with share_bar("synthesis") as show:
         clock, seconds = clocked(show)
         made = synthesize(mesh, settings, device, clock, controls=controls, folds=folds)
-    graph = replace(made.graph, origin=GraphOrigin.of(mesh, unit, Lengths.of(made.spacing)))
+    graph = replace(made.graph, origin=GraphOrigin.of(mesh, unit, made.lengths))
     whole_file(out, [write_graph(graph)])
     facts = {"file": str(out), "seconds": seconds, "warnings": warned.figures()}
     write_outputs(arguments, device, mesh, graph, facts)

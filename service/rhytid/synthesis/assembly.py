@@ -112,6 +112,8 @@ def _lines(
         wide[rows] = width
         half_width[rows] = shapes.half_widths_uv(ground.surface, triangle, step, width)
         factor[rows] = fields.strength(triangle, middle)
+        if fields.some_contrast:
+            factor[rows] *= weight[rows] ** (fields.contrast(triangle, middle) - 1.0)
     second = np.flatnonzero(lines.copy_of != ORIGINAL)
     factor[second] = factor[lines.copy_of[second]]  # both halves across a seam are one wrinkle
     return weight, factor, half_width, wide
