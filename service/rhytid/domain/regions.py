@@ -24,7 +24,7 @@ class Old:
     anisotropy: float = 1.2
     scale: float = 1.1
     pore_radius: float = 1.1
-    contrast: float = 1.35
+    contrast: float = 1.25
 
 
 @dataclass(frozen=True)
@@ -54,23 +54,23 @@ REGIONS: dict[str, Region] = {
     WHOLE_FACE: Region(),
     # Long level lines, coarse and deep, that hardly branch; pores of medium size.
     "forehead": Region(
-        density=0.8,
+        density=1.0,
         strength=1.25,
         anisotropy=1.85,
         bend=0.3,
         scale=1.2,
         pore_radius=0.9,
-        old=Old(strength=1.2),
+        old=Old(strength=1.2, contrast=1.3),
     ),
     # Led by large pores; a fine net of rhombi without much of a direction, faint.
     "cheek": Region(
-        density=0.9,
+        density=0.85,
         strength=0.8,
         pore_strength=1.4,
         anisotropy=0.4,
         scale=0.85,
         pore_radius=1.35,
-        old=Old(strength=1.1, anisotropy=1.5, pore_strength=1.1, pore_radius=1.15),
+        old=Old(strength=1.3, anisotropy=1.5, pore_strength=1.1, pore_radius=1.15, contrast=1.15),
     ),
     # The largest pores of the face, close together; lines so faint that pores stand alone.
     "nose": Region(
@@ -80,7 +80,7 @@ REGIONS: dict[str, Region] = {
         anisotropy=0.2,
         scale=0.7,
         pore_radius=1.7,
-        old=Old(strength=1.2, anisotropy=1.0, pore_strength=1.3, pore_radius=1.2, contrast=1.15),
+        old=Old(strength=1.2, anisotropy=1.0, pore_strength=1.15, pore_radius=1.2, contrast=1.1),
     ),
     # Furrows across the lip, upright and fine, next to no pores to see.
     "lip": Region(
@@ -92,7 +92,7 @@ REGIONS: dict[str, Region] = {
         bend=0.4,
         scale=0.9,
         pore_radius=0.35,
-        old=Old(strength=1.3, anisotropy=1.0),
+        old=Old(strength=1.3, anisotropy=1.0, contrast=1.35),
     ),
     # Thin skin: fine lines that fan out from the corner, beside the eye nearly level; small pores.
     "eye_corner": Region(
@@ -103,16 +103,16 @@ REGIONS: dict[str, Region] = {
         bend=0.4,
         scale=0.85,
         pore_radius=0.5,
-        old=Old(strength=1.5, scale=1.2),
+        old=Old(strength=1.6, scale=1.2, contrast=1.5),
     ),
     # Coarse level lines, a wide net between them, small pores.
     "neck": Region(
         density=0.65,
-        strength=1.1,
+        strength=1.25,
         anisotropy=1.5,
         bend=0.5,
         scale=1.3,
         pore_radius=0.7,
-        old=Old(strength=1.35),
+        old=Old(strength=1.9, anisotropy=1.3),
     ),
 }
