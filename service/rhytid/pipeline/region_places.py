@@ -13,7 +13,7 @@ FloatArray = NDArray[np.float64]
 _UP = np.array([0.0, 1.0, 0.0])
 # In half the distance of what a sneer moves on both sides: the nose is so wide, reaches so far
 # below and above its tip, and so far in front of the cheeks, as a share of the tip.
-_ACROSS, _BELOW, _ABOVE, _FRONT = (1.2, 0.85), (-0.85, -0.6), (1.6, 1.1), (0.08, 0.32)
+_ACROSS, _BELOW, _ABOVE, _FRONT = (1.2, 0.85), (-0.85, -0.6), (1.6, 1.1), (0.04, 0.24)
 # The tip stands out by so much, and is looked for within so much of the middle.
 _LEAST_TIP, _TIP_REACH = 0.35, (0.5, 1.6)
 # Of the motion of a sneer, what its middle moves at most, if it moves both sides.
