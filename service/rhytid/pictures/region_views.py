@@ -16,6 +16,8 @@ from rhytid.pictures.surface_patch import Frame, SurfacePatch, surface_patch
 _INSIDE = 0.85
 # Places that are looked at, at most.
 _CANDIDATES = 400
+# Of these so many are looked at closely, at so many pixels a side.
+_LIKELY, _COARSE = 40, 24
 # Regions that are known by their folds.
 _FOLDING = ("forehead", "eye_corner", "lip")
 # What nothing folds counts so much beside what folds most.
@@ -57,27 +59,41 @@ def region_views(
             liking = liking * (_REST + folds / max(float(folds.max()), 1e-30))
         if liking.max() <= 0.0:
             continue
-        triangle = _flattest(np.asarray(corners, np.float64), liking, side)
-        frame = Frame.of(corners[triangle])
-        surface = surface_patch(corners, triangle_uv, frame, side, pixels)
+        likely = _likely(np.asarray(corners, np.float64), liking, side)
+        seen = [_patch(corners, triangle_uv, t, side, _COARSE).seen.covered.mean() for t in likely]
+        # The best one that no rim of the mesh cuts, else the one that is cut least.
+        triangle = int(likely[int(np.argmax(np.round(seen, 1)))])
+        surface = _patch(corners, triangle_uv, triangle, side, pixels)
         views.append(RegionView(region, triangle, surface))
     return views
 
 
-def _flattest(corners: NDArray[np.float64], liking: NDArray[np.float64], side: float) -> int:
-    """The triangle around which a patch is liked most and is flat."""
+def _patch(
+    corners: NDArray[Any], triangle_uv: NDArray[Any], triangle: int, side: float, pixels: int
+) -> SurfacePatch:
+    return surface_patch(corners, triangle_uv, Frame.of(corners[triangle]), side, pixels)
+
+
+def _likely(
+    corners: NDArray[np.float64], liking: NDArray[np.float64], side: float
+) -> NDArray[np.intp]:
+    """Triangles around which a patch is liked and flat, the best first."""
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     centre = corners.mean(axis=1)
     area = np.linalg.norm(normal, axis=1)
     inside = np.flatnonzero((liking >= _INSIDE * np.percentile(liking, 99.5)) & (area > 0))
     chosen = inside[:: max(1, len(inside) // _CANDIDATES)]
-    score = np.empty(len(chosen))
+    score, around = np.empty(len(chosen)), np.empty(len(chosen))
     for i, triangle in enumerate(chosen):
         near = np.sum((centre - centre[triangle]) ** 2, axis=1) <= (0.7 * side) ** 2
         near[triangle] = True
         flat = np.linalg.norm(normal[near].sum(axis=0)) / area[near].sum()
         score[i] = flat**8 * np.average(liking[near], weights=area[near])
-    return int(chosen[np.argmax(score)])
+        around[i] = area[near].sum()
+    # Half a patch at a rim is flatter than a whole one.
+    score *= np.minimum(around / np.percentile(around, 80), 1.0) ** 2
+    found: NDArray[np.intp] = chosen[np.argsort(-score, kind="stable")][:_LIKELY]
+    return found
 
 
 def _middle(surface: SurfacePatch) -> NDArray[np.intp]:
