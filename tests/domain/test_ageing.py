@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields
+from pathlib import Path
 
 import pytest
 
@@ -12,6 +13,7 @@ from rhytid.domain.lengths import Lengths
 from rhytid.domain.regions import REGIONS
 from rhytid.errors import SettingsError
 
+DOCS = Path(__file__).parents[2] / "docs" / "skin.md"
 AGES = [YOUNGEST, 27.5, USUAL_AGE, 42.0, 50.0, 58.0, 65.0, OLDEST]
 
 
@@ -71,3 +73,16 @@ def test_other_ages_are_refused(age: object) -> None:
 def test_the_bounds_are_taken() -> None:
     for age in (20, 70):
         assert AssetSettings.parse({"graph": {"age": age}}).graph.age == age
+
+
+def test_the_docs_tell_these_numbers() -> None:
+    tables = [
+        [[cell.strip(" `") for cell in line.strip("|").split("|")] for line in block.splitlines()]
+        for block in DOCS.read_text(encoding="utf-8").split("\n\n")
+        if block.startswith("| region |")
+    ]
+    for (keys, _, *rows), old in zip(tables[:2], (False, True), strict=True):
+        assert [row[0] for row in rows] == list(REGIONS)
+        for name, *values in rows:
+            region = REGIONS[name].old if old else REGIONS[name]
+            assert [float(v) for v in values] == [getattr(region, key) for key in keys[1:]], name
