@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from cli.running import write_neutral
 from meshes import SmallMesh
@@ -77,3 +78,24 @@ def test_the_lines_are_drawn_beside_a_preview(tmp_path: Path, small_mesh: SmallM
     grown(tmp_path, neutral, "--shapes", str(tmp_path / "s.npy"), "--preview", str(preview))
     assert preview.exists()
     assert (tmp_path / "p.lines.png").exists()
+
+
+def test_the_regions_are_drawn_by_age_beside_a_preview(
+    tmp_path: Path, small_mesh: SmallMesh, capsys: pytest.CaptureFixture[str]
+) -> None:
+    neutral = write_neutral(tmp_path / "mesh.npz", small_mesh)
+    np.savez(tmp_path / "s.npz", shapes=shapes_of(small_mesh), names=["pucker", "browInnerUp"])
+    files = ("--shapes", str(tmp_path / "s.npz"), "--preview", str(tmp_path / "p.png"))
+    plain = grown(tmp_path, neutral, *files)
+    with Image.open(tmp_path / "p.regions.png") as picture:
+        width, one = picture.size
+    more = grown(tmp_path, neutral, *files, "--ages", "20", "35", "65")
+    assert more == plain  # the graph that is written is that of --set age
+    with Image.open(tmp_path / "p.regions.png") as picture:
+        assert picture.size[0] == width
+        rows = picture.size[1] - one
+    assert rows == pytest.approx(2 * (one - 50), rel=0.15)
+    assert grown(tmp_path, neutral, "--set", "age=65") != grown(tmp_path, neutral)
+    command = ["synthesize", str(neutral), "--out", str(tmp_path / "g.safetensors")]
+    assert main([*command, "--ages", "80"]) != 0
+    assert "graph.age is 80.0: from 20 to 70" in capsys.readouterr().err

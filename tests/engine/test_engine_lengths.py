@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 
 from engine.engines import BINNED, CONVOLVED, REDRAW, built, new_asset, running, same, settle
 from rhytid.cli.program import main
+from rhytid.domain.ageing import deepest
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.controls import Controls
 from rhytid.domain.graph import WrinkleGraph
@@ -56,6 +57,23 @@ def apart(mesh: Mesh, graph: WrinkleGraph) -> float:
     assert graph.node_triangle is not None
     places = surface_points(mesh, graph.node_uv[shown], graph.node_triangle[shown])
     return float(cKDTree(places).query(places, k=2)[0][:, 1].mean())
+
+
+def test_the_deepest_lines_of_the_old_are_deeper_and_stay_so(tmp_path):
+    graph = SPARSE["graph"]
+    with running(tmp_path) as engine:
+        young = grown(engine, **SPARSE)
+        old = grown(engine, **SIZE, graph={**graph, "age": 65})
+        assert lengths(engine, young)[0] == pytest.approx(0.15 * 0.2)
+        assert lengths(engine, old)[0] == pytest.approx(deepest(65.0) * 0.15 * 0.2)
+        assert engine.graph(old).origin.depth == lengths(engine, old)[0]
+        # Set explicitly, it is that; null is that of the age again, after a restart, too.
+        engine.change_asset(old, {"depth": 0.01})
+        assert lengths(engine, old)[0] == 0.01
+    with running(tmp_path) as engine:
+        settle(engine, old)
+        engine.change_asset(old, {"depth": None})
+        assert lengths(engine, old)[0] == pytest.approx(deepest(65.0) * 0.15 * 0.2)
 
 
 @pytest.mark.parametrize("controls", [None, WHITE], ids=["even", "painted"])

@@ -96,23 +96,80 @@ def test_captured_frames_say_much_the_same(device: Device, face: face_data.Face)
     assert np.average(turn, weights=size * one[1] * two[1]) < 16.0
 
 
+# The middle of each region, cm.
+INSIDE = {
+    "forehead": (3.0, 6.8),
+    "eye_corner": (4.8, 2.4),
+    "lip": (0.0, -3.9),
+    "nose": (0.0, 1.2),
+    "cheek": (5.0, -3.0),
+    "neck": (0.0, -13.0),
+}
+
+
 def test_regions_come_by_themselves(device: Device, face: face_data.Face) -> None:
     folds = by_expressions(device)
-    assert set(folds.regions) == {"forehead", "eye_corner", "lip"}
-    inside = {"forehead": (3.0, 6.8), "eye_corner": (4.8, 2.4), "lip": (0.0, -3.9)}
+    assert set(folds.regions) == set(INSIDE)
     for region, mask in folds.regions.items():
         assert mask.min() >= 0.0
         assert mask.max() <= 1.0
-        for name, (x, y) in inside.items():
+        for name, (x, y) in INSIDE.items():
             there = mask[near(x, y, 0.4)].mean()
-            assert (there > 0.4) if name == region else (there < 0.05), (region, name, there)
-        # The back of the head, the neck, the tip of the nose and the cheek are of none.
-        for x, y in ((0.0, -14.0), (0.0, 0.0), (6.0, -5.0)):
+            # A cheek takes what the others leave.
+            own = folds.regions[name][near(x, y, 0.4)].mean()
+            most = 1.0 - own if region == "cheek" else 0.05
+            assert (there > 0.4) if name == region else (there <= most), (region, name, there)
+        # The chin and the top of the forehead are of none, nor is the back of the head.
+        for x, y in ((0.0, -7.2), (0.0, 10.5)):
             assert mask[near(x, y, 0.5)].max() < 0.05
+        back = mesh().positions[:, 2] < -2.0
+        assert mask[back & (mesh().positions[:, 1] > -6.0)].max() < 0.05
         # Soft: hardly more than a third within one edge of 2 mm.
         edges = mesh().faces[:, :2]
         short = np.linalg.norm(np.diff(mesh().positions[edges], axis=1)[:, 0], axis=1) < 0.2
         assert np.abs(np.diff(mask[edges[short]], axis=1)).max() < 0.35
+
+
+def test_the_nose_is_what_stands_out_between_sneers(device: Device, face: face_data.Face) -> None:
+    mask = by_expressions(device).regions["nose"]
+    outside = vertex_normals(mesh().positions, mesh().faces)[:, 2] > 0.3  # not in the nostrils
+    for x, y in ((0.0, 0.2), (0.0, 1.2), (1.3, -0.6)):  # tip, bridge, wing
+        there = near(x, y, 0.4)
+        there = there[outside[there] & (mesh().positions[there, 2] > 10.5)]
+        assert len(there) > 3
+        assert mask[there].mean() > 0.7, (x, y)
+    for x, y in ((0.0, 4.0), (3.0, 0.0), (0.0, -2.8)):  # between the brows, cheek, lip
+        assert mask[near(x, y, 0.4)].max() < 0.05, (x, y)
+
+
+def test_a_turned_head_has_the_same_nose(device: Device, face: face_data.Face) -> None:
+    """Its up and its front are those of the sneer."""
+    angle = np.radians(40.0)
+    turn = np.array(
+        [[1, 0, 0], [0, np.cos(angle), -np.sin(angle)], [0, np.sin(angle), np.cos(angle)]]
+    )
+    turned = Mesh((face.positions @ turn.T).astype(np.float32), face.faces, mesh().uv, face.face_uv)
+    both = np.stack([face.expression(name) for name in ("noseSneer_L", "noseSneer_R")])
+    names = ("noseSneer_L", "noseSneer_R")
+    shapes = Expressions.checked((both @ turn.T).astype(np.float32), len(turned.positions), names)
+    found = measured_folds(device, turned, shapes, 0.5, "cm", lambda *_: None, directly)
+    assert found is not None
+    upright = measured(device, both, names).regions["nose"]
+    np.testing.assert_allclose(found.regions["nose"], upright, atol=0.01)
+
+
+def test_one_sneer_alone_shows_no_nose(device: Device, face: face_data.Face) -> None:
+    left = np.stack([face.expression("noseSneer_L")])
+    assert "nose" not in measured(device, left, ("noseSneer_L",)).regions
+    # Both at once do.
+    both = np.stack([face.evaluate({"noseSneer_L": 1.0, "noseSneer_R": 1.0})])
+    assert "nose" in measured(device, both, ("sneer",)).regions
+
+
+def test_a_closing_jaw_shows_no_neck(device: Device, face: face_data.Face) -> None:
+    opened, closed = (np.stack([face.expression("jawOpen", w)]) for w in (1.0, -1.0))
+    assert "neck" in measured(device, opened, ("jawOpen",)).regions
+    assert "neck" not in measured(device, closed, ("jawOpen",)).regions
 
 
 def test_names_alone_make_regions(device: Device, face: face_data.Face) -> None:

@@ -58,6 +58,13 @@ def test_what_was_sent_before_is_the_same_asset(mesh: Mesh, graph: WrinkleGraph)
     assert asset_id(mesh, before, None) != asset_id(mesh, AssetSettings().for_synthesis(), None)
 
 
+def test_an_age_counts_but_for_the_usual_one(mesh: Mesh) -> None:
+    """Assets of before there were ages keep their ids."""
+    plain, usual, old = (AssetSettings.parse({"graph": g}) for g in ({}, {"age": 35}, {"age": 65}))
+    assert asset_id(mesh, plain, None) == asset_id(mesh, usual, None)
+    assert asset_id(mesh, plain, None) != asset_id(mesh, old, None)
+
+
 def test_what_a_graph_was_made_with_counts(mesh: Mesh, graph: WrinkleGraph) -> None:
     origins = (None, GraphOrigin(depth=0.1), GraphOrigin(depth=0.2), GraphOrigin(unit="mm"))
     settings = AssetSettings()

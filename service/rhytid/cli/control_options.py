@@ -11,7 +11,7 @@ from rhytid.cli.options import add_several, readable
 from rhytid.domain.controls import CONTROLS, REGION_MAPS, REGION_PREFIX
 from rhytid.domain.regions import REGIONS
 
-_SETTINGS = ("density", "strength", "turn", "anisotropy", "scale", "pore_radius")
+_SETTINGS = ("age", "density", "strength", "turn", "anisotropy", "scale", "pore_radius")
 _MASKED = [name.removeprefix(REGION_PREFIX) for name in REGION_MAPS]
 
 

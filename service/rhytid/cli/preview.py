@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -50,8 +50,9 @@ def write_preview(
     unit_mm = millimetres(settings.length_unit) or MILLIMETRES[USUAL_UNIT]
     udim = busiest_udim(mesh)
     side, places = _places(mesh, udim, [PATCH_MM / unit_mm * 0.5**n for n in range(8)])
-    settings = settings.changed({"resolution": _resolution(places, spacing)})
-    with _resident(device, mesh, graph, settings) as asset:
+    scales = [float(np.sqrt(abs(np.linalg.det(place.to_uv)))) for place in places]
+    settings = settings.changed({"resolution": resolution_for(scales, spacing)})
+    with resident(device, mesh, graph, settings) as asset:
         udims = sorted({udim, *mesh_udims(mesh)[:MOST_UDIMS]})
         maps = [_whole(asset, mesh, u) for u in udims[:MOST_UDIMS]]
         patches = _patches(asset, mesh, udim, places, side)
@@ -75,17 +76,18 @@ def _places(mesh: Mesh, udim: int, sides: list[float]) -> tuple[float, tuple[Pla
     return sides[-1], ()
 
 
-def _resolution(places: tuple[Place, ...], spacing: float) -> int:
-    """Enough texels for pores in the patches."""
-    uv_lengths = [float(np.sqrt(abs(np.linalg.det(place.to_uv)))) for place in places]
-    wanted = _DENSITY / (spacing * min(uv_lengths, default=np.inf))
+def resolution_for(scales: Sequence[float], spacing: float) -> int:
+    """Enough texels for pores in patches.  scales: UV to a mesh unit of each.  spacing: mesh
+    units."""
+    wanted = _DENSITY / (spacing * min(scales, default=np.inf))
     return next((r for r in _RESOLUTIONS if r >= wanted), _RESOLUTIONS[-1])
 
 
 @contextmanager
-def _resident(
+def resident(
     device: Device, mesh: Mesh, graph: WrinkleGraph, settings: AssetSettings
 ) -> Iterator[ResidentAsset]:
+    """The skin of a graph on a device, ready to be drawn; given back at the end."""
     with device.task():
         asset = ResidentAsset(device, mesh, settings)
         try:
@@ -121,6 +123,15 @@ def _patches(
         surface_patch(corners, uv, Frame.of(corners[place.triangle]), side, PATCH)
         for place in places
     ]
+    heights = drawn_under(asset, udim, surfaces)
+    named = zip("AB", places, surfaces, strict=False)
+    return [Patch(name, udim, p.uv, side, surface, heights) for name, p, surface in named]
+
+
+def drawn_under(
+    asset: ResidentAsset, udim: int, surfaces: Sequence[SurfacePatch]
+) -> NDArray[np.float32]:
+    """(R, R) the neutral map of a UDIM, drawn only where patches read it."""
     resolution = asset.settings.resolution
     # Memory is taken by the squares that are written, not by the whole map.
     heights = np.zeros((resolution, resolution), np.float32)
@@ -128,12 +139,11 @@ def _patches(
     for row, column in touched_squares(surfaces, resolution, drawn):
         square = asset.drawn(NEUTRAL_FRAME, _NEUTRAL, udim, 0, row, column, drawn)
         heights[row : row + drawn, column : column + drawn] = square
-    named = zip("AB", places, surfaces, strict=False)
-    return [Patch(name, udim, p.uv, side, surface, heights) for name, p, surface in named]
+    return heights
 
 
 def touched_squares(
-    surfaces: list[SurfacePatch], resolution: int, side: int
+    surfaces: Sequence[SurfacePatch], resolution: int, side: int
 ) -> list[tuple[int, int]]:
     """Row and column of the squares of `side` texels that the patches read."""
     found: set[tuple[int, int]] = set()

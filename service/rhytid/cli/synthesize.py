@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,16 +31,17 @@ from rhytid.cli.reporting import share_bar
 from rhytid.domain.asset_settings import AssetSettings, GraphSettings
 from rhytid.domain.expressions import grown_from
 from rhytid.domain.graph_origin import GraphOrigin
-from rhytid.domain.lengths import Lengths
 from rhytid.domain.units import USUAL_UNIT
 from rhytid.errors import InputError
 
 if TYPE_CHECKING:
+    from rhytid.cli.region_preview import AgedSkin
     from rhytid.cli.warned import Warned
     from rhytid.device.runtime import Device
     from rhytid.domain.expressions import Expressions
     from rhytid.domain.folds import Folds
     from rhytid.domain.mesh import Mesh
+    from rhytid.synthesis.generate import Synthesis
 
 GRAPH = ".safetensors"
 
@@ -63,6 +65,11 @@ def add_command(commands: Commands) -> None:
     add_controls(parser)
     add_strict(parser)
     add_outputs(parser)
+    ages = (
+        "with --preview: grow the skin at each of these ages, too, for the picture of its regions, "
+        "FILE.regions.png; that is written where expressions of known names came"
+    )
+    parser.add_argument("--ages", nargs="+", type=float, metavar="AGE", help=ages)
     parser.set_defaults(run=run)
 
 
@@ -87,6 +94,7 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     settings = graph_settings(given, unit)
     if arguments.out.suffix.lower() != GRAPH:
         raise InputError(f"{arguments.out}: the graph is written as {GRAPH}")
+    _ages(settings, arguments.ages)
     read = mesh_file(arguments.mesh)
     mesh = read.mesh
     warned.inputs(mesh, arguments.mesh.name, unit, AssetSettings().resolution)
@@ -100,12 +108,17 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     with share_bar("synthesis") as show:
         clock, seconds = clocked(show)
         made = synthesize(mesh, settings, device, clock, controls=controls, folds=folds)
-    graph = replace(made.graph, origin=GraphOrigin.of(mesh, unit, Lengths.of(made.spacing)))
+    graph = replace(made.graph, origin=GraphOrigin.of(mesh, unit, made.lengths))
     whole_file(out, [write_graph(graph)])
     facts = {"file": str(out), "seconds": seconds, "warnings": warned.figures()}
     write_outputs(arguments, device, mesh, graph, facts)
     if folds is not None and arguments.preview is not None:
         _draw_lines(mesh, folds, arguments.preview)
+        if folds.regions:
+            grow = partial(synthesize, mesh, device=device, controls=controls, folds=folds)
+            ages = _ages(settings, arguments.ages)
+            skins = (_aged(grow, made, settings, replace(settings, age=a), unit) for a in ages)
+            _draw_regions(device, mesh, folds, skins, arguments.preview)
 
 
 def _folds(device: Device, mesh: Mesh, expressions: Expressions, unit: str) -> Folds | None:
@@ -123,6 +136,36 @@ def _draw_lines(mesh: Mesh, folds: Folds, preview: Path) -> None:
 
     picture = fold_picture(mesh.positions, mesh.faces, folds)
     picture.save(preview.with_suffix(".lines.png"), format="png")
+
+
+def _draw_regions(
+    device: Device, mesh: Mesh, folds: Folds, skins: Iterable[AgedSkin], preview: Path
+) -> None:
+    from rhytid.cli.region_preview import write_region_sheet
+
+    write_region_sheet(device, mesh, folds, skins, preview.with_suffix(".regions.png"))
+
+
+def _aged(
+    grow: Callable[..., Synthesis],
+    made: Synthesis,
+    settings: GraphSettings,
+    aged: GraphSettings,
+    unit: str,
+) -> AgedSkin:
+    """The skin that was made, or grown anew at another age."""
+    from rhytid.cli.region_preview import AgedSkin
+
+    if aged != settings:
+        with share_bar(f"synthesis, age {aged.age:g}") as show:
+            made = grow(settings=aged, progress=show)
+    drawing = AssetSettings(unit=unit, graph=aged).with_lengths(made.lengths)
+    return AgedSkin(aged.age, made.graph, drawing, made.distance)
+
+
+def _ages(settings: GraphSettings, ages: Sequence[float] | None) -> list[float]:
+    """Those asked for, checked; else the one of the settings."""
+    return [graph_settings({"age": age}).age for age in ages or [settings.age]]
 
 
 def graph_settings(given: Mapping[str, Any], unit: str = USUAL_UNIT) -> GraphSettings:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
+from rhytid.domain.ageing import OLDEST, USUAL_AGE, YOUNGEST
 from rhytid.domain.checked import choice, number, power_of_two, read, text, whole
 from rhytid.domain.expressions import LINES
 from rhytid.domain.graph_origin import GraphOrigin
@@ -38,6 +39,8 @@ class GraphSettings:
     lines: str | None = choice(None, None, *LINES)
     # Of the whole mesh, times what `region` and painted maps say of a place.
     region: str = choice(WHOLE_FACE, *REGIONS)
+    # Years; moves lines by what each region and each fold is at that age, and no pore.
+    age: float = number(USUAL_AGE, YOUNGEST, OLDEST)
     density: float = number(1.0, 1 / 16, 16.0)
     strength: float = number(1.0, 0.0, 4.0)
     turn: float = number(0.0, -180.0, 180.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from rhytid.domain.ageing import USUAL_AGE, deepest
 from rhytid.domain.units import MILLIMETRES, millimetres
 from rhytid.errors import SettingsError
 
@@ -43,11 +44,11 @@ class Lengths:
     wave_frequency: float
 
     @classmethod
-    def of(cls, spacing: float) -> Lengths:
-        """All in proportion to the spacing."""
+    def of(cls, spacing: float, age: float = USUAL_AGE) -> Lengths:
+        """All in proportion to the spacing; the deepest lines of an age are deeper."""
         return cls(
             spacing,
-            DEPTH_OF_SPACING * spacing,
+            DEPTH_OF_SPACING * spacing * deepest(age),
             SIGMA_OF_SPACING * spacing,
             WAVES_OF_SPACING / spacing,
         )

@@ -15,6 +15,12 @@ _BEGINNINGS = {
         "closeeye",
     ),
     "lip": ("mouthpucker", "mouthfunnel", "pucker", "lippucker", "lipspucker", "kiss", "funnel"),
+    "cheek": (
+        *("cheekpuff", "cheeksquint", "cheekraise", "cheeksraise", "cheekup", "puffcheek"),
+        *("raisecheek", "mouthsmile", "smile"),
+    ),
+    "nose": ("nosesneer", "sneer", "nosewrinkle", "wrinklenose", "nosescrunch"),
+    "neck": ("jawopen", "openjaw", "jawdrop", "dropjaw", "mouthopen", "openmouth"),
 }
 _SEPARATED = re.compile(r"[.:|/]")
 
@@ -23,7 +29,7 @@ def region_of(name: str) -> str | None:
     """The region that an expression of that name shows best; None where it shows none.
 
     What stands before a dot, a colon, a bar or a slash is passed over, as in `face|eyeBlink_L`.
-    A sneer is not among them: it moves what lies beside the nose, and hardly the nose.
+    A sneer shows the nose and an open jaw the neck by what they move around these.
     """
     plain = re.sub(r"[^a-z]", "", _SEPARATED.split(name)[-1].lower())
     for region, beginnings in _BEGINNINGS.items():

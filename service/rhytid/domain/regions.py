@@ -1,7 +1,6 @@
 """Named regions of facial skin: what sets the skin of each apart from that of the whole face.
 
-The factors are ours. They put into numbers what textbooks of dermatology and plastic surgery say in
-words of these regions, by eye on rendered patches; nobody measured them. Angles are against the
+What is measured of them, and where we had to choose, is in docs/skin.md. Angles are against the
 preferred lines, which run level around the vertical axis, as relaxed skin tension lines do on the
 forehead, the eyelids and the neck; Langer's lines, found on the dead, run otherwise in places.
 """
@@ -12,13 +11,30 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
+class Old:
+    """Factors at 65 of what skin is at 35, where it does not fold.
+
+    strength: of the depth of lines, pore_strength of that of pores.  anisotropy: how far lines keep
+    to one direction.  scale: of the width of wrinkles.  pore_radius: of pores.  contrast: power of
+    strengths; above 1 faint lines fade and leave those that are deep, farther apart.
+    """
+
+    strength: float = 1.25
+    pore_strength: float = 1.0
+    anisotropy: float = 1.2
+    scale: float = 1.1
+    pore_radius: float = 1.1
+    contrast: float = 1.25
+
+
+@dataclass(frozen=True)
 class Region:
     """Factors of synthesis, 1 = as on the whole face.
 
     density: of pores and wrinkles per area.  strength: of weights, and pore_strength once more of
     those of pores.  turn: degrees by which the lines turn left.  anisotropy: how far they keep to
     one direction.  bend: of how far they wind.  scale: of the width of wrinkles.  pore_radius: of
-    the radius of pores.
+    the radius of pores.  contrast: power of weights.  old: what age makes of these.
     """
 
     density: float = 1.0
@@ -29,6 +45,8 @@ class Region:
     bend: float = 1.0
     scale: float = 1.0
     pore_radius: float = 1.0
+    contrast: float = 1.0
+    old: Old = Old()
 
 
 WHOLE_FACE = "face"
@@ -36,15 +54,33 @@ REGIONS: dict[str, Region] = {
     WHOLE_FACE: Region(),
     # Long level lines, coarse and deep, that hardly branch; pores of medium size.
     "forehead": Region(
-        density=0.8, strength=1.25, anisotropy=1.85, bend=0.3, scale=1.2, pore_radius=0.9
+        density=1.0,
+        strength=1.25,
+        anisotropy=1.85,
+        bend=0.3,
+        scale=1.2,
+        pore_radius=0.9,
+        old=Old(strength=1.2, contrast=1.3),
     ),
-    # A fine net of rhombi without much of a direction between large pores.
+    # Led by large pores; a fine net of rhombi without much of a direction, faint.
     "cheek": Region(
-        density=0.9, strength=0.8, pore_strength=1.4, anisotropy=0.4, scale=0.85, pore_radius=1.35
+        density=0.85,
+        strength=0.8,
+        pore_strength=1.4,
+        anisotropy=0.4,
+        scale=0.85,
+        pore_radius=1.35,
+        old=Old(strength=1.3, anisotropy=1.5, pore_strength=1.1, pore_radius=1.15, contrast=1.15),
     ),
     # The largest pores of the face, close together; lines so faint that pores stand alone.
     "nose": Region(
-        density=1.3, strength=0.45, pore_strength=3.0, anisotropy=0.2, scale=0.7, pore_radius=1.7
+        density=1.3,
+        strength=0.45,
+        pore_strength=3.0,
+        anisotropy=0.2,
+        scale=0.7,
+        pore_radius=1.7,
+        old=Old(strength=1.2, anisotropy=1.0, pore_strength=1.15, pore_radius=1.2, contrast=1.1),
     ),
     # Furrows across the lip, upright and fine, next to no pores to see.
     "lip": Region(
@@ -56,6 +92,7 @@ REGIONS: dict[str, Region] = {
         bend=0.4,
         scale=0.9,
         pore_radius=0.35,
+        old=Old(strength=1.3, anisotropy=1.0, contrast=1.35),
     ),
     # Thin skin: fine lines that fan out from the corner, beside the eye nearly level; small pores.
     "eye_corner": Region(
@@ -66,9 +103,16 @@ REGIONS: dict[str, Region] = {
         bend=0.4,
         scale=0.85,
         pore_radius=0.5,
+        old=Old(strength=1.6, scale=1.2, contrast=1.5),
     ),
     # Coarse level lines, a wide net between them, small pores.
     "neck": Region(
-        density=0.65, strength=1.1, anisotropy=1.5, bend=0.5, scale=1.3, pore_radius=0.7
+        density=0.65,
+        strength=1.25,
+        anisotropy=1.5,
+        bend=0.5,
+        scale=1.3,
+        pore_radius=0.7,
+        old=Old(strength=1.9, anisotropy=1.3),
     ),
 }

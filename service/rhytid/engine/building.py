@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import partial
 from typing import Any, TypeVar
 
 from rhytid.device.runtime import Device
+from rhytid.domain.ageing import USUAL_AGE
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
+from rhytid.domain.graph_origin import GraphOrigin
 from rhytid.engine.assets import Asset, Assets
 from rhytid.engine.given_graphs import graph_lengths
 from rhytid.engine.jobs import Job
@@ -128,7 +130,11 @@ class Builder:
             wanted.mesh, wanted.settings.graph, self._device, report,
             call=self.on_device, controls=wanted.controls, folds=wanted.folds,
         )  # fmt: skip
-        return found.graph, found
+        if wanted.settings.graph.age == USUAL_AGE:
+            return found.graph, found
+        # Its depth is not that of the spacing alone: it is kept with the graph.
+        origin = GraphOrigin(wanted.settings.length_unit, depth=found.lengths.depth)
+        return replace(found.graph, origin=origin), found
 
     @contextmanager
     def _placed(

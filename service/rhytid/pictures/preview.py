@@ -75,10 +75,17 @@ def _whole(map: WholeMap, patches: Sequence[Patch]) -> Any:
 
 
 def _patch(patch: Patch, light: float, unit_mm: float) -> Panel:
-    length = _round(0.3 * patch.side * unit_mm)
-    pixels = length / unit_mm * PATCH / patch.side
-    picture = scale_bar(patch.surface.picture(patch.heights, light), pixels, f"{length:g} mm")
-    return Panel(f"{patch.name}: {patch.side * unit_mm:.3g} mm, light at {light:g}°", picture)
+    title = f"{patch.name}: {patch.side * unit_mm:.3g} mm, light at {light:g}°"
+    return patch_panel(title, patch.surface, patch.heights, light, patch.side * unit_mm)
+
+
+def patch_panel(
+    title: str, surface: SurfacePatch, heights: NDArray[Any], light: float, millimetres: float
+) -> Panel:
+    """A patch so many millimetres wide, with a bar that tells its scale."""
+    length = _round(0.3 * millimetres)
+    pixels = length * len(surface.uv) / millimetres
+    return Panel(title, scale_bar(surface.picture(heights, light), pixels, f"{length:g} mm"))
 
 
 def _round(most: float) -> float:

@@ -26,15 +26,17 @@ class Spreading:
 
     Values spread as heat does, u' = Δu for the time sigma²/2, by backward Euler steps with the
     Laplacian of cotangents; negative ones count as 0, so that nothing overshoots. Nothing crosses
-    the rim, sums by area stay. one (V,): the number of the vertex that each is one with.
+    the rim, sums by area stay. one (V,): the number of the vertex that each is one with.  sigma:
+    that length, mesh units.
     """
 
     def __init__(self, mesh: Mesh, sigma: float, one: NDArray[np.integer]) -> None:
         """sigma: mesh units.  one: equal numbers for vertices that move as one, as those that an
         exporter has split at UV seams."""
-        self._one = one
+        self._one, self.sigma = one, sigma
         self._faces = one[mesh.faces]
         corners = mesh.positions.astype(np.float64)[mesh.faces]
+        self._normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         self._area = triangle_areas(corners)
         self._count = int(one.max()) + 1
         mass = self._summed(np.repeat(self._area / 3.0, 3))
@@ -54,6 +56,15 @@ class Spreading:
         count = np.bincount(self._one, minlength=self._count)
         sums = [np.bincount(self._one, weights=v, minlength=self._count) for v in values.T]
         return self._spread(np.stack(sums, axis=-1) / np.maximum(count, 1)[:, None])
+
+    @property
+    def normals(self) -> FloatArray:
+        """(V, 3) of unit length, outward; means of the triangles around a vertex, by area."""
+        corners = np.repeat(self._normals, 3, axis=0)
+        sums = np.stack([self._summed(column) for column in corners.T], axis=-1)
+        sums /= np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-300)
+        found: FloatArray = sums[self._one]
+        return found
 
     def _spread(self, values: FloatArray) -> FloatArray:
         for _ in range(STEPS):

@@ -26,6 +26,7 @@ _LATER = (
     "spacing",
     "lines",
     "region",
+    "age",
     "density",
     "strength",
     "turn",

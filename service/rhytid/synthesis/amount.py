@@ -48,7 +48,7 @@ def check_amount(
         _checked(Wanted.of(settings, 0.0), share, len(mesh.faces), memory)
         return
     surface = Surface.of(mesh)
-    folding = None if folds is None else FoldField(mesh, surface, folds)
+    folding = None if folds is None else FoldField(mesh, surface, folds, settings.age)
     wrinkles_in_all(surface, settings, fields_of(surface, settings, controls, folding), memory)
 
 

@@ -18,6 +18,7 @@ from rhytid.synthesis.hashes import place_keys
 from rhytid.synthesis.net import Ground
 from rhytid.synthesis.pore_shapes import pore_axes, pore_ellipses
 from rhytid.synthesis.progress import Progress
+from rhytid.synthesis.rim import beside_bare
 from rhytid.synthesis.rows import row_blocks
 from rhytid.synthesis.surface import Points
 
@@ -116,6 +117,10 @@ def _lines(
         wide[rows] = width
         half_width[rows] = shapes.half_widths_uv(ground.surface, triangle, step, width)
         factor[rows] = fields.strength(triangle, middle)
+        if fields.some_bare:
+            factor[rows] *= beside_bare(ground.surface, fields, triangle, middle, spacing)
+        if fields.some_contrast:
+            factor[rows] *= weight[rows] ** (fields.contrast(triangle, middle) - 1.0)
     second = np.flatnonzero(lines.copy_of != ORIGINAL)
     factor[second] = factor[lines.copy_of[second]]  # both halves across a seam are one wrinkle
     return weight, factor, half_width, wide

@@ -18,7 +18,8 @@ class Fields:
 
     least_spacing, most_spacing: what `spacing` keeps within, above 0. Pores stand apart by the
     radius times the mean of both factors.  detail: UV length within which spacing and bareness
-    hardly change.  some_bare: whether `bare` is true anywhere.  usual_pore_radius: what
+    hardly change.  some_bare: whether `bare` is true anywhere.  some_contrast: whether
+    `contrast` differs from 1 anywhere.  usual_pore_radius: what
     `pore_radius` is where nothing is painted.
     """
 
@@ -26,6 +27,7 @@ class Fields:
     most_spacing = 1.0
     detail = float("inf")
     some_bare = False
+    some_contrast = False
     usual_pore_radius = 1.0
 
     def spacing(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
@@ -43,6 +45,11 @@ class Fields:
     def pore_strength(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Factor of the weight of pores."""
         return self.strength(triangle, uv)
+
+    def contrast(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """Power of the weight of wrinkles, before it is multiplied; asked for where `some_contrast`
+        is true."""
+        return np.ones(len(triangle), np.float32)
 
     def primary(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Factor of how much primary lines are worn: where there are some, and how deep."""

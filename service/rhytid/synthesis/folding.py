@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.domain.ageing import USUAL_AGE, folded
 from rhytid.domain.folds import COLUMNS, ROWS, Folds
 from rhytid.domain.mesh import Mesh
 from rhytid.synthesis.charts import cross
@@ -33,6 +34,8 @@ _SURE, _ECCENTRIC = 0.16, 0.2
 # Strength of lines where skin never folds, and where it folds most; the same of primary lines.
 _FAINT, _DEEP, _POWER = 0.62, 1.5, 0.8
 _FAINT_PRIMARY, _DEEP_PRIMARY = 0.55, 1.6
+# What age changes the more the more skin folds.
+AGEING = ("strength", "width", "primary")
 # How far lines keep to a direction that nothing folds: a criss-cross.
 _LOOSE = 0.44
 
@@ -40,10 +43,10 @@ _LOOSE = 0.44
 class FoldField:
     """Folds of a mesh at points of its surface.  regions: names of the masks that come with them.
 
-    detail: UV length within which a mask changes little.
+    detail: UV length within which a mask changes little.  age: of the skin, years.
     """
 
-    def __init__(self, mesh: Mesh, surface: Surface, folds: Folds) -> None:
+    def __init__(self, mesh: Mesh, surface: Surface, folds: Folds, age: float = USUAL_AGE) -> None:
         self._surface, self._faces, self._tensor = surface, mesh.faces, folds.tensor
         self._masks, self.regions = folds.regions, tuple(folds.regions)
         size, eccentricity, _ = folds.axes()
@@ -56,6 +59,9 @@ class FoldField:
             "primary": _FAINT_PRIMARY + (_DEEP_PRIMARY - _FAINT_PRIMARY) * share,
         }
         known = {n: np.where(f < 1.0, 1.0 - folds.known * (1.0 - f), f) for n, f in found.items()}
+        known |= {"width": np.ones(len(share))}
+        for name in AGEING if age != USUAL_AGE else ():
+            known[name] = known[name] * np.exp(folded(name, age) * share)
         self._sure = sure.astype(np.float32)
         self._planes = {n: self._planes_of(v) for n, v in {**known, "sure": sure}.items()}
         used = np.flatnonzero(surface.carries)
@@ -63,8 +69,8 @@ class FoldField:
         self.detail = float(np.median(extent)) if folds.regions else float("inf")
 
     def factor(self, name: str, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
-        """(N,) of `strength`, `anisotropy` or `primary` lines; or how `sure` their direction is,
-        from 0 to 1."""
+        """(N,) of the `strength`, the `anisotropy` or the `width` of lines, or of `primary` ones;
+        or how `sure` their direction is, from 0 to 1."""
         return self.at(self._planes[name], triangle, uv)
 
     def mixed(self, values: Mapping[str, float], base: float) -> Planes:

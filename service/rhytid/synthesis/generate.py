@@ -9,6 +9,7 @@ from rhytid.domain.asset_settings import GraphSettings
 from rhytid.domain.controls import Controls
 from rhytid.domain.folds import Folds
 from rhytid.domain.graph import WrinkleGraph
+from rhytid.domain.lengths import Lengths
 from rhytid.domain.mesh import Mesh
 from rhytid.synthesis.amount import check_drawn, wrinkles_in_all
 from rhytid.synthesis.borders import Borders
@@ -30,16 +31,22 @@ from rhytid.synthesis.workspace import Caller, Workspace, directly
 class Synthesis:
     """A graph and what came up while it was made.
 
-    spacing: distance of a pore to the nearest, on the surface, mesh units, where nothing is
-    painted: as the settings have it, with their density; where they say how many wrinkles there
-    are, the mean on even skin of so many.  distance: the mean as it came out.
+    lengths: what it is drawn with unless settings say otherwise. Their spacing is the distance of a
+    pore to the nearest, on the surface, mesh units, where nothing is painted: as the settings have
+    it, with their density; where they say how many wrinkles there are, the mean on even skin of so
+    many. Their depth is that of the age of the settings.  distance: the mean as it came out.
     stretched: how many triangles hold no pore because their UV is stretched beyond reason.
     """
 
     graph: WrinkleGraph
-    spacing: float
+    lengths: Lengths
     distance: float
     stretched: int
+
+    @property
+    def spacing(self) -> float:
+        """Of the lengths."""
+        return self.lengths.spacing
 
 
 def synthesize(
@@ -70,7 +77,7 @@ def synthesize(
     report = rising(progress)
     report(0.0, "pores")
     surface, across = Surface.of(mesh), neighbours(mesh)
-    folding = None if folds is None else FoldField(mesh, surface, folds)
+    folding = None if folds is None else FoldField(mesh, surface, folds, settings.age)
     plain = fields_of(surface, settings, None, folding)
     uneven = fields is not None or (controls is not None and controls.grow)
     fields = fields or fields_of(surface, settings, controls, folding)
@@ -82,7 +89,8 @@ def synthesize(
         borders = Borders.of(mesh, surface, across)
         graph = skin.drawn(ground, borders, cut, settings.seed, part(report, 0.95, 1.0))
     report(1.0, "shapes")
-    return Synthesis(graph, skin.spacing * surface.scale, distance, surface.stretched)
+    lengths = Lengths.of(skin.spacing * surface.scale, settings.age)
+    return Synthesis(graph, lengths, distance, surface.stretched)
 
 
 def _grown(

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.domain.ageing import USUAL_AGE, aged
 from rhytid.domain.asset_settings import GraphSettings
 from rhytid.domain.controls import REGION_MAPS, REGION_PREFIX, Controls, signed
 from rhytid.domain.painted import Shares
@@ -47,6 +48,8 @@ class PaintedFields(Fields):
         folds: FoldField | None = None,
     ) -> None:
         self._surface, self._settings, self._folds = surface, settings, folds
+        self._skin = {name: aged(region, settings.age) for name, region in REGIONS.items()}
+        self.some_contrast = settings.age != USUAL_AGE
         maps = controls.maps
         self._maps = {name: Lookup(surface, maps[name]) for name in maps if name != "direction"}
         self._directions = (
@@ -95,6 +98,10 @@ class PaintedFields(Fields):
         factor *= self._region("pore_strength", triangle, uv)
         return factor
 
+    def contrast(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """As age makes it of the regions."""
+        return self._region("contrast", triangle, uv)
+
     def primary(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """As folds wear them."""
         if self._folds is None:
@@ -135,8 +142,11 @@ class PaintedFields(Fields):
         return found.clip(0.0, 2.0)
 
     def width(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
-        """From a quarter to four times, and as the spacing."""
-        return self._sized("scale", triangle, uv)
+        """From a quarter to four times, and as the spacing; with age more where skin folds."""
+        factor = self._sized("scale", triangle, uv)
+        if self._folds is not None and self._settings.age != USUAL_AGE:
+            factor *= self._folds.factor("width", triangle, uv)
+        return factor
 
     def pore_radius(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """From a quarter to four times, and as the spacing."""
@@ -172,14 +182,15 @@ class PaintedFields(Fields):
         """A factor (or the turn, degrees) of the regions, mixed as they are painted: factors by
         their logarithms. What painted masks leave those of folds take, and what these leave is the
         region of the settings."""
-        base = _value(REGIONS[self._settings.region], name)
+        base = _value(self._skin[self._settings.region], name)
         if not self._regions and not self._masks:
             # As an array, so that it is rounded as where a mask of black is painted.
             return np.repeat(np.asarray(_meant(np.full(1, base, np.float32), name)), len(triangle))
         total, mixed = np.zeros(len(triangle), np.float32), np.zeros(len(triangle), np.float32)
         for region in self._regions:
             weight = self._maps[region].at(triangle, uv, neutral=0.0)
-            mixed += weight * np.float32(_value(REGIONS[region.removeprefix(REGION_PREFIX)], name))
+            skin = self._skin[region.removeprefix(REGION_PREFIX)]
+            mixed += weight * np.float32(_value(skin, name))
             total += weight
         mixed /= np.maximum(total, 1.0)
         left = np.maximum(1.0 - total, 0.0)
@@ -194,7 +205,7 @@ class PaintedFields(Fields):
         """What `_value` is of the masks of the folds at a place, and of what they leave."""
         assert self._folds is not None
         if name not in self._planes:
-            values = {region: _value(REGIONS[region], name) for region in self._masks}
+            values = {region: _value(self._skin[region], name) for region in self._masks}
             self._planes[name] = self._folds.mixed(values, base)
         return self._planes[name]
 
@@ -224,7 +235,9 @@ def fields_of(
 ) -> Fields:
     """Even skin where nothing says otherwise."""
     plain = GraphSettings()
-    even = all(getattr(settings, n) == getattr(plain, n) for n in ("region", "turn", *_FACTORS[1:]))
+    even = all(
+        getattr(settings, n) == getattr(plain, n) for n in ("region", "age", "turn", *_FACTORS[1:])
+    )
     if controls is None and folds is None and even:
         return Fields()
     return PaintedFields(surface, settings, controls or Controls({}), folds)

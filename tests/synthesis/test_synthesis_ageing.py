@@ -1,0 +1,151 @@
+"""Skin of one seed at several ages: the same pores, older lines."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.stats import spearmanr
+
+from rhytid.device.runtime import Device
+from rhytid.domain.ageing import aged, deepest, folded, worn
+from rhytid.domain.asset_settings import GraphSettings
+from rhytid.domain.controls import Controls
+from rhytid.domain.folds import ENOUGH, Folds
+from rhytid.domain.graph import WrinkleGraph
+from rhytid.domain.regions import REGIONS
+from rhytid.synthesis.fields import Fields
+from rhytid.synthesis.folding import FoldField
+from rhytid.synthesis.generate import Synthesis, synthesize
+from rhytid.synthesis.painting import PaintedFields, fields_of
+from rhytid.synthesis.surface import Surface
+from synthesis import sheets
+from synthesis.painted import painted, right
+
+MESH = sheets.sheet()
+SURFACE = Surface.of(MESH)
+COUNT = 12_000
+# Root mean square log compression along x, right of the middle.
+SIZE = 0.12
+
+
+@cache
+def folds() -> Folds:
+    tensor = np.zeros((len(MESH.positions), 6), np.float32)
+    x = MESH.positions[:, 0]
+    tensor[x > x.mean(), 0] = SIZE**2
+    return Folds(tensor, ENOUGH)
+
+
+@cache
+def grown(device: Device, age: float) -> Synthesis:
+    return synthesize(MESH, GraphSettings(wrinkles=COUNT, age=age), device, folds=folds())
+
+
+def places() -> tuple[np.ndarray, np.ndarray]:
+    triangle = np.flatnonzero(SURFACE.carries)
+    return triangle, SURFACE.uv[triangle].mean(axis=1)
+
+
+def depths(made: Synthesis) -> dict[tuple[int, ...], float]:
+    """In units of the depth at 35, by the pores that a wrinkle joins."""
+    ends = map(tuple, np.sort(made.graph.edge_nodes, axis=1).tolist())
+    depth = made.graph.edge_weight * made.lengths.depth / (0.15 * made.spacing)
+    return dict(zip(ends, depth.tolist(), strict=True))
+
+
+def test_at_35_skin_is_what_it_was(device: Device) -> None:
+    plain = synthesize(MESH, GraphSettings(wrinkles=COUNT), device).graph
+    at_35 = synthesize(MESH, GraphSettings(wrinkles=COUNT, age=35.0), device).graph
+    assert type(fields_of(SURFACE, GraphSettings(age=35.0), None)) is Fields
+    for name, array in plain.arrays().items():
+        np.testing.assert_array_equal(array, at_35.arrays()[name])
+
+
+@pytest.mark.parametrize("age", [20.0, 50.0, 70.0])
+def test_pores_stay_where_they_are(device: Device, age: float) -> None:
+    one, two = grown(device, 35.0), grown(device, age)
+    np.testing.assert_array_equal(one.graph.node_uv, two.graph.node_uv)
+    assert one.graph.wrinkles == two.graph.wrinkles == COUNT
+    assert one.spacing == two.spacing
+    assert two.lengths.depth == pytest.approx(deepest(age) * one.lengths.depth)
+
+
+@pytest.mark.parametrize(("age", "alike"), [(20.0, 0.75), (65.0, 0.9)])
+def test_it_is_the_same_skin(device: Device, age: float, alike: float) -> None:
+    one, two = depths(grown(device, 35.0)), depths(grown(device, age))
+    both = one.keys() & two.keys()
+    assert len(both) > 0.9 * len(one)
+    # Which are deep stays; by how much does not.
+    assert spearmanr([one[k] for k in both], [two[k] for k in both])[0] > alike
+    # And a small step of age is a small step of skin.
+    near = depths(grown(device, 36.0))
+    both = one.keys() & near.keys()
+    assert len(both) > 0.985 * len(one)
+    assert np.corrcoef([one[k] for k in both], [near[k] for k in both])[0, 1] > 0.985
+
+
+def test_what_folds_deepens_most(device: Device) -> None:
+    found = {age: strongest(grown(device, age).graph, deepest(age)) for age in (20.0, 35.0, 65.0)}
+    for side in (0, 1):
+        assert found[20.0][side] < found[35.0][side] < found[65.0][side]
+    still, folding = (found[65.0][side] / found[35.0][side] for side in (0, 1))
+    assert folding > 1.25 * still
+
+
+def strongest(graph: WrinkleGraph, depth: float) -> tuple[float, float]:
+    """The 95th percentile of depths, left and right of u = 0.5."""
+    u = graph.node_uv[graph.edge_nodes, 0].mean(axis=1)
+    weight = depth * graph.edge_weight
+    return tuple(float(np.percentile(weight[side], 95)) for side in (u < 0.45, u > 0.55))
+
+
+def test_faint_lines_fade_so_that_deep_ones_are_farther_apart(device: Device) -> None:
+    """The share of wrinkles that carry nine tenths of the squared depth."""
+
+    def share(age: float) -> float:
+        squares = np.sort(grown(device, age).graph.edge_weight.astype(np.float64) ** 2)[::-1]
+        return float((np.cumsum(squares) < 0.9 * squares.sum()).mean())
+
+    assert share(20.0) > share(35.0) + 0.02 > share(65.0) + 0.05
+
+
+@pytest.mark.parametrize("age", [20.0, 45.0, 65.0])
+@pytest.mark.parametrize("region", ["cheek", "eye_corner"])
+def test_factors_in_double(age: float, region: str) -> None:
+    """Each field at a place is what region and fold make of it there."""
+    field = FoldField(MESH, SURFACE, folds(), age)
+    settings = GraphSettings(region=region, age=age)
+    found = PaintedFields(SURFACE, settings, Controls({}), field)
+    plain = PaintedFields(
+        SURFACE, GraphSettings(region=region), Controls({}), FoldField(MESH, SURFACE, folds())
+    )
+    triangle, uv = places()
+    skin, base, t = aged(REGIONS[region], age), REGIONS[region], worn(age)
+    share = np.where(uv[:, 0] > 0.55, np.tanh(SIZE / 0.10), 0.0)
+    inner = (uv[:, 0] < 0.45) | (uv[:, 0] > 0.55)
+
+    def ratio(name: str) -> np.ndarray:
+        return (getattr(found, name)(triangle, uv) / getattr(plain, name)(triangle, uv))[inner]
+
+    old = base.old.strength**t / deepest(age) * np.exp(folded("strength", age) * share[inner])
+    np.testing.assert_allclose(ratio("strength"), old, rtol=2e-6)
+    wide = base.old.scale**t * np.exp(folded("width", age) * share[inner])
+    np.testing.assert_allclose(ratio("width"), wide, rtol=2e-6)
+    lead = np.exp(folded("primary", age) * share[inner])
+    np.testing.assert_allclose(ratio("primary"), lead, rtol=2e-6)
+    pores = base.old.pore_strength**t / deepest(age)
+    np.testing.assert_allclose(ratio("pore_strength"), pores, rtol=2e-6)
+    np.testing.assert_allclose(found.contrast(triangle, uv), skin.contrast, rtol=2e-6)
+    assert (ratio("spacing") == 1.0).all()
+
+
+def test_age_reaches_only_the_region_that_is_painted() -> None:
+    """Where a mask ends the factors of the other region begin: age has no mean over the face."""
+    controls = painted(region_cheek=right(1.0, 0.0))
+    triangle, uv = places()
+    left, there = uv[:, 0] < 0.45, uv[:, 0] > 0.55
+    found = PaintedFields(SURFACE, GraphSettings(age=65.0), controls).contrast(triangle, uv)
+    np.testing.assert_allclose(found[left], REGIONS["face"].old.contrast, rtol=2e-6)
+    np.testing.assert_allclose(found[there], REGIONS["cheek"].old.contrast, rtol=2e-6)

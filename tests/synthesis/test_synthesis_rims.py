@@ -1,0 +1,88 @@
+"""Edges of painted maps: no crack goes round bare skin, and hard masks draw no seam."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from rhytid.device.runtime import Device
+from rhytid.domain.asset_settings import GraphSettings
+from rhytid.domain.controls import Controls
+from rhytid.synthesis.fields import Fields
+from rhytid.synthesis.generate import synthesize
+from rhytid.synthesis.rim import beside_bare
+from rhytid.synthesis.surface import Surface
+from synthesis import sheets
+
+MESH = sheets.sheet()
+RADIUS = 0.22  # of the painted disc, in UV
+COUNT = 20_000
+
+
+def disc(inside: float, outside: float) -> NDArray[np.float32]:
+    row, column = (np.indices((512, 512)) + 0.5) / 512
+    there = np.hypot(column - 0.5, row - 0.5) < RADIUS
+    return np.where(there, np.float32(inside), np.float32(outside))
+
+
+def along_the_rim(device: Device, name: str, inside: float, outside: float) -> dict[str, float]:
+    """Mean weight, by length, of lines along the rim of a painted disc: within a spacing and a half
+    inside and outside of it, and away from it on both sides."""
+    controls = Controls({name: {1001: disc(inside, outside)}})
+    settings = GraphSettings(wrinkles=COUNT, anisotropy=0.0)
+    made = synthesize(MESH, settings, device, controls=controls)
+    ends = made.graph.node_uv[made.graph.edge_nodes].astype(np.float64)
+    step, middle = ends[:, 1] - ends[:, 0], ends.mean(axis=1) - 0.5
+    length, far = np.hypot(*step.T), np.hypot(*middle.T)
+    spacing = made.spacing / np.ptp(MESH.positions[:, 0])
+    outwards = np.abs((middle * step).sum(axis=1)) / (far * length)
+    away = (far - RADIUS) / spacing
+    places = {"inside": (-9, -2.5), "rim in": (-1.5, 0), "rim out": (0, 1.5), "outside": (3, 12)}
+    found = {}
+    for place, (low, high) in places.items():
+        chosen = (away >= low) & (away < high) & (outwards < 0.5)
+        if chosen.any():
+            found[place] = float(np.average(made.graph.edge_weight[chosen], weights=length[chosen]))
+    return found
+
+
+def test_bare_skin_has_no_ring_of_a_crack(device: Device) -> None:
+    found = along_the_rim(device, "density", 0.0, 0.5)
+    assert "inside" not in found
+    assert 0.75 < found["rim out"] / found["outside"] < 1.15
+
+
+@pytest.mark.parametrize("name", ["region_nose", "region_lip", "region_neck"])
+def test_a_hard_mask_draws_no_seam(device: Device, name: str) -> None:
+    found = along_the_rim(device, name, 1.0, 0.0)
+    most, least = (f(found["inside"], found["outside"]) for f in (max, min))
+    for side in ("rim in", "rim out"):
+        assert 0.8 * least < found[side] < 1.15 * most
+
+
+class RightOf(Fields):
+    """Bare right of u = 0.5."""
+
+    some_bare = True
+
+    def bare(self, triangle, uv):  # type: ignore[no-untyped-def]
+        return uv[:, 0] > 0.5
+
+
+def test_lines_fade_by_the_share_of_bare_skin_around_them() -> None:
+    surface = Surface.of(MESH)
+    triangle = np.flatnonzero(surface.carries)
+    uv = surface.uv[triangle].mean(axis=1)
+    spacing = 0.02
+    found = beside_bare(surface, RightOf(), triangle, uv, spacing)
+    # In double, and on the surface: the sheet is a plane, as its axes are.
+    to_edge = (0.5 - uv[:, 0]) * np.linalg.norm(surface.jacobian[triangle][..., 0], axis=-1)
+    turns = 2.0 * np.pi * np.arange(8) / 8
+    looked = to_edge[:, None] - 2.0 * spacing * np.cos(turns)
+    sure = (np.abs(looked) > 1e-3 * spacing).all(axis=1)
+    wanted = (1.0 - (looked < 0).mean(axis=1)) ** 1.25
+    assert sure.sum() > 0.5 * len(sure)
+    np.testing.assert_allclose(found[sure], wanted[sure], atol=1e-6)
+    assert (found[to_edge > 2.01 * spacing] == 1.0).all()
+    assert set(np.round(wanted[sure], 3)) > {0.0, 1.0}
