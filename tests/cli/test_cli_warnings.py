@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import face_data
 from rhytid.cli import main
 from rhytid.cli.warned import Warned
-from rhytid.domain.warnings import InputWarning
+from rhytid.domain.warnings import CODES, InputWarning
 from rhytid.errors import StrictError
 from rhytid.samples.face import procedural_face
 
@@ -66,6 +67,53 @@ def test_strict_bake_writes_nothing(
     assert "--strict: 2 warnings, so nothing was done" in told
     assert "frame 0002 of shot.npy" in told
     assert not out.exists()
+
+
+def test_what_is_allowed_is_told_and_no_error(
+    neutral: Path, metres: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of two warnings one is allowed: the other is an error still."""
+    out, figures = tmp_path / "maps", tmp_path / "figures.json"
+    given = ["bake", "--mesh", str(neutral), "--frames", str(metres), "--out", str(out), *SMALL]
+    given += ["--json", str(figures), "--strict", "--allow", "frame-scaled"]
+    (tmp_path / "mm.json").write_text('{"unit": "mm"}')
+    assert main([*given, "--settings", str(tmp_path / "mm.json")]) == 1
+    told = capsys.readouterr().err
+    assert "warning: frame-scaled: " in told
+    assert "--strict: 1 warning, so nothing was done (--allow mesh-size would let that be)" in told
+    assert not out.exists()
+    assert main(given) == 0
+    assert lines(capsys, "frame-scaled")
+    kept = json.loads(figures.read_text())["warnings"]
+    assert [w["code"] for w in kept] == ["frame-scaled"] * 2
+
+
+@pytest.mark.parametrize("command", ["bake", "demo", "synthesize", "graph"])
+def test_of_an_unknown_code_the_known_ones_are_told(
+    command: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        main([command, "--allow", "texel-sise"])
+    told = capsys.readouterr().err
+    assert "texel-sise" in told
+    assert all(code in told for code in CODES)
+
+
+@pytest.mark.face
+def test_the_real_face_is_used_strictly_with_its_nostrils_allowed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    face = face_data.load_face()
+    names = ("positions", "faces", "uv", "face_uv")
+    np.savez(tmp_path / "face.npz", **{name: getattr(face, name) for name in names})
+    out = tmp_path / "face.safetensors"
+    given = ["synthesize", str(tmp_path / "face.npz"), "--out", str(out), "--wrinkles", "300"]
+    assert main([*given, "--strict"]) == 1
+    assert not out.exists()
+    assert lines(capsys, "texel-size")
+    assert main([*given, "--strict", "--allow", "texel-size"]) == 0
+    assert out.exists()
+    assert lines(capsys, "texel-size")
 
 
 def test_what_is_right_is_baked_strictly_and_in_silence(

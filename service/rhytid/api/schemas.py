@@ -12,11 +12,18 @@ from rhytid.formats.curves import CURVE_FORMATS
 from rhytid.formats.tiles import FORMATS
 
 STRICT = "refuse what would be warned of: 422, with `warnings`; nothing is stored or begun"
+ALLOW = (
+    "a code that `strict=true` does not refuse, repeated for several: it stays a warning; an "
+    "unknown code is 422, with or without strict"
+)
 GRAPH_FORMATS = ("safetensors", *CURVE_FORMATS)
 
 
 def _options(values: Any) -> dict[str, Any]:
     return {"enum": list(values)}
+
+
+CODE = {"type": "string", **_options(CODES)}
 
 
 class _Query(BaseModel):
@@ -48,6 +55,7 @@ class TilesQuery(TileQuery):
     """The same, and the tiles wanted, in the order of the answer."""
 
     strict: bool = Field(False, description=STRICT)
+    allow: list[str] = Field([], description=ALLOW, json_schema_extra={"items": CODE})
     tile: list[str] = Field(min_length=1, description="udim/level/row/column, repeated")
 
 
@@ -87,7 +95,7 @@ class Problem(BaseModel):
     status: int
     detail: str = Field(description="what is wrong, and where")
     warnings: list[InputWarning] | None = Field(
-        None, description="only where `strict=true` turned them into a problem"
+        None, description="those that `strict=true` turned into a problem; of `allow` none"
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import asdict, replace
 
 from tqdm import tqdm  # type: ignore[import-untyped]
@@ -14,7 +14,7 @@ from rhytid.cli.reporting import counted
 from rhytid.domain.frame_warnings import FrameCheck
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.mesh_warnings import mesh_warnings
-from rhytid.domain.warnings import InputWarning
+from rhytid.domain.warnings import InputWarning, not_allowed
 from rhytid.errors import StrictError
 
 # Lines of one code that are told at once: of a long shot in the wrong unit three frames say it all.
@@ -22,10 +22,11 @@ _LINES = 3
 
 
 class Warned:
-    """The warnings of one run of a command; with `strict` they are an error."""
+    """The warnings of one run of a command; with `strict` they are an error, but for the codes in
+    `allow`."""
 
-    def __init__(self, command: str, strict: bool) -> None:
-        self._command, self._strict = command, strict
+    def __init__(self, command: str, strict: bool, allow: Collection[str] = ()) -> None:
+        self._command, self._strict, self._allow = command, strict, allow
         self.warnings: list[InputWarning] = []
 
     def __enter__(self) -> Warned:
@@ -69,7 +70,7 @@ class Warned:
         """The first of each code again, and how many there are."""
         counts = Counter(warning.code for warning in self.warnings)
         if counts:
-            self._print(f"{self._count()}; docs/warnings.md says what to do:")
+            self._print(f"{_count(self.warnings)}; docs/warnings.md says what to do:")
         for code, count in counts.items():
             first = next(w for w in self.warnings if w.code == code)
             self._print(f"warning: {first}" + (f" (and {count - 1} more)" if count > 1 else ""))
@@ -79,14 +80,17 @@ class Warned:
         return [asdict(warning) for warning in self.warnings]
 
     def _refuse(self) -> None:
-        if self._strict and self.warnings:
-            told = f"--strict: {self._count()}, so nothing was done"
-            raise StrictError(told, tuple(self.warnings))
-
-    def _count(self) -> str:
-        count = len(self.warnings)
-        return f"{count} {'warning' if count == 1 else 'warnings'}"
+        wrong = not_allowed(self.warnings, self._allow) if self._strict else ()
+        if wrong:
+            codes = " ".join(f"--allow {code}" for code in dict.fromkeys(w.code for w in wrong))
+            told = f"--strict: {_count(wrong)}, so nothing was done ({codes} would let that be)"
+            raise StrictError(told, wrong)
 
     def _print(self, line: str) -> None:
         # Beside a bar that is being drawn, too.
         tqdm.write(f"rhytid {self._command}: {line}", file=sys.stderr)
+
+
+def _count(warnings: Sequence[InputWarning]) -> str:
+    count = len(warnings)
+    return f"{count} {'warning' if count == 1 else 'warnings'}"

@@ -80,16 +80,18 @@ def tiles(
     sampling: str = "nearest",
     format: str = "npy",
     strict: bool = False,
+    allow: str | Iterable[str] = (),
 ) -> Flow[list[Tile]]:
     """Positions (V, 3) in, tiles out in the order of `addresses`, in one round trip.
 
     An address is (udim, level, row, column). Nothing is stored.
     method, stretch, sampling, format: as for a tile.
-    strict: RequestError, and nothing is drawn, where there would be `warnings`.
+    strict: RequestError, and nothing is drawn, where there would be `warnings`; allow: but for
+    those of these codes.
     """
     names = ["/".join(str(number) for number in address) for address in addresses]
     query = {"method": method, "stretch": stretch, "sampling": sampling, "format": format}
-    params = (*(("tile", name) for name in names), *query.items(), *strictly(strict))
+    params = (*(("tile", name) for name in names), *query.items(), *strictly(strict, allow))
     place = ("v1", "assets", asset_id(asset), "tiles")
     response = yield with_positions("POST", *place, positions=positions, params=params)
     body = parse.content(response)
