@@ -1,4 +1,4 @@
-"""How a command warns: a line on stderr at once, and all of it again at the end."""
+"""How a command warns: a line on stderr at once, and at the end one that says how many."""
 
 from __future__ import annotations
 
@@ -33,9 +33,10 @@ class Warned:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
-        """At the end of a run, of one that failed, too: there the reason may be among them."""
+        """At the end of a run, of one that failed, too: there the reason may be among them. By then
+        tables and bars have been printed below the warnings."""
         if kind is not StrictError:
-            self.repeat()
+            self.count()
 
     def inputs(
         self, mesh: Mesh, name: str, unit: str, resolution: int, frames: FrameFiles | None = None
@@ -66,14 +67,14 @@ class Warned:
                 if sum(w.code == warning.code for w in self.warnings) <= _LINES:
                     self._print(f"warning: {warning}")
 
-    def repeat(self) -> None:
-        """The first of each code again, and how many there are."""
+    def count(self) -> None:
+        """One line: how many there are, and of what more is not listed."""
         counts = Counter(warning.code for warning in self.warnings)
+        many = [f"{_LINES} of {n} {code}" for code, n in counts.items() if n > _LINES]
+        listed = f"listed above ({', '.join(many)})" if many else "listed above"
         if counts:
-            self._print(f"{_count(self.warnings)}; docs/warnings.md says what to do:")
-        for code, count in counts.items():
-            first = next(w for w in self.warnings if w.code == code)
-            self._print(f"warning: {first}" + (f" (and {count - 1} more)" if count > 1 else ""))
+            told = f"{_count(self.warnings)}, {listed}; docs/warnings.md says what to do"
+            self._print(told)
 
     def figures(self) -> list[dict[str, str]]:
         """All of them, for JSON."""

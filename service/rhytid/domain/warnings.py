@@ -42,6 +42,9 @@ INWARD_COSINE = -0.25
 # most of the map.
 TEXEL_RATIO = 10.0
 TEXEL_TAIL = 0.005
+# texel-size: share of the area from which on a place is counted among those that are too coarse or
+# too fine; slivers at ears and lids are not.
+TEXEL_PLACE = 0.001
 # mesh-size: longest side of the box around the mesh, mm. A newborn's face is about 90 mm tall, a
 # head with shoulders 500 mm. A factor of 10 in the unit leaves this range on one side or the other.
 LEAST_SIZE, MOST_SIZE, USUAL_SIZE = 90.0, 1000.0, 230.0
