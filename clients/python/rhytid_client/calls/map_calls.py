@@ -124,7 +124,8 @@ def bin_tile(
     """One tile of quantised codes, int8 or int16; the manifest's step turns them into heights.
 
     layer: one of the manifest's: wrinkles, pores, for a mellow merge wrinkle_bulges and
-    pore_bulges, with tilts wrinkle_tilts (sample 0).
+    pore_bulges, with tilts wrinkle_tilts (sample 0); of the cushions, coarse and with an apron,
+    cushions and cushion_tilts (sample 0); grain (bin 0, sample 0).
     """
     place = ("v1", "assets", asset_id(asset), "bins", udim, level, row, column)
     query: dict[str, str | int] = {"bin": bin, "sample": sample, "layer": layer}
