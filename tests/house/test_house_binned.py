@@ -16,7 +16,8 @@ FACTORS = [str(factor) for factor in cushion_elements.FACTORS]
     [
         f"clip01(a/{cushion_elements.THRESHOLD:g} − 1)",
         f"weights above {cushion_elements.THRESHOLD:g}, is {cushion_elements.CARRIED:g} samples",
-        f"at least {cushion_elements.LEAST_HALF_WIDTH:g} samples",
+        f"√(w² − {cushion_elements.WIDENED:g})",
+        f"no less than {cushion_elements.LEAST_HALF_WIDTH:g}",
         f"the largest of {', '.join(FACTORS[:-1])} and {FACTORS[-1]}",
         f"{cushion_elements.COARSE_BLOCK} samples are left a side",
         f"log({cushion_bins._MEETING})/`shape.cushion_sharpness`",
