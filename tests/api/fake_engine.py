@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -14,13 +15,15 @@ from rhytid.domain.curves import Curves
 from rhytid.domain.frame import NEUTRAL, check_frame_name, check_positions
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.tiles import TileAddress, mesh_udims
-from rhytid.domain.warnings import InputWarning, refuse
+from rhytid.domain.warnings import InputWarning, check_codes, refuse
 from rhytid.engine.messages import (
     AssetInfo,
     BinManifest,
+    CushionLayer,
     DeviceInfo,
     FrameInfo,
     FrameStretch,
+    GrainLayer,
     JobInfo,
     MapQuery,
     NewAsset,
@@ -79,9 +82,12 @@ class FakeEngine:
 
     # Assets and jobs
 
-    def create_asset(self, new: NewAsset, *, strict: bool = False) -> AssetInfo:
+    def create_asset(
+        self, new: NewAsset, *, strict: bool = False, allow: Collection[str] = ()
+    ) -> AssetInfo:
+        check_codes(allow)
         if strict:
-            refuse(self._doubts(new.mesh.positions, "mesh"))
+            refuse(self._doubts(new.mesh.positions, "mesh"), allow)
         arrays = [new.mesh.positions, new.mesh.faces, new.mesh.uv, new.mesh.face_uv]
         name = _digest(repr(new.settings), *arrays)[:16]
         if name not in self._assets:
@@ -163,10 +169,16 @@ class FakeEngine:
     # Frames
 
     def put_frame(
-        self, asset: str, frame: str, positions: Any, *, strict: bool = False
+        self,
+        asset: str,
+        frame: str,
+        positions: Any,
+        *,
+        strict: bool = False,
+        allow: Collection[str] = (),
     ) -> FrameInfo:
         found = self._built(asset)
-        self.frame_warnings(asset, positions, strict=strict)
+        self.frame_warnings(asset, positions, strict=strict, allow=allow)
         if check_frame_name(frame) == NEUTRAL:
             raise ReadOnlyError("frame 'neutral' cannot be written")
         found.frames[frame] = check_positions(positions, len(found.new.mesh.positions))
@@ -182,11 +194,12 @@ class FakeEngine:
         return FrameInfo(frame, dict.fromkeys(PERCENTILES, moved), doubts)
 
     def frame_warnings(
-        self, asset: str, positions: Any, *, strict: bool = False
+        self, asset: str, positions: Any, *, strict: bool = False, allow: Collection[str] = ()
     ) -> tuple[InputWarning, ...]:
+        check_codes(allow)
         found = self._doubts(positions, "the positions")
         if strict:
-            refuse(found)
+            refuse(found, allow)
         return found
 
     def _doubts(self, positions: Any, where: str) -> tuple[InputWarning, ...]:
@@ -208,9 +221,11 @@ class FakeEngine:
             raise ReadOnlyError("frame 'neutral' cannot be deleted")
         del self._find(asset).frames[frame]
 
-    def calibrate(self, asset: str, positions: Any, *, strict: bool = False) -> JobInfo:
+    def calibrate(
+        self, asset: str, positions: Any, *, strict: bool = False, allow: Collection[str] = ()
+    ) -> JobInfo:
         found = self._built(asset)
-        warnings = self.frame_warnings(asset, positions, strict=strict)
+        warnings = self.frame_warnings(asset, positions, strict=strict, allow=allow)
         check_positions(positions, len(found.new.mesh.positions))
         found.settings = found.settings.with_r_max(0.3)
         name = self._start(asset, "calibrate")
@@ -267,6 +282,7 @@ class FakeEngine:
             depth=1.0, sharpness=20.0, log_stretch_limit=0.5, scale_limit=4.0,
             depth_exponents={"wrinkles": 4.0, "pores": 10.0}, measured_in="uv", tilt=None,
             soft_limits=True, pore_depth_limit=2.0,
+            cushion=CushionLayer(4, 2, 5.0), grain=GrainLayer(2.0),
         )  # fmt: skip
 
     def bin_tile(

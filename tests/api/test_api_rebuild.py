@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from api.asking import NPY, array_of, built, npy
+from api.asking import NPY, array_of, built, is_problem, npy
 from api.live import serving
 from meshes import bumpy_grid, deform
 from pipeline.scenes import random_graph
@@ -30,8 +30,16 @@ BAND = 1e-6  # uv: nearer to an edge, float32 may take the triangle beyond it
 GREY = np.random.default_rng(5).integers(60, 256, (9, 7)).astype(np.uint8)
 
 CASES: dict[str, dict[str, Any]] = {
+    "default": {},
     "paper": {"preset": "paper"},
-    "best": {"preset": "best"},
+    "flat": {"shape": {"cushion": 0.0, "grain": 0.0, "undulation": 0.0}},
+    "cushions alone": {
+        "shape": {
+            "grain": 0.0, "undulation": 0.0, "cushion_width": 6.0, "cushion_sharpness": 9.0,
+        },
+    },
+    "grain alone": {"shape": {"cushion": 0.0, "grain": 0.3, "undulation": 0.0}},
+    "undulation alone": {"shape": {"cushion": 0.0, "grain": 0.0, "undulation": 0.3}},
     "far stretched": {"preset": "best", "bins": {"r_max": 0.03}},
     "16 bits, 8 bins, pores 7": {
         "preset": "best", "bins": {"count": 8, "bits": 16, "pore_samples": 7},
@@ -72,9 +80,9 @@ def sent(client: httpx.Client, stiff: bool = False, **settings: Any) -> str:
     """The path of an asset with a deformed frame `bent`."""
     mesh = io.BytesIO()
     np.savez(mesh, **MESH._asdict())
-    given = {"depth": 0.03, "resolution": RESOLUTION, "tile_size": SIDE, **settings}
-    # Their maps are not published, as the page says.
-    given["shape"] = {"cushion": 0.0, "grain": 0.0, **given.get("shape", {})}
+    # In millimetres texels are fine enough for all of the grain.
+    usual = {"unit": "mm", "depth": 0.03, "resolution": RESOLUTION, "tile_size": SIDE}
+    given = {**usual, **settings}
     files = {
         "mesh": ("sheet.npz", mesh.getvalue()),
         "settings": (None, json.dumps(given)),
@@ -107,75 +115,161 @@ def codes_of(client: httpx.Client, path: str, manifest: Any) -> dict[str, list[A
     return found
 
 
+class Grid:
+    """Centres of texels, or of samples of the cushion, with their triangles by the page."""
+
+    def __init__(self, page: dict[str, Any], corners: Any, reach: float, centres: Any) -> None:
+        self.centres, self.corners, self.reach = centres, corners, reach
+        moves = BAND * np.array([[0, 0], [1, 1], [1, -1], [-1, 1], [-1, -1]])
+        found = [page["triangles_of"](centres + move, corners, reach) for move in moves]
+        self.index = found[0]
+        self.sure = (found == found[0]).all(axis=0)
+        assert self.sure.mean() > 0.98
+
+    def jacobian(self, page: dict[str, Any]) -> Any:
+        own = page["jacobians"](MESH.positions, MESH.faces, self.corners)[0][self.index]
+        return np.where((self.index >= 0)[:, None, None], own, np.eye(3, 2))
+
+
 class Published:
-    """What the API answers of an asset, its centres and triangles by the page."""
+    """What the API answers of an asset, and a tile by the page."""
 
     def __init__(self, client: httpx.Client, page: dict[str, Any], path: str) -> None:
-        self.client, self.path = client, path
+        self.client, self.page, self.path = client, page, path
         self.manifest = client.get(f"{path}/bins").json()
         self.settings = client.get(path).json()["settings"]
         self.codes = codes_of(client, path, self.manifest)
         self.stretch = np.load(io.BytesIO(client.get(f"{path}/frames/bent/stretch").content))
         side = self.settings["resolution"]
-        rows, columns = np.mgrid[ROW * SIDE : (ROW + 1) * SIDE, COLUMN * SIDE : (COLUMN + 1) * SIDE]
-        self.centres = np.stack([columns + 0.5, side - rows - 0.5], axis=-1).reshape(-1, 2) / side
-        self.corners = MESH.uv.astype(float)[MESH.face_uv]
-        self.reach = self.settings["padding"] / side
-        moves = BAND * np.array([[0, 0], [1, 1], [1, -1], [-1, 1], [-1, -1]])
-        found = [page["triangles_of"](self.centres + m, self.corners, self.reach) for m in moves]
-        self.index = found[0]
-        self.sure = (found == found[0]).all(axis=0)
-        assert self.sure.mean() > 0.98
-        assert (self.index < 0).any(), "some texels lie in no triangle"
+        corners = MESH.uv.astype(float)[MESH.face_uv]
+        self.grids = [
+            Grid(page, corners, self.settings["padding"] / side, page["centres_of"](*square))
+            for square in self.squares(side)
+        ]
+        self.fine = self.grids[0]
+        assert (self.fine.index < 0).any(), "some texels lie in no triangle"
+
+    def squares(self, side: int) -> Iterator[tuple[int, int, int, int]]:
+        """(row, column, count, side of the map) of the tile, and of its part of the cushion."""
+        yield (ROW * SIDE, COLUMN * SIDE, SIDE, side)
+        if cushion := self.manifest["cushion"]:
+            factor, apron = cushion["factor"], cushion["apron"]
+            row, column, count = (at * SIDE // factor for at in (ROW, COLUMN, 1))
+            yield (row - apron, column - apron, count + 2 * apron, side // factor)
+
+    def made(self, sampling: str, stiff: bool = False) -> Any:
+        """The tile by the page."""
+        page, places = self.page, []
+        for grid in self.grids:
+            after = (grid.corners, grid.reach, self.stretch, self.manifest)
+            if sampling == "smooth":
+                logs, axes = page["smooth"](grid.centres, MESH.positions, MESH.faces, *after)
+            else:
+                logs, axes = page["nearest"](grid.centres, *after)
+            surface = self.manifest["measured_in"] == "surface"
+            stiffness = bilinear(GREY / 255, grid.centres) if stiff else 1.0
+            places.append((logs, axes, grid.jacobian(page) if surface else None, stiffness))
+        return page["displacement"](self.manifest, self.codes, *places)
+
+    @property
+    def sure(self) -> Any:
+        """(P,) texels of which it is clear what they and the samples around them take."""
+        if not self.manifest["cushion"]:
+            return self.fine.sure
+        doubt = ~self.grids[1].sure
+        side = round(len(doubt) ** 0.5)
+        raised = self.page["brought_up"](doubt.reshape(side, side).astype(float), self.manifest)
+        assert (raised == 0).mean() > 0.95
+        return self.fine.sure & (raised.ravel() == 0)
 
     def served(self, sampling: str) -> Any:
         query = {"method": "binned", "sampling": sampling}
         answer = self.client.get(f"{self.path}/frames/bent/tiles/{TILE}", params=query)
         return array_of(answer).ravel()
 
-    def worst(self, sampling: str, made: Any) -> float:
-        """The largest difference from the served tile, in the smallest of its codes, were these
-        of 8 bits: of 16 bits they are near what float32 rounds to."""
+    def worst(self, sampling: str, stiff: bool = False) -> float:
+        """The largest difference from the served tile, in the smallest of the codes of wrinkles and
+        pores, were these of 8 bits: of 16 bits they are near what float32 rounds to."""
+        made = self.made(sampling, stiff)
         away = np.abs(made - self.served(sampling))[self.sure]
         assert np.abs(made).max() > 0.5 * self.settings["depth"]
-        steps = [s for layer, s in self.manifest["steps"].items() if layer != "wrinkle_tilts"]
-        eight = (2 ** (self.manifest["bits"] - 1) - 1) / 127
-        return float(away.max() / (eight * min(map(min, steps))))
+        steps = self.manifest["steps"]
+        least = min(min(steps[layer]) for layer in ("wrinkles", "pores"))
+        return float(away.max() / (least * (2 ** (self.manifest["bits"] - 1) - 1) / 127))
 
 
 @pytest.mark.parametrize("changes", CASES.values(), ids=CASES.keys())
 def test_the_page_makes_the_served_tile(
     client: httpx.Client, page: dict[str, Any], changes: dict[str, Any]
 ) -> None:
-    one = Published(client, page, sent(client, **changes))
-    logs, axes = page["nearest"](one.centres, one.corners, one.reach, one.stretch, one.manifest)
-    jacobian = None
-    if one.manifest["measured_in"] == "surface":
-        own = page["jacobians"](MESH.positions, MESH.faces, one.corners)[0][one.index]
-        jacobian = np.where((one.index >= 0)[:, None, None], own, np.eye(3, 2))
-    made = page["blend"](one.manifest, one.codes, logs, axes, jacobian)
-    assert one.worst("nearest", made) <= 1e-3
+    assert Published(client, page, sent(client, **changes)).worst("nearest") <= 1e-3
 
 
 @pytest.mark.parametrize("preset", ["paper", "best"])
 def test_the_page_makes_the_served_tile_with_smooth_sampling(
     client: httpx.Client, page: dict[str, Any], preset: str
 ) -> None:
-    one = Published(client, page, sent(client, preset=preset))
-    mesh = (MESH.positions, MESH.faces, one.corners, one.reach)
-    logs, axes = page["smooth"](one.centres, *mesh, one.stretch, one.manifest)
-    made = page["blend"](one.manifest, one.codes, logs, axes)
-    assert one.worst("smooth", made) <= 1e-3
+    assert Published(client, page, sent(client, preset=preset)).worst("smooth") <= 1e-3
 
 
+@pytest.mark.parametrize("sampling", ["nearest", "smooth"])
 def test_the_page_makes_the_served_tile_of_stiff_skin(
-    client: httpx.Client, page: dict[str, Any]
+    client: httpx.Client, page: dict[str, Any], sampling: str
 ) -> None:
     one = Published(client, page, sent(client, stiff=True))
-    logs, axes = page["nearest"](one.centres, one.corners, one.reach, one.stretch, one.manifest)
-    stiffness = bilinear(GREY / 255, one.centres)
-    made = page["blend"](one.manifest, one.codes, logs, axes, stiffness=stiffness)
-    assert one.worst("nearest", made) <= 1e-3
+    assert one.worst(sampling, stiff=True) <= 1e-3
+
+
+def test_the_default_has_cushions_and_grain_that_show(
+    client: httpx.Client, page: dict[str, Any]
+) -> None:
+    """Without one of the two the page is wrong by many codes."""
+    one = Published(client, page, sent(client))
+    assert one.manifest["cushion"]["factor"] > 1
+    assert one.manifest["layers"].keys() == {
+        "wrinkles", "pores", "wrinkle_tilts", "cushions", "cushion_tilts", "grain",
+    }  # fmt: skip
+    grain = one.codes["grain"][0][0]
+    assert 10 < grain.std() < 64
+    for name, least in (("cushion", 10), ("grain", 2)):
+        whole = one.manifest
+        one.manifest = {**whole, name: None}
+        assert np.abs(one.made("nearest") - one.served("nearest")).max() > least * min(
+            whole["steps"]["wrinkles"]
+        )
+        one.manifest = whole
+
+
+def test_tiles_of_cushions_overlap_by_their_aprons(client: httpx.Client) -> None:
+    path = sent(client)
+    manifest = client.get(f"{path}/bins").json()
+    factor, apron = (manifest["cushion"][name] for name in ("factor", "apron"))
+    query = {"layer": "cushions", "bin": 1, "sample": 2}
+    left, right = (
+        array_of(client.get(f"{path}/bins/1001/0/1/{column}", params=query)) for column in (1, 2)
+    )
+    assert left.shape == (SIDE // factor + 2 * apron,) * 2
+    assert left.any()
+    np.testing.assert_array_equal(left[:, -2 * apron :], right[:, : 2 * apron])
+
+
+@pytest.mark.parametrize(
+    ("preset", "layer", "bin", "sample", "told"),
+    [
+        ("best", "cushions", 4, 0, "bin 4 of layer cushions: 0 to 3"),
+        ("best", "cushions", 0, 3, "sample 3 of layer cushions: 0 to 2"),
+        ("best", "cushion_tilts", 0, 1, "sample 1 of layer cushion_tilts: 0 to 0"),
+        ("best", "grain", 1, 0, "bin 1 of layer grain: 0 to 0"),
+        ("paper", "cushions", 0, 0, "layer 'cushions': one of wrinkles, pores"),
+        ("paper", "grain", 0, 0, "layer 'grain': one of wrinkles, pores"),
+    ],
+)
+def test_maps_that_are_not_there(
+    client: httpx.Client, preset: str, layer: str, bin: int, sample: int, told: str
+) -> None:
+    query = {"layer": layer, "bin": bin, "sample": sample}
+    answer = client.get(f"{sent(client, preset=preset)}/bins/{TILE}", params=query)
+    assert told in is_problem(answer, 404, "not-found")
 
 
 def bilinear(image: Any, uv: Any) -> Any:
@@ -191,10 +285,12 @@ def bilinear(image: Any, uv: Any) -> Any:
 
 def test_the_openapi_document_tells_of_every_number(client: httpx.Client) -> None:
     schemas = client.get("/openapi.json").json()["components"]["schemas"]
-    fields = {**schemas["Bins"]["properties"], **schemas["TiltLine"]["properties"]}
+    names = ("Bins", "TiltLine", "CushionLayer", "GrainLayer")
+    fields = {k: v for name in names for k, v in schemas[name]["properties"].items()}
     told = {n for n, f in fields.items() if f.get("description")}
     assert {"pore_samples", "depth", "sharpness", "log_stretch_limit", "scale_limit"} <= told
     assert {"node", "share", "width", "depth_exponents", "measured_in", "layers"} <= told
+    assert {"cushion", "factor", "apron", "grain", "exponent"} <= told
     manifest = client.get(f"{sent(client)}/bins").json()
     assert manifest.keys() == schemas["Bins"]["properties"].keys()
     tilt = manifest["tilt"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator
+from typing import Any
 
 import httpx
 import numpy as np
@@ -74,6 +75,43 @@ def test_a_strict_asset_is_not_made(client: httpx.Client) -> None:
     assert client.post("/v1/assets?strict=true", files=upload()).is_success
 
 
+@pytest.mark.parametrize("place", ["frames/allowed", "calibration", "tiles?tile=1001/0/0/0"])
+def test_an_allowed_code_is_no_problem(client: httpx.Client, asset: str, place: str) -> None:
+    path = f"/v1/assets/{asset}/{place}" + ("&" if "?" in place else "?")
+    method = "POST" if "tiles" in place else "PUT"
+    path += "strict=true&allow=uv-overlap"
+    assert client.request(method, path, content=npy(WRONG), headers=NPY).status_code == 422
+    found = client.request(method, f"{path}&allow=mesh-size", content=npy(WRONG), headers=NPY)
+    assert found.is_success
+    header = found.headers.get("x-rhytid-warnings")
+    told = json.loads(header) if header else found.json()["warnings"]
+    assert [w["code"] for w in told] == ["mesh-size"]
+    client.delete(f"/v1/assets/{asset}/frames/allowed")
+
+
+def test_an_asset_with_an_allowed_code_is_made(client: httpx.Client) -> None:
+    large = upload(obj(scale=91.0))
+    assert client.post("/v1/assets?strict=true", files=large).status_code == 422
+    made = client.post("/v1/assets?strict=true&allow=mesh-size", files=large)
+    assert made.is_success
+    assert [w["code"] for w in made.json()["warnings"]] == ["mesh-size"]
+
+
+@pytest.mark.parametrize("strict", ["strict=true&", ""])
+@pytest.mark.parametrize("place", ["", "/frames/f", "/calibration", "/tiles?tile=1001/0/0/0"])
+def test_an_unknown_code_is_answered_with_the_known(
+    client: httpx.Client, asset: str, place: str, strict: str
+) -> None:
+    path = f"/v1/assets/{asset}{place}" if place else "/v1/assets"
+    path += f"{'&' if '?' in path else '?'}{strict}allow=mesh-size&allow=mesh-sise"
+    body: dict[str, Any] = {"content": npy(smile()), "headers": NPY}
+    method = "PUT" if place in ("/frames/f", "/calibration") else "POST"
+    refused = client.request(method, path, **(body if place else {"files": upload()}))
+    detail = is_problem(refused, 422, "query")
+    assert "'mesh-sise'" in detail
+    assert all(code in detail for code in CODES)
+
+
 @pytest.mark.parametrize("query", ["strict=perhaps", "strict=true&strict=true", "strickt=true"])
 def test_strict_is_understood_or_refused(client: httpx.Client, query: str) -> None:
     refused = client.post(f"/v1/assets?{query}", files=upload())
@@ -97,7 +135,9 @@ def test_openapi_has_the_codes_and_the_switch(client: httpx.Client) -> None:
         ("/v1/assets/{asset}/calibration", "put"),
         ("/v1/assets/{asset}/tiles", "post"),
     ):
-        assert "strict" in [p["name"] for p in document["paths"][path][method]["parameters"]]
+        known = {p["name"]: p for p in document["paths"][path][method]["parameters"]}
+        assert {"strict", "allow"} <= set(known)
+        assert known["allow"]["schema"]["items"]["enum"] == list(CODES)
     references = set(re.findall(r'"#/components/schemas/(\w+)"', json.dumps(document)))
     assert references <= set(schemas)
 

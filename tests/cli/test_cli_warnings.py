@@ -1,4 +1,4 @@
-"""Warnings of the commands: told on stderr, told again at the end, an error with --strict."""
+"""Warnings of the commands: told on stderr, counted at the end, an error with --strict."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import face_data
 from rhytid.cli import main
 from rhytid.cli.warned import Warned
-from rhytid.domain.warnings import InputWarning
+from rhytid.domain.warnings import CODES, InputWarning
 from rhytid.errors import StrictError
 from rhytid.samples.face import procedural_face
 
@@ -34,11 +35,19 @@ def metres(tmp_path: Path) -> Path:
 
 
 def lines(capsys: pytest.CaptureFixture[str], code: str) -> list[str]:
-    return [line for line in capsys.readouterr().err.splitlines() if f"warning: {code}: " in line]
+    """Those of a code; the last line of all says how many warnings there are, and none again."""
+    told = capsys.readouterr().err.splitlines()
+    warned = [line for line in told if "warning: " in line]
+    assert len(set(warned)) == len(warned)
+    if warned and "--strict: " not in told[-1]:
+        some = "1 warning" if len(warned) == 1 else f"{len(warned)} warnings"
+        assert told[-1].endswith(f": {some}, listed above; docs/warnings.md says what to do")
+        assert sum("listed above" in line for line in told) == 1
+    return [line for line in warned if f"warning: {code}: " in line]
 
 
 @pytest.mark.parametrize("method", ["redraw", "binned"])
-def test_bake_tells_what_and_where_and_tells_it_again(
+def test_bake_tells_what_and_where_once(
     neutral: Path, metres: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], method: str
 ) -> None:
     out, figures = tmp_path / "maps", tmp_path / "figures.json"
@@ -50,8 +59,7 @@ def test_bake_tells_what_and_where_and_tells_it_again(
         True,
     ]
     assert all(line.startswith("rhytid bake: ") and "m beside" in line for line in told)
-    assert len(told) == 3
-    assert told[2].endswith("(and 1 more)")
+    assert len(told) == 2
     kept = json.loads(figures.read_text())["warnings"]
     assert [w["code"] for w in kept] == ["frame-scaled"] * 2
 
@@ -66,6 +74,53 @@ def test_strict_bake_writes_nothing(
     assert "--strict: 2 warnings, so nothing was done" in told
     assert "frame 0002 of shot.npy" in told
     assert not out.exists()
+
+
+def test_what_is_allowed_is_told_and_no_error(
+    neutral: Path, metres: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of two warnings one is allowed: the other is an error still."""
+    out, figures = tmp_path / "maps", tmp_path / "figures.json"
+    given = ["bake", "--mesh", str(neutral), "--frames", str(metres), "--out", str(out), *SMALL]
+    given += ["--json", str(figures), "--strict", "--allow", "frame-scaled"]
+    (tmp_path / "mm.json").write_text('{"unit": "mm"}')
+    assert main([*given, "--settings", str(tmp_path / "mm.json")]) == 1
+    told = capsys.readouterr().err
+    assert "warning: frame-scaled: " in told
+    assert "--strict: 1 warning, so nothing was done (--allow mesh-size would let that be)" in told
+    assert not out.exists()
+    assert main(given) == 0
+    assert lines(capsys, "frame-scaled")
+    kept = json.loads(figures.read_text())["warnings"]
+    assert [w["code"] for w in kept] == ["frame-scaled"] * 2
+
+
+@pytest.mark.parametrize("command", ["bake", "demo", "synthesize", "graph"])
+def test_of_an_unknown_code_the_known_ones_are_told(
+    command: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        main([command, "--allow", "texel-sise"])
+    told = capsys.readouterr().err
+    assert "texel-sise" in told
+    assert all(code in told for code in CODES)
+
+
+@pytest.mark.face
+def test_the_real_face_is_used_strictly_with_its_nostrils_allowed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    face = face_data.load_face()
+    names = ("positions", "faces", "uv", "face_uv")
+    np.savez(tmp_path / "face.npz", **{name: getattr(face, name) for name in names})
+    out = tmp_path / "face.safetensors"
+    given = ["synthesize", str(tmp_path / "face.npz"), "--out", str(out), "--wrinkles", "300"]
+    assert main([*given, "--strict"]) == 1
+    assert not out.exists()
+    assert lines(capsys, "texel-size")
+    assert main([*given, "--strict", "--allow", "texel-size"]) == 0
+    assert out.exists()
+    assert lines(capsys, "texel-size")
 
 
 def test_what_is_right_is_baked_strictly_and_in_silence(
@@ -90,18 +145,20 @@ def test_demo_warns_and_refuses(
     assert "warning: frame-scaled: frame 0001 of shot.npy" in told
     assert not out.exists()
     assert main([*given, "--out", str(out)]) == 0
-    told = capsys.readouterr().err
-    assert told.count("warning: frame-scaled: frame 0001 of shot.npy") == 2
+    told = lines(capsys, "frame-scaled")
+    assert ["frame 0001 of shot.npy" in line for line in told] == [True, False]
     assert len(json.loads((out / "times.json").read_text())["warnings"]) == 2
 
 
-def test_a_run_that_fails_tells_again_what_may_be_the_reason(
+def test_a_run_that_fails_points_at_what_may_be_the_reason(
     neutral: Path, metres: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """There is no patch of skin 6 mm wide on a head of 24 mm."""
     given = ["demo", "--mesh", str(neutral), "--frames", str(metres), "--unit", "mm", *SMALL]
     assert main([*given, "--out", str(tmp_path / "demo")]) == 1
-    assert capsys.readouterr().err.count("warning: mesh-size: head.npz, mesh: ") == 2
+    told = capsys.readouterr().err
+    assert told.count("warning: mesh-size: head.npz, mesh: ") == 1
+    assert "rhytid demo: 3 warnings, listed above; " in told
 
 
 @pytest.mark.parametrize("command", ["synthesize", "graph"])
@@ -119,7 +176,7 @@ def test_graphs_of_a_mesh_in_the_wrong_unit(
     assert not made.parent.exists()
     assert not curves.parent.exists()
     assert main(given) == 0
-    assert len(lines(capsys, "mesh-size")) == 2
+    assert len(lines(capsys, "mesh-size")) == 1
     assert curves.exists()
 
 
@@ -129,11 +186,15 @@ def test_a_long_shot_is_told_in_a_few_lines(capsys: pytest.CaptureFixture[str]) 
         warned.frame([InputWarning("frame-scaled", "x", "?")], f"{i:04d}")
         warned.frame([InputWarning("frame-scaled", "x", "?")], f"{i:04d}")
     assert len(capsys.readouterr().err.splitlines()) == 3
-    warned.repeat()
-    told = capsys.readouterr().err.splitlines()
-    assert told[0] == "rhytid bake: 400 warnings; docs/warnings.md says what to do:"
-    assert told[1] == "rhytid bake: warning: frame-scaled: frame 0000: x (and 399 more)"
-    assert len(warned.figures()) == 400
+    warned.frame([InputWarning("stretch-at-clamp", "y", "?")], "0000")
+    assert len(capsys.readouterr().err.splitlines()) == 1
+    warned.count()
+    (told,) = capsys.readouterr().err.splitlines()
+    assert told == (
+        "rhytid bake: 401 warnings, listed above (3 of 400 frame-scaled); docs/warnings.md says "
+        "what to do"
+    )
+    assert len(warned.figures()) == 401
 
 
 def test_a_strict_command_ends_with_the_first_frame_that_is_wrong() -> None:

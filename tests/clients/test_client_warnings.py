@@ -79,6 +79,16 @@ def test_strict_is_asked_for_and_raises(shell: Callable[..., Shell], call: str) 
     assert "strict" not in plain.seen[0].url.params
 
 
+@pytest.mark.parametrize("call", CALLS)
+@pytest.mark.parametrize("allow", [["frame-scaled", "mesh-size"], "frame-scaled"])
+def test_what_is_allowed_is_sent(shell: Callable[..., Shell], call: str, allow: Any) -> None:
+    script = Script(answer(call))
+    with pytest.warns(RhytidWarning):
+        CALLS[call](shell(script), strict=True, allow=allow)
+    codes = [allow] if isinstance(allow, str) else allow
+    assert script.seen[0].url.params.get_list("allow") == codes
+
+
 @pytest.mark.parametrize(("where", "dtype"), [(1.0, "<f4"), (1e4, "<f8")])
 def test_doubles_far_away_stay_doubles(
     shell: Callable[..., Shell], where: float, dtype: str

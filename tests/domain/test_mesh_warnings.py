@@ -155,6 +155,38 @@ def test_texels_of_one_place_are_too_large(ratio: float, warned: bool) -> None:
     assert not warned or "mm" in found[0].detail
 
 
+@pytest.mark.parametrize(
+    ("share", "told"),
+    [
+        ((9.0, 0.6, 1.6), "here and at 1 more place."),
+        ((9.0, 1.6, 1.6, 1.6), "here and at 3 more places."),
+        ((9.0,), "here."),
+    ],
+)
+def test_other_places_are_counted(share: tuple[float, ...], told: str) -> None:
+    """Places of so many thousandths of the face; one of less than a thousandth is not counted."""
+    (found,) = mesh_warnings(_with_coarse_places(share), "cm", 4096)
+    assert found.code == limits.TEXEL_SIZE
+    assert told in found.detail
+
+
+def _with_coarse_places(thousandths: tuple[float, ...]) -> Mesh:
+    """Around vertices far apart as many triangles as have that share of the area, with a twentieth
+    of their room in UV."""
+    middles = FACE.positions[FACE.faces].mean(axis=1)
+    corners = FACE.positions[FACE.faces].astype(float)
+    areas = np.linalg.norm(np.cross(*np.moveaxis(corners[:, 1:] - corners[:, :1], 1, 0)), axis=1)
+    spots = [[-4, -6], [4, -6], [-4, 4], [4, 4]]
+    uv = FACE.triangle_uv().copy()
+    for spot, share in zip(spots, thousandths, strict=False):
+        near = np.argsort(np.linalg.norm(middles[:, :2] - spot, axis=1))
+        few = near[: np.searchsorted(np.cumsum(areas[near]), share * areas.sum() / 1000) + 1]
+        uv[few] = uv[few].mean(axis=1, keepdims=True) * 0.95 + uv[few] * 0.05
+    return Mesh(
+        FACE.positions, FACE.faces, uv.reshape(-1, 2), np.arange(3 * len(uv)).reshape(-1, 3)
+    )
+
+
 def test_slivers_are_no_texels() -> None:
     """A few triangles with hardly any UV: less than half a hundredth of the surface."""
     corners = FACE.triangle_uv().copy()
@@ -191,6 +223,8 @@ def test_the_real_face_has_coarse_nostrils_alone() -> None:
     """Its texels are 0.05 to 1 mm at 4096²: 18 times apart, the widest in the nostrils."""
     (found,) = mesh_warnings(real_face(), "cm", 4096)
     assert found.code == limits.TEXEL_SIZE
+    assert "18 times apart" in found.detail
+    assert "here and at 1 more place." in found.detail
     x, y, z = (float(v) for v in found.where.split("at (")[1].split(")")[0].split(","))
     assert abs(x) < 2
     assert abs(y) < 2

@@ -84,6 +84,18 @@ def test_undulation_is_broad_noise_beside_the_grain(device, seed, grain):
     assert broad.std() > 0.5
 
 
+@pytest.mark.parametrize("texels", [3.0, 4.0, 8.0])
+def test_octaves_are_as_high_as_means_over_texels(texels):
+    """Square texels that lie anyhow in the noise, two cells a wave."""
+    random = np.random.default_rng(0)
+    across = np.linalg.qr(random.normal(size=(3, 3)))[0][:2] * 2 / texels
+    places = random.uniform(0, 1000, (20000, 1, 3))
+    inside = np.stack(np.meshgrid(*2 * [(np.arange(6) + 0.5) / 6 - 0.5]), axis=-1).reshape(-1, 2)
+    points = (places + inside @ across).reshape(-1, 3)
+    means = reference.noise(points, 5).reshape(len(places), -1).mean(axis=1)
+    assert means.std() == pytest.approx(reference.carried(np.array(texels)), abs=0.015)
+
+
 @pytest.mark.parametrize("octaves", [reference.GRAIN, reference.UNDULATION])
 def test_octaves_have_the_power_of_one(octaves):
     assert np.linalg.norm(octaves.shares) == pytest.approx(1.0, abs=1e-3)
@@ -138,7 +150,7 @@ def test_noise_has_its_root_mean_square_and_its_band(device):
     flat = Mesh(2.0 * np.pad(corners, ((0, 0), (0, 1))), faces, corners, faces)
     asset = asset_of(device, flat, BARE, resolution=512)
     noise = drawn(asset, side=512) / (SHARE * DEPTH)
-    carried = np.clip(SIZE * 256 * 5.0 ** -np.array([0, 0.5, 1]) - 2, 0, 1)
+    carried = reference.carried(SIZE * 256 * 5.0 ** -np.array([0, 0.5, 1]))
     wanted = np.linalg.norm(reference.GRAIN.shares * carried)
     assert noise.std() == pytest.approx(wanted, rel=0.05)
     power = np.abs(np.fft.fft2(noise * np.outer(*2 * [np.hanning(512)]))) ** 2

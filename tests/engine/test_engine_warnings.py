@@ -15,7 +15,7 @@ from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine import arrivals
 from rhytid.engine.messages import MapQuery
-from rhytid.errors import StrictError
+from rhytid.errors import QueryError, StrictError
 
 # The sheet is 2 units wide: in feet it could be a face.
 BENT = deform(sheet().positions, 1, 0.1)
@@ -59,6 +59,43 @@ def test_a_strict_asset_leaves_nothing(engine):
     assert told(refused.value.warnings) == SMALL
     assert engine.assets() == []
     assert engine._store.pending() == engine._store.ids() == []
+
+
+def test_what_is_allowed_is_kept_and_warned_of(engine):
+    for allow in ((), ("frame-scaled",)):
+        with pytest.raises(StrictError, match="mesh-size: mesh: "):
+            engine.create_asset(new_asset(unit="cm"), strict=True, allow=allow)
+    info = engine.create_asset(new_asset(unit="cm"), strict=True, allow=SMALL)
+    assert told(info.warnings) == SMALL
+    settle(engine, info.id)
+    metres = BENT * np.float32(0.01)
+    scaled = (codes.FRAME_SCALED,)
+    for allow in (SMALL, scaled):
+        options = {"strict": True, "allow": allow}
+        calls = {
+            "put": lambda options=options: engine.put_frame(info.id, "a", metres, **options),
+            "calibrate": lambda options=options: engine.calibrate(info.id, metres, **options),
+        }
+        for call in calls.values():
+            if allow == scaled:
+                assert told(call().warnings) == scaled
+            else:
+                with pytest.raises(StrictError, match="frame-scaled"):
+                    call()
+        if allow == scaled:
+            assert told(engine.frame_warnings(info.id, metres, **options)) == scaled
+
+
+def test_an_unknown_code_is_refused_with_the_known(engine):
+    asset = built(engine, new_asset(unit="ft"))
+    for call in (
+        lambda: engine.create_asset(new_asset(unit="ft"), allow=["no"]),
+        lambda: engine.put_frame(asset, "a", BENT, allow=["no"]),
+        lambda: engine.calibrate(asset, BENT, allow=["no"]),
+        lambda: engine.frame_warnings(asset, BENT, allow=["no"]),
+    ):
+        with pytest.raises(QueryError, match=f"'no'.*{', '.join(codes.CODES)}"):
+            call()
 
 
 def test_frames_that_come_with_a_mesh(engine):

@@ -55,11 +55,11 @@ SOFT = (*LARGE_LAYERS, *TILTED, "PARTS=1", "MERGE=SOFT", "WAVY=1", "BENT=1", "SK
 WAVY = (*SMALL_LAYERS, "WAVY=1", "SOFT_LIMITS=1", "SKEWED=1")
 SKEWED = (*SMALL_LAYERS, "SKEWED=1")
 # Of a layer with an apron around its blocks.
-COARSE = ("APRON=2", "COARSE_BLOCK=60", "LEAST_HALF_WIDTH=1.25f")
+COARSE = ("APRON=2", "COARSE_BLOCK=60", "LEAST_HALF_WIDTH=1.25f", "WIDENED=1.5f")
 RANGES = {
     "small": (*SMALL, *SMALL_LAYERS, *COARSE, "COARSER=2"),
-    "wavy": (*SMALL, *WAVY, *COARSE, "COARSER=2"),
-    "skewed": (*SMALL, *SKEWED, *COARSE, "COARSER=2", "RAISED=1"),
+    "wavy": (*SMALL, *WAVY, *COARSE, "COARSER=2", "RAISED=1"),
+    "skewed": (*SMALL, *SKEWED, *COARSE, "COARSER=16", "RAISED=1"),
     "mellow": (*LARGE, *MELLOW, *COARSE, "COARSER=4", "RAISED=1"),
     "soft": (*LARGE, *SOFT, *COARSE, "COARSER=8", "RAISED=1"),
 }

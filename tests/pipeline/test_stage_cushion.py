@@ -20,8 +20,8 @@ from rhytid.pipeline.elements import check_cover, wrinkle_arrays
 # What cushion.cl claims, of the coarse map, and draw.clh of the fine one.
 BOUND = 2e-4 * DEPTH
 SWOLLEN = {"cushion": 0.7, "wrinkle_bulge": 1.0}
-# Median half widths that 2, 4 and 8 texels to a coarse one carry at 1024 texels a side.
-WIDTHS = {2: (0.0008, 0.0012), 4: (0.0018, 0.0022), 8: (0.005, 0.01)}
+# Median half widths that so many texels to a coarse one carry at 1024 texels a side.
+WIDTHS = {2: (0.0008, 0.0012), 4: (0.0018, 0.0022), 8: (0.004, 0.006), 16: (0.009, 0.015)}
 
 
 def scene(device, graph=None, **changes):
@@ -127,6 +127,28 @@ def test_a_lone_line_keeps_its_depth(device):
             -scene(device, graph, shape={"cushion": 0.9, "cushion_width": 1.0}).redrawn(None).min()
         )
         assert depth == pytest.approx(DEPTH, rel=0.03)
+
+
+@pytest.mark.parametrize("half_width", [0.9, 1.3, 1.8, 2.6, 5.0])
+def test_a_lone_line_keeps_its_mean(device, half_width):
+    """Coarse texels: of what samples do not carry, too."""
+    graph = replace(
+        random_graph(1, 1), node_uv=np.float32([[0.303, 0.31], [0.697, 0.55]]),
+        node_weight=np.zeros(2, np.float32), edge_weight=np.ones(1, np.float32),
+        edge_half_width=np.full(1, half_width / 128, np.float32),
+    )  # fmt: skip
+    lone = {"cushion": 1.0, "cushion_width": 1.0, "wrinkle_bulge": 0.0}
+    made = scene(device, graph, shape=lone)
+    factor = made.elements().cushion.factor
+    ends, wide = graph.node_uv.astype(float), half_width / 128
+    length = np.linalg.norm(ends[1] - ends[0])
+    # Of the profile (1 - t²)²: along the line 16/15 of the half width, around both ends π/3 of its
+    # square; wider where it is drawn wider.
+    texels = 256**2 * DEPTH
+    round_ends = np.pi / 3 * wide**2
+    whole = texels * (length * 16 / 15 * wide + round_ends)
+    found = -made.redrawn(None).astype(float).sum()
+    assert found == pytest.approx(whole, rel=0.01 + 0.1 * factor * half_width / 256)
 
 
 def test_weak_lines_swell_nothing_and_none_pops():

@@ -12,6 +12,7 @@ from reference.inputs import Array, Graph, Shape
 
 THRESHOLD = 0.08
 LEAST = 1.25  # coarse texels
+WIDENED = 1.5
 CARRIED = 1.5
 
 
@@ -31,7 +32,7 @@ class Cushion(NamedTuple):
         """As coarse as carries the median broad half width of the lines that may swell."""
         broad = np.asarray(graph.edge_half_width, np.float64) * width * resolution
         median = np.median(broad[np.asarray(graph.edge_weight) > THRESHOLD])
-        fits = [f for f in (2, 4, 8) if f * CARRIED <= median and resolution // f >= 64]
+        fits = [f for f in (2, 4, 8, 16) if f * CARRIED <= median and resolution // f >= 64]
         return cls(share, width, sharpness, resolution // max(fits, default=2))
 
 
@@ -65,11 +66,9 @@ def raised(points: Array, lines: Wrinkles, cushion: Cushion) -> Array:
 
 
 def broadened(lines: Wrinkles, cushion: Cushion) -> Wrinkles:
-    """As wide as the layer has them. Its samples carry no less than LEAST, where the mean stays;
-    what the spline takes from the middle of a straight line through samples is put back:
-    Σ B(k) (1 - k²/h²)² over k = -1, 0, 1."""
+    """As wide as the layer has them, less what the spline widens them by, and no less than samples
+    carry. The mean of a line stays."""
     wide = lines.half_width * cushion.width * cushion.texels
-    drawn = np.maximum(wide, LEAST)
-    left = 2 / 3 + (1 - drawn**-2.0) ** 2 / 3
-    strength = lines.strength * wide / drawn / left
+    drawn = np.sqrt(np.maximum(wide**2 - WIDENED, LEAST**2))
+    strength = lines.strength * wide / drawn
     return lines._replace(half_width=drawn / cushion.texels, strength=strength)

@@ -50,10 +50,16 @@ def grain(
     total = np.zeros(len(points))
     for octave, share in enumerate(octaves.shares):
         place = place @ TURN.T
-        carried = np.clip(octaves.finer**-octave / texel - 2, 0, 1)
-        total += share * carried * noise(place, octaves.seed(seed, octave))
+        texels = octaves.finer**-octave / texel
+        total += share * carried(texels) * noise(place, octaves.seed(seed, octave))
         place = place * octaves.finer
     return total
+
+
+def carried(texels: Array) -> Array:
+    """(P,) what is left of an octave, by texels to a wave: none of it below two; then as the mean
+    over texels is less high than the noise itself."""
+    return np.clip(texels - 2, 0, 1) / (1 + 2.2 / texels**2)
 
 
 def noise(p: Array, seed: int) -> Array:

@@ -13,7 +13,7 @@ from starlette.concurrency import run_in_threadpool
 from rhytid.api import uploads
 from rhytid.api.metrics import Metrics
 from rhytid.api.parts import Part
-from rhytid.api.schemas import STRICT
+from rhytid.api.schemas import ALLOW, CODE, STRICT
 from rhytid.errors import QueryError
 from rhytid.formats.frames import read_positions
 
@@ -51,10 +51,14 @@ async def no_query(request: Request) -> None:
     await no_repeats(request)
 
 
+# Query parameters that are lists.
+REPEATED = ("tile", "allow")
+
+
 async def no_repeats(request: Request) -> None:
-    """Refuse a query parameter sent twice (`tile` may be); raises QueryError naming it."""
+    """Refuse a query parameter sent twice that may not be; raises QueryError naming it."""
     for name in request.query_params:
-        if name != "tile" and len(request.query_params.getlist(name)) > 1:
+        if name not in REPEATED and len(request.query_params.getlist(name)) > 1:
             raise QueryError(f"query parameter {name!r} was sent more than once")
 
 
@@ -76,6 +80,10 @@ NoRepeats = Depends(no_repeats)
 Place = Annotated[AbstractContextManager[None], Depends(_place)]
 MetricsDep = Annotated[Metrics, Depends(_metrics)]
 Strict = Annotated[bool, Query(description=STRICT)]
+Allow = Annotated[
+    list[str],
+    Query(default_factory=list, description=ALLOW, json_schema_extra={"items": CODE}),
+]
 Json = Annotated[Any, Depends(uploads.read_json)]
 Parts = Annotated[dict[str, Part], Depends(uploads.read_parts)]
 Index = Annotated[int, Path(ge=0, lt=2**31)]

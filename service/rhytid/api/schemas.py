@@ -12,11 +12,18 @@ from rhytid.formats.curves import CURVE_FORMATS
 from rhytid.formats.tiles import FORMATS
 
 STRICT = "refuse what would be warned of: 422, with `warnings`; nothing is stored or begun"
+ALLOW = (
+    "a code that `strict=true` does not refuse, repeated for several: it stays a warning; an "
+    "unknown code is 422, with or without strict"
+)
 GRAPH_FORMATS = ("safetensors", *CURVE_FORMATS)
 
 
 def _options(values: Any) -> dict[str, Any]:
     return {"enum": list(values)}
+
+
+CODE = {"type": "string", **_options(CODES)}
 
 
 class _Query(BaseModel):
@@ -48,6 +55,7 @@ class TilesQuery(TileQuery):
     """The same, and the tiles wanted, in the order of the answer."""
 
     strict: bool = Field(False, description=STRICT)
+    allow: list[str] = Field([], description=ALLOW, json_schema_extra={"items": CODE})
     tile: list[str] = Field(min_length=1, description="udim/level/row/column, repeated")
 
 
@@ -87,7 +95,7 @@ class Problem(BaseModel):
     status: int
     detail: str = Field(description="what is wrong, and where")
     warnings: list[InputWarning] | None = Field(
-        None, description="only where `strict=true` turned them into a problem"
+        None, description="those that `strict=true` turned into a problem; of `allow` none"
     )
 
 
@@ -187,6 +195,22 @@ class TiltLine(_Answer):
     width: float = Field(description="what half widths were scaled by in these drawings")
 
 
+class CushionLayer(_Answer):
+    """How the maps of the cushions lie under the texels, and meet."""
+
+    factor: int = Field(description="texels of a side to a sample")
+    apron: int = Field(
+        description="samples that a tile has beyond those under its own texels, on every side"
+    )
+    sharpness: float = Field(description="β by which its bins meet, per depth")
+
+
+class GrainLayer(_Answer):
+    """How the grain follows a frame."""
+
+    exponent: float = Field(description="e of its gain, the mean of exp(-e log ρ) over both axes")
+
+
 class Bins(_Answer):
     """The precomputed maps of an asset, and the numbers that blending them takes: docs/binned.md
     has the formulas."""
@@ -197,7 +221,8 @@ class Bins(_Answer):
     samples: list[float] = Field(description="log stretch of each sample of the wrinkles")
     pore_samples: list[float] = Field(description="log stretch of each sample of the pores")
     steps: dict[str, list[float]] = Field(
-        description="mesh units per code, by layer and sample; of tilts 1 over the largest code"
+        description="mesh units per code, by layer and sample; of tilts 1 over the largest code; "
+        "of grain in the neutral"
     )
     bits: int = Field(description="of a code, signed; the largest is 2^(bits-1) - 1")
     merge: str = Field(
@@ -210,7 +235,8 @@ class Bins(_Answer):
     )
     layers: dict[str, int] = Field(
         description="bins of each layer; a mellow merge has layers of bulges too. wrinkle_tilts: "
-        "where in its bin a wrinkle runs, code/largest from -1, the edge of the smaller angle, to 1"
+        "where in its bin a wrinkle runs, code/largest from -1, the edge of the smaller angle, to "
+        "1. cushions, cushion_tilts: of the broad layer, coarse. grain: noise of the neutral, int8"
     )
     depth: float = Field(description="of a wrinkle of strength 1, mesh units")
     sharpness: float = Field(description="β of the merge, per depth")
@@ -225,3 +251,5 @@ class Bins(_Answer):
     tilt: TiltLine | None = Field(description="null without tilts")
     soft_limits: bool = Field(description="log ρ and the logs of σ are limited by a knee")
     pore_depth_limit: float = Field(description="σ_d of pores is at most this")
+    cushion: CushionLayer | None = Field(description="null without cushions")
+    grain: GrainLayer | None = Field(description="null without grain")

@@ -80,7 +80,7 @@ def run(arguments: argparse.Namespace) -> None:
     """Read everything, build the asset, bake, and tell the times."""
     from rhytid.cli.warned import Warned
 
-    with Warned("bake", arguments.strict) as warned:
+    with Warned("bake", arguments.strict, arguments.allow) as warned:
         _run(arguments, warned)
 
 

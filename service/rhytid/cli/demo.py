@@ -79,7 +79,7 @@ def run(arguments: argparse.Namespace) -> None:
         arguments.usage_error("--frames needs --mesh: the neutral face that they deform")
     from rhytid.cli.warned import Warned
 
-    with Warned("demo", arguments.strict) as warned:
+    with Warned("demo", arguments.strict, arguments.allow) as warned:
         _run(arguments, warned)
 
 

@@ -40,7 +40,7 @@ def run(arguments: argparse.Namespace) -> None:
     """Read both, find the pores on the mesh, write, and tell the figures."""
     from rhytid.cli.warned import Warned
 
-    with Warned("graph", arguments.strict) as warned:
+    with Warned("graph", arguments.strict, arguments.allow) as warned:
         _run(arguments, warned)
 
 

@@ -10,6 +10,7 @@ from typing import Any
 from rhytid.domain.expressions import LINES
 from rhytid.domain.lengths import SKIN
 from rhytid.domain.units import MILLIMETRES, millimetres
+from rhytid.domain.warnings import CODES
 from rhytid.engine.messages import SAMPLINGS, STRETCH_MODELS
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}", re.ASCII)
@@ -104,9 +105,13 @@ def add_stiffness(parser: argparse.ArgumentParser) -> None:
 
 
 def add_strict(parser: argparse.ArgumentParser) -> None:
-    """`--strict`."""
+    """`--strict`, and `--allow CODE` for what it shall not refuse."""
     strict = "end with an error, before anything is made, where there would be warnings"
     parser.add_argument("--strict", action="store_true", help=strict)
+    allow = f"a warning that --strict lets be, repeated for several: {', '.join(CODES)}"
+    parser.add_argument(
+        "--allow", action="append", default=[], choices=CODES, metavar="CODE", help=allow
+    )
 
 
 def add_query(parser: argparse.ArgumentParser) -> None:

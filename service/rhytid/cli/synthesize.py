@@ -77,7 +77,7 @@ def run(arguments: argparse.Namespace) -> None:
     """Read, synthesise, write, and tell figures of what came out."""
     from rhytid.cli.warned import Warned
 
-    with Warned("synthesize", arguments.strict) as warned:
+    with Warned("synthesize", arguments.strict, arguments.allow) as warned:
         _run(arguments, warned)
 
 

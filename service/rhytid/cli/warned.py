@@ -1,10 +1,10 @@
-"""How a command warns: a line on stderr at once, and all of it again at the end."""
+"""How a command warns: a line on stderr at once, and at the end one that says how many."""
 
 from __future__ import annotations
 
 import sys
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import asdict, replace
 
 from tqdm import tqdm  # type: ignore[import-untyped]
@@ -14,7 +14,7 @@ from rhytid.cli.reporting import counted
 from rhytid.domain.frame_warnings import FrameCheck
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.mesh_warnings import mesh_warnings
-from rhytid.domain.warnings import InputWarning
+from rhytid.domain.warnings import InputWarning, not_allowed
 from rhytid.errors import StrictError
 
 # Lines of one code that are told at once: of a long shot in the wrong unit three frames say it all.
@@ -22,19 +22,21 @@ _LINES = 3
 
 
 class Warned:
-    """The warnings of one run of a command; with `strict` they are an error."""
+    """The warnings of one run of a command; with `strict` they are an error, but for the codes in
+    `allow`."""
 
-    def __init__(self, command: str, strict: bool) -> None:
-        self._command, self._strict = command, strict
+    def __init__(self, command: str, strict: bool, allow: Collection[str] = ()) -> None:
+        self._command, self._strict, self._allow = command, strict, allow
         self.warnings: list[InputWarning] = []
 
     def __enter__(self) -> Warned:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
-        """At the end of a run, of one that failed, too: there the reason may be among them."""
+        """At the end of a run, of one that failed, too: there the reason may be among them. By then
+        tables and bars have been printed below the warnings."""
         if kind is not StrictError:
-            self.repeat()
+            self.count()
 
     def inputs(
         self, mesh: Mesh, name: str, unit: str, resolution: int, frames: FrameFiles | None = None
@@ -65,28 +67,31 @@ class Warned:
                 if sum(w.code == warning.code for w in self.warnings) <= _LINES:
                     self._print(f"warning: {warning}")
 
-    def repeat(self) -> None:
-        """The first of each code again, and how many there are."""
+    def count(self) -> None:
+        """One line: how many there are, and of what more is not listed."""
         counts = Counter(warning.code for warning in self.warnings)
+        many = [f"{_LINES} of {n} {code}" for code, n in counts.items() if n > _LINES]
+        listed = f"listed above ({', '.join(many)})" if many else "listed above"
         if counts:
-            self._print(f"{self._count()}; docs/warnings.md says what to do:")
-        for code, count in counts.items():
-            first = next(w for w in self.warnings if w.code == code)
-            self._print(f"warning: {first}" + (f" (and {count - 1} more)" if count > 1 else ""))
+            told = f"{_count(self.warnings)}, {listed}; docs/warnings.md says what to do"
+            self._print(told)
 
     def figures(self) -> list[dict[str, str]]:
         """All of them, for JSON."""
         return [asdict(warning) for warning in self.warnings]
 
     def _refuse(self) -> None:
-        if self._strict and self.warnings:
-            told = f"--strict: {self._count()}, so nothing was done"
-            raise StrictError(told, tuple(self.warnings))
-
-    def _count(self) -> str:
-        count = len(self.warnings)
-        return f"{count} {'warning' if count == 1 else 'warnings'}"
+        wrong = not_allowed(self.warnings, self._allow) if self._strict else ()
+        if wrong:
+            codes = " ".join(f"--allow {code}" for code in dict.fromkeys(w.code for w in wrong))
+            told = f"--strict: {_count(wrong)}, so nothing was done ({codes} would let that be)"
+            raise StrictError(told, wrong)
 
     def _print(self, line: str) -> None:
         # Beside a bar that is being drawn, too.
         tqdm.write(f"rhytid {self._command}: {line}", file=sys.stderr)
+
+
+def _count(warnings: Sequence[InputWarning]) -> str:
+    count = len(warnings)
+    return f"{count} {'warning' if count == 1 else 'warnings'}"

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.origin import number_step, put_back
+from rhytid.domain.texel_sizes import texel_spread
 from rhytid.domain.tiles import mesh_udims, udim_origin
 from rhytid.domain.units import MILLIMETRES, OF_MESHES, millimetres
 from rhytid.domain.uv_overlap import overlap_of
@@ -24,7 +25,6 @@ from rhytid.domain.warnings import (
     STEP_OF_EDGE,
     TEXEL_RATIO,
     TEXEL_SIZE,
-    TEXEL_TAIL,
     USUAL_SIZE,
     UV_MIRRORED,
     UV_OVERLAP,
@@ -137,24 +137,19 @@ class _Measured:
 
     def texels(self) -> Iterator[InputWarning]:
         """The side of a texel on the surface, largest over smallest without the tails."""
-        side = np.sqrt(self.area / np.abs(self.uv_area)) / self.resolution
-        order = np.argsort(side)
-        shares = np.cumsum(self.area[order])
-        tails = np.array([TEXEL_TAIL, 0.5, 1.0 - TEXEL_TAIL])
-        least, usual, most = side[order[np.searchsorted(shares, tails * shares[-1])]]
-        if most <= TEXEL_RATIO * least:
+        area_uv, faces = np.abs(self.uv_area), self.mesh.faces[self.used]
+        found = texel_spread(self.area, area_uv, faces, self.resolution)
+        if found is None:
             return
-        # Seen from the usual texel: what is farther off, skin that is too coarse or too fine.
-        coarse = most / usual >= usual / least
-        worst = self._biggest(side >= most if coarse else side <= least)
         detail = (
-            f"a texel is {self._texel(least)} to {self._texel(most)} wide on the surface at "
-            f"{self.resolution} x {self.resolution}, {most / least:.0f} times apart, usually "
-            f"{self._texel(usual)}: {'largest' if coarse else 'smallest'} here. Up to "
+            f"a texel is {self._texel(found.least)} to {self._texel(found.most)} wide on the "
+            f"surface at {self.resolution} x {self.resolution}, {found.most / found.least:.0f} "
+            f"times apart, usually {self._texel(found.usual)}: "
+            f"{'largest' if found.coarse else 'smallest'} here{_and_more(found.more)}. Up to "
             f"{TEXEL_RATIO:g} times is normal; give such places "
-            f"{'more' if coarse else 'less'} room in UV"
+            f"{'more' if found.coarse else 'less'} room in UV"
         )
-        yield InputWarning(TEXEL_SIZE, detail, self._place(worst))
+        yield InputWarning(TEXEL_SIZE, detail, self._place(found.worst))
 
     def overlaps(self, udims: tuple[int, ...]) -> Iterator[InputWarning]:
         """Triangles on top of one another in UV, by UDIM."""
@@ -190,10 +185,6 @@ class _Measured:
             )
         return near
 
-    def _biggest(self, chosen: NDArray[np.bool_]) -> int:
-        """The largest triangle on the surface among some."""
-        return int(np.argmax(np.where(chosen, self.area, -1.0)))
-
     def _place(self, triangle: int) -> str:
         uv = self.uv[triangle].mean(axis=0)
         point = put_back(self.corners[triangle].mean(axis=0), self.mesh.centre)
@@ -213,6 +204,10 @@ def _length(millimetres: float) -> str:
     if millimetres < 10.0:
         return f"{millimetres:.3g} mm"
     return f"{millimetres / 10:.3g} cm" if millimetres < 1000.0 else f"{millimetres / 1000:.3g} m"
+
+
+def _and_more(places: int) -> str:
+    return f" and at {places} more {'place' if places == 1 else 'places'}" if places else ""
 
 
 def _percent(share: float) -> str:

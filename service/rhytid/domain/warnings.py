@@ -3,10 +3,10 @@ where on each is told. `docs/warnings.md` says what to do about them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 
-from rhytid.errors import StrictError
+from rhytid.errors import QueryError, StrictError
 
 UV_OVERLAP = "uv-overlap"
 UV_MIRRORED = "uv-mirrored"
@@ -42,6 +42,9 @@ INWARD_COSINE = -0.25
 # most of the map.
 TEXEL_RATIO = 10.0
 TEXEL_TAIL = 0.005
+# texel-size: share of the area from which on a place is counted among those that are too coarse or
+# too fine; slivers at ears and lids are not.
+TEXEL_PLACE = 0.001
 # mesh-size: longest side of the box around the mesh, mm. A newborn's face is about 90 mm tall, a
 # head with shoulders 500 mm. A factor of 10 in the unit leaves this range on one side or the other.
 LEAST_SIZE, MOST_SIZE, USUAL_SIZE = 90.0, 1000.0, 230.0
@@ -72,8 +75,23 @@ class InputWarning:
         return f"{self.code}: {self.where}: {self.detail}"
 
 
-def refuse(warnings: Sequence[InputWarning]) -> None:
-    """Raise StrictError naming the warnings, where there are any."""
-    if warnings:
-        told = "; ".join(str(warning) for warning in warnings)
-        raise StrictError(f"refused, for strict was asked for: {told}", tuple(warnings))
+def refuse(warnings: Iterable[InputWarning], allow: Collection[str] = ()) -> None:
+    """Raise StrictError naming the warnings whose codes are not allowed, where there are any."""
+    wrong = not_allowed(warnings, allow)
+    if wrong:
+        told = "; ".join(str(warning) for warning in wrong)
+        raise StrictError(f"refused, for strict was asked for: {told}", wrong)
+
+
+def not_allowed(
+    warnings: Iterable[InputWarning], allow: Collection[str]
+) -> tuple[InputWarning, ...]:
+    """The warnings that are errors where strict is asked for."""
+    return tuple(warning for warning in warnings if warning.code not in allow)
+
+
+def check_codes(allow: Iterable[str]) -> None:
+    """Raise QueryError naming the first code that there is not, and all that there are."""
+    for code in allow:
+        if code not in CODES:
+            raise QueryError(f"allow is {code!r}: must be one of {', '.join(CODES)}")

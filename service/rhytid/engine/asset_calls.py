@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any
@@ -20,7 +20,7 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.graph_origin import GraphOrigin
 from rhytid.domain.mesh_warnings import mesh_warnings
 from rhytid.domain.tiles import mesh_udims
-from rhytid.domain.warnings import InputWarning, refuse
+from rhytid.domain.warnings import InputWarning, check_codes, refuse
 from rhytid.engine.arrivals import AssetArrivals
 from rhytid.engine.assets import Asset
 from rhytid.engine.frame_calls import checked_frame
@@ -41,19 +41,22 @@ CHANGEABLE = ("depth", "angles", "response", "shape", "preset", "bins", "convolv
 class AssetCalls(AssetArrivals):
     """The calls about assets and their jobs."""
 
-    def create_asset(self, new: NewAsset, *, strict: bool = False) -> AssetInfo:
+    def create_asset(
+        self, new: NewAsset, *, strict: bool = False, allow: Collection[str] = ()
+    ) -> AssetInfo:
         """Take a mesh in; the build runs as a job. The same content again: the same asset.
 
         The answer warns of the mesh and of the frames that came with it. strict: raise StrictError
-        instead, before anything is kept.
+        instead, before anything is kept, of warnings whose codes are not in `allow`.
 
         Raises GraphError where a given graph does not fit the mesh or was made for another, unless
         `force`; SettingsError where its lengths are of a unit that cannot be converted, or a graph
-        is to be grown in one that is not known; LimitError where it covers too
-        many texels, MeshError where the mesh has no UV inside the range of UDIMs, InputError where
-        a painted map is of a UDIM without mesh or `graph.lines` asks for expressions and none came,
-        what `check_amount` does.
+        is to be grown in one that is not known; LimitError where it covers too many texels,
+        QueryError for a code of `allow` that there is not, MeshError where the mesh has no UV
+        inside the range of UDIMs, InputError where a painted map is of a UDIM without mesh or
+        `graph.lines` asks for expressions and none came, what `check_amount` does.
         """
+        check_codes(allow)
         udims = mesh_udims(new.mesh)
         if not udims:
             raise MeshError("no triangle lies in a UDIM: u goes from 0 to 10, v from 0 up")
@@ -79,7 +82,7 @@ class AssetCalls(AssetArrivals):
         warnings = mesh_warnings(new.mesh, new.settings.length_unit, new.settings.resolution, udims)
         of_frames = _frame_warnings(new, frames)
         if strict:
-            refuse((*warnings, *of_frames))
+            refuse((*warnings, *of_frames), allow)
         id = asset_id(new.mesh, new.settings, new.graph, new.stiffness, new.controls, expressions)
         folds = self._folds(id, new, expressions)
         with self._assets.changing:
@@ -173,14 +176,23 @@ class AssetCalls(AssetArrivals):
         found.cancel()
         return found.info
 
-    def calibrate(self, asset: str, positions: ArrayLike, *, strict: bool = False) -> JobInfo:
+    def calibrate(
+        self,
+        asset: str,
+        positions: ArrayLike,
+        *,
+        strict: bool = False,
+        allow: Collection[str] = (),
+    ) -> JobInfo:
         """Set r_max from a frame (section 2.4) and make the bins anew, as a job.
 
-        The job warns of the frame; strict: raise StrictError instead.
+        The job warns of the frame; strict: raise StrictError instead, unless its code is in
+        `allow`.
         """
         found = self._assets.get(asset)
         found.ready()
-        frame, warnings = checked_frame(found, positions, "frame of the calibration", strict)
+        name = "frame of the calibration"
+        frame, warnings = checked_frame(found, positions, name, strict, allow)
 
         def work(job: Job) -> None:
             job.progress(0.0, "measuring stretch")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.engine.messages import BinManifest, TiltLine
+from rhytid.engine.messages import BinManifest, CushionLayer, GrainLayer, TiltLine
 from rhytid.pipeline.bins import (
     TILT_NODE,
     TILT_SHARE,
@@ -16,11 +16,14 @@ from rhytid.pipeline.bins import (
     sample_stretches,
     tilt_width,
 )
+from rhytid.pipeline.cushion_bins import CUSHION_TILTS, cushion_layers, cushion_steps
+from rhytid.pipeline.cushion_elements import APRON
 from rhytid.pipeline.elements import SCALE_LIMIT
+from rhytid.pipeline.grain import GRAIN, grain_amplitude, grain_exponent, relief
 
 
-def bin_manifest(settings: AssetSettings) -> BinManifest:
-    """Of an asset with resolved settings."""
+def bin_manifest(settings: AssetSettings, cushion_factor: int | None) -> BinManifest:
+    """Of an asset with resolved settings.  cushion_factor: texels to a sample of the cushions."""
     assert settings.depth is not None
     bins, response = settings.bins, settings.response
     factored = {"wrinkles": response.alpha_d, "pores": response.beta_d}
@@ -33,7 +36,7 @@ def bin_manifest(settings: AssetSettings) -> BinManifest:
         bits=bins.bits,
         merge=bins.merge,
         depth_factored=bins.depth_factored,
-        layers={name: len(places) for name, places in layers(bins).items()},
+        layers=_layers(settings),
         depth=settings.depth,
         sharpness=settings.shape.sharpness,
         log_stretch_limit=response.log_stretch_limit,
@@ -43,7 +46,21 @@ def bin_manifest(settings: AssetSettings) -> BinManifest:
         tilt=tilt,
         soft_limits=response.soft_limits,
         pore_depth_limit=response.pore_depth_limit,
+        cushion=_cushion(settings, cushion_factor),
+        grain=GrainLayer(grain_exponent(settings)) if relief(settings) > 0.0 else None,
     )
+
+
+def _cushion(settings: AssetSettings, factor: int | None) -> CushionLayer | None:
+    if factor is None or settings.shape.cushion == 0.0:
+        return None
+    return CushionLayer(factor, APRON, settings.shape.cushion_sharpness)
+
+
+def _layers(settings: AssetSettings) -> dict[str, int]:
+    places = {**layers(settings.bins), **cushion_layers(settings)}
+    found = {name: len(firsts) for name, firsts in places.items()}
+    return {**found, GRAIN: 1} if relief(settings) > 0.0 else found
 
 
 def _steps(settings: AssetSettings) -> dict[str, tuple[float, ...]]:
@@ -52,6 +69,12 @@ def _steps(settings: AssetSettings) -> dict[str, tuple[float, ...]]:
         tuple(steps[layer, : bins.layer_samples[layer]].tolist()) for layer in (0, -1)
     )
     found = {name: pores if name.startswith("pore") else wrinkles for name in layers(bins)}
+    tilts = (1.0 / code_limit(bins.bits),)
     if bins.tilt:
-        found[TILTS] = (1.0 / code_limit(bins.bits),)
+        found[TILTS] = tilts
+    for name in cushion_layers(settings):
+        cushions = tuple(cushion_steps(settings)[0, : bins.samples].tolist())
+        found[name] = tilts if name == CUSHION_TILTS else cushions
+    if relief(settings) > 0.0:
+        found[GRAIN] = (grain_amplitude(settings),)
     return found

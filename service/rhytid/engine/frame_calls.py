@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rhytid.domain.frame import NEUTRAL, check_frame_name, check_positions
-from rhytid.domain.warnings import InputWarning, refuse
+from rhytid.domain.warnings import InputWarning, check_codes, refuse
 from rhytid.engine.assets import Asset
 from rhytid.engine.core import EngineCore
 from rhytid.engine.frames import Frame, refuse_neutral
@@ -21,30 +21,41 @@ class FrameCalls(EngineCore):
     """The calls about the frames of an asset."""
 
     def put_frame(
-        self, asset: str, frame: str, positions: ArrayLike, *, strict: bool = False
+        self,
+        asset: str,
+        frame: str,
+        positions: ArrayLike,
+        *,
+        strict: bool = False,
+        allow: Collection[str] = (),
     ) -> FrameInfo:
         """Store positions (V, 3) under a name, in place of what had that name.
 
         The answer warns of what is probably wrong; strict: raise StrictError instead, and store
-        nothing.
+        nothing, unless its code is in `allow`.
 
-        Raises FrameError naming the count or the vertex, ReadOnlyError for `neutral`,
-        FrameMemoryError where the memory for frames is full.
+        Raises QueryError for a code that there is not, FrameError naming the count or the vertex,
+        ReadOnlyError for `neutral`, FrameMemoryError where the memory for frames is full.
         """
         check_frame_name(frame)
         refuse_neutral(frame)
         found = self._assets.get(asset)
-        return put_frame(self._on_device, found, frame, positions, strict=strict)
+        return put_frame(self._on_device, found, frame, positions, strict=strict, allow=allow)
 
     def frame_warnings(
-        self, asset: str, positions: ArrayLike, *, strict: bool = False
+        self,
+        asset: str,
+        positions: ArrayLike,
+        *,
+        strict: bool = False,
+        allow: Collection[str] = (),
     ) -> tuple[InputWarning, ...]:
         """What is probably wrong with positions (V, 3) that are not stored.
 
-        strict: raise StrictError where there is something.
+        strict: raise StrictError where there is something whose code is not in `allow`.
         """
         found = self._assets.get(asset)
-        return checked_frame(found, positions, "the positions", strict)[1]
+        return checked_frame(found, positions, "the positions", strict, allow)[1]
 
     def frames(self, asset: str) -> list[FrameInfo]:
         """Every frame of an asset, `neutral` first."""
@@ -87,10 +98,11 @@ def put_frame(
     positions: ArrayLike,
     *,
     strict: bool = False,
+    allow: Collection[str] = (),
 ) -> FrameInfo:
     """Measure a frame and store it; see FrameCalls.put_frame."""
     resident = asset.ready()
-    frame, warnings = checked_frame(asset, positions, f"frame {name}", strict)
+    frame, warnings = checked_frame(asset, positions, f"frame {name}", strict, allow)
     ratios, _ = on_device(resident.stretch, frame)
     measured = LogStretch.of(ratios)
     asset.frames.put(name, frame, measured, warnings)
@@ -98,13 +110,15 @@ def put_frame(
 
 
 def checked_frame(
-    asset: Asset, positions: ArrayLike, name: str, strict: bool
+    asset: Asset, positions: ArrayLike, name: str, strict: bool, allow: Collection[str]
 ) -> tuple[Frame, tuple[InputWarning, ...]]:
-    """Positions as a frame, and what is probably wrong with it; strict: raises StrictError."""
+    """Positions as a frame, and what is probably wrong with it; strict: raises StrictError for what
+    is not in `allow`."""
+    check_codes(allow)
     checked = check_positions(positions, asset.vertices)
     warnings = asset.frame_warnings(checked, name)
     if strict:
-        refuse(warnings)
+        refuse(warnings, allow)
     return Frame.of(checked), warnings
 
 

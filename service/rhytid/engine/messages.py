@@ -163,6 +163,25 @@ class TiltLine:
 
 
 @dataclass(frozen=True)
+class CushionLayer:
+    """How the maps of the cushions lie under texels, and meet (docs/binned.md).
+
+    factor: texels to a sample.  apron: samples more on every side of a tile.  sharpness: β.
+    """
+
+    factor: int
+    apron: int
+    sharpness: float
+
+
+@dataclass(frozen=True)
+class GrainLayer:
+    """How grain follows a frame (docs/binned.md).  exponent: of its gain over log ρ."""
+
+    exponent: float
+
+
+@dataclass(frozen=True)
 class BinManifest:
     """The precomputed maps of an asset, in the order of `bin_tile`'s indices, and all numbers that
     blending them takes (docs/binned.md).
@@ -172,13 +191,15 @@ class BinManifest:
     layers: {"wrinkles": N, "pores": 1}; where merge
     is mellow these are the valleys, and {"wrinkle_bulges": N, "pore_bulges": 1} the bulges; with
     tilts {"wrinkle_tilts": N}, of one sample, from one edge of a bin in angle, -1, to the other, 1,
-    which is the one of larger angle.
+    which is the one of larger angle. With cushions {"cushions": N}, coarse, and with tilts
+    {"cushion_tilts": N}; with grain {"grain": 1}, of one sample, always int8.
     steps: displacement per code, mesh units, by layer and sample; of tilts their unit.
     depth: of strength 1, mesh units.  sharpness: β of the merge.  log_stretch_limit: that log ρ is
     clamped to.  scale_limit: σ stays within 1/scale_limit and scale_limit.  depth_exponents: by
     layer, wrinkles and pores, of the σ_d that blending multiplies by; 0 where maps have it.
     soft_limits: limits are knees.  pore_depth_limit: that of σ_d of pores.
-    measured_in: where angles are taken, "uv" or "surface".  tilt: None without tilts.
+    measured_in: where angles are taken, "uv" or "surface".  tilt: None without tilts.  cushion,
+    grain: None without.
     """
 
     angles: tuple[float, ...]
@@ -198,3 +219,5 @@ class BinManifest:
     tilt: TiltLine | None
     soft_limits: bool
     pore_depth_limit: float
+    cushion: CushionLayer | None
+    grain: GrainLayer | None

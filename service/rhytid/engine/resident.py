@@ -14,15 +14,16 @@ from rhytid.engine.frames import NEUTRAL_FRAME, Frame
 from rhytid.engine.messages import MapQuery
 from rhytid.engine.resident_frames import ResidentFrames
 from rhytid.pipeline.bin_maker import BinMaker, BinTile
-from rhytid.pipeline.bins import map_count
+from rhytid.pipeline.bins import layers, map_count
 from rhytid.pipeline.blend import Coefficients
+from rhytid.pipeline.cushion_bins import cushion_layers, cushion_map_count
 from rhytid.pipeline.elements import BLOCK
-from rhytid.pipeline.grain import relief
+from rhytid.pipeline.grain import GRAIN, relief
 from rhytid.pipeline.levels import Draw, render_to_host
 from rhytid.pipeline.neutral_tiles import NeutralTile, NeutralTiles
 from rhytid.pipeline.redraw import ScaleBuffers, redrawing, respond
 from rhytid.pipeline.smooth import respond_smooth
-from rhytid.pipeline.vectors import BYTES_A_TEXEL, VECTOR
+from rhytid.pipeline.vectors import BYTES_A_TEXEL
 
 
 class ResidentAsset(ResidentFrames):
@@ -82,11 +83,25 @@ class ResidentAsset(ResidentFrames):
 
     def bin_codes(self, address: TileAddress, index: int) -> NDArray[np.integer]:
         """Codes (n, n) of one precomputed map; `index` counts samples within layers."""
-        texels = self.settings.tile_size
-        dtype = np.dtype(f"i{self.settings.bins.bits // 8}")
-        tile, maps = self.bin_tile(address), map_count(self.settings.bins)
-        codes = self._device.read(tile.codes, (tile.texels // VECTOR, maps, VECTOR), dtype)
-        return codes[:, index].reshape(texels, texels)
+        bins = self.settings.bins
+        return self.bin_tile(address).read(self._device, map_count(bins), index, bins.bits)
+
+    def layer_codes(
+        self, address: TileAddress, layer: str, bin: int, sample: int
+    ) -> NDArray[np.integer]:
+        """Codes (n, n) of one map of the manifest; of cushions coarse, with their apron."""
+        settings = self.settings
+        if layer == GRAIN:
+            codes = self._grain_codes(address.udim, *self._place(address))
+            texels = settings.tile_size
+            found: NDArray[np.integer] = self._device.read(codes, (texels, texels), np.int8)
+            return found
+        broad = cushion_layers(settings)
+        if layer not in broad:
+            return self.bin_codes(address, layers(settings.bins)[layer][bin] + sample)
+        cushion, index = self.bin_tile(address).cushion, broad[layer][bin] + sample
+        assert cushion is not None
+        return cushion.read(self._device, cushion_map_count(settings), index, settings.bins.bits)
 
     def bins_size(self) -> int:
         """Bytes that the level-0 maps of every UDIM need, as far as `BYTES_A_TEXEL` is right."""

@@ -83,6 +83,12 @@ class ResidentParts:
         """The UDIMs with mesh."""
         return tuple(self._located)
 
+    @property
+    def cushion_factor(self) -> int | None:
+        """Texels to a sample of the cushions, the same in every UDIM; None where there are none."""
+        cushions = (elements.cushion for elements in self._elements.values())
+        return next((cushion.factor for cushion in cushions if cushion is not None), None)
+
     def locate(self, graph: WrinkleGraph) -> None:
         """Find the triangle that each pore and each wrinkle samples."""
         pores, wrinkles = graph.node_uv, graph.centres()

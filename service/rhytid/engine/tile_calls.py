@@ -7,7 +7,6 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.frame import check_positions
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.assets import Asset
@@ -17,7 +16,7 @@ from rhytid.engine.frames import Frame
 from rhytid.engine.keys import map_key, settings_key
 from rhytid.engine.messages import BinManifest, MapQuery
 from rhytid.errors import NotFoundError
-from rhytid.pipeline.bins import HEADROOM, TILTS, layers
+from rhytid.pipeline.bins import HEADROOM
 from rhytid.pipeline.elements import SCALE_LIMIT
 
 Tile = NDArray[np.float32]
@@ -76,13 +75,14 @@ class TileCalls(EngineCore):
     def bins(self, asset: str) -> BinManifest:
         """The precomputed maps of an asset (section 2.4)."""
         found = self._assets.get(asset)
-        found.ready()
-        return bin_manifest(found.settings)
+        return bin_manifest(found.settings, found.ready().cushion_factor)
 
     def bin_tile(
         self, asset: str, address: TileAddress, layer: str, bin: int, sample: int
     ) -> NDArray[np.integer]:
         """(n, n) int8 or int16 codes of one precomputed map tile; displacement = code * step.
+
+        Of the cushions n is that of the samples under the tile, with the apron around them.
 
         Raises NotFoundError above level 0: what is blended has coarser levels, the maps have none.
         """
@@ -93,8 +93,9 @@ class TileCalls(EngineCore):
                 f"level {address.level}: precomputed maps are of level 0 only; coarser levels of "
                 "binned are means of its level 0"
             )
-        index = _map_index(found.settings, layer, bin, sample)
-        return self._on_device(found.ready().bin_codes, address, index)
+        resident = found.ready()
+        _check_map(bin_manifest(found.settings, resident.cushion_factor), layer, bin, sample)
+        return self._on_device(resident.layer_codes, address, layer, bin, sample)
 
     def _key(self, asset: Asset, frame: Frame, query: MapQuery, place: str) -> str:
         revision = settings_key(asset.id, asset.settings, self._device_key, query.method)
@@ -110,14 +111,11 @@ class TileCalls(EngineCore):
         return self._together.tile(key, address, texels, partial(resident.tiles, frame, query))
 
 
-def _map_index(settings: AssetSettings, layer: str, bin: int, sample: int) -> int:
-    """Position among the maps of a tile; raises NotFoundError naming what does not exist."""
-    first = layers(settings.bins).get(layer)
-    if first is None:
-        raise NotFoundError(f"layer {layer!r}: one of {', '.join(layers(settings.bins))}")
-    samples = settings.bins.layer_samples[-1 if layer.startswith("pore") else 0]
-    samples = 1 if layer == TILTS else samples
-    for name, index, size in (("bin", bin, len(first)), ("sample", sample, samples)):
+def _check_map(manifest: BinManifest, layer: str, bin: int, sample: int) -> None:
+    """Raise NotFoundError naming what does not exist."""
+    if layer not in manifest.layers:
+        raise NotFoundError(f"layer {layer!r}: one of {', '.join(manifest.layers)}")
+    sizes = (("bin", bin, manifest.layers[layer]), ("sample", sample, len(manifest.steps[layer])))
+    for name, index, size in sizes:
         if not 0 <= index < size:
             raise NotFoundError(f"{name} {index} of layer {layer}: 0 to {size - 1}")
-    return first[bin] + sample

@@ -64,6 +64,13 @@ class BinTile(Held):
     stiffness: Buffer | None = None
     cushion: BinTile | None = None
 
+    def read(self, device: Device, maps: int, index: int, bits: int) -> NDArray[np.integer]:
+        """(n, n) codes of the map `index` of so many, of the narrow layer or of the broad one."""
+        side, dtype = int(self.place[0]), np.dtype(f"i{bits // 8}")
+        codes = device.read(self.codes, (self.texels // VECTOR, maps, VECTOR), dtype)
+        found: NDArray[np.integer] = codes[:, index].reshape(side, side)
+        return found
+
     @property
     def _buffers(self) -> tuple[VectorTriangles | Buffer | BinTile | None, ...]:
         return (self.triangles, self.codes, self.stiffness, self.cushion)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rhytid.device.runtime import Buffer, Device
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.pipeline.cushion_elements import APRON, COARSE_BLOCK, LEAST_HALF_WIDTH
+from rhytid.pipeline.cushion_elements import APRON, COARSE_BLOCK, LEAST_HALF_WIDTH, WIDENED
 from rhytid.pipeline.elements import UdimElements
 
 # Texels a side of what a work-group draws.
@@ -64,7 +64,7 @@ def launch_cushion(
         defines={
             "BLOCK": _BLOCK, "ROWS": _BLOCK // parts, "ITEMS": device.shape.lanes,
             "APRON": APRON, "COARSE_BLOCK": COARSE_BLOCK, "COARSER": factor,
-            "LEAST_HALF_WIDTH": f"{LEAST_HALF_WIDTH}f",
+            "LEAST_HALF_WIDTH": f"{LEAST_HALF_WIDTH}f", "WIDENED": f"{WIDENED}f",
             **elements.line_defines, **(defines or {}),
         },
     )  # fmt: skip

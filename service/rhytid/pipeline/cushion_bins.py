@@ -25,6 +25,8 @@ from rhytid.pipeline.cushion import coarse_side, launch_cushion
 from rhytid.pipeline.elements import UdimElements
 from rhytid.pipeline.vectors import VECTOR
 
+# How the layers of its maps are called.
+CUSHIONS, CUSHION_TILTS = "cushions", "cushion_tilts"
 # Lines of full depth that may meet at a sample before a code of it saturates.
 _MEETING = 8
 
@@ -41,6 +43,19 @@ def cushion_map_count(settings: AssetSettings) -> int:
     """Maps of a tile of the layer: samples and tilt of every bin, and no pores."""
     bins = settings.bins
     return bins.count * (bins.samples + bins.tilt)
+
+
+def cushion_layers(settings: AssetSettings) -> dict[str, tuple[int, ...]]:
+    """As `layers` of bins.py: by name the index of the first map of every bin, in the order that
+    `CushionBins.codes` makes them. None where there is no cushion."""
+    bins = settings.bins
+    if settings.shape.cushion == 0.0:
+        return {}
+    first = range(0, cushion_map_count(settings), bins.samples + bins.tilt)
+    found = {CUSHIONS: tuple(first)}
+    if bins.tilt:
+        found[CUSHION_TILTS] = tuple(index + bins.samples for index in first)
+    return found
 
 
 def cushion_steps(settings: AssetSettings) -> NDArray[np.float32]:

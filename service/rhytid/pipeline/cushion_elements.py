@@ -21,9 +21,11 @@ COARSE_BLOCK, APRON = 64, 2
 THRESHOLD = 0.08
 # Coarse texels: a line that is narrower is drawn so wide, and shallower, so that its mean stays.
 LEAST_HALF_WIDTH = 1.25
+# Coarse texels squared: what is taken from the square of a half width, for the spline widens lines.
+WIDENED = 1.5
 # Coarse texels in the median half width, at least, where the layer is drawn at less than a half.
 CARRIED = 1.5
-FACTORS = (8, 4, 2)
+FACTORS = (16, 8, 4, 2)
 
 
 @dataclass(frozen=True)
@@ -52,7 +54,8 @@ def narrow_weight(weight: NDArray[np.float32], shape: ShapeSettings) -> NDArray[
 
 
 def coarse_factor(graph: WrinkleGraph, settings: AssetSettings) -> int:
-    """The coarsest of 8, 4 and 2 that carries the median broad half width; 2 where none does."""
+    """The coarsest of FACTORS that carries the median broad half width, 2 where none does: the grid
+    is the same at every resolution at which one does."""
     width = graph.edge_half_width[graph.edge_weight > THRESHOLD]
     if not width.size:
         return FACTORS[-1]

@@ -28,6 +28,8 @@ from rhytid.pipeline.vectors import VECTOR, VectorTriangles
 
 # Of the noise to a wave, as grain_codes.cl has it.
 CELLS = 2.0
+# How its layer of codes is called.
+GRAIN = "grain"
 # Codes for the root mean square of the noise where texels carry all of it.
 CODES = 32.0
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -29,9 +29,10 @@ def asset_id(asset: Asset | str) -> str:
     return asset.id if isinstance(asset, Asset) else asset
 
 
-def strictly(strict: bool) -> Params:
-    """The query of a call that may be strict."""
-    return (("strict", "true"),) if strict else ()
+def strictly(strict: bool, allow: str | Iterable[str]) -> Params:
+    """The query of a call that may be strict, but for warnings of some codes."""
+    codes = (allow,) if isinstance(allow, str) else allow
+    return (*((("strict", "true"),) if strict else ()), *(("allow", code) for code in codes))
 
 
 def create_asset(
@@ -45,6 +46,7 @@ def create_asset(
     controls: Mapping[str, Images] | None = None,
     progress: Callable[[int, int], None] | None = None,
     strict: bool = False,
+    allow: str | Iterable[str] = (),
     shapes: File | ArrayLike | Mapping[str, ArrayLike] | None = None,
 ) -> Flow[Asset]:
     """Send a mesh and have an asset built of it; `wait` for it before asking for tiles.
@@ -61,7 +63,8 @@ def create_asset(
     shapes: expressions that lines grow by: positions (E, V, 3), or a mapping of names to positions
     (V, 3), or a .npy or .npz file; absent, those of the mesh file count, or its frames.
     progress: called with bytes sent and bytes in all.
-    strict: RequestError, and nothing is kept, where there would be `warnings`.
+    strict: RequestError, and nothing is kept, where there would be `warnings`; allow: but for those
+    of these codes.
 
     The same content gives the same asset. Raises RequestError naming what is wrong with it.
     """
@@ -79,7 +82,7 @@ def create_asset(
     if shapes is not None:
         parts.append(_shapes(shapes))
     form = Form(tuple(parts), progress)
-    response = yield request("POST", "v1", "assets", params=strictly(strict), content=form)
+    response = yield request("POST", "v1", "assets", params=strictly(strict, allow), content=form)
     made = parse.one(Asset, response)
     tell(made.warnings)
     return made

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -22,16 +23,18 @@ def put_frame(
     *,
     raw: bool = False,
     strict: bool = False,
+    allow: str | Iterable[str] = (),
 ) -> Flow[Frame]:
     """Store positions (V, 3) under a name; what was there is replaced.
 
     They are sent as float32; as float64 where they are that and stand far from the origin.
     raw: sends bare little-endian float32 in place of .npy, always.
-    strict: RequestError, and nothing is stored, where there would be `warnings`.
+    strict: RequestError, and nothing is stored, where there would be `warnings`; allow: but for
+    those of these codes.
     """
     place = ("v1", "assets", asset_id(asset), "frames", frame)
     response = yield with_positions(
-        "PUT", *place, positions=positions, raw=raw, params=strictly(strict)
+        "PUT", *place, positions=positions, raw=raw, params=strictly(strict, allow)
     )
     stored = parse.one(Frame, response)
     tell(stored.warnings)
@@ -68,15 +71,20 @@ def stretch(asset: Asset | str, frame: str) -> Flow[Stretch]:
 
 
 def calibrate(
-    asset: Asset | str, positions: ArrayLike, *, raw: bool = False, strict: bool = False
+    asset: Asset | str,
+    positions: ArrayLike,
+    *,
+    raw: bool = False,
+    strict: bool = False,
+    allow: str | Iterable[str] = (),
 ) -> Flow[Job]:
     """Set the range of the precomputed maps from a typical frame; `wait` for the job.
 
-    raw, strict: as for `put_frame`.
+    raw, strict, allow: as for `put_frame`.
     """
     place = ("v1", "assets", asset_id(asset), "calibration")
     response = yield with_positions(
-        "PUT", *place, positions=positions, raw=raw, params=strictly(strict)
+        "PUT", *place, positions=positions, raw=raw, params=strictly(strict, allow)
     )
     job = parse.one(Job, response)
     tell(job.warnings)

@@ -80,16 +80,18 @@ def tiles(
     sampling: str = "nearest",
     format: str = "npy",
     strict: bool = False,
+    allow: str | Iterable[str] = (),
 ) -> Flow[list[Tile]]:
     """Positions (V, 3) in, tiles out in the order of `addresses`, in one round trip.
 
     An address is (udim, level, row, column). Nothing is stored.
     method, stretch, sampling, format: as for a tile.
-    strict: RequestError, and nothing is drawn, where there would be `warnings`.
+    strict: RequestError, and nothing is drawn, where there would be `warnings`; allow: but for
+    those of these codes.
     """
     names = ["/".join(str(number) for number in address) for address in addresses]
     query = {"method": method, "stretch": stretch, "sampling": sampling, "format": format}
-    params = (*(("tile", name) for name in names), *query.items(), *strictly(strict))
+    params = (*(("tile", name) for name in names), *query.items(), *strictly(strict, allow))
     place = ("v1", "assets", asset_id(asset), "tiles")
     response = yield with_positions("POST", *place, positions=positions, params=params)
     body = parse.content(response)
@@ -122,7 +124,8 @@ def bin_tile(
     """One tile of quantised codes, int8 or int16; the manifest's step turns them into heights.
 
     layer: one of the manifest's: wrinkles, pores, for a mellow merge wrinkle_bulges and
-    pore_bulges, with tilts wrinkle_tilts (sample 0).
+    pore_bulges, with tilts wrinkle_tilts (sample 0); of the cushions, coarse and with an apron,
+    cushions and cushion_tilts (sample 0); grain (bin 0, sample 0).
     """
     place = ("v1", "assets", asset_id(asset), "bins", udim, level, row, column)
     query: dict[str, str | int] = {"bin": bin, "sample": sample, "layer": layer}

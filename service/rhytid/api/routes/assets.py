@@ -7,7 +7,7 @@ from typing import Any
 
 from fastapi import APIRouter, Response
 
-from rhytid.api.dependencies import EngineDep, Json, NoQuery, Parts, Place, Strict
+from rhytid.api.dependencies import Allow, EngineDep, Json, NoQuery, Parts, Place, Strict
 from rhytid.api.documentation import ASSET_FORM, json_body, problems
 from rhytid.api.parts import Part
 from rhytid.api.schemas import Asset
@@ -36,9 +36,15 @@ router = APIRouter(prefix="/v1/assets", tags=["assets"], dependencies=[NoQuery])
     responses={200: {"model": Asset, "description": "Known and built"}, **problems(413, 415, 422)},
     openapi_extra=ASSET_FORM,
 )
-def create(parts: Parts, engine: EngineDep, response: Response, strict: Strict = False) -> Any:
+def create(
+    parts: Parts,
+    engine: EngineDep,
+    response: Response,
+    allow: Allow,
+    strict: Strict = False,
+) -> Any:
     """Send a mesh; 202 while the build runs, 200 where the same content is already there."""
-    asset = engine.create_asset(new_asset(parts), strict=strict)
+    asset = engine.create_asset(new_asset(parts), strict=strict, allow=allow)
     response.status_code = 202 if asset.state == "building" else 200
     response.headers["Location"] = f"/v1/assets/{asset.id}"
     return asset

@@ -8,7 +8,7 @@ import numpy as np
 from fastapi import APIRouter, Request, Response
 
 from rhytid.api.accept import preferred
-from rhytid.api.dependencies import EngineDep, NoQuery, Place, Positions, Strict
+from rhytid.api.dependencies import Allow, EngineDep, NoQuery, Place, Positions, Strict
 from rhytid.api.documentation import POSITIONS, binary, problems
 from rhytid.api.encoding import NPY, RAW, npy, npz
 from rhytid.api.schemas import Frame, Job
@@ -37,12 +37,13 @@ def put(
     positions: Positions,
     engine: EngineDep,
     place: Place,
+    allow: Allow,
     strict: Strict = False,
 ) -> Any:
     """Store positions under a name, replacing what was there; 507 where the memory for frames is
     full."""
     with place:
-        return engine.put_frame(asset, frame, positions, strict=strict)
+        return engine.put_frame(asset, frame, positions, strict=strict, allow=allow)
 
 
 @router.get(
@@ -100,9 +101,10 @@ def calibrate(
     positions: Positions,
     engine: EngineDep,
     response: Response,
+    allow: Allow,
     strict: Strict = False,
 ) -> Any:
     """Set `bins.r_max` from the stretch of the positions sent; answers with a job."""
-    job = engine.calibrate(asset, positions, strict=strict)
+    job = engine.calibrate(asset, positions, strict=strict, allow=allow)
     response.headers["Location"] = f"/v1/jobs/{job.id}"
     return job

@@ -119,7 +119,7 @@ def tiles_once(
     wanted = query.map_query()
     addresses = [TileAddress.parse(text) for text in query.tile]
     check_texels(engine, asset, addresses)
-    warnings = engine.frame_warnings(asset, positions, strict=query.strict)
+    warnings = engine.frame_warnings(asset, positions, strict=query.strict, allow=query.allow)
     parts = []
     with place:
         drawn = engine.tiles_once(asset, positions, wanted, addresses)

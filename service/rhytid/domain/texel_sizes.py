@@ -1,0 +1,68 @@
+"""How large texels are on the surface of a mesh, and where they are too large or too small."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.domain.warnings import TEXEL_PLACE, TEXEL_RATIO, TEXEL_TAIL
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class TexelSpread:
+    """Sides of texels on the surface, mesh units, without the tails: the least, the usual and the
+    most.
+
+    coarse: the most are farther off the usual than the least.  worst: of the triangles that are
+    farthest off, the one that is largest in space.  more: how many places more are beyond
+    TEXEL_RATIO, each of triangles that touch one another and of TEXEL_PLACE of the area or more."""
+
+    least: float
+    usual: float
+    most: float
+    coarse: bool
+    worst: int
+    more: int
+
+
+def texel_spread(
+    area: FloatArray, area_uv: FloatArray, faces: NDArray[np.int32], resolution: int
+) -> TexelSpread | None:
+    """Of triangles (F, 3) of these areas in space and UV; None where no texel is too large or too
+    small."""
+    side = np.sqrt(area / area_uv) / resolution
+    order = np.argsort(side)
+    shares = np.cumsum(area[order])
+    tails = np.array([TEXEL_TAIL, 0.5, 1.0 - TEXEL_TAIL])
+    least, usual, most = side[order[np.searchsorted(shares, tails * shares[-1])]].tolist()
+    if most <= TEXEL_RATIO * least:
+        return None
+    # Seen from the usual texel: what is farther off, skin that is too coarse or too fine.
+    coarse = most / usual >= usual / least
+    farthest = side >= most if coarse else side <= least
+    worst = int(np.argmax(np.where(farthest, area, -1.0)))
+    beyond = side > TEXEL_RATIO * least if coarse else side < most / TEXEL_RATIO
+    beyond[worst] = True
+    chosen = np.flatnonzero(beyond)
+    place = _places(faces[chosen])
+    sizes = np.bincount(place, weights=area[chosen])
+    sizes[place[np.searchsorted(chosen, worst)]] = 0.0
+    more = int(np.count_nonzero(sizes >= TEXEL_PLACE * shares[-1]))
+    return TexelSpread(least, usual, most, coarse, worst, more)
+
+
+def _places(faces: NDArray[np.int32]) -> NDArray[np.intp]:
+    """(F,) the lowest number of a vertex that each triangle hangs together with."""
+    label = np.arange(int(faces.max()) + 1)
+    while True:
+        least = label[faces].min(axis=1)
+        lower = label.copy()
+        np.minimum.at(lower, faces, least[:, None])
+        lower = lower[lower]
+        if np.array_equal(lower, label):
+            return label[faces[:, 0]]
+        label = lower

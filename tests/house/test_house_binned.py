@@ -1,0 +1,28 @@
+"""docs/binned.md has the numbers that the maps are drawn with."""
+
+from __future__ import annotations
+
+import pytest
+
+from house.syntax import ROOT
+from rhytid.pipeline import cushion_bins, cushion_elements, grain
+
+TEXT = " ".join((ROOT / "docs" / "binned.md").read_text(encoding="utf-8").split())
+FACTORS = [str(factor) for factor in cushion_elements.FACTORS]
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        f"clip01(a/{cushion_elements.THRESHOLD:g} − 1)",
+        f"weights above {cushion_elements.THRESHOLD:g}, is {cushion_elements.CARRIED:g} samples",
+        f"√(w² − {cushion_elements.WIDENED:g})",
+        f"no less than {cushion_elements.LEAST_HALF_WIDTH:g}",
+        f"the largest of {', '.join(FACTORS[:-1])} and {FACTORS[-1]}",
+        f"{cushion_elements.COARSE_BLOCK} samples are left a side",
+        f"log({cushion_bins._MEETING})/`shape.cushion_sharpness`",
+        f"at {grain.CODES:g} codes",
+    ],
+)
+def test_the_numbers_are_those_of_the_page(said: str) -> None:
+    assert said in TEXT
