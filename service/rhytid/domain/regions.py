@@ -70,7 +70,7 @@ REGIONS: dict[str, Region] = {
         anisotropy=0.4,
         scale=0.85,
         pore_radius=1.35,
-        old=Old(strength=1.3, anisotropy=1.5, pore_strength=1.1, pore_radius=1.15, contrast=1.15),
+        old=Old(strength=1.2, anisotropy=1.5, pore_strength=1.0, pore_radius=1.15, contrast=1.15),
     ),
     # The largest pores of the face, close together; lines so faint that pores stand alone.
     "nose": Region(
@@ -80,7 +80,7 @@ REGIONS: dict[str, Region] = {
         anisotropy=0.2,
         scale=0.7,
         pore_radius=1.7,
-        old=Old(strength=1.2, anisotropy=1.0, pore_strength=1.15, pore_radius=1.2, contrast=1.1),
+        old=Old(strength=1.3, anisotropy=1.0, pore_strength=1.2, pore_radius=1.1, contrast=1.1),
     ),
     # Furrows across the lip, upright and fine, next to no pores to see.
     "lip": Region(
