@@ -71,7 +71,7 @@ inline void blend_vector(__global const int *firsts, __global const int2 *member
 #ifdef GRAINY
     d = grained(d, convert_float16(vload16(i, grain)), gain, amplitude, depth);
 #endif
-    vstore16(d, i, out);
+    store_vector(d, i, out);
 }
 
 // Up to four tiles of as many texels at once, as blend_vector has it: work-item (vector, tile).

@@ -13,6 +13,7 @@ inline float layer_stretch(int n, int t, __global const float4 *axes, __global c
                         : mean_log_stretch(logs[t]);
 }
 
+#if TILT
 // sigma_d over the angles of bin n, as the line through two of them: its middle, and its rise to the
 // largest code of a tilt, over the middle. It stays within 0 and SCALE_LIMIT.
 inline float2 tilted_depth(int n, int t, __global const float4 *axes, __global const float2 *logs,
@@ -27,6 +28,7 @@ inline float2 tilted_depth(int n, int t, __global const float4 *axes, __global c
     float most = min(1.0f, SCALE_LIMIT / middle - 1.0f);
     return (float2)(middle, clamp(rise, -most, most) / CODE_LIMIT);
 }
+#endif
 
 // weights: LAYERS a triangle: its position, from 0 (full compression) to SAMPLES_OF - 1 (full
 // stretch); what the depth is scaled by: 1, or for maps without their depth scale sigma_d of the
@@ -43,11 +45,11 @@ __kernel void sample_weights(__global const float4 *axes, __global const float2 
         float r = layer_stretch(n, t, axes, logs, jacobians, directions);
         float2 depth_of = n < LAYERS - 1 ? exponents.xz : exponents.yw;
         float position = (clamp(r / r_max, -1.0f, 1.0f) + 1.0f) * (0.5f * (SAMPLES_OF(n) - 1));
-        float2 depth;
-        if (TILT && n < ORIENTED)
+        float2 depth = (float2)(SCALE(power, r, -depth_of.x, depth_of.y), 0.0f);
+#if TILT
+        if (n < ORIENTED)
             depth = tilted_depth(n, t, axes, logs, jacobians, directions, depth_of.x);
-        else
-            depth = (float2)(SCALE(power, r, -depth_of.x, depth_of.y), 0.0f);
+#endif
         weights[t * LAYERS + n] = (float4)(position, depth, 0.0f);
     }
 }

@@ -6,7 +6,7 @@ There are maps of level 0 only: means of maps, blended, are flatter than the mea
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from itertools import count as counter
 from itertools import product
@@ -40,7 +40,7 @@ from rhytid.pipeline.elements import UdimElements
 from rhytid.pipeline.locate import UdimTriangles
 from rhytid.pipeline.redraw import launch_blocks
 from rhytid.pipeline.stiffness import stiffness_of_texels
-from rhytid.pipeline.vectors import VECTOR, VectorTriangles
+from rhytid.pipeline.vectors import VECTOR, VectorTriangles, squares
 
 # Runs the kernel of a map over a square of level 0: (square, into, defines).
 _Launch = Callable[..., None]
@@ -50,12 +50,12 @@ _Launch = Callable[..., None]
 class BinTile(Held):
     """One tile of every precomputed map, and the triangles of its texels.
 
-    codes: (texels / VECTOR, maps, VECTOR), maps being M samples within parts within N + 1
-    layers, and after those of a bin its tilt.
+    codes: (texels / VECTOR, maps, VECTOR), of texels of a row, maps being M samples within parts
+    within N + 1 layers, and after those of a bin its tilt.
     stiffness: float32 of each texel, or None: 1 throughout.
     place: texels a side of the tile and of its map, row and column of its first texel.
-    cushion: the broad layer of wrinkles around the tile, coarse, with no pores; None where there is
-    none."""
+    cushion: the broad layer of wrinkles around the tile, coarse, with no pores, its vectors squares
+    (see `squares`); None where there is none."""
 
     triangles: VectorTriangles
     codes: Buffer
@@ -129,13 +129,19 @@ class BinMaker:
         codes, texels = maker.codes(square), coarse_side(square[2], factor)
         row, column = (at // factor - APRON for at in square[:2])
         place = (self._settings.resolution // factor, row, column, texels)
-        return self._located_tile(place, codes)
+        return self._located_tile(place, codes, squares(texels))
 
-    def _located_tile(self, place: tuple[int, int, int, int], codes: Buffer) -> BinTile:
-        """Of (texels a side of the map, row, column, texels a side of the tile)."""
+    def _located_tile(
+        self,
+        place: tuple[int, int, int, int],
+        codes: Buffer,
+        defines: Mapping[str, object] = NO_DEFINES,
+    ) -> BinTile:
+        """Of (texels a side of the map, row, column, texels a side of the tile).  defines: of its
+        vectors."""
         side, row, column, texels = place
         triangles = self._located.texels(side, row, column, texels)
-        found = VectorTriangles.of(self._device, triangles, texels * texels)
+        found = VectorTriangles.of(self._device, triangles, texels * texels, defines)
         triangles.release()
         stiffness = stiffness_of_texels(
             self._device, self._stiffness, self._located.udim, side, row, column, texels

@@ -72,11 +72,12 @@ class CushionBins:
         }
 
     def codes(self, square: tuple[int, int, int]) -> Buffer:
-        """(samples / VECTOR, maps, VECTOR) around a square (row, column, texels a side) of level 0:
-        of each bin the maps of its samples, then its tilt."""
+        """(samples / VECTOR, maps, VECTOR) around a square (row, column, texels a side) of level 0,
+        in squares of samples: of each bin the maps of its samples, then its tilt."""
         bins, cushion = self._settings.bins, self._elements.cushion
         assert cushion is not None
-        size = coarse_side(square[2], cushion.factor) ** 2
+        side = coarse_side(square[2], cushion.factor)
+        size, self._defines["SQUARES"] = side**2, side
         codes = self._device.empty(cushion_map_count(self._settings) * size, f"i{bins.bits // 8}")
         at = counter()
         for index in range(bins.count):
