@@ -30,7 +30,7 @@ inline float16 blend_triangle(__global const CODE *maps, __global const float4 *
 #ifdef CODE_GAIN // codes of the broad layer are so many times larger, in units of its merge
             d *= CODE_GAIN;
 #endif
-#if TILT
+#if TILT_MAPS
             if (n < LAYERS - 1)
                 d += d * (FLOATS_OF(maps + TILT_AT(n)) * coefficients[n].w);
 #endif

@@ -2,7 +2,6 @@
 // as coarse as the texels, which spline.clh brings up. A work-group draws ROWS rows of a block of
 // COARSE_BLOCK x COARSE_BLOCK coarse texels and of APRON more around it, BLOCK texels a side; the
 // apron is written where the square ends. Within 1e-4 of `depth` of the same in double.
-#include "leaning.clh"
 #include "line.clh"
 
 #define COARSE (1.0f / COARSER)
@@ -120,10 +119,10 @@ __kernel void cushion(LINES, __global const SIZES *scales, __global const int *o
     DRAW_PART(true, sizes[i] * scales[i]);
 }
 
-// Those of one orientation bin, all at one stretch: bins to tilt as in bins.cl.
-__kernel void cushion_bin(LINES, __global const uchar *bins, int bin, float2 scale, float4 tilt,
+// Those of one orientation bin, all at one stretch: bins to scale as in bins.cl.
+__kernel void cushion_bin(LINES, __global const uchar *bins, int bin, float2 scale,
                           __global const int *offsets, __global const int *members,
                           float4 shape_values, float depth, int4 place, __global float *out)
 {
-    DRAW_PART(bins[i] == bin, sizes[i] * SCALES(leaning_scale(scale, segments[i].zw, tilt)));
+    DRAW_PART(bins[i] == bin, sizes[i] * SCALES(scale));
 }

@@ -125,7 +125,7 @@ class BinMaker:
         if self._elements.cushion is None:
             return None
         factor = self._elements.cushion.factor
-        maker = CushionBins(self._device, self._elements, self._settings, TILT_SHARE)
+        maker = CushionBins(self._device, self._elements, self._settings)
         codes, texels = maker.codes(square), coarse_side(square[2], factor)
         row, column = (at // factor - APRON for at in square[:2])
         place = (self._settings.resolution // factor, row, column, texels)

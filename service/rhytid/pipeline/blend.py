@@ -116,7 +116,12 @@ class Blend:
         if coarse:
             # Both layers take the coefficients of the narrow one.
             gain = range_of_codes(settings) * narrow_unit / unit_of(settings)
-            own = {"DRAWN": bins.count, "MERGE": "VALLEYS_ONLY", "CODE_GAIN": f"{gain:.9e}f"}
+            own = {
+                "DRAWN": bins.count,
+                "TILT_MAPS": 0,
+                "MERGE": "VALLEYS_ONLY",
+                "CODE_GAIN": f"{gain:.9e}f",
+            }
             self._codes.update(own)
 
     def coefficients(self, stretch: StretchBuffers) -> Coefficients:
