@@ -35,21 +35,14 @@ __kernel void draw_wrinkle_bin(LINES, __global const uchar *bins, int bin, float
                                __global const int *members, float4 shape_values, float least,
                                float depth, int blocks, int row, int column, OUT)
 {
-    __local float memory[2 * ROWS * STRIDE];
+    __local float memory[2 * SUMS];
     shape_t shape = shape_of(shape_values);
     place_t place = place_of_group(blocks, row, column);
     sums_t sums = sums_at(place, memory);
     int block = place.block;
-    for (int k = offsets[block]; k < offsets[block + 1]; k++) {
-        int i = members[k];
-        if (bins[i] != bin)
-            continue;
-        float2 here = scale;
-        if (tilt.z != 0.0f)
-            here.y *= 1.0f + leaning(segments[i].zw, tilt.xyz);
-        line_t line = LINE_AT(i, sizes[i] * SCALES(here), place.corner, least);
-        draw_line(sums, line, shape);
-    }
+    DRAW_LINES(sums, shape, members, offsets[block], offsets[block + 1], bins[i] == bin,
+               LINE_AT(i, sizes[i] * SCALES(leaning_scale(scale, segments[i].zw, tilt)), place.corner,
+                       least));
     WRITE(sums, place, shape, depth, part);
 }
 
@@ -58,16 +51,12 @@ __kernel void draw_pore_layer(__global const float2 *centres, __global const flo
                               __global const int *members, float4 shape_values, float least,
                               float depth, int blocks, int row, int column, OUT)
 {
-    __local float memory[2 * ROWS * STRIDE];
+    __local float memory[2 * SUMS];
     shape_t shape = shape_of(shape_values);
     place_t place = place_of_group(blocks, row, column);
     sums_t sums = sums_at(place, memory);
     int block = place.block;
-    for (int k = offsets[block]; k < offsets[block + 1]; k++) {
-        int i = members[k];
-        float4 r = roots[i];
-        float4 pore = at_least_pore(r.xyz / scale.x, r.w * scale.y, least);
-        draw_pore(sums, centres[i] - place.corner, pore.xyz, pore.w, shape);
-    }
+    DRAW_PORES(sums, shape, members, offsets[block], offsets[block + 1],
+               scaled_pore(roots[i], scale, least), centres[i] - place.corner);
     WRITE(sums, place, shape, depth, part);
 }

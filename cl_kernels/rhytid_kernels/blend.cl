@@ -30,7 +30,7 @@ inline float16 blend_triangle(__global const CODE *maps, __global const float4 *
 #ifdef CODE_GAIN // codes of the broad layer are so many times larger, in units of its merge
             d *= CODE_GAIN;
 #endif
-#if TILT
+#if TILT_MAPS
             if (n < LAYERS - 1)
                 d += d * (FLOATS_OF(maps + TILT_AT(n)) * coefficients[n].w);
 #endif
@@ -71,7 +71,7 @@ inline void blend_vector(__global const int *firsts, __global const int2 *member
 #ifdef GRAINY
     d = grained(d, convert_float16(vload16(i, grain)), gain, amplitude, depth);
 #endif
-    vstore16(d, i, out);
+    store_vector(d, i, out);
 }
 
 // Up to four tiles of as many texels at once, as blend_vector has it: work-item (vector, tile).

@@ -25,15 +25,15 @@ __kernel void blend_smooth(__global const int *firsts, __global const int2 *memb
                            __global const float8 *neutral, __global const float *stiffness,
                            __global const float *coarse, __global float *out)
 {
-    int i = get_global_id(0), at = i * WIDTH;
-    float16 x = (columns(at, width) + (column + 0.5f)) / side;
-    float16 y = (side - row - 0.5f - rows(at, width)) / side;
+    int i = get_global_id(0);
+    float16 x = (columns(i, width) + (column + 0.5f)) / side;
+    float16 y = (side - row - 0.5f - rows(i, width)) / side;
     __global const int2 *first = members + firsts[i], *end = members + firsts[i + 1];
     principal_t p = principal(fields_at(first, end, x, y, corners, vertices, fields, none), limit);
     form_t metric = unstretched().metric;
     if (neutral)
         metric = fields_at(first, end, x, y, corners, vertices, neutral, none).metric;
-    float16 stiff = stiffness ? vload16(0, stiffness + at) : (float16)(1.0f);
+    float16 stiff = stiffness ? VECTOR_OF(float16, stiffness, i) : (float16)(1.0f);
     codes += (size_t)i * VECTOR_CODES;
     blend_t blend = {steps, r_max, exponents, unit};
     met_t met = NONE_MET;
@@ -50,7 +50,7 @@ __kernel void blend_smooth(__global const int *firsts, __global const int2 *memb
     }
     float16 heights = height_of(met) * unit;
 #ifdef RAISED
-    heights += brought_up16(coarse, width, at);
+    heights += brought_up16(coarse, width, i * WIDTH);
 #endif
-    vstore16(heights, 0, out + at);
+    store_vector(heights, i, out);
 }

@@ -25,9 +25,9 @@ __kernel void blend_stiff(__global const int *firsts, __global const int2 *membe
                           float r_max, float4 exponents, float unit, int width,
                           __global const float *coarse, __global float *out)
 {
-    int i = get_global_id(0), at = i * WIDTH;
+    int i = get_global_id(0);
     __global const int2 *first = members + firsts[i], *end = members + firsts[i + 1];
-    float16 stiff = vload16(0, stiffness + at);
+    float16 stiff = VECTOR_OF(float16, stiffness, i);
     codes += (size_t)i * VECTOR_CODES;
     blend_t blend = {steps, r_max, exponents, unit};
     met_t met = NONE_MET;
@@ -39,7 +39,7 @@ __kernel void blend_stiff(__global const int *firsts, __global const int2 *membe
     }
     float16 heights = height_of(met) * unit;
 #ifdef RAISED
-    heights += brought_up16(coarse, width, at);
+    heights += brought_up16(coarse, width, i * WIDTH);
 #endif
-    vstore16(heights, 0, out + at);
+    store_vector(heights, i, out);
 }

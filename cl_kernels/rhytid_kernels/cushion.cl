@@ -2,7 +2,6 @@
 // as coarse as the texels, which spline.clh brings up. A work-group draws ROWS rows of a block of
 // COARSE_BLOCK x COARSE_BLOCK coarse texels and of APRON more around it, BLOCK texels a side; the
 // apron is written where the square ends. Within 1e-4 of `depth` of the same in double.
-#include "leaning.clh"
 #include "line.clh"
 
 #define COARSE (1.0f / COARSER)
@@ -42,11 +41,11 @@ inline part_t part_of_group(square_t square)
     return p;
 }
 
-// Only valleys: a line without a bulge raises nothing. memory: ROWS * STRIDE.
+// Only valleys: a line without a bulge raises nothing. memory: SUMS.
 inline sums_t valleys_at(part_t part, __local float *memory)
 {
     sums_t sums = {memory, memory, get_local_id(0), part.low};
-    for (int y = first_owned(sums, sums.low); y < sums.low + ROWS; y += ITEMS)
+    for (int y = first_owned(sums, sums.low); y < sums.low + SUMS / STRIDE; y += ITEMS)
         for (int x = 0; x < STRIDE; x += 4)
             vstore4((float4)(0.0f), 0, memory + at_texel(sums, x, y));
     return sums;
@@ -76,13 +75,13 @@ inline SIZES narrowed_sizes(SIZES size)
 // Places are rounded so that they are the same from the corner of any block: a sample has the same
 // bits whichever group draws it. Lines that the samples do not carry keep their mean. line: from
 // the corner of the UDIM in texels, with sizes as they are drawn, half widths in coarse texels.
-inline void draw_cushion(sums_t sums, part_t part, line_t line, shape_t shape)
+inline line_t coarse_line(part_t part, line_t line)
 {
     line.start = rint(line.start * SNAP) * (COARSE / SNAP) - part.corner;
     line.extent *= COARSE;
     line.wave.x *= COARSE;
     line.size = narrowed_sizes(line.size);
-    draw_line(sums, line, shape);
+    return line;
 }
 
 // out: displacement, mesh units.
@@ -107,44 +106,30 @@ inline void write_part(sums_t sums, part_t part, square_t square, shape_t shape,
     }
 }
 
+// Draws the lines i of the block of this group for which `wanted`, of sizes `drawn`.
+#define DRAW_PART(wanted, drawn)                                                                   \
+    __local float memory[SUMS];                                                                    \
+    shape_t shape = shape_of(shape_values);                                                        \
+    square_t square = {place.x, place.y, place.z, place.w};                                        \
+    part_t part = part_of_group(square);                                                           \
+    sums_t sums = valleys_at(part, memory);                                                        \
+    DRAW_LINES(sums, shape, members, offsets[part.block], offsets[part.block + 1], wanted,         \
+               coarse_line(part, (line_t)LINE_AT(i, drawn, (float2)(0.0f), LEAST_HALF_WIDTH)));    \
+    write_part(sums, part, square, shape, depth, out)
+
 // LINES: as in redraw.cl, in texels, but half widths in coarse texels. scales: of the frame, as there.
 // offsets, members: those of each block that swell.
 __kernel void cushion(LINES, __global const SIZES *scales, __global const int *offsets,
                       __global const int *members, float4 shape_values, float depth, int4 place,
                       __global float *out)
 {
-    __local float memory[ROWS * STRIDE];
-    shape_t shape = shape_of(shape_values);
-    square_t square = {place.x, place.y, place.z, place.w};
-    part_t part = part_of_group(square);
-    sums_t sums = valleys_at(part, memory);
-    for (int k = offsets[part.block]; k < offsets[part.block + 1]; k++) {
-        int i = members[k];
-        line_t line = LINE_AT(i, sizes[i] * scales[i], (float2)(0.0f), LEAST_HALF_WIDTH);
-        draw_cushion(sums, part, line, shape);
-    }
-    write_part(sums, part, square, shape, depth, out);
+    DRAW_PART(true, sizes[i] * scales[i]);
 }
 
-// Those of one orientation bin, all at one stretch: bins to tilt as in bins.cl.
-__kernel void cushion_bin(LINES, __global const uchar *bins, int bin, float2 scale, float4 tilt,
+// Those of one orientation bin, all at one stretch: bins to scale as in bins.cl.
+__kernel void cushion_bin(LINES, __global const uchar *bins, int bin, float2 scale,
                           __global const int *offsets, __global const int *members,
                           float4 shape_values, float depth, int4 place, __global float *out)
 {
-    __local float memory[ROWS * STRIDE];
-    shape_t shape = shape_of(shape_values);
-    square_t square = {place.x, place.y, place.z, place.w};
-    part_t part = part_of_group(square);
-    sums_t sums = valleys_at(part, memory);
-    for (int k = offsets[part.block]; k < offsets[part.block + 1]; k++) {
-        int i = members[k];
-        if (bins[i] != bin)
-            continue;
-        float2 here = scale;
-        if (tilt.z != 0.0f)
-            here.y *= 1.0f + leaning(segments[i].zw, tilt.xyz);
-        line_t line = LINE_AT(i, sizes[i] * SCALES(here), (float2)(0.0f), LEAST_HALF_WIDTH);
-        draw_cushion(sums, part, line, shape);
-    }
-    write_part(sums, part, square, shape, depth, out);
+    DRAW_PART(bins[i] == bin, sizes[i] * SCALES(scale));
 }

@@ -19,8 +19,8 @@ __kernel void add_smooth_grain(__global const int *firsts, __global const int2 *
 {
     int at = first + get_global_id(1) * width + get_global_id(0) * WIDTH, i = at / WIDTH;
     __global const int2 *member = members + firsts[i], *end = members + firsts[i + 1];
-    float16 x = (columns(at, width) + (column + 0.5f)) / side;
-    float16 y = (side - row - 0.5f - rows(at, width)) / side;
+    float16 x = (columns(i, width) + (column + 0.5f)) / side;
+    float16 y = (side - row - 0.5f - rows(i, width)) / side;
     principal_t p = principal(fields_at(member, end, x, y, corners, vertices, fields, none), limit);
     float16 stiff = stiffness ? vload16(0, stiffness + at) : (float16)(1.0f);
     float16 gain = GRAIN_GAIN(power16, stiff * p.log1, stiff * p.log2, exponent);

@@ -7,6 +7,7 @@
 __kernel void quantise(__global const float *heights, float per_step, int index,
                        __global CODE *codes)
 {
-    int i = get_global_id(0) * WIDTH;
-    vstore16(CODES16(vload16(0, heights + i), per_step), 0, codes + place_of(i, index));
+    int i = get_global_id(0);
+    vstore16(CODES16(VECTOR_OF(float16, heights, i), per_step), 0,
+             codes + place_of(i * WIDTH, index));
 }

@@ -41,22 +41,14 @@ __kernel void redraw(LINES, __global const SIZES *wrinkle_scales,
                      __global const int *pore_members, float4 shape_values, float least,
                      float depth, int blocks, int row, int column, COARSE_MAP __global float *out)
 {
-    __local float memory[2 * ROWS * STRIDE];
+    __local float memory[2 * SUMS];
     shape_t shape = shape_of(shape_values);
     place_t place = place_of_group(blocks, row, column);
     sums_t sums = sums_at(place, memory);
     int block = place.block;
-    for (int k = wrinkle_offsets[block]; k < wrinkle_offsets[block + 1]; k++) {
-        int i = wrinkle_members[k];
-        line_t line = LINE_AT(i, sizes[i] * wrinkle_scales[i], place.corner, least);
-        draw_line(sums, line, shape);
-    }
-    for (int k = pore_offsets[block]; k < pore_offsets[block + 1]; k++) {
-        int i = pore_members[k];
-        float2 scale = pore_scales[i];
-        float4 r = roots[i];
-        float4 pore = at_least_pore(r.xyz / scale.x, r.w * scale.y, least);
-        draw_pore(sums, centres[i] - place.corner, pore.xyz, pore.w, shape);
-    }
+    DRAW_LINES(sums, shape, wrinkle_members, wrinkle_offsets[block], wrinkle_offsets[block + 1], true,
+               LINE_AT(i, sizes[i] * wrinkle_scales[i], place.corner, least));
+    DRAW_PORES(sums, shape, pore_members, pore_offsets[block], pore_offsets[block + 1],
+               scaled_pore(roots[i], pore_scales[i], least), centres[i] - place.corner);
     WRITE_ROWS(sums, place, shape, depth, out);
 }

@@ -10,8 +10,9 @@
 __kernel void tilt_codes(__global const float *up, __global const float *down, float share,
                          int index, __global CODE *codes)
 {
-    int i = get_global_id(0) * WIDTH;
-    float16 high = vload16(0, up + i), low = vload16(0, down + i), sum = high + low;
+    int i = get_global_id(0);
+    float16 high = VECTOR_OF(float16, up, i), low = VECTOR_OF(float16, down, i), sum = high + low;
     float16 delta = select((high - low) / (sum * share), (float16)(0.0f), sum == 0.0f);
-    vstore16(CODES16(clamp(delta, -1.0f, 1.0f), CODE_LIMIT), 0, codes + place_of(i, index));
+    vstore16(CODES16(clamp(delta, -1.0f, 1.0f), CODE_LIMIT), 0,
+             codes + place_of(i * WIDTH, index));
 }

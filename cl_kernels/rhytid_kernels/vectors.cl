@@ -2,7 +2,7 @@
 #include "vectors.clh"
 
 // The texels of a vector that lie in the triangle of texel `first`, as bits.
-inline int alike(__global const int *triangles, int first)
+inline int alike(const int *triangles, int first)
 {
     int texels = 0;
     for (int lane = 0; lane < WIDTH; lane++)
@@ -13,9 +13,10 @@ inline int alike(__global const int *triangles, int first)
 // counts: how many triangles each vector has.
 __kernel void count_triangles(__global const int *triangles, __global int *counts)
 {
-    int i = get_global_id(0), count = 0;
+    int i = get_global_id(0), count = 0, own[WIDTH];
+    vstore16(VECTOR_OF(int16, triangles, i), 0, own);
     for (int left = (1 << WIDTH) - 1; left; count++)
-        left &= ~alike(triangles + i * WIDTH, 31 - clz(left));
+        left &= ~alike(own, 31 - clz(left));
     counts[i] = count;
 }
 
@@ -23,11 +24,11 @@ __kernel void count_triangles(__global const int *triangles, __global int *count
 __kernel void list_triangles(__global const int *triangles, __global const int *firsts,
                              __global int2 *members)
 {
-    int i = get_global_id(0), at = firsts[i];
-    triangles += i * WIDTH;
+    int i = get_global_id(0), at = firsts[i], own[WIDTH];
+    vstore16(VECTOR_OF(int16, triangles, i), 0, own);
     for (int left = (1 << WIDTH) - 1; left; at++) {
-        int lane = 31 - clz(left), texels = alike(triangles, lane);
-        members[at] = (int2)(triangles[lane], texels);
+        int lane = 31 - clz(left), texels = alike(own, lane);
+        members[at] = (int2)(own[lane], texels);
         left &= ~texels;
     }
 }

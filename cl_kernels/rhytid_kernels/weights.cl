@@ -22,8 +22,8 @@ inline float2 tilted_depth(int n, int t, __global const float4 *axes, __global c
 {
     float before = layer_stretch(n, t, axes, logs, jacobians, directions + ORIENTED);
     float after = layer_stretch(n, t, axes, logs, jacobians, directions + 2 * ORIENTED);
-    float low = scales_of(before, 0.0f, exponent, SCALE_LIMIT).depth;
-    float high = scales_of(after, 0.0f, exponent, SCALE_LIMIT).depth;
+    float low = SCALE(power, before, -exponent, SCALE_LIMIT);
+    float high = SCALE(power, after, -exponent, SCALE_LIMIT);
     float middle = 0.5f * (low + high), rise = (high - low) / (2.0f * TILT_NODE * middle);
     float most = min(1.0f, SCALE_LIMIT / middle - 1.0f);
     return (float2)(middle, clamp(rise, -most, most) / CODE_LIMIT);
@@ -45,7 +45,7 @@ __kernel void sample_weights(__global const float4 *axes, __global const float2 
         float r = layer_stretch(n, t, axes, logs, jacobians, directions);
         float2 depth_of = n < LAYERS - 1 ? exponents.xz : exponents.yw;
         float position = (clamp(r / r_max, -1.0f, 1.0f) + 1.0f) * (0.5f * (SAMPLES_OF(n) - 1));
-        float2 depth = (float2)(scales_of(r, 0.0f, depth_of.x, depth_of.y).depth, 0.0f);
+        float2 depth = (float2)(SCALE(power, r, -depth_of.x, depth_of.y), 0.0f);
 #if TILT
         if (n < ORIENTED)
             depth = tilted_depth(n, t, axes, logs, jacobians, directions, depth_of.x);

@@ -227,7 +227,7 @@ def test_the_default_has_cushions_and_grain_that_show(
     one = Published(client, page, sent(client))
     assert one.manifest["cushion"]["factor"] > 1
     assert one.manifest["layers"].keys() == {
-        "wrinkles", "pores", "wrinkle_tilts", "cushions", "cushion_tilts", "grain",
+        "wrinkles", "pores", "wrinkle_tilts", "cushions", "grain",
     }  # fmt: skip
     grain = one.codes["grain"][0][0]
     assert 10 < grain.std() < 64
@@ -258,7 +258,6 @@ def test_tiles_of_cushions_overlap_by_their_aprons(client: httpx.Client) -> None
     [
         ("best", "cushions", 4, 0, "bin 4 of layer cushions: 0 to 3"),
         ("best", "cushions", 0, 3, "sample 3 of layer cushions: 0 to 2"),
-        ("best", "cushion_tilts", 0, 1, "sample 1 of layer cushion_tilts: 0 to 0"),
         ("best", "grain", 1, 0, "bin 1 of layer grain: 0 to 0"),
         ("paper", "cushions", 0, 0, "layer 'cushions': one of wrinkles, pores"),
         ("paper", "grain", 0, 0, "layer 'grain': one of wrinkles, pores"),

@@ -24,7 +24,7 @@ __kernel void block(int wrinkles, __global const float4 *segments, __global cons
                     int pores, __global const float2 *centres, __global const float4 *roots,
                     __global const float *s, int part, __global float *out)
 {
-    __local float memory[2 * ROWS * STRIDE];
+    __local float memory[2 * SUMS];
     shape_t shape = shape_of(vload4(0, s));
     place_t place = place_of_group(1, 0, 0);
     sums_t sums = sums_at(place, memory);
@@ -188,6 +188,30 @@ def test_rows_near_never_cuts_a_texel_that_the_profile_reaches(device):
         reached += len(inside)
         assert inside.size == 0 or (low <= inside[0] and inside[-1] <= high), i
     assert reached > 100_000
+
+
+def test_fours_hold_every_texel_of_their_rows_that_a_slim_line_reaches(device):
+    a, e, half_width, _ = columns_of_segments(8, 30000)
+    half_width = np.minimum(half_width, 3)
+    row = np.random.default_rng(9).integers(0, BLOCK - 3, len(a)).astype(np.int32)
+    inputs = {"a": a, "e": e, "h": half_width, "y": row}
+    sums = "(sums_t){0, 0, 0, 0}"
+    box = f"box_of_line({sums}, a, e, sqrt(dot(e, e)), h)"
+    slim = evaluate(device, "line", f"{box}.way == IN_FOURS", inputs, np.int32, 1, options(1))
+    columns = f"convert_float4(columns_of_fours({box}, y))"
+    first = evaluate(device, "line", columns, inputs, np.float32, 4, options(1))
+    reached = 0
+    for i in np.flatnonzero(slim):
+        y, x = np.mgrid[row[i] : row[i] + 4, :BLOCK] + 0.5
+        texels = np.stack([x.ravel(), y.ravel()], axis=1)
+        start = a[i].astype(np.float64)
+        distance = segment_distance(texels, start, start + e[i]).reshape(4, BLOCK)
+        rounding = 2.0**-22 * max(np.abs(a[i]).max(), np.abs(e[i]).max(), BLOCK)
+        y, x = np.nonzero(distance < half_width[i] - rounding)
+        reached += len(x)
+        assert ((first[i, y] <= x) & (x < first[i, y] + 4)).all(), i
+    assert reached > 4_000
+    assert 0.05 < slim.mean() < 0.9
 
 
 def test_rows_of_the_work_items_share_a_block_without_gap_or_overlap(device):

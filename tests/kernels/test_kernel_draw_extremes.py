@@ -93,9 +93,9 @@ def profile_sums(device, call, t2):
     text = f"""#include "draw.clh"
 __kernel void one(__global const float *in, __global float *out)
 {{
-    __local float memory[2 * ROWS * STRIDE];
+    __local float memory[2 * SUMS];
     sums_t sums = sums_at(place_of_group(1, 0, 0), memory);
-    float8 t2 = vload8(0, in);
+    REALS t2 = in[0];
     {call};
     vstore8(vload8(0, sums.valleys), 0, out);
     vstore8(vload8(0, sums.bulges), 1, out);

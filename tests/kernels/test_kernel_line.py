@@ -15,7 +15,7 @@ from reference.inputs import Shape
 DRAWING = """#include "line.clh"
 __kernel void block(int count, LINES, __global const float *s, float least, __global float *out)
 {
-    __local float memory[2 * ROWS * STRIDE];
+    __local float memory[2 * SUMS];
     shape_t shape = shape_of(vload4(0, s));
     place_t place = place_of_group(1, 0, 0);
     sums_t sums = sums_at(place, memory);

@@ -10,7 +10,7 @@ from kernels.one_line import evaluate
 # Where a width is made, and with which defines: (helper, options, width, suffix of the names).
 WIDTHS = {
     "one": ("response", ("-DSCALE_LIMIT=4.0f",), 1, ""),
-    "eight": ("draw", ("-DBLOCK=64", "-DROWS=64", "-DITEMS=1"), 8, "8"),
+    "eight": ("draw", ("-DBLOCK=64", "-DROWS=64", "-DITEMS=8"), 8, "8"),
     "sixteen": ("merge", ("-DMERGE=MELLOW", "-DCODE_BITS=8"), 16, "16"),
 }
 

@@ -115,7 +115,7 @@ class Bins:
     steps: mesh units per code, by layer and sample.  layers: bins of each layer: wrinkles and
     pores; where merge is mellow these are the valleys, with wrinkle_bulges and pore_bulges; with
     tilts also wrinkle_tilts, of one sample, whose codes run from one edge of a bin in angle, -1, to
-    the other, 1; with cushions also cushions and cushion_tilts; with grain also grain, one map.
+    the other, 1; with cushions also cushions; with grain also grain, one map.
     depth: of strength 1, mesh units.  sharpness: β of the merge.  log_stretch_limit: that log ρ is
     clamped to.  scale_limit: σ stays within 1 over it and it.  depth_exponents: of wrinkles and
     pores.  measured_in: "uv" or "surface".  tilt: None, or `node`, `share` and `width`.

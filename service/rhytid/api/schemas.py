@@ -236,7 +236,7 @@ class Bins(_Answer):
     layers: dict[str, int] = Field(
         description="bins of each layer; a mellow merge has layers of bulges too. wrinkle_tilts: "
         "where in its bin a wrinkle runs, code/largest from -1, the edge of the smaller angle, to "
-        "1. cushions, cushion_tilts: of the broad layer, coarse. grain: noise of the neutral, int8"
+        "1. cushions: of the broad layer, coarse. grain: noise of the neutral, int8"
     )
     depth: float = Field(description="of a wrinkle of strength 1, mesh units")
     sharpness: float = Field(description="β of the merge, per depth")

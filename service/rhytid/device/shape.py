@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 from rhytid.errors import DeviceError
 
-# Rows of a block of 64² texels that a work-group may draw. Their sums take 2 · 72 floats a row.
-_ROWS = (64, 32, 16)
+# Rows of a block of 64² texels that a work-group may draw. Their sums take 2 · 72 floats a row, of
+# three rows more than are drawn.
+_ROWS, _MORE_ROWS = (64, 32, 16), 3
 _ROW_BYTES = 2 * 72 * 4
 # On a processor a work-group is a loop on one core: long ones cost less, until at the end of a tile
 # one core waits for another.
@@ -32,9 +33,9 @@ def launch_shapes(kind: str, local_memory: int, largest_group: int) -> list[Laun
 
     Raises DeviceError where none fits: OpenCL promises 32 KiB of local memory.
     """
-    fitting = [rows for rows in _ROWS if rows * _ROW_BYTES + _LEFT <= local_memory]
+    fitting = [rows for rows in _ROWS if _bytes(rows) <= local_memory]
     if not fitting:
-        least = _ROWS[-1] * _ROW_BYTES + _LEFT
+        least = _bytes(_ROWS[-1])
         raise DeviceError(f"{local_memory} bytes of local memory: drawing needs {least}")
     most = 1 << (largest_group.bit_length() - 1)
     if kind == "cpu":
@@ -44,3 +45,8 @@ def launch_shapes(kind: str, local_memory: int, largest_group: int) -> list[Laun
         LaunchShape(rows, min(rows // share, most), vectors) for share in (1, 2) for rows in fitting
     ]
     return list(dict.fromkeys(shapes))
+
+
+def _bytes(rows: int) -> int:
+    """Local memory of a work-group that draws so many rows."""
+    return (rows + _MORE_ROWS) * _ROW_BYTES + _LEFT

@@ -16,7 +16,7 @@ from rhytid.pipeline.bins import (
     sample_stretches,
     tilt_width,
 )
-from rhytid.pipeline.cushion_bins import CUSHION_TILTS, cushion_layers, cushion_steps
+from rhytid.pipeline.cushion_bins import cushion_layers, cushion_steps
 from rhytid.pipeline.cushion_elements import APRON
 from rhytid.pipeline.elements import SCALE_LIMIT
 from rhytid.pipeline.grain import GRAIN, grain_amplitude, grain_exponent, relief
@@ -69,12 +69,10 @@ def _steps(settings: AssetSettings) -> dict[str, tuple[float, ...]]:
         tuple(steps[layer, : bins.layer_samples[layer]].tolist()) for layer in (0, -1)
     )
     found = {name: pores if name.startswith("pore") else wrinkles for name in layers(bins)}
-    tilts = (1.0 / code_limit(bins.bits),)
     if bins.tilt:
-        found[TILTS] = tilts
+        found[TILTS] = (1.0 / code_limit(bins.bits),)
     for name in cushion_layers(settings):
-        cushions = tuple(cushion_steps(settings)[0, : bins.samples].tolist())
-        found[name] = tilts if name == CUSHION_TILTS else cushions
+        found[name] = tuple(cushion_steps(settings)[0, : bins.samples].tolist())
     if relief(settings) > 0.0:
         found[GRAIN] = (grain_amplitude(settings),)
     return found

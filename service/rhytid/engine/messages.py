@@ -191,8 +191,8 @@ class BinManifest:
     layers: {"wrinkles": N, "pores": 1}; where merge
     is mellow these are the valleys, and {"wrinkle_bulges": N, "pore_bulges": 1} the bulges; with
     tilts {"wrinkle_tilts": N}, of one sample, from one edge of a bin in angle, -1, to the other, 1,
-    which is the one of larger angle. With cushions {"cushions": N}, coarse, and with tilts
-    {"cushion_tilts": N}; with grain {"grain": 1}, of one sample, always int8.
+    which is the one of larger angle. With cushions {"cushions": N}, coarse;
+    with grain {"grain": 1}, of one sample, always int8.
     steps: displacement per code, mesh units, by layer and sample; of tilts their unit.
     depth: of strength 1, mesh units.  sharpness: β of the merge.  log_stretch_limit: that log ρ is
     clamped to.  scale_limit: σ stays within 1/scale_limit and scale_limit.  depth_exponents: by

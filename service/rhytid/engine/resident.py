@@ -101,7 +101,8 @@ class ResidentAsset(ResidentFrames):
             return self.bin_codes(address, layers(settings.bins)[layer][bin] + sample)
         cushion, index = self.bin_tile(address).cushion, broad[layer][bin] + sample
         assert cushion is not None
-        return cushion.read(self._device, cushion_map_count(settings), index, settings.bins.bits)
+        maps, bits = cushion_map_count(settings), settings.bins.bits
+        return cushion.read(self._device, maps, index, bits, broad=True)
 
     def bins_size(self) -> int:
         """Bytes that the level-0 maps of every UDIM need, as far as `BYTES_A_TEXEL` is right."""

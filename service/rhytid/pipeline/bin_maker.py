@@ -6,7 +6,7 @@ There are maps of level 0 only: means of maps, blended, are flatter than the mea
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from itertools import count as counter
 from itertools import product
@@ -40,7 +40,7 @@ from rhytid.pipeline.elements import UdimElements
 from rhytid.pipeline.locate import UdimTriangles
 from rhytid.pipeline.redraw import launch_blocks
 from rhytid.pipeline.stiffness import stiffness_of_texels
-from rhytid.pipeline.vectors import VECTOR, VectorTriangles
+from rhytid.pipeline.vectors import VECTOR, VectorTriangles, squares
 
 # Runs the kernel of a map over a square of level 0: (square, into, defines).
 _Launch = Callable[..., None]
@@ -50,12 +50,12 @@ _Launch = Callable[..., None]
 class BinTile(Held):
     """One tile of every precomputed map, and the triangles of its texels.
 
-    codes: (texels / VECTOR, maps, VECTOR), maps being M samples within parts within N + 1
-    layers, and after those of a bin its tilt.
+    codes: (texels / VECTOR, maps, VECTOR), of texels of a row, maps being M samples within parts
+    within N + 1 layers, and after those of a bin its tilt.
     stiffness: float32 of each texel, or None: 1 throughout.
     place: texels a side of the tile and of its map, row and column of its first texel.
-    cushion: the broad layer of wrinkles around the tile, coarse, with no pores; None where there is
-    none."""
+    cushion: the broad layer of wrinkles around the tile, coarse, with no pores, its vectors squares
+    (see `squares`); None where there is none."""
 
     triangles: VectorTriangles
     codes: Buffer
@@ -64,11 +64,16 @@ class BinTile(Held):
     stiffness: Buffer | None = None
     cushion: BinTile | None = None
 
-    def read(self, device: Device, maps: int, index: int, bits: int) -> NDArray[np.integer]:
-        """(n, n) codes of the map `index` of so many, of the narrow layer or of the broad one."""
+    def read(
+        self, device: Device, maps: int, index: int, bits: int, broad: bool = False
+    ) -> NDArray[np.integer]:
+        """(n, n) codes of the map `index` of so many.  broad: of the broad layer."""
         side, dtype = int(self.place[0]), np.dtype(f"i{bits // 8}")
         codes = device.read(self.codes, (self.texels // VECTOR, maps, VECTOR), dtype)
-        found: NDArray[np.integer] = codes[:, index].reshape(side, side)
+        found: NDArray[np.integer] = codes[:, index]
+        if broad:
+            found = found.reshape(side // 4, side // 4, 4, 4).swapaxes(1, 2)
+        found = found.reshape(side, side)
         return found
 
     @property
@@ -132,17 +137,23 @@ class BinMaker:
         if self._elements.cushion is None:
             return None
         factor = self._elements.cushion.factor
-        maker = CushionBins(self._device, self._elements, self._settings, TILT_SHARE)
+        maker = CushionBins(self._device, self._elements, self._settings)
         codes, texels = maker.codes(square), coarse_side(square[2], factor)
         row, column = (at // factor - APRON for at in square[:2])
         place = (self._settings.resolution // factor, row, column, texels)
-        return self._located_tile(place, codes)
+        return self._located_tile(place, codes, squares(texels))
 
-    def _located_tile(self, place: tuple[int, int, int, int], codes: Buffer) -> BinTile:
-        """Of (texels a side of the map, row, column, texels a side of the tile)."""
+    def _located_tile(
+        self,
+        place: tuple[int, int, int, int],
+        codes: Buffer,
+        defines: Mapping[str, object] = NO_DEFINES,
+    ) -> BinTile:
+        """Of (texels a side of the map, row, column, texels a side of the tile).  defines: of its
+        vectors."""
         side, row, column, texels = place
         triangles = self._located.texels(side, row, column, texels)
-        found = VectorTriangles.of(self._device, triangles, texels * texels)
+        found = VectorTriangles.of(self._device, triangles, texels * texels, defines)
         triangles.release()
         stiffness = stiffness_of_texels(
             self._device, self._stiffness, self._located.udim, side, row, column, texels

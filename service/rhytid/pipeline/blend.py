@@ -37,7 +37,7 @@ from rhytid.pipeline.grain import grain_amplitude, grain_gains, relief
 from rhytid.pipeline.locate import UdimTriangles
 from rhytid.pipeline.smooth import SmoothFields
 from rhytid.pipeline.stretch_buffers import StretchBuffers
-from rhytid.pipeline.vectors import VECTOR
+from rhytid.pipeline.vectors import VECTOR, squares
 
 # How merge.clh calls a merge. `signed` is `mellow` of one signed map in place of two.
 MERGES = {"min": "MIN", "soft": "SOFT", "signed": "MELLOW", "mellow": "MELLOW"}
@@ -86,7 +86,7 @@ class Blend:
             settings = cushion_settings(settings)
         elif settings.shape.cushion > 0.0:
             self._cushion = Blend(device, settings, triangles, coarse=True)
-        self._settings = settings
+        self._settings, self._coarse = settings, coarse
         bins, response = settings.bins, settings.response
         self._device, self._bins, self._triangles = device, bins, triangles
         self._last_sample = np.float32(settings.last_sample)
@@ -116,7 +116,12 @@ class Blend:
         if coarse:
             # Both layers take the coefficients of the narrow one.
             gain = range_of_codes(settings) * narrow_unit / unit_of(settings)
-            own = {"DRAWN": bins.count, "MERGE": "VALLEYS_ONLY", "CODE_GAIN": f"{gain:.9e}f"}
+            own = {
+                "DRAWN": bins.count,
+                "TILT_MAPS": 0,
+                "MERGE": "VALLEYS_ONLY",
+                "CODE_GAIN": f"{gain:.9e}f",
+            }
             self._codes.update(own)
 
     def coefficients(self, stretch: StretchBuffers) -> Coefficients:
@@ -204,7 +209,8 @@ class Blend:
             np.float32(grain_amplitude(self._settings)), np.float32(self._settings.depth),
             group=_group(self._device.shape.vectors, vectors),
             defines={
-                **self._layers, **self._codes, **_raised(tiles[0], coarse),
+                **self._layers, **self._codes, **self._vectors(tiles[0]),
+                **_raised(tiles[0], coarse),
                 **({**self._response, "GRAINY": 1} if grains else {}),
             },
         )  # fmt: skip
@@ -224,7 +230,7 @@ class Blend:
             coarse[0] if coarse else None, out,
             defines={
                 **self._layers, **self._response, **self._oriented, **self._codes,
-                **_raised(maps, coarse),
+                **_raised(maps, coarse), **self._vectors(maps),
             },
         )  # fmt: skip
         for buffer in coarse:
@@ -245,12 +251,16 @@ class Blend:
             fields.neutral, maps.stiffness, coarse[0] if coarse else None, out,
             defines={
                 **self._layers, **self._response, **self._oriented, **self._codes,
-                **_raised(maps, coarse),
+                **_raised(maps, coarse), **self._vectors(maps),
             },
         )  # fmt: skip
         for buffer in coarse:
             buffer.release()
         return out
+
+    def _vectors(self, maps: BinTile) -> dict[str, object]:
+        """What kernels must know of which texels a vector has."""
+        return squares(int(maps.place[0])) if self._coarse else {}
 
     def _stretch(self, stretch: StretchBuffers) -> tuple[object, ...]:
         return (stretch.axes, stretch.logs, stretch.jacobians, self._directions)

@@ -1,11 +1,11 @@
 """Precomputed maps of the broad layer: bins of its own, coarse, merged as its lines meet (2.4).
-Kernels: cushion.cl, quantise.cl, tilt.cl."""
+Kernels: cushion.cl, quantise.cl."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import replace
-from itertools import count as counter
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,6 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.pipeline.bins import (
     CODES,
     code_limit,
-    directions,
     drawn_depth_exponents,
     quantisation_steps,
     sample_stretches,
@@ -23,10 +22,10 @@ from rhytid.pipeline.bins import (
 )
 from rhytid.pipeline.cushion import coarse_side, launch_cushion
 from rhytid.pipeline.elements import UdimElements
-from rhytid.pipeline.vectors import VECTOR
+from rhytid.pipeline.vectors import VECTOR, squares
 
 # How the layers of its maps are called.
-CUSHIONS, CUSHION_TILTS = "cushions", "cushion_tilts"
+CUSHIONS = "cushions"
 # Lines of full depth that may meet at a sample before a code of it saturates.
 _MEETING = 8
 
@@ -40,9 +39,11 @@ def cushion_settings(settings: AssetSettings) -> AssetSettings:
 
 
 def cushion_map_count(settings: AssetSettings) -> int:
-    """Maps of a tile of the layer: samples and tilt of every bin, and no pores."""
+    """Maps of a tile of the layer: samples of every bin, and neither tilts nor pores. Where soft
+    lines lie over one another a tilt is the mean of many: blends are closer to `redraw` without
+    (the smile of a real face at r_max 0.3: 7.1 % for 7.6 %)."""
     bins = settings.bins
-    return bins.count * (bins.samples + bins.tilt)
+    return bins.count * bins.samples
 
 
 def cushion_layers(settings: AssetSettings) -> dict[str, tuple[int, ...]]:
@@ -51,11 +52,7 @@ def cushion_layers(settings: AssetSettings) -> dict[str, tuple[int, ...]]:
     bins = settings.bins
     if settings.shape.cushion == 0.0:
         return {}
-    first = range(0, cushion_map_count(settings), bins.samples + bins.tilt)
-    found = {CUSHIONS: tuple(first)}
-    if bins.tilt:
-        found[CUSHION_TILTS] = tuple(index + bins.samples for index in first)
-    return found
+    return {CUSHIONS: tuple(range(0, cushion_map_count(settings), bins.samples))}
 
 
 def cushion_steps(settings: AssetSettings) -> NDArray[np.float32]:
@@ -73,12 +70,9 @@ def range_of_codes(settings: AssetSettings) -> float:
 class CushionBins:
     """Draws them for one UDIM."""
 
-    def __init__(
-        self, device: Device, elements: UdimElements, settings: AssetSettings, tilt_share: float
-    ) -> None:
+    def __init__(self, device: Device, elements: UdimElements, settings: AssetSettings) -> None:
         self._device, self._elements, self._settings = device, elements, settings
         self._per_step = 1.0 / np.maximum(cushion_steps(settings), 1e-30)
-        self._tilt_share = tilt_share
         bins = settings.bins
         self._defines: dict[str, object] = {
             "CODE": CODES[bins.bits],
@@ -87,57 +81,30 @@ class CushionBins:
         }
 
     def codes(self, square: tuple[int, int, int]) -> Buffer:
-        """(samples / VECTOR, maps, VECTOR) around a square (row, column, texels a side) of level 0:
-        of each bin the maps of its samples, then its tilt."""
+        """(samples / VECTOR, maps, VECTOR) around a square (row, column, texels a side) of level 0,
+        in squares of samples: of each bin the maps of its samples."""
         bins, cushion = self._settings.bins, self._elements.cushion
         assert cushion is not None
-        size = coarse_side(square[2], cushion.factor) ** 2
-        codes = self._device.empty(cushion_map_count(self._settings) * size, f"i{bins.bits // 8}")
-        at = counter()
-        for index in range(bins.count):
-            for sample in range(bins.samples):
-                heights = self._map(index, sample, square)
-                per_step = self._per_step[index, sample]
-                self._put("quantise", "quantise", (heights,), per_step, next(at), codes)
-            if bins.tilt:
-                heights_of_both = self._tilts(index, square)
-                share = np.float32(self._tilt_share)
-                self._put("tilt", "tilt_codes", heights_of_both, share, next(at), codes)
+        side = coarse_side(square[2], cushion.factor)
+        maps = cushion_map_count(self._settings)
+        codes = self._device.empty(maps * side**2, f"i{bins.bits // 8}")
+        for at, (index, sample) in enumerate(product(range(bins.count), range(bins.samples))):
+            heights = self._map(index, sample, square)
+            self._device.launch(
+                "quantise", "quantise", (side**2 // VECTOR,),
+                heights, self._per_step[index, sample], np.int32(at), codes,
+                defines={**self._defines, **squares(side)},
+            )  # fmt: skip
+            self._device.finish()
+            heights.release()
         return codes
 
-    def _put(
-        self, program: str, kernel: str, heights: tuple[Buffer, ...], factor: np.float32, at: int,
-        codes: Buffer,
-    ) -> None:  # fmt: skip
-        count = codes.nbytes // (int(str(self._defines["MAPS"])) * self._settings.bins.bits // 8)
-        self._device.launch(
-            program, kernel, (count // VECTOR,), *heights, factor, np.int32(at), codes,
-            defines=self._defines,
-        )  # fmt: skip
-        self._device.finish()
-        for buffer in heights:
-            buffer.release()
-
     def _map(self, index: int, sample: int, square: tuple[int, int, int]) -> Buffer:
-        settings = self._settings
+        settings, response = self._settings, self._settings.response
         r = float(sample_stretches(settings)[sample])
-        response = settings.response
         depth = scale(response, r, -drawn_depth_exponents(settings)[index])
-        return self._draw(index, (scale(response, r, response.alpha_w), depth), 0.0, square)
-
-    def _tilts(self, index: int, square: tuple[int, int, int]) -> tuple[Buffer, ...]:
-        response = self._settings.response
-        wide = (scale(response, self._settings.last_sample, response.alpha_w), 1.0)
-        shares = (self._tilt_share, -self._tilt_share)
-        return tuple(self._draw(index, wide, share, square) for share in shares)
-
-    def _draw(
-        self, index: int, scales: tuple[float, float], tilt: float, square: tuple[int, int, int]
-    ) -> Buffer:
-        count = self._settings.bins.count
-        leaning = [*directions(count)[index], tilt * 2 * count / np.pi, 0.0]
+        scales = np.array([scale(response, r, response.alpha_w), depth], np.float32)
         return launch_cushion(
-            self._device, "cushion_bin", self._elements, self._settings, square,
-            self._elements.bins, np.int32(index), np.array(scales, np.float32),
-            np.array(leaning, np.float32),
+            self._device, "cushion_bin", self._elements, settings, square,
+            self._elements.bins, np.int32(index), scales,
         )  # fmt: skip

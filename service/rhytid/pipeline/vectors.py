@@ -6,18 +6,25 @@ for each of its triangles.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from rhytid.device.held import Held
-from rhytid.device.runtime import Buffer, Device
+from rhytid.device.runtime import NO_DEFINES, Buffer, Device
 
 # Texels that kernels take at once, WIDTH of vectors.clh: the smallest levels are padded to it.
 VECTOR = 16
 # About what the triangles of a map take where they are many texels wide: it was 4.7 on a real face
 # at 256² texels, 2.0 at 1024², 1.4 at 2048² and 1.1 at 4096².
 BYTES_A_TEXEL = 1
+
+
+def squares(side: int) -> dict[str, object]:
+    """What kernels must know where the vectors of a map of `side` texels a row, a multiple of 4,
+    are squares of four rows."""
+    return {"SQUARES": side}
 
 
 @dataclass(frozen=True)
@@ -29,17 +36,27 @@ class VectorTriangles(Held):
     members: Buffer
 
     @classmethod
-    def of(cls, device: Device, triangles: Buffer, texels: int) -> VectorTriangles:
-        """From the int32 triangle of each of `texels` texels, a multiple of VECTOR."""
+    def of(
+        cls,
+        device: Device,
+        triangles: Buffer,
+        texels: int,
+        defines: Mapping[str, object] = NO_DEFINES,
+    ) -> VectorTriangles:
+        """From the int32 triangle of each of `texels` texels, a multiple of VECTOR.  defines: which
+        texels a vector has, as `squares` says it, else those of a row."""
         count = texels // VECTOR
         counts = device.empty(count, np.int32)
-        device.launch("vectors", "count_triangles", (count,), triangles, counts)
+        device.launch("vectors", "count_triangles", (count,), triangles, counts, defines=defines)
         ends = np.cumsum(device.read(counts, (count,), np.int32), dtype=np.int32)
         counts.release()
         found = cls(
             device.upload(np.append(np.int32(0), ends)), device.empty(2 * int(ends[-1]), np.int32)
         )
-        device.launch("vectors", "list_triangles", (count,), triangles, found.firsts, found.members)
+        device.launch(
+            "vectors", "list_triangles", (count,), triangles, found.firsts, found.members,
+            defines=defines,
+        )  # fmt: skip
         return found
 
     @property

@@ -125,7 +125,7 @@ def bin_tile(
 
     layer: one of the manifest's: wrinkles, pores, for a mellow merge wrinkle_bulges and
     pore_bulges, with tilts wrinkle_tilts (sample 0); of the cushions, coarse and with an apron,
-    cushions and cushion_tilts (sample 0); grain (bin 0, sample 0).
+    cushions; grain (bin 0, sample 0).
     """
     place = ("v1", "assets", asset_id(asset), "bins", udim, level, row, column)
     query: dict[str, str | int] = {"bin": bin, "sample": sample, "layer": layer}
