@@ -108,11 +108,11 @@ REGIONS: dict[str, Region] = {
     # Coarse level lines, a wide net between them, small pores.
     "neck": Region(
         density=0.65,
-        strength=1.25,
+        strength=1.1,
         anisotropy=1.5,
         bend=0.5,
         scale=1.3,
         pore_radius=0.7,
-        old=Old(strength=1.9, anisotropy=1.3),
+        old=Old(strength=2.1, anisotropy=1.3),
     ),
 }
