@@ -79,13 +79,16 @@ def test_grain_is_that_of_redraw(device, sampling, painted):
     np.testing.assert_allclose(found, wanted, atol=1e-6 * DEPTH)
 
 
-def test_it_comes_as_close_to_redraw_as_without(device):
+@pytest.mark.parametrize("wrinkles", [600, 2000])
+def test_it_comes_as_close_to_redraw_as_without(device, wrinkles):
+    """Of lines as close together as those of skin."""
+    lines = random_graph(24, wrinkles)
     frame = Frame.of(deform(sheet().positions, 3, 0.15))
     errors = []
     flat = {"cushion": 0.0, "grain": 0.0, "wrinkle_bulge": 2.5}
     for shape in (flat, {**GRAINY, **SWOLLEN}):
         shape["undulation"] = 0.0  # every method has the same: it would hide errors
-        asset = asset_of(device, lines=LINES, shape=shape, **BEST)
+        asset = asset_of(device, lines=lines, shape=shape, **BEST)
         found, wanted = (tile_of(asset, frame, m, 1, 1) for m in ("binned", "redraw"))
         errors.append(np.linalg.norm(found - wanted) / np.linalg.norm(wanted))
     assert errors[1] <= errors[0]
