@@ -16,7 +16,8 @@ inline float3 turned(float3 p)
 #define CELLS 2.0f
 
 // Octaves, each so many times as fine as the one before, and the share of each. Those of the grain
-// are as the waves; those of the undulation are what a scanned cheek has beside its lines. The squares add up to 1.
+// are as the waves; those of the undulation are what a scanned cheek has beside its lines. The squares
+// add up to 1.
 #define GRAIN_OCTAVES 3
 #define GRAIN_FINER 2.23606798f
 __constant float GRAIN_SHARES[GRAIN_OCTAVES] = {0.898f, 0.401f, 0.180f};
@@ -69,7 +70,7 @@ __kernel void grain_codes(__global const int *triangles, int none, __global cons
         if (shares.y > 0.0f)
             sum += shares.y * octaves(finer * p, finer * texel, UNDULATION_OCTAVES,
                                       UNDULATION_FINER, UNDULATION_SHARES,
-                                      ~(seed * UNDULATION_OCTAVES));
+                                      ~(seed * UNDULATION_OCTAVES) - UNDULATION_OCTAVES);
     }
     codes[i] = convert_char_sat_rte(32.0f * sum);
 }

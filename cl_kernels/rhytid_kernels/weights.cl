@@ -68,7 +68,7 @@ __kernel void coefficients(__global const float *steps, float unit, __global flo
 }
 
 // For texels with a stiffness of their own (blend_stiff.cl): r of each layer, LAYERS a triangle;
-// with TILT then twice as many, with directions as in sample_weights.
+// with TILT then two more of as many, with directions as in sample_weights.
 __kernel void layer_stretches(__global const float4 *axes, __global const float2 *logs,
                               __global const float4 *jacobians,
                               __global const float2 *directions, __global float *stretches)

@@ -51,7 +51,7 @@ def test_no_pore_moves_with_age() -> None:
             assert all(getattr(aged(region, age), n) == getattr(region, n) for n in kept)
 
 
-def test_the_corner_of_the_eye_ages_most_and_the_cheek_least() -> None:
+def test_lines_deepen_by_region_in_the_order_that_was_measured() -> None:
     """The order of Takema et al. 1997, of the regions that they and we have."""
     found = {n: aged(r, 65.0).strength / r.strength for n, r in REGIONS.items()}
     assert found["eye_corner"] > found["lip"] >= found["cheek"]

@@ -71,7 +71,7 @@ def test_noise_is_that_of_the_reference(device, seed):
     assert wanted.std() > 0.5
 
 
-@pytest.mark.parametrize("seed", [1, 2**31 - 1])
+@pytest.mark.parametrize("seed", [0, 1, 2**31 - 1])
 @pytest.mark.parametrize("grain", [0.0, 0.03])
 def test_undulation_is_broad_noise_beside_the_grain(device, seed, grain):
     mesh, share, size = sheet(), 0.16, 0.5
@@ -80,6 +80,7 @@ def test_undulation_is_broad_noise_beside_the_grain(device, seed, grain):
     broad, sure, _ = expected(mesh, size=size, seed=seed, octaves=reference.UNDULATION)
     wanted = share * broad + grain * expected(mesh, seed=seed)[0]
     step = np.hypot(share, grain) * reference.STEP
+    wanted = np.clip(wanted, -128 * step, 127 * step)  # codes end at four root mean squares
     assert np.abs(found - wanted)[sure.reshape(SIDE, SIDE)].max() <= 0.51 * step
     assert broad.std() > 0.5
 

@@ -24,7 +24,7 @@ class Octaves:
 
     def seed(self, seed: int, octave: int) -> int:
         first = seed * len(self.shares)
-        return ((~first if self.inverted else first) + octave) % 2**32
+        return ((~first - len(self.shares) if self.inverted else first) + octave) % 2**32
 
 
 GRAIN = Octaves(5**0.5, (0.898, 0.401, 0.180))

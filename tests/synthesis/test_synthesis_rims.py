@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import GraphSettings
 from rhytid.domain.controls import Controls
+from rhytid.synthesis.charts import neighbours
 from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.generate import synthesize
 from rhytid.synthesis.rim import beside_bare
@@ -70,17 +71,41 @@ class RightOf(Fields):
         return uv[:, 0] > 0.5
 
 
+class OutsideTheChart(Fields):
+    """As a density map that is black around the charts."""
+
+    some_bare = True
+
+    def bare(self, triangle, uv):  # type: ignore[no-untyped-def]
+        low, high = MESH.uv.min(axis=0), MESH.uv.max(axis=0)
+        return ((uv < low) | (uv > high)).any(axis=1)
+
+
+def test_what_is_painted_beyond_a_chart_does_not_count() -> None:
+    surface = Surface.of(MESH)
+    triangle = np.flatnonzero(surface.carries)
+    uv = surface.uv[triangle].mean(axis=1)
+    beyond = OutsideTheChart()
+    found = beside_bare(surface, neighbours(MESH), beyond, triangle, uv, 0.1)
+    assert beyond.bare(triangle, uv + np.float32([0.2, 0])).any()
+    np.testing.assert_array_equal(found, 1.0)
+
+
 def test_lines_fade_by_the_share_of_bare_skin_around_them() -> None:
     surface = Surface.of(MESH)
     triangle = np.flatnonzero(surface.carries)
     uv = surface.uv[triangle].mean(axis=1)
     spacing = 0.02
-    found = beside_bare(surface, RightOf(), triangle, uv, spacing)
+    found = beside_bare(surface, neighbours(MESH), RightOf(), triangle, uv, spacing)
     # In double, and on the surface: the sheet is a plane, as its axes are.
     to_edge = (0.5 - uv[:, 0]) * np.linalg.norm(surface.jacobian[triangle][..., 0], axis=-1)
     turns = 2.0 * np.pi * np.arange(8) / 8
     looked = to_edge[:, None] - 2.0 * spacing * np.cos(turns)
     sure = (np.abs(looked) > 1e-3 * spacing).all(axis=1)
+    # Near the end of the sheet some looks leave it, and do not count.
+    to_end = (MESH.uv.max(axis=0) - uv) * np.linalg.norm(surface.jacobian[triangle], axis=1)
+    from_end = (uv - MESH.uv.min(axis=0)) * np.linalg.norm(surface.jacobian[triangle], axis=1)
+    sure &= (np.minimum(to_end, from_end) > 2.01 * spacing).all(axis=1)
     wanted = (1.0 - (looked < 0).mean(axis=1)) ** 1.25
     assert sure.sum() > 0.5 * len(sure)
     np.testing.assert_allclose(found[sure], wanted[sure], atol=1e-6)

@@ -38,12 +38,15 @@ class AgedSkin:
 def write_region_sheet(
     device: Device, mesh: Mesh, folds: Folds, skins: Iterable[AgedSkin], file: Path
 ) -> None:
-    """Patches of all regions that folds have masks of, two rows for each skin, into a PNG."""
+    """Patches of all regions that folds have masks of, two rows for each skin, into a PNG;
+    nothing where no region lies in the UDIM with most triangles."""
     udim, rows = busiest_udim(mesh), []
     views: list[RegionView] = []
     for skin in skins:
         unit_mm = millimetres(skin.settings.length_unit) or MILLIMETRES[USUAL_UNIT]
         views = views or _views(mesh, folds, udim, SIDE_MM / unit_mm)
+        if not views:
+            return
         rows += _rows(device, mesh, udim, views, skin)
     caption = (
         f"Regions as masks of named expressions have them, {SIDE_MM:g} mm wide, seen on the "

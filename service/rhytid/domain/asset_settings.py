@@ -29,6 +29,7 @@ class GraphSettings:
     axis; "auto" or None: by expressions where there are any.
     turn: degrees to the left of the preferred lines.  density, strength, scale and pore_radius are
     factors; anisotropy is 0 for lines that run any way, 1 as usual, 2 for one direction alone.
+    age: years; lines deepen, widen and become fewer, pores stay.
     """
 
     spacing: float | None = number(None, 1e-30, 1e30)
@@ -243,7 +244,7 @@ class AssetSettings:
 
     def resolved(self, spacing: float) -> AssetSettings:
         """A copy with everything set, for a pore spacing in mesh units."""
-        return self.with_lengths(Lengths.of(spacing))
+        return self.with_lengths(Lengths.of(spacing, self.graph.age))
 
     def with_lengths(self, lengths: Lengths) -> AssetSettings:
         """A copy with the lengths that are not set yet."""

@@ -107,9 +107,12 @@ class ResidentAsset(ResidentFrames):
     def bins_size(self) -> int:
         """Bytes that the level-0 maps of every UDIM need, as far as `BYTES_A_TEXEL` is right."""
         bins, painted = self.settings.bins, () if self._stiffness is None else self._stiffness.maps
-        a_texel = map_count(bins) * bins.bits // 8 + BYTES_A_TEXEL
+        a_texel = map_count(bins) * bins.bits / 8 + BYTES_A_TEXEL + self._shows_grain
+        if self.cushion_factor is not None:
+            broad = cushion_map_count(self.settings) * bins.bits / 8 + BYTES_A_TEXEL
+            a_texel += broad / self.cushion_factor**2
         sizes = (a_texel + 4 * (udim in painted) for udim in self._located)
-        return sum(sizes) * self.settings.resolution**2
+        return round(sum(sizes) * self.settings.resolution**2)
 
     def _draw(self, frame: Frame, query: MapQuery, address: TileAddress) -> Draw:
         """What draws a tile of any method but `binned`."""

@@ -94,8 +94,14 @@ class TileCalls(EngineCore):
                 "binned are means of its level 0"
             )
         resident = found.ready()
-        _check_map(bin_manifest(found.settings, resident.cushion_factor), layer, bin, sample)
-        return self._on_device(resident.layer_codes, address, layer, bin, sample)
+
+        def codes() -> NDArray[np.integer]:
+            # On the device thread, where settings do not change meanwhile.
+            manifest = bin_manifest(resident.settings, resident.cushion_factor)
+            _check_map(manifest, layer, bin, sample)
+            return resident.layer_codes(address, layer, bin, sample)
+
+        return self._on_device(codes)
 
     def _key(self, asset: Asset, frame: Frame, query: MapQuery, place: str) -> str:
         revision = settings_key(asset.id, asset.settings, self._device_key, query.method)

@@ -281,7 +281,8 @@ def _group(most: int, vectors: int) -> tuple[int, int]:
 
 def _cushions(tiles: Sequence[BinTile]) -> list[BinTile]:
     """Of tiles that all have one, else none."""
-    return [maps.cushion for maps in tiles if maps.cushion is not None]
+    found = [maps.cushion for maps in tiles if maps.cushion is not None]
+    return found if len(found) == len(tiles) else []
 
 
 def _raised(maps: BinTile, coarse: Sequence[Buffer]) -> dict[str, object]:

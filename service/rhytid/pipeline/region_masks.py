@@ -59,7 +59,7 @@ class RegionMasks:
             soft = surface.of_vertices(share[:, None])[:, 0]
             found[region] = np.clip(soft, 0.0, 1.0)
         if _LEFT in found:
-            for region in found.keys() - {_LEFT}:
+            for region in sorted(found.keys() - {_LEFT}):
                 found[_LEFT] = found[_LEFT] * (1.0 - found[region])
         return {region: mask.astype(np.float32) for region, mask in found.items()}
 

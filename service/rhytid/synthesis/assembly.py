@@ -118,7 +118,9 @@ def _lines(
         half_width[rows] = shapes.half_widths_uv(ground.surface, triangle, step, width)
         factor[rows] = fields.strength(triangle, middle)
         if fields.some_bare:
-            factor[rows] *= beside_bare(ground.surface, fields, triangle, middle, spacing)
+            factor[rows] *= beside_bare(
+                ground.surface, ground.across, fields, triangle, middle, spacing
+            )
         if fields.some_contrast:
             factor[rows] *= weight[rows] ** (fields.contrast(triangle, middle) - 1.0)
     second = np.flatnonzero(lines.copy_of != ORIGINAL)

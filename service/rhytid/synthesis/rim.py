@@ -7,6 +7,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.synthesis.charts import trace
 from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.surface import Surface
 
@@ -19,6 +20,7 @@ _FADING = 1.25
 
 def beside_bare(
     surface: Surface,
+    across: NDArray[np.int32],
     fields: Fields,
     triangle: NDArray[np.integer],
     uv: NDArray[np.floating],
@@ -26,6 +28,7 @@ def beside_bare(
 ) -> NDArray[np.float32]:
     """(N,) factors of the weight of lines whose middles are at uv (N, 2): 1 away from bare skin.
 
+    across: (F, 3) neighbours of the triangles; what is painted beyond a chart does not count.
     spacing: of the pores of even skin, in units of the surface.
     """
     reach = _REACH * spacing * fields.spacing(triangle, uv).astype(np.float64)
@@ -34,10 +37,12 @@ def beside_bare(
     # With JᵀJ = LLᵀ a step of L⁻ᵀe in UV is as long as e on the surface.
     uu = np.sqrt((jacobian[..., 0] ** 2).sum(-1))
     along = (jacobian[..., 0] * jacobian[..., 1]).sum(-1) / uu
-    across = surface.density[triangle] / uu
+    upward = surface.density[triangle] / uu
     for angle in 2.0 * np.pi * np.arange(_LOOKS) / _LOOKS:
-        v = np.sin(angle) / across
-        step = np.stack([(np.cos(angle) - along * v) / uu, v], axis=-1)
-        bare += fields.bare(triangle, (uv + reach[:, None] * step).astype(np.float32))
+        v = np.sin(angle) / upward
+        step = reach[:, None] * np.stack([(np.cos(angle) - along * v) / uu, v], axis=-1)
+        seen = np.flatnonzero(fields.bare(triangle, (uv + step).astype(np.float32)))
+        line = trace(surface, across, triangle[seen], uv[seen].astype(np.float64), step[seen])
+        bare[seen[line.share >= 1.0]] += 1.0
     found: NDArray[np.float32] = (1.0 - bare / np.float32(_LOOKS)) ** np.float32(_FADING)
     return found
