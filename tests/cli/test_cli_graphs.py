@@ -133,7 +133,9 @@ def test_a_hand_made_graph_is_described_and_baked(
     frame = frame_of(mesh, tmp_path / "f_0001.npy")
     out = tmp_path / "maps"
     bake = ["bake", "--mesh", mesh, "--frames", frame, "--out", str(out), "--graph", graph]
-    assert main([*bake, "--resolution", "256"]) == 0
+    settings = tmp_path / "settings.json"  # lines and pores alone
+    settings.write_text('{"shape": {"grain": 0, "undulation": 0}}')
+    assert main([*bake, "--resolution", "256", "--settings", str(settings)]) == 0
     texels = read_exr(out / "mesh.1001.0001.exr")[0]
     assert 10 < np.count_nonzero(texels) < texels.size / 4
 

@@ -113,12 +113,13 @@ def relief(settings: AssetSettings) -> float:
 def _shares(settings: AssetSettings) -> tuple[np.float32, NDArray[np.float32]]:
     """How many times as fine the grain is as the undulation, and the share of each."""
     shape = settings.shape
-    assert shape.grain_size is not None
-    assert shape.undulation_size is not None
-    parts = np.array([shape.grain, shape.undulation], np.float32)
-    return np.float32(shape.grain_size / shape.undulation_size), parts / np.float32(
-        relief(settings)
-    )
+    finer = 1.0
+    if shape.undulation > 0.0:
+        assert shape.grain_size is not None
+        assert shape.undulation_size is not None
+        finer = shape.grain_size / shape.undulation_size
+    shares = np.array([shape.grain, shape.undulation]) / relief(settings)
+    return np.float32(finer), shares.astype(np.float32)
 
 
 def grain_exponent(settings: AssetSettings) -> float:
