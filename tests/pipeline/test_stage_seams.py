@@ -3,7 +3,9 @@ stretched and scaled against each other, drawn in float64 and by the product."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -33,9 +35,17 @@ BENT = {"curvature": 1.0, "taper": 1.0}
 SWOLLEN = {**BENT, "cushion": 0.7}
 
 
-def folded(angle: float = 35.0, mirrored: bool = False) -> Mesh:
+def folded(
+    angle: float = 35.0,
+    mirrored: bool = False,
+    across: float = 0.7,
+    steps: Sequence[float] = (1.0,) * N,
+    strips: Sequence[float] = (1.0,) * N,
+) -> Mesh:
     """Two unit squares that meet at right angles, each a chart: the second is turned, 1.3 times as
-    dense along the seam and 0.7 times across. Vertices are split along the seam."""
+    dense along the seam and `across` times across. Vertices are split along the seam.
+
+    steps, strips: shares of the second chart that quads have along the seam and across."""
     x, y = np.meshgrid(np.linspace(0, 1, N + 1), np.linspace(0, 1, N + 1))
     x, y = x.ravel(), y.ravel()
     flat, up = np.stack([x - 1, y, np.zeros_like(x)], 1), np.stack([np.zeros_like(x), y, x], 1)
@@ -44,13 +54,19 @@ def folded(angle: float = 35.0, mirrored: bool = False) -> Mesh:
         [corner + np.array([0, 1, N + 2]), corner + np.array([0, N + 2, N + 1])], 1
     ).reshape(-1, 3)
     cos, sin = np.cos(np.radians(angle)), np.sin(np.radians(angle))
-    local = np.stack([0.7 * (x - 0.5), 1.3 * (y - 0.5)], 1) * (0.25, 0.25)
+    over, along = (_shared(*given) for given in ((x, strips), (y, steps)))
+    local = np.stack([across * (over - 0.5), 1.3 * (along - 0.5)], 1) * (0.25, 0.25)
     if mirrored:
         local = local * (-1, 1)
     second = np.array([0.72, 0.6]) + local @ [[cos, sin], [-sin, cos]]
     uv = np.concatenate([0.05 + 0.35 * np.stack([x, y], 1), second])
     faces = np.concatenate([quads, quads + len(x)])
     return Mesh(np.concatenate([flat, up]).astype(np.float32), faces, uv, faces)
+
+
+def _shared(x: np.ndarray, shares: Sequence[float]) -> np.ndarray:
+    """x in N even steps, taken to steps of these shares."""
+    return np.interp(x * N, np.arange(N + 1), np.cumsum([0.0, *shares]) / np.sum(shares))
 
 
 def smiling(mesh: Mesh) -> np.ndarray:
@@ -94,6 +110,66 @@ def test_neutral_heights_are_equal_on_both_sides(made) -> None:
         edge_weight=graph.edge_weight * graph.own_edges,
     )
     assert apart(*(redraw.neutral(uv, alone, settings.shape, 1.0) for uv in (here, there))) > 0.3
+
+
+@pytest.mark.parametrize("straight", [True, False], ids=["straight", "bent"])
+@pytest.mark.parametrize(
+    "layout",
+    [{"across": 0.05}, {"strips": (0.03, *(1.0,) * (N - 1))}],
+    ids=["narrow chart", "narrow triangles at the seam"],
+)
+def test_ends_that_are_round_in_uv_are_not_seen_beyond_a_seam(
+    device: Device, layout: dict[str, Any], straight: bool
+) -> None:
+    """Where UV are squeezed twentyfold a round end would reach twenty times as far on the surface:
+    over a seam that the wrinkle does not touch, where nothing of it is."""
+    assert off_at_seam(device, folded(**layout), straight) < BAND
+
+
+# What is left comes from wrinkles at the corners of triangles: an affine copy is there as far from
+# the seam on one side as on the other only where triangles are as dense along it.
+@pytest.mark.parametrize("straight", [True, False], ids=["straight", "bent"])
+@pytest.mark.parametrize(
+    "steps",
+    [(1, 3) * (N // 2), (0.35, 0.63, 1.64, 1.25, 0.37, 0.98, 1.06, 0.49)],
+    ids=["to and fro", "unlike"],
+)
+def test_what_is_copied_twice_at_a_corner_is_not_seen_twice(
+    device: Device, steps: Sequence[float], straight: bool
+) -> None:
+    """One side of the seam is as dense all along, the other changes at every corner."""
+    assert off_at_seam(device, folded(steps=steps), straight) < 3 * BAND
+
+
+def off_at_seam(device: Device, mesh: Mesh, straight: bool) -> float:
+    """How much both sides differ in the usual look, without cushions, or with straight lines."""
+    found = synthesize(mesh, sheets.wanted(3000), device)
+    graph, shape = found.graph, settings_of(shape={} if straight else BENT).shape
+    lines = redraw.wrinkles(graph)
+    if not straight:
+        none = np.zeros(graph.wrinkles)
+        lines = bends.lines(graph, none, settings_of().response, shape, 0.0, (0.0, 0.0))
+    discs = redraw.pores(graph)
+    sides = places(mesh, found.spacing)
+    return apart(*(redraw.draw(uv, lines, discs, shape, 1.0) for uv in sides))
+
+
+def test_what_swells_is_copied_as_far_as_it_swells(device: Device) -> None:
+    """3.3 times its half width, times exp(0.5) where the usual response makes it widest."""
+    mesh = folded()
+    graph = synthesize(mesh, sheets.wanted(3000), device).graph
+    own = np.flatnonzero(graph.own_edges & (graph.edge_triangle < N * N * 2))
+    uv = redraw.segments(graph)[own]
+    # The first chart is even: 0.35 of UV to a unit of the sheet, and ends at u = 0.4.
+    away = (0.4 - uv[..., 0]).min(axis=1) / graph.edge_half_width[own]
+    weights = np.maximum(graph.edge_weight, graph.edge_end_weights.max(axis=1))[own]
+    copied = np.isin(own, graph.edge_copy_of)
+    inner = (np.abs(uv[..., 1] - 0.225) < 0.15).all(axis=1) & (away > 0)
+    swells, reach = weights > 0.08, 3.3 * np.exp(0.5)
+    assert copied[inner & swells & (away < reach)].all()
+    assert (inner & swells & (away > 4.3) & (away < reach)).sum() > 5
+    assert not copied[inner & ~swells & (away > 4.5)].any()
+    assert not copied[inner & (away > reach + 0.5)].any()
 
 
 @pytest.mark.parametrize("angles", ["uv", "surface"])

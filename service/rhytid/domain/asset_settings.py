@@ -17,6 +17,8 @@ from rhytid.domain.units import USUAL_UNIT
 from rhytid.errors import SettingsError
 
 MOST_WRINKLES = 40_000_000
+# Up to this strength a wrinkle swells nothing, from twice as much on in full; linear between.
+CUSHION_THRESHOLD = 0.08
 
 
 @dataclass(frozen=True)

@@ -11,14 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.domain.asset_settings import AssetSettings, ShapeSettings
+from rhytid.domain.asset_settings import CUSHION_THRESHOLD, AssetSettings, ShapeSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.pipeline.cells import CellLists, list_by_cell
 
 # Coarse texels a side of a block of the layer, and around it what the spline reads of others.
 COARSE_BLOCK, APRON = 64, 2
-# Up to this strength a wrinkle swells nothing, from twice as much on in full; linear between.
-THRESHOLD = 0.08
+THRESHOLD = CUSHION_THRESHOLD
 # Coarse texels: a line that is narrower is drawn so wide, and shallower, so that its mean stays.
 LEAST_HALF_WIDTH = 1.25
 # Coarse texels squared: what is taken from the square of a half width, for the spline widens lines.
