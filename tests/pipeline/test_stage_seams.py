@@ -271,9 +271,9 @@ def test_maps_are_equal_on_both_sides(
         for frame in (NEUTRAL_FRAME, Frame.of(smiling(mesh))):
             found = asset.drawn(frame, MapQuery("redraw", sampling=sampling), 1001, 0, 0, 0, 4096)
             off = apart(*(between(found, uv) for uv in (here, there)))
-            # The spline that brings cushions up is round in UV, which differ on both sides: 6.2 and
-            # 6.8 % where samples are as far apart as lines are half wide, as here.
-            assert off < (3.5 * BAND if "cushion" in bent else BAND)
+            # The spline that brings cushions up is round in UV, which differ on both sides: up to
+            # 9.2 % where samples are nearly as far apart as lines are half wide, as here.
+            assert off < (5 * BAND if "cushion" in bent else BAND)
         asset.release()
 
 
