@@ -33,13 +33,13 @@ class MetricChange:
     def around(self, triangle: int, place: Floats, reach: float) -> float:
         """The largest ratio of a length in the triangle that holds a place to what the metric of
         another says of it, or the other way round, of triangles of its chart within `reach`."""
-        seen, todo, most = {triangle}, [triangle], 1.0
+        seen, waiting, most = {triangle}, [triangle], 1.0
         own = np.linalg.inv(self.root[triangle])
-        while todo:
-            for other in self.meeting[todo.pop()] - seen:
+        while waiting:
+            for other in self.meeting[waiting.pop()] - seen:
                 seen.add(other)
                 if self.usable[other] and self._away(place, other) < reach:
-                    todo.append(other)
+                    waiting.append(other)
                     sizes = np.linalg.svd(self.root[other] @ own, compute_uv=False)
                     most = max(most, sizes[0], 1 / sizes[1])
         return most

@@ -10,6 +10,7 @@ from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.errors import DeviceMemoryError
 from rhytid.pipeline.bins import map_count
+from rhytid.pipeline.cushion_bins import cushion_map_count
 
 GIB = 1 << 30
 # Bytes on the device, measured on the built-in face at 1024² and 2048² with 5,000 to 300,000
@@ -43,7 +44,7 @@ class Need:
             bins, codes = settings.bins, settings.bins.bits / 8
             a_texel += map_count(bins) * codes + _PLACED
             if settings.shape.cushion > 0.0:
-                a_texel += 0.25 * bins.count * (bins.samples + bins.tilt) * codes
+                a_texel += 0.25 * cushion_map_count(settings) * codes
         if "convolved" in cases:
             a_texel += _NEUTRAL
         texels = settings.resolution**2

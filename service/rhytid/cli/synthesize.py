@@ -94,7 +94,7 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     settings = graph_settings(given, unit)
     if arguments.out.suffix.lower() != GRAPH:
         raise InputError(f"{arguments.out}: the graph is written as {GRAPH}")
-    _ages(settings, arguments.ages)
+    ages = _ages(settings, arguments.ages)
     read = mesh_file(arguments.mesh)
     mesh = read.mesh
     warned.inputs(mesh, arguments.mesh.name, unit, AssetSettings().resolution)
@@ -116,7 +116,6 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
         _draw_lines(mesh, folds, arguments.preview)
         if folds.regions:
             grow = partial(synthesize, mesh, device=device, controls=controls, folds=folds)
-            ages = _ages(settings, arguments.ages)
             skins = (_aged(grow, made, settings, replace(settings, age=a), unit) for a in ages)
             _draw_regions(device, mesh, folds, skins, arguments.preview)
 

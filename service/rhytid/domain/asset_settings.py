@@ -42,7 +42,6 @@ class GraphSettings:
     lines: str | None = choice(None, None, *LINES)
     # Of the whole mesh, times what `region` and painted maps say of a place.
     region: str = choice(WHOLE_FACE, *REGIONS)
-    # Years; moves lines by what each region and each fold is at that age, and no pore.
     age: float = number(USUAL_AGE, YOUNGEST, OLDEST)
     density: float = number(1.0, 1 / 16, 16.0)
     strength: float = number(1.0, 0.0, 4.0)

@@ -18,7 +18,7 @@ from rhytid.pipeline.bins import layers, map_count
 from rhytid.pipeline.blend import Coefficients
 from rhytid.pipeline.cushion_bins import cushion_layers, cushion_map_count
 from rhytid.pipeline.elements import BLOCK
-from rhytid.pipeline.grain import GRAIN, relief
+from rhytid.pipeline.grain import GRAIN
 from rhytid.pipeline.levels import Draw, render_to_host
 from rhytid.pipeline.neutral_tiles import NeutralTile, NeutralTiles
 from rhytid.pipeline.redraw import ScaleBuffers, redrawing, respond
@@ -174,10 +174,6 @@ class ResidentAsset(ResidentFrames):
                 square = (*self._place(address), self.settings.tile_size)
                 self._add_grain(out, frame, query, address.udim, square)
         return made
-
-    @property
-    def _shows_grain(self) -> bool:
-        return relief(self.settings) > 0.0
 
     def _place(self, address: TileAddress) -> tuple[int, int]:
         """Row and column of a tile's first texel."""

@@ -42,9 +42,13 @@ class ResidentFrames(ResidentParts):
             make=lambda: self._stretch.run(frame.positions, limit, model, angles, soft),
         )  # fmt: skip
 
+    @property
+    def _shows_grain(self) -> bool:
+        return relief(self.settings) > 0.0
+
     def _grained(self, draw: Draw, frame: Frame, query: MapQuery, udim: int) -> Draw:
         """As `draw`, with the grain of a frame added."""
-        if relief(self.settings) == 0.0:
+        if not self._shows_grain:
             return draw
 
         def grained(row: int, column: int, side: int) -> Buffer:

@@ -40,7 +40,7 @@ from rhytid.pipeline.elements import UdimElements
 from rhytid.pipeline.locate import UdimTriangles
 from rhytid.pipeline.redraw import launch_blocks
 from rhytid.pipeline.stiffness import stiffness_of_texels
-from rhytid.pipeline.vectors import VECTOR, VectorTriangles, squares
+from rhytid.pipeline.vectors import VECTOR, VectorTriangles, in_rows, squares
 
 # Runs the kernel of a map over a square of level 0: (square, into, defines).
 _Launch = Callable[..., None]
@@ -71,10 +71,7 @@ class BinTile(Held):
         side, dtype = int(self.place[0]), np.dtype(f"i{bits // 8}")
         codes = device.read(self.codes, (self.texels // VECTOR, maps, VECTOR), dtype)
         found: NDArray[np.integer] = codes[:, index]
-        if broad:
-            found = found.reshape(side // 4, side // 4, 4, 4).swapaxes(1, 2)
-        found = found.reshape(side, side)
-        return found
+        return in_rows(found, side) if broad else found.reshape(side, side)
 
     @property
     def _buffers(self) -> tuple[VectorTriangles | Buffer | BinTile | None, ...]:

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rhytid.device.held import Held
 from rhytid.device.runtime import NO_DEFINES, Buffer, Device
@@ -25,6 +26,12 @@ def squares(side: int) -> dict[str, object]:
     """What kernels must know where the vectors of a map of `side` texels a row, a multiple of 4,
     are squares of four rows."""
     return {"SQUARES": side}
+
+
+def in_rows(vectors: NDArray[np.integer], side: int) -> NDArray[np.integer]:
+    """(side, side) from the vectors (side²/VECTOR, VECTOR) of such a map."""
+    found: NDArray[np.integer] = vectors.reshape(side // 4, side // 4, 4, 4).swapaxes(1, 2)
+    return found.reshape(side, side)
 
 
 @dataclass(frozen=True)
