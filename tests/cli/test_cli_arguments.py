@@ -8,9 +8,9 @@ import pytest
 
 import rhytid
 from rhytid.cli import main
-from rhytid.cli.program import COMMANDS, build_parser
+from rhytid.cli.program import build_parser
 
-NAMES = [module.__name__.rpartition(".")[2] for module in COMMANDS]
+NAMES = ["bake", "bench", "demo", "devices", "graph", "reproduce", "serve", "synthesize"]
 
 
 def ends(arguments: list[str]) -> int:
@@ -18,11 +18,6 @@ def ends(arguments: list[str]) -> int:
         main(arguments)
     assert isinstance(end.value.code, int)
     return end.value.code
-
-
-def test_every_command_is_there() -> None:
-    known = ["bake", "bench", "demo", "devices", "graph", "reproduce", "serve", "synthesize"]
-    assert sorted(NAMES) == known
 
 
 @pytest.mark.parametrize("name", NAMES)
