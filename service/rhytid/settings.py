@@ -19,7 +19,7 @@ class ServiceSettings:
     store: folder of the assets.  device: part of an OpenCL device's or platform's name, or the
     number that `rhytid devices` shows; None = the best that computes.
     device_memory, frame_memory, upload_limit: bytes; None = a share of what the device or the
-    machine has.  queue: waiting device requests at most.
+    machine has.  queue: waiting device requests at most.  jobs: waiting jobs at most.
     cache: folder for what is measured of the device once; None = nothing is measured.
     """
 
@@ -29,13 +29,14 @@ class ServiceSettings:
     frame_memory: int | None = None
     upload_limit: int = 1024 * MIB
     queue: int = 256
+    jobs: int = 256
     cache: Path | None = None
 
     @classmethod
     def from_environment(cls, environment: Mapping[str, str] = os.environ) -> ServiceSettings:
         """Read RHYTID_STORE, RHYTID_DEVICE, RHYTID_DEVICE_MEMORY_MB, RHYTID_FRAME_MEMORY_MB,
-        RHYTID_UPLOAD_LIMIT_MB, RHYTID_QUEUE and RHYTID_CACHE; raises SettingsError naming the
-        variable."""
+        RHYTID_UPLOAD_LIMIT_MB, RHYTID_QUEUE, RHYTID_JOBS and RHYTID_CACHE; raises SettingsError
+        naming the variable."""
 
         def count(name: str, default: int) -> int:
             return optional(name) or default
@@ -59,6 +60,7 @@ class ServiceSettings:
             frame_memory=memory("RHYTID_FRAME_MEMORY_MB"),
             upload_limit=count("RHYTID_UPLOAD_LIMIT_MB", 1024) * MIB,
             queue=count("RHYTID_QUEUE", 256),
+            jobs=count("RHYTID_JOBS", 256),
             cache=_folder(environment.get("RHYTID_CACHE")),
         )
 

@@ -37,8 +37,8 @@ def seam_maps(
             engine = Engine(service)
             try:
                 asset = build(engine, NewAsset(mesh, settings, graph)).id
-                engine.put_frame(asset, "moved", moved)
-                depth = engine.asset(asset).settings["depth"]
+                engine.frames.put(asset, "moved", moved)
+                depth = engine.assets.info(asset).settings["depth"]
                 for method in ("redraw", "binned"):
                     for frame in ("neutral", "moved"):
                         read = _read(engine, asset, frame, MapQuery(method), found)
@@ -54,8 +54,8 @@ def _read(
 ) -> Iterator[tuple[str, Heights]]:
     sides = found.here, found.there
     heights = {how: tuple(np.zeros(len(uv)) for uv in sides) for how in INTERPOLATIONS}
-    for udim in engine.asset(asset).udims:
-        field = engine.map(asset, frame, query, udim, 0)
+    for udim in engine.assets.info(asset).udims:
+        field = engine.tiles.plan_map(asset, frame, query, udim, 0).draw()
         for i, uv in enumerate(sides):
             local = uv - udim_origin(udim)
             mine = np.flatnonzero(((local >= 0) & (local < 1)).all(axis=1))

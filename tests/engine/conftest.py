@@ -32,5 +32,5 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Made]:
     with running(tmp_path_factory.mktemp("made")) as engine:
         mesh = sheet(udims=2)
         asset = built(engine, new_asset(mesh))
-        engine.put_frame(asset, "bent", deform(mesh.positions, 3, 0.15))
+        engine.frames.put(asset, "bent", deform(mesh.positions, 3, 0.15))
         yield Made(engine, asset)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 from pipeline.scenes import random_graph, settings_of, sheet
 from rhytid.domain.mesh import Mesh
 from rhytid.engine.engine import Engine
-from rhytid.engine.messages import ENDED_STATES, JobInfo, MapQuery, NewAsset
+from rhytid.engine.messages import JobInfo, MapQuery, NewAsset
 from rhytid.settings import ServiceSettings
 
 QUERIES = tuple(MapQuery(method) for method in ("neutral", "redraw", "binned", "convolved"))
@@ -42,26 +41,33 @@ def new_asset(mesh: Mesh | None = None, seed: int = 1, **settings: Any) -> NewAs
 
 def built(engine: Engine, new: NewAsset) -> str:
     """The id of a new asset, once its build is done."""
-    info = engine.create_asset(new)
-    job = finish(engine, info.job)
-    assert (job.state, engine.asset(info.id).state) == ("done", "ready"), job
+    info = engine.assets.create(new)
+    if info.job is not None:  # else it was taken out of the store
+        job = finish(engine, info.job)
+        assert job.state == "done", job
+    assert engine.assets.info(info.id).state == "ready"
+    rest(engine)
     return info.id
+
+
+def rest(engine: Engine) -> None:
+    """Wait until no job is left; fails where that takes a minute."""
+    for job in engine.jobs._known():
+        assert job.wait(60), job.info
 
 
 def finish(engine: Engine, job: str | None) -> JobInfo:
     """A job that ended, in whatever way; fails where that takes a minute."""
     assert job is not None
-    for _ in range(6000):
-        info = engine.job(job)
-        if info.state in ENDED_STATES:
-            return info
-        time.sleep(0.01)
-    raise AssertionError(f"job hangs: {info}")
+    found = engine.jobs.get(job)
+    assert found.wait(60), f"job hangs: {found.info}"
+    return found.info
 
 
 def settle(engine: Engine, asset: str) -> None:
-    """Wait for the job that an asset names, such as its way to the device after a restart."""
-    finish(engine, engine.asset(asset).job)
+    """Wait for the job that an asset names, such as a build that a restart goes on with."""
+    if engine.assets.info(asset).job is not None:
+        finish(engine, engine.assets.info(asset).job)
 
 
 def assembled(
@@ -70,19 +76,23 @@ def assembled(
     """A map put together from its tiles."""
     grid = settings_of(**_cut(engine, asset)).grid
     count = grid.count(level)
-    tiles = [engine.tile(asset, frame, query, a) for a in grid.addresses(udim, level)]
+    tiles = [engine.tiles.plan(asset, frame, query, a).draw() for a in grid.addresses(udim, level)]
     return np.block([tiles[i : i + count] for i in range(0, len(tiles), count)])
 
 
 def _cut(engine: Engine, asset: str) -> dict[str, int]:
-    settings = engine.asset(asset).settings
+    settings = engine.assets.info(asset).settings
     return {key: settings[key] for key in ("resolution", "tile_size")}
 
 
 def maps(engine: Engine, asset: str, frame: str, level: int = 0) -> list[NDArray[np.float32]]:
     """The maps of every method and UDIM."""
-    udims = engine.asset(asset).udims
-    return [engine.map(asset, frame, query, udim, level) for query in QUERIES for udim in udims]
+    udims = engine.assets.info(asset).udims
+    return [
+        engine.tiles.plan_map(asset, frame, query, udim, level).draw()
+        for query in QUERIES
+        for udim in udims
+    ]
 
 
 def same(one: list[NDArray[Any]], other: list[NDArray[Any]]) -> bool:

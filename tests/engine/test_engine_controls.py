@@ -25,7 +25,7 @@ def asked(controls=MAPS, **graph):
 
 
 def graph_bytes(engine, asset):
-    return {name: array.tobytes() for name, array in engine.graph(asset).arrays().items()}
+    return {name: array.tobytes() for name, array in engine.assets.graph(asset).arrays().items()}
 
 
 def test_maps_guide_the_build_and_are_part_of_the_id(tmp_path):
@@ -34,14 +34,14 @@ def test_maps_guide_the_build_and_are_part_of_the_id(tmp_path):
     with running(tmp_path) as engine:
         ids = [built(engine, asked(c)) for c in (MAPS, other, moved, None)]
         assert len(set(ids)) == 4
-        assert engine.create_asset(asked()).id == ids[0]
+        assert engine.assets.create(asked()).id == ids[0]
         # Black is left: the middle of all pores lies to the right.
-        graphs = [engine.graph(id) for id in ids]
+        graphs = [engine.assets.graph(id) for id in ids]
         middles = [np.median(graph.node_uv[graph.own_nodes, 0]) for graph in graphs]
         assert middles[0] > 0.65
         assert middles[1] < 0.35
-        assert engine.asset(ids[3]).wrinkles == 400
-        assert engine.asset(ids[0]).wrinkles != 400
+        assert engine.assets.info(ids[3]).wrinkles == 400
+        assert engine.assets.info(ids[0]).wrinkles != 400
         before = graph_bytes(engine, ids[0])
     with running(tmp_path) as engine:
         settle(engine, ids[0])
@@ -87,13 +87,13 @@ def test_ids_without_controls_stay():
 def test_what_cannot_be_grown_is_refused_before_work(tmp_path, controls, graph, error, told):
     with running(tmp_path, device_memory=256 << 20) as engine:
         with pytest.raises(error, match=told):
-            engine.create_asset(asked(controls, **graph))
-        assert engine.assets() == []
+            engine.assets.create(asked(controls, **graph))
+        assert engine.assets.all() == []
 
 
 def test_maps_do_not_go_with_a_graph(tmp_path):
     with running(tmp_path) as engine:
         with pytest.raises(InputError, match="density, region_nose: maps that guide synthesis"):
-            engine.create_asset(replace(asked(), graph=random_graph(1)))
-        info = engine.create_asset(asked(None))
+            engine.assets.create(replace(asked(), graph=random_graph(1)))
+        info = engine.assets.create(asked(None))
         assert finish(engine, info.job).state == "done"

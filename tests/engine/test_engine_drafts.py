@@ -51,20 +51,22 @@ def grown(engine, resolution, preset, **graph):
 def test_a_draft_is_the_coarse_level_of_the_final(engine, preset, graph, band):
     draft = grown(engine, DRAFT, preset, **graph)
     final = grown(engine, DRAFT << LEVEL, preset, **graph)
-    one, two = (engine.asset(id) for id in (draft, final))
+    one, two = (engine.assets.info(id) for id in (draft, final))
     assert (
         one.settings["depth"]
         == two.settings["depth"]
         == pytest.approx(0.15 * graph.get("spacing", 0.05))
     )
-    for a, b in zip(*(engine.graph(id).arrays().values() for id in (draft, final)), strict=True):
+    for a, b in zip(
+        *(engine.assets.graph(id).arrays().values() for id in (draft, final)), strict=True
+    ):
         assert a.tobytes() == b.tobytes()
     for name in ("neutral", "wide"):
         for id in (draft, final):
             if name != "neutral":
-                engine.put_frame(id, name, WIDE)
-        small = inside(engine.map(draft, name, REDRAW, 1001, 0))
-        large = inside(engine.map(final, name, REDRAW, 1001, LEVEL))
+                engine.frames.put(id, name, WIDE)
+        small = inside(engine.tiles.plan_map(draft, name, REDRAW, 1001, 0).draw())
+        large = inside(engine.tiles.plan_map(final, name, REDRAW, 1001, LEVEL).draw())
         assert small.mean() == pytest.approx(large.mean(), rel=1e-3)
         assert rms(small - large) < band * rms(large)
         assert rms(blocks(small - large)) < 0.03 * rms(blocks(large))
@@ -88,10 +90,10 @@ def test_mean_and_rms_are_those_of_every_resolution(engine, spacing, bands):
         for name in ("neutral", "wide"):
             for id in (draft, final):
                 if name != "neutral":
-                    engine.put_frame(id, name, WIDE)
+                    engine.frames.put(id, name, WIDE)
             level = (2048 // resolution).bit_length() - 1
-            small = inside(engine.map(draft, name, REDRAW, 1001, 0))
-            large = inside(engine.map(final, name, REDRAW, 1001, level))
+            small = inside(engine.tiles.plan_map(draft, name, REDRAW, 1001, 0).draw())
+            large = inside(engine.tiles.plan_map(final, name, REDRAW, 1001, level).draw())
             assert small.mean() == pytest.approx(large.mean(), rel=mean)
             assert rms(small) == pytest.approx(rms(large), rel=band)
 

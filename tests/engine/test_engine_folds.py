@@ -33,12 +33,12 @@ def asked(expressions=None, **graph) -> NewAsset:
 
 
 def graph_bytes(engine, asset):
-    return {name: array.tobytes() for name, array in engine.graph(asset).arrays().items()}
+    return {name: array.tobytes() for name, array in engine.assets.graph(asset).arrays().items()}
 
 
 def order(engine, asset) -> complex:
     """Mean e^2iθ of the wrinkles at angles θ to x on the surface, seen from above."""
-    graph = engine.graph(asset)
+    graph = engine.assets.graph(asset)
     place = sheets.places(Surface.of(MESH), graph)[:, :2]
     way = np.diff(place[graph.edge_nodes], axis=1)[:, 0] @ [1, 1j]
     weight = graph.edge_weight.astype(float) ** 2
@@ -50,7 +50,7 @@ def test_expressions_guide_the_build_and_are_part_of_the_id(tmp_path):
     with running(tmp_path) as engine:
         ids = [built(engine, asked(e)) for e in wanted]
         assert len(set(ids)) == 4
-        assert engine.create_asset(asked(shapes())).id == ids[1]
+        assert engine.assets.create(asked(shapes())).id == ids[1]
         # Across what is compressed: upright. Without expressions lines are level.
         level, upright = (order(engine, asset) for asset in ids[:2])
         assert level.real > 0.1
@@ -60,7 +60,7 @@ def test_expressions_guide_the_build_and_are_part_of_the_id(tmp_path):
     with running(tmp_path) as engine:
         settle(engine, ids[1])
         assert graph_bytes(engine, ids[1]) == before
-        assert engine.create_asset(asked(shapes())).id == ids[1]
+        assert engine.assets.create(asked(shapes())).id == ids[1]
 
 
 def test_level_lines_and_automatic_ones_are_what_they_say(tmp_path):
@@ -69,8 +69,8 @@ def test_level_lines_and_automatic_ones_are_what_they_say(tmp_path):
         grown = built(engine, asked(shapes()))
         assert plain == level != grown
         for lines in ("auto", "expressions"):
-            assert engine.create_asset(asked(shapes(), lines=lines)).id == grown
-        assert engine.create_asset(asked(lines="auto")).id == plain
+            assert engine.assets.create(asked(shapes(), lines=lines)).id == grown
+        assert engine.assets.create(asked(lines="auto")).id == plain
 
 
 def test_ids_without_expressions_stay():
@@ -96,17 +96,17 @@ def test_asking_for_expressions_without_any_is_refused(tmp_path):
     with running(tmp_path) as engine:
         for given in (None, none):
             with pytest.raises(InputError, match='"expressions", and none came with the mesh'):
-                engine.create_asset(asked(given, lines="expressions"))
-        assert engine.assets() == []
+                engine.assets.create(asked(given, lines="expressions"))
+        assert engine.assets.all() == []
         built(engine, asked(none))
 
 
 def test_beside_a_graph_expressions_do_nothing(tmp_path):
     new = replace(asked(shapes()), graph=random_graph(1))
     with running(tmp_path) as engine:
-        one = engine.create_asset(new)
+        one = engine.assets.create(new)
         assert finish(engine, one.job).state == "done"
-        assert engine.create_asset(replace(new, shapes=None)).id == one.id
+        assert engine.assets.create(replace(new, shapes=None)).id == one.id
 
 
 def test_an_interrupted_build_goes_on_with_what_expressions_left(tmp_path):

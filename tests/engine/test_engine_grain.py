@@ -15,9 +15,9 @@ from reference.stretch import log_stretch
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.stiffness import Stiffness
 from rhytid.domain.tiles import TileAddress
+from rhytid.engine.device_asset import DeviceAsset
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
 from rhytid.engine.messages import MapQuery
-from rhytid.engine.resident_levels import ResidentLevels
 
 SIZE, SHARE = 0.08, 0.03
 SIDE = 256
@@ -33,7 +33,7 @@ METHODS = ["neutral", "redraw", "convolved"]
 
 def asset_of(device, mesh=None, lines=GRAPH, shape=GRAINY, stiffness=None, **changes):
     settings = settings_of(shape=shape, **changes).resolved(0.1)
-    asset = ResidentLevels(device, mesh or sheet(), settings, stiffness)
+    asset = DeviceAsset(device, mesh or sheet(), settings, stiffness)
     asset.locate(lines)
     asset.install(asset.prepare(lines, settings), settings)
     return asset

@@ -40,7 +40,7 @@ class Halted:
 
     def __init__(self, monkeypatch):
         self.running, self.free = threading.Event(), threading.Event()
-        monkeypatch.setattr("rhytid.engine.building.synthesize", self)
+        monkeypatch.setattr("rhytid.engine.asset_builder.synthesize", self)
 
     def __call__(self, mesh, settings, device, report, **how):
         self.running.set()
@@ -50,7 +50,7 @@ class Halted:
 
     def start(self, engine):
         """The id and the job of an asset that is being synthesised."""
-        info = engine.create_asset(NewAsset(sheet(), settings_of()))
+        info = engine.assets.create(NewAsset(sheet(), settings_of()))
         assert self.running.wait(60)
         return info.id, info.job
 
@@ -78,7 +78,7 @@ def reports(monkeypatch):
 
 def test_progress_rises_from_nothing_to_the_end(engine, reports):
     small = settings_of(graph={"wrinkles": 300}, depth=None)
-    info = engine.create_asset(NewAsset(sheet(), small))
+    info = engine.assets.create(NewAsset(sheet(), small))
     assert info.state == "building"
     finish(engine, info.job)
     own = [report for report in reports if report.id == info.job]
@@ -88,28 +88,28 @@ def test_progress_rises_from_nothing_to_the_end(engine, reports):
     assert len(set(progress)) > 10
     states = [report.state for report in own]
     assert states == ["running"] * (len(own) - 1) + ["done"]
-    made = engine.asset(info.id)
+    made = engine.assets.info(info.id)
     assert made.wrinkles >= 300
     assert made.settings["depth"] > 0
-    assert abs(engine.map(info.id, "neutral", REDRAW, 1001, 0)).max() > 0
+    assert abs(engine.tiles.plan_map(info.id, "neutral", REDRAW, 1001, 0).draw()).max() > 0
 
 
 def test_an_asset_that_builds_is_not_ready(engine, halted):
     asset, job = halted.start(engine)
-    assert engine.asset(asset).state == "building"
-    assert engine.job(job).state == "running"
+    assert engine.assets.info(asset).state == "building"
+    assert engine.jobs.info(job).state == "running"
     positions = sheet().positions
     for call in (
-        lambda: engine.tile(asset, "neutral", REDRAW, ADDRESS),
-        lambda: engine.tile_key(asset, "neutral", REDRAW, ADDRESS),
-        lambda: engine.map(asset, "neutral", BINNED, 1001, 0),
-        lambda: engine.put_frame(asset, "bent", positions),
+        lambda: engine.tiles.plan(asset, "neutral", REDRAW, ADDRESS).draw(),
+        lambda: engine.tiles.plan(asset, "neutral", REDRAW, ADDRESS).key,
+        lambda: engine.tiles.plan_map(asset, "neutral", BINNED, 1001, 0).draw(),
+        lambda: engine.frames.put(asset, "bent", positions),
         lambda: engine.tiles_once(asset, positions, REDRAW, [ADDRESS]),
-        lambda: engine.calibrate(asset, positions),
-        lambda: engine.change_asset(asset, {"depth": 1.0}),
-        lambda: engine.graph(asset),
-        lambda: engine.bins(asset),
-        lambda: engine.stretch(asset, "neutral"),
+        lambda: engine.assets.calibrate(asset, positions),
+        lambda: engine.assets.change(asset, {"depth": 1.0}),
+        lambda: engine.assets.graph(asset),
+        lambda: engine.tiles.bins(asset),
+        lambda: engine.frames.stretch(asset, "neutral"),
     ):
         with pytest.raises(NotReadyError, match=asset) as raised:
             call()
@@ -120,29 +120,29 @@ def test_a_cancelled_build_is_forgotten_by_the_store(tmp_path, monkeypatch):
     halted = Halted(monkeypatch)
     with running(tmp_path) as engine:
         asset, job = halted.start(engine)
-        engine.cancel_job(job)
+        engine.jobs.cancel(job)
         halted.free.set()
         assert finish(engine, job).state == "cancelled"
-        info = engine.asset(asset)
+        info = engine.assets.info(asset)
         assert (info.state, "cancelled" in (info.reason or "")) == ("failed", True)
         assert used(engine) == 0
     with running(tmp_path) as engine:
-        assert engine.assets() == []
+        assert engine.assets.all() == []
 
 
 def test_a_cancelled_build_can_be_asked_for_again(engine, monkeypatch):
     with monkeypatch.context() as patch:
         halted = Halted(patch)
         asset, job = halted.start(engine)
-        engine.cancel_job(job)
+        engine.jobs.cancel(job)
         halted.free.set()
         finish(engine, job)
-    again = engine.create_asset(NewAsset(sheet(), settings_of(graph={"wrinkles": 300})))
+    again = engine.assets.create(NewAsset(sheet(), settings_of(graph={"wrinkles": 300})))
     assert again.id != asset
     halted = Halted(monkeypatch)
-    second = engine.create_asset(NewAsset(sheet(), settings_of()))
+    second = engine.assets.create(NewAsset(sheet(), settings_of()))
     assert (second.id, second.state) == (asset, "building")
-    engine.cancel_job(second.job)
+    engine.jobs.cancel(second.job)
     halted.free.set()
 
 
@@ -154,31 +154,31 @@ def test_removing_an_asset_while_it_builds(tmp_path, monkeypatch):
     halted = Halted(monkeypatch)
     with running(tmp_path) as engine:
         asset, job = halted.start(engine)
-        engine.delete_asset(asset)
+        engine.assets.delete(asset)
         with pytest.raises(NotFoundError):
-            engine.asset(asset)
+            engine.assets.info(asset)
         halted.free.set()
         assert finish(engine, job).state == "cancelled"
         other = built(engine, new_asset())
-        engine.delete_asset(other)
+        engine.assets.delete(other)
         built(engine, new_asset(seed=2))  # jobs go in order: both removals are done
-        assert [info.id for info in engine.assets()] != [asset]
+        assert [info.id for info in engine.assets.all()] != [asset]
     with running(tmp_path) as engine:
-        assert len(engine.assets()) == 1
+        assert len(engine.assets.all()) == 1
 
 
 def test_a_removed_asset_gives_everything_back(engine):
     before = used(engine)
     asset = built(engine, new_asset())
-    engine.put_frame(asset, "bent", deform(sheet().positions, 1))
+    engine.frames.put(asset, "bent", deform(sheet().positions, 1))
     maps(engine, asset, "bent")
     assert used(engine) > before
-    engine.delete_asset(asset)
+    engine.assets.delete(asset)
     other = built(engine, new_asset(seed=2))
-    engine.delete_asset(other)
-    third = engine.create_asset(new_asset(seed=3))
+    engine.assets.delete(other)
+    third = engine.assets.create(new_asset(seed=3))
     finish(engine, third.job)
-    engine.delete_asset(third.id)
+    engine.assets.delete(third.id)
     wait_for_jobs(engine)
     assert used(engine) == before
 
@@ -186,7 +186,7 @@ def test_a_removed_asset_gives_everything_back(engine):
 def wait_for_jobs(engine):
     """Jobs run in order: when a new one has ended, so have those before."""
     done = threading.Event()
-    engine._jobs.start("nothing", "none", lambda job: done.set())
+    engine.jobs.start("build", "none", lambda job: done.set())
     assert done.wait(60)
 
 
@@ -197,22 +197,22 @@ def test_calibration_sets_r_max_and_survives_a_restart(tmp_path):
     assert 0.05 < wanted < 0.5
     with running(tmp_path) as engine:
         asset = built(engine, new_asset())
-        key = engine.tile_key(asset, "neutral", BINNED, ADDRESS)
-        job = engine.calibrate(asset, bent)
+        key = engine.tiles.plan(asset, "neutral", BINNED, ADDRESS).key
+        job = engine.assets.calibrate(asset, bent)
         assert job.kind == "calibration"
         assert finish(engine, job.id).state == "done"
-        r_max = engine.asset(asset).settings["bins"]["r_max"]
+        r_max = engine.assets.info(asset).settings["bins"]["r_max"]
         assert r_max == pytest.approx(wanted, rel=1e-5)
-        assert engine.bins(asset).samples == pytest.approx((-r_max, 0.0, r_max))
-        assert engine.tile_key(asset, "neutral", BINNED, ADDRESS) != key
-        engine.put_frame(asset, "bent", bent)
+        assert engine.tiles.bins(asset).samples == pytest.approx((-r_max, 0.0, r_max))
+        assert engine.tiles.plan(asset, "neutral", BINNED, ADDRESS).key != key
+        engine.frames.put(asset, "bent", bent)
         before = maps(engine, asset, "bent")
-        engine.put_frame(made_so(engine, r_max), "bent", bent)
+        engine.frames.put(made_so(engine, r_max), "bent", bent)
         assert same(before, maps(engine, made_so(engine, r_max), "bent"))
     with running(tmp_path) as engine:
         settle(engine, asset)
-        assert engine.asset(asset).settings["bins"]["r_max"] == r_max
-        engine.put_frame(asset, "bent", bent)
+        assert engine.assets.info(asset).settings["bins"]["r_max"] == r_max
+        engine.frames.put(asset, "bent", bent)
         assert same(before, maps(engine, asset, "bent"))
     assert settings.bins.r_max != r_max
 
@@ -224,22 +224,22 @@ def made_so(engine, r_max):
 @pytest.mark.parametrize(("squeeze", "r_max"), [(1.0, 0.01), (0.0, 0.5), (1e-30, 0.5)])
 def test_calibration_with_nothing_or_everything_stretched(engine, squeeze, r_max):
     asset = built(engine, new_asset())
-    job = engine.calibrate(asset, sheet().positions * squeeze)
+    job = engine.assets.calibrate(asset, sheet().positions * squeeze)
     assert finish(engine, job.id).state == "done"
-    assert engine.asset(asset).settings["bins"]["r_max"] == r_max
+    assert engine.assets.info(asset).settings["bins"]["r_max"] == r_max
 
 
 def test_what_does_not_fit_the_mesh_is_refused(engine):
     asset = built(engine, new_asset())
     for positions in (sheet().positions[1:], sheet().positions[:, :2]):
         with pytest.raises(FrameError):
-            engine.calibrate(asset, positions)
+            engine.assets.calibrate(asset, positions)
         with pytest.raises(FrameError):
-            engine.put_frame(asset, "bad", positions)
+            engine.frames.put(asset, "bad", positions)
     new = new_asset()
     graph = type(new.graph)(**{**new.graph.arrays(), "edge_triangle": [200] * 80})
     with pytest.raises(GraphError, match=r"edge_triangle\[0\] is 200: .* 200 triangles"):
-        engine.create_asset(NewAsset(new.mesh, new.settings, graph))
+        engine.assets.create(NewAsset(new.mesh, new.settings, graph))
 
 
 def test_a_graph_that_covers_too_much_is_refused_at_once(engine, monkeypatch):
@@ -247,27 +247,27 @@ def test_a_graph_that_covers_too_much_is_refused_at_once(engine, monkeypatch):
     with pytest.raises(
         LimitError, match=r"the graph's wrinkles cover \d+ times the map of UDIM 1001"
     ):
-        engine.create_asset(new_asset())
-    assert engine.assets() == []
+        engine.assets.create(new_asset())
+    assert engine.assets.all() == []
 
 
 @pytest.mark.parametrize("key", ["resolution", "tile_size", "graph", "padding", "unit"])
 def test_what_is_fixed_cannot_be_changed(engine, key):
     asset = built(engine, new_asset())
     with pytest.raises(SettingsError, match=key):
-        engine.change_asset(asset, {key: settings_of().as_json()[key]})
+        engine.assets.change(asset, {key: settings_of().as_json()[key]})
     with pytest.raises(SettingsError, match="nothing_like_this"):
-        engine.change_asset(asset, {"nothing_like_this": 1})
+        engine.assets.change(asset, {"nothing_like_this": 1})
 
 
 def test_frames_sent_with_a_mesh_are_there_when_it_is_built(engine):
     mesh = sheet()
     frames = [deform(mesh.positions, seed) for seed in range(3)]
     new = new_asset(mesh)
-    info = engine.create_asset(NewAsset(mesh, new.settings, new.graph, frames))
+    info = engine.assets.create(NewAsset(mesh, new.settings, new.graph, frames))
     assert finish(engine, info.job).state == "done"
     wait_for_jobs(engine)
-    names = [frame.name for frame in engine.frames(info.id)]
+    names = [frame.name for frame in engine.frames.all(info.id)]
     assert names == ["neutral", "0000", "0001", "0002"]
     for name, positions in zip(names[1:], frames, strict=True):
-        assert same([engine.frame_positions(info.id, name)], [positions])
+        assert same([engine.frames.positions(info.id, name)], [positions])

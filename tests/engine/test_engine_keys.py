@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import httpx
 import pytest
+from rhytid.domain.settings_changes import CHANGEABLE
 
 from api.live import serving
 from engine.engines import QUERIES, built, finish, new_asset, same
 from meshes import deform
 from pipeline.scenes import DEPTH, sheet
 from rhytid.domain.tiles import TileAddress
-from rhytid.engine.asset_calls import CHANGEABLE
 
 ADDRESS = TileAddress(1001, 0, 1, 2)
 BENT = deform(sheet().positions, 3, 0.15)
@@ -48,10 +48,10 @@ def etags(client: httpx.Client, asset: str) -> dict[tuple[str, str], str]:
 def test_only_what_a_method_reads_changes_its_etags(engine, name):
     changes, methods = READ[name]
     asset = built(engine, new_asset())
-    engine.put_frame(asset, "bent", BENT)
+    engine.frames.put(asset, "bent", BENT)
     with serving(engine) as client:
         before = etags(client, asset)
-        tiles = [engine.tile(asset, "bent", query, ADDRESS) for query in QUERIES]
+        tiles = [engine.tiles.plan(asset, "bent", query, ADDRESS).draw() for query in QUERIES]
         client.patch(f"/v1/assets/{asset}", json=changes).raise_for_status()
         after = etags(client, asset)
     changed = {
@@ -60,14 +60,14 @@ def test_only_what_a_method_reads_changes_its_etags(engine, name):
     assert changed == set(methods)
     for query, tile in zip(QUERIES, tiles, strict=True):
         if query.method not in changed:
-            assert same([engine.tile(asset, "bent", query, ADDRESS)], [tile])
+            assert same([engine.tiles.plan(asset, "bent", query, ADDRESS).draw()], [tile])
 
 
 def test_calibration_leaves_all_but_binned(engine):
     asset = built(engine, new_asset())
-    engine.put_frame(asset, "bent", BENT)
+    engine.frames.put(asset, "bent", BENT)
     with serving(engine) as client:
         before = etags(client, asset)
-        finish(engine, engine.calibrate(asset, BENT).id)
+        finish(engine, engine.assets.calibrate(asset, BENT).id)
         after = etags(client, asset)
     assert {key[0] for key in before if before[key] != after[key]} == {"binned"}

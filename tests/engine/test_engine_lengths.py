@@ -47,7 +47,7 @@ def grown(engine, mesh=MESH, controls=None, **settings):
 
 
 def lengths(engine, asset):
-    settings = engine.asset(asset).settings
+    settings = engine.assets.info(asset).settings
     return settings["depth"], settings["convolve"]["sigma"], settings["shape"]["wave_frequency"]
 
 
@@ -66,13 +66,13 @@ def test_the_deepest_lines_of_the_old_are_deeper_and_stay_so(tmp_path):
         old = grown(engine, **SIZE, graph={**graph, "age": 65})
         assert lengths(engine, young)[0] == pytest.approx(0.15 * 0.2)
         assert lengths(engine, old)[0] == pytest.approx(deepest(65.0) * 0.15 * 0.2)
-        assert engine.graph(old).origin.depth == lengths(engine, old)[0]
+        assert engine.assets.graph(old).origin.depth == lengths(engine, old)[0]
         # Set explicitly, it is that; null is that of the age again, after a restart, too.
-        engine.change_asset(old, {"depth": 0.01})
+        engine.assets.change(old, {"depth": 0.01})
         assert lengths(engine, old)[0] == 0.01
     with running(tmp_path) as engine:
         settle(engine, old)
-        engine.change_asset(old, {"depth": None})
+        engine.assets.change(old, {"depth": None})
         assert lengths(engine, old)[0] == pytest.approx(deepest(65.0) * 0.15 * 0.2)
 
 
@@ -80,15 +80,17 @@ def test_the_deepest_lines_of_the_old_are_deeper_and_stay_so(tmp_path):
 def test_a_graph_that_is_sent_back_is_drawn_as_before(engine, controls):
     first = grown(engine, controls=controls, **SPARSE)
     assert lengths(engine, first)[0] == pytest.approx(0.15 * 0.2)
-    data = write_graph(engine.graph(first))
+    data = write_graph(engine.assets.graph(first))
     sent = NewAsset(MESH, AssetSettings.parse(SIZE), read_graph(data))
     second = built(engine, sent)
     assert second != first
     assert lengths(engine, second) == lengths(engine, first)
     for query in (REDRAW, CONVOLVED, BINNED):
-        one, two = (engine.map(id, "neutral", query, 1001, 0) for id in (first, second))
+        one, two = (
+            engine.tiles.plan_map(id, "neutral", query, 1001, 0).draw() for id in (first, second)
+        )
         assert same([one], [two])
-    assert read_graph(write_graph(engine.graph(second))).origin == read_graph(data).origin
+    assert read_graph(write_graph(engine.assets.graph(second))).origin == read_graph(data).origin
 
 
 def test_the_command_line_and_the_service_take_the_same_depth(engine, tmp_path, capsys):
@@ -109,7 +111,10 @@ def test_the_command_line_and_the_service_take_the_same_depth(engine, tmp_path, 
     bake = ["bake", "--mesh", str(mesh), "--out", str(tmp_path / "maps"), "--graph", str(out)]
     assert main([*bake, "--resolution", "512"]) == 0
     baked = read_exr(tmp_path / "maps" / "mesh.1001.0001.exr")[0]
-    assert np.abs(baked - engine.map(served, "neutral", REDRAW, 1001, 0)).max() < 1e-5 * 0.03
+    assert (
+        np.abs(baked - engine.tiles.plan_map(served, "neutral", REDRAW, 1001, 0).draw()).max()
+        < 1e-5 * 0.03
+    )
 
 
 def white_png():
@@ -121,7 +126,10 @@ def white_png():
 @pytest.mark.parametrize("controls", [None, WHITE], ids=["even", "painted"])
 def test_the_spacing_told_is_that_of_the_pores(engine, controls):
     asset = grown(engine, controls=controls, **SPARSE)
-    told, found = engine.asset(asset).statistics["spacing"], apart(MESH, engine.graph(asset))
+    told, found = (
+        engine.assets.info(asset).statistics["spacing"],
+        apart(MESH, engine.assets.graph(asset)),
+    )
     assert told == pytest.approx(found, rel=1e-4)
     assert found == pytest.approx(0.2 if controls is None else 0.1, rel=0.02)
 
@@ -129,7 +137,7 @@ def test_the_spacing_told_is_that_of_the_pores(engine, controls):
 def test_the_density_of_the_settings_brings_pores_nearer_and_makes_them_shallower(engine):
     """As it does where the number is given."""
     asset = grown(engine, **SIZE, graph={"spacing": 0.2, "density": 4.0})
-    assert engine.asset(asset).statistics["spacing"] == pytest.approx(0.1, rel=0.02)
+    assert engine.assets.info(asset).statistics["spacing"] == pytest.approx(0.1, rel=0.02)
     assert lengths(engine, asset)[0] == pytest.approx(0.15 * 0.1)
 
 
@@ -138,7 +146,7 @@ def test_the_same_skin_in_another_unit(engine):
     centimetres = grown(engine, **SIZE)
     scaled = replace(MESH, positions=MESH.positions * 10)
     millimetres = grown(engine, scaled, unit="mm", **SIZE)
-    one, two = (engine.asset(id) for id in (centimetres, millimetres))
+    one, two = (engine.assets.info(id) for id in (centimetres, millimetres))
     assert one.wrinkles == two.wrinkles
     assert one.statistics["spacing"] == pytest.approx(0.05, rel=0.01)
     assert two.statistics["spacing"] == pytest.approx(0.5, rel=0.01)
@@ -147,44 +155,45 @@ def test_the_same_skin_in_another_unit(engine):
 
 
 def test_a_graph_in_millimetres_is_converted_to_the_unit_of_the_mesh(engine):
-    graph = engine.graph(grown(engine, replace(MESH, positions=MESH.positions * 10), unit="mm",
-                               **SIZE, graph={"spacing": 2.0}))  # fmt: skip
+    large = replace(MESH, positions=MESH.positions * 10)
+    asset = grown(engine, large, unit="mm", **SIZE, graph={"spacing": 2.0})
+    graph = engine.assets.graph(asset)
     assert graph.origin.unit == "mm"
     told = AssetSettings.parse({**SIZE, "unit": "cm"})
     assert lengths(engine, built(engine, NewAsset(MESH, told, graph))) == pytest.approx(
         (0.03, 0.05, 2.0)
     )
     untold = built(engine, NewAsset(MESH, AssetSettings.parse(SIZE), graph))
-    assert engine.asset(untold).settings["unit"] == "mm"
+    assert engine.assets.info(untold).settings["unit"] == "mm"
     assert lengths(engine, untold) == pytest.approx((0.3, 0.5, 0.2))
     odd = AssetSettings.parse({**SIZE, "unit": "furlong"})
     with pytest.raises(SettingsError, match="graph is in 'mm' and the mesh in 'furlong'"):
-        engine.create_asset(NewAsset(MESH, odd, graph))
+        engine.assets.create(NewAsset(MESH, odd, graph))
 
 
 def test_explicit_settings_go_before_the_file_and_null_is_the_file_again(engine):
     first = grown(engine, **SPARSE, depth=0.07)
-    assert engine.graph(first).origin.depth == 0.07
-    graph = engine.graph(first)
+    assert engine.assets.graph(first).origin.depth == 0.07
+    graph = engine.assets.graph(first)
     second = built(engine, NewAsset(MESH, AssetSettings.parse({**SIZE, "depth": 0.01}), graph))
     assert lengths(engine, second)[0] == 0.01
-    engine.change_asset(second, {"depth": None})
+    engine.assets.change(second, {"depth": None})
     assert lengths(engine, second)[0] == 0.07
-    engine.change_asset(second, {"depth": 0.02})
-    assert engine.graph(second).origin.depth == 0.02
-    engine.change_asset(first, {"depth": None})
+    engine.assets.change(second, {"depth": 0.02})
+    assert engine.assets.graph(second).origin.depth == 0.02
+    engine.assets.change(first, {"depth": None})
     assert lengths(engine, first)[0] == pytest.approx(0.03)
 
 
 def test_a_graph_of_another_mesh_is_refused_unless_forced(engine):
-    graph = engine.graph(grown(engine, **SPARSE))
+    graph = engine.assets.graph(grown(engine, **SPARSE))
     other = sheets.sheet(lambda xy: 0.1 + 0.7 * xy, scale=4.0)
     new = NewAsset(other, AssetSettings.parse(SIZE), graph)
     with pytest.raises(GraphError, match=r"made for another mesh.*--force"):
-        engine.create_asset(new)
+        engine.assets.create(new)
     forced = built(engine, replace(new, force=True))
-    assert engine.graph(forced).origin == GraphOrigin.of(
-        other, "cm", AssetSettings.parse(engine.asset(forced).settings).lengths(0.2)
+    assert engine.assets.graph(forced).origin == GraphOrigin.of(
+        other, "cm", AssetSettings.parse(engine.assets.info(forced).settings).lengths(0.2)
     )
     moved = replace(MESH, positions=MESH.positions[:, [1, 0, 2]])  # another head of one topology
     assert built(engine, NewAsset(moved, AssetSettings.parse(SIZE), graph))
@@ -193,22 +202,23 @@ def test_a_graph_of_another_mesh_is_refused_unless_forced(engine):
 def test_lengths_survive_a_restart_and_null_means_the_same_after_it(tmp_path):
     with running(tmp_path) as engine:
         first = grown(engine, controls=WHITE, **SPARSE)
-        graph = replace(engine.graph(first), origin=GraphOrigin(depth=0.05, unit="cm"))
+        graph = replace(engine.assets.graph(first), origin=GraphOrigin(depth=0.05, unit="cm"))
         second = built(engine, NewAsset(MESH, AssetSettings.parse(SIZE), graph))
         before = [
-            (engine.asset(id).settings, engine.asset(id).statistics) for id in (first, second)
+            (engine.assets.info(id).settings, engine.assets.info(id).statistics)
+            for id in (first, second)
         ]
     with running(tmp_path) as engine:
         for id, wanted in zip((first, second), before, strict=True):
             settle(engine, id)
             assert told(engine, id) == wanted
-            engine.change_asset(id, {"depth": 0.9})
-            engine.change_asset(id, {"depth": None})
+            engine.assets.change(id, {"depth": 0.9})
+            engine.assets.change(id, {"depth": None})
             assert told(engine, id) == wanted
 
 
 def told(engine, asset):
-    info = engine.asset(asset)
+    info = engine.assets.info(asset)
     return info.settings, info.statistics
 
 
@@ -216,7 +226,7 @@ def test_an_asset_of_an_earlier_version_is_read_and_told_truly(tmp_path, monkeyp
     """It kept one spacing, that which depth came from, and its settings knew no other."""
     with running(tmp_path) as engine:
         asset = built(engine, new_asset(depth=None))
-        before = engine.asset(asset)
+        before = engine.assets.info(asset)
     monkeypatch.setattr(StoredAsset, "files", files_of_earlier)
     with AssetStore(tmp_path) as store:
         kept = store.asset(asset)
@@ -224,12 +234,12 @@ def test_an_asset_of_an_earlier_version_is_read_and_told_truly(tmp_path, monkeyp
         store.put_asset(asset, kept.mesh, kept.graph, kept.settings, {"spacing": 0.25})
     with running(tmp_path) as engine:
         settle(engine, asset)
-        found = engine.asset(asset)
+        found = engine.assets.info(asset)
         assert found.settings["depth"] == before.settings["depth"]
         assert found.statistics == before.statistics
-        engine.change_asset(asset, {"depth": 0.5})
-        engine.change_asset(asset, {"depth": None})
-        assert engine.asset(asset).settings["depth"] == pytest.approx(0.15 * 0.25)
+        engine.assets.change(asset, {"depth": 0.5})
+        engine.assets.change(asset, {"depth": None})
+        assert engine.assets.info(asset).settings["depth"] == pytest.approx(0.15 * 0.25)
 
 
 def files_of_earlier(stored, files=StoredAsset.files):
@@ -243,12 +253,12 @@ def files_of_earlier(stored, files=StoredAsset.files):
 def test_too_many_or_too_few_for_the_spacing_are_refused_with_one_that_fits(engine):
     wide = sheets.sheet(scale=1000.0)
     with pytest.raises(LimitError, match=r"graph.spacing is 0.05 .*can hold (\S+) or more") as told:
-        engine.create_asset(NewAsset(wide, AssetSettings.parse(SIZE)))
+        engine.assets.create(NewAsset(wide, AssetSettings.parse(SIZE)))
     assert 0.1 < float(str(told.value).split("can hold ")[1].split()[0]) < 1.0
     tiny = sheets.sheet(scale=0.1)
     with pytest.raises(Exception, match=r"at least 100, graph.spacing of (\S+) or less") as told:
-        engine.create_asset(NewAsset(tiny, AssetSettings.parse(SIZE)))
+        engine.assets.create(NewAsset(tiny, AssetSettings.parse(SIZE)))
     fit = float(str(told.value).split("graph.spacing of ")[1].split()[0])
     made = grown(engine, tiny, **SIZE, graph={"spacing": fit})
     # The area tells so small a number to a tenth: where exactly pores find room decides.
-    assert engine.asset(made).wrinkles == pytest.approx(100, rel=0.1)
+    assert engine.assets.info(made).wrinkles == pytest.approx(100, rel=0.1)

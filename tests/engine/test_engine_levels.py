@@ -28,9 +28,9 @@ from pipeline.scenes import sheet
 from reference import pyramid
 from rhytid.domain.stiffness import Stiffness
 from rhytid.domain.tiles import TileAddress
-from rhytid.engine import gathering, resident_finest, resident_levels
+from rhytid.engine import device_asset, device_finest
+from rhytid.engine.device_asset import DeviceAsset
 from rhytid.engine.messages import MapQuery, NewAsset
-from rhytid.engine.resident_levels import ResidentLevels
 from rhytid.errors import BusyError, ConflictError, DeviceMemoryError, NotFoundError
 
 BENT, OTHER = (deform(sheet().positions, seed, 0.15) for seed in (1, 2))
@@ -58,21 +58,21 @@ def until(reached):
 
 
 def every_map(engine, asset, query, frame="bent"):
-    return [engine.map(asset, frame, query, 1001, level) for level in LEVELS]
+    return [engine.tiles.plan_map(asset, frame, query, 1001, level).draw() for level in LEVELS]
 
 
 @pytest.fixture
 def small_pieces(monkeypatch):
     """Maps of 256² texels in 4 or 16 pieces, the crown from level 2 on."""
     sides = {"neutral": 128, "redraw": 128, "binned": 64, "convolved": 128}
-    monkeypatch.setattr(resident_finest, "_PIECE", sides)
-    monkeypatch.setattr(resident_levels, "_CROWN", 64)
+    monkeypatch.setattr(device_finest, "_PIECE", sides)
+    monkeypatch.setattr(device_asset, "_CROWN", 64)
 
 
 @pytest.fixture
 def asset(engine, small_pieces):
     asset = built(engine, new_asset())
-    engine.put_frame(asset, "bent", BENT)
+    engine.frames.put(asset, "bent", BENT)
     return asset
 
 
@@ -82,7 +82,7 @@ def drawn(monkeypatch):
     found = []
 
     def spied(name):
-        plain = getattr(ResidentLevels, name)
+        plain = getattr(DeviceAsset, name)
 
         def spy(self, frame, query, *about):
             squares = plain(self, frame, query, *about)
@@ -92,7 +92,7 @@ def drawn(monkeypatch):
             found.append(sum(count - count % 4096 for count in texels))
             return squares
 
-        monkeypatch.setattr(ResidentLevels, name, spy)
+        monkeypatch.setattr(DeviceAsset, name, spy)
 
     spied("finest")
     spied("square")
@@ -103,7 +103,7 @@ def drawn(monkeypatch):
 @pytest.mark.parametrize("bins", CHOICES, ids=lambda bins: bins["merge"])
 def test_every_level_is_the_mean_of_level_0(engine, query, bins):
     asset = built(engine, new_asset(bins=bins))
-    engine.put_frame(asset, "bent", BENT)
+    engine.frames.put(asset, "bent", BENT)
     found = every_map(engine, asset, query)
     most = np.abs(found[0]).max()
     assert most > 0
@@ -116,7 +116,7 @@ def test_levels_of_a_stiff_face_are_means(engine):
     map = np.random.default_rng(4).uniform(0, 1, (16, 16)).astype(np.float32)
     stiff = NewAsset(plain.mesh, plain.settings, plain.graph, stiffness=Stiffness({1001: map}))
     asset = built(engine, stiff)
-    engine.put_frame(asset, "bent", BENT)
+    engine.frames.put(asset, "bent", BENT)
     found = every_map(engine, asset, BINNED)
     for level, wanted in zip(found, pyramid.levels(found[0]), strict=True):
         np.testing.assert_allclose(level, wanted, atol=1e-6 * np.abs(found[0]).max(), rtol=0)
@@ -128,14 +128,14 @@ def test_pieces_and_crown_are_the_bits_of_one_piece(tmp_path, query, request, mo
         with running(tmp_path) as engine:
             asset = built(engine, new_asset())
             settle(engine, asset)
-            engine.put_frame(asset, "bent", BENT)
+            engine.frames.put(asset, "bent", BENT)
             # Tiles first: they are cut out of pieces, maps are put together from them.
             tiles = [assembled(engine, asset, "bent", query, 1001, level) for level in LEVELS]
             return tiles, every_map(engine, asset, query)
 
     plain, plain_maps = found()
     assert same(plain, plain_maps)
-    monkeypatch.setattr(resident_levels, "_CROWN", 64)  # pieces larger than tiles of level 1
+    monkeypatch.setattr(device_asset, "_CROWN", 64)  # pieces larger than tiles of level 1
     for made in (*found(), *(request.getfixturevalue("small_pieces") or found())):
         assert same(made, plain)
 
@@ -149,26 +149,26 @@ def test_all_levels_draw_every_texel_once(engine, asset, drawn, query, way):
     elif way == "mixed":
         wanted = [*addresses([3]), *addresses([0]), *addresses([8, 1, 2, 4])]
     for address in wanted:
-        engine.tile(asset, "bent", query, address)
+        engine.tiles.plan(asset, "bent", query, address).draw()
     for level in LEVELS:
-        engine.map(asset, "bent", query, 1001, level)
+        engine.tiles.plan_map(asset, "bent", query, 1001, level).draw()
     assert sum(drawn) == 256**2
 
 
 @pytest.mark.parametrize("query", QUERIES, ids=ids)
 def test_the_second_coarse_tile_draws_nothing(engine, asset, drawn, query, monkeypatch):
-    engine.tile(asset, "bent", query, COARSE)
+    engine.tiles.plan(asset, "bent", query, COARSE).draw()
     assert sum(drawn) == 256**2
     launched = []
     monkeypatch.setattr(engine._device, "launch", lambda *a, **_: launched.append(a[:2]))
     for address in addresses(range(1, 9)):
-        engine.tile(asset, "bent", query, address)
+        engine.tiles.plan(asset, "bent", query, address).draw()
     assert launched == []
 
 
 @pytest.mark.parametrize("query", QUERIES, ids=ids)
 def test_a_coarse_tile_draws_no_more_than_its_pieces(engine, asset, drawn, query):
-    engine.tile(asset, "bent", query, TileAddress(1001, 1, 1, 1))
+    engine.tiles.plan(asset, "bent", query, TileAddress(1001, 1, 1, 1)).draw()
     assert sum(drawn) == 128**2
 
 
@@ -177,7 +177,7 @@ def test_no_task_draws_more_than_a_piece_and_others_get_their_turn(
     engine, asset, query, monkeypatch
 ):
     order, waiting = [], threading.Event()
-    plain, other = ResidentLevels.squares, ResidentLevels.tiles
+    plain, other = DeviceAsset.squares, DeviceAsset.tiles
 
     def squares(self, *about):
         order.append("piece")
@@ -190,8 +190,8 @@ def test_no_task_draws_more_than_a_piece_and_others_get_their_turn(
         order.append("tile")
         return other(self, *about)
 
-    monkeypatch.setattr(ResidentLevels, "squares", squares)
-    monkeypatch.setattr(ResidentLevels, "tiles", tiles)
+    monkeypatch.setattr(DeviceAsset, "squares", squares)
+    monkeypatch.setattr(DeviceAsset, "tiles", tiles)
     with ThreadPoolExecutor(2) as pool:
         coarse = pool.submit(engine.tile, asset, "bent", query, COARSE)
         assert waiting.wait(60)
@@ -205,8 +205,8 @@ def test_the_same_bits_under_any_memory_in_any_order(tmp_path):
     wanted = [(query, address) for query in QUERIES for address in addresses()]
     with running(tmp_path) as engine:
         asset = built(engine, new_asset())
-        engine.put_frame(asset, "bent", BENT)
-        plenty = [engine.tile(asset, "bent", *one) for one in wanted]
+        engine.frames.put(asset, "bent", BENT)
+        plenty = [engine.tiles.plan(asset, "bent", *one).draw() for one in wanted]
     with running(tmp_path, device_memory=MIB) as engine:  # too little to make bins ahead
         settle(engine, asset)
         resident = engine._device.budget.used
@@ -216,15 +216,15 @@ def test_the_same_bits_under_any_memory_in_any_order(tmp_path):
     for more in (least, 2 * least, 6 * least, MIB):
         with running(tmp_path, device_memory=resident + more) as engine:
             settle(engine, asset)
-            engine.put_frame(asset, "bent", BENT)
+            engine.frames.put(asset, "bent", BENT)
             for query, address in ((REDRAW, COARSE), (BINNED, COARSE)):
                 at = wanted.index((query, address))
-                assert same([engine.tile(asset, "bent", query, address)], [plenty[at]])
+                assert same([engine.tiles.plan(asset, "bent", query, address).draw()], [plenty[at]])
             for at in order[:: 1 if more == MIB else 7]:
                 query, address = wanted[at]
                 if query == CONVOLVED and more < 6 * least:
                     continue  # one tile with its surroundings takes more
-                assert same([engine.tile(asset, "bent", query, address)], [plenty[at]])
+                assert same([engine.tiles.plan(asset, "bent", query, address).draw()], [plenty[at]])
             assert engine._device.budget.used <= resident + more
 
 
@@ -233,18 +233,18 @@ def test_where_memory_is_short_level_0_is_not_kept(tmp_path, drawn):
         asset = built(engine, new_asset())
         budget = engine._device.budget
         budget.limit = budget.used + 10 * 4 * 256**2
-        engine.put_frame(asset, "bent", BENT)
+        engine.frames.put(asset, "bent", BENT)
         drawn.clear()
         for _ in range(2):
-            engine.map(asset, "bent", REDRAW, 1001, 0)
+            engine.tiles.plan_map(asset, "bent", REDRAW, 1001, 0).draw()
         assert len(drawn) == 1
         budget.limit = budget.used + 7 * 4 * 256**2
-        engine.put_frame(asset, "bent", OTHER)
+        engine.frames.put(asset, "bent", OTHER)
         for _ in range(2):
-            engine.map(asset, "bent", REDRAW, 1001, 0)
+            engine.tiles.plan_map(asset, "bent", REDRAW, 1001, 0).draw()
         assert len(drawn) == 3
-        engine.tile(asset, "bent", REDRAW, COARSE)
-        engine.tile(asset, "bent", REDRAW, COARSE)
+        engine.tiles.plan(asset, "bent", REDRAW, COARSE).draw()
+        engine.tiles.plan(asset, "bent", REDRAW, COARSE).draw()
         assert len(drawn) == 4  # but the levels above are
 
 
@@ -252,9 +252,9 @@ def test_level_0_is_kept_of_one_frame(engine):
     asset = built(engine, new_asset())
     use = []
     for seed in range(6):
-        engine.put_frame(asset, "bent", deform(sheet().positions, seed, 0.1))
+        engine.frames.put(asset, "bent", deform(sheet().positions, seed, 0.1))
         use.append(engine._device.budget.used)
-        engine.map(asset, "bent", REDRAW, 1001, 0)
+        engine.tiles.plan_map(asset, "bent", REDRAW, 1001, 0).draw()
         use.append(engine._device.budget.used)
     assert use[1] - use[0] > 4 * 256**2
     assert use[-1] - use[1] < 4 * 256**2
@@ -262,7 +262,7 @@ def test_level_0_is_kept_of_one_frame(engine):
 
 def interrupted(monkeypatch, doing):
     """Call `doing` from another thread once the first piece of a square is drawn."""
-    plain, begun = gathering._Gathered._some, []
+    plain, begun = map_drawing._Gathered._some, []
 
     def some(self, *about):
         found = plain(self, *about)
@@ -270,29 +270,29 @@ def interrupted(monkeypatch, doing):
         doing(len(begun))
         return found
 
-    monkeypatch.setattr(gathering._Gathered, "_some", some)
+    monkeypatch.setattr(map_drawing._Gathered, "_some", some)
     return begun
 
 
 @pytest.mark.parametrize("query", [REDRAW, BINNED], ids=ids)
 def test_a_frame_that_is_replaced_meanwhile_is_drawn_as_it_was(engine, asset, query, monkeypatch):
     old = every_map(engine, asset, query)
-    engine.put_frame(asset, "bent", OTHER)
+    engine.frames.put(asset, "bent", OTHER)
     new = every_map(engine, asset, query)
     assert not same(old, new)
-    engine.change_asset(asset, {"depth": 0.05})  # nothing is kept any more
-    engine.change_asset(asset, {"depth": 0.04})
+    engine.assets.change(asset, {"depth": 0.05})  # nothing is kept any more
+    engine.assets.change(asset, {"depth": 0.04})
     scale = 0.04 / new_asset().settings.depth
 
     def replace(step):
         if step == 2:
-            engine.put_frame(asset, "bent", BENT)
+            engine.frames.put(asset, "bent", BENT)
 
     begun = interrupted(monkeypatch, replace)
-    found = engine.tile(asset, "bent", query, COARSE)
+    found = engine.tiles.plan(asset, "bent", query, COARSE).draw()
     assert len(begun) > 2
     np.testing.assert_allclose(found, new[3] * scale, rtol=1e-5, atol=1e-7)
-    found = engine.tile(asset, "bent", query, COARSE)
+    found = engine.tiles.plan(asset, "bent", query, COARSE).draw()
     np.testing.assert_allclose(found, old[3] * scale, rtol=1e-5, atol=1e-7)
 
 
@@ -302,27 +302,27 @@ def test_settings_that_change_meanwhile_are_those_of_all_texels(
     engine, asset, query, level, monkeypatch
 ):
     changes = {"shape": {"sharpness": 12.0}}
-    engine.change_asset(asset, changes)
-    wanted = engine.map(asset, "bent", query, 1001, level)
-    engine.change_asset(asset, {"shape": {"sharpness": 20.0}})
-    before = engine.map(asset, "bent", query, 1001, level)
+    engine.assets.change(asset, changes)
+    wanted = engine.tiles.plan_map(asset, "bent", query, 1001, level).draw()
+    engine.assets.change(asset, {"shape": {"sharpness": 20.0}})
+    before = engine.tiles.plan_map(asset, "bent", query, 1001, level).draw()
     assert not same([wanted], [before])
-    engine.change_asset(asset, {"shape": {"sharpness": 16.0}})
+    engine.assets.change(asset, {"shape": {"sharpness": 16.0}})
     begun = interrupted(
-        monkeypatch, lambda step: engine.change_asset(asset, changes) if step == 2 else None
+        monkeypatch, lambda step: engine.assets.change(asset, changes) if step == 2 else None
     )
-    assert same([engine.map(asset, "bent", query, 1001, level)], [wanted])
+    assert same([engine.tiles.plan_map(asset, "bent", query, 1001, level).draw()], [wanted])
     assert len(begun) > 4
-    assert same([engine.map(asset, "bent", query, 1001, level)], [wanted])
+    assert same([engine.tiles.plan_map(asset, "bent", query, 1001, level).draw()], [wanted])
 
 
 def test_settings_that_change_all_the_time_are_a_conflict(engine, asset, monkeypatch):
     interrupted(
         monkeypatch,
-        lambda step: engine.change_asset(asset, {"shape": {"sharpness": 10.0 + step % 7}}),
+        lambda step: engine.assets.change(asset, {"shape": {"sharpness": 10.0 + step % 7}}),
     )
     with pytest.raises(ConflictError, match="change while"):
-        engine.tile(asset, "bent", REDRAW, COARSE)
+        engine.tiles.plan(asset, "bent", REDRAW, COARSE).draw()
 
 
 def test_who_wants_the_same_coarse_tile_gets_the_same_array(engine, asset, drawn, monkeypatch):
@@ -331,12 +331,12 @@ def test_who_wants_the_same_coarse_tile_gets_the_same_array(engine, asset, drawn
     def ask(step):
         if step == 1:
             asked.extend(pool.submit(engine.tile, asset, "bent", REDRAW, COARSE) for _ in range(3))
-            until(lambda: engine._gathering.joined == 2 and any(f.done() for f in asked))
+            until(lambda: engine.tiles._maps.joined == 2 and any(f.done() for f in asked))
 
-    engine._gathering._most = 2
+    engine.tiles._maps._most = 2
     interrupted(monkeypatch, ask)
     with ThreadPoolExecutor(3) as pool:
-        first = engine.tile(asset, "bent", REDRAW, COARSE)
+        first = engine.tiles.plan(asset, "bent", REDRAW, COARSE).draw()
     errors = [future.exception() for future in asked]
     (refused,) = (error for error in errors if error is not None)
     assert isinstance(refused, BusyError)
@@ -352,12 +352,12 @@ def test_an_error_reaches_all_who_wait_for_it(engine, asset, monkeypatch):
 
     def ask(step):
         asked.append(pool.submit(engine.tile, asset, "bent", REDRAW, COARSE))
-        until(lambda: engine._gathering.joined == 1)
+        until(lambda: engine.tiles._maps.joined == 1)
         raise DeviceMemoryError("none left")
 
     interrupted(monkeypatch, ask)
     with ThreadPoolExecutor(1) as pool, pytest.raises(DeviceMemoryError, match="none left"):
-        engine.tile(asset, "bent", REDRAW, COARSE)
+        engine.tiles.plan(asset, "bent", REDRAW, COARSE).draw()
     with pytest.raises(DeviceMemoryError, match="none left"):
         asked[0].result(60)
     assert engine.waiting == 0
@@ -365,6 +365,6 @@ def test_an_error_reaches_all_who_wait_for_it(engine, asset, monkeypatch):
 
 def test_precomputed_maps_have_level_0_alone(engine, asset):
     with pytest.raises(NotFoundError, match=r"level 1: .* level 0 only.*means"):
-        engine.bin_tile(asset, TileAddress(1001, 1, 0, 0), "wrinkles", 0, 0)
+        engine.tiles.bin_tile(asset, TileAddress(1001, 1, 0, 0), "wrinkles", 0, 0)
     with pytest.raises(NotFoundError, match="level 9: levels go from 0 to 8"):
-        engine.bin_tile(asset, TileAddress(1001, 9, 0, 0), "wrinkles", 0, 0)
+        engine.tiles.bin_tile(asset, TileAddress(1001, 9, 0, 0), "wrinkles", 0, 0)

@@ -10,11 +10,11 @@ from engine.engines import BINNED, REDRAW, built, finish, new_asset, running, se
 from meshes import deform
 from pipeline.scenes import settings_of, sheet
 from rhytid.domain.tiles import TileAddress
-from rhytid.engine import resident_finest
+from rhytid.engine import device_finest
+from rhytid.engine.device_asset import DeviceAsset
+from rhytid.engine.device_tiles import DeviceTiles
 from rhytid.engine.frames import Frames
 from rhytid.engine.messages import NewAsset
-from rhytid.engine.resident import ResidentAsset
-from rhytid.engine.resident_levels import ResidentLevels
 from rhytid.errors import BusyError, DeviceMemoryError, NotFoundError, StorageError
 from rhytid.storage.store import AssetStore
 
@@ -25,11 +25,11 @@ class Gate:
     """Stands in for the synthesis: waits to be let go, then returns what was made before."""
 
     def __init__(self, monkeypatch):
-        from rhytid.engine import building
+        from rhytid.engine import asset_builder
 
         self.entered, self.free = threading.Event(), threading.Event()
-        self.real = building.synthesize
-        monkeypatch.setattr(building, "synthesize", self)
+        self.real = asset_builder.synthesize
+        monkeypatch.setattr(asset_builder, "synthesize", self)
 
     def __call__(self, mesh, settings, device, report, **how):
         self.entered.set()
@@ -45,15 +45,15 @@ def new():
 
 def test_removed_and_sent_again_while_it_builds(engine, monkeypatch, new):
     gate = Gate(monkeypatch)
-    first = engine.create_asset(new)
+    first = engine.assets.create(new)
     assert gate.entered.wait(60)
-    engine.delete_asset(first.id)
-    again = engine.create_asset(new)
+    engine.assets.delete(first.id)
+    again = engine.assets.create(new)
     gate.free.set()
     assert finish(engine, first.job).state == "cancelled"
     assert finish(engine, again.job).state == "done"
-    assert engine.asset(again.id).state == "ready"
-    assert engine.tile(again.id, "neutral", REDRAW, ADDRESS).shape == (64, 64)
+    assert engine.assets.info(again.id).state == "ready"
+    assert engine.tiles.plan(again.id, "neutral", REDRAW, ADDRESS).draw().shape == (64, 64)
 
 
 def test_a_build_that_failed_after_it_was_stored_is_taken_up_again(engine, monkeypatch):
@@ -61,28 +61,28 @@ def test_a_build_that_failed_after_it_was_stored_is_taken_up_again(engine, monke
         raise DeviceMemoryError("no room")
 
     with monkeypatch.context() as patch:
-        patch.setattr(ResidentAsset, "install", no_room)
-        info = engine.create_asset(new_asset())
+        patch.setattr(DeviceTiles, "install", no_room)
+        info = engine.assets.create(new_asset())
         assert finish(engine, info.job).state == "failed"
-    assert engine.asset(info.id).reason == "no room"
+    assert engine.assets.info(info.id).reason == "no room"
     assert built(engine, new_asset()) == info.id
 
 
 def test_a_cancelled_asset_can_be_removed(engine, monkeypatch, new):
     gate = Gate(monkeypatch)
-    info = engine.create_asset(new)
+    info = engine.assets.create(new)
     assert gate.entered.wait(60)
-    engine.cancel_job(info.job)
+    engine.jobs.cancel(info.job)
     gate.free.set()
     assert finish(engine, info.job).state == "cancelled"
-    engine.delete_asset(info.id)
-    assert engine.assets() == []
+    engine.assets.delete(info.id)
+    assert engine.assets.all() == []
 
 
 def test_settings_that_cannot_be_stored_are_not_taken(engine, monkeypatch):
     asset = built(engine, new_asset())
-    before = engine.tile(asset, "neutral", REDRAW, ADDRESS)
-    key = engine.tile_key(asset, "neutral", REDRAW, ADDRESS)
+    before = engine.tiles.plan(asset, "neutral", REDRAW, ADDRESS).draw()
+    key = engine.tiles.plan(asset, "neutral", REDRAW, ADDRESS).key
 
     def full(*_):
         raise StorageError("disk full")
@@ -90,76 +90,78 @@ def test_settings_that_cannot_be_stored_are_not_taken(engine, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(AssetStore, "put_overlay", full)
         with pytest.raises(StorageError):
-            engine.change_asset(asset, {"shape": {"wrinkle_bulge": 0.0}})
-    assert engine.tile_key(asset, "neutral", REDRAW, ADDRESS) == key
-    assert engine.tile(asset, "neutral", REDRAW, ADDRESS).tobytes() == before.tobytes()
+            engine.assets.change(asset, {"shape": {"wrinkle_bulge": 0.0}})
+    assert engine.tiles.plan(asset, "neutral", REDRAW, ADDRESS).key == key
+    assert engine.tiles.plan(asset, "neutral", REDRAW, ADDRESS).draw().tobytes() == before.tobytes()
 
 
 def test_settings_that_the_device_refuses_are_not_kept(tmp_path, monkeypatch):
     with running(tmp_path) as engine:
         asset = built(engine, new_asset())
-        old = engine.asset(asset).settings
+        old = engine.assets.info(asset).settings
 
         def no_room(*_):
             raise DeviceMemoryError("no room")
 
         with monkeypatch.context() as patch:
-            patch.setattr(ResidentAsset, "use", no_room)
+            patch.setattr(DeviceTiles, "use", no_room)
             with pytest.raises(DeviceMemoryError):
-                engine.change_asset(asset, {"shape": {"wrinkle_bulge": 0.0}})
-        assert engine.asset(asset).settings == old
+                engine.assets.change(asset, {"shape": {"wrinkle_bulge": 0.0}})
+        assert engine.assets.info(asset).settings == old
     with running(tmp_path) as engine:
         settle(engine, asset)
-        assert engine.asset(asset).settings == old
+        assert engine.assets.info(asset).settings == old
 
 
 def test_a_change_that_fails_halfway_leaves_the_elements_in_place(engine, monkeypatch):
     asset = built(engine, new_asset())
-    before = engine.tile(asset, "neutral", REDRAW, ADDRESS)
+    before = engine.tiles.plan(asset, "neutral", REDRAW, ADDRESS).draw()
 
     def no_room(*_):
         raise DeviceMemoryError("no room")
 
     with monkeypatch.context() as patch:
-        patch.setattr("rhytid.engine.resident_parts.Blend", no_room)
+        patch.setattr("rhytid.engine.device_mesh.Blend", no_room)
         with pytest.raises(DeviceMemoryError):
-            engine.change_asset(asset, {"response": {"alpha_w": 2.0}})
-    assert engine.tile(asset, "neutral", REDRAW, ADDRESS).tobytes() == before.tobytes()
+            engine.assets.change(asset, {"response": {"alpha_w": 2.0}})
+    assert engine.tiles.plan(asset, "neutral", REDRAW, ADDRESS).draw().tobytes() == before.tobytes()
 
 
 def test_a_map_is_of_one_setting(engine, monkeypatch):
     asset = built(engine, new_asset())
-    squares, calls = ResidentLevels.squares, []
-    monkeypatch.setitem(resident_finest._PIECE, "binned", 64)
+    squares, calls = DeviceAsset.squares, []
+    monkeypatch.setitem(device_finest._PIECE, "binned", 64)
 
     def changing(resident, *arguments):
         calls.append(1)
         if len(calls) == 3:  # in the middle of the first attempt, on the device thread
-            found = engine._assets.get(asset)
+            found = engine.assets._assets.get(asset)
             changed = found.settings.changed({"depth": 2 * found.settings.depth})
             resident.use(changed)
             found.settings = changed
         return squares(resident, *arguments)
 
-    monkeypatch.setattr(ResidentLevels, "squares", changing)
-    drawn = engine.map(asset, "neutral", BINNED, 1001, 0)
+    monkeypatch.setattr(DeviceAsset, "squares", changing)
+    drawn = engine.tiles.plan_map(asset, "neutral", BINNED, 1001, 0).draw()
     assert len(calls) == 16 + 2  # every piece, and anew the two before the change
-    assert drawn.tobytes() == engine.map(asset, "neutral", BINNED, 1001, 0).tobytes()
+    assert (
+        drawn.tobytes() == engine.tiles.plan_map(asset, "neutral", BINNED, 1001, 0).draw().tobytes()
+    )
 
 
 def test_a_removed_asset_takes_no_frame_and_gives_its_memory_back(engine, monkeypatch):
     asset = built(engine, new_asset())
-    frames = engine._assets.get(asset).frames
+    frames = engine.assets._assets.get(asset).frames
     put = Frames.put
     bent = deform(sheet().positions, 3, 0.15)
 
     def late(*arguments):
-        engine.delete_asset(asset)
+        engine.assets.delete(asset)
         put(*arguments)
 
     monkeypatch.setattr(Frames, "put", late)
     with pytest.raises(NotFoundError, match="removed"):
-        engine.put_frame(asset, "late", bent)
+        engine.frames.put(asset, "late", bent)
     assert frames._memory._used == 0
 
 
@@ -167,23 +169,23 @@ def test_no_call_hangs_on_an_engine_that_closed(tmp_path):
     with running(tmp_path) as engine:
         asset = built(engine, new_asset())
     with pytest.raises(BusyError):
-        engine.tile(asset, "neutral", REDRAW, ADDRESS)
+        engine.tiles.plan(asset, "neutral", REDRAW, ADDRESS).draw()
 
 
 def test_removing_an_asset_cancels_all_its_jobs(engine, monkeypatch):
     asset = built(engine, new_asset())
     gate = threading.Event()
-    job = engine._jobs.start("waiting", asset, lambda job: gate.wait(60) and job.progress(1.0, ""))
-    engine.delete_asset(asset)
+    job = engine.jobs.start("build", asset, lambda job: gate.wait(60) and job.progress(1.0, ""))
+    engine.assets.delete(asset)
     gate.set()
     assert finish(engine, job.info.id).state == "cancelled"
 
 
 def test_a_build_stores_nothing_for_an_asset_that_was_removed(engine, monkeypatch, new):
     gate = Gate(monkeypatch)
-    info = engine.create_asset(new)
+    info = engine.assets.create(new)
     assert gate.entered.wait(60)
-    engine._assets.remove(info.id)  # as if removed just after the build last asked
+    engine.assets._assets.remove(info.id)  # as if removed just after the build last asked
     gate.free.set()
     assert finish(engine, info.job).state == "cancelled"
     assert engine._store.ids() == []

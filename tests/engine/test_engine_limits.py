@@ -27,8 +27,8 @@ from engine.engines import (
 from meshes import deform
 from pipeline.scenes import random_graph, settings_of, sheet
 from rhytid.domain.tiles import TileAddress
+from rhytid.engine.device_mesh import RECENT_FRAMES
 from rhytid.engine.messages import NewAsset
-from rhytid.engine.resident_parts import RECENT_FRAMES
 from rhytid.errors import (
     BusyError,
     DeviceMemoryError,
@@ -54,7 +54,7 @@ def stored(tmp_path_factory):
     store = tmp_path_factory.mktemp("stored")
     with running(store) as engine:
         asset = built(engine, new_asset(resolution=512, tile_size=64))
-        engine.put_frame(asset, "bent", BENT)
+        engine.frames.put(asset, "bent", BENT)
         plenty = [maps(engine, asset, "bent", level) for level in (0, 2)]
     with running(store, device_memory=3 * MIB) as engine:  # too little to make bins ahead
         settle(engine, asset)
@@ -67,13 +67,15 @@ def test_a_map_that_does_not_fit_is_drawn_in_smaller_pieces_and_leaves_nothing(s
     budget = resident + 512 * 512  # a quarter of one map
     with running(store, device_memory=budget) as engine:
         settle(engine, asset)
-        engine.put_frame(asset, "bent", BENT)
-        engine.tile(asset, "bent", REDRAW, ADDRESS)
+        engine.frames.put(asset, "bent", BENT)
+        engine.tiles.plan(asset, "bent", REDRAW, ADDRESS).draw()
         before = used(engine)
         for _ in range(3):
-            assert same([engine.map(asset, "bent", REDRAW, 1001, 0)], [plenty[0][1]])
+            assert same(
+                [engine.tiles.plan_map(asset, "bent", REDRAW, 1001, 0).draw()], [plenty[0][1]]
+            )
             assert used(engine) <= before
-        found = engine.tile(asset, "bent", REDRAW, ADDRESS)
+        found = engine.tiles.plan(asset, "bent", REDRAW, ADDRESS).draw()
         assert used(engine) == before
         assert np.abs(found).max() > 0
 
@@ -86,9 +88,9 @@ def test_a_tile_that_does_not_fit_is_refused_with_numbers_and_leaves_nothing(sto
         engine._device.budget.limit = budget
         for wanted in (ADDRESS, TileAddress(1001, 2, 0, 0)):
             with pytest.raises(DeviceMemoryError, match=rf"\d+ bytes .* {budget} bytes"):
-                engine.tile(asset, "neutral", REDRAW, wanted)
+                engine.tiles.plan(asset, "neutral", REDRAW, wanted).draw()
             with pytest.raises(DeviceMemoryError, match=rf"\d+ bytes .* {budget} bytes"):
-                engine.map(asset, "neutral", REDRAW, 1001, wanted.level)
+                engine.tiles.plan_map(asset, "neutral", REDRAW, 1001, wanted.level).draw()
         assert used(engine) <= budget
 
 
@@ -98,24 +100,24 @@ def test_only_what_the_last_frames_need_stays_on_the_device(stored):
         settle(engine, asset)
         use, first = [], None
         for frame in range(RECENT_FRAMES + 5):
-            engine.put_frame(asset, "bent", deform(sheet().positions, frame, 0.15))
+            engine.frames.put(asset, "bent", deform(sheet().positions, frame, 0.15))
             for query in (REDRAW, BINNED):
-                tile = engine.tile(asset, "bent", query, ADDRESS)
+                tile = engine.tiles.plan(asset, "bent", query, ADDRESS).draw()
             first = tile if first is None else first
             use.append(used(engine))
         assert use[0] < use[1] < use[RECENT_FRAMES - 2]
         assert len(set(use[RECENT_FRAMES:])) == 1
-        engine.put_frame(asset, "bent", deform(sheet().positions, 0, 0.15))
-        assert same([engine.tile(asset, "bent", BINNED, ADDRESS)], [first])
+        engine.frames.put(asset, "bent", deform(sheet().positions, 0, 0.15))
+        assert same([engine.tiles.plan(asset, "bent", BINNED, ADDRESS).draw()], [first])
 
 
 def test_bins_made_one_by_one_under_a_small_budget_are_the_same_bits(stored):
     store, asset, resident, plenty = stored
     with running(store, device_memory=resident + 3 * TILE_BYTES + 256 * 256 * 8) as engine:
         settle(engine, asset)
-        engine.put_frame(asset, "bent", BENT)
+        engine.frames.put(asset, "bent", BENT)
         for level, wanted in zip((0, 2), plenty, strict=True):
-            found = engine.map(asset, "bent", BINNED, 1001, level)
+            found = engine.tiles.plan_map(asset, "bent", BINNED, 1001, level).draw()
             assert same([found], [wanted[2]])
         assert used(engine) <= resident + 3 * TILE_BYTES + 256 * 256 * 8
 
@@ -126,9 +128,9 @@ def test_neutral_tiles_kept_under_a_small_budget_are_the_same_bits(stored):
     budget = resident + 4 * (128**2 + 192**2 + 256**2 + 2 * 128**2)
     with running(store, device_memory=budget) as engine:
         settle(engine, asset)
-        engine.put_frame(asset, "bent", BENT)
+        engine.frames.put(asset, "bent", BENT)
         for _ in range(2):
-            found = engine.map(asset, "bent", CONVOLVED, 1001, 0)
+            found = engine.tiles.plan_map(asset, "bent", CONVOLVED, 1001, 0).draw()
             assert same([found], [plenty[0][3]])
         assert used(engine) <= budget
 
@@ -136,10 +138,10 @@ def test_neutral_tiles_kept_under_a_small_budget_are_the_same_bits(stored):
 def test_an_asset_that_does_not_fit_fails_with_numbers_and_leaves_nothing(tmp_path):
     with running(tmp_path, device_memory=20_000) as engine:
         assert engine.ready()
-        info = engine.create_asset(new_asset())
+        info = engine.assets.create(new_asset())
         job = finish(engine, info.job)
         assert job.state == "failed"
-        failed = engine.asset(info.id)
+        failed = engine.assets.info(info.id)
         assert failed.state == "failed"
         assert failed.reason is not None
         assert "budget of 20000 bytes" in failed.reason
@@ -147,7 +149,7 @@ def test_an_asset_that_does_not_fit_fails_with_numbers_and_leaves_nothing(tmp_pa
         assert engine.ready()
     with running(tmp_path) as engine:  # with more memory it can be built after all
         settle(engine, info.id)
-        assert engine.asset(info.id).state == "ready"
+        assert engine.assets.info(info.id).state == "ready"
 
 
 def test_a_change_that_does_not_fit_leaves_the_asset_as_it_was(tmp_path):
@@ -158,49 +160,49 @@ def test_a_change_that_does_not_fit_leaves_the_asset_as_it_was(tmp_path):
     budget = resident + 130_000  # a tile can be drawn; half of the elements take more
     with running(tmp_path, device_memory=budget) as engine:
         settle(engine, asset)
-        engine.put_frame(asset, "bent", BENT)
-        tile = engine.tile(asset, "bent", REDRAW, ADDRESS)
-        key = engine.tile_key(asset, "bent", REDRAW, ADDRESS)
+        engine.frames.put(asset, "bent", BENT)
+        tile = engine.tiles.plan(asset, "bent", REDRAW, ADDRESS).draw()
+        key = engine.tiles.plan(asset, "bent", REDRAW, ADDRESS).key
         with pytest.raises(DeviceMemoryError, match=f"{budget} bytes"):
-            engine.change_asset(asset, {"response": {"alpha_w": 2.0}})
-        assert engine.asset(asset).settings["response"]["alpha_w"] == 1.0
-        assert engine.tile_key(asset, "bent", REDRAW, ADDRESS) == key
-        assert same([engine.tile(asset, "bent", REDRAW, ADDRESS)], [tile])
+            engine.assets.change(asset, {"response": {"alpha_w": 2.0}})
+        assert engine.assets.info(asset).settings["response"]["alpha_w"] == 1.0
+        assert engine.tiles.plan(asset, "bent", REDRAW, ADDRESS).key == key
+        assert same([engine.tiles.plan(asset, "bent", REDRAW, ADDRESS).draw()], [tile])
         assert used(engine) <= budget
     with running(tmp_path) as engine:
         settle(engine, asset)
-        assert engine.asset(asset).settings["response"]["alpha_w"] == 1.0
+        assert engine.assets.info(asset).settings["response"]["alpha_w"] == 1.0
 
 
 def test_frames_beyond_their_memory_are_refused_with_numbers(tmp_path):
     size = BENT.nbytes
     with running(tmp_path, frame_memory=2 * size + 10) as engine:
         asset = built(engine, new_asset())
-        engine.put_frame(asset, "a", BENT)
-        engine.put_frame(asset, "b", BENT)
+        engine.frames.put(asset, "a", BENT)
+        engine.frames.put(asset, "b", BENT)
         full = rf"{2 * size} of {2 * size + 10} bytes.*{size} more"
         with pytest.raises(FrameMemoryError, match=full):
-            engine.put_frame(asset, "c", BENT)
+            engine.frames.put(asset, "c", BENT)
         with serving(engine) as client:
             path = f"/v1/assets/{asset}/frames/c"
             answer = client.put(path, content=npy(BENT), headers=NPY)
         assert re.search(full, is_problem(answer, 507, "frame-memory"))
-        engine.put_frame(asset, "b", BENT)  # in place of what is there
-        engine.delete_frame(asset, "a")
-        engine.put_frame(asset, "c", BENT)
-        assert [frame.name for frame in engine.frames(asset)] == ["neutral", "b", "c"]
-        engine.delete_asset(asset)
+        engine.frames.put(asset, "b", BENT)  # in place of what is there
+        engine.frames.delete(asset, "a")
+        engine.frames.put(asset, "c", BENT)
+        assert [frame.name for frame in engine.frames.all(asset)] == ["neutral", "b", "c"]
+        engine.assets.delete(asset)
         other = built(engine, new_asset(seed=2))
-        engine.put_frame(other, "a", BENT)
-        engine.put_frame(other, "b", BENT)
+        engine.frames.put(other, "a", BENT)
+        engine.frames.put(other, "b", BENT)
 
 
 def test_neutral_is_read_only(engine):
     asset = built(engine, new_asset())
     with pytest.raises(ReadOnlyError):
-        engine.put_frame(asset, "neutral", BENT)
+        engine.frames.put(asset, "neutral", BENT)
     with pytest.raises(ReadOnlyError):
-        engine.delete_frame(asset, "neutral")
+        engine.frames.delete(asset, "neutral")
 
 
 def test_a_full_queue_is_busy_and_recovers(tmp_path):
@@ -212,29 +214,29 @@ def test_a_full_queue_is_busy_and_recovers(tmp_path):
             at_work.set()
             assert free.wait(60)
 
-        threads = [threading.Thread(target=engine._on_device, args=(occupy,))]
+        threads = [threading.Thread(target=engine._on_device.run, args=(occupy,))]
         threads[0].start()
         assert at_work.wait(60)
-        threads.append(threading.Thread(target=engine._on_device, args=(lambda: None,)))
+        threads.append(threading.Thread(target=engine._on_device.run, args=(lambda: None,)))
         threads[1].start()
         try:
             while engine.waiting < 1:
                 threads[1].join(0.001)
             with pytest.raises(BusyError, match="1 requests wait") as raised:
-                engine.tile(asset, "neutral", REDRAW, ADDRESS)
+                engine.tiles.plan(asset, "neutral", REDRAW, ADDRESS).draw()
             assert raised.value.retry_after > 0
             assert engine.ready()  # a device at work is ready
-            assert engine.tile_key(asset, "neutral", REDRAW, ADDRESS)  # needs no device
+            assert engine.tiles.plan(asset, "neutral", REDRAW, ADDRESS).key  # needs no device
         finally:
             free.set()
             for thread in threads:
                 thread.join()
-        assert engine.tile(asset, "neutral", REDRAW, ADDRESS).shape == (64, 64)
+        assert engine.tiles.plan(asset, "neutral", REDRAW, ADDRESS).draw().shape == (64, 64)
 
 
 def test_many_callers_get_the_same_bits(engine):
     asset = built(engine, new_asset())
-    engine.put_frame(asset, "bent", BENT)
+    engine.frames.put(asset, "bent", BENT)
     wanted = maps(engine, asset, "bent")
     found = [None] * 6
 
@@ -258,10 +260,10 @@ def test_places_that_do_not_exist_are_not_found(engine):
         (TileAddress(1001, 0, 0, 4), "column 4"),
     ):
         with pytest.raises(NotFoundError, match=named):
-            engine.tile(asset, "neutral", REDRAW, address)
+            engine.tiles.plan(asset, "neutral", REDRAW, address).draw()
         with pytest.raises(NotFoundError, match=named):
-            engine.tile_key(asset, "neutral", REDRAW, address)
+            engine.tiles.plan(asset, "neutral", REDRAW, address)
     with pytest.raises(NotFoundError, match="0123456789abcdef"):
-        engine.asset("0123456789abcdef")
+        engine.assets.info("0123456789abcdef")
     with pytest.raises(NotFoundError, match="no frame"):
-        engine.tile(asset, "none", REDRAW, ADDRESS)
+        engine.tiles.plan(asset, "none", REDRAW, ADDRESS).draw()

@@ -26,15 +26,15 @@ def drawn(tmp_path):
     found = []
     with running(tmp_path) as engine:
         asset = built(engine, NewAsset(sheet(), settings, stiffness=stiffness))
-        engine.put_frame(asset, "bent", deform(sheet().positions, 3, 0.15))
-        found += engine.graph(asset).arrays().values()
+        engine.frames.put(asset, "bent", deform(sheet().positions, 3, 0.15))
+        found += engine.assets.graph(asset).arrays().values()
         for changes in MERGES:
-            engine.change_asset(asset, changes if "preset" in changes else {"bins": changes})
-            found.append(engine.map(asset, "bent", MapQuery("binned"), 1001, 0))
+            engine.assets.change(asset, changes if "preset" in changes else {"bins": changes})
+            found.append(engine.tiles.plan_map(asset, "bent", MapQuery("binned"), 1001, 0).draw())
         for method in METHODS:
             for sampling in SAMPLINGS:
                 query = MapQuery(method, sampling=sampling)
-                found.append(engine.map(asset, "bent", query, 1001, 1))
+                found.append(engine.tiles.plan_map(asset, "bent", query, 1001, 1).draw())
         return found, engine._device.shape.rows
 
 

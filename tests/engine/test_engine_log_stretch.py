@@ -32,15 +32,15 @@ def test_percentiles_are_those_of_the_clamped_values(triangles, limit):
 
 def test_percentiles_of_stored_frames_follow_the_clamp(engine):
     asset = built(engine, new_asset())
-    put = engine.put_frame(asset, "bent", BENT).log_stretch
-    ratios = engine.stretch(asset, "bent").ratios
+    put = engine.frames.put(asset, "bent", BENT).log_stretch
+    ratios = engine.frames.stretch(asset, "bent").ratios
     assert put == pytest.approx(plain(ratios, 0.5), rel=1e-12)
     for limit in (0.05, 2.0):
         changes = {"response": {"log_stretch_limit": limit}, "bins": {"r_max": 0.04}}
-        engine.change_asset(asset, changes)
+        engine.assets.change(asset, changes)
         wanted = plain(ratios, limit)
-        assert engine.frame(asset, "bent").log_stretch == pytest.approx(wanted, rel=1e-12)
-        listed = {info.name: info.log_stretch for info in engine.frames(asset)}
+        assert engine.frames.info(asset, "bent").log_stretch == pytest.approx(wanted, rel=1e-12)
+        listed = {info.name: info.log_stretch for info in engine.frames.all(asset)}
         assert listed["bent"] == pytest.approx(wanted, rel=1e-12)
         assert set(listed["neutral"].values()) == {0.0}
         assert (wanted["abs_p90"] == limit) == (limit == 0.05)

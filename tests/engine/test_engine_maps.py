@@ -21,7 +21,7 @@ from pipeline.scenes import DEPTH, Scene, random_graph, settings_of, sheet
 from reference import drawing
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import TileAddress
-from rhytid.engine import resident_finest
+from rhytid.engine import device_finest
 from rhytid.engine.messages import SAMPLINGS, STRETCH_MODELS, MapQuery
 from rhytid.errors import QueryError
 
@@ -36,24 +36,33 @@ def ids(query):
 def test_redraw_and_convolved_of_neutral_are_neutral(made, level):
     for udim in UDIMS:
         neutral, redrawn = (
-            made.engine.map(made.asset, "neutral", query, udim, level) for query in QUERIES[:2]
+            made.engine.tiles.plan_map(made.asset, "neutral", query, udim, level).draw()
+            for query in QUERIES[:2]
         )
         assert same([neutral], [redrawn])
-        assert same([neutral], [made.engine.map(made.asset, "neutral", CONVOLVED, udim, level)])
+        assert same(
+            [neutral],
+            [made.engine.tiles.plan_map(made.asset, "neutral", CONVOLVED, udim, level).draw()],
+        )
     assert np.abs(neutral).max() > 0
 
 
 def test_neutral_is_the_same_in_every_frame(made):
     for query in QUERIES:
-        frames = [made.engine.map(made.asset, f, query, 1001, 0) for f in ("neutral", "bent")]
+        frames = [
+            made.engine.tiles.plan_map(made.asset, f, query, 1001, 0).draw()
+            for f in ("neutral", "bent")
+        ]
         assert same(frames[:1], frames[1:]) == (query.method == "neutral")
 
 
 def test_binned_of_neutral_is_the_middle_sample_of_each_layer(made):
-    found = made.engine.map(made.asset, "neutral", BINNED, 1001, 0)[:64, 64:128]
-    steps = made.engine.bins(made.asset).steps
+    found = made.engine.tiles.plan_map(made.asset, "neutral", BINNED, 1001, 0).draw()[:64, 64:128]
+    steps = made.engine.tiles.bins(made.asset).steps
     layers = [("wrinkles", n) for n in range(4)] + [("pores", 0)]
-    codes = [made.engine.bin_tile(made.asset, TileAddress(1001, 0, 0, 1), *la, 1) for la in layers]
+    codes = [
+        made.engine.tiles.bin_tile(made.asset, TileAddress(1001, 0, 0, 1), *la, 1) for la in layers
+    ]
     heights = [c * steps[layer][1] for c, (layer, _) in zip(codes, layers, strict=True)]
     np.testing.assert_allclose(found, np.min(heights, axis=0), atol=1e-7 * DEPTH, rtol=0)
 
@@ -62,7 +71,7 @@ def test_binned_of_neutral_is_the_middle_sample_of_each_layer(made):
 @pytest.mark.parametrize("level", range(9))
 def test_tiles_put_together_are_the_map(made, query, level):
     for udim in (1001, 1012):
-        whole = made.engine.map(made.asset, "bent", query, udim, level)
+        whole = made.engine.tiles.plan_map(made.asset, "bent", query, udim, level).draw()
         assert whole.shape == (256 >> level,) * 2
         assert whole.dtype == np.float32
         assert same([whole], [assembled(made.engine, made.asset, "bent", query, udim, level)])
@@ -70,38 +79,38 @@ def test_tiles_put_together_are_the_map(made, query, level):
 
 @pytest.mark.parametrize("query", QUERIES, ids=ids)
 def test_a_level_is_the_mean_of_the_one_below(made, query):
-    fine = made.engine.map(made.asset, "bent", query, 1001, 0)
+    fine = made.engine.tiles.plan_map(made.asset, "bent", query, 1001, 0).draw()
     for level in range(1, 9):
-        coarse = made.engine.map(made.asset, "bent", query, 1001, level)
+        coarse = made.engine.tiles.plan_map(made.asset, "bent", query, 1001, level).draw()
         a, b, c, d = (fine[y::2, x::2] for y in (0, 1) for x in (0, 1))
         np.testing.assert_array_equal(coarse, np.float32(0.25) * ((a + b) + (c + d)))
         fine = coarse
 
 
 def test_redraw_of_the_engine_is_that_of_double(made, device):
-    positions = made.engine.frame_positions(made.asset, "bent")
+    positions = made.engine.frames.positions(made.asset, "bent")
     scene = Scene(device, sheet(udims=2), random_graph(1, span=2.0), settings_of())
     points = drawing.crop(64, 64, 64, 64, 256)
     wanted = scene.expected(points, positions, 1002).reshape(64, 64)
-    found = made.engine.tile(made.asset, "bent", REDRAW, TileAddress(1002, 0, 1, 1))
+    found = made.engine.tiles.plan(made.asset, "bent", REDRAW, TileAddress(1002, 0, 1, 1)).draw()
     assert np.abs(found - wanted).max() <= 1e-4 * DEPTH
 
 
 def test_positions_sent_along_give_the_tiles_of_a_stored_frame(made):
-    positions = made.engine.frame_positions(made.asset, "bent")
+    positions = made.engine.frames.positions(made.asset, "bent")
     addresses = [TileAddress(1012, 0, 3, 2), TileAddress(1001, 2, 0, 0), TileAddress(1001, 8, 0, 0)]
     for query in QUERIES:
         once = made.engine.tiles_once(made.asset, positions, query, addresses)
-        stored = [made.engine.tile(made.asset, "bent", query, a) for a in addresses]
+        stored = [made.engine.tiles.plan(made.asset, "bent", query, a).draw() for a in addresses]
         assert same(once, stored)
 
 
 def test_convolved_goes_with_any_stretch_model(made):
-    neutral = made.engine.map(made.asset, "bent", QUERIES[0], 1001, 0)
+    neutral = made.engine.tiles.plan_map(made.asset, "bent", QUERIES[0], 1001, 0).draw()
     seen = [neutral]
     for model in STRETCH_MODELS:
         query = MapQuery("convolved", model)
-        found = made.engine.map(made.asset, "bent", query, 1001, 0)
+        found = made.engine.tiles.plan_map(made.asset, "bent", query, 1001, 0).draw()
         assert same([found], [assembled(made.engine, made.asset, "bent", query, 1001, 0)])
         assert all(np.abs(found - other).max() > 0.1 * DEPTH for other in seen)
         seen.append(found)
@@ -113,11 +122,13 @@ def test_convolved_drawn_in_pieces_is_the_same_bits(made, monkeypatch, sampling)
 
     def tiles():
         addresses = [TileAddress(1001, 0, 1, 2), TileAddress(1001, 2, 0, 0)]
-        return [made.engine.tile(made.asset, "bent", query, a) for a in addresses]
+        return [made.engine.tiles.plan(made.asset, "bent", query, a).draw() for a in addresses]
 
     plain = tiles()
-    made.engine._on_device(made.engine._assets.get(made.asset).ready()._forget_made)
-    monkeypatch.setitem(resident_finest._PIECE, "convolved", 64)
+    made.engine._on_device.run(
+        made.engine._on_device.loaded(engine.assets._assets.get(made.asset))._forget_made
+    )
+    monkeypatch.setitem(device_finest._PIECE, "convolved", 64)
     assert same(tiles(), plain)
 
 
@@ -131,15 +142,17 @@ def test_displacement_stays_within_its_scale(made):
 def test_tile_size_changes_no_bit(engine, other):
     assets = [built(engine, new_asset(tile_size=size)) for size in (64, other)]
     for asset in assets:
-        engine.put_frame(asset, "bent", deform(sheet().positions, 4, 0.15))
+        engine.frames.put(asset, "bent", deform(sheet().positions, 4, 0.15))
     for level in range(9):
         assert same(*(maps(engine, asset, "bent", level) for asset in assets))
 
 
 def test_a_frame_equal_to_the_neutral_is_the_neutral_to_1e_5(engine):
     asset = built(engine, new_asset())
-    engine.put_frame(asset, "same", sheet().positions)
-    found, neutral = (engine.map(asset, f, REDRAW, 1001, 0) for f in ("same", "neutral"))
+    engine.frames.put(asset, "same", sheet().positions)
+    found, neutral = (
+        engine.tiles.plan_map(asset, f, REDRAW, 1001, 0).draw() for f in ("same", "neutral")
+    )
     assert np.abs(found - neutral).max() <= 1e-5 * DEPTH
 
 
@@ -147,15 +160,17 @@ def test_a_rigid_motion_is_the_neutral_up_to_the_rounding_of_positions(engine):
     mesh = sheet()
     asset = built(engine, new_asset(mesh))
     moved = rotate_translate(mesh.positions, 5)
-    engine.put_frame(asset, "moved", moved)
-    log_stretch = np.abs(np.log(engine.stretch(asset, "moved").ratios)).max()
+    engine.frames.put(asset, "moved", moved)
+    log_stretch = np.abs(np.log(engine.frames.stretch(asset, "moved").ratios)).max()
     # A coordinate rounds by 2^-24 of its size; two ends of an edge, two edges, three coordinates.
     corners = mesh.positions[mesh.faces].astype(np.float64)
     height = smallest_height(corners)
     assert log_stretch <= 2 * 2 * np.sqrt(3) * 2.0**-24 * np.abs(moved).max() / height
     # dh <= depth (beta_d |h| + beta_w |t h'(t)|) |r| = depth (10 + 4 * 1.13) |r| for one pore, less
     # for a wrinkle; where k heights meet, the slopes of the mellow-max add up to k at most.
-    found, neutral = (engine.map(asset, f, REDRAW, 1001, 0) for f in ("moved", "neutral"))
+    found, neutral = (
+        engine.tiles.plan_map(asset, f, REDRAW, 1001, 0).draw() for f in ("moved", "neutral")
+    )
     overlapping = 8
     assert np.abs(found - neutral).max() <= overlapping * 15 * log_stretch * DEPTH
 
@@ -178,7 +193,7 @@ def test_a_larger_mesh_with_deeper_wrinkles_is_the_same_picture(engine, factor, 
         (larger, positions * scale, DEPTH * factor),
     ):
         asset = built(engine, new_asset(body, depth=depth))
-        engine.put_frame(asset, "bent", frame)
+        engine.frames.put(asset, "bent", frame)
         pairs.append(np.stack(maps(engine, asset, "bent")) / depth)
     assert np.abs(pairs[0] - pairs[1]).max() <= bound + 2.0**-23
 

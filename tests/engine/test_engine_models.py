@@ -31,46 +31,53 @@ def named(query):
 def test_every_model_has_a_key_and_a_map_of_its_own(made):
     for method in ("redraw", "binned"):
         queries = [MapQuery(method, model) for model in STRETCH_MODELS]
-        keys = {made.engine.tile_key(made.asset, "bent", query, ADDRESS) for query in queries}
-        keys |= {made.engine.map_key(made.asset, "bent", query, 1001, 0) for query in queries}
+        keys = {made.engine.tiles.plan(made.asset, "bent", query, ADDRESS).key for query in queries}
+        keys |= {
+            made.engine.tiles.plan_map(made.asset, "bent", query, 1001, 0).key for query in queries
+        }
         assert len(keys) == 2 * len(queries)
-        maps = [made.engine.map(made.asset, "bent", query, 1001, 0) for query in queries]
+        maps = [
+            made.engine.tiles.plan_map(made.asset, "bent", query, 1001, 0).draw()
+            for query in queries
+        ]
         for one, other in ((0, 1), (0, 2), (1, 2)):
             assert np.abs(maps[one] - maps[other]).max() > 0.05 * DEPTH
 
 
 @pytest.mark.parametrize("query", ROWS, ids=named)
 def test_tiles_of_every_row_are_the_map_and_those_of_positions_sent_along(made, query):
-    whole = made.engine.map(made.asset, "bent", query, 1002, 1)
+    whole = made.engine.tiles.plan_map(made.asset, "bent", query, 1002, 1).draw()
     assert same([whole], [assembled(made.engine, made.asset, "bent", query, 1002, 1)])
-    positions = made.engine.frame_positions(made.asset, "bent")
+    positions = made.engine.frames.positions(made.asset, "bent")
     once = made.engine.tiles_once(made.asset, positions, query, [ADDRESS])
-    assert same(once, [made.engine.tile(made.asset, "bent", query, ADDRESS)])
+    assert same(once, [made.engine.tiles.plan(made.asset, "bent", query, ADDRESS).draw()])
 
 
 @pytest.mark.parametrize("model", STRETCH_MODELS)
 def test_the_neutral_is_unstretched_by_every_model(made, model):
     for method in ("redraw", "binned"):
-        found = made.engine.map(made.asset, "neutral", MapQuery(method, model), 1001, 0)
-        plain = made.engine.map(made.asset, "neutral", MapQuery(method), 1001, 0)
+        found = made.engine.tiles.plan_map(
+            made.asset, "neutral", MapQuery(method, model), 1001, 0
+        ).draw()
+        plain = made.engine.tiles.plan_map(made.asset, "neutral", MapQuery(method), 1001, 0).draw()
         assert same([found], [plain])
 
 
 @pytest.mark.parametrize("model", STRETCH_MODELS)
 def test_redraw_by_a_model_is_that_of_double(made, device, model):
-    positions = made.engine.frame_positions(made.asset, "bent")
+    positions = made.engine.frames.positions(made.asset, "bent")
     scene = Scene(device, sheet(udims=2), random_graph(1, span=2.0), settings_of())
     points = drawing.crop(64, 64, 64, 64, 256)
     wanted = scene.expected(points, positions, 1002, model).reshape(64, 64)
-    found = made.engine.tile(
+    found = made.engine.tiles.plan(
         made.asset, "bent", MapQuery("redraw", model), TileAddress(1002, 0, 1, 1)
-    )
+    ).draw()
     assert np.abs(found - wanted).max() <= 1e-4 * DEPTH
 
 
 def test_the_layers_of_a_mellow_merge_are_valleys_and_bulges(engine):
     asset = built(engine, new_asset(bins=MELLOW, shape={"pore_bulge": 4.0}))
-    manifest = engine.bins(asset)
+    manifest = engine.tiles.bins(asset)
     assert manifest.layers == {"wrinkles": 4, "pores": 1, "wrinkle_bulges": 4, "pore_bulges": 1}
     assert (manifest.merge, manifest.depth_factored) == ("mellow", True)
     # With the depth factored out, the steps of every layer and sample are the same.
@@ -81,61 +88,63 @@ def test_the_layers_of_a_mellow_merge_are_valleys_and_bulges(engine):
         sign = 1 if layer.endswith("bulges") else -1
         for bin, sample in product(range(count), range(3)):
             addresses = [TileAddress(1001, 0, row, column) for row, column in PLACES]
-            codes = np.stack([engine.bin_tile(asset, a, layer, bin, sample) for a in addresses])
+            codes = np.stack(
+                [engine.tiles.bin_tile(asset, a, layer, bin, sample) for a in addresses]
+            )
             assert (codes * sign >= 0).all(), layer
             assert (codes != 0).any(), layer
     for layer, bin in (("wrinkle_bulges", 4), ("pore_bulges", 1), ("bulges", 0)):
         with pytest.raises(NotFoundError, match=layer):
-            engine.bin_tile(asset, ADDRESS, layer, bin, 0)
+            engine.tiles.bin_tile(asset, ADDRESS, layer, bin, 0)
 
 
 def test_tilts_are_a_layer_of_one_sample(engine):
     asset = built(engine, new_asset(bins={"depth_factored": True, "tilt": True, "samples": 5}))
-    manifest = engine.bins(asset)
+    manifest = engine.tiles.bins(asset)
     assert manifest.layers == {"wrinkles": 4, "pores": 1, "wrinkle_tilts": 4}
     assert manifest.steps["wrinkle_tilts"] == (1 / 127,)
-    tilts = [engine.bin_tile(asset, ADDRESS, "wrinkle_tilts", bin, 0) for bin in range(4)]
+    tilts = [engine.tiles.bin_tile(asset, ADDRESS, "wrinkle_tilts", bin, 0) for bin in range(4)]
     assert len({codes.tobytes() for codes in tilts}) == 4
     assert max(np.abs(codes).max() for codes in tilts) > 60
     for bin, sample in ((4, 0), (0, 1)):
         with pytest.raises(NotFoundError, match="wrinkle_tilts: 0 to"):
-            engine.bin_tile(asset, ADDRESS, "wrinkle_tilts", bin, sample)
+            engine.tiles.bin_tile(asset, ADDRESS, "wrinkle_tilts", bin, sample)
 
 
 @pytest.mark.parametrize("merge", ["soft", "mellow"])
 def test_pores_have_samples_of_their_own(engine, merge):
     asset = built(engine, new_asset(bins={"pore_samples": 7, "merge": merge}))
     plain = built(engine, new_asset(bins={"samples": 7, "merge": merge}))
-    manifest = engine.bins(asset)
+    manifest = engine.tiles.bins(asset)
     for layer in manifest.layers:
         samples = 7 if layer.startswith("pore") else 3
         assert len(manifest.steps[layer]) == samples
         with pytest.raises(NotFoundError, match=f"sample {samples} of layer {layer}"):
-            engine.bin_tile(asset, ADDRESS, layer, 0, samples)
+            engine.tiles.bin_tile(asset, ADDRESS, layer, 0, samples)
         for sample in range(samples):
             same_r = sample if samples == 7 else 3 * sample
-            found = engine.bin_tile(asset, ADDRESS, layer, 0, sample)
-            wanted = engine.bin_tile(plain, ADDRESS, layer, 0, same_r)
+            found = engine.tiles.bin_tile(asset, ADDRESS, layer, 0, sample)
+            wanted = engine.tiles.bin_tile(plain, ADDRESS, layer, 0, same_r)
             np.testing.assert_array_equal(found, wanted)
 
 
 def test_min_has_no_layers_of_bulges(made):
     with pytest.raises(NotFoundError, match="layer 'wrinkle_bulges': one of wrinkles, pores"):
-        made.engine.bin_tile(made.asset, ADDRESS, "wrinkle_bulges", 0, 0)
+        made.engine.tiles.bin_tile(made.asset, ADDRESS, "wrinkle_bulges", 0, 0)
 
 
 def test_binned_of_neutral_is_the_mellow_merge_of_the_middle_samples(engine):
     asset = built(engine, new_asset(bins={"merge": "mellow"}))
-    manifest, heights = engine.bins(asset), {-1: [], 1: []}
+    manifest, heights = engine.tiles.bins(asset), {-1: [], 1: []}
     for layer, count in manifest.layers.items():
         sign = 1 if layer.endswith("bulges") else -1
         for bin in range(count):
-            codes = engine.bin_tile(asset, ADDRESS, layer, bin, 1)
+            codes = engine.tiles.bin_tile(asset, ADDRESS, layer, bin, 1)
             heights[sign].append(sign * codes * manifest.steps[layer][1] / DEPTH)
     valleys, bulges = (drawing.mellow_max(np.stack(heights[s], -1), 20.0) for s in (-1, 1))
-    found = engine.tile(asset, "neutral", BINNED, ADDRESS)
+    found = engine.tiles.plan(asset, "neutral", BINNED, ADDRESS).draw()
     np.testing.assert_allclose(found, DEPTH * (bulges - valleys), atol=2e-6 * DEPTH, rtol=0)
-    redrawn = engine.tile(asset, "neutral", MapQuery("redraw"), ADDRESS)
+    redrawn = engine.tiles.plan(asset, "neutral", MapQuery("redraw"), ADDRESS).draw()
     # Five layers by half a step of 1.2/127, in the valleys and in the bulges.
     assert np.abs(found - redrawn).max() <= 5 * 1.2 / 127 * DEPTH
 
@@ -148,33 +157,37 @@ BEST = {"merge": "soft", "depth_factored": True, "tilt": True, "reach": 1.5}
 )
 def test_changing_the_merge_gives_the_bits_of_an_asset_made_so(engine, changes):
     asset = built(engine, new_asset())
-    engine.put_frame(asset, "bent", BENT)
+    engine.frames.put(asset, "bent", BENT)
     before, key = (call(asset, "bent", BINNED, 1001, 0) for call in (engine.map, engine.map_key))
-    engine.change_asset(asset, {"bins": changes})
-    assert engine.map_key(asset, "bent", BINNED, 1001, 0) != key
+    engine.assets.change(asset, {"bins": changes})
+    assert engine.tiles.plan_map(asset, "bent", BINNED, 1001, 0).key != key
     made_so = built(engine, new_asset(bins=changes))
-    engine.put_frame(made_so, "bent", BENT)
-    found = [engine.map(name, "bent", BINNED, 1001, 0) for name in (asset, made_so)]
+    engine.frames.put(made_so, "bent", BENT)
+    found = [
+        engine.tiles.plan_map(name, "bent", BINNED, 1001, 0).draw() for name in (asset, made_so)
+    ]
     assert same(found[:1], found[1:])
     assert not same(found[:1], [before])
     papers = {"merge": "min", "depth_factored": False, "tilt": False, "reach": 1.0}
-    engine.change_asset(asset, {"bins": papers})
-    assert same([engine.map(asset, "bent", BINNED, 1001, 0)], [before])
+    engine.assets.change(asset, {"bins": papers})
+    assert same([engine.tiles.plan_map(asset, "bent", BINNED, 1001, 0).draw()], [before])
 
 
 def test_a_preset_can_be_changed_like_the_bins(engine):
     asset = built(engine, new_asset(bins={"r_max": 0.1, "count": 8}))
-    engine.put_frame(asset, "bent", BENT)
-    settings = engine.change_asset(asset, {"preset": "best", "bins": {"bits": 16}}).settings
+    engine.frames.put(asset, "bent", BENT)
+    settings = engine.assets.change(asset, {"preset": "best", "bins": {"bits": 16}}).settings
     best = {**asdict(PRESETS["best"].bins), "r_max": 0.1, "bits": 16}
     assert (settings["preset"], settings["bins"]) == ("best", best)
     made_so = built(engine, new_asset(preset="best", bins={"r_max": 0.1, "bits": 16}))
-    engine.put_frame(made_so, "bent", BENT)
-    found = [engine.map(name, "bent", BINNED, 1001, 0) for name in (asset, made_so)]
+    engine.frames.put(made_so, "bent", BENT)
+    found = [
+        engine.tiles.plan_map(name, "bent", BINNED, 1001, 0).draw() for name in (asset, made_so)
+    ]
     assert same(found[:1], found[1:])
     with pytest.raises(SettingsError, match="preset is"):
-        engine.change_asset(asset, {"preset": "fastest"})
-    assert engine.asset(asset).settings == settings
+        engine.assets.change(asset, {"preset": "fastest"})
+    assert engine.assets.info(asset).settings == settings
 
 
 @pytest.mark.parametrize("merge", ["min", "soft", "signed", "mellow"])
@@ -184,8 +197,8 @@ def test_factored_maps_stay_within_the_scale_of_the_asset(engine, merge):
     crowd = replace(crowd, edge_weight=np.ones(400), node_weight=np.ones(800))
     settings = settings_of(bins={"merge": merge, "depth_factored": True, "bits": 16})
     asset = built(engine, NewAsset(sheet(), settings, crowd))
-    engine.put_frame(asset, "crushed", sheet().positions * 0.01)
-    found = engine.map(asset, "crushed", BINNED, 1001, 0)
+    engine.frames.put(asset, "crushed", sheet().positions * 0.01)
+    found = engine.tiles.plan_map(asset, "crushed", BINNED, 1001, 0).draw()
     assert 4.2 * DEPTH < np.abs(found).max() <= engine.displacement_scale(asset)
 
 
@@ -194,9 +207,9 @@ def test_maps_of_a_mellow_merge_are_twice_the_memory(tmp_path):
     with running(tmp_path, device_memory=64 * MIB) as engine:
         for merge, parts in (("min", 1), ("mellow", 2)):
             asset = built(engine, new_asset(bins={"merge": merge}))
-            resident = engine._assets.get(asset).ready()
+            resident = engine._on_device.loaded(engine.assets._assets.get(asset))
             tiles = [
-                engine._on_device(resident.bin_tile, TileAddress(1001, 0, row, column))
+                engine._on_device.run(resident.bin_tile, TileAddress(1001, 0, row, column))
                 for row, column in product(range(4), repeat=2)
             ]
             taken = sum(tile.nbytes for tile in tiles)

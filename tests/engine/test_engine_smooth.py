@@ -24,36 +24,41 @@ def ids(query):
 def test_the_neutral_frame_is_the_neutral_of_any_sampling(made, query):
     plain = MapQuery(query.method)
     for udim in (1001, 1012):
-        found, wanted = (made.engine.map(made.asset, "neutral", q, udim, 0) for q in (query, plain))
+        found, wanted = (
+            made.engine.tiles.plan_map(made.asset, "neutral", q, udim, 0).draw()
+            for q in (query, plain)
+        )
         np.testing.assert_array_equal(found, wanted)
 
 
 @pytest.mark.parametrize("stretch", STRETCH_MODELS)
 def test_the_method_neutral_is_neutral_in_every_frame(made, stretch):
     query = MapQuery("neutral", stretch, "smooth")
-    wanted = made.engine.map(made.asset, "neutral", REDRAW, 1001, 0)
-    assert same([made.engine.map(made.asset, "bent", query, 1001, 0)], [wanted])
+    wanted = made.engine.tiles.plan_map(made.asset, "neutral", REDRAW, 1001, 0).draw()
+    assert same([made.engine.tiles.plan_map(made.asset, "bent", query, 1001, 0).draw()], [wanted])
 
 
 @pytest.mark.parametrize("query", QUERIES, ids=ids)
 @pytest.mark.parametrize("level", range(9))
 def test_tiles_put_together_are_the_map(made, query, level):
-    whole = made.engine.map(made.asset, "bent", query, 1012, level)
+    whole = made.engine.tiles.plan_map(made.asset, "bent", query, 1012, level).draw()
     assert np.isfinite(whole).all()
     assert same([whole], [assembled(made.engine, made.asset, "bent", query, 1012, level)])
 
 
 @pytest.mark.parametrize("query", QUERIES, ids=ids)
 def test_it_is_near_nearest_and_not_the_same(made, query):
-    depth = np.abs(made.engine.map(made.asset, "neutral", REDRAW, 1001, 0)).max()
-    found = made.engine.map(made.asset, "bent", query, 1001, 0)
-    nearest = made.engine.map(made.asset, "bent", MapQuery(query.method, query.stretch), 1001, 0)
+    depth = np.abs(made.engine.tiles.plan_map(made.asset, "neutral", REDRAW, 1001, 0).draw()).max()
+    found = made.engine.tiles.plan_map(made.asset, "bent", query, 1001, 0).draw()
+    nearest = made.engine.tiles.plan_map(
+        made.asset, "bent", MapQuery(query.method, query.stretch), 1001, 0
+    ).draw()
     assert 0 < np.sqrt(np.mean((found - nearest) ** 2)) < 0.05 * depth
 
 
 def test_samplings_have_keys_of_their_own(made):
     address = TileAddress(1001, 0, 1, 1)
-    keys = {made.engine.tile_key(made.asset, "bent", q, address) for q in (*QUERIES, REDRAW)}
+    keys = {made.engine.tiles.plan(made.asset, "bent", q, address).key for q in (*QUERIES, REDRAW)}
     assert len(keys) == len(QUERIES) + 1
 
 
@@ -74,14 +79,17 @@ def test_samplings_do_not_share_the_neutral_tile_that_is_convolved(tmp_path):
     for order in (SAMPLINGS, SAMPLINGS[::-1]):
         with running(tmp_path / order[0]) as engine:
             asset = built(engine, new_asset(mesh, convolve={"sigma": 0.02}))
-            resident = engine._assets.get(asset).ready()
+            resident = engine._on_device.loaded(engine.assets._assets.get(asset))
             aprons = [
                 maker.apron(resident.settings, 1001, 64, 64, 64)
                 for maker in (resident._convolve, resident._smooth_convolve)
             ]
             assert aprons[0] > aprons[1]
-            engine.put_frame(asset, "bent", deform(mesh.positions, 3, 0.15))
+            engine.frames.put(asset, "bent", deform(mesh.positions, 3, 0.15))
             queries = {sampling: MapQuery("convolved", sampling=sampling) for sampling in order}
-            found = {s: engine.tile(asset, "bent", query, address) for s, query in queries.items()}
+            found = {
+                s: engine.tiles.plan(asset, "bent", query, address).draw()
+                for s, query in queries.items()
+            }
             tiles.append([found[sampling] for sampling in SAMPLINGS])
     assert same(*tiles)

@@ -49,7 +49,7 @@ def made(tmp_path_factory):
     with running(tmp_path_factory.mktemp("stiff")) as engine:
         ids = built(engine, stiff()), built(engine, stiff(None))
         for id in ids:
-            engine.put_frame(id, "bent", BENT)
+            engine.frames.put(id, "bent", BENT)
         yield engine, *ids
 
 
@@ -59,7 +59,12 @@ def test_it_acts_where_it_is_painted_alone(made):
         changed = {
             udim
             for udim in (1001, 1002, 1011, 1012)
-            if not same(*([engine.map(id, "bent", query, udim, 0)] for id in (asset, plain)))
+            if not same(
+                *(
+                    [engine.tiles.plan_map(id, "bent", query, udim, 0).draw()]
+                    for id in (asset, plain)
+                )
+            )
         }
         # What is drawn anew may reach over a border from a place that is painted.
         assert changed - ({1002} if query.method == "redraw" else set()) == {1001, 1012}, query
@@ -75,14 +80,16 @@ def test_the_neutral_is_the_same_bit_for_bit(made):
 def test_tiles_put_together_are_the_map(made, query, level):
     engine, asset, _ = made
     for udim in (1001, 1012):
-        whole = engine.map(asset, "bent", query, udim, level)
+        whole = engine.tiles.plan_map(asset, "bent", query, udim, level).draw()
         assert np.isfinite(whole).all()
         assert same([whole], [assembled(engine, asset, "bent", query, udim, level)])
 
 
 def test_maps_of_painted_udims_alone_are_larger(made):
     engine, *ids = made
-    painted, plain = (engine._assets.get(id).ready().bins_size() for id in ids)
+    painted, plain = (
+        engine._on_device.loaded(engine.assets._assets.get(id)).bins_size() for id in ids
+    )
     assert painted - plain == len(STIFFNESS.maps) * 256**2 * np.dtype(np.float32).itemsize
 
 
@@ -91,35 +98,35 @@ def test_it_is_part_of_the_id_and_survives_a_restart(tmp_path):
     with running(tmp_path) as engine:
         ids = [built(engine, stiff(k)) for k in (STIFFNESS, other, None)]
         assert len(set(ids)) == 3
-        assert engine.create_asset(stiff()).id == ids[0]
-        engine.put_frame(ids[0], "bent", BENT)
+        assert engine.assets.create(stiff()).id == ids[0]
+        engine.frames.put(ids[0], "bent", BENT)
         before = maps(engine, ids[0], "bent")
     with running(tmp_path) as engine:
         settle(engine, ids[0])
-        engine.put_frame(ids[0], "bent", BENT)
+        engine.frames.put(ids[0], "bent", BENT)
         assert same(before, maps(engine, ids[0], "bent"))
 
 
 def test_an_interrupted_build_goes_on_with_it(tmp_path):
     with running(tmp_path / "one") as engine:
         asset = built(engine, stiff())
-        engine.put_frame(asset, "bent", BENT)
+        engine.frames.put(asset, "bent", BENT)
         wanted = maps(engine, asset, "bent")
     new = stiff()
     with AssetStore(tmp_path / "two") as store:
         store.put_request(asset, new.mesh, new.settings, new.graph, new.stiffness)
     with running(tmp_path / "two") as engine:
         settle(engine, asset)
-        engine.put_frame(asset, "bent", BENT)
+        engine.frames.put(asset, "bent", BENT)
         assert same(wanted, maps(engine, asset, "bent"))
 
 
 def test_a_change_of_response_keeps_it(tmp_path):
     with running(tmp_path) as engine:
         one, other = built(engine, stiff()), built(engine, stiff(response={"alpha_d": 2.0}))
-        engine.change_asset(one, {"response": {"alpha_d": 2.0}})
+        engine.assets.change(one, {"response": {"alpha_d": 2.0}})
         for id in (one, other):
-            engine.put_frame(id, "bent", BENT)
+            engine.frames.put(id, "bent", BENT)
         assert same(*(maps(engine, id, "bent") for id in (one, other)))
 
 
@@ -127,18 +134,18 @@ def test_angles_can_change_and_change_what_is_drawn(tmp_path):
     with running(tmp_path) as engine:
         one, other = (built(engine, stiff(angles=angles)) for angles in ("uv", "surface"))
         for id in (one, other):
-            engine.put_frame(id, "bent", BENT)
+            engine.frames.put(id, "bent", BENT)
         address = TileAddress(1001, 0, 1, 1)
-        before = maps(engine, one, "bent"), engine.tile_key(one, "bent", REDRAW, address)
-        assert engine.change_asset(one, {"angles": "surface"}).settings["angles"] == "surface"
-        finish(engine, engine.asset(one).job)
-        after = maps(engine, one, "bent"), engine.tile_key(one, "bent", REDRAW, address)
+        before = maps(engine, one, "bent"), engine.tiles.plan(one, "bent", REDRAW, address).key
+        assert engine.assets.change(one, {"angles": "surface"}).settings["angles"] == "surface"
+        finish(engine, engine.assets.info(one).job)
+        after = maps(engine, one, "bent"), engine.tiles.plan(one, "bent", REDRAW, address).key
         assert before[1] != after[1]
         assert same(after[0], maps(engine, other, "bent"))
         for query in (REDRAW, BINNED, *SMOOTH):
-            found = engine.map(one, "bent", query, 1001, 0)
-            assert same([found], [engine.map(other, "bent", query, 1001, 0)])
-        count = len(engine.asset(one).udims)
+            found = engine.tiles.plan_map(one, "bent", query, 1001, 0).draw()
+            assert same([found], [engine.tiles.plan_map(other, "bent", query, 1001, 0).draw()])
+        count = len(engine.assets.info(one).udims)
         redrawn, binned, convolved = (slice(i * count, (i + 1) * count) for i in (1, 2, 3))
         for part in (redrawn, binned):
             assert not same(before[0][part], after[0][part])
@@ -149,5 +156,5 @@ def test_angles_can_change_and_change_what_is_drawn(tmp_path):
 def test_a_udim_without_mesh_is_refused(tmp_path):
     with running(tmp_path) as engine:
         with pytest.raises(InputError, match="UDIM 1005, which has no mesh"):
-            engine.create_asset(stiff(Stiffness({1005: MAP})))
-        assert engine.assets() == []
+            engine.assets.create(stiff(Stiffness({1005: MAP})))
+        assert engine.assets.all() == []

@@ -16,7 +16,7 @@ from engine.engines import QUERIES, built, new_asset, running
 from meshes import deform
 from pipeline.scenes import sheet
 from rhytid.domain.tiles import TileAddress
-from rhytid.engine.together import Tile, Together
+from rhytid.engine.tile_batcher import Tile, TileBatcher
 from rhytid.engine.worker import DeviceWorker
 from rhytid.errors import BusyError, DeviceMemoryError, NotFoundError
 
@@ -51,11 +51,11 @@ def until(reached: Callable[[], bool]) -> None:
 
 
 class Desk:
-    """Requests at a Together whose drawing is a function of the addresses."""
+    """Requests at a TileBatcher whose drawing is a function of the addresses."""
 
     def __init__(self, size: int, fail: Callable[[list[TileAddress]], Exception | None]) -> None:
         self.worker = DeviceWorker(size)
-        self.together = Together(self.worker, nullcontext)
+        self.together = TileBatcher(self.worker, nullcontext)
         self.drawn: list[list[TileAddress]] = []
         self._fail = fail
 
@@ -181,12 +181,12 @@ def test_tiles_drawn_together_have_the_bits_of_those_drawn_alone(
     tmp_path: Path, level: int
 ) -> None:
     with running(tmp_path) as engine:
-        engine._together.most = 16  # a processor has one
+        engine.tiles._batcher.most = 16  # a processor has one
         asset = built(engine, new_asset())
-        engine.put_frame(asset, "bent", deform(sheet().positions, 1, 0.15))
-        addresses = engine._assets.get(asset).settings.grid.addresses(1001, level)
+        engine.frames.put(asset, "bent", deform(sheet().positions, 1, 0.15))
+        addresses = engine.assets._assets.get(asset).settings.grid.addresses(1001, level)
         wanted = [(query, address) for query in QUERIES for address in addresses]
-        alone = [engine.tile(asset, "bent", *one) for one in wanted]
+        alone = [engine.tiles.plan(asset, "bent", *one).draw() for one in wanted]
         with ThreadPoolExecutor(len(wanted)) as pool:
             with occupied(engine._worker):
                 asked = [pool.submit(engine.tile, asset, "bent", *one) for one in wanted]

@@ -27,22 +27,22 @@ def told(found):
 
 
 def test_a_mesh_that_is_right_is_not_warned_of(engine):
-    assert engine.create_asset(new_asset(unit="ft"), strict=True).warnings == ()
+    assert engine.assets.create(new_asset(unit="ft"), strict=True).warnings == ()
 
 
 def test_warnings_of_an_asset_survive_a_restart(tmp_path, monkeypatch):
     with running(tmp_path) as engine:
-        first = engine.create_asset(new_asset(unit="cm"))
+        first = engine.assets.create(new_asset(unit="cm"))
         asset = built(engine, new_asset(unit="cm"))
         assert told(first.warnings) == SMALL
-        assert engine.asset(asset).warnings == first.warnings
+        assert engine.assets.info(asset).warnings == first.warnings
     # They come from the store.
     monkeypatch.setattr(arrivals, "mesh_warnings", None)
     with running(tmp_path) as engine:
-        assert engine.asset(asset).warnings == first.warnings
+        assert engine.assets.info(asset).warnings == first.warnings
         settle(engine, asset)
-        assert engine.create_asset(new_asset(unit="cm")).warnings == first.warnings
-        assert engine.change_asset(asset, {"depth": 0.01}).warnings == first.warnings
+        assert engine.assets.create(new_asset(unit="cm")).warnings == first.warnings
+        assert engine.assets.change(asset, {"depth": 0.01}).warnings == first.warnings
 
 
 def test_an_asset_of_a_store_without_warnings_is_looked_at(tmp_path, monkeypatch):
@@ -55,17 +55,17 @@ def test_an_asset_of_a_store_without_warnings_is_looked_at(tmp_path, monkeypatch
 
 def test_a_strict_asset_leaves_nothing(engine):
     with pytest.raises(StrictError, match="mesh-size: mesh: ") as refused:
-        engine.create_asset(new_asset(unit="cm"), strict=True)
+        engine.assets.create(new_asset(unit="cm"), strict=True)
     assert told(refused.value.warnings) == SMALL
-    assert engine.assets() == []
+    assert engine.assets.all() == []
     assert engine._store.pending() == engine._store.ids() == []
 
 
 def test_what_is_allowed_is_kept_and_warned_of(engine):
     for allow in ((), ("frame-scaled",)):
         with pytest.raises(StrictError, match="mesh-size: mesh: "):
-            engine.create_asset(new_asset(unit="cm"), strict=True, allow=allow)
-    info = engine.create_asset(new_asset(unit="cm"), strict=True, allow=SMALL)
+            engine.assets.create(new_asset(unit="cm"), strict=True, allow=allow)
+    info = engine.assets.create(new_asset(unit="cm"), strict=True, allow=SMALL)
     assert told(info.warnings) == SMALL
     settle(engine, info.id)
     metres = BENT * np.float32(0.01)
@@ -73,8 +73,10 @@ def test_what_is_allowed_is_kept_and_warned_of(engine):
     for allow in (SMALL, scaled):
         options = {"strict": True, "allow": allow}
         calls = {
-            "put": lambda options=options: engine.put_frame(info.id, "a", metres, **options),
-            "calibrate": lambda options=options: engine.calibrate(info.id, metres, **options),
+            "put": lambda options=options: engine.frames.put(info.id, "a", metres, **options),
+            "calibrate": lambda options=options: engine.assets.calibrate(
+                info.id, metres, **options
+            ),
         }
         for call in calls.values():
             if allow == scaled:
@@ -83,16 +85,16 @@ def test_what_is_allowed_is_kept_and_warned_of(engine):
                 with pytest.raises(StrictError, match="frame-scaled"):
                     call()
         if allow == scaled:
-            assert told(engine.frame_warnings(info.id, metres, **options)) == scaled
+            assert told(engine.frames.warnings(info.id, metres, **options)) == scaled
 
 
 def test_an_unknown_code_is_refused_with_the_known(engine):
     asset = built(engine, new_asset(unit="ft"))
     for call in (
-        lambda: engine.create_asset(new_asset(unit="ft"), allow=["no"]),
-        lambda: engine.put_frame(asset, "a", BENT, allow=["no"]),
-        lambda: engine.calibrate(asset, BENT, allow=["no"]),
-        lambda: engine.frame_warnings(asset, BENT, allow=["no"]),
+        lambda: engine.assets.create(new_asset(unit="ft"), allow=["no"]),
+        lambda: engine.frames.put(asset, "a", BENT, allow=["no"]),
+        lambda: engine.assets.calibrate(asset, BENT, allow=["no"]),
+        lambda: engine.frames.warnings(asset, BENT, allow=["no"]),
     ):
         with pytest.raises(QueryError, match=f"'no'.*{', '.join(codes.CODES)}"):
             call()
@@ -102,12 +104,14 @@ def test_frames_that_come_with_a_mesh(engine):
     frames = np.stack([BENT, BENT * np.float32(0.1)])
     new = replace(new_asset(unit="ft"), frames=frames)
     with pytest.raises(StrictError, match="frame-scaled: frame 0001"):
-        engine.create_asset(new, strict=True)
-    info = engine.create_asset(new)
+        engine.assets.create(new, strict=True)
+    info = engine.assets.create(new)
     assert [(w.code, w.where) for w in info.warnings] == [(codes.FRAME_SCALED, "frame 0001")]
     finish(engine, info.job)
-    assert told(engine.frame(info.id, "0001").warnings) == (codes.FRAME_SCALED,)
-    assert engine.frame(info.id, "0000").warnings == engine.asset(info.id).warnings == ()
+    assert told(engine.frames.info(info.id, "0001").warnings) == (codes.FRAME_SCALED,)
+    assert (
+        engine.frames.info(info.id, "0000").warnings == engine.assets.info(info.id).warnings == ()
+    )
 
 
 def test_frames_calibrations_and_tiles(engine):
@@ -115,18 +119,18 @@ def test_frames_calibrations_and_tiles(engine):
     shuffled = BENT[np.random.default_rng(1).permutation(len(BENT))]
     clamp = (codes.STRETCH_AT_CLAMP,)
     calls = {
-        "put": lambda **strict: engine.put_frame(asset, "a", shuffled, **strict).warnings,
-        "calibrate": lambda **strict: engine.calibrate(asset, shuffled, **strict).warnings,
-        "tiles": lambda **strict: engine.frame_warnings(asset, shuffled, **strict),
+        "put": lambda **strict: engine.frames.put(asset, "a", shuffled, **strict).warnings,
+        "calibrate": lambda **strict: engine.assets.calibrate(asset, shuffled, **strict).warnings,
+        "tiles": lambda **strict: engine.frames.warnings(asset, shuffled, **strict),
     }
     for call in calls.values():
         with pytest.raises(StrictError, match="stretch-at-clamp"):
             call(strict=True)
-    assert [info.name for info in engine.frames(asset)] == ["neutral"]
+    assert [info.name for info in engine.frames.all(asset)] == ["neutral"]
     assert [told(call()) for call in calls.values()] == [clamp] * 3
-    assert told(engine.frame(asset, "a").warnings) == clamp
-    assert engine.frame(asset, "neutral").warnings == ()
-    assert engine.put_frame(asset, "b", BENT, strict=True).warnings == ()
+    assert told(engine.frames.info(asset, "a").warnings) == clamp
+    assert engine.frames.info(asset, "neutral").warnings == ()
+    assert engine.frames.put(asset, "b", BENT, strict=True).warnings == ()
 
 
 def test_a_mesh_far_away_is_drawn_as_at_the_origin(tmp_path):
@@ -140,13 +144,13 @@ def test_a_mesh_far_away_is_drawn_as_at_the_origin(tmp_path):
         assets = [built(engine, new_asset(mesh, unit="ft")) for mesh in (near, far)]
         tiles = []
         for asset in assets:
-            engine.put_frame(asset, "bent", BENT)
-            tiles.append(engine.tile(asset, "bent", query, address))
-        here, there = (engine.curves(asset) for asset in assets)
+            engine.frames.put(asset, "bent", BENT)
+            tiles.append(engine.tiles.plan(asset, "bent", query, address).draw())
+        here, there = (engine.assets.curves(asset) for asset in assets)
     assert assets[0] != assets[1]
     np.testing.assert_allclose(tiles[0], tiles[1], atol=1e-5)
     np.testing.assert_allclose(there.points + there.centre, here.points + 1e6, atol=1e-6)
     with running(tmp_path) as engine:
         settle(engine, assets[1])
-        assert engine.asset(assets[1]).centre == tuple(far.centre)
-        np.testing.assert_array_equal(engine.frame_positions(assets[1], "neutral"), far.positions)
+        assert engine.assets.info(assets[1]).centre == tuple(far.centre)
+        np.testing.assert_array_equal(engine.frames.positions(assets[1], "neutral"), far.positions)

@@ -18,9 +18,9 @@ from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
+from rhytid.engine.device_tiles import DeviceTiles
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
 from rhytid.engine.messages import MapQuery
-from rhytid.engine.resident import ResidentAsset
 from rhytid.pipeline.elements import UdimElements, pore_arrays, wrinkle_arrays
 from rhytid.pipeline.redraw import respond
 from rhytid.pipeline.stretch import StretchStage
@@ -265,7 +265,7 @@ def test_maps_are_equal_on_both_sides(
     settings = settings_of(resolution=4096, shape=shape, response=response)
     here, there = places(mesh, spacing)
     with device.task():
-        asset = ResidentAsset(device, mesh, settings)
+        asset = DeviceTiles(device, mesh, settings)
         asset.locate(graph)
         asset.install(asset.prepare(graph, settings), settings)
         for frame in (NEUTRAL_FRAME, Frame.of(smiling(mesh))):
@@ -287,7 +287,7 @@ def test_skewed_wrinkles_are_those_of_the_reference(
         graph = replace(graph, edge_weight=graph.edge_weight * skewed)
     settings = settings_of(resolution=512, shape=bent)
     with device.task():
-        asset = ResidentAsset(device, mesh, settings)
+        asset = DeviceTiles(device, mesh, settings)
         asset.locate(graph)
         asset.install(asset.prepare(graph, settings), settings)
         found = asset.drawn(NEUTRAL_FRAME, MapQuery("neutral"), 1001, 0, 0, 0, 512)

@@ -64,7 +64,7 @@ async def no_repeats(request: Request) -> None:
 
 async def _positions(request: Request, asset: str, engine: EngineDep) -> NDArray[np.float32]:
     # The asset comes first: it says how much of a body is worth reading.
-    found = await run_in_threadpool(engine.asset, asset)
+    found = await run_in_threadpool(engine.assets.info, asset)
     body = await uploads.read_frame(request, found.vertices)
     media_type = uploads.media_type_of(request)
     centre = np.array(found.centre)

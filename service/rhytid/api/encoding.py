@@ -7,8 +7,8 @@ import io
 import json
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from fastapi import Request, Response
@@ -21,23 +21,15 @@ from rhytid.errors import QueryError
 from rhytid.formats.tile_header import TileHeader
 from rhytid.formats.tiles import FORMATS, encode
 
+if TYPE_CHECKING:
+    from prometheus_client import Counter
+
+    from rhytid.engine.tile_service import TilePlan
+
 NPY = "application/x-npy"
 RAW = "application/octet-stream"
 SCALE = "X-Rhytid-Scale"
 WARNINGS = "X-Rhytid-Warnings"
-
-
-@dataclass(frozen=True)
-class Source:
-    """A tile or a map that can be named without being drawn.
-
-    key: content key; raises for what does not exist.  header: what a file says of itself.
-    draw: the displacement, mesh units, float32.
-    """
-
-    key: Callable[[], str]
-    header: Callable[[], TileHeader]
-    draw: Callable[[], NDArray[np.float32]]
 
 
 def check_format(format: str) -> str:
@@ -59,16 +51,21 @@ def matches(if_none_match: str | None, tag: str) -> bool:
 
 
 def answer(
-    request: Request, format: str, source: Source, place: AbstractContextManager[None]
+    request: Request,
+    format: str,
+    plan: Callable[[], TilePlan],
+    drawn: Counter,
+    place: AbstractContextManager[None],
 ) -> Response:
     """The encoded displacement, 304 where the client has it, headers alone for HEAD.
 
-    Only drawing takes a place among those who wait for the device; raises BusyError.
+    plan: what the address stands for now.  drawn: counts what is drawn. Only drawing takes a place
+    among those who wait for the device; raises BusyError.
     """
     check_format(format)
-    key = source.key()
-    header = source.header()
-    tag = etag(key, format, header, __version__)
+    wanted = plan()
+    header = wanted.header
+    tag = etag(wanted.key, format, header, __version__)
     validators = {"ETag": tag, "Cache-Control": "no-cache"}
     if matches(request.headers.get("if-none-match"), tag):
         return Response(status_code=304, headers=validators)
@@ -76,11 +73,12 @@ def answer(
     if request.method == "HEAD":
         return bodiless(about, FORMATS[format].media_type)
     with place:
-        drawn = encode(source.draw(), format, header)
-    if source.key() != key:
+        encoded = encode(wanted.draw(), format, header)
+    drawn.inc()
+    if plan().key != wanted.key:
         # Replaced while it was drawn: these bytes may belong to either content.
         about = {**scale_header(format, header), "Cache-Control": "no-store"}
-    return Response(drawn.body, headers=about, media_type=drawn.media_type)
+    return Response(encoded.body, headers=about, media_type=encoded.media_type)
 
 
 def bodiless(headers: Mapping[str, str], media_type: str) -> Response:

@@ -5,12 +5,10 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable
-from typing import TypeVar
 
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-T = TypeVar("T")
 logger = logging.getLogger(__name__)
 METHODS = frozenset({"GET", "HEAD", "PUT", "POST", "PATCH", "DELETE", "OPTIONS"})
 
@@ -41,15 +39,9 @@ class Metrics:
         queue = Gauge("rhytid_device_queue", "Waiting device requests", registry=self.registry)
         queue.set_function(waiting)
 
-    def counted(self, method: str, draw: Callable[[], T]) -> Callable[[], T]:
-        """`draw`, counted as one tile of that method once it succeeds."""
-
-        def draw_and_count() -> T:
-            drawn = draw()
-            self.tiles.labels(method).inc()
-            return drawn
-
-        return draw_and_count
+    def tiles_of(self, method: str) -> Counter:
+        """Counts the tiles and maps of a method."""
+        return self.tiles.labels(method)
 
     def text(self) -> bytes:
         """The Prometheus text exposition."""

@@ -16,9 +16,9 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import busiest_udim, mesh_udims, triangles_inside, udim_origin
 from rhytid.domain.units import MILLIMETRES, USUAL_UNIT, millimetres
+from rhytid.engine.device_tiles import DeviceTiles
 from rhytid.engine.frames import NEUTRAL_FRAME
 from rhytid.engine.messages import MapQuery
-from rhytid.engine.resident import ResidentAsset
 from rhytid.errors import MeshError
 from rhytid.pictures.places import Place, flat_places
 from rhytid.pictures.preview import PATCH, WHOLE, Patch, WholeMap, preview
@@ -86,10 +86,10 @@ def resolution_for(scales: Sequence[float], spacing: float) -> int:
 @contextmanager
 def resident(
     device: Device, mesh: Mesh, graph: WrinkleGraph, settings: AssetSettings
-) -> Iterator[ResidentAsset]:
+) -> Iterator[DeviceTiles]:
     """The skin of a graph on a device, ready to be drawn; given back at the end."""
     with device.task():
-        asset = ResidentAsset(device, mesh, settings)
+        asset = DeviceTiles(device, mesh, settings)
         try:
             asset.locate(graph)
             asset.install(asset.prepare(graph, settings), settings)
@@ -98,7 +98,7 @@ def resident(
             asset.release()
 
 
-def _whole(asset: ResidentAsset, mesh: Mesh, udim: int) -> WholeMap:
+def _whole(asset: DeviceTiles, mesh: Mesh, udim: int) -> WholeMap:
     level = asset.settings.grid.levels - WHOLE.bit_length()
     heights = asset.drawn(NEUTRAL_FRAME, _NEUTRAL, udim, level, 0, 0, WHOLE)
     inside = triangles_inside(mesh, udim)
@@ -113,7 +113,7 @@ def _area(corners: NDArray[np.float64]) -> float:
 
 
 def _patches(
-    asset: ResidentAsset, mesh: Mesh, udim: int, places: tuple[Place, ...], side: float
+    asset: DeviceTiles, mesh: Mesh, udim: int, places: tuple[Place, ...], side: float
 ) -> list[Patch]:
     """What the patches of these places show, on one map that is drawn only where they lie."""
     inside = triangles_inside(mesh, udim)
@@ -129,7 +129,7 @@ def _patches(
 
 
 def drawn_under(
-    asset: ResidentAsset, udim: int, surfaces: Sequence[SurfacePatch]
+    asset: DeviceTiles, udim: int, surfaces: Sequence[SurfacePatch]
 ) -> NDArray[np.float32]:
     """(R, R) the neutral map of a UDIM, drawn only where patches read it."""
     resolution = asset.settings.resolution

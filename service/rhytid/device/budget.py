@@ -11,12 +11,7 @@ from rhytid.errors import DeviceMemoryError
 
 
 class Releasable(Protocol):
-    """Something on the device that knows its size in bytes and can be given back."""
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes on the device."""
-        ...
+    """Something on the device that can be given back."""
 
     def release(self) -> None:
         """Give the memory back."""
@@ -101,7 +96,7 @@ class MemoryBudget:
     def drop(self, belongs: Callable[[Hashable], bool]) -> None:
         """Release everything kept under a key that `belongs`."""
         for key in [k for k in self._kept if belongs(k)]:
-            self._kept.pop(key).release()
+            self.discard(key)
 
     def _use(self, key: Hashable) -> None:
         self._kept.move_to_end(key)
@@ -111,4 +106,4 @@ class MemoryBudget:
         for key in [k for k in self._kept if k not in self._in_hands]:
             if self.used + nbytes <= self.limit:
                 return
-            self._kept.pop(key).release()
+            self.discard(key)

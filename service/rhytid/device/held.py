@@ -3,8 +3,18 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from typing import Protocol
 
 from rhytid.device.budget import Releasable
+
+
+class Measured(Releasable, Protocol):
+    """Something on the device whose size in bytes is known."""
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes on the device."""
+        ...
 
 
 class Held(ABC):
@@ -12,7 +22,7 @@ class Held(ABC):
 
     @property
     @abstractmethod
-    def _buffers(self) -> tuple[Releasable | None, ...]:
+    def _buffers(self) -> tuple[Measured | None, ...]:
         """What it owns; None where it has no such part."""
 
     @property

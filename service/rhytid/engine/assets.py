@@ -1,30 +1,40 @@
-"""The assets that an engine knows, and the state that each is in."""
+"""One asset: its facts on the host, and the state that it is in."""
 
 from __future__ import annotations
 
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.asset_settings import MOST_WRINKLES, AssetSettings
 from rhytid.domain.frame_warnings import FrameCheck
+from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.lengths import Lengths
+from rhytid.domain.mesh import Mesh
 from rhytid.domain.origin import ORIGIN, Centre
-from rhytid.domain.tiles import TileAddress
+from rhytid.domain.tiles import TileAddress, mesh_udims
 from rhytid.domain.warnings import InputWarning
+from rhytid.engine.device_asset import DeviceAsset
 from rhytid.engine.frames import Frame, FrameMemory, Frames
 from rhytid.engine.jobs import Job
 from rhytid.engine.messages import AssetInfo
-from rhytid.engine.resident_levels import ResidentLevels
-from rhytid.errors import ConflictError, NotFoundError, NotReadyError
+from rhytid.errors import CancelledError, ConflictError, NotFoundError, NotReadyError
+
+_SMALL_WRINKLES, _SMALL_RESOLUTION = 50_000, 2048
 
 
 @dataclass(eq=False)
 class Asset:
-    """One asset: its facts on the host, its frames, and what is on the device once it is ready."""
+    """One asset.
+
+    state: building, then ready or failed; removed at last. A failed one is sent anew as another
+    object. What lies on the device of it comes and goes while it is ready.
+    """
 
     id: str
     settings: AssetSettings
@@ -39,23 +49,66 @@ class Asset:
     wrinkles: int = 0
     # What settings are resolved with.
     lengths: Lengths = field(default_factory=lambda: Lengths.of(1.0))
-    # Mean distance of neighbouring pores on the surface, in mesh units, once it is known.
-    distance: float | None = None
     statistics: dict[str, Any] | None = None
-    resident: ResidentLevels | None = None
+    # None until it was first loaded; asked for through DeviceAssets alone.
+    on_device: DeviceAsset | None = None
     warnings: tuple[InputWarning, ...] = ()
     centre: Centre = field(default_factory=lambda: ORIGIN)
     # None of an asset that is known as failed alone.
     frame_check: FrameCheck | None = None
-    # Held while settings change, so that no two changes are lost in one another.
-    changing: threading.Lock = field(default_factory=threading.Lock)
+    # Wrinkles that it is to have.
+    wanted: int = MOST_WRINKLES
+    # Held while its state, its settings or its files change, or it is brought to the device.
+    lock: threading.RLock = field(default_factory=threading.RLock)
+
+    @classmethod
+    def of(
+        cls,
+        id: str,
+        mesh: Mesh,
+        settings: AssetSettings,
+        warnings: tuple[InputWarning, ...],
+        memory: FrameMemory,
+    ) -> Asset:
+        """An asset of a mesh that is not built yet."""
+        return cls(
+            id=id,
+            settings=settings,
+            vertices=len(mesh.positions),
+            triangles=len(mesh.faces),
+            udims=mesh_udims(mesh),
+            frames=Frames(memory),
+            warnings=warnings,
+            centre=mesh.centre,
+            frame_check=FrameCheck(mesh, settings.length_unit),
+        )
 
     @classmethod
     def failed(cls, id: str, reason: str, memory: FrameMemory) -> Asset:
         """An asset of which only the name is left, and why."""
         asset = cls(id, AssetSettings(), 0, 0, (), Frames(memory))
-        asset.state, asset.reason = "failed", reason
+        asset.fail(reason)
         return asset
+
+    def fail(self, reason: str) -> None:
+        """It can be used no more; `reason` is for callers."""
+        self.state, self.reason = "failed", reason
+
+    def built(self, graph: WrinkleGraph, settings: AssetSettings, distance: float) -> None:
+        """It is ready, with resolved settings.
+
+        distance: mean, of neighbouring pores on the surface, in mesh units.
+        """
+        self.settings = settings
+        self.pores, self.wrinkles = graph.counts()
+        self.statistics = {"spacing": distance, **graph.figures()}
+        self.state = "ready"
+
+    @property
+    def small(self) -> bool:
+        """Whether its jobs take so little that they need not wait for those of larger assets."""
+        wrinkles = self.wrinkles if self.state == "ready" else self.wanted
+        return wrinkles <= _SMALL_WRINKLES and self.settings.resolution <= _SMALL_RESOLUTION
 
     def info(self) -> AssetInfo:
         """As a caller sees it."""
@@ -76,17 +129,32 @@ class Asset:
             centre=tuple(self.centre.tolist()),
         )
 
-    def ready(self) -> ResidentLevels:
-        """What is on the device; raises NotReadyError while building, ConflictError if failed."""
+    @contextmanager
+    def kept(self) -> Iterator[None]:
+        """Holds the lock: nobody removes it in the block. Raises CancelledError where somebody did
+        before."""
+        with self.lock:
+            if self.state == "removed":
+                raise CancelledError(f"asset {self.id} was removed")
+            yield
+
+    def check_known(self) -> None:
+        """Raise NotFoundError where it was removed."""
+        if self.state == "removed":
+            raise NotFoundError(f"asset {self.id} was removed")
+
+    def check_ready(self) -> None:
+        """Raise NotReadyError while it builds, ConflictError where it failed, NotFoundError where
+        it was removed."""
+        self.check_known()
         if self.state == "building":
             raise NotReadyError(f"asset {self.id} is still building")
-        if self.resident is None:
+        if self.state == "failed":
             raise ConflictError(f"asset {self.id} failed to build: {self.reason}")
-        return self.resident
 
     def frame(self, name: str) -> Frame:
-        """A stored frame; raises NotFoundError, and what `ready` raises."""
-        self.ready()
+        """A stored frame; raises NotFoundError, and what `check_ready` raises."""
+        self.check_ready()
         return self.frames.get(name)
 
     def frame_warnings(self, positions: NDArray[np.float32], name: str) -> tuple[InputWarning, ...]:
@@ -95,58 +163,10 @@ class Asset:
             return ()
         return self.frame_check.warnings(positions, name)
 
-    def check_udim(self, udim: int) -> None:
-        """Raise NotFoundError for a UDIM without mesh."""
-        if udim not in self.udims:
-            have = ", ".join(str(u) for u in self.udims) or "none"
-            raise NotFoundError(f"UDIM {udim} has no mesh; asset {self.id} has {have}")
-
     def check_address(self, address: TileAddress) -> None:
-        """Raise NotFoundError where the tile does not exist, and what `ready` raises."""
-        self.ready()
-        self.check_udim(address.udim)
+        """Raise NotFoundError where the tile does not exist, and what `check_ready` raises."""
+        self.check_ready()
+        if address.udim not in self.udims:
+            have = ", ".join(str(u) for u in self.udims) or "none"
+            raise NotFoundError(f"UDIM {address.udim} has no mesh; asset {self.id} has {have}")
         self.settings.grid.check(address)
-
-
-class Assets:
-    """Assets by id."""
-
-    def __init__(self, frame_memory: int) -> None:
-        self.frame_memory = FrameMemory(frame_memory)
-        # Held while assets come and go in the store; looking one up never waits for the disk.
-        self.changing = threading.RLock()
-        self._lock = threading.Lock()
-        self._assets: dict[str, Asset] = {}
-
-    def find(self, id: str) -> Asset | None:
-        """The asset of that id, if there is one."""
-        with self._lock:
-            return self._assets.get(id)
-
-    def get(self, id: str) -> Asset:
-        """The asset of that id; raises NotFoundError."""
-        found = self.find(id)
-        if found is None:
-            raise NotFoundError(f"no asset {id!r}")
-        return found
-
-    def all(self) -> list[Asset]:
-        """Every asset, in the order in which they came."""
-        with self._lock:
-            return list(self._assets.values())
-
-    def add(self, asset: Asset) -> None:
-        """Know an asset, in place of one of the same id."""
-        with self._lock:
-            self._assets[asset.id] = asset
-
-    def remove(self, id: str) -> Asset:
-        """Forget an asset; raises NotFoundError."""
-        found = self.get(id)
-        with self._lock:
-            self._assets.pop(id, None)
-        return found
-
-    def knows(self, asset: Asset) -> bool:
-        """Whether it is this very asset that its id stands for: not removed, not made anew."""
-        return self.find(asset.id) is asset

@@ -2,14 +2,93 @@
 
 from __future__ import annotations
 
-from rhytid.engine.asset_calls import AssetCalls
-from rhytid.engine.frame_calls import FrameCalls
-from rhytid.engine.tile_calls import TileCalls
+import numpy as np
+
+from rhytid.device.memory import usual_frame_memory
+from rhytid.device.select import Candidate, candidates
+from rhytid.engine.asset_builder import AssetBuilder
+from rhytid.engine.asset_registry import AssetRegistry
+from rhytid.engine.asset_service import AssetService
+from rhytid.engine.device_assets import DeviceAssets
+from rhytid.engine.frame_service import FrameService
+from rhytid.engine.jobs import Jobs
+from rhytid.engine.messages import DeviceInfo
+from rhytid.engine.opening import open_device
+from rhytid.engine.tile_batcher import MOST_TILES, TileBatcher
+from rhytid.engine.tile_service import TileService
+from rhytid.engine.worker import DeviceWorker
+from rhytid.errors import BusyError, DeviceError
+from rhytid.settings import ServiceSettings
+from rhytid.storage.store import AssetStore
 
 
-class Engine(AssetCalls, FrameCalls, TileCalls):
+class Engine:
     """Holds assets on one device and answers for their frames. Blocking; safe from any thread.
 
-    Every call raises NotFoundError for an unknown id, NotReadyError while the asset builds,
-    ConflictError where it failed to build, and BusyError where too many calls wait already.
+    assets, frames, tiles, jobs: the calls. Every one raises NotFoundError for an unknown id,
+    NotReadyError while the asset builds, ConflictError where it failed to build, and BusyError
+    where too many calls wait already.
     """
+
+    def __init__(self, settings: ServiceSettings) -> None:
+        self._device = open_device(settings)
+        self._store = AssetStore(settings.store)
+        self._worker = DeviceWorker(settings.queue)
+        self._on_device = DeviceAssets(self._device, self._worker, self._store)
+        self.jobs = Jobs(settings.jobs)
+        registry = AssetRegistry(settings.frame_memory or usual_frame_memory())
+        builder = AssetBuilder(self._device, self._on_device, self._store, self.jobs)
+        # Between two tasks a GPU waits for the host, a processor does not.
+        most = 1 if self._device.info.kind == "cpu" else MOST_TILES
+        batcher = TileBatcher(self._worker, self._device.task, most)
+        self.frames = FrameService(registry, self._on_device)
+        self.tiles = TileService(registry, self._on_device, self._device, batcher, settings.queue)
+        self.assets = AssetService(
+            registry, self._device, self._on_device, self._store, builder, self.frames, self.jobs
+        )
+        self.assets.open_store()
+
+    def close(self) -> None:
+        """Stop the jobs, finish what waits for the device, and let go of the store."""
+        self.jobs.close()
+        self._worker.close()
+        self._store.close()
+
+    def ready(self) -> bool:
+        """Whether the device computes; a full queue is a device at work."""
+        try:
+            return self._on_device.run(self._probe)
+        except BusyError:
+            return True
+        except DeviceError:
+            return False
+
+    def devices(self) -> list[DeviceInfo]:
+        """Every OpenCL device; budget and use are those of the selected one, else 0."""
+        return [self._device_info(candidate) for candidate in candidates()]
+
+    @property
+    def waiting(self) -> int:
+        """Calls that wait for the device."""
+        return self._worker.waiting + self.tiles.joined
+
+    def _probe(self) -> bool:
+        buffer = self._device.full(1, np.float32(1.0))
+        value = self._device.read(buffer, (1,), np.float32)
+        buffer.release()
+        return bool(value[0] == 1.0)
+
+    def _device_info(self, candidate: Candidate) -> DeviceInfo:
+        selected = candidate.index == self._device.info.index
+        budget = self._device.budget
+        return DeviceInfo(
+            name=candidate.name,
+            platform=candidate.platform,
+            kind=candidate.kind,
+            version=candidate.version,
+            compute_units=candidate.compute_units,
+            memory=candidate.memory,
+            budget=budget.limit if selected else 0,
+            used=budget.used if selected else 0,
+            selected=selected,
+        )

@@ -1,4 +1,5 @@
-"""Long work: one job at a time, with progress, that can be cancelled."""
+"""Long work in the background: a bounded queue by priority; jobs report progress and can be
+cancelled."""
 
 from __future__ import annotations
 
@@ -7,15 +8,18 @@ import secrets
 import threading
 from collections import OrderedDict
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from rhytid.engine.messages import ENDED_STATES, JobInfo
-from rhytid.errors import CancelledError, NotFoundError, RhytidError
+from rhytid.errors import BusyError, CancelledError, NotFoundError, RhytidError
 
-_log = logging.getLogger(__name__)
+# Kinds of jobs; what comes first here runs first.
+KINDS = ("frames", "build", "calibration", "bins")
+# Of these the last that was asked for an asset makes those that still wait pointless.
+_SUPERSEDED = ("calibration", "bins")
 _REMEMBERED = 1000
+_log = logging.getLogger(__name__)
 
 
 class Job:
@@ -25,6 +29,7 @@ class Job:
         self._info = info
         self._lock = threading.Lock()
         self._cancelled = threading.Event()
+        self._ended = threading.Event()
         self.resumes = False
 
     @property
@@ -34,7 +39,7 @@ class Job:
             return self._info
 
     def progress(self, share: float, stage: str, detail: str = "") -> None:
-        """Say how far the job is; raises CancelledError where it is no longer wanted."""
+        """Report how far the job is; raises CancelledError where it is no longer wanted."""
         if self._cancelled.is_set():
             raise CancelledError(f"job {self._info.id} was cancelled")
         share = min(max(share, self.info.progress), 1.0)
@@ -50,6 +55,12 @@ class Job:
         """Replace parts of the info."""
         with self._lock:
             self._info = replace(self._info, **changes)
+        if self.ended:
+            self._ended.set()
+
+    def wait(self, seconds: float | None = None) -> bool:
+        """Whether the job has ended, at the latest after so many seconds."""
+        return self._ended.wait(seconds)
 
     @property
     def ended(self) -> bool:
@@ -57,64 +68,149 @@ class Job:
         return self.info.state in ENDED_STATES
 
 
+@dataclass(frozen=True, eq=False)
+class _Queued:
+    job: Job
+    work: Callable[[Job], None]
+    small: bool
+
+    @property
+    def asset(self) -> str:
+        return self.job.info.asset
+
+
 class Jobs:
-    """Runs jobs in the order in which they came and remembers how the last ones ended."""
+    """Runs jobs by the priority of their kind, then in the order in which they came.
 
-    def __init__(self) -> None:
+    Two threads take from the queue, one of them small jobs alone: these never wait for a large one
+    of another asset. Jobs of one asset run one after the other.  most: jobs that may wait.
+    """
+
+    def __init__(self, most: int) -> None:
+        self._most = most
         self._jobs: OrderedDict[str, Job] = OrderedDict()
-        self._lock = threading.Lock()
-        self._runner = ThreadPoolExecutor(1, thread_name_prefix="rhytid-jobs")
+        self._queue: list[_Queued] = []
+        self._at_work: set[str] = set()
+        self._closed = False
+        self._changed = threading.Condition()
+        self._threads = [
+            threading.Thread(target=self._run_all, args=(small,), name=name, daemon=True)
+            for name, small in (("rhytid-jobs", False), ("rhytid-small-jobs", True))
+        ]
+        for thread in self._threads:
+            thread.start()
 
-    def start(self, kind: str, asset: str, work: Callable[[Job], None]) -> Job:
-        """Queue `work`; it reports through the job that it is given."""
+    def start(
+        self,
+        kind: str,
+        asset: str,
+        work: Callable[[Job], None],
+        *,
+        small: bool = False,
+        always: bool = False,
+    ) -> Job:
+        """Queue `work`; it reports through the job that it is given.
+
+        A calibration, or bins, that still wait for the same asset are cancelled: this comes in
+        their place. Raises BusyError where too many jobs wait, unless `always`.
+        """
         job = Job(JobInfo(secrets.token_hex(8), asset, kind, "queued", 0.0, "queued", ""))
-        with self._lock:
+        with self._changed:
+            if kind in _SUPERSEDED:
+                self._supersede(kind, asset)
+            if len(self._queue) >= self._most and not always:
+                raise BusyError(f"{self._most} jobs wait already (RHYTID_JOBS)")
             self._jobs[job.info.id] = job
+            self._queue.append(_Queued(job, work, small))
+            self._queue.sort(key=lambda queued: KINDS.index(queued.job.info.kind))
             self._forget()
-        self._runner.submit(_run, job, work)
+            self._changed.notify_all()
         return job
 
     def get(self, id: str) -> Job:
         """The job of that id; raises NotFoundError."""
-        with self._lock:
+        with self._changed:
             if id not in self._jobs:
                 raise NotFoundError(f"no job {id!r}")
             return self._jobs[id]
 
-    def cancel_of(self, asset: str) -> None:
-        """Cancel every job of an asset."""
-        with self._lock:
-            jobs = list(self._jobs.values())
-        for job in jobs:
-            if job.info.asset == asset:
-                job.cancel()
+    def info(self, id: str) -> JobInfo:
+        """How far a job is; raises NotFoundError."""
+        return self.get(id).info
+
+    def cancel(self, id: str) -> JobInfo:
+        """Ask a job to stop at its next step; raises NotFoundError."""
+        job = self.get(id)
+        job.cancel()
+        return job.info
+
+    def cancel_all(self, asset: str, *, resumes: bool = False) -> None:
+        """Ask every job of an asset to stop."""
+        self._cancel([job for job in self._known() if job.info.asset == asset], resumes)
 
     def close(self) -> None:
         """Cancel what is left and wait for its end."""
-        with self._lock:
-            jobs = list(self._jobs.values())
+        self._cancel(self._known(), resumes=True)
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
+        for thread in self._threads:
+            thread.join()
+
+    def _cancel(self, jobs: list[Job], resumes: bool) -> None:
         for job in jobs:
-            job.cancel(resumes=True)
-        self._runner.shutdown()
+            job.cancel(resumes=resumes)
+
+    def _known(self) -> list[Job]:
+        with self._changed:
+            return list(self._jobs.values())
+
+    def _supersede(self, kind: str, asset: str) -> None:
+        old = [q for q in self._queue if (q.job.info.kind, q.asset) == (kind, asset)]
+        for queued in old:
+            self._queue.remove(queued)
+            queued.job.update(state="cancelled", detail="a newer job does the same")
 
     def _forget(self) -> None:
         ended = [id for id, job in self._jobs.items() if job.ended]
         for id in ended[: max(len(self._jobs) - _REMEMBERED, 0)]:
             del self._jobs[id]
 
+    def _run_all(self, small: bool) -> None:
+        while (queued := self._take(small)) is not None:
+            try:
+                _run(queued)
+            finally:
+                with self._changed:
+                    self._at_work.remove(queued.asset)
+                    self._changed.notify_all()
 
-def _run(job: Job, work: Callable[[Job], None]) -> None:
-    job.update(state="running")
+    def _take(self, small: bool) -> _Queued | None:
+        """The next job of this thread; None once the queue is closed and empty."""
+        with self._changed:
+            while True:
+                for queued in self._queue:
+                    if queued.asset not in self._at_work and (queued.small or not small):
+                        self._queue.remove(queued)
+                        self._at_work.add(queued.asset)
+                        return queued
+                if self._closed and (small or not self._queue):
+                    return None
+                self._changed.wait()
+
+
+def _run(queued: _Queued) -> None:
+    job = queued.job
     try:
+        job.update(state="running")
         job.progress(0.0, "starting")
-        work(job)
+        queued.work(job)
     except CancelledError as error:
         job.update(state="cancelled", detail=str(error))
     except RhytidError as error:
         job.update(state="failed", detail=str(error))
-    except BaseException as error:
+    except BaseException as error:  # noqa: BLE001 the thread goes on with the next job
         _log.exception("job %s failed", job.info.id)
         job.update(state="failed", detail=f"internal error: {type(error).__name__}")
-        raise
     else:
         job.update(state="done", progress=1.0, stage="done", detail="")

@@ -36,20 +36,20 @@ def check_amount(
     controls: Controls | None,
     memory: int,
     folds: Folds | None = None,
-) -> None:
-    """Raise what `wrinkles_in_all` does for a mesh, without looking at it where nothing is painted
-    and the number is given.
+) -> int:
+    """`wrinkles_in_all` of a mesh, without looking at it where nothing is painted and the number is
+    given.
 
     memory: bytes that a synthesis may use on the device.
     """
     even = controls is None and (folds is None or not folds.regions)
     if even and settings.wrinkles is not None:
         share = settings.density * REGIONS[settings.region].density
-        _checked(Wanted.of(settings, 0.0), share, len(mesh.faces), memory)
-        return
+        return _checked(Wanted.of(settings, 0.0), share, len(mesh.faces), memory)
     surface = Surface.of(mesh)
     folding = None if folds is None else FoldField(mesh, surface, folds, settings.age)
-    wrinkles_in_all(surface, settings, fields_of(surface, settings, controls, folding), memory)
+    fields = fields_of(surface, settings, controls, folding)
+    return wrinkles_in_all(surface, settings, fields, memory)
 
 
 def wrinkles_in_all(

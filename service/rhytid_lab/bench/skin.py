@@ -14,9 +14,9 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import TileAddress
+from rhytid.engine.device_asset import DeviceAsset
 from rhytid.engine.frames import Frame
 from rhytid.engine.messages import METHODS, MapQuery
-from rhytid.engine.resident_levels import ResidentLevels
 
 Map = NDArray[np.float32]
 
@@ -64,7 +64,7 @@ class Skin:
     ) -> None:
         self.device, self.udim = device, udim
         self._graph, self._base = graph, settings
-        self._asset = ResidentLevels(device, mesh, settings)
+        self._asset = DeviceAsset(device, mesh, settings)
         with device.task():
             self._asset.locate(graph)
             self._asset.install(self._asset.prepare(graph, settings), settings)

@@ -44,7 +44,7 @@ def create(
     strict: Strict = False,
 ) -> Any:
     """Send a mesh; 202 while the build runs, 200 where the same content is already there."""
-    asset = engine.create_asset(new_asset(parts), strict=strict, allow=allow)
+    asset = engine.assets.create(new_asset(parts), strict=strict, allow=allow)
     response.status_code = 202 if asset.state == "building" else 200
     response.headers["Location"] = f"/v1/assets/{asset.id}"
     return asset
@@ -95,13 +95,13 @@ def _images(first: Part) -> list[tuple[str, bytes]]:
 @router.get("", response_model=list[Asset], responses=problems(422))
 def listing(engine: EngineDep) -> Any:
     """Every asset."""
-    return engine.assets()
+    return engine.assets.all()
 
 
 @router.get("/{asset}", response_model=Asset, responses=problems(404, 422))
 def show(asset: str, engine: EngineDep) -> Any:
     """One asset, with its settings resolved."""
-    return engine.asset(asset)
+    return engine.assets.info(asset)
 
 
 @router.patch(
@@ -115,10 +115,10 @@ def change(asset: str, changes: Json, engine: EngineDep, place: Place) -> Any:
     if not isinstance(changes, dict):
         raise InputError(f"body is a JSON {type(changes).__name__}: must be an object")
     with place:
-        return engine.change_asset(asset, changes)
+        return engine.assets.change(asset, changes)
 
 
 @router.delete("/{asset}", status_code=204, response_model=None, responses=problems(404, 409, 422))
 def delete(asset: str, engine: EngineDep) -> None:
     """Remove an asset, its frames and its files."""
-    engine.delete_asset(asset)
+    engine.assets.delete(asset)

@@ -18,7 +18,7 @@ router = APIRouter(prefix="/v1/assets/{asset}/bins", tags=["bins"])
 @router.get("", response_model=Bins, responses=problems(404, 409, 422), dependencies=[NoQuery])
 def manifest(asset: str, engine: EngineDep) -> Any:
     """Angles, samples, steps and layers, and the numbers that blending takes: docs/binned.md."""
-    return engine.bins(asset)
+    return engine.tiles.bins(asset)
 
 
 @router.get(
@@ -48,5 +48,5 @@ def tile(
     """
     address = TileAddress(udim, level, row, column)
     with place:
-        codes = engine.bin_tile(asset, address, query.layer, query.bin, query.sample)
+        codes = engine.tiles.bin_tile(asset, address, query.layer, query.bin, query.sample)
     return tagged(request, npy(codes), NPY)

@@ -22,7 +22,7 @@ router = APIRouter(prefix="/v1/assets/{asset}", tags=["frames"], dependencies=[N
 @router.get("/frames", response_model=list[Frame], responses=problems(404, 409, 422))
 def listing(asset: str, engine: EngineDep) -> Any:
     """Every frame of an asset, `neutral` among them."""
-    return engine.frames(asset)
+    return engine.frames.all(asset)
 
 
 @router.put(
@@ -43,7 +43,7 @@ def put(
     """Store positions under a name, replacing what was there; 507 where the memory for frames is
     full."""
     with place:
-        return engine.put_frame(asset, frame, positions, strict=strict, allow=allow)
+        return engine.frames.put(asset, frame, positions, strict=strict, allow=allow)
 
 
 @router.get(
@@ -59,11 +59,13 @@ def show(asset: str, frame: str, request: Request, engine: EngineDep, response: 
     Positions are where they were sent; as .npy float64 where the asset has a `centre`.
     """
     wanted = preferred(request, (JSON, NPY, RAW))
-    info = engine.frame(asset, frame)
+    info = engine.frames.info(asset, frame)
     if wanted == JSON:
         response.headers["Vary"] = "Accept"
         return info
-    positions = put_back(engine.frame_positions(asset, frame), np.array(engine.asset(asset).centre))
+    positions = put_back(
+        engine.frames.positions(asset, frame), np.array(engine.assets.info(asset).centre)
+    )
     little = positions.astype(positions.dtype.newbyteorder("<"), copy=False)
     body = npy(little) if wanted == NPY else little.astype("<f4", copy=False).tobytes()
     return Response(body, headers={"Vary": "Accept"}, media_type=wanted)
@@ -74,7 +76,7 @@ def show(asset: str, frame: str, request: Request, engine: EngineDep, response: 
 )
 def delete(asset: str, frame: str, engine: EngineDep) -> None:
     """Forget a frame; `neutral` stays."""
-    engine.delete_frame(asset, frame)
+    engine.frames.delete(asset, frame)
 
 
 @router.get(
@@ -85,7 +87,7 @@ def delete(asset: str, frame: str, engine: EngineDep) -> None:
 def stretch(asset: str, frame: str, engine: EngineDep, place: Place) -> Response:
     """`.npz` with axes (F, 2, 2), axes[f, i] = ŝᵢ, and ratios (F, 2), unclamped."""
     with place:
-        found = engine.stretch(asset, frame)
+        found = engine.frames.stretch(asset, frame)
     return Response(npz(found), media_type=NPZ)
 
 
@@ -105,6 +107,6 @@ def calibrate(
     strict: Strict = False,
 ) -> Any:
     """Set `bins.r_max` from the stretch of the positions sent; answers with a job."""
-    job = engine.calibrate(asset, positions, strict=strict, allow=allow)
+    job = engine.assets.calibrate(asset, positions, strict=strict, allow=allow)
     response.headers["Location"] = f"/v1/jobs/{job.id}"
     return job

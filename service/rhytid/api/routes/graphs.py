@@ -28,7 +28,9 @@ def graph(asset: str, engine: EngineDep, query: Annotated[GraphQuery, Query()]) 
     and wave frequency it is drawn, and for which mesh; or its wrinkles as lines in space, as OBJ or
     USD text."""
     if query.format == "safetensors":
-        return Response(write_graph(engine.graph(asset), {"asset": asset}), media_type=SAFETENSORS)
+        return Response(
+            write_graph(engine.assets.graph(asset), {"asset": asset}), media_type=SAFETENSORS
+        )
     kind = curve_format(query.format)
-    pieces = kind.write(engine.curves(asset), engine.asset(asset).settings["unit"])
+    pieces = kind.write(engine.assets.curves(asset), engine.assets.info(asset).settings["unit"])
     return StreamingResponse(pieces, media_type=kind.media_type)

@@ -19,7 +19,7 @@ router = APIRouter(prefix="/v1/jobs", tags=["jobs"], dependencies=[NoQuery])
 @router.get("/{job}", response_model=Job, responses=problems(404, 422))
 def show(job: str, engine: EngineDep) -> Any:
     """A job as it stands."""
-    return engine.job(job)
+    return engine.jobs.info(job)
 
 
 @router.get(
@@ -29,11 +29,11 @@ def show(job: str, engine: EngineDep) -> Any:
 )
 def events(job: str, request: Request, engine: EngineDep) -> StreamingResponse:
     """Server-sent events `progress` while it runs and `end` once; the data is the job as JSON."""
-    stream = job_events(engine.job(job), engine.job, request.is_disconnected)
+    stream = job_events(engine.jobs.info(job), engine.jobs.info, request.is_disconnected)
     return StreamingResponse(stream, media_type=EVENT_STREAM, headers={"Cache-Control": "no-store"})
 
 
 @router.delete("/{job}", response_model=Job, responses=problems(404, 422))
 def cancel(job: str, engine: EngineDep) -> Any:
     """Ask a job to stop; answers with its state."""
-    return engine.cancel_job(job)
+    return engine.jobs.cancel(job)

@@ -18,31 +18,18 @@ from rhytid.api.dependencies import (
     Positions,
 )
 from rhytid.api.documentation import POSITIONS, TILES, TILES_ONCE, problems
-from rhytid.api.encoding import Source, answer, check_format, scale_header, warnings_header
+from rhytid.api.encoding import answer, check_format, scale_header, warnings_header
 from rhytid.api.multipart import MixedPart, mixed_response
 from rhytid.api.schemas import TileQuery, TilesQuery, WholeMapQuery
 from rhytid.domain.tiles import TileAddress, TileGrid
-from rhytid.engine.messages import MapQuery
 from rhytid.errors import LimitError
 from rhytid.formats.tile_header import TileHeader
 from rhytid.formats.tiles import encode
 
-# What a file says in place of a frame name when the positions were not stored.
-ONCE = ""
 # One answer holds no more texels than the largest map has.
 TEXELS = 16384**2
 FAULTS = problems(404, 409, 422, 503, 507)
 router = APIRouter(prefix="/v1/assets/{asset}", tags=["tiles"], dependencies=[NoRepeats])
-
-
-def header_of(
-    engine: EngineDep, asset: str, frame: str, query: MapQuery, at: TileAddress
-) -> TileHeader:
-    """What a file of that tile says of itself."""
-    unit = engine.unit(asset)
-    scale = engine.displacement_scale(asset)
-    drawn = (query.method, query.stretch, query.sampling)
-    return TileHeader(unit, frame, asset, *drawn, at.udim, at.level, at.row, at.column, scale)
 
 
 @router.head("/frames/{frame}/tiles/{udim}/{level}/{row}/{column}", include_in_schema=False)
@@ -66,12 +53,8 @@ def tile(
 ) -> Response:
     """One tile of displacement; `If-None-Match` is answered without drawing it."""
     wanted, at = query.map_query(), TileAddress(udim, level, row, column)
-    source = Source(
-        key=partial(engine.tile_key, asset, frame, wanted, at),
-        header=partial(header_of, engine, asset, frame, wanted, at),
-        draw=metrics.counted(wanted.method, partial(engine.tile, asset, frame, wanted, at)),
-    )
-    return answer(request, query.format, source, place)
+    plan = partial(engine.tiles.plan, asset, frame, wanted, at)
+    return answer(request, query.format, plan, metrics.tiles_of(wanted.method), place)
 
 
 @router.head("/frames/{frame}/maps/{udim}", include_in_schema=False)
@@ -88,13 +71,8 @@ def whole_map(
 ) -> Response:
     """A whole map of one UDIM; equals its tiles bit for bit."""
     wanted, level = query.map_query(), query.level
-    at = TileAddress(udim, level, 0, 0)
-    source = Source(
-        key=partial(engine.map_key, asset, frame, wanted, udim, level),
-        header=partial(header_of, engine, asset, frame, wanted, at),
-        draw=metrics.counted(wanted.method, partial(engine.map, asset, frame, wanted, udim, level)),
-    )
-    return answer(request, query.format, source, place)
+    plan = partial(engine.tiles.plan_map, asset, frame, wanted, udim, level)
+    return answer(request, query.format, plan, metrics.tiles_of(wanted.method), place)
 
 
 @router.post(
@@ -119,20 +97,20 @@ def tiles_once(
     wanted = query.map_query()
     addresses = [TileAddress.parse(text) for text in query.tile]
     check_texels(engine, asset, addresses)
-    warnings = engine.frame_warnings(asset, positions, strict=query.strict, allow=query.allow)
+    warnings = engine.frames.warnings(asset, positions, strict=query.strict, allow=query.allow)
+    plans = engine.tiles.plans_once(asset, positions, wanted, addresses)
+    drawn = metrics.tiles_of(wanted.method)
     parts = []
     with place:
-        drawn = engine.tiles_once(asset, positions, wanted, addresses)
-        metrics.tiles.labels(wanted.method).inc(len(drawn))
-        for at, tile in zip(addresses, drawn, strict=True):
-            header = header_of(engine, asset, ONCE, wanted, at)
-            parts.append(mixed_part(tile, query.format, header, at))
+        for plan in plans:
+            parts.append(mixed_part(plan.draw(), query.format, plan.header))
+            drawn.inc()
     return mixed_response(parts, warnings_header(warnings))
 
 
 def check_texels(engine: EngineDep, asset: str, addresses: list[TileAddress]) -> None:
     """Raise LimitError where one answer would hold more texels than the largest map."""
-    settings = engine.asset(asset).settings
+    settings = engine.assets.info(asset).settings
     grid = TileGrid(settings["resolution"], settings["tile_size"])
     for address in addresses:
         grid.check(address)
@@ -141,11 +119,10 @@ def check_texels(engine: EngineDep, asset: str, addresses: list[TileAddress]) ->
         raise LimitError(f"{len(addresses)} tiles hold {texels} texels: at most {TEXELS} an answer")
 
 
-def mixed_part(
-    tile: NDArray[np.float32], format: str, header: TileHeader, at: TileAddress
-) -> MixedPart:
+def mixed_part(tile: NDArray[np.float32], format: str, header: TileHeader) -> MixedPart:
     """One encoded tile and the headers that tell it from its neighbours."""
     encoded = encode(tile, format, header)
+    at = TileAddress(header.udim, header.level, header.row, header.column)
     name = str(at).replace("/", ".")
     headers = {
         "Content-Type": encoded.media_type,

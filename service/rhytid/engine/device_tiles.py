@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from rhytid.device.runtime import Buffer
 from rhytid.domain.tiles import TileAddress
+from rhytid.engine.device_frames import DeviceFrames
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
 from rhytid.engine.messages import MapQuery
-from rhytid.engine.resident_frames import ResidentFrames
 from rhytid.pipeline.bin_maker import BinMaker, BinTile
 from rhytid.pipeline.bins import layers, map_count
 from rhytid.pipeline.blend import Coefficients
@@ -26,7 +26,7 @@ from rhytid.pipeline.smooth import respond_smooth
 from rhytid.pipeline.vectors import BYTES_A_TEXEL
 
 
-class ResidentAsset(ResidentFrames):
+class DeviceTiles(DeviceFrames):
     """What can be drawn of an asset: stretch, tiles by every method, precomputed maps."""
 
     def warm_up(self) -> None:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from functools import partial
 
 from rhytid.device.runtime import Buffer
+from rhytid.engine.device_mesh import DeviceMesh
 from rhytid.engine.frames import Frame
 from rhytid.engine.messages import MapQuery
-from rhytid.engine.resident_parts import ResidentParts
 from rhytid.pipeline.grain import (
     Grain,
     GrainPlace,
@@ -23,7 +23,7 @@ from rhytid.pipeline.smooth import SmoothFields
 from rhytid.pipeline.stretch_buffers import StretchBuffers
 
 
-class ResidentFrames(ResidentParts):
+class DeviceFrames(DeviceMesh):
     """Stretch and grain of the frames of an asset, kept for those used last."""
 
     def _fields(self, frame: Frame, model: str) -> SmoothFields:

@@ -42,7 +42,7 @@ Prepared = dict[int, tuple[WrinkleArrays, PoreArrays]]
 RECENT_FRAMES = 8
 
 
-class ResidentParts:
+class DeviceMesh:
     """A mesh and its wrinkles by UDIM. What can be made of them again is kept under the memory
     budget: what belongs to a frame for the frames used last, what belongs to a tile until memory is
     short. The rest stays until `release`.
@@ -71,7 +71,7 @@ class ResidentParts:
         self._convolve = Convolve(device, mesh, stiffness)
         self._smooth_convolve = SmoothConvolve(device, mesh, self._smooth, stiffness)
         self._recent: OrderedDict[str, None] = OrderedDict()
-        self._released = False
+        self.released = False
 
     @property
     def neutral(self) -> NDArray[np.float32]:
@@ -136,7 +136,7 @@ class ResidentParts:
     def release(self) -> None:
         """Give everything back; every later call raises NotFoundError."""
         self._forget_made()
-        self._released = True
+        self.released = True
         held = (self._stretch, self._smooth, self._blend, self._convolve)
         for part in (*held, *self._located.values(), *self._elements.values()):
             if part is not None:
@@ -172,7 +172,7 @@ class ResidentParts:
         self._device.budget.discard((id(self), *key))
 
     def _keep(self, *key: Hashable, make: Callable[[], _Kept]) -> _Kept:
-        if self._released:
+        if self.released:
             raise NotFoundError("the asset was removed")
         return self._device.budget.keep((id(self), *key), make)
 

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from rhytid.device.runtime import Buffer
 from rhytid.domain.tiles import TileAddress
+from rhytid.engine.device_tiles import DeviceTiles
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
 from rhytid.engine.messages import MapQuery
-from rhytid.engine.resident import ResidentAsset
 from rhytid.pipeline.levels import Part
 
 Tile = NDArray[np.float32]
@@ -30,7 +30,7 @@ _BY_TILE = ("binned", "convolved")
 _PLENTY = 8
 
 
-class ResidentFinest(ResidentAsset):
+class DeviceFinest(DeviceTiles):
     """Tiles of level 0, and the parts that larger squares of it are made of.
 
     What was drawn is kept of the frame that was drawn last: the next takes its memory.

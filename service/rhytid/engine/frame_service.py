@@ -2,25 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
-from typing import Any
+from collections.abc import Collection
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rhytid.domain.frame import NEUTRAL, check_frame_name, check_positions
 from rhytid.domain.warnings import InputWarning, check_codes, refuse
+from rhytid.engine.asset_registry import AssetRegistry
 from rhytid.engine.assets import Asset
-from rhytid.engine.core import EngineCore
+from rhytid.engine.device_assets import DeviceAssets
 from rhytid.engine.frames import Frame, refuse_neutral
 from rhytid.engine.log_stretch import LogStretch
 from rhytid.engine.messages import FrameInfo, FrameStretch
 
 
-class FrameCalls(EngineCore):
-    """The calls about the frames of an asset."""
+class FrameService:
+    """The frames of assets."""
 
-    def put_frame(
+    def __init__(self, registry: AssetRegistry, on_device: DeviceAssets) -> None:
+        self._assets, self._on_device = registry, on_device
+
+    def put(
         self,
         asset: str,
         frame: str,
@@ -40,9 +43,28 @@ class FrameCalls(EngineCore):
         check_frame_name(frame)
         refuse_neutral(frame)
         found = self._assets.get(asset)
-        return put_frame(self._on_device, found, frame, positions, strict=strict, allow=allow)
+        found.check_ready()
+        checked, warnings = checked_frame(found, positions, f"frame {frame}", strict, allow)
+        return self.store(found, frame, checked, warnings)
 
-    def frame_warnings(
+    def store(
+        self,
+        asset: Asset,
+        name: str,
+        frame: Frame,
+        warnings: tuple[InputWarning, ...],
+        *,
+        patiently: bool = False,
+    ) -> FrameInfo:
+        """Measure a checked frame and store it. patiently: as `DeviceAssets.run_patiently`."""
+        ratios, _ = self._on_device.use(
+            asset, lambda lying: lying.stretch(frame), patiently=patiently
+        )
+        measured = LogStretch.of(ratios)
+        asset.frames.put(name, frame, measured, warnings)
+        return FrameInfo(name, measured.percentiles(_limit(asset)), warnings)
+
+    def warnings(
         self,
         asset: str,
         positions: ArrayLike,
@@ -57,56 +79,39 @@ class FrameCalls(EngineCore):
         found = self._assets.get(asset)
         return checked_frame(found, positions, "the positions", strict, allow)[1]
 
-    def frames(self, asset: str) -> list[FrameInfo]:
+    def all(self, asset: str) -> list[FrameInfo]:
         """Every frame of an asset, `neutral` first."""
         found = self._assets.get(asset)
-        found.ready()
+        found.check_ready()
         return found.frames.infos(_limit(found))
 
-    def frame(self, asset: str, frame: str) -> FrameInfo:
+    def info(self, asset: str, frame: str) -> FrameInfo:
         """What is known of a frame."""
         found = self._assets.get(asset)
-        found.ready()
+        found.check_ready()
         return found.frames.info(frame, _limit(found))
 
-    def frame_positions(self, asset: str, frame: str) -> NDArray[np.float32]:
+    def positions(self, asset: str, frame: str) -> NDArray[np.float32]:
         """(V, 3) positions of a frame; those of the neutral mesh for `neutral`."""
         found = self._assets.get(asset)
         if frame == NEUTRAL:
-            return found.ready().neutral
+            return self._on_device.loaded(found).neutral
         positions = found.frames.get(frame).positions
         assert positions is not None
         return positions
 
-    def delete_frame(self, asset: str, frame: str) -> None:
+    def delete(self, asset: str, frame: str) -> None:
         """Forget a frame."""
         found = self._assets.get(asset)
-        found.ready()
+        found.check_ready()
         found.frames.delete(frame)
 
     def stretch(self, asset: str, frame: str) -> FrameStretch:
         """Axes and unclamped ratios of every triangle in a frame (section 2.2)."""
         found = self._assets.get(asset)
-        ratios, axes = self._on_device(found.ready().stretch, found.frame(frame))
+        stored = found.frame(frame)
+        ratios, axes = self._on_device.use(found, lambda lying: lying.stretch(stored))
         return FrameStretch(axes, ratios)
-
-
-def put_frame(
-    on_device: Callable[..., Any],
-    asset: Asset,
-    name: str,
-    positions: ArrayLike,
-    *,
-    strict: bool = False,
-    allow: Collection[str] = (),
-) -> FrameInfo:
-    """Measure a frame and store it; see FrameCalls.put_frame."""
-    resident = asset.ready()
-    frame, warnings = checked_frame(asset, positions, f"frame {name}", strict, allow)
-    ratios, _ = on_device(resident.stretch, frame)
-    measured = LogStretch.of(ratios)
-    asset.frames.put(name, frame, measured, warnings)
-    return FrameInfo(name, measured.percentiles(_limit(asset)), warnings)
 
 
 def checked_frame(

@@ -12,9 +12,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from rhytid.domain.asset_settings import AssetSettings
+from rhytid.engine.device_finest import DeviceFinest, Square, Tile, names
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
 from rhytid.engine.messages import MapQuery
-from rhytid.engine.resident_finest import ResidentFinest, Square, Tile, names
 from rhytid.pipeline.elements import BLOCK
 from rhytid.pipeline.levels import Levels, Part, coarser
 
@@ -22,7 +22,7 @@ from rhytid.pipeline.levels import Levels, Part, coarser
 _CROWN = 512
 
 
-class ResidentLevels(ResidentFinest):
+class DeviceAsset(DeviceFinest):
     """Squares of every level."""
 
     @property

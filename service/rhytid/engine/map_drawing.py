@@ -12,28 +12,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.engine.assets import Asset
+from rhytid.engine.device_asset import DeviceAsset
+from rhytid.engine.device_assets import DeviceAssets
+from rhytid.engine.device_finest import Square
 from rhytid.engine.frames import Frame
 from rhytid.engine.messages import MapQuery
-from rhytid.engine.resident_finest import Square
-from rhytid.engine.resident_levels import ResidentLevels
 from rhytid.errors import BusyError, ConflictError, DeviceMemoryError
 
 Tile = NDArray[np.float32]
-OnDevice = Callable[..., Any]
 # How often a square is drawn anew because the settings changed meanwhile.
 _ATTEMPTS = 3
 
 
-class Gathering:
+class MapDrawing:
     """Draws squares of maps.
 
-    first: runs a task on the device, or raises BusyError where too many wait.  then: runs those
-    that follow, and waits for a place, so that nobody is refused half-way.  most: callers that may
-    wait for what another draws.
+    The first task of a square raises BusyError where too many wait; those that follow wait for a
+    place, so that nobody is refused half-way.  most: callers that may wait for what another draws.
     """
 
-    def __init__(self, first: OnDevice, then: OnDevice, most: int) -> None:
-        self._first, self._then, self._most = first, then, most
+    def __init__(self, on_device: DeviceAssets, most: int) -> None:
+        self._on_device, self._most = on_device, most
         self._lock = threading.Lock()
         self._drawing: dict[Hashable, Future[Tile]] = {}
         self.joined = 0
@@ -85,41 +84,42 @@ class Gathering:
         """
         for _ in range(_ATTEMPTS):
             settings = asset.settings
-            gathered = _Gathered(self._first, self._then, asset.ready(), frame, query, udim)
-            tile = gathered.square(level, square)
+            tile = _Square(self._on_device, asset, frame, query, udim).draw(level, square)
             if tile is not None and asset.settings is settings:
                 return tile
         raise ConflictError(f"the settings of asset {asset.id} change while its map is drawn")
 
 
-class _Gathered:
+class _Square:
     """One square of one frame on its way."""
 
     def __init__(
-        self, first: OnDevice, then: OnDevice,
-        resident: ResidentLevels, frame: Frame, query: MapQuery, udim: int,
-    ) -> None:  # fmt: skip
-        self._next, self._then = first, then
-        self._resident, self._settings = resident, resident.settings
+        self, on_device: DeviceAssets, asset: Asset, frame: Frame, query: MapQuery, udim: int
+    ) -> None:
+        self._on_device, self._asset = on_device, asset
+        # It may leave the device meanwhile: only what follows from its settings is used.
+        self._lying = on_device.loaded(asset)
+        self._settings = self._lying.settings
         self._query, self._about = query, (frame, query, udim)
+        self._waits = False
 
-    def square(self, level: int, square: Square) -> Tile | None:
+    def draw(self, level: int, square: Square) -> Tile | None:
         """A square of a level; None where the settings changed meanwhile."""
-        resident, crown = self._resident, self._resident.crown
+        crown = self._lying.crown
         if level < crown:
             return self._of_pieces(level, square)
-        tile: Tile | None = self._on_device(resident.of_crown, *self._about, level, square)
+        tile: Tile | None = self._run(DeviceAsset.of_crown, *self._about, level, square)
         if tile is None:
             whole = (0, 0, self._settings.grid.side(crown))
             finest = self._of_pieces(crown, whole)
-            tile = self._on_device(
-                resident.of_crown, *self._about, level, square, finest, self._settings
+            tile = self._run(
+                DeviceAsset.of_crown, *self._about, level, square, finest, self._settings
             )
         return tile
 
     def _of_pieces(self, level: int, square: Square) -> Tile:
         """A square that no level above was made from, piece by piece."""
-        side = min(self._resident.most(self._query, level), square[2])
+        side = min(self._lying.most(self._query, level), square[2])
         if side == square[2]:
             return self._pieces(level, [square])[square]
         out = np.empty((square[2], square[2]), np.float32)
@@ -138,9 +138,7 @@ class _Gathered:
     def _some(self, level: int, missing: list[Square]) -> dict[Square, Tile]:
         """At least the first of some squares that are inside of a piece each."""
         try:
-            found: dict[Square, Tile] = self._on_device(
-                self._resident.squares, *self._about, level, missing
-            )
+            found: dict[Square, Tile] = self._run(DeviceAsset.squares, *self._about, level, missing)
             return found
         except DeviceMemoryError:
             return {missing[0]: self._alone(level, missing[0])}
@@ -148,18 +146,21 @@ class _Gathered:
     def _alone(self, level: int, square: Square) -> Tile:
         """A square for which memory is short, as a whole or else by its quarters."""
         try:
-            tile: Tile = self._on_device(self._resident.square_alone, *self._about, level, square)
+            tile: Tile = self._run(DeviceAsset.square_alone, *self._about, level, square)
             return tile
         except DeviceMemoryError:
             half = square[2] // 2
-            if half < self._resident.least(self._query, level):
+            if half < self._lying.least(self._query, level):
                 raise
         quarters = [self._alone(level, quarter) for quarter in _cut(square, half)]
         return np.block([quarters[:2], quarters[2:]])
 
-    def _on_device(self, task: Callable[..., Any], *arguments: Any) -> Any:
-        call, self._next = self._next, self._then
-        return call(task, *arguments)
+    def _run(self, task: Callable[..., Any], *arguments: Any) -> Any:
+        """Run a method of the asset on the device."""
+        waits, self._waits = self._waits, True
+        return self._on_device.use(
+            self._asset, lambda lying: task(lying, *arguments), patiently=waits
+        )
 
 
 def _cut(square: Square, side: int) -> list[Square]:

@@ -37,7 +37,7 @@ class _Batch:
     waiting: int = 0
 
 
-class Together:
+class TileBatcher:
     """Gathers what waits for the device at the same time.
 
     task: what one piece of work runs in.  most: different tiles that one task draws.
@@ -112,7 +112,7 @@ class Together:
         except RhytidError:
             if len(addresses) == 1:
                 raise
-            # Together they may need more than there is, or one of them is at fault.
+            # TileBatcher they may need more than there is, or one of them is at fault.
             for address in addresses:
                 self._finish_alone(batch, address)
 

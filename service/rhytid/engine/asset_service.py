@@ -1,8 +1,8 @@
-"""Assets and jobs: create, change, calibrate, remove."""
+"""Assets: create, change, calibrate, remove."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any
@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.curves import Curves, graph_curves, with_triangles
 from rhytid.domain.expressions import Expressions, grown_from
@@ -21,27 +22,56 @@ from rhytid.domain.graph_origin import GraphOrigin
 from rhytid.domain.mesh_warnings import mesh_warnings
 from rhytid.domain.tiles import mesh_udims
 from rhytid.domain.warnings import InputWarning, check_codes, refuse
-from rhytid.engine.arrivals import AssetArrivals
+from rhytid.engine.asset_builder import AssetBuilder
+from rhytid.engine.asset_registry import AssetRegistry
 from rhytid.engine.assets import Asset
-from rhytid.engine.frame_calls import checked_frame
+from rhytid.engine.device_assets import DeviceAssets
+from rhytid.engine.frame_service import FrameService, checked_frame
+from rhytid.engine.frames import Frame
 from rhytid.engine.given_graphs import check_graph
-from rhytid.engine.jobs import Job
+from rhytid.engine.jobs import Job, Jobs
 from rhytid.engine.messages import AssetInfo, JobInfo, NewAsset
+from rhytid.engine.stored_assets import StoredAssets
 from rhytid.errors import InputError, MeshError, NotFoundError, SettingsError
 from rhytid.pipeline.elements import check_cover
 from rhytid.pipeline.folds import measured_folds
 from rhytid.pipeline.stretch import r_max_of
 from rhytid.storage.contents import asset_id
+from rhytid.storage.store import AssetStore
 from rhytid.synthesis.amount import check_amount
 
 # What can change without synthesising or looking up anything again.
 CHANGEABLE = ("depth", "angles", "response", "shape", "preset", "bins", "convolve")
+Positions = Sequence[NDArray[np.float32]]
 
 
-class AssetCalls(AssetArrivals):
-    """The calls about assets and their jobs."""
+class AssetService:
+    """Registers assets from uploads and, at startup, from the store; changes and removes them."""
 
-    def create_asset(
+    def __init__(
+        self,
+        registry: AssetRegistry,
+        device: Device,
+        on_device: DeviceAssets,
+        store: AssetStore,
+        builder: AssetBuilder,
+        frames: FrameService,
+        jobs: Jobs,
+    ) -> None:
+        self._assets, self._device, self._on_device = registry, device, on_device
+        self._store, self._builder, self._frames, self._jobs = store, builder, frames, jobs
+        self._stored = StoredAssets(store, registry.frame_memory)
+
+    def open_store(self) -> None:
+        """Register what the store holds, and go on with builds that were interrupted."""
+        for asset in self._stored.built():
+            self._assets.replace(None, asset)
+        for asset in self._stored.pending():
+            self._assets.replace(None, asset)
+            if asset.state == "building":
+                self._builder.start(asset, always=True)
+
+    def create(
         self, new: NewAsset, *, strict: bool = False, allow: Collection[str] = ()
     ) -> AssetInfo:
         """Take a mesh in; the build runs as a job. The same content again: the same asset.
@@ -62,14 +92,15 @@ class AssetCalls(AssetArrivals):
             raise MeshError("no triangle lies in a UDIM: u goes from 0 to 10, v from 0 up")
         expressions = None
         if new.graph is not None:
-            settings = new.settings.for_graph(new.graph.origin)
+            settings, wrinkles = new.settings.for_graph(new.graph.origin), new.graph.wrinkles
             check_graph(new.graph, new.mesh, force=new.force)
             for udim in udims:
                 check_cover(new.graph, settings, udim)
         else:
             settings = new.settings.for_synthesis()
             expressions = grown_from(settings.graph.lines, new.shapes)
-            check_amount(new.mesh, settings.graph, new.controls, self._device.budget.limit)
+            memory = self._device.budget.limit
+            wrinkles = check_amount(new.mesh, settings.graph, new.controls, memory)
         new = replace(new, settings=settings)
         for painted in (new.stiffness, new.controls):
             if painted is not None:
@@ -85,14 +116,62 @@ class AssetCalls(AssetArrivals):
             refuse((*warnings, *of_frames), allow)
         id = asset_id(new.mesh, new.settings, new.graph, new.stiffness, new.controls, expressions)
         folds = self._folds(id, new, expressions)
-        with self._assets.changing:
-            asset = self._assets.find(id)
-            if asset is None or asset.state == "failed":
-                asset = self._welcome(id, new, warnings, frames, folds)
-            elif frames:
-                asset.job = self._jobs.start("frames", id, self._frames_work(asset, frames))
-            info = asset.info()
-            return replace(info, warnings=(*info.warnings, *of_frames))
+        made = Asset.of(id, new.mesh, new.settings, warnings, self._assets.frame_memory)
+        made.wanted = wrinkles
+        info = self._registered(made, new, frames, folds).info()
+        return replace(info, warnings=(*info.warnings, *of_frames))
+
+    def _registered(
+        self, made: Asset, new: NewAsset, frames: Positions, folds: Folds | None
+    ) -> Asset:
+        """The asset that is known by the id of `made`; where none is, or it failed, `made`, which
+        is built."""
+        while True:
+            known = self._assets.find(made.id)
+            if known is not None and known.state != "failed":
+                with known.lock:
+                    if known.state in ("building", "ready"):
+                        self._add_frames(known, frames)
+                        return known
+            else:
+                with made.lock:
+                    if self._assets.replace(known, made):
+                        self._begin(made, known, new, frames, folds)
+                        return made
+
+    def _begin(
+        self, asset: Asset, before: Asset | None, new: NewAsset, frames: Positions,
+        folds: Folds | None,
+    ) -> None:  # fmt: skip
+        """Take a built asset out of the store, else keep what was sent and build it. Where that
+        fails, what was known before is known again."""
+        try:
+            if self._stored.restore(asset):
+                self._add_frames(asset, frames)
+                return
+            self._store.put_request(
+                asset.id, new.mesh, new.settings, new.graph, new.stiffness, new.controls, folds
+            )
+            self._builder.start(asset, self._frames_work(asset, frames))
+        except BaseException:
+            asset.state = "removed"
+            self._assets.replace(asset, before)
+            raise
+
+    def _add_frames(self, asset: Asset, frames: Positions) -> None:
+        if frames:
+            work = self._frames_work(asset, frames)
+            asset.job = self._jobs.start("frames", asset.id, work, small=asset.small)
+
+    def _frames_work(self, asset: Asset, frames: Positions) -> Callable[[Job], None]:
+        def work(job: Job) -> None:
+            for index, positions in enumerate(frames):
+                job.progress(0.9, "frames", f"{index + 1} of {len(frames)}")
+                name, frame = f"{index:04d}", Frame.of(positions)
+                warnings = asset.frame_warnings(positions, f"frame {name}")
+                self._frames.store(asset, name, frame, warnings, patiently=True)
+
+        return work
 
     def _folds(self, id: str, new: NewAsset, expressions: Expressions | None) -> Folds | None:
         """Where expressions fold the mesh of an asset that is not built yet: other work goes
@@ -103,22 +182,22 @@ class AssetCalls(AssetArrivals):
         limit, graph = new.settings.response.log_stretch_limit, new.settings.graph
         folds = measured_folds(
             self._device, new.mesh, expressions, limit, new.settings.length_unit,
-            lambda *_: None, self._builder.on_device,
+            lambda *_: None, self._on_device.run_patiently,
         )  # fmt: skip
         if folds is not None and folds.regions:
             memory = self._device.budget.limit
             check_amount(new.mesh, graph, new.controls, memory, folds)
         return folds
 
-    def assets(self) -> list[AssetInfo]:
+    def all(self) -> list[AssetInfo]:
         """Every asset."""
         return [asset.info() for asset in self._assets.all()]
 
-    def asset(self, asset: str) -> AssetInfo:
+    def info(self, asset: str) -> AssetInfo:
         """One asset."""
         return self._assets.get(asset).info()
 
-    def change_asset(self, asset: str, changes: Mapping[str, Any]) -> AssetInfo:
+    def change(self, asset: str, changes: Mapping[str, Any]) -> AssetInfo:
         """Change response, shape, depth, angles, preset, bins or convolve; tiles and keys change.
 
         A `preset` sets the bins but for `r_max`; keys of `bins` beside it go before it. `depth`,
@@ -127,31 +206,34 @@ class AssetCalls(AssetArrivals):
         changed.
         """
         found = self._assets.get(asset)
-        found.ready()
+        found.check_ready()
         for key in changes:
             if key in AssetSettings.__dataclass_fields__ and key not in CHANGEABLE:
                 raise SettingsError(f"{key} is fixed once an asset is made: make a new one")
-        with found.changing:
+        with found.lock:
+            found.check_ready()
             settings = found.settings.changed(changes)
             self._builder.change(found, settings.with_lengths(found.lengths))
-        self._prepare_bins(found)
+        self._builder.prepare_bins(found)
         return found.info()
 
-    def delete_asset(self, asset: str) -> None:
+    def delete(self, asset: str) -> None:
         """Remove an asset from memory, device and disk; cancels what is being made of it."""
-        with self._assets.changing:
-            found = self._assets.remove(asset)
-            self._jobs.cancel_of(asset)
+        found = self._assets.get(asset)
+        with found.lock:
+            found.check_known()
             with suppress(NotFoundError):  # a cancelled build has left nothing in the store
                 self._store.delete(asset)
+            found.state = "removed"
+            self._jobs.cancel_all(asset)
+            self._assets.replace(found, None)
         found.frames.close()
-        if found.resident is not None:
-            self._builder.on_device(found.resident.release)
+        self._on_device.drop(found)
 
     def graph(self, asset: str) -> WrinkleGraph:
         """The wrinkle graph of a ready asset, and with what it is drawn now."""
         found = self._assets.get(asset)
-        found.ready()
+        found.check_ready()
         stored = self._store.asset(asset)
         lengths = found.settings.lengths(found.lengths.spacing)
         origin = GraphOrigin.of(stored.mesh, found.settings.length_unit, lengths)
@@ -160,21 +242,11 @@ class AssetCalls(AssetArrivals):
     def curves(self, asset: str) -> Curves:
         """The wrinkles of a ready asset as lines in space; those with an end off the mesh are not
         among them."""
-        resident = self._assets.get(asset).ready()
+        lying = self._on_device.loaded(self._assets.get(asset))
         stored = self._store.asset(asset)
         triangles = len(stored.mesh.faces)
-        placed = with_triangles(stored.graph, resident.pore_triangle, triangles)
+        placed = with_triangles(stored.graph, lying.pore_triangle, triangles)
         return graph_curves(stored.mesh, placed)
-
-    def job(self, job: str) -> JobInfo:
-        """How far a job is."""
-        return self._jobs.get(job).info
-
-    def cancel_job(self, job: str) -> JobInfo:
-        """Ask a job to stop at its next step."""
-        found = self._jobs.get(job)
-        found.cancel()
-        return found.info
 
     def calibrate(
         self,
@@ -190,25 +262,24 @@ class AssetCalls(AssetArrivals):
         `allow`.
         """
         found = self._assets.get(asset)
-        found.ready()
+        found.check_ready()
         name = "frame of the calibration"
         frame, warnings = checked_frame(found, positions, name, strict, allow)
 
         def work(job: Job) -> None:
             job.progress(0.0, "measuring stretch")
-            ratios, _ = self._builder.on_device(found.ready().stretch, frame)
-            with found.changing:
+            ratios, _ = self._on_device.use(
+                found, lambda lying: lying.stretch(frame), patiently=True
+            )
+            with found.kept():
                 limit = found.settings.response.log_stretch_limit
                 settings = found.settings.with_r_max(r_max_of(ratios, limit))
                 self._builder.change(found, settings)
             self._builder.make_bins(job, found)
 
-        job = self._jobs.start("calibration", asset, work)
+        job = self._jobs.start("calibration", asset, work, small=found.small)
         job.update(warnings=warnings)
         return job.info
-
-    def _prepare_bins(self, asset: Asset) -> None:
-        self._jobs.start("bins", asset.id, lambda job: self._builder.make_bins(job, asset))
 
 
 def _frame_warnings(

@@ -1,0 +1,178 @@
+"""Builds assets from what a caller sent, changes them, and makes their maps ahead."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, replace
+
+from rhytid.device.runtime import Device
+from rhytid.domain.ageing import USUAL_AGE
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.graph import WrinkleGraph
+from rhytid.domain.graph_origin import GraphOrigin
+from rhytid.domain.tiles import TileAddress
+from rhytid.engine.assets import Asset
+from rhytid.engine.device_asset import DeviceAsset
+from rhytid.engine.device_assets import DeviceAssets
+from rhytid.engine.given_graphs import graph_lengths
+from rhytid.engine.jobs import Job, Jobs
+from rhytid.engine.spacing import mean_spacing
+from rhytid.errors import CancelledError, NotFoundError, RhytidError
+from rhytid.storage.records import StoredRequest
+from rhytid.storage.store import AssetStore
+from rhytid.synthesis.generate import Synthesis, synthesize
+
+# Share of a build's progress at which the synthesis ends.
+_SYNTHESIS = 0.8
+# Bins are made ahead only where they leave room for others in the device memory.
+_BINS_SHARE = 0.6
+
+
+class AssetBuilder:
+    """Runs builds as jobs: synthesis, storing, upload. Bins follow as a job of their own."""
+
+    def __init__(
+        self, device: Device, on_device: DeviceAssets, store: AssetStore, jobs: Jobs
+    ) -> None:
+        self._device, self._on_device = device, on_device
+        self._store, self._jobs = store, jobs
+
+    def start(
+        self, asset: Asset, afterwards: Callable[[Job], None] | None = None, *, always: bool = False
+    ) -> None:
+        """Build an asset whose request is stored, as a job. afterwards: runs once it is ready.
+
+        Raises BusyError where too many jobs wait, unless `always`.
+        """
+
+        def work(job: Job) -> None:
+            self._build(job, asset)
+            if afterwards is not None:
+                afterwards(job)
+            self.prepare_bins(asset)
+
+        asset.job = self._jobs.start("build", asset.id, work, small=asset.small, always=always)
+
+    def change(self, asset: Asset, settings: AssetSettings) -> None:
+        """Give a ready asset, whose lock is held, other settings, on the device and in the store.
+
+        Its old settings stay where anything fails.
+        """
+        old, lying, prepared = asset.settings, asset.on_device, None
+        if lying is not None and not lying.released and lying.prepares(settings):
+            prepared = lying.prepare(self._store.asset(asset.id).graph, settings)
+
+        def take() -> None:  # in one task: no tile is drawn between the two
+            if lying is not None and not lying.released:
+                lying.use(settings) if prepared is None else lying.install(prepared, settings)
+            asset.settings = settings
+
+        self._store.put_overlay(asset.id, settings)
+        try:
+            self._on_device.run_patiently(take)
+        except BaseException:
+            self._store.put_overlay(asset.id, old)
+            raise
+
+    def prepare_bins(self, asset: Asset) -> None:
+        """Make the level-0 maps of the fast method ahead, as a job, if they fit; else each is made
+        when it is first asked for."""
+        self._jobs.start(
+            "bins", asset.id, lambda job: self.make_bins(job, asset), small=asset.small, always=True
+        )
+
+    def make_bins(self, job: Job, asset: Asset) -> None:
+        """The work of `prepare_bins`; stops where the settings change meanwhile."""
+        size = self._on_device.loaded(asset).bins_size()
+        if size > _BINS_SHARE * self._device.budget.limit:
+            return
+        settings = asset.settings
+        addresses = [a for udim in asset.udims for a in settings.grid.addresses(udim, 0)]
+        for done, address in enumerate(addresses):
+            job.progress(
+                done / len(addresses), "making bins", f"tile {done + 1} of {len(addresses)}"
+            )
+            if asset.settings != settings:
+                return
+
+            def make(lying: DeviceAsset, address: TileAddress = address, done: int = done) -> None:
+                lying.bin_tile(address)
+                if done == 0:
+                    lying.warm_up_blend(address)
+
+            self._on_device.use(asset, make, patiently=True)
+
+    def _build(self, job: Job, asset: Asset) -> None:
+        with self._failing(job, asset):
+            wanted = self._store.request(asset.id)
+            graph, grown = self._graph(job, wanted)
+            job.progress(_SYNTHESIS, "placing pores and wrinkles")
+            made = self._on_device.place(wanted.mesh, graph, wanted.settings, wanted.stiffness)
+            try:
+                settings, distance = self._keep(job, asset, wanted, graph, grown, made)
+            except BaseException:
+                self._on_device.give_up(made)
+                raise
+            job.progress(_SYNTHESIS, "uploading")
+            self._on_device.finish(asset, made, graph, settings)
+            with asset.kept():
+                asset.built(graph, settings, distance)
+
+    def _keep(
+        self,
+        job: Job,
+        asset: Asset,
+        wanted: StoredRequest,
+        graph: WrinkleGraph,
+        grown: Synthesis | None,
+        made: DeviceAsset,
+    ) -> tuple[AssetSettings, float]:
+        """Store what was built; resolved settings, and the mean distance of pores."""
+        if grown is None:
+            spacing, distance = None, mean_spacing(wanted.mesh, graph, made.pore_triangle)
+        else:
+            spacing, distance = grown.spacing, grown.distance
+        asset.lengths = graph_lengths(graph, wanted.settings, distance, spacing)
+        settings = wanted.settings.with_lengths(asset.lengths)
+        warnings = [asdict(warning) for warning in asset.warnings]
+        facts = {"spacing": asset.lengths.spacing, "distance": distance, "warnings": warnings}
+        job.progress(_SYNTHESIS, "storing")
+        with asset.kept():
+            self._store.put_asset(asset.id, wanted.mesh, graph, settings, facts, wanted.stiffness)
+        return settings, distance
+
+    def _graph(self, job: Job, wanted: StoredRequest) -> tuple[WrinkleGraph, Synthesis | None]:
+        """The graph given, or a new one with what else is known of it; other work goes between its
+        steps."""
+        if wanted.graph is not None:
+            return wanted.graph, None
+
+        def report(share: float, stage: str) -> None:
+            job.progress(_SYNTHESIS * share, stage)
+
+        found = synthesize(
+            wanted.mesh, wanted.settings.graph, self._device, report,
+            call=self._on_device.run_patiently, controls=wanted.controls, folds=wanted.folds,
+        )  # fmt: skip
+        if wanted.settings.graph.age == USUAL_AGE:
+            return found.graph, found
+        # Its depth is not that of the spacing alone: it is kept with the graph.
+        origin = GraphOrigin(wanted.settings.length_unit, depth=found.lengths.depth)
+        return replace(found.graph, origin=origin), found
+
+    @contextmanager
+    def _failing(self, job: Job, asset: Asset) -> Iterator[None]:
+        """Whatever goes wrong becomes the asset's reason; a cancelled build is forgotten."""
+        try:
+            yield
+        except BaseException as error:
+            known = isinstance(error, RhytidError)
+            reason = str(error) if known else f"internal error: {type(error).__name__}"
+            with asset.lock:
+                if asset.state != "removed":
+                    asset.fail(reason)
+                    if isinstance(error, CancelledError) and not job.resumes:
+                        with suppress(NotFoundError):
+                            self._store.delete(asset.id)
+            raise

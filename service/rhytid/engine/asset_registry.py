@@ -1,0 +1,48 @@
+"""The assets that a server knows, by id."""
+
+from __future__ import annotations
+
+import threading
+
+from rhytid.engine.assets import Asset
+from rhytid.engine.frames import FrameMemory
+from rhytid.errors import NotFoundError
+
+
+class AssetRegistry:
+    """Assets by id. Looking one up never waits for a device or a disk."""
+
+    def __init__(self, frame_memory: int) -> None:
+        self.frame_memory = FrameMemory(frame_memory)
+        self._lock = threading.Lock()
+        self._assets: dict[str, Asset] = {}
+
+    def find(self, id: str) -> Asset | None:
+        """The asset of that id, if there is one."""
+        with self._lock:
+            return self._assets.get(id)
+
+    def get(self, id: str) -> Asset:
+        """The asset of that id; raises NotFoundError."""
+        found = self.find(id)
+        if found is None:
+            raise NotFoundError(f"no asset {id!r}")
+        return found
+
+    def all(self) -> list[Asset]:
+        """Every asset, in the order in which they came."""
+        with self._lock:
+            return list(self._assets.values())
+
+    def replace(self, old: Asset | None, new: Asset | None) -> bool:
+        """Know `new` in place of `old`, either None for nothing; False, and nothing done, where
+        `old` is not what its id stands for now."""
+        id = (new or old).id  # type: ignore[union-attr]
+        with self._lock:
+            if self._assets.get(id) is not old:
+                return False
+            if new is None:
+                self._assets.pop(id, None)
+            else:
+                self._assets[id] = new
+        return True

@@ -1,0 +1,94 @@
+"""Assets out of the store: at startup, and where what is sent was built before."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+
+from rhytid.domain.mesh_warnings import mesh_warnings
+from rhytid.domain.warnings import InputWarning
+from rhytid.engine.assets import Asset
+from rhytid.engine.device_assets import DAMAGED
+from rhytid.engine.frames import FrameMemory
+from rhytid.engine.given_graphs import graph_lengths
+from rhytid.errors import StorageError
+from rhytid.storage.records import StoredAsset
+from rhytid.storage.store import AssetStore
+
+_log = logging.getLogger(__name__)
+
+
+class StoredAssets:
+    """Reads assets of a store; what they have on the device is loaded on first use."""
+
+    def __init__(self, store: AssetStore, memory: FrameMemory) -> None:
+        self._store, self._memory = store, memory
+
+    def built(self) -> Iterator[Asset]:
+        """Every built asset, ready; a damaged one as failed."""
+        return map(self._opened, self._store.ids())
+
+    def pending(self) -> Iterator[Asset]:
+        """Every asset that was sent and never finished, building; a damaged one as failed."""
+        for id in self._store.pending():
+            try:
+                wanted = self._store.request(id)
+            except StorageError as error:
+                yield self._damaged(id, error)
+                continue
+            unit, resolution = wanted.settings.length_unit, wanted.settings.resolution
+            warnings = mesh_warnings(wanted.mesh, unit, resolution)
+            yield Asset.of(id, wanted.mesh, wanted.settings, warnings, self._memory)
+
+    def restore(self, asset: Asset) -> bool:
+        """Make an asset that is sent again ready, where the store has it built.
+
+        A damaged one is removed from the store; damaged settings of an intact one become those that
+        it was built with.
+        """
+        if asset.id not in self._store.ids():
+            return False
+        try:
+            stored = self._store.asset(asset.id)
+        except StorageError as error:
+            _log.error("asset %s is built anew: %s", asset.id, error)
+            self._store.delete(asset.id)
+            return False
+        try:
+            self._store.overlay(asset.id)
+        except StorageError as error:
+            _log.error("asset %s has the settings that it was built with: %s", asset.id, error)
+            self._store.put_overlay(asset.id, stored.settings)
+        self._fill(asset, stored)
+        return True
+
+    def _opened(self, id: str) -> Asset:
+        try:
+            stored = self._store.asset(id)
+            asset = Asset.of(id, stored.mesh, stored.settings, (), self._memory)
+            self._fill(asset, stored)
+        except StorageError as error:
+            return self._damaged(id, error)
+        return asset
+
+    def _fill(self, asset: Asset, stored: StoredAsset) -> None:
+        """Give an asset what is known of it once it is built."""
+        spacing = float(stored.extra["spacing"])
+        settings = self._store.overlay(asset.id) or stored.settings
+        asset.lengths = graph_lengths(stored.graph, settings, spacing, spacing)
+        asset.warnings = _kept_warnings(stored)
+        distance = float(stored.extra.get("distance", spacing))
+        asset.built(stored.graph, settings.with_lengths(asset.lengths), distance)
+
+    def _damaged(self, id: str, error: StorageError) -> Asset:
+        """A failed asset; the log has the file, callers need not."""
+        _log.error("asset %s: %s", id, error)
+        return Asset.failed(id, DAMAGED, self._memory)
+
+
+def _kept_warnings(stored: StoredAsset) -> tuple[InputWarning, ...]:
+    """Those of a stored asset; found anew for one of a version that kept none."""
+    kept = stored.extra.get("warnings")
+    if kept is None:
+        return mesh_warnings(stored.mesh, stored.settings.length_unit, stored.settings.resolution)
+    return tuple(InputWarning(**warning) for warning in kept)

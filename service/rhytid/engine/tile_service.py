@@ -1,0 +1,188 @@
+"""Displacement: tiles, whole maps and precomputed maps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rhytid.device.runtime import Device
+from rhytid.domain.frame import check_positions
+from rhytid.domain.tiles import TileAddress
+from rhytid.engine.asset_registry import AssetRegistry
+from rhytid.engine.assets import Asset
+from rhytid.engine.bin_manifest import bin_manifest
+from rhytid.engine.device_asset import DeviceAsset
+from rhytid.engine.device_assets import DeviceAssets
+from rhytid.engine.frames import Frame
+from rhytid.engine.keys import map_key, settings_key
+from rhytid.engine.map_drawing import MapDrawing
+from rhytid.engine.messages import BinManifest, MapQuery
+from rhytid.engine.tile_batcher import TileBatcher
+from rhytid.errors import NotFoundError
+from rhytid.formats.tile_header import TileHeader
+from rhytid.pipeline.bins import HEADROOM
+from rhytid.pipeline.elements import SCALE_LIMIT
+
+Tile = NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class TilePlan:
+    """A tile or a map that is named and not drawn yet.
+
+    key: names its content; two plans with the same key draw the same bytes.  header: what a file of
+    it says of itself.  draw: its displacement (n, n) float32, mesh units, row 0 at the top; raises
+    BusyError where too many wait for the device.
+    """
+
+    key: str
+    header: TileHeader
+    draw: Callable[[], Tile]
+
+
+class TileService:
+    """Plans and draws tiles and maps of assets."""
+
+    def __init__(
+        self,
+        registry: AssetRegistry,
+        on_device: DeviceAssets,
+        device: Device,
+        batcher: TileBatcher,
+        most_waiting: int,
+    ) -> None:
+        self._assets, self._on_device, self._batcher = registry, on_device, batcher
+        self._maps = MapDrawing(on_device, most_waiting)
+        info = device.info
+        self._device_key = f"{info.platform}/{info.version}/{info.name}"
+
+    @property
+    def joined(self) -> int:
+        """Callers that wait for what another draws."""
+        return self._batcher.joined + self._maps.joined
+
+    def plan(self, asset: str, frame: str, query: MapQuery, address: TileAddress) -> TilePlan:
+        """One tile of a frame. Raises NotFoundError for what does not exist, NotReadyError while
+        the asset builds, ConflictError where it failed."""
+        found = self._assets.get(asset)
+        found.check_address(address)
+        stored = found.frame(frame)
+        return TilePlan(
+            self._key(found, stored, query, str(address)),
+            _header(found, frame, query, address),
+            partial(self._tile, found, stored, query, address),
+        )
+
+    def plan_map(self, asset: str, frame: str, query: MapQuery, udim: int, level: int) -> TilePlan:
+        """A whole level of a UDIM; raises what `plan` does."""
+        found, first = self._assets.get(asset), TileAddress(udim, level, 0, 0)
+        found.check_address(first)
+        stored, whole = found.frame(frame), (0, 0, found.settings.grid.side(level))
+        return TilePlan(
+            self._key(found, stored, query, f"{udim}/{level}"),
+            _header(found, frame, query, first),
+            partial(self._maps.square, found, stored, query, udim, level, whole),
+        )
+
+    def plans_once(
+        self, asset: str, positions: ArrayLike, query: MapQuery, addresses: list[TileAddress]
+    ) -> list[TilePlan]:
+        """Tiles of positions (V, 3) that are not stored, in the order of `addresses`."""
+        found = self._assets.get(asset)
+        for address in addresses:
+            found.check_address(address)
+        frame = Frame.of(check_positions(positions, found.vertices))
+        return [
+            TilePlan(
+                self._key(found, frame, query, str(address)),
+                _header(found, "", query, address),
+                partial(self._tile, found, frame, query, address),
+            )
+            for address in addresses
+        ]
+
+    def bins(self, asset: str) -> BinManifest:
+        """The precomputed maps of an asset (section 2.4)."""
+        found = self._assets.get(asset)
+        lying = self._on_device.loaded(found)
+        return bin_manifest(lying.settings, lying.cushion_factor)
+
+    def bin_tile(
+        self, asset: str, address: TileAddress, layer: str, bin: int, sample: int
+    ) -> NDArray[np.integer]:
+        """(n, n) int8 or int16 codes of one precomputed map tile; displacement = code * step.
+
+        Of the cushions n is that of the samples under the tile, with the apron around them.
+
+        Raises NotFoundError above level 0: what is blended has coarser levels, the maps have none.
+        """
+        found = self._assets.get(asset)
+        found.check_address(address)
+        if address.level > 0:
+            raise NotFoundError(
+                f"level {address.level}: precomputed maps are of level 0 only; coarser levels of "
+                "binned are means of its level 0"
+            )
+
+        def codes(lying: DeviceAsset) -> NDArray[np.integer]:
+            # On the device thread, where settings do not change meanwhile.
+            manifest = bin_manifest(lying.settings, lying.cushion_factor)
+            _check_map(manifest, layer, bin, sample)
+            return lying.layer_codes(address, layer, bin, sample)
+
+        return self._on_device.use(found, codes)
+
+    def _key(self, asset: Asset, frame: Frame, query: MapQuery, place: str) -> str:
+        revision = settings_key(asset.id, asset.settings, self._device_key, query.method)
+        return map_key(revision, frame, query, place)
+
+    def _tile(self, asset: Asset, frame: Frame, query: MapQuery, address: TileAddress) -> Tile:
+        udim, level = address.udim, address.level
+        texels = asset.settings.grid.texels(level)
+        if level > 0:
+            square = (address.row * texels, address.column * texels, texels)
+            return self._maps.shared(asset, frame, query, udim, level, square)
+        key = (asset, frame.digest, query, udim)
+
+        def draw(addresses: list[TileAddress]) -> list[Tile]:
+            return self._on_device.found(asset).tiles(frame, query, addresses)
+
+        return self._on_device.using(asset, lambda: self._batcher.tile(key, address, texels, draw))
+
+
+def displacement_scale(asset: Asset) -> float:
+    """What the largest code of a png tile stands for, mesh units: one scale per asset.
+
+    The largest displacement that the maps of the fast method can hold, whatever its bins are.
+    """
+    return SCALE_LIMIT * (1.0 + HEADROOM) * (asset.settings.depth or 0.0)
+
+
+def _header(asset: Asset, frame: str, query: MapQuery, at: TileAddress) -> TileHeader:
+    return TileHeader(
+        unit=asset.settings.length_unit,
+        frame=frame,
+        asset=asset.id,
+        method=query.method,
+        stretch=query.stretch,
+        sampling=query.sampling,
+        udim=at.udim,
+        level=at.level,
+        row=at.row,
+        column=at.column,
+        scale=displacement_scale(asset),
+    )
+
+
+def _check_map(manifest: BinManifest, layer: str, bin: int, sample: int) -> None:
+    """Raise NotFoundError naming what does not exist."""
+    if layer not in manifest.layers:
+        raise NotFoundError(f"layer {layer!r}: one of {', '.join(manifest.layers)}")
+    sizes = (("bin", bin, manifest.layers[layer]), ("sample", sample, len(manifest.steps[layer])))
+    for name, index, size in sizes:
+        if not 0 <= index < size:
+            raise NotFoundError(f"{name} {index} of layer {layer}: 0 to {size - 1}")
