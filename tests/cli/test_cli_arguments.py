@@ -110,6 +110,24 @@ def test_graph_and_wrinkles_exclude_each_other(tmp_path: Path) -> None:
     assert ends([*given, "--wrinkles", "500", "--graph", str(file)]) == 2
 
 
+@pytest.mark.parametrize(
+    ("arguments", "both"),
+    [
+        ("synthesize {} --out g.safetensors --ages 20 65", ("--ages", "--preview")),
+        ("bake --mesh {} --out o --graph {} --lines level", ("--lines", "--graph")),
+        ("bake --mesh {} --out o --graph {} --shapes {}", ("--shapes", "--graph")),
+    ],
+)
+def test_an_option_without_effect_is_an_error_that_names_both(
+    arguments: str, both: tuple[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "mesh.obj"
+    file.touch()
+    assert ends(arguments.replace("{}", str(file)).split()) == 2
+    told = capsys.readouterr().err.splitlines()[-1]
+    assert all(option in told for option in both)
+
+
 def test_json_goes_to_a_file_or_to_stdout() -> None:
     parser = build_parser()
 

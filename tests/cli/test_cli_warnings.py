@@ -14,6 +14,7 @@ from rhytid.cli.warned import Warned
 from rhytid.domain.warnings import CODES, InputWarning
 from rhytid.errors import StrictError
 from rhytid.samples.face import procedural_face
+from rhytid.storage.store import AssetStore
 
 SMALL = ("--resolution", "256", "--wrinkles", "400")
 SAMPLE = procedural_face(16)
@@ -132,6 +133,45 @@ def test_what_is_right_is_baked_strictly_and_in_silence(
     assert main(["bake", *given, *SMALL, "--strict"]) == 0
     assert "warning" not in capsys.readouterr().err
     assert len(list(out.glob("*.exr"))) == 1
+
+
+def test_settings_of_synthesis_beside_a_graph_are_told_before_anything_is_made(
+    neutral: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    graph, settings = tmp_path / "g.safetensors", tmp_path / "old.json"
+    assert main(["synthesize", str(neutral), "--out", str(graph), "--wrinkles", "300"]) == 0
+    capsys.readouterr()
+    frames, out = str(tmp_path / "smile.npy"), tmp_path / "maps"
+    np.save(frames, SAMPLE.pose({"smile": 1.0}))
+    settings.write_text('{"graph": {"age": 65, "seed": 2, "spacing": 0.1}}')
+    given = ["bake", "--mesh", str(neutral), "--frames", frames, "--graph", str(graph)]
+    given += ["--settings", str(settings), "--resolution", "256", "--out", str(out)]
+    assert main([*given, "--strict"]) == 1
+    (told,) = lines(capsys, "settings-unused")
+    assert "settings: graph.age (65.0): " in told
+    assert "--graph" in told
+    assert not out.exists()
+    assert main(given) == 0
+    assert len(lines(capsys, "settings-unused")) == 1
+
+
+def test_a_store_whose_asset_was_changed_is_baked_with_a_warning(
+    neutral: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    frames, store = str(tmp_path / "smile.npy"), tmp_path / "store"
+    np.save(frames, SAMPLE.pose({"smile": 1.0}))
+    given = ["bake", "--mesh", str(neutral), "--frames", frames, "--store", str(store), *SMALL]
+    assert main([*given, "--out", str(tmp_path / "a")]) == 0
+    with AssetStore(store) as kept:
+        (asset,) = kept.ids()
+        present = kept.overlay(asset)
+        assert present is not None
+        kept.put_overlay(asset, present.changed({"shape": {"cushion": 0.2}}))
+    assert not lines(capsys, "settings-changed")
+    assert main([*given, "--out", str(tmp_path / "b")]) == 0
+    (told,) = lines(capsys, "settings-changed")
+    assert "shape.cushion is 0.2, sent was 0.7" in told
+    assert main([*given, "--out", str(tmp_path / "c"), "--strict"]) == 1
 
 
 def test_demo_warns_and_refuses(

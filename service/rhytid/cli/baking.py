@@ -117,9 +117,10 @@ class Baker:
         )
 
 
-def build(engine: Engine, new: NewAsset) -> AssetInfo:
+def build(engine: Engine, new: NewAsset, warned: Warned) -> AssetInfo:
     """Have an asset built and return it ready; raises ConflictError with the reason if it fails."""
     asset = engine.create_asset(new)
+    warned.settings(asset.warnings)
     with share_bar("building") as show:
         while asset.state == "building":
             time.sleep(_POLL_SECONDS)

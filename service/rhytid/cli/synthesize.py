@@ -70,11 +70,13 @@ def add_command(commands: Commands) -> None:
         "FILE.regions.png; that is written where expressions of known names came"
     )
     parser.add_argument("--ages", nargs="+", type=float, metavar="AGE", help=ages)
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, usage_error=parser.error)
 
 
 def run(arguments: argparse.Namespace) -> None:
     """Read, synthesise, write, and tell figures of what came out."""
+    if arguments.ages and arguments.preview is None:
+        arguments.usage_error("--ages needs --preview FILE.png: ages are drawn in its picture")
     from rhytid.cli.warned import Warned
 
     with Warned("synthesize", arguments.strict, arguments.allow) as warned:

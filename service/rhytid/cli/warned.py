@@ -14,7 +14,12 @@ from rhytid.cli.reporting import counted
 from rhytid.domain.frame_warnings import FrameCheck
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.mesh_warnings import mesh_warnings
-from rhytid.domain.warnings import InputWarning, not_allowed
+from rhytid.domain.warnings import (
+    SETTINGS_CHANGED,
+    SETTINGS_UNUSED,
+    InputWarning,
+    not_allowed,
+)
 from rhytid.errors import StrictError
 
 # Lines of one code that are told at once: of a long shot in the wrong unit three frames say it all.
@@ -52,6 +57,12 @@ class Warned:
             check = FrameCheck(mesh, unit)
             for place in counted(frames.places, "checking", "frame"):
                 self.tell(check.warnings(frames.read(place), f"frame {place.name}"))
+        self._refuse()
+
+    def settings(self, warnings: Iterable[InputWarning]) -> None:
+        """Warn of the settings among what is told of an asset; raises StrictError where warnings
+        are errors. Of the mesh and the frames it is told by `inputs` and `frame`."""
+        self.tell(w for w in warnings if w.code in (SETTINGS_CHANGED, SETTINGS_UNUSED))
         self._refuse()
 
     def frame(self, warnings: Iterable[InputWarning], name: str) -> None:

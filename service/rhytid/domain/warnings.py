@@ -16,6 +16,8 @@ MESH_SIZE = "mesh-size"
 FAR_FROM_ORIGIN = "far-from-origin"
 STRETCH_AT_CLAMP = "stretch-at-clamp"
 FRAME_SCALED = "frame-scaled"
+SETTINGS_CHANGED = "settings-changed"
+SETTINGS_UNUSED = "settings-unused"
 CODES = (
     UV_OVERLAP,
     UV_MIRRORED,
@@ -25,6 +27,8 @@ CODES = (
     FAR_FROM_ORIGIN,
     STRETCH_AT_CLAMP,
     FRAME_SCALED,
+    SETTINGS_CHANGED,
+    SETTINGS_UNUSED,
 )
 
 # uv-overlap: share of the covered UV area that lies under two triangles or more. Layouts have
@@ -65,7 +69,7 @@ UNIT_TOLERANCE = 0.05
 @dataclass(frozen=True)
 class InputWarning:
     """Something that is probably wrong. code: one of CODES.  detail: what, in plain text.
-    where: the mesh or the frame, and the place on it where there is one."""
+    where: the mesh, the frame or the asset, and the place on it where there is one."""
 
     code: str
     detail: str
