@@ -174,6 +174,32 @@ def test_a_store_whose_asset_was_changed_is_baked_with_a_warning(
     assert main([*given, "--out", str(tmp_path / "c"), "--strict"]) == 1
 
 
+def test_commands_tell_lengths_of_a_number_of_wrinkles_and_grain_that_is_not_drawn(
+    neutral: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """And --strict lets it be."""
+    np.save(tmp_path / "smile.npy", SAMPLE.pose({"smile": 1.0}))
+    animation = ["--mesh", str(neutral), "--frames", str(tmp_path / "smile.npy"), *SMALL]
+    figures = tmp_path / "figures.json"
+    commands = {
+        "bake": [*animation, "--out", str(tmp_path / "maps"), "--json", str(figures)],
+        "demo": [*animation, "--out", str(tmp_path / "demo")],
+        "synthesize": [str(neutral), "--out", str(tmp_path / "g.safetensors"), *SMALL[2:]],
+    }
+    for command, given in commands.items():
+        assert main([command, *given, "--strict"]) == 0
+        told = [line for line in capsys.readouterr().err.splitlines() if "notice: " in line]
+        start = f"rhytid {command}: notice: "
+        assert told[0].startswith(f"{start}400 wrinkles fix the spacing, and depths follow it: ")
+        assert [line.partition(" drawn")[0] for line in told[1:]] == (
+            [] if command == "synthesize" else [f"{start}grain-not-drawn: no grain is"]
+        )
+    for file in (figures, tmp_path / "demo" / "times.json"):
+        kept = json.loads(file.read_text())
+        assert [n["code"] for n in kept["notices"]] == ["grain-not-drawn"]
+        assert kept["warnings"] == []
+
+
 def test_demo_warns_and_refuses(
     neutral: Path, metres: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -18,7 +18,7 @@ from rhytid.engine import arrivals
 from rhytid.engine.messages import MapQuery
 from rhytid.errors import QueryError, StrictError
 from rhytid.formats.graphs import write_graph
-from rhytid_client import Client, RhytidWarning
+from rhytid_client import Client, Notice, RhytidWarning
 
 # The sheet is 2 units wide: in feet it could be a face.
 BENT = deform(sheet().positions, 1, 0.1)
@@ -190,3 +190,13 @@ def test_clients_are_told_of_changed_and_of_unused_settings(engine):
             again = client.create_asset(obj, **sent)
     assert told(again.warnings) == (codes.SETTINGS_CHANGED, codes.SETTINGS_UNUSED)
     assert "depth is 0.5, sent was null" in again.warnings[0].detail
+
+
+def test_grain_that_is_not_drawn_is_a_notice_and_strict_lets_it_be(engine):
+    new = new_asset(unit="ft", preset="best")
+    asset = built(engine, new)
+    info = engine.create_asset(new, strict=True)
+    assert [notice.code for notice in info.notices] == ["grain-not-drawn"]
+    with serving(engine) as http, Client(str(http.base_url)) as client:
+        assert client.asset(asset).notices == (Notice("grain-not-drawn", info.notices[0].detail),)
+        assert client.change_asset(asset, {"shape": {"grain": 0}}).notices == ()

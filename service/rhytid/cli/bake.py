@@ -171,7 +171,7 @@ def _tell(arguments: argparse.Namespace, baker: Baker, watch: Stopwatch) -> None
         "written": baker.written,
         "skipped": baker.skipped,
         "steps": watch.figures(),
-        "warnings": baker.warned.figures(),
+        **baker.warned.told(),
     }
     summary = f"{baker.written} maps written to {arguments.out}, {baker.skipped} were done"
     report(figures, f"{watch.table()}\n{summary}", arguments.json)

@@ -14,6 +14,7 @@ from rhytid.cli.frame_files import FrameFiles, FramePlace
 from rhytid.cli.reporting import counted, share_bar
 from rhytid.cli.timing import Stopwatch
 from rhytid.cli.warned import Warned
+from rhytid.domain.asset_settings import AssetSettings
 from rhytid.engine.messages import ENDED_STATES, AssetInfo, JobInfo, MapQuery, NewAsset
 from rhytid.errors import ConflictError
 from rhytid.formats.exr import write_exr
@@ -133,6 +134,10 @@ def build(engine: Engine, new: NewAsset, warned: Warned) -> AssetInfo:
     if asset.job is not None:
         # What is left of the job makes maps ahead for a range that is not calibrated yet.
         engine.cancel_job(asset.job)
+    if new.graph is None and asset.statistics is not None:
+        settings = AssetSettings.parse(asset.settings)
+        warned.lengths(settings, asset.statistics["spacing"])
+    warned.notice(asset.notices)
     return asset
 
 

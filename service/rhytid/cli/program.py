@@ -40,6 +40,7 @@ def build_parser() -> argparse.ArgumentParser:
         prog="rhytid",
         description="Dynamic facial wrinkles: an animated face in, displacement maps out.",
         epilog="example: rhytid demo --out rhytid-demo",
+        allow_abbrev=False,
     )
     parser.add_argument("--version", action="version", version=f"rhytid {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)

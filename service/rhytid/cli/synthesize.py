@@ -110,6 +110,8 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     with share_bar("synthesis") as show:
         clock, seconds = clocked(show)
         made = synthesize(mesh, settings, device, clock, controls=controls, folds=folds)
+    drawn = AssetSettings(unit=unit, graph=settings).with_lengths(made.lengths)
+    warned.lengths(drawn, made.distance)
     graph = replace(made.graph, origin=GraphOrigin.of(mesh, unit, made.lengths))
     whole_file(out, [write_graph(graph)])
     facts = {"file": str(out), "seconds": seconds, "warnings": warned.figures()}

@@ -11,9 +11,11 @@ from tqdm import tqdm  # type: ignore[import-untyped]
 
 from rhytid.cli.frame_files import FrameFiles
 from rhytid.cli.reporting import counted
+from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.frame_warnings import FrameCheck
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.mesh_warnings import mesh_warnings
+from rhytid.domain.notices import Notice, count_told
 from rhytid.domain.warnings import (
     SETTINGS_CHANGED,
     SETTINGS_UNUSED,
@@ -33,6 +35,7 @@ class Warned:
     def __init__(self, command: str, strict: bool, allow: Collection[str] = ()) -> None:
         self._command, self._strict, self._allow = command, strict, allow
         self.warnings: list[InputWarning] = []
+        self.notices: list[Notice] = []
 
     def __enter__(self) -> Warned:
         return self
@@ -78,6 +81,22 @@ class Warned:
                 if sum(w.code == warning.code for w in self.warnings) <= _LINES:
                     self._print(f"warning: {warning}")
 
+    def notice(self, notices: Iterable[Notice]) -> None:
+        """Print what is worth knowing and no mistake; `strict` lets it be."""
+        for notice in notices:
+            self.notices.append(notice)
+            self.note(str(notice))
+
+    def lengths(self, settings: AssetSettings, distance: float) -> None:
+        """Tell which lengths follow where skin was grown to a number of wrinkles.  settings:
+        resolved.  distance: mean, from a pore to the nearest, mesh units."""
+        if settings.graph.wrinkles is not None:
+            self.note(count_told(settings, distance))
+
+    def note(self, line: str) -> None:
+        """Print one line of what the run chose."""
+        self._print(f"notice: {line}")
+
     def count(self) -> None:
         """One line: how many there are, and of what more is not listed."""
         counts = Counter(warning.code for warning in self.warnings)
@@ -90,6 +109,10 @@ class Warned:
     def figures(self) -> list[dict[str, str]]:
         """All of them, for JSON."""
         return [asdict(warning) for warning in self.warnings]
+
+    def told(self) -> dict[str, list[dict[str, str]]]:
+        """Warnings and notices of an asset, for JSON."""
+        return {"warnings": self.figures(), "notices": [asdict(n) for n in self.notices]}
 
     def _refuse(self) -> None:
         wrong = not_allowed(self.warnings, self._allow) if self._strict else ()
