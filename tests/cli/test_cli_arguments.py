@@ -23,6 +23,7 @@ def ends(arguments: list[str]) -> int:
 
 def test_every_command_is_there() -> None:
     known = ["bake", "bench", "demo", "devices", "graph", "reproduce", "serve", "synthesize"]
+    known += ["warnings"]
     assert sorted(NAMES) == known
 
 

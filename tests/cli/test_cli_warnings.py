@@ -11,6 +11,7 @@ import pytest
 import face_data
 from rhytid.cli import main
 from rhytid.cli.warned import Warned
+from rhytid.domain.notices import NOTICES
 from rhytid.domain.warnings import CODES, InputWarning
 from rhytid.errors import StrictError
 from rhytid.samples.face import procedural_face
@@ -42,7 +43,9 @@ def lines(capsys: pytest.CaptureFixture[str], code: str) -> list[str]:
     assert len(set(warned)) == len(warned)
     if warned and "--strict: " not in told[-1]:
         some = "1 warning" if len(warned) == 1 else f"{len(warned)} warnings"
-        assert told[-1].endswith(f": {some}, listed above; docs/warnings.md says what to do")
+        let = sum("allowed warning: " in line for line in warned)
+        some += f", {let} of them allowed" if let else ""
+        assert told[-1].endswith(f": {some}, listed above; `rhytid warnings CODE` says what to do")
         assert sum("listed above" in line for line in told) == 1
     return [line for line in warned if f"warning: {code}: " in line]
 
@@ -87,7 +90,8 @@ def test_what_is_allowed_is_told_and_no_error(
     (tmp_path / "mm.json").write_text('{"unit": "mm"}')
     assert main([*given, "--settings", str(tmp_path / "mm.json")]) == 1
     told = capsys.readouterr().err
-    assert "warning: frame-scaled: " in told
+    assert "rhytid bake: allowed warning: frame-scaled: " in told
+    assert "rhytid bake: warning: mesh-size: " in told
     assert "--strict: 1 warning, so nothing was done (--allow mesh-size would let that be)" in told
     assert not out.exists()
     assert main(given) == 0
@@ -257,10 +261,39 @@ def test_a_long_shot_is_told_in_a_few_lines(capsys: pytest.CaptureFixture[str]) 
     warned.count()
     (told,) = capsys.readouterr().err.splitlines()
     assert told == (
-        "rhytid bake: 401 warnings, listed above (3 of 400 frame-scaled); docs/warnings.md says "
-        "what to do"
+        "rhytid bake: 401 warnings, listed above (3 of 400 frame-scaled); `rhytid warnings "
+        "CODE` says what to do"
     )
     assert len(warned.figures()) == 401
+
+
+def test_what_is_allowed_is_marked_and_counted(capsys: pytest.CaptureFixture[str]) -> None:
+    warned = Warned("bake", True, ["frame-scaled"])
+    warned.frame([InputWarning("frame-scaled", "x", "?")], "0001")
+    with pytest.raises(StrictError):
+        warned.frame([InputWarning("stretch-at-clamp", "y", "?")], "0002")
+    warned.count()
+    assert capsys.readouterr().err.splitlines() == [
+        "rhytid bake: allowed warning: frame-scaled: frame 0001: x",
+        "rhytid bake: warning: stretch-at-clamp: frame 0002: y",
+        "rhytid bake: 2 warnings, 1 of them allowed, listed above; `rhytid warnings CODE` says "
+        "what to do",
+    ]
+
+
+def test_what_to_do_is_printed_without_the_documentation(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["warnings", "texel-size"]) == 0
+    told = " ".join(capsys.readouterr().out.split())
+    assert told.startswith("texel-size (warning) told of: a mesh when: the side of a texel")
+    assert "what to do: give the place that is named more room in UV" in told
+    assert main(["warnings"]) == 0
+    told = capsys.readouterr().out
+    assert all(f"\n{code} (" in f"\n{told}" for code in (*CODES, *NOTICES))
+    with pytest.raises(SystemExit):
+        main(["warnings", "texel-sise"])
+    assert "texel-size" in capsys.readouterr().err
 
 
 def test_a_strict_command_ends_with_the_first_frame_that_is_wrong() -> None:

@@ -85,7 +85,7 @@ class _Answer(BaseModel):
 
 
 class InputWarning(_Answer):
-    """Something that is probably wrong; docs/warnings.md says what to do about each code."""
+    """Something that is probably wrong; `rhytid warnings CODE` says what to do about each."""
 
     code: str = Field(json_schema_extra=_options(CODES))
     detail: str = Field(description="what is wrong, in plain text")

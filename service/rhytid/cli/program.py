@@ -8,11 +8,11 @@ from collections.abc import Sequence
 
 import rhytid_client
 from rhytid import __version__
-from rhytid.cli import bake, bench, demo, devices, graph, reproduce, serve, synthesize
+from rhytid.cli import bake, bench, demo, devices, graph, reproduce, serve, synthesize, warnings
 from rhytid.cli.termination import INTERRUPTED, raising_terminated
 from rhytid.errors import RhytidError
 
-COMMANDS = (demo, serve, devices, synthesize, graph, bake, bench, reproduce)
+COMMANDS = (demo, serve, devices, synthesize, graph, bake, bench, reproduce, warnings)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -79,7 +79,8 @@ class Warned:
             if warning not in self.warnings:
                 self.warnings.append(warning)
                 if sum(w.code == warning.code for w in self.warnings) <= _LINES:
-                    self._print(f"warning: {warning}")
+                    allowed = "allowed " if warning.code in self._allow else ""
+                    self._print(f"{allowed}warning: {warning}")
 
     def notice(self, notices: Iterable[Notice]) -> None:
         """Print what is worth knowing and no mistake; `strict` lets it be."""
@@ -103,8 +104,10 @@ class Warned:
         many = [f"{_LINES} of {n} {code}" for code, n in counts.items() if n > _LINES]
         listed = f"listed above ({', '.join(many)})" if many else "listed above"
         if counts:
-            told = f"{_count(self.warnings)}, {listed}; docs/warnings.md says what to do"
-            self._print(told)
+            let = sum(warning.code in self._allow for warning in self.warnings)
+            allowed = f", {let} of them allowed" if let else ""
+            told = f"{_count(self.warnings)}{allowed}, {listed}"
+            self._print(f"{told}; `rhytid warnings CODE` says what to do")
 
     def figures(self) -> list[dict[str, str]]:
         """All of them, for JSON."""

@@ -110,7 +110,7 @@ class TileCalls(EngineCore):
         return self._on_device(codes)
 
     def _key(self, asset: Asset, frame: Frame, query: MapQuery, place: str) -> str:
-        revision = settings_key(asset.id, asset.settings, self._device_key, query.method)
+        revision = settings_key(asset.id, asset.settings, self._drawn_by, query.method)
         return map_key(revision, frame, query, place)
 
     def _tile(self, asset: Asset, frame: Frame, query: MapQuery, address: TileAddress) -> Tile:
