@@ -50,6 +50,10 @@ def test_settings_are_named_with_both_values_and_how_to_set_them_back() -> None:
     assert detail.endswith('PATCH /v1/assets/0a with {"depth": null, "shape": {"cushion": 0.7}}')
 
 
+def test_settings_of_the_synthesis_that_name_the_same_skin_are_no_change() -> None:
+    assert told(AssetSettings(), AssetSettings.parse({"graph": {"lines": "level"}})) == ""
+
+
 def test_of_many_some_are_told() -> None:
     assert "; and 10 settings more." in told(
         AssetSettings.parse({"preset": "paper"}), AssetSettings()

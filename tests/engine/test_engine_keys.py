@@ -11,9 +11,9 @@ from api.live import serving
 from engine.engines import QUERIES, built, finish, new_asset, running, same, settle
 from meshes import deform
 from pipeline.scenes import DEPTH, sheet
+from rhytid.domain.settings_changes import CHANGEABLE
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine import core
-from rhytid.engine.asset_calls import CHANGEABLE
 from rhytid.pipeline import drawing
 
 ADDRESS = TileAddress(1001, 0, 1, 2)

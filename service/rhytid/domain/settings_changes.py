@@ -12,6 +12,8 @@ from rhytid.domain.lengths import Lengths
 from rhytid.domain.warnings import SETTINGS_CHANGED, SETTINGS_UNUSED, InputWarning
 
 Leaves = dict[str, Any]
+# What can change without synthesising or looking up anything again.
+CHANGEABLE = ("depth", "angles", "response", "shape", "preset", "bins", "convolve")
 # Settings that are told one by one.
 _TOLD = 6
 _R_MAX = "bins.r_max"
@@ -32,7 +34,12 @@ def settings_changed(
     calibrated = raw[_R_MAX] == BinSettings().r_max
     if calibrated and now[_R_MAX] <= sent.response.log_stretch_limit:
         wanted[_R_MAX] = now[_R_MAX]
-    differ = [name for name, value in wanted.items() if now[name] != value]
+    # Others are what the asset was made by: where they differ, `graph.lines`, it is in name alone.
+    differ = [
+        name
+        for name, value in wanted.items()
+        if name.partition(".")[0] in CHANGEABLE and now[name] != value
+    ]
     if not differ:
         return ()
     reset = dict.fromkeys(differ)

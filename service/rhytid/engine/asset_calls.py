@@ -19,7 +19,7 @@ from rhytid.domain.frame_warnings import FrameCheck
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.graph_origin import GraphOrigin
 from rhytid.domain.mesh_warnings import mesh_warnings
-from rhytid.domain.settings_changes import settings_changed, settings_unused
+from rhytid.domain.settings_changes import CHANGEABLE, settings_changed, settings_unused
 from rhytid.domain.tiles import mesh_udims
 from rhytid.domain.warnings import InputWarning, check_codes, refuse
 from rhytid.engine.arrivals import AssetArrivals
@@ -34,9 +34,6 @@ from rhytid.pipeline.folds import measured_folds
 from rhytid.pipeline.stretch import r_max_of
 from rhytid.storage.contents import asset_id
 from rhytid.synthesis.amount import check_amount
-
-# What can change without synthesising or looking up anything again.
-CHANGEABLE = ("depth", "angles", "response", "shape", "preset", "bins", "convolve")
 
 
 class AssetCalls(AssetArrivals):
