@@ -28,6 +28,7 @@ from rhytid.engine.messages import (
     MapQuery,
     NewAsset,
 )
+from rhytid.engine.tile_calls import of_map
 from rhytid.errors import NotFoundError, NotReadyError, ReadOnlyError, SettingsError
 
 GRAPH = WrinkleGraph(
@@ -275,7 +276,8 @@ class FakeEngine:
         layers = {"wrinkles": bins.count, "pores": 1}
         if bins.merge == "mellow":
             layers |= {"wrinkle_bulges": bins.count, "pore_bulges": 1}
-        steps = dict.fromkeys(layers, (1e-4,) * 3)
+        layers["grain"] = 1
+        steps = {**dict.fromkeys(layers, (1e-4,) * 3), "grain": (1e-4,)}
         factored = bins.depth_factored
         return BinManifest(
             angles, samples, steps, bins.bits, bins.merge, factored, layers, samples,
@@ -286,11 +288,10 @@ class FakeEngine:
         )  # fmt: skip
 
     def bin_tile(
-        self, asset: str, address: TileAddress, layer: str, bin: int, sample: int
+        self, asset: str, address: TileAddress, layer: str, bin: int | None, sample: int | None
     ) -> NDArray[np.int8 | np.int16]:
         found, manifest = self._check(asset, address), self.bins(asset)
-        if bin >= manifest.layers.get(layer, 0) or sample >= len(manifest.samples):
-            raise NotFoundError(f"no map of layer {layer!r}, bin {bin}, sample {sample}")
+        bin, sample = of_map(manifest, layer, bin, sample)
         if address.level > 0:
             raise NotFoundError(f"level {address.level}: precomputed maps are of level 0 only")
         side = found.settings.grid.texels(0)

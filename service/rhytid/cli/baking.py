@@ -14,6 +14,7 @@ from rhytid.cli.frame_files import FrameFiles, FramePlace
 from rhytid.cli.reporting import counted, share_bar
 from rhytid.cli.timing import Stopwatch
 from rhytid.cli.warned import Warned
+from rhytid.domain.asset_settings import AssetSettings
 from rhytid.engine.messages import ENDED_STATES, AssetInfo, JobInfo, MapQuery, NewAsset
 from rhytid.errors import ConflictError
 from rhytid.formats.exr import write_exr
@@ -117,9 +118,10 @@ class Baker:
         )
 
 
-def build(engine: Engine, new: NewAsset) -> AssetInfo:
+def build(engine: Engine, new: NewAsset, warned: Warned) -> AssetInfo:
     """Have an asset built and return it ready; raises ConflictError with the reason if it fails."""
     asset = engine.create_asset(new)
+    warned.settings(asset.warnings)
     with share_bar("building") as show:
         while asset.state == "building":
             time.sleep(_POLL_SECONDS)
@@ -132,6 +134,10 @@ def build(engine: Engine, new: NewAsset) -> AssetInfo:
     if asset.job is not None:
         # What is left of the job makes maps ahead for a range that is not calibrated yet.
         engine.cancel_job(asset.job)
+    if new.graph is None and asset.statistics is not None:
+        settings = AssetSettings.parse(asset.settings)
+        warned.lengths(settings, asset.statistics["spacing"])
+    warned.notice(asset.notices)
     return asset
 
 

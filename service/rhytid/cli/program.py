@@ -8,11 +8,11 @@ from collections.abc import Sequence
 
 import rhytid_client
 from rhytid import __version__
-from rhytid.cli import bake, bench, demo, devices, graph, reproduce, serve, synthesize
+from rhytid.cli import bake, bench, demo, devices, graph, reproduce, serve, synthesize, warnings
 from rhytid.cli.termination import INTERRUPTED, raising_terminated
 from rhytid.errors import RhytidError
 
-COMMANDS = (demo, serve, devices, synthesize, graph, bake, bench, reproduce)
+COMMANDS = (demo, serve, devices, synthesize, graph, bake, bench, reproduce, warnings)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -40,6 +40,7 @@ def build_parser() -> argparse.ArgumentParser:
         prog="rhytid",
         description="Dynamic facial wrinkles: an animated face in, displacement maps out.",
         epilog="example: rhytid demo --out rhytid-demo",
+        allow_abbrev=False,
     )
     parser.add_argument("--version", action="version", version=f"rhytid {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)

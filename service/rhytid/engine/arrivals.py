@@ -13,6 +13,7 @@ from rhytid.domain.folds import Folds
 from rhytid.domain.frame_warnings import FrameCheck
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.mesh_warnings import mesh_warnings
+from rhytid.domain.texel_sizes import usual_uv_length
 from rhytid.domain.tiles import mesh_udims
 from rhytid.domain.warnings import InputWarning
 from rhytid.engine.assets import Asset
@@ -145,6 +146,7 @@ class AssetArrivals(EngineCore):
             udims=mesh_udims(mesh),
             frames=Frames(self._assets.frame_memory),
             centre=mesh.centre,
+            uv_length=usual_uv_length(mesh),
             frame_check=FrameCheck(mesh, settings.length_unit),
         )
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.frame_warnings import FrameCheck
 from rhytid.domain.lengths import Lengths
+from rhytid.domain.notices import grain_notice
 from rhytid.domain.origin import ORIGIN, Centre
 from rhytid.domain.tiles import TileAddress
 from rhytid.domain.warnings import InputWarning
@@ -45,6 +46,8 @@ class Asset:
     resident: ResidentLevels | None = None
     warnings: tuple[InputWarning, ...] = ()
     centre: Centre = field(default_factory=lambda: ORIGIN)
+    # Mesh units that a step of 1 in UV is long.
+    uv_length: float = 0.0
     # None of an asset that is known as failed alone.
     frame_check: FrameCheck | None = None
     # Held while settings change, so that no two changes are lost in one another.
@@ -73,6 +76,7 @@ class Asset:
             wrinkles=self.wrinkles,
             statistics=self.statistics,
             warnings=self.warnings,
+            notices=grain_notice(self.settings, self.uv_length),
             centre=tuple(self.centre.tolist()),
         )
 

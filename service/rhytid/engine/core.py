@@ -18,6 +18,7 @@ from rhytid.engine.opening import open_device
 from rhytid.engine.together import MOST_TILES, Together
 from rhytid.engine.worker import DeviceWorker
 from rhytid.errors import BusyError, DeviceError
+from rhytid.pipeline.drawing import drawing_version
 from rhytid.settings import ServiceSettings
 from rhytid.storage.store import AssetStore
 
@@ -71,8 +72,10 @@ class EngineCore:
         return self._worker.call(run)
 
     @property
-    def _device_key(self) -> str:
-        return f"{self._candidate.platform}/{self._candidate.version}/{self._candidate.name}"
+    def _drawn_by(self) -> str:
+        """The device, where floats differ, and the version of the drawing."""
+        device = self._candidate
+        return f"{device.platform}/{device.version}/{device.name}/{drawing_version()}"
 
     def _probe(self) -> bool:
         buffer = self._device.full(1, np.float32(1.0))
