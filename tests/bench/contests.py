@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from meshes import deform
 from pipeline.scenes import random_graph, settings_of, sheet
-from rhytid.bench.frame import FrameBench
 from rhytid.device.runtime import Device
+from rhytid_lab.bench.frame import FrameBench
 
 SIZE, WRINKLES = 256, 300
 

@@ -26,8 +26,8 @@ from scipy.ndimage import gaussian_filter
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from rhytid.cli.input_files import mesh_file
-from rhytid.pictures.scatter import Point, curves
 from rhytid.pictures.surface_patch import Frame, surface_patch
+from rhytid_lab.plots import Point, curves
 
 PIXELS = 512
 # Millimetres of a wave, from and to, and of a Gaussian that slopes are taken after.
@@ -104,7 +104,7 @@ def spectrum(patches: list[Patch]) -> list[Point]:
         for wave in 0.25 * 2 ** np.arange(0, 16 / 3, 1 / 3):
             inside = np.abs(np.log2(np.maximum(frequency, 1e-9) * wave)) <= 1 / 6
             height = float(np.sqrt(power[inside].sum()))
-            points.append(Point(float(wave), height, found.name, "", False))
+            points.append(Point(float(wave), height, found.name))
     return points
 
 
@@ -118,7 +118,7 @@ def histogram(patches: list[Patch], slopes: bool) -> list[Point]:
         share = 100 * count / values.size
         middle = np.sqrt(edges[:-1] * edges[1:])
         points += [
-            Point(float(x), float(y), found.name, "", False)
+            Point(float(x), float(y), found.name)
             for x, y in zip(middle, share, strict=True)
             if y > 0.02
         ]
@@ -146,7 +146,7 @@ def main() -> None:
         ("heights", histogram(patches, False), "height over or under the mean, micrometres", area),
         ("slopes", histogram(patches, True), "slope", area),
     ):
-        curves(points, x, y).save(given.out / f"{file}.png")
+        curves(points, x, y).savefig(given.out / f"{file}.png")
     for found in patches:
         slope, h = found.slopes(), found.heights
         skew = ((h - h.mean()) ** 3).mean() / h.std() ** 3

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import pytest
 
-from rhytid.bench.frame import CASES, FrameBench
-from rhytid.bench.memory import GIB, Need
-from rhytid.bench.subject import grow
 from rhytid.cli.program import main
 from rhytid.device.budget import MemoryBudget
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.errors import DeviceMemoryError
-from rhytid.samples.face import procedural_face
 from rhytid.synthesis import generate
+from rhytid_lab.bench.frame import CASES, FrameBench
+from rhytid_lab.bench.memory import GIB, Need
+from rhytid_lab.bench.subject import grow
+from rhytid_lab.samples.face import procedural_face
 
 
 @pytest.mark.parametrize(

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from bench.contests import SIZE, WRINKLES, Given, small_bench
-from rhytid.bench import peers
-from rhytid.bench.compare import TOLERANCE, tolerance, worst_difference
-from rhytid.bench.contest import NAMES, OURS, Contest
-from rhytid.bench.frame import CASES, REPORTED, FrameBench
-from rhytid.bench.host_copy import HostCopy
-from rhytid.cli import bench as command
 from rhytid.cli import main
 from rhytid.device.runtime import Device
+from rhytid_lab.bench import peers
+from rhytid_lab.bench.compare import TOLERANCE, tolerance, worst_difference
+from rhytid_lab.bench.contest import NAMES, OURS, Contest
+from rhytid_lab.bench.frame import CASES, REPORTED, FrameBench
+from rhytid_lab.bench.host_copy import HostCopy
+from rhytid_lab.commands import bench as command
 
 SMALL = ["bench", "--size", str(SIZE), "--wrinkles", str(WRINKLES), "--repeats", "1"]
 ENTRY = {"case", "implementation", "seconds", "map_copies", "max_difference"}
@@ -161,7 +161,7 @@ def test_an_unknown_name_is_a_usage_error(option: str, capsys: pytest.CaptureFix
 def test_what_would_take_too_long_is_left_out(
     bench: FrameBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from rhytid.bench.peers import with_numpy
+    from rhytid_lab.bench.peers import with_numpy
 
     monkeypatch.setattr(with_numpy, "_MOST_TEXELS", 1000)
     standings = Contest(bench, (OURS, "numpy"), 1).hold(["redraw"])

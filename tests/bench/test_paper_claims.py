@@ -9,14 +9,14 @@ import pytest
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
-from rhytid.bench.skin import Skin
-from rhytid.bench.subject import grow
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.engine.frames import Frame
-from rhytid.pictures.contact import relative_rms
-from rhytid.samples.sphere import sphere, sphere_stretch
+from rhytid_lab.bench.skin import Skin
+from rhytid_lab.bench.subject import grow
+from rhytid_lab.samples.sphere import sphere, sphere_stretch
+from rhytid_lab.sheets.contact import relative_rms
 
 SIZE, DEPTH = 256, 0.02
 MESH = sphere(48)

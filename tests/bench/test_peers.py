@@ -8,10 +8,10 @@ from collections.abc import Iterator
 import pytest
 
 from bench.contests import small_bench
-from rhytid.bench import peers
-from rhytid.bench.contest import OURS, Contest
-from rhytid.bench.frame import FrameBench
 from rhytid.device.runtime import Device
+from rhytid_lab.bench import peers
+from rhytid_lab.bench.contest import OURS, Contest
+from rhytid_lab.bench.frame import FrameBench
 
 pytestmark = pytest.mark.peers
 # Readers of textures may round places; the rest differs by what float32 rounds.
@@ -40,4 +40,4 @@ def test_the_table_of_peers_is_what_they_do(bench: FrameBench, name: str) -> Non
     case = peers.cases_of(name)[0]
     peers.prepare(name, case, bench.scene()).release()
 
-    assert tuple(sys.modules[f"rhytid.bench.peers.with_{name}"].CASES) == peers.cases_of(name)
+    assert tuple(sys.modules[f"rhytid_lab.bench.peers.with_{name}"].CASES) == peers.cases_of(name)

@@ -15,16 +15,17 @@ from PIL import Image
 
 from cli.running import write_neutral
 from meshes import SmallMesh
-from rhytid.bench.accuracy import PAPER, Accuracy, best, choice, front, memory
-from rhytid.bench.error_sources import SOURCES
-from rhytid.bench.page import page
-from rhytid.bench.paper_times import wrinkles_at
-from rhytid.bench.report import Report
-from rhytid.bench.skin import COLUMNS
-from rhytid.bench.subject import built_in_face, most_stretched
-from rhytid.cli import main, reproduce
+from rhytid.cli import main
 from rhytid.device.runtime import Device
 from rhytid.engine.messages import METHODS
+from rhytid_lab.bench.accuracy import PAPER, Accuracy, best, choice, front, memory
+from rhytid_lab.bench.error_sources import SOURCES
+from rhytid_lab.bench.page import page
+from rhytid_lab.bench.paper_times import wrinkles_at
+from rhytid_lab.bench.report import Report
+from rhytid_lab.bench.skin import COLUMNS
+from rhytid_lab.bench.subject import built_in_face, most_stretched
+from rhytid_lab.commands import reproduce
 
 PICTURES = ("figure_1", "figure_3", "figure_4", "figure_5", "pareto")
 

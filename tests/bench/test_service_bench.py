@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from rhytid.bench import service
-from rhytid.bench.load import Load, load, merged
-from rhytid.bench.server import served
 from rhytid.cli import main
 from rhytid.errors import RhytidError
+from rhytid_lab.bench import service
+from rhytid_lab.bench.load import Load, load, merged
+from rhytid_lab.server import served
 
 
 class Counting(BaseHTTPRequestHandler):

@@ -9,9 +9,10 @@ import pytest
 
 import rhytid
 from rhytid.cli import main
-from rhytid.cli.program import COMMANDS, build_parser
+from rhytid.cli.program import build_parser
 
-NAMES = [module.__name__.rpartition(".")[2] for module in COMMANDS]
+NAMES = ["bake", "bench", "demo", "devices", "graph", "reproduce", "serve", "synthesize"]
+NAMES += ["warnings"]
 
 
 def ends(arguments: list[str]) -> int:
@@ -19,12 +20,6 @@ def ends(arguments: list[str]) -> int:
         main(arguments)
     assert isinstance(end.value.code, int)
     return end.value.code
-
-
-def test_every_command_is_there() -> None:
-    known = ["bake", "bench", "demo", "devices", "graph", "reproduce", "serve", "synthesize"]
-    known += ["warnings"]
-    assert sorted(NAMES) == known
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -7,7 +7,6 @@ from collections.abc import Callable
 
 import pytest
 
-import rhytid_client
 from rhytid.cli import devices, main
 from rhytid.cli.termination import Terminated, raising_terminated
 from rhytid.errors import MeshError, RhytidError
@@ -41,7 +40,6 @@ def test_all_done_is_0(ending: Ending, capsys: pytest.CaptureFixture[str]) -> No
     [
         (MeshError("face 3 has no uv"), "face 3 has no uv"),
         (RhytidError("anything of ours"), "anything of ours"),
-        (rhytid_client.ConnectionFailed("no answer"), "no answer"),
         (FileNotFoundError(2, "No such file or directory", "a.obj"), "a.obj: No such file"),
         (OSError(28, "No space left on device"), "No space left on device"),
     ],

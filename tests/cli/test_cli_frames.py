@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 
 from cli.running import write_animation
 from meshes import SmallMesh, deform
-from rhytid.cli.demo_face import animation
 from rhytid.cli.frame_files import FrameFiles, FramePlace, frame_numbers
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import FrameError
 from rhytid.formats.meshes import MeshFile
+from rhytid_lab.commands.demo_face import animation
 
 
 def paths(*names: str) -> list[Path | None]:

@@ -4,7 +4,7 @@ import numpy as np
 
 from rhytid.cli.preview import touched_squares
 from rhytid.pictures.surface_patch import Frame, surface_patch
-from rhytid.samples.sphere import sphere
+from rhytid_lab.samples.sphere import sphere
 
 
 def test_a_patch_reads_no_texel_that_is_not_drawn() -> None:

@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 
 from rhytid.cli import reporting
-from rhytid.cli.demo_session import StepClock
-from rhytid.cli.demo_sheets import key_frames
 from rhytid.cli.reporting import counted, report, share_bar, table
 from rhytid.cli.timing import Stopwatch
 from rhytid_client import Job
+from rhytid_lab.commands.demo_session import StepClock
+from rhytid_lab.commands.demo_sheets import key_frames
 
 
 def test_columns_of_numbers_are_right_aligned() -> None:

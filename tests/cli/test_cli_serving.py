@@ -14,7 +14,7 @@ from PIL import Image
 from cli.running import process
 from rhytid.cli import main
 from rhytid.formats.exr import read_exr
-from rhytid.samples.face import procedural_face
+from rhytid_lab.samples.face import procedural_face
 
 SERVE = ("serve", "--port", "0", "--store", "store")
 

@@ -14,8 +14,8 @@ from rhytid.cli.warned import Warned
 from rhytid.domain.notices import NOTICES
 from rhytid.domain.warnings import CODES, InputWarning
 from rhytid.errors import StrictError
-from rhytid.samples.face import procedural_face
 from rhytid.storage.store import AssetStore
+from rhytid_lab.samples.face import procedural_face
 
 SMALL = ("--resolution", "256", "--wrinkles", "400")
 SAMPLE = procedural_face(16)

@@ -12,8 +12,8 @@ from rhytid.domain import warnings as limits
 from rhytid.domain.frame import check_positions
 from rhytid.domain.frame_warnings import FrameCheck
 from rhytid.domain.mesh import Mesh
-from rhytid.samples.face import procedural_face
-from rhytid.samples.sphere import SPHERE_STRETCHES, sphere, sphere_stretch
+from rhytid_lab.samples.face import procedural_face
+from rhytid_lab.samples.sphere import SPHERE_STRETCHES, sphere, sphere_stretch
 
 SAMPLE = procedural_face(32)
 CHECK = FrameCheck(SAMPLE.mesh, "cm")

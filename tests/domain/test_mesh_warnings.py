@@ -16,8 +16,8 @@ from rhytid.domain import warnings as limits
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.mesh_warnings import mesh_warnings
 from rhytid.formats.meshes import read_mesh
-from rhytid.samples.face import procedural_face
-from rhytid.samples.sphere import sphere
+from rhytid_lab.samples.face import procedural_face
+from rhytid_lab.samples.sphere import sphere
 
 FACE = procedural_face(32).mesh
 RIGHT = np.array([1, 0])

@@ -13,7 +13,7 @@ from rhytid.domain.lengths import Lengths
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.notices import count_told, grain_notice
 from rhytid.domain.texel_sizes import usual_uv_length
-from rhytid.samples.face import procedural_face
+from rhytid_lab.samples.face import procedural_face
 
 
 def told(uv_length: float, **settings: Any) -> str:

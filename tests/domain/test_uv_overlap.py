@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from reference.overlaps import covers, overlap_share
 from rhytid.domain import uv_overlap
 from rhytid.domain.uv_overlap import SIDE, overlap_of
-from rhytid.samples.face import procedural_face
+from rhytid_lab.samples.face import procedural_face
 
 
 def lattice(n: int) -> NDArray[np.float64]:

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from engine.engines import REDRAW, built, running
-from rhytid.cli import bake, demo
+from rhytid.cli import bake
 from rhytid.cli.program import build_parser
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.engine.messages import NewAsset
+from rhytid_lab.commands import demo
 from synthesis import sheets
 
 DRAFT, LEVEL = 512, 2

@@ -12,6 +12,7 @@ ROOT = Path(__file__).resolve().parents[2]
 # Source roots and the one package in each.
 PACKAGES = {
     "rhytid": ROOT / "service",
+    "rhytid_lab": ROOT / "service",
     "rhytid_kernels": ROOT / "cl_kernels",
     "rhytid_client": ROOT / "clients" / "python",
 }

@@ -23,15 +23,13 @@ ALLOWED = {
     "domain": {"errors"},
     "device": _FACTS,
     "formats": _FACTS,
-    "samples": _FACTS,
     "pictures": _FACTS,
     "pipeline": _TOOLS,
     "synthesis": _TOOLS,
     "storage": _TOOLS,
     "engine": _TOOLS | _WORK | {"settings"},
     "api": _TOOLS | {"engine", "settings"},
-    "bench": _TOOLS | _WORK | {"engine", "settings", "samples", "pictures"},
-    "cli": _TOOLS | _WORK | {"engine", "settings", "api", "samples", "pictures", "bench"},
+    "cli": _TOOLS | _WORK | {"engine", "settings", "api", "pictures"},
 }
 # The only parts that may import a package from outside; other packages are free.
 ONLY_IN = {
@@ -39,7 +37,6 @@ ONLY_IN = {
     "fastapi": {"api"},
     "starlette": {"api"},
     "uvicorn": {"cli"},
-    "rhytid_client": {"cli", "bench"},
     "rhytid_kernels": {"device"},
 }
 # The only readers of the environment: the settings, and what OpenCL's loader must find there.
@@ -85,6 +82,11 @@ def test_an_outside_package_has_its_place(outside: str) -> None:
     ]
 
     assert wrong == []
+
+
+@pytest.mark.parametrize("above", ["rhytid_lab", "rhytid_client", "matplotlib"])
+def test_the_service_never_imports_what_is_built_on_it(above: str) -> None:
+    assert [str(found) for found in everything("rhytid") if found.top == above] == []
 
 
 def test_domain_knows_numpy_alone() -> None:

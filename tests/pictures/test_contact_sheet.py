@@ -6,14 +6,14 @@ from numpy.typing import NDArray
 
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import InputError, MeshError
-from rhytid.pictures.contact import contact_sheet, relative_rms
-from rhytid.pictures.contact_rows import SIZE
 from rhytid.pictures.crops import surface_crop
 from rhytid.pictures.places import Place, find_places
 from rhytid.pictures.sheet import GAP, MARGIN
-from rhytid.pictures.skin_rows import patch_views
-from rhytid.pictures.stretch_colours import Performance
-from rhytid.samples.sphere import RADIUS, sphere, sphere_stretch
+from rhytid_lab.samples.sphere import RADIUS, sphere, sphere_stretch
+from rhytid_lab.sheets.contact import contact_sheet, relative_rms
+from rhytid_lab.sheets.contact_rows import SIZE
+from rhytid_lab.sheets.skin_rows import patch_views
+from rhytid_lab.sheets.stretch_colours import Performance
 
 RATIOS = (1.25, 0.8)
 

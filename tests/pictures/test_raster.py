@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 from rhytid.pictures.images import BACKGROUND
 from rhytid.pictures.raster import rasterize, rasterize_uv
 from rhytid.pictures.shade_mesh import View, shade_mesh, vertex_normals
-from rhytid.samples.face import procedural_face
-from rhytid.samples.sphere import RADIUS, sphere
+from rhytid_lab.samples.face import procedural_face
+from rhytid_lab.samples.sphere import RADIUS, sphere
 
 QUAD = np.array([[[0, 0], [8, 0], [8, 8]], [[0, 0], [8, 8], [0, 8]]], np.float64)
 

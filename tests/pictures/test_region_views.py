@@ -7,7 +7,7 @@ import pytest
 
 from rhytid.domain.mesh import Mesh
 from rhytid.pictures.region_views import region_views
-from rhytid.samples.sphere import RADIUS, sphere
+from rhytid_lab.samples.sphere import RADIUS, sphere
 
 SIDE, PIXELS = 0.2 * RADIUS, 48
 

@@ -11,7 +11,7 @@ from rhytid.pictures.crops import spline_samples, spline_slopes
 from rhytid.pictures.relief import flat_light, lit
 from rhytid.pictures.shade_mesh import vertex_normals
 from rhytid.pictures.surface_patch import Frame, surface_patch
-from rhytid.samples.sphere import RADIUS, sphere
+from rhytid_lab.samples.sphere import RADIUS, sphere
 
 SIZE, MAP, WAVE, DEPTH = 96, 512, 0.05, 0.004
 Array = NDArray[np.float64]

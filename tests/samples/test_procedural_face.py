@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import mesh_udims
 from rhytid.errors import FrameError, MeshError
-from rhytid.samples.face import SampleFace, procedural_face
+from rhytid_lab.samples.face import SampleFace, procedural_face
 
 EXPRESSIONS = (
     "brow_furrow",

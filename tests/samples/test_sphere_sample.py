@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rhytid.errors import FrameError, MeshError
-from rhytid.samples.sphere import RADIUS, SPHERE_STRETCHES, sphere, sphere_stretch
+from rhytid_lab.samples.sphere import RADIUS, SPHERE_STRETCHES, sphere, sphere_stretch
 
 
 def test_sphere_is_a_round_hemisphere() -> None:

@@ -17,9 +17,9 @@ from rhytid.domain.controls import Controls
 from rhytid.domain.graph import ORIGINAL, WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.engine.messages import MapQuery, NewAsset
-from rhytid.samples.face import procedural_face
 from rhytid.synthesis.even_skin import SPACING
 from rhytid.synthesis.generate import Synthesis, synthesize
+from rhytid_lab.samples.face import procedural_face
 from synthesis import sheets
 from synthesis.changes import Painted, beside
 

@@ -13,7 +13,6 @@ from reference.stiffness import bilinear
 from rhytid.domain.asset_settings import GraphSettings
 from rhytid.domain.controls import Controls
 from rhytid.domain.regions import REGIONS
-from rhytid.samples.face import procedural_face
 from rhytid.synthesis.directions import level_directions
 from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.lookup import Lookup
@@ -21,6 +20,7 @@ from rhytid.synthesis.painted_directions import points_to_normals
 from rhytid.synthesis.painting import PaintedFields, fields_of
 from rhytid.synthesis.rooms import total_room
 from rhytid.synthesis.surface import Surface
+from rhytid_lab.samples.face import procedural_face
 from synthesis import sheets
 
 RNG = np.random.default_rng(3)

@@ -5,14 +5,16 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
+from importlib.metadata import entry_points
 
-import rhytid_client
 from rhytid import __version__
-from rhytid.cli import bake, bench, demo, devices, graph, reproduce, serve, synthesize, warnings
+from rhytid.cli import bake, devices, graph, serve, synthesize, warnings
 from rhytid.cli.termination import INTERRUPTED, raising_terminated
 from rhytid.errors import RhytidError
 
-COMMANDS = (demo, serve, devices, synthesize, graph, bake, bench, reproduce, warnings)
+COMMANDS = (serve, devices, synthesize, graph, bake, warnings)
+# Entry points of other packages: modules with `add_command(commands)`, as those above.
+GROUP = "rhytid.commands"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -25,7 +27,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         with raising_terminated():
             arguments.run(arguments)
-    except (RhytidError, rhytid_client.RhytidError, OSError) as error:
+    except (RhytidError, OSError) as error:
         print(f"rhytid {arguments.command}: {_line(error)}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
@@ -44,7 +46,7 @@ def build_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"rhytid {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for command in COMMANDS:
+    for command in (*COMMANDS, *(entry.load() for entry in entry_points(group=GROUP))):
         command.add_command(commands)
     return parser
 

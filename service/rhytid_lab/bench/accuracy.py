@@ -1,0 +1,150 @@
+"""How close `binned` is to `redraw`, at what time and memory, over the settings of the bins."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from rhytid.domain.asset_settings import BinSettings
+from rhytid.pipeline.bins import map_count
+from rhytid.pipeline.vectors import BYTES_A_TEXEL
+from rhytid_lab.bench.blend_clock import BlendClock
+from rhytid_lab.bench.skin import Map, Skin
+from rhytid_lab.bench.subject import Subject
+from rhytid_lab.sheets.contact import relative_rms
+
+# The worst texels of a map, as a share of all.
+WORST = 0.001
+PAPER = BinSettings()
+
+
+def choice(**changes: Any) -> BinSettings:
+    """The paper's bins but for `changes`."""
+    return BinSettings(**{**asdict(PAPER), **changes})
+
+
+_FINE = {"merge": "mellow", "depth_factored": True}
+_TILTED = {"depth_factored": True, "tilt": True}
+# The paper's choice, one step away from it each way, and what is worth its price together.
+CHOICES: tuple[BinSettings, ...] = (
+    PAPER,
+    *(choice(count=n) for n in (1, 2, 8, 16)),
+    *(choice(samples=m) for m in (5, 7)),
+    choice(bits=16),
+    *(choice(merge=merge) for merge in ("soft", "signed", "mellow")),
+    choice(reach=1.5),
+    choice(depth_factored=True),
+    *(choice(depth_factored=True, samples=m) for m in (5, 7)),
+    *(choice(depth_factored=True, count=8, samples=m) for m in (3, 5, 7)),
+    *(
+        choice(depth_factored=True, merge=merge, count=n, samples=m)
+        for merge in ("soft", "signed")
+        for n in (4, 8)
+        for m in (3, 5, 7)
+    ),
+    *(choice(**_TILTED, merge=merge, samples=7) for merge in ("min", "signed", "mellow")),
+    *(choice(**_TILTED, merge="soft", count=n, samples=7) for n in (2, 8)),
+    *(choice(**_TILTED, merge="soft", samples=m) for m in (3, 5)),
+    choice(**_TILTED, merge="soft", samples=5, reach=1.75),
+    *(choice(**_TILTED, merge="soft", pore_samples=m) for m in (5, 7)),
+    choice(**_TILTED, merge="soft", pore_samples=5, reach=1.25),
+    *(choice(**_TILTED, merge="soft", pore_samples=7, reach=reach) for reach in (1.25, 1.5, 2.0)),
+    *(choice(**_TILTED, merge="soft", samples=7, reach=reach) for reach in (1.5, 2.0)),
+    choice(**_TILTED, merge="soft", samples=7, reach=1.5, bits=16),
+    choice(**_TILTED, merge="signed", pore_samples=7),
+    choice(**_TILTED, merge="signed", samples=7, reach=1.5),
+    choice(**_TILTED, merge="signed", count=8, samples=7, reach=1.5),
+    *(choice(**_FINE, count=n) for n in (1, 2, 4, 8, 16)),
+    *(choice(**_FINE, count=n, samples=5) for n in (2, 4, 8)),
+    choice(**_FINE, bits=16),
+    choice(**_FINE, count=8, samples=5, bits=16),
+    choice(**_FINE, count=16, samples=7, bits=16),
+)
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """What one choice of bins gives.
+
+    errors: relative rms by subject, mean over its frames.  worst: mean |difference| of the worst
+    0.1 % of texels by subject, in units of the depth.  map_copies, seconds: of blending a map of
+    the size that was timed.  memory: bytes a texel.
+    """
+
+    bins: BinSettings
+    errors: dict[str, float]
+    worst: dict[str, float]
+    seconds: float
+    map_copies: float
+    memory: float
+
+    @property
+    def error(self) -> float:
+        """The mean over subjects."""
+        return statistics.fmean(self.errors.values())
+
+
+class Study:
+    """Subjects with their `redraw` maps, against which choices of bins are measured.
+
+    skins: of the subjects, at the size at which errors are measured.  clock: at the size at which
+    blending is timed.
+    """
+
+    def __init__(self, subjects: Sequence[tuple[Subject, Skin]], clock: BlendClock) -> None:
+        self._subjects, self._clock = subjects, clock
+        self._redrawn = {
+            subject.title: [skin.map(frame, "redraw") for frame in subject.frames.values()]
+            for subject, skin in subjects
+        }
+
+    def measure(self, bins: BinSettings) -> Accuracy:
+        """Errors, time and memory of one choice."""
+        errors, worst = {}, {}
+        for subject, skin in self._subjects:
+            skin.use(bins=settings_of(bins, subject))
+            found = [skin.map(frame, "binned") for frame in subject.frames.values()]
+            pairs = list(zip(found, self._redrawn[subject.title], strict=True))
+            errors[subject.title] = statistics.fmean(relative_rms(a, b) for a, b in pairs)
+            depth = skin.settings.depth or 1.0
+            worst[subject.title] = statistics.fmean(worst_mean(a, b) for a, b in pairs) / depth
+        seconds = self._clock.seconds(bins)
+        copies = seconds / self._clock.copy_seconds
+        return Accuracy(bins, errors, worst, seconds, copies, memory(bins))
+
+
+def settings_of(bins: BinSettings, subject: Subject) -> dict[str, Any]:
+    """As JSON, calibrated for a subject."""
+    return {**asdict(bins), "r_max": subject.r_max}
+
+
+def worst_mean(values: Map, reference: Map) -> float:
+    """Mean |difference| of the worst 0.1 % of texels, mesh units."""
+    size = np.abs(values - reference).ravel()
+    count = max(round(WORST * size.size), 1)
+    return float(np.partition(size, -count)[-count:].mean())
+
+
+def memory(bins: BinSettings) -> float:
+    """Bytes a texel of the precomputed maps and of the triangle index beside them."""
+    return map_count(bins) * bins.bits / 8 + BYTES_A_TEXEL
+
+
+def front(found: Iterable[Accuracy]) -> list[Accuracy]:
+    """Those that no other beats in both error and time, the fastest first."""
+    kept: list[Accuracy] = []
+    for one in sorted(found, key=lambda a: (a.map_copies, a.error)):
+        if not kept or one.error < kept[-1].error:
+            kept.append(one)
+    return kept
+
+
+def best(found: Sequence[Accuracy], most: float = 2.0) -> Accuracy:
+    """The closest to `redraw` at no more than `most` times the time of the paper's choice."""
+    paper = next(a for a in found if a.bins == PAPER)
+    affordable = [a for a in found if a.map_copies <= most * paper.map_copies]
+    return min(affordable, key=lambda a: a.error)

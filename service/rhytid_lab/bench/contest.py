@@ -1,0 +1,167 @@
+"""Implementations of the same cases beside each other: compared first, then timed in turn."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+
+from rhytid_lab.bench import peers
+from rhytid_lab.bench.compare import tolerance, worst_difference
+from rhytid_lab.bench.frame import FrameBench
+from rhytid_lab.bench.host_copy import HostCopy
+from rhytid_lab.bench.peers.run import LeftOut, Run
+from rhytid_lab.bench.scene import Floats
+
+OURS = "rhytid"
+NAMES = (OURS, *peers.PEERS)
+# Seconds from which on a run is not repeated.
+_LONG = 5.0
+# Seconds up to which waking up counts.
+_SHORT = 0.5
+# What is made once an asset is timed once.
+_ONCE = ("precompute",)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One implementation of one case. map_copies: of the device that it runs on, which for some is
+    the host. max_difference: to ours, see `worst_difference`."""
+
+    case: str
+    implementation: str
+    seconds: float
+    map_copies: float
+    max_difference: float
+
+
+@dataclass(frozen=True)
+class Left:
+    """An implementation of a case that has no time, and why. off: its result was wrong."""
+
+    case: str
+    implementation: str
+    reason: str
+    off: bool = False
+
+
+@dataclass
+class Standings:
+    """What came out. copy_seconds: of one map copy on the device, over all rounds."""
+
+    copy_seconds: float = 0.0
+    entries: list[Entry] = field(default_factory=list)
+    left: list[Left] = field(default_factory=list)
+
+
+@dataclass
+class _Rival:
+    """One implementation of a case, checked, with the times of its runs so far."""
+
+    name: str
+    run: Callable[[], None]
+    release: Callable[[], None]
+    difference: float
+    repeats: int
+    on_host: bool = False
+    short: bool = True
+    seconds: list[float] = field(default_factory=list)
+
+
+class Contest:
+    """Cases of a frame, each by those implementations of `names` that do it."""
+
+    def __init__(self, bench: FrameBench, names: Sequence[str], repeats: int) -> None:
+        self._bench, self._names, self._repeats = bench, names, repeats
+        self._scene = bench.scene()
+        # By whether it is the host's beside another device.
+        self._copies: dict[bool, list[float]] = {False: [], True: []}
+        self._host = None if self._scene.on_cpu else HostCopy(self._scene.size)
+        self._timed: list[tuple[str, list[_Rival]]] = []
+        self.standings = Standings()
+
+    def hold(self, cases: Iterable[str]) -> Standings:
+        """Compare and time every case."""
+        for case in cases:
+            rivals = self._rivals(case)
+            self._time(rivals)
+            self._timed.append((case, rivals))
+            for rival in rivals:
+                rival.release()
+        copies = {host: statistics.median(s) for host, s in self._copies.items() if s}
+        self.standings.copy_seconds = copies[False]
+        for case, rivals in self._timed:
+            for rival in rivals:
+                seconds = statistics.median(rival.seconds)
+                share = seconds / copies[rival.on_host]
+                entry = Entry(case, rival.name, seconds, share, rival.difference)
+                self.standings.entries.append(entry)
+        return self.standings
+
+    def _rivals(self, case: str) -> list[_Rival]:
+        bench = self._bench
+        ours = bench.result(case) if case != "precompute" else None
+        found = []
+        for name in self._names:
+            if name == OURS:
+                repeats = 1 if case in _ONCE else self._repeats
+                short = bench.seconds(case) < _SHORT
+                run = partial(bench.run, case)
+                found.append(_Rival(name, run, _nothing, 0.0, repeats, short=short))
+            elif case in peers.cases_of(name) and ours is not None:
+                rival = self._rival(name, case, ours)
+                found += [rival] if rival else []
+        return found
+
+    def _rival(self, name: str, case: str, ours: Floats) -> _Rival | None:
+        """A peer whose result agrees; why it has no time is noted otherwise."""
+        try:
+            run = peers.prepare(name, case, self._scene)
+        except LeftOut as reason:
+            self.standings.left.append(Left(case, name, str(reason)))
+            return None
+        start = time.perf_counter()
+        run.run()
+        first = time.perf_counter() - start
+        repeats = 1 if first > _LONG else self._repeats
+        difference = self._compared(name, case, run, ours)
+        if difference is None:
+            run.release()
+            return None
+        on_host = peers.runs_on_host(name) and self._host is not None
+        return _Rival(name, run.run, run.release, difference, repeats, on_host, first < _SHORT)
+
+    def _compared(self, name: str, case: str, run: Run, ours: Floats) -> float | None:
+        difference = worst_difference(case, self._scene, ours, run.result())
+        if difference <= tolerance(case):  # not so where it is not a number
+            return difference
+        reason = f"refused: off by {difference:.2g}, over {tolerance(case):g}"
+        self.standings.left.append(Left(case, name, reason, off=True))
+        return None
+
+    def _time(self, rivals: list[_Rival]) -> None:
+        """In turn, a map copy before each, so that what else the machine does meets them alike.
+
+        Short ones run once before that, untimed, as they would from frame to frame: threads that
+        slept meanwhile share a core for their first milliseconds.
+        """
+        for number in range(max((rival.repeats for rival in rivals), default=0)):
+            for rival in rivals:
+                if number < rival.repeats and rival.short:
+                    rival.run()
+                self._copies[rival.on_host].append(self._copy(rival.on_host))
+                if number < rival.repeats:
+                    start = time.perf_counter()
+                    rival.run()
+                    rival.seconds.append(time.perf_counter() - start)
+
+    def _copy(self, on_host: bool) -> float:
+        if on_host and self._host is not None:
+            return self._host.seconds()
+        return self._bench.seconds("copy")
+
+
+def _nothing() -> None:
+    """What stays on the device stays there."""

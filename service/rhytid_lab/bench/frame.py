@@ -1,0 +1,282 @@
+"""What one frame costs on a device: stretch, redraw, blend, convolution, and the maps made ahead.
+
+Every case but `stretch` starts from the stretch of the triangles, which is on the device already:
+the paper tells of the two apart, and whoever does the same elsewhere starts there too. Times come
+with their ratio to *one map copy* taken in the same run: a kernel that reads and writes R² float32.
+"""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.device.runtime import Buffer, Device
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.graph import WrinkleGraph
+from rhytid.domain.mesh import Mesh
+from rhytid.domain.tiles import mesh_udims
+from rhytid.engine.given_graphs import graph_lengths
+from rhytid.engine.spacing import mean_spacing
+from rhytid.pipeline.bin_maker import BinMaker, BinTile
+from rhytid.pipeline.blend import Blend
+from rhytid.pipeline.convolve import Convolve
+from rhytid.pipeline.elements import UdimElements, pore_arrays, wrinkle_arrays
+from rhytid.pipeline.locate import UdimTriangles, locate_points
+from rhytid.pipeline.neutral_tiles import NeutralTile
+from rhytid.pipeline.redraw import redrawing, respond
+from rhytid.pipeline.stretch import StretchStage
+from rhytid.pipeline.stretch_buffers import StretchBuffers
+from rhytid_lab.bench.grains import Grains
+from rhytid_lab.bench.scene import Floats, Scene
+from rhytid_lab.bench.skin import Skin
+
+# What a report tells of a frame; a bench knows `neutral` and `tile` as well.
+REPORTED = ("copy", "stretch", "redraw", "precompute", "binned", "convolved")
+CASES = (*REPORTED[1:], "neutral", "tile")
+
+
+@dataclass(frozen=True)
+class Cost:
+    """A case with its time in seconds and in map copies."""
+
+    case: str
+    seconds: float
+    map_copies: float
+
+
+class FrameBench:
+    """The first UDIM of a face on a device, ready to be timed.
+
+    mesh, graph: the face.  deformed: (V, 3) float32 positions of the frame.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        mesh: Mesh,
+        graph: WrinkleGraph,
+        deformed: NDArray[np.float32],
+        settings: AssetSettings,
+    ) -> None:
+        # The others draw round lines alone, and each where it answers to stretch.
+        graph = graph.without_copies()
+        self.device, self.wrinkles = device, graph.counts()[1]
+        self.mesh, self.graph, self.deformed = mesh, graph, deformed
+        self.udim = udim = mesh_udims(mesh)[0]
+        size, padding = settings.resolution, settings.padding
+        pore = locate_points(device, mesh, graph.node_uv, size, padding)
+        wrinkle = locate_points(device, mesh, graph.centres(), size, padding)
+        lengths = graph_lengths(graph, settings, mean_spacing(mesh, graph, pore))
+        self.settings, self.spacing = settings.with_lengths(lengths), lengths.spacing
+        settings = self.settings
+        self._wrinkles = wrinkle_arrays(graph, wrinkle, settings, udim)
+        self._pores = pore_arrays(graph, pore, settings, udim)
+        self._elements = UdimElements(device, self._wrinkles, self._pores, settings.bins.count)
+        self._located = UdimTriangles(device, mesh, udim, size, padding)
+        self._stage = StretchStage(device, mesh)
+        self._limit = settings.response.log_stretch_limit
+        self._soft = settings.response.soft_limits
+        self._frame = self._stage.run(
+            deformed, self._limit, angles=settings.angles, soft=self._soft
+        )
+        self._blend = Blend(device, settings, len(mesh.faces))
+        self._convolve = Convolve(device, mesh)
+        self._grains = Grains(device, mesh, self._located, settings)
+        self._bins: list[BinTile] = []
+        self._neutral: list[NeutralTile] = []
+        self._copied = tuple(device.full(size * size, np.float32(1.0)) for _ in range(2))
+
+    def run(self, case: str) -> None:
+        """Do one case of CASES, or `copy`, and wait for its end."""
+        if case == "copy":
+            vectors = self.settings.resolution**2 // 16
+            self.device.launch("copy", "copy_map", (vectors,), *self._copied)
+        else:
+            _release(*self._make(case))
+        self.device.finish()
+
+    def ready(self, case: str) -> None:
+        """Make what the case finds there from frame to frame."""
+        if case == "binned" and not self._bins:
+            self._precompute()
+        if case == "convolved" and not self._neutral:
+            self._draw_neutral()
+
+    def cost(self, case: str, repeats: int) -> Cost:
+        """The median time of a case, or of `copy`, after one run that does not count."""
+        self.ready(case)
+        rounds = range(1 + (1 if case == "precompute" else repeats))
+        seconds = [[self.seconds(of) for of in ("copy", case)] for _ in rounds]
+        copy, own = (statistics.median(column) for column in zip(*seconds[1:], strict=True))
+        return Cost(case, own, own / copy)
+
+    def seconds(self, case: str) -> float:
+        """Of one run."""
+        self.device.finish()
+        start = time.perf_counter()
+        self.run(case)
+        return time.perf_counter() - start
+
+    def tile_seconds(self, case: str) -> float:
+        """The mean time of one tile of `redraw` or `binned`, drawn one after the other, with what
+        is made once a frame at hand."""
+        self.ready(case)
+        if case == "binned":
+            held: Any = self._blend.coefficients(self._frame)
+            work = [partial(self._blend.tile, maps, held) for maps in self._bins]
+        else:
+            held = respond(self.device, self._elements, self.settings, self._frame)
+            draw = redrawing(self.device, self._elements, self.settings, held)
+            work = [partial(draw, *corner) for corner in self._tile_corners()]
+        work[0]().release()
+        self.device.finish()
+        start = time.perf_counter()
+        for one in work:
+            one().release()
+            self.device.finish()
+        seconds = (time.perf_counter() - start) / len(work)
+        held.release()
+        return seconds
+
+    def result(self, case: str) -> Floats:
+        """The map of a case (R, R) or its tile, mesh units; of `stretch` (F, 6): ratios, axes."""
+        self.ready(case)
+        if case == "stretch":
+            ratios, axes = self._stage.read(self._frame)
+            return np.concatenate([ratios, axes.reshape(-1, 4)], axis=1)
+        made = self._make(case)
+        side = round((made[0].nbytes // 4) ** 0.5)
+        maps = [self.device.read(tile, (side, side), np.float32) for tile in made]
+        _release(*made)
+        count = round(len(maps) ** 0.5)
+        return np.block([maps[i : i + count] for i in range(0, len(maps), count)])
+
+    def scene(self) -> Scene:
+        """The same frame for others."""
+        count, read = self._frame.count, self.device.read
+        return Scene(
+            self.mesh,
+            self.deformed,
+            self.settings,
+            read(self._frame.axes, (count, 4), np.float32),
+            read(self._frame.logs, (count, 2), np.float32),
+            self._wrinkles,
+            self._pores,
+            self.device.info.kind == "cpu",
+            self._read_triangles,
+            self._read_codes,
+            lambda: self.result("neutral"),
+        )
+
+    def release(self) -> None:
+        """Give the device memory back."""
+        made = (*self._bins, *self._neutral, *self._copied, self._frame)
+        self._grains.release()
+        stages = (self._elements, self._located, self._stage, self._blend, self._convolve)
+        _release(*made, *stages)
+        self._bins.clear()
+        self._neutral.clear()
+
+    def _tile_corners(self) -> list[tuple[int, int, int]]:
+        """(row, column, side) of every tile of level 0."""
+        side = self.settings.tile_size
+        starts = range(0, self.settings.resolution, side)
+        return [(row, column, side) for row in starts for column in starts]
+
+    def _make(self, case: str) -> list[Buffer]:
+        """The buffers that a case leaves."""
+        work: dict[str, Callable[[], list[Buffer]]] = {
+            "stretch": self._stretch,
+            "redraw": lambda: self._drawn(self._frame, 0, 0, self.settings.resolution),
+            "neutral": self._neutral_map,
+            "tile": lambda: self._drawn(self._frame, *self._middle()),
+            "precompute": self._precompute,
+            "binned": self._binned,
+            "convolved": self._convolved,
+        }
+        return work[case]()
+
+    def _stretch(self) -> list[Buffer]:
+        self._stage.run(self.deformed, self._limit, soft=self._soft).release()
+        return []
+
+    def _middle(self) -> tuple[int, int, int]:
+        """The tile that holds the middle of the map, at its upper left corner."""
+        side = self.settings.tile_size
+        start = self.settings.resolution // 2 // side * side
+        return start, start, side
+
+    def _drawn(self, stretch: StretchBuffers, row: int, column: int, side: int) -> list[Buffer]:
+        scales = respond(self.device, self._elements, self.settings, stretch)
+        draw = redrawing(self.device, self._elements, self.settings, scales)
+        out = draw(row, column, side)
+        scales.release()
+        self._grains.add(out, stretch, (row, column, side))
+        return [out]
+
+    def _neutral_map(self) -> list[Buffer]:
+        stretch = self._stage.run(None, self._limit)
+        made = self._drawn(stretch, 0, 0, self.settings.resolution)
+        stretch.release()
+        return made
+
+    def _precompute(self) -> list[Buffer]:
+        _release(*self._bins)
+        self._bins.clear()
+        maker = BinMaker(self.device, self._elements, self._located, self.settings)
+        self._bins = [maker.tile(*corner) for corner in self._tile_corners()]
+        return []
+
+    def _binned(self) -> list[Buffer]:
+        coefficients = self._blend.coefficients(self._frame)
+        grains = self._grains.codes(self._tile_corners())
+        tiles = self._blend.tiles(self._bins, coefficients, grains)
+        coefficients.release()
+        return tiles
+
+    def _draw_neutral(self) -> None:
+        stretch = self._stage.run(None, self._limit)
+        scales = respond(self.device, self._elements, self.settings, stretch)
+        draw = redrawing(self.device, self._elements, self.settings, scales)
+        self._neutral = [
+            self._convolve.neutral_tile(draw, self._located, self.settings, self.udim, *corner)
+            for corner in self._tile_corners()
+        ]
+        _release(stretch, scales)
+
+    def _convolved(self) -> list[Buffer]:
+        kernels = self._convolve.kernels(self._frame, self.settings)
+        tiles = [self._convolve.tile(n, kernels, self.settings) for n in self._neutral]
+        kernels.release()
+        return tiles
+
+    def _read_triangles(self) -> NDArray[np.int32]:
+        size = self.settings.resolution
+        held = self._located.texels(size, 0, 0, size)
+        found: NDArray[np.int32] = self.device.read(held, (size, size), np.int32)
+        held.release()
+        return found
+
+    def _read_codes(self) -> NDArray[np.integer[Any]]:
+        skin = Skin(self.device, self.mesh, self.graph, self.settings, self.udim)
+        bins, grid = self.settings.bins, self.settings.grid
+        maps, side, size = (bins.count + 1) * bins.samples, grid.tile_size, grid.resolution
+        codes = np.empty((maps, size, size), f"i{bins.bits // 8}")
+        for address in grid.addresses(self.udim, 0):
+            y, x = address.row * side, address.column * side
+            for index in range(maps):
+                codes[index, y : y + side, x : x + side] = skin.bin_map(address, index)
+        skin.release()
+        return codes.reshape(bins.count + 1, bins.samples, size, size)
+
+
+def _release(*things: object) -> None:
+    for thing in things:
+        thing.release()  # type: ignore[attr-defined]

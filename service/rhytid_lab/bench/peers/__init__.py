@@ -1,0 +1,56 @@
+"""Other ways to do the same: what rhytid is timed beside.
+
+One module an implementation; each has CASES, from the name of a case to what prepares it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from importlib import import_module
+from importlib.util import find_spec
+
+from rhytid.domain.asset_settings import PRESETS
+from rhytid_lab.bench.peers.run import LeftOut, Run
+from rhytid_lab.bench.scene import Scene
+
+__all__ = ["PEERS", "LeftOut", "Run", "cases_of", "prepare", "runs_on_host"]
+
+# Texels a side from which on the precomputed maps are too much for a host that holds them twice.
+_LARGEST_BINNED = 8192
+# By name: the package that it needs, and the cases that it does.
+PEERS = {
+    "opengl": ("moderngl", ("redraw", "neutral", "binned")),
+    "numba": ("numba", ("redraw", "neutral", "binned")),
+    "numpy": ("numpy", ("stretch", "redraw", "neutral", "binned")),
+    "opencv": ("cv2", ("convolved",)),
+}
+
+
+def cases_of(name: str) -> tuple[str, ...]:
+    """The cases that an implementation does."""
+    return PEERS[name][1]
+
+
+def runs_on_host(name: str) -> bool:
+    """Whether it runs on the processor, whatever device rhytid has."""
+    return name != "opengl"
+
+
+def prepare(name: str, case: str, scene: Scene) -> Run:
+    """A case of `cases_of(name)`, ready to be run; raises LeftOut with the reason."""
+    package = PEERS[name][0]
+    if find_spec(package) is None:
+        raise LeftOut("not installed")
+    if case == "binned":
+        _check_maps(scene)
+    found: Run = import_module(f"rhytid_lab.bench.peers.with_{name}").CASES[case](scene)
+    return found
+
+
+def _check_maps(scene: Scene) -> None:
+    """Raise LeftOut for precomputed maps that the peers do not blend."""
+    if scene.size > _LARGEST_BINNED:
+        raise LeftOut(f"left out: over {_LARGEST_BINNED} texels a side its maps are too large")
+    bins = scene.settings.bins
+    if bins != replace(PRESETS["paper"].bins, r_max=bins.r_max):
+        raise LeftOut("left out: it blends the maps of the preset `paper` alone")

@@ -1,0 +1,132 @@
+"""What a tile costs through the service: latency, tiles a second, and how much of it is not the
+kernel. A real server on loopback, asked by another process."""
+
+from __future__ import annotations
+
+import statistics
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from rhytid.domain.graph_origin import GraphOrigin
+from rhytid.domain.tiles import TileAddress
+from rhytid.engine.resident_parts import RECENT_FRAMES
+from rhytid.formats.graphs import write_graph
+from rhytid_client import Asset, Client
+from rhytid_lab.bench.frame import FrameBench
+from rhytid_lab.bench.load import Load, load, merged
+from rhytid_lab.server import connected, served
+
+METHODS = ("redraw", "binned")
+CLIENTS = (1, 8, 64)
+_FRAME = "frame"
+# Frames that are timed, once as many went before as the service keeps: from then on the memory of
+# an old one is taken.
+_FIRST, _BEFORE = 9, RECENT_FRAMES + 1
+# Of each of a few rounds, at most.
+_REQUESTS, _SECONDS, _ROUNDS = 400, 2.0, 3
+_ARRAYS = ("positions", "faces", "uv", "face_uv")
+
+
+@dataclass(frozen=True)
+class Latency:
+    """Tiles of a method asked by so many clients at once.
+
+    kernel_seconds: of one tile, drawn alone.  not_kernel: the share of the time from one answer of
+    the server to the next that this does not fill.
+    """
+
+    method: str
+    clients: int
+    requests: int
+    p50_seconds: float
+    p99_seconds: float
+    tiles_per_second: float
+    kernel_seconds: float
+    not_kernel: float
+
+
+@dataclass(frozen=True)
+class FirstTile:
+    """A frame in and its first tile out, one after the other on one connection.
+
+    kernel_seconds: stretch, the response of every wrinkle to it, one tile.
+    """
+
+    seconds: float
+    kernel_seconds: float
+    ratio: float
+
+
+class ServiceBench:
+    """A frame of a bench, served."""
+
+    def __init__(self, bench: FrameBench, url: str, client: Client) -> None:
+        self._bench, self._url, self._client = bench, url, client
+        arrays = {name: getattr(bench.mesh, name) for name in _ARRAYS}
+        settings = bench.settings
+        wanted: dict[str, Any] = {
+            k: getattr(settings, k) for k in ("resolution", "tile_size", "preset")
+        }
+        lengths = settings.lengths(bench.spacing)
+        origin = GraphOrigin.of(bench.mesh, settings.length_unit, lengths)
+        graph = write_graph(replace(bench.graph, origin=origin))
+        asset = self._client.create_asset(arrays, settings=wanted, graph=graph)
+        self._asset: Asset = self._client.wait(asset)
+        self._client.put_frame(self._asset, _FRAME, bench.deformed)
+        self._paths = [self._path(a) for a in settings.grid.addresses(bench.udim, 0)]
+
+    def latency(self, method: str, clients: int) -> Latency:
+        """Every tile of level 0 in turn, as npy."""
+        paths = [f"{path}?method={method}" for path in self._paths]
+        load(self._url, paths, 1, len(paths))  # whatever is made once a frame or once a tile
+        found, kernels = [], []
+        for _ in range(_ROUNDS):  # in turn: what else the machine does meets both
+            kernels.append(self._bench.tile_seconds(method))
+            found.append(load(self._url, paths, clients, _REQUESTS, _SECONDS))
+        return _latency(method, clients, merged(found), statistics.median(kernels))
+
+    def first_tile(self) -> FirstTile:
+        """The tile in the middle by `redraw`, of frames that nobody asked for before."""
+        bench = self._bench
+        side = bench.settings.tile_size
+        middle = bench.settings.resolution // 2 // side
+        answers, kernels = [], []
+        for turn in range(_BEFORE + _FIRST):
+            positions = bench.deformed * (1.0 + 1e-6 * (turn + 1))
+            start = time.perf_counter()
+            self._client.put_frame(self._asset, _FRAME, positions)
+            self._client.tile(self._asset, _FRAME, bench.udim, 0, middle, middle, method="redraw")
+            answers.append(time.perf_counter() - start)
+            kernels.append(bench.seconds("stretch") + bench.seconds("tile"))
+        seconds, kernel = (statistics.median(times[_BEFORE:]) for times in (answers, kernels))
+        return FirstTile(seconds, kernel, seconds / kernel)
+
+    def _path(self, at: TileAddress) -> str:
+        return f"/v1/assets/{self._asset.id}/frames/{_FRAME}/tiles/{at}"
+
+
+@contextmanager
+def service_bench(bench: FrameBench) -> Iterator[ServiceBench]:
+    """The frame of a bench on a server that ends with the block."""
+    with tempfile.TemporaryDirectory(prefix="rhytid-bench-") as folder:
+        device = str(bench.device.info.index)
+        with served(Path(folder) / "store", device) as url, connected(url) as client:
+            yield ServiceBench(bench, url, client)
+
+
+def _latency(method: str, clients: int, found: Load, kernel: float) -> Latency:
+    return Latency(
+        method,
+        clients,
+        len(found.seconds),
+        found.percentile(50),
+        found.percentile(99),
+        found.per_second,
+        kernel,
+        max(1.0 - kernel * found.per_second, 0.0),
+    )

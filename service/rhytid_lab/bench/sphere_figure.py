@@ -1,0 +1,97 @@
+"""Figure 5 of the paper: a sphere, stretched and compressed, by every method."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from rhytid.pictures.colours import signed_grey
+from rhytid.pictures.crops import spline_samples
+from rhytid.pictures.images import Picture, to_picture
+from rhytid.pictures.shade_mesh import View
+from rhytid.pictures.sheet import Panel, sheet
+from rhytid.synthesis.progress import Progress
+from rhytid_lab.bench.face_figures import performance_of
+from rhytid_lab.bench.skin import COLUMNS, Map, Skin
+from rhytid_lab.bench.subject import Subject
+from rhytid_lab.samples.sphere import SPHERE_STRETCHES
+from rhytid_lab.sheets.contact import relative_rms
+from rhytid_lab.sheets.displaced import shade_displaced
+
+# Pores that hardly deform: the figure is about those.
+PORES = {"beta_w": 1.0, "beta_d": 1.0}
+_SPHERE, _CROP, _GAP = 320, 170, 4
+_EXAGGERATION = 1.5
+# Of the map's side.
+_CROP_SHARE = 0.14
+_MARGIN = 0.02
+
+
+def figure_5(
+    subject: Subject, skin: Skin, progress: Progress
+) -> tuple[Image.Image, dict[str, Any]]:
+    """Rows: the four deformations.  Columns: the methods; each cell is the sphere and a crop."""
+    positions = [f.positions for f in subject.frames.values() if f.positions is not None]
+    view = View.around(np.concatenate(positions), _MARGIN)
+    limit = 1.5 * (skin.settings.depth or 1.0)
+    rows, figures = [], {}
+    for index, name in enumerate(subject.frames):
+        progress(index / len(subject.frames), "figure 5")
+        maps = _maps(subject, skin, name)
+        panels = [
+            Panel(f"{_ratios(name)}: {title}", _cell(subject, skin, name, heights, view, limit))
+            for title, heights in maps.items()
+        ]
+        rows.append(panels)
+        figures[name] = {
+            title: relative_rms(heights, maps["redraw"]) for title, heights in maps.items()
+        }
+    caption = (
+        "A sphere under isotropic stretch and compression and two anisotropic stretches (ratios "
+        "along x and y at its centre): shaded with its displacement, half as deep again, and the "
+        "displacement of its centre. Pores hardly deform here (beta_w = beta_d = 1). With one bin "
+        "anisotropic stretch cancels out, so that the map stays as it was."
+    )
+    return sheet(rows, caption), figures
+
+
+def _maps(subject: Subject, skin: Skin, name: str) -> dict[str, Map]:
+    maps = {}
+    for column in COLUMNS:
+        skin.use(response=PORES, bins={**column.bins, "r_max": subject.r_max})
+        maps[column.title] = skin.map(subject.frames[name], column.method)
+    return maps
+
+
+def _ratios(name: str) -> str:
+    a, b = SPHERE_STRETCHES[name]
+    return f"{a:g} x {b:g}"
+
+
+def _cell(
+    subject: Subject, skin: Skin, name: str, heights: Map, view: View, limit: float
+) -> Picture:
+    p = performance_of(subject, skin, name)
+    ball = shade_displaced(
+        p.deformed, p.faces, p.triangle_uv, heights, _SPHERE, view, _EXAGGERATION
+    )
+    return _beside(ball, to_picture(signed_grey(_centre(heights), limit)))
+
+
+def _centre(heights: Map) -> Any:
+    """The middle of the map; u is along x, so it needs no turning."""
+    size = len(heights)
+    along = (0.5 + _CROP_SHARE * ((np.arange(_CROP) + 0.5) / _CROP - 0.5)) * size - 0.5
+    column, row = np.meshgrid(along, along)
+    return spline_samples(heights, row, column)
+
+
+def _beside(ball: Picture, crop: Picture) -> Picture:
+    """The crop beside the sphere, in the middle of its height."""
+    cell = np.full((_SPHERE, _SPHERE + _GAP + _CROP, 3), 255, np.uint8)
+    cell[:, :_SPHERE] = ball
+    top = (_SPHERE - _CROP) // 2
+    cell[top : top + _CROP, -_CROP:] = crop
+    return cell

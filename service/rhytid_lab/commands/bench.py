@@ -1,0 +1,257 @@
+"""`rhytid bench`: what a frame costs on a device, in seconds and in copies of its map."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.cli.options import (
+    STDOUT,
+    Commands,
+    add_density,
+    add_force,
+    add_json,
+    new_command,
+    readable,
+)
+from rhytid.cli.reporting import counted, report, table, write_json
+from rhytid.domain.asset_settings import PRESETS
+from rhytid.domain.mesh import Mesh
+from rhytid.errors import FrameError, InputError, RhytidError
+
+if TYPE_CHECKING:
+    from rhytid.device.runtime import Device
+    from rhytid_lab.bench.contest import Standings
+    from rhytid_lab.bench.frame import FrameBench
+    from rhytid_lab.bench.service import Latency
+    from rhytid_lab.commands.demo_face import Animation
+
+# As bench.frame and bench.contest have them, which are not imported for --help.
+CASES = ("stretch", "redraw", "precompute", "binned", "convolved", "neutral", "tile")
+IMPLEMENTATIONS = ("rhytid", "opengl", "numba", "numpy", "opencv")
+SERVICE_HEADER = (
+    "method", "clients", "p50 ms", "p99 ms", "tiles/s", "kernel ms", "not kernel"
+)  # fmt: skip
+HEADER = ("case", "implementation", "seconds", "map copies", "max difference", "note")
+
+
+def add_command(commands: Commands) -> None:
+    """Add `bench` to the parser."""
+    parser = new_command(
+        commands,
+        "bench",
+        "Time a frame on a device, in seconds and in map copies (a copy reads and writes R² "
+        "float32 in the same run), beside other implementations of the same: graphics shaders, "
+        "numba, numpy, OpenCV. What differs from ours is not timed. On the built-in face, or on "
+        "one of your own with its frames.",
+        "rhytid bench --size 4096 --wrinkles 1250000 --json figures.json",
+    )
+    parser.add_argument("--mesh", type=readable, metavar="NPZ", help="a neutral mesh with frames")
+    frame = "the frame, from 0 (the one farthest from the neutral)"
+    parser.add_argument("--frame", type=int, metavar="I", help=frame)
+    parser.add_argument("--graph", type=readable, metavar="FILE", help="wrinkles of --mesh")
+    parser.add_argument("--size", type=int, default=4096, metavar="R", help="texels a side (4096)")
+    add_density(parser)
+    add_force(parser)
+    preset = "bins of `binned` (paper, the one that the others blend too)"
+    parser.add_argument("--preset", choices=tuple(PRESETS), default="paper", help=preset)
+    _add_names(parser, "--methods", CASES, "what to time")
+    _add_names(parser, "--implementations", IMPLEMENTATIONS, "by whom")
+    service = "time tiles through the service instead, under 1, 8 and 64 clients"
+    parser.add_argument("--service", action="store_true", help=service)
+    scaling = "draw instead how costs grow with texels, wrinkles, triangles and bins"
+    parser.add_argument("--scaling", type=Path, metavar="DIR", help=scaling)
+    parser.add_argument("--repeats", type=_count, default=5, metavar="N", help="runs a case (5)")
+    parser.add_argument("--device", metavar="D", help="number or part of the name of a device")
+    add_json(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Put a face on the device, time its cases and tell them."""
+    if arguments.scaling is not None:
+        _run_scaling(arguments)
+        return
+    bench = frame_bench(arguments)
+    (_run_service if arguments.service else _run_cases)(bench, arguments)
+    bench.release()
+
+
+def _run_scaling(arguments: argparse.Namespace) -> None:
+    from rhytid_lab.bench.scaling import SERIES, Scaling, plot
+    from rhytid_lab.bench.subject import USUAL_WRINKLES
+    from rhytid_lab.commands.bench_skin import scaled_settings, tell_need
+
+    if arguments.spacing is not None:
+        raise InputError("--spacing: series are counted in wrinkles: give --wrinkles")
+    device, mesh, deformed = _frame_on_device(arguments)
+    wrinkles = arguments.wrinkles or USUAL_WRINKLES
+    tell_need(device, mesh, scaled_settings(arguments), CASES, wrinkles)
+    scaling = Scaling(device, mesh, deformed, arguments.size, wrinkles, arguments.repeats)
+    arguments.scaling.mkdir(parents=True, exist_ok=True)
+    found = []
+    for series in counted(tuple(SERIES), "scaling", "series"):
+        grown = scaling.run(series)
+        plot(grown).savefig(arguments.scaling / f"scaling_{series}.png")
+        found += grown
+    rows = [(g.series, str(g.x), g.case, f"{g.seconds:.4f}", _copies(g.map_copies)) for g in found]
+    figures = {
+        "device": device.info.name,
+        "size": arguments.size,
+        "wrinkles": wrinkles,
+        "results": [asdict(g) for g in found],
+    }
+    write_json(figures, arguments.scaling / "scaling.json")
+    report(figures, table(("series", "x", "case", "seconds", "map copies"), rows), arguments.json)
+
+
+def _copies(map_copies: float | None) -> str:
+    return "" if map_copies is None else f"{map_copies:.1f}"
+
+
+def _run_service(bench: FrameBench, arguments: argparse.Namespace) -> None:
+    from rhytid_lab.bench.service import CLIENTS, METHODS, service_bench
+
+    with service_bench(bench) as service:
+        first = service.first_tile()
+        wanted = [(method, clients) for method in METHODS for clients in CLIENTS]
+        rows = [service.latency(*one) for one in counted(wanted, "service", "load")]
+    figures = {
+        "device": bench.device.info.name,
+        "size": bench.settings.resolution,
+        "tile_size": bench.settings.tile_size,
+        "wrinkles": bench.wrinkles,
+        "first_tile": asdict(first),
+        "results": [asdict(row) for row in rows],
+    }
+    milliseconds = (
+        f"{1000 * first.seconds:.1f} ms, its kernels {1000 * first.kernel_seconds:.1f} ms"
+    )
+    told = f"frame in, first tile out: {milliseconds}: {first.ratio:.1f} times"
+    report(figures, f"{told}\n{table(SERVICE_HEADER, map(_latency_row, rows))}", arguments.json)
+
+
+def _latency_row(row: Latency) -> tuple[str, ...]:
+    seconds = (row.p50_seconds, row.p99_seconds, row.kernel_seconds)
+    p50, p99, kernel = (f"{1000 * s:.1f}" for s in seconds)
+    rate, share = f"{row.tiles_per_second:.0f}", f"{row.not_kernel:.2f}"
+    return row.method, str(row.clients), p50, p99, rate, kernel, share
+
+
+def _run_cases(bench: FrameBench, arguments: argparse.Namespace) -> None:
+    from rhytid_lab.bench.contest import OURS, Contest
+
+    names = tuple(n for n in IMPLEMENTATIONS if n in {OURS, *arguments.implementations})
+    cases = [case for case in CASES if case in arguments.methods]
+    standings = Contest(bench, names, arguments.repeats).hold(counted(cases, "bench", "case"))
+    figures = {
+        "device": bench.device.info.name,
+        "size": arguments.size,
+        "wrinkles": bench.wrinkles,
+        "copy_seconds": standings.copy_seconds,
+        "results": [asdict(entry) for entry in standings.entries],
+    }
+    report(figures, table(HEADER, _rows(standings)), arguments.json)
+    _tell_left(standings, to_stderr=arguments.json == STDOUT)
+
+
+def _add_names(
+    parser: argparse.ArgumentParser, option: str, known: tuple[str, ...], what: str
+) -> None:
+    """An option that takes some of a few names, apart or with commas between."""
+
+    def named(text: str) -> list[str]:
+        names = text.split(",")
+        for name in names:
+            if name not in known:
+                raise argparse.ArgumentTypeError(f"{name!r}: one of {', '.join(known)}")
+        return names
+
+    parser.add_argument(
+        option,
+        nargs="+",
+        action=_Flat,
+        type=named,
+        default=list(known),
+        metavar="NAME",
+        help=f"{what}: some of {', '.join(known)} (all)",
+    )
+
+
+class _Flat(argparse.Action):
+    """Lists of names become one."""
+
+    def __call__(self, parser: Any, namespace: Any, values: Any, option: Any = None) -> None:
+        setattr(namespace, self.dest, [name for names in values for name in names])
+
+
+def _count(text: str) -> int:
+    if not (text.isascii() and text.isdigit() and int(text) > 0):
+        raise argparse.ArgumentTypeError(f"{text!r}: a whole number above 0")
+    return int(text)
+
+
+def _rows(standings: Standings) -> list[tuple[str, ...]]:
+    timed = [
+        (e.case, e.implementation, f"{e.seconds:.4f}", f"{e.map_copies:.1f}",
+         f"{e.max_difference:.1e}" if e.max_difference else "0", "")
+        for e in standings.entries
+    ]  # fmt: skip
+    left = [(e.case, e.implementation, "", "", "", e.reason) for e in standings.left]
+    copy = ("copy", "rhytid", f"{standings.copy_seconds:.4f}", "1.0", "", "")
+    rows = [*timed, *left]
+    return [copy, *sorted(rows, key=lambda row: CASES.index(row[0]))]
+
+
+def _tell_left(standings: Standings, *, to_stderr: bool) -> None:
+    """Where no table was printed tell who has no time; raise where a result was wrong."""
+    if to_stderr:
+        for left in standings.left:
+            print(f"{left.case}: {left.implementation}: {left.reason}", file=sys.stderr)
+    off = [f"{left.implementation} in {left.case}" for left in standings.left if left.off]
+    if off:
+        raise RhytidError(f"the results differ from rhytid's: {', '.join(off)}")
+
+
+def frame_bench(arguments: argparse.Namespace) -> FrameBench:
+    """The face and the frame of the arguments on their device, with wrinkles."""
+    # Imported here, so that --help needs no OpenCL.
+    from rhytid_lab.bench.frame import FrameBench
+    from rhytid_lab.commands.bench_skin import skin
+
+    device, mesh, deformed = _frame_on_device(arguments)
+    graph, settings = skin(device, mesh, arguments)
+    return FrameBench(device, mesh, graph, deformed, settings)
+
+
+def _frame_on_device(arguments: argparse.Namespace) -> tuple[Device, Mesh, NDArray[np.float32]]:
+    """A device, and the mesh and the frame of the arguments."""
+    from rhytid.engine.opening import open_device
+    from rhytid.settings import ServiceSettings
+    from rhytid_lab.commands.demo_face import animation
+
+    if arguments.graph is not None and arguments.mesh is None:
+        raise InputError("--graph: its wrinkles belong to a mesh: name it with --mesh")
+    service = ServiceSettings.from_environment()
+    found = animation(arguments.mesh, ())
+    index = _frame(found, arguments.frame)
+    device = open_device(service, arguments.device)
+    return device, found.mesh, found.frames.read(found.frames.places[index])
+
+
+def _frame(found: Animation, index: int | None) -> int:
+    """The frame of an animation; the one whose vertices moved farthest where None is named."""
+    places = found.frames.places
+    if index is None:
+        neutral = found.mesh.positions
+        moved = [float(np.linalg.norm(found.frames.read(p) - neutral)) for p in places]
+        return int(np.argmax(moved))
+    if not 0 <= index < len(places):
+        raise FrameError(f"--frame {index}: the animation has frames 0 to {len(places) - 1}")
+    return index

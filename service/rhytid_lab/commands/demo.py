@@ -1,0 +1,135 @@
+"""`rhytid demo`: the whole service on one face, over HTTP, with pictures and times."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+from warnings import catch_warnings, simplefilter
+
+from rhytid.cli.options import (
+    Commands,
+    add_density,
+    add_json,
+    add_lines,
+    add_query,
+    add_several,
+    add_stiffness,
+    add_strict,
+    add_unit,
+    density,
+    new_command,
+    readable,
+)
+from rhytid.cli.reporting import report, table, write_json
+from rhytid.cli.serve import chosen
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.units import USUAL_UNIT, millimetres
+
+if TYPE_CHECKING:
+    from rhytid.cli.warned import Warned
+    from rhytid_lab.commands.demo_session import Session
+
+SUMMARY = "Run the service on a face and write EXR sequences, contact sheets and times."
+DETAILS = """
+A server is started on a free loopback port; face and animation go through the Python SDK. Without
+--mesh the face is procedural: it raises its brows, frowns, smiles and opens its mouth."""
+
+
+def add_command(commands: Commands) -> None:
+    """Add `demo` to the parser."""
+    parser = new_command(commands, "demo", SUMMARY, "rhytid demo --out rhytid-demo")
+    parser.description = SUMMARY + DETAILS
+    parser.epilog = f"{parser.epilog}, or: rhytid demo --mesh animation.npz --sampling smooth"
+    add = parser.add_argument
+    add(
+        "--out",
+        type=Path,
+        default=Path("rhytid-demo"),
+        metavar="DIR",
+        help="maps and sheets of an earlier run there are removed (%(default)s)",
+    )
+    mesh = "OBJ, PLY, glTF, GLB, or npz, which may hold the frames"
+    add("--mesh", type=readable, metavar="NEUTRAL", help=mesh)
+    frames = "npy, obj, or npz with 'frames'"
+    add_several(parser, "--frames", type=readable, metavar="FILE", help=frames)
+    add(
+        "--resolution",
+        type=int,
+        default=AssetSettings().resolution,
+        metavar="R",
+        help="texels a side, a power of two (%(default)s)",
+    )
+    add_density(parser)
+    add_lines(parser)
+    add_query(parser)
+    add_stiffness(parser)
+    add_unit(parser, "NEUTRAL")
+    add("--device", metavar="D", help="number or part of the name of a device")
+    add_strict(parser)
+    add_json(parser)
+    parser.set_defaults(run=run, usage_error=parser.error)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Serve, send, draw, and tell what came of it and where it lies."""
+    if arguments.frames and arguments.mesh is None:
+        arguments.usage_error("--frames needs --mesh: the neutral face that they deform")
+    from rhytid.cli.warned import Warned
+
+    with Warned("demo", arguments.strict, arguments.allow) as warned:
+        _run(arguments, warned)
+
+
+def _run(arguments: argparse.Namespace, warned: Warned) -> None:
+    # Imported here, so that --help does not wait for OpenCL and the web framework.
+    from rhytid.cli.server import serving
+    from rhytid_client import RhytidWarning
+    from rhytid_lab.commands.demo_face import animation
+    from rhytid_lab.commands.demo_session import Session
+    from rhytid_lab.commands.demo_sheets import write_sheets
+    from rhytid_lab.server import connected
+
+    face = animation(arguments.mesh, arguments.frames, arguments.shapes)
+    name = arguments.mesh.name if arguments.mesh else "face.npz"
+    warned.inputs(face.mesh, name, arguments.unit or USUAL_UNIT, arguments.resolution, face.frames)
+    out: Path = arguments.out
+    out.mkdir(parents=True, exist_ok=True)
+    if arguments.mesh is None:
+        face.save(out / "face.npz")
+    with TemporaryDirectory(prefix="rhytid-demo-") as store:
+        service = chosen(Path(store), arguments.device)
+        with serving(service) as url, connected(url) as client, catch_warnings():
+            simplefilter("ignore", RhytidWarning)  # told by the command itself
+            query = {"stretch": arguments.stretch, "sampling": arguments.sampling}
+            session = Session(client, face, out, query, warned)
+            session.build(_settings(arguments), arguments.stiffness)
+            session.send_frames()
+            session.draw()
+            sheets = write_sheets(session, millimetres(arguments.unit or USUAL_UNIT) or 1.0)
+            figures = {**session.figures(), "key_frames": sheets, **warned.told()}
+    write_json(figures, out / "times.json")
+    report(figures, _text(figures, session), arguments.json)
+
+
+def _settings(arguments: argparse.Namespace) -> dict[str, Any]:
+    """The usual ones, but for what is given."""
+    return {
+        "unit": arguments.unit,
+        "resolution": arguments.resolution,
+        "tile_size": min(AssetSettings().tile_size, arguments.resolution),
+        "graph": {**density(arguments), "lines": arguments.lines},
+    }
+
+
+def _text(figures: dict[str, Any], session: Session) -> str:
+    keys = ("device", "vertices", "triangles", "pores", "wrinkles", "resolution", "frames", "r_max")
+    facts = table(("figure", "value"), [(key, figures[key]) for key in keys])
+    rows = [
+        (k["frame"], f"{k['abs_p90']:.3f}", f"{k['relative_rms']:.3f}", k["sheet"])
+        for k in figures["key_frames"]
+    ]
+    header = ("frame", "|log stretch| p90", "rms binned - redraw", "contact sheet")
+    lies = f"Everything lies in {session.out}: redraw/ and binned/ (EXR), sheets, times.json"
+    return "\n\n".join([facts, session.watch.table(), table(header, rows), lies])

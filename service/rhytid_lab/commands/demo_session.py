@@ -1,0 +1,145 @@
+"""The demo's conversation with the server, timed step by step."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from rhytid import __version__
+from rhytid.cli.frame_files import FramePlace
+from rhytid.cli.reporting import counted, share_bar
+from rhytid.cli.timing import Stopwatch
+from rhytid.cli.warned import Warned
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.notices import Notice
+from rhytid.domain.warnings import InputWarning
+from rhytid_client import Asset, Client, Job, Tile
+from rhytid_lab.commands.demo_face import MESH_ARRAYS, Animation
+
+METHODS = ("redraw", "binned")
+# The stages of a build at which another step of the table begins.
+_STEPS = {"placing pores and wrinkles": "placing", "making bins": "bins"}
+
+
+class Session:
+    """One asset and its animation, by way of the SDK.  query: stretch and sampling of its maps."""
+
+    def __init__(
+        self,
+        client: Client,
+        face: Animation,
+        out: Path,
+        query: Mapping[str, str],
+        warned: Warned,
+    ) -> None:
+        self.client, self.face, self.out = client, face, out
+        self.query, self.warned = query, warned
+        self.watch = Stopwatch()
+        self.asset: Asset
+        # The 90th percentile of the absolute log stretch of every frame.
+        self.sizes: list[float] = []
+
+    @property
+    def places(self) -> list[FramePlace]:
+        """Every frame of the animation."""
+        return self.face.frames.places
+
+    def build(self, settings: Mapping[str, Any], stiffness: Sequence[Path] = ()) -> None:
+        """Send the mesh, and stiffness maps, and wait for its wrinkles."""
+        mesh = self.face.mesh
+        arrays = {name: getattr(mesh, name) for name in MESH_ARRAYS}
+        with self.watch.step("upload"), share_bar("upload") as show:
+            asset = self.client.create_asset(
+                arrays,
+                settings=settings,
+                stiffness=stiffness,
+                shapes=self.face.shapes,
+                progress=lambda sent, total: show(sent / total, ""),
+            )
+        with share_bar("build") as show:
+            clock = StepClock(self.watch, show)
+            self.asset = self.client.wait(asset, progress=clock.follow)
+            clock.stop()
+        assert self.asset.statistics is not None
+        resolved = AssetSettings.parse(self.asset.settings)
+        self.warned.lengths(resolved, self.asset.statistics["spacing"])
+        self.warned.notice(Notice(n.code, n.detail) for n in self.asset.notices)
+
+    def send_frames(self) -> None:
+        """Send every frame, then calibrate from the one that stretches most."""
+        for place in counted(self.places, "frames", "frame"):
+            positions = self.face.frames.read(place)
+            with self.watch.step("stretch"):
+                frame = self.client.put_frame(self.asset, place.label, positions, raw=True)
+            self.warned.frame((InputWarning(**asdict(w)) for w in frame.warnings), place.name)
+            self.sizes.append(frame.log_stretch["abs_p90"])
+        most = self.places[self.sizes.index(max(self.sizes))]
+        with self.watch.step("calibrate, bins"), share_bar("calibrate") as show:
+            job = self.client.calibrate(self.asset, self.face.frames.read(most))
+            self.client.wait(job, progress=lambda job: show(job.progress, job.stage))
+        self.asset = self.client.asset(self.asset)
+
+    def draw(self) -> None:
+        """Write every map of every method as the EXR file that the server sends."""
+        for method in METHODS:
+            folder = self.out / method
+            folder.mkdir(exist_ok=True)
+            for earlier in folder.glob("face.*.exr"):  # of a longer animation, perhaps
+                earlier.unlink()
+            for place in counted(self.places, method, "frame"):
+                for udim in self.asset.udims:
+                    with self.watch.step(f"{method}, as EXR"):
+                        map = self.map(place, udim, method, "exr")
+                    (folder / f"face.{udim}.{place.label}.exr").write_bytes(map.content)
+
+    def map(self, place: FramePlace, udim: int, method: str, format: str = "npy") -> Tile:
+        """A whole map of a frame."""
+        stretch, sampling = self.query["stretch"], self.query["sampling"]
+        return self.client.map(
+            self.asset, place.label, udim,
+            method=method, stretch=stretch, sampling=sampling, format=format,
+        )  # fmt: skip
+
+    def figures(self) -> dict[str, Any]:
+        """What was computed, on what, and how long it took."""
+        device = next(d for d in self.client.devices() if d.selected)
+        settings = self.asset.settings
+        return {
+            "rhytid": __version__,
+            "device": f"{device.name} ({device.platform})",
+            "vertices": self.asset.vertices,
+            "triangles": self.asset.triangles,
+            "pores": self.asset.pores,
+            "wrinkles": self.asset.wrinkles,
+            "resolution": settings["resolution"],
+            "udims": list(self.asset.udims),
+            "frames": len(self.places),
+            **self.query,
+            "r_max": round(settings["bins"]["r_max"], 4),
+            "steps": self.watch.figures(),
+        }
+
+
+class StepClock:
+    """Divides the time of a build among its steps, by the stages that its job tells."""
+
+    def __init__(self, watch: Stopwatch, show: Callable[[float, str], None]) -> None:
+        self._watch, self._show = watch, show
+        self._step, self._start = "synthesis", time.perf_counter()
+
+    def follow(self, job: Job) -> None:
+        """Hear how far the job is."""
+        self._show(job.progress, job.stage)
+        step = _STEPS.get(job.stage, self._step)
+        if step != self._step:
+            self.stop()
+            self._step = step
+
+    def stop(self) -> None:
+        """Count the step that ends now."""
+        now = time.perf_counter()
+        self._watch.add(self._step, now - self._start)
+        self._start = now

@@ -1,0 +1,64 @@
+"""A server for a while: started as a process of its own, and asked through the client SDK."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+
+import rhytid_client
+from rhytid.errors import RhytidError
+
+# Seconds that a server may take to start and to end.
+_START, _END = 60.0, 20.0
+_LISTENS = re.compile(r"^rhytid \S+ on (http://[^,\s]+),", re.MULTILINE)
+
+
+@contextmanager
+def served(store: Path, device: str) -> Iterator[str]:
+    """The URL of `rhytid serve` on a free loopback port; it ends with the block.
+
+    device: its number.
+
+    Raises RhytidError with what the server said where it does not start.
+    """
+    command = [sys.executable, "-m", "rhytid", "serve", "--port", "0"]
+    command += ["--store", str(store), "--device", device]
+    log = store.parent / "server.log"  # not a pipe: nobody would read what a server has to say
+    with (
+        log.open("w") as told,
+        subprocess.Popen(command, stdout=told, stderr=subprocess.STDOUT) as process,
+    ):
+        try:
+            yield _url(process, log)
+        finally:
+            process.terminate()
+            try:
+                process.wait(_END)
+            except subprocess.TimeoutExpired:
+                process.kill()
+
+
+@contextmanager
+def connected(url: str) -> Iterator[rhytid_client.Client]:
+    """A client of a server; what it raises in the block becomes a RhytidError of the same words."""
+    with closing(rhytid_client.Client(url)) as client:
+        try:
+            yield client
+        except rhytid_client.RhytidError as error:
+            raise RhytidError(str(error)) from error
+
+
+def _url(process: subprocess.Popen[bytes], log: Path) -> str:
+    deadline = time.monotonic() + _START
+    while time.monotonic() < deadline and process.poll() is None:
+        found = _LISTENS.search(log.read_text(encoding="utf-8"))
+        if found:
+            return found[1]
+        time.sleep(0.05)
+    said = log.read_text(encoding="utf-8").strip()[-500:]
+    raise RhytidError(f"the server did not start: {said or 'it said nothing'}")

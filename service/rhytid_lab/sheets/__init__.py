@@ -1,0 +1,1 @@
+"""Contact sheets: a face, its stretch and its skin side by side."""
