@@ -39,6 +39,14 @@ def digest(name: str) -> str:
     return hashlib.sha256(source(name).encode()).hexdigest()[:12]
 
 
+def digest_of_all() -> str:
+    """Twelve hexadecimal digits that change with any kernel or helper."""
+    kinds = (".cl", ".clh")
+    found = sorted(e.name for e in files(__name__).iterdir() if e.name.endswith(kinds))
+    texts = "".join(f"{name}\n{_read(name)}\n" for name in found)
+    return hashlib.sha256(texts.encode()).hexdigest()[:12]
+
+
 def expand(text: str) -> str:
     """`text` with its `#include "helper.clh"` lines replaced by the helpers, each only once."""
     seen: set[str] = set()

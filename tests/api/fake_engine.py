@@ -5,6 +5,8 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Collection
 from dataclasses import dataclass, field, replace
+from functools import partial
+from types import SimpleNamespace as Namespace
 from typing import Any
 
 import numpy as np
@@ -28,7 +30,9 @@ from rhytid.engine.messages import (
     MapQuery,
     NewAsset,
 )
+from rhytid.engine.tile_service import TilePlan, of_map
 from rhytid.errors import NotFoundError, NotReadyError, ReadOnlyError, SettingsError
+from rhytid.formats.tile_header import TileHeader
 
 GRAPH = WrinkleGraph(
     node_uv=[[0.25, 0.25], [0.75, 0.5]],
@@ -69,6 +73,21 @@ class FakeEngine:
         self.computes = True
         self._assets: dict[str, FakeAsset] = {}
         self._jobs: dict[str, JobInfo] = {}
+        self.assets = Namespace(
+            create=self.create_asset, all=self.all_assets, info=self.asset_info,
+            change=self.change_asset, delete=self.delete_asset, graph=self.graph,
+            curves=self.curves, calibrate=self.calibrate,
+        )  # fmt: skip
+        self.frames = Namespace(
+            put=self.put_frame, warnings=self.frame_warnings, all=self.all_frames,
+            info=self.frame_info, positions=self.frame_positions, delete=self.delete_frame,
+            stretch=self.stretch,
+        )  # fmt: skip
+        self.tiles = Namespace(
+            plan=self.plan, plan_map=self.plan_map, plans_once=self.plans_once, bins=self.bins,
+            bin_tile=self.bin_tile,
+        )  # fmt: skip
+        self.jobs = Namespace(info=self.job, cancel=self.cancel_job)
 
     def ready(self) -> bool:
         return self.computes
@@ -95,12 +114,12 @@ class FakeEngine:
             self._assets[name] = FakeAsset(new, new.settings.resolved(0.01), job)
             for i, frame in enumerate(() if new.frames is None else new.frames):
                 self._assets[name].frames[f"{i:04d}"] = frame
-        return self.asset(name)
+        return self.asset_info(name)
 
-    def assets(self) -> list[AssetInfo]:
-        return [self.asset(name) for name in self._assets]
+    def all_assets(self) -> list[AssetInfo]:
+        return [self.asset_info(name) for name in self._assets]
 
-    def asset(self, asset: str) -> AssetInfo:
+    def asset_info(self, asset: str) -> AssetInfo:
         found = self._find(asset)
         mesh, job = found.new.mesh, self._jobs[found.job]
         graph = found.new.graph or GRAPH
@@ -128,7 +147,7 @@ class FakeEngine:
             if key in changes:
                 raise SettingsError(f"{key} cannot be changed: send a new asset")
         found.settings = found.settings.changed(changes)
-        return self.asset(asset)
+        return self.asset_info(asset)
 
     def delete_asset(self, asset: str) -> None:
         del self._jobs[self._find(asset).job]
@@ -182,12 +201,12 @@ class FakeEngine:
         if check_frame_name(frame) == NEUTRAL:
             raise ReadOnlyError("frame 'neutral' cannot be written")
         found.frames[frame] = check_positions(positions, len(found.new.mesh.positions))
-        return self.frame(asset, frame)
+        return self.frame_info(asset, frame)
 
-    def frames(self, asset: str) -> list[FrameInfo]:
-        return [self.frame(asset, name) for name in (NEUTRAL, *self._built(asset).frames)]
+    def all_frames(self, asset: str) -> list[FrameInfo]:
+        return [self.frame_info(asset, name) for name in (NEUTRAL, *self._built(asset).frames)]
 
-    def frame(self, asset: str, frame: str) -> FrameInfo:
+    def frame_info(self, asset: str, frame: str) -> FrameInfo:
         positions = self.frame_positions(asset, frame)
         moved = self._moved(asset, positions)
         doubts = self._doubts(positions, f"frame {frame}") if frame != NEUTRAL else ()
@@ -261,12 +280,22 @@ class FakeEngine:
         axes = np.broadcast_to(np.eye(2, dtype=np.float32), (count, 2, 2))
         return FrameStretch(axes, np.ones((count, 2), np.float32))
 
-    def unit(self, asset: str) -> str:
-        return self._built(asset).settings.unit
+    def plan(self, asset: str, frame: str, query: MapQuery, address: TileAddress) -> TilePlan:
+        key = self.tile_key(asset, frame, query, address)
+        draw = partial(self.tile, asset, frame, query, address)
+        return TilePlan(key, self._header(asset, frame, query, address), draw)
 
-    def displacement_scale(self, asset: str) -> float:
-        depth = self._built(asset).settings.depth
-        return 4.5 * (depth or 0.0)
+    def plan_map(self, asset: str, frame: str, query: MapQuery, udim: int, level: int) -> TilePlan:
+        key = self.map_key(asset, frame, query, udim, level)
+        draw = partial(self.map, asset, frame, query, udim, level)
+        header = self._header(asset, frame, query, TileAddress(udim, level, 0, 0))
+        return TilePlan(key, header, draw)
+
+    def _header(self, asset: str, frame: str, query: MapQuery, at: TileAddress) -> TileHeader:
+        settings = self._built(asset).settings
+        drawn = (query.method, query.stretch, query.sampling)
+        place = (at.udim, at.level, at.row, at.column)
+        return TileHeader(settings.unit, frame, asset, *drawn, *place, 4.5 * (settings.depth or 0))
 
     def bins(self, asset: str) -> BinManifest:
         bins = self._built(asset).settings.bins
@@ -275,7 +304,8 @@ class FakeEngine:
         layers = {"wrinkles": bins.count, "pores": 1}
         if bins.merge == "mellow":
             layers |= {"wrinkle_bulges": bins.count, "pore_bulges": 1}
-        steps = dict.fromkeys(layers, (1e-4,) * 3)
+        layers["grain"] = 1
+        steps = {**dict.fromkeys(layers, (1e-4,) * 3), "grain": (1e-4,)}
         factored = bins.depth_factored
         return BinManifest(
             angles, samples, steps, bins.bits, bins.merge, factored, layers, samples,
@@ -286,23 +316,29 @@ class FakeEngine:
         )  # fmt: skip
 
     def bin_tile(
-        self, asset: str, address: TileAddress, layer: str, bin: int, sample: int
+        self, asset: str, address: TileAddress, layer: str, bin: int | None, sample: int | None
     ) -> NDArray[np.int8 | np.int16]:
         found, manifest = self._check(asset, address), self.bins(asset)
-        if bin >= manifest.layers.get(layer, 0) or sample >= len(manifest.samples):
-            raise NotFoundError(f"no map of layer {layer!r}, bin {bin}, sample {sample}")
+        bin, sample = of_map(manifest, layer, bin, sample)
         if address.level > 0:
             raise NotFoundError(f"level {address.level}: precomputed maps are of level 0 only")
         side = found.settings.grid.texels(0)
         dtype = np.int8 if manifest.bits == 8 else np.int16
         return np.full((side, side), 10 * bin + sample, dtype)
 
-    def tiles_once(
+    def plans_once(
         self, asset: str, positions: Any, query: MapQuery, addresses: list[TileAddress]
-    ) -> list[NDArray[np.float32]]:
+    ) -> list[TilePlan]:
         for address in addresses:
             self._check(asset, address)
-        return [self._draw(asset, positions, query, address) for address in addresses]
+        return [
+            TilePlan(
+                str(address),
+                self._header(asset, "", query, address),
+                partial(self._draw, asset, positions, query, address),
+            )
+            for address in addresses
+        ]
 
     def _draw(
         self, asset: str, positions: Any, query: MapQuery, at: TileAddress

@@ -14,7 +14,9 @@ def test_the_manifest_counts_what_there_is(client: httpx.Client, asset: str) -> 
     bins = client.get(f"/v1/assets/{asset}/bins").json()
     assert len(bins["angles"]) == bins["layers"]["wrinkles"] == 4
     assert len(bins["samples"]) == 3
-    assert {len(steps) for steps in bins["steps"].values()} == {3}
+    assert {name: len(steps) for name, steps in bins["steps"].items()} == {
+        "wrinkles": 3, "pores": 3, "grain": 1,
+    }  # fmt: skip
     assert (bins["bits"], bins["merge"], bins["depth_factored"]) == (8, "soft", True)
 
 
@@ -23,12 +25,12 @@ def test_a_mellow_merge_has_layers_of_bulges(client: httpx.Client) -> None:
     bins = client.get(f"/v1/assets/{mellow}/bins").json()
     assert (bins["merge"], bins["depth_factored"]) == ("mellow", True)
     assert bins["layers"] == {
-        "wrinkles": 4, "pores": 1, "wrinkle_bulges": 4, "pore_bulges": 1,
+        "wrinkles": 4, "pores": 1, "wrinkle_bulges": 4, "pore_bulges": 1, "grain": 1,
     }  # fmt: skip
     assert bins["steps"].keys() == bins["layers"].keys()
     path = f"/v1/assets/{mellow}/bins/1001/0/1/2"
     for layer, count in bins["layers"].items():
-        query = {"bin": count - 1, "sample": 2, "layer": layer}
+        query = {"bin": count - 1, "sample": len(bins["steps"][layer]) - 1, "layer": layer}
         assert array_of(client.get(path, params=query)).shape == (64, 64)
         beyond = client.get(path, params={**query, "bin": count})
         assert layer in is_problem(beyond, 404, "not-found")
@@ -49,8 +51,10 @@ def test_a_tile_of_codes_is_int8(client: httpx.Client, asset: str) -> None:
 @pytest.mark.parametrize(
     ("query", "status", "kind", "what"),
     [
-        ("", 422, None, "query parameter bin is missing"),
-        ("?bin=0", 422, None, "query parameter sample is missing"),
+        ("", 422, "query", "bin is missing: layer wrinkles has 4, 0 to 3"),
+        ("?bin=0", 422, "query", "sample is missing: layer wrinkles has 3, 0 to 2"),
+        ("?layer=pores", 422, "query", "sample is missing: layer pores has 3, 0 to 2"),
+        ("?layer=grain&sample=1", 404, "not-found", "sample 1 of layer grain: 0 to 0"),
         ("?bin=x&sample=0", 422, None, "query parameter bin is 'x'"),
         ("?bin=0&sample=0&colour=1", 422, None, "unknown query parameter colour"),
         ("?bin=0&bin=1&sample=0", 422, "query", "'bin'"),
@@ -65,6 +69,30 @@ def test_bad_queries_are_refused(
 ) -> None:
     response = client.get(f"/v1/assets/{asset}/bins/1001/0/0/0{query}")
     assert what in is_problem(response, status, kind)
+
+
+@pytest.mark.parametrize(
+    ("short", "whole"),
+    [
+        ({"layer": "grain"}, {"layer": "grain", "bin": 0, "sample": 0}),
+        ({"layer": "pores", "sample": 2}, {"layer": "pores", "bin": 0, "sample": 2}),
+    ],
+)
+def test_of_one_bin_or_sample_none_need_be_named(
+    client: httpx.Client, asset: str, short: dict[str, str | int], whole: dict[str, str | int]
+) -> None:
+    path = f"/v1/assets/{asset}/bins/1001/0/0/0"
+    first, second = (client.get(path, params=query) for query in (short, whole))
+    np.testing.assert_array_equal(array_of(first), array_of(second))
+    assert first.headers["etag"] == second.headers["etag"]
+
+
+def test_the_documentation_says_that_bin_and_sample_may_be_left_out(client: httpx.Client) -> None:
+    paths = client.get("/openapi.json").json()["paths"]
+    path = "/v1/assets/{asset}/bins/{udim}/{level}/{row}/{column}"
+    query = {p["name"]: p for p in paths[path]["get"]["parameters"] if p["in"] == "query"}
+    assert not any(p["required"] for p in query.values())
+    assert "more than one" in query["bin"]["description"]
 
 
 def test_a_coarser_level_is_not_found_and_says_why(client: httpx.Client, asset: str) -> None:

@@ -83,7 +83,7 @@ class FailingEngine(FakeEngine):
 
     error: Exception
 
-    def assets(self) -> Any:
+    def all_assets(self) -> Any:
         raise self.error
 
 

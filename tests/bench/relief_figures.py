@@ -126,7 +126,7 @@ def histogram(patches: list[Patch], slopes: bool) -> list[Point]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("out", type=Path)
     parser.add_argument("--patch", nargs=8, action="append", required=True)
     given = parser.parse_args()

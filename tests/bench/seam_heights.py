@@ -186,7 +186,7 @@ def _tell(name: str, seam: Seam, heights: Heights, each: bool) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__.partition("\n")[0])
     parser.add_argument("mesh", type=Path)
     parser.add_argument("graph", type=Path)
     parser.add_argument("--maps", type=int, nargs="*", default=[], metavar="R")

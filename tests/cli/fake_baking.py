@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.domain.asset_settings import AssetSettings
+from rhytid.engine.jobs import Job
 from rhytid.engine.messages import AssetInfo, FrameInfo, JobInfo, MapQuery
+from rhytid.engine.tile_service import TilePlan
+from rhytid.formats.tile_header import TileHeader
 
 ASSET = AssetInfo(
     id="a" * 16,
@@ -31,41 +34,56 @@ class FakeEngine:
     """Maps are full of a frame's first number; `drawn` lists them, `revision` is in every key."""
 
     def __init__(self) -> None:
-        self.frames: dict[str, NDArray[Any]] = {}
+        self.held: dict[str, NDArray[Any]] = {}
         self.drawn: list[tuple[str, int]] = []
         self.calibrated: list[float] = []
         self.revision = 0
         self.failing_after: int | None = None
-        self.calibration = JobInfo("c", ASSET.id, "calibration", "queued", 0.0, "", "")
+        self.calibration = Job(JobInfo("c", ASSET.id, "calibration", "queued", 0.0, "", ""))
+        self.assets, self.frames = FakeAssets(self), FakeFrames(self)
+        self.tiles, self.jobs = FakeTiles(self), FakeJobs(self)
 
-    def put_frame(self, asset: str, frame: str, positions: Any) -> FrameInfo:
+
+@dataclass
+class Part:
+    """Some calls of an engine."""
+
+    engine: FakeEngine
+
+
+class FakeAssets(Part):
+    def calibrate(self, asset: str, positions: Any) -> JobInfo:
+        self.engine.calibrated.append(float(positions[0, 0]))
+        return self.engine.calibration.info
+
+
+class FakeFrames(Part):
+    def put(self, asset: str, frame: str, positions: Any) -> FrameInfo:
         assert asset == ASSET.id
-        self.frames[frame] = positions
+        self.engine.held[frame] = positions
         return FrameInfo(frame, {"abs_p90": float(positions[0, 0])})
 
-    def delete_frame(self, asset: str, frame: str) -> None:
-        del self.frames[frame]
+    def delete(self, asset: str, frame: str) -> None:
+        del self.engine.held[frame]
 
-    def calibrate(self, asset: str, positions: Any) -> JobInfo:
-        self.calibrated.append(float(positions[0, 0]))
-        return self.calibration
 
-    def job(self, job: str) -> JobInfo:
-        self.calibration = replace(self.calibration, state="done", progress=1.0)
-        return self.calibration
+class FakeJobs(Part):
+    def get(self, job: str) -> Job:
+        self.engine.calibration.update(state="done", progress=1.0)
+        return self.engine.calibration
 
-    def map_key(self, asset: str, frame: str, query: MapQuery, udim: int, level: int) -> str:
-        value = self.frames[frame][0, 0]
-        about = f"{query.method}/{query.stretch}/{query.sampling}"
-        return f"{self.revision}/{value}/{about}/{udim}/{level}"
 
-    def map(
-        self, asset: str, frame: str, query: MapQuery, udim: int, level: int
-    ) -> NDArray[np.float32]:
-        if self.failing_after is not None and len(self.drawn) == self.failing_after:
-            raise KeyboardInterrupt
-        self.drawn.append((frame, udim))
-        return np.full((SIDE, SIDE), self.frames[frame][0, 0], np.float32)
+class FakeTiles(Part):
+    def plan_map(self, asset: str, frame: str, query: MapQuery, udim: int, level: int) -> TilePlan:
+        engine, value = self.engine, self.engine.held[frame][0, 0]
+        drawn = (query.method, query.stretch, query.sampling)
 
-    def displacement_scale(self, asset: str) -> float:
-        return 1.0
+        def draw() -> NDArray[np.float32]:
+            if engine.failing_after is not None and len(engine.drawn) == engine.failing_after:
+                raise KeyboardInterrupt
+            engine.drawn.append((frame, udim))
+            return np.full((SIDE, SIDE), value, np.float32)
+
+        key = f"{engine.revision}/{value}/{'/'.join(drawn)}/{udim}/{level}"
+        header = TileHeader("cm", frame, asset, *drawn, udim, level, 0, 0, 1.0)
+        return TilePlan(key, header, draw)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,7 @@ from rhytid.cli import main
 from rhytid.cli.program import build_parser
 
 NAMES = ["bake", "bench", "demo", "devices", "graph", "reproduce", "serve", "synthesize"]
+NAMES += ["warnings"]
 
 
 def ends(arguments: list[str]) -> int:
@@ -103,6 +105,38 @@ def test_graph_and_wrinkles_exclude_each_other(tmp_path: Path) -> None:
     given = ["bake", "--mesh", str(file), "--out", "x"]
 
     assert ends([*given, "--wrinkles", "500", "--graph", str(file)]) == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "both"),
+    [
+        ("synthesize {} --out g.safetensors --ages 20 65", ("--ages", "--preview")),
+        ("bake --mesh {} --out o --graph {} --lines level", ("--lines", "--graph")),
+        ("bake --mesh {} --out o --graph {} --shapes {}", ("--shapes", "--graph")),
+    ],
+)
+def test_an_option_without_effect_is_an_error_that_names_both(
+    arguments: str, both: tuple[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "mesh.obj"
+    file.touch()
+    assert ends(arguments.replace("{}", str(file)).split()) == 2
+    told = capsys.readouterr().err.splitlines()[-1]
+    assert all(option in told for option in both)
+
+
+@pytest.mark.parametrize("name", [*NAMES, None])
+def test_no_option_is_understood_by_its_beginning(name: str | None) -> None:
+    parser = build_parser()
+    commands = next(a for a in parser._actions if isinstance(a, argparse._SubParsersAction))
+    assert not (parser if name is None else commands.choices[name]).allow_abbrev
+
+
+def test_bake_takes_no_set_for_settings(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "mesh.obj"
+    file.touch()
+    assert ends(["bake", "--mesh", str(file), "--out", "x", "--set", str(file)]) == 2
+    assert "unrecognized arguments: --set" in capsys.readouterr().err
 
 
 def test_json_goes_to_a_file_or_to_stdout() -> None:

@@ -10,7 +10,7 @@ from PIL import Image
 
 from cli.running import write_neutral
 from meshes import SmallMesh
-from rhytid.cli import main
+from rhytid.cli import main, reporting
 from rhytid.formats.graphs import read_graph
 
 
@@ -81,7 +81,10 @@ def test_the_lines_are_drawn_beside_a_preview(tmp_path: Path, small_mesh: SmallM
 
 
 def test_the_regions_are_drawn_by_age_beside_a_preview(
-    tmp_path: Path, small_mesh: SmallMesh, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path,
+    small_mesh: SmallMesh,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     neutral = write_neutral(tmp_path / "mesh.npz", small_mesh)
     np.savez(tmp_path / "s.npz", shapes=shapes_of(small_mesh), names=["pucker", "browInnerUp"])
@@ -89,7 +92,13 @@ def test_the_regions_are_drawn_by_age_beside_a_preview(
     plain = grown(tmp_path, neutral, *files)
     with Image.open(tmp_path / "p.regions.png") as picture:
         width, one = picture.size
+    capsys.readouterr()
+    monkeypatch.setattr(reporting, "_EVERY", 0.002)
     more = grown(tmp_path, neutral, *files, "--ages", "20", "35", "65")
+    monkeypatch.undo()
+    told = capsys.readouterr().err
+    steps = ("synthesis, age 20", "preview", "regions, age 65")
+    assert all(f"rhytid: {step}: " in told for step in steps)
     assert more == plain  # the graph that is written is that of --set age
     with Image.open(tmp_path / "p.regions.png") as picture:
         assert picture.size[0] == width
@@ -97,5 +106,5 @@ def test_the_regions_are_drawn_by_age_beside_a_preview(
     assert rows == pytest.approx(2 * (one - 50), rel=0.15)
     assert grown(tmp_path, neutral, "--set", "age=65") != grown(tmp_path, neutral)
     command = ["synthesize", str(neutral), "--out", str(tmp_path / "g.safetensors")]
-    assert main([*command, "--ages", "80"]) != 0
+    assert main([*command, *files, "--ages", "80"]) != 0
     assert "graph.age is 80.0: from 20 to 70" in capsys.readouterr().err

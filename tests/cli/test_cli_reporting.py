@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import time
 from pathlib import Path
 
 import pytest
 
+from rhytid.cli import reporting
 from rhytid.cli.reporting import counted, report, share_bar, table
 from rhytid.cli.timing import Stopwatch
 from rhytid_client import Job
@@ -42,6 +44,26 @@ def test_bars_are_silent_without_a_terminal(capsys: pytest.CaptureFixture[str]) 
         show(0.5, "half")
     assert list(counted([1, 2], "things", "thing")) == [1, 2]
     assert capsys.readouterr() == ("", "")
+
+
+def test_without_a_terminal_long_work_tells_lines(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One step that takes long is told, too."""
+    monkeypatch.setattr(reporting, "_EVERY", 0.05)
+    with share_bar("work") as show:
+        show(0.5, "half")
+        time.sleep(0.3)
+    for _ in counted([1, 2], "baking", "frame"):
+        time.sleep(0.3)
+    told = capsys.readouterr().err
+    time.sleep(0.2)
+    assert capsys.readouterr().err == ""
+    lines = [line.rpartition(",")[0] for line in told.splitlines()]
+    assert set(lines) == {
+        "rhytid: work: 50 %, half", "rhytid: baking: frame 1 of 2", "rhytid: baking: frame 2 of 2",
+    }  # fmt: skip
+    assert told.splitlines()[0].endswith(", 0 s")
 
 
 def test_a_stopwatch_counts_calls() -> None:

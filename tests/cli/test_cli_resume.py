@@ -71,7 +71,7 @@ def test_every_frame_of_every_udim_is_written(engine: FakeEngine, tmp_path: Path
 def test_no_frame_stays_in_the_engine(engine: FakeEngine, tmp_path: Path) -> None:
     bake(engine, tmp_path, [1.0, 2.0])
 
-    assert engine.frames == {}
+    assert engine.held == {}
 
 
 def test_what_is_done_is_skipped(engine: FakeEngine, tmp_path: Path) -> None:
@@ -153,7 +153,7 @@ def test_calibration_takes_the_frame_that_stretches_most(
     baker(engine, tmp_path, [0.1, 0.3, 0.2], method="binned").calibrate()
 
     assert engine.calibrated == [np.float32(0.3)]
-    assert engine.frames == {}
+    assert engine.held == {}
 
 
 @pytest.mark.parametrize(

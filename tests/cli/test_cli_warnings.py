@@ -11,8 +11,10 @@ import pytest
 import face_data
 from rhytid.cli import main
 from rhytid.cli.warned import Warned
+from rhytid.domain.notices import NOTICES
 from rhytid.domain.warnings import CODES, InputWarning
 from rhytid.errors import StrictError
+from rhytid.storage.store import AssetStore
 from rhytid_lab.samples.face import procedural_face
 
 SMALL = ("--resolution", "256", "--wrinkles", "400")
@@ -41,7 +43,9 @@ def lines(capsys: pytest.CaptureFixture[str], code: str) -> list[str]:
     assert len(set(warned)) == len(warned)
     if warned and "--strict: " not in told[-1]:
         some = "1 warning" if len(warned) == 1 else f"{len(warned)} warnings"
-        assert told[-1].endswith(f": {some}, listed above; docs/warnings.md says what to do")
+        let = sum("allowed warning: " in line for line in warned)
+        some += f", {let} of them allowed" if let else ""
+        assert told[-1].endswith(f": {some}, listed above; `rhytid warnings CODE` says what to do")
         assert sum("listed above" in line for line in told) == 1
     return [line for line in warned if f"warning: {code}: " in line]
 
@@ -86,7 +90,8 @@ def test_what_is_allowed_is_told_and_no_error(
     (tmp_path / "mm.json").write_text('{"unit": "mm"}')
     assert main([*given, "--settings", str(tmp_path / "mm.json")]) == 1
     told = capsys.readouterr().err
-    assert "warning: frame-scaled: " in told
+    assert "rhytid bake: allowed warning: frame-scaled: " in told
+    assert "rhytid bake: warning: mesh-size: " in told
     assert "--strict: 1 warning, so nothing was done (--allow mesh-size would let that be)" in told
     assert not out.exists()
     assert main(given) == 0
@@ -132,6 +137,71 @@ def test_what_is_right_is_baked_strictly_and_in_silence(
     assert main(["bake", *given, *SMALL, "--strict"]) == 0
     assert "warning" not in capsys.readouterr().err
     assert len(list(out.glob("*.exr"))) == 1
+
+
+def test_settings_of_synthesis_beside_a_graph_are_told_before_anything_is_made(
+    neutral: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    graph, settings = tmp_path / "g.safetensors", tmp_path / "old.json"
+    assert main(["synthesize", str(neutral), "--out", str(graph), "--wrinkles", "300"]) == 0
+    capsys.readouterr()
+    frames, out = str(tmp_path / "smile.npy"), tmp_path / "maps"
+    np.save(frames, SAMPLE.pose({"smile": 1.0}))
+    settings.write_text('{"graph": {"age": 65, "seed": 2, "spacing": 0.1}}')
+    given = ["bake", "--mesh", str(neutral), "--frames", frames, "--graph", str(graph)]
+    given += ["--settings", str(settings), "--resolution", "256", "--out", str(out)]
+    assert main([*given, "--strict"]) == 1
+    (told,) = lines(capsys, "settings-unused")
+    assert "settings: graph.age (65.0): " in told
+    assert "--graph" in told
+    assert not out.exists()
+    assert main(given) == 0
+    assert len(lines(capsys, "settings-unused")) == 1
+
+
+def test_a_store_whose_asset_was_changed_is_baked_with_a_warning(
+    neutral: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    frames, store = str(tmp_path / "smile.npy"), tmp_path / "store"
+    np.save(frames, SAMPLE.pose({"smile": 1.0}))
+    given = ["bake", "--mesh", str(neutral), "--frames", frames, "--store", str(store), *SMALL]
+    assert main([*given, "--out", str(tmp_path / "a")]) == 0
+    with AssetStore(store) as kept:
+        (asset,) = kept.ids()
+        present = kept.overlay(asset)
+        assert present is not None
+        kept.put_overlay(asset, present.changed({"shape": {"cushion": 0.2}}))
+    assert not lines(capsys, "settings-changed")
+    assert main([*given, "--out", str(tmp_path / "b")]) == 0
+    (told,) = lines(capsys, "settings-changed")
+    assert "shape.cushion is 0.2, sent was 0.7" in told
+    assert main([*given, "--out", str(tmp_path / "c"), "--strict"]) == 1
+
+
+def test_commands_tell_lengths_of_a_number_of_wrinkles_and_grain_that_is_not_drawn(
+    neutral: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """And --strict lets it be."""
+    np.save(tmp_path / "smile.npy", SAMPLE.pose({"smile": 1.0}))
+    animation = ["--mesh", str(neutral), "--frames", str(tmp_path / "smile.npy"), *SMALL]
+    figures = tmp_path / "figures.json"
+    commands = {
+        "bake": [*animation, "--out", str(tmp_path / "maps"), "--json", str(figures)],
+        "demo": [*animation, "--out", str(tmp_path / "demo")],
+        "synthesize": [str(neutral), "--out", str(tmp_path / "g.safetensors"), *SMALL[2:]],
+    }
+    for command, given in commands.items():
+        assert main([command, *given, "--strict"]) == 0
+        told = [line for line in capsys.readouterr().err.splitlines() if "notice: " in line]
+        start = f"rhytid {command}: notice: "
+        assert told[0].startswith(f"{start}400 wrinkles fix the spacing, and depths follow it: ")
+        assert [line.partition(" drawn")[0] for line in told[1:]] == (
+            [] if command == "synthesize" else [f"{start}grain-not-drawn: no grain is"]
+        )
+    for file in (figures, tmp_path / "demo" / "times.json"):
+        kept = json.loads(file.read_text())
+        assert [n["code"] for n in kept["notices"]] == ["grain-not-drawn"]
+        assert kept["warnings"] == []
 
 
 def test_demo_warns_and_refuses(
@@ -191,10 +261,39 @@ def test_a_long_shot_is_told_in_a_few_lines(capsys: pytest.CaptureFixture[str]) 
     warned.count()
     (told,) = capsys.readouterr().err.splitlines()
     assert told == (
-        "rhytid bake: 401 warnings, listed above (3 of 400 frame-scaled); docs/warnings.md says "
-        "what to do"
+        "rhytid bake: 401 warnings, listed above (3 of 400 frame-scaled); `rhytid warnings "
+        "CODE` says what to do"
     )
     assert len(warned.figures()) == 401
+
+
+def test_what_is_allowed_is_marked_and_counted(capsys: pytest.CaptureFixture[str]) -> None:
+    warned = Warned("bake", True, ["frame-scaled"])
+    warned.frame([InputWarning("frame-scaled", "x", "?")], "0001")
+    with pytest.raises(StrictError):
+        warned.frame([InputWarning("stretch-at-clamp", "y", "?")], "0002")
+    warned.count()
+    assert capsys.readouterr().err.splitlines() == [
+        "rhytid bake: allowed warning: frame-scaled: frame 0001: x",
+        "rhytid bake: warning: stretch-at-clamp: frame 0002: y",
+        "rhytid bake: 2 warnings, 1 of them allowed, listed above; `rhytid warnings CODE` says "
+        "what to do",
+    ]
+
+
+def test_what_to_do_is_printed_without_the_documentation(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["warnings", "texel-size"]) == 0
+    told = " ".join(capsys.readouterr().out.split())
+    assert told.startswith("texel-size (warning) told of: a mesh when: the side of a texel")
+    assert "what to do: give the place that is named more room in UV" in told
+    assert main(["warnings"]) == 0
+    told = capsys.readouterr().out
+    assert all(f"\n{code} (" in f"\n{told}" for code in (*CODES, *NOTICES))
+    with pytest.raises(SystemExit):
+        main(["warnings", "texel-sise"])
+    assert "texel-size" in capsys.readouterr().err
 
 
 def test_a_strict_command_ends_with_the_first_frame_that_is_wrong() -> None:

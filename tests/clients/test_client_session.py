@@ -167,6 +167,13 @@ def test_bins(call: Call, asset: str) -> None:
     assert bins.cushion == {"factor": 4, "apron": 2, "sharpness": 5.0}
     assert bins.grain == {"exponent": 2.0}
     assert call("bin_tile", asset, 1001, 0, 0, 0, bin=1, sample=2).dtype == np.int8
+    grain, whole = (
+        call("bin_tile", asset, 1001, 0, 0, 0, layer="grain", **given)
+        for given in ({}, {"bin": 0, "sample": 0})
+    )
+    np.testing.assert_array_equal(grain, whole)
+    with pytest.raises(RequestError, match="bin is missing: layer wrinkles"):
+        call("bin_tile", asset, 1001, 0, 0, 0)
 
 
 def test_calibration_and_changes(call: Call, asset: str) -> None:

@@ -83,3 +83,18 @@ def test_depths_of_very_small_and_very_large_meshes_are_taken(depth):
 def test_depths_beyond_them_are_refused(depth):
     with pytest.raises(SettingsError, match=r"depth is .* from 1e-30 to 1e\+30"):
         AssetSettings.parse({"depth": depth})
+
+
+@pytest.mark.parametrize(
+    ("given", "hint"),
+    [
+        ({"graph.age": 65}, '{"graph": {"age": 65}}'),
+        ({"shape.cushion": None}, '{"shape": {"cushion": null}}'),
+        ({"graph.agee": 65}, '{"graph": {"agee": 65}}'),
+    ],
+)
+def test_a_dotted_name_is_answered_with_its_nesting(given, hint):
+    with pytest.raises(SettingsError) as refused:
+        AssetSettings.parse(given)
+    (name,) = given
+    assert str(refused.value) == f"unknown setting {name}: settings are nested, as {hint}"

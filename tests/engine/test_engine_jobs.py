@@ -104,7 +104,7 @@ def test_an_asset_that_builds_is_not_ready(engine, halted):
         lambda: engine.tiles.plan(asset, "neutral", REDRAW, ADDRESS).key,
         lambda: engine.tiles.plan_map(asset, "neutral", BINNED, 1001, 0).draw(),
         lambda: engine.frames.put(asset, "bent", positions),
-        lambda: engine.tiles_once(asset, positions, REDRAW, [ADDRESS]),
+        lambda: engine.tiles.plans_once(asset, positions, REDRAW, [ADDRESS]),
         lambda: engine.assets.calibrate(asset, positions),
         lambda: engine.assets.change(asset, {"depth": 1.0}),
         lambda: engine.assets.graph(asset),

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import httpx
 import pytest
-from rhytid.domain.settings_changes import CHANGEABLE
 
+import rhytid
+import rhytid_kernels
 from api.live import serving
-from engine.engines import QUERIES, built, finish, new_asset, same
+from engine.engines import QUERIES, built, finish, new_asset, running, same, settle
 from meshes import deform
 from pipeline.scenes import DEPTH, sheet
+from rhytid.domain.settings_changes import CHANGEABLE
 from rhytid.domain.tiles import TileAddress
+from rhytid.engine import tile_service
+from rhytid.pipeline import drawing
 
 ADDRESS = TileAddress(1001, 0, 1, 2)
 BENT = deform(sheet().positions, 3, 0.15)
@@ -71,3 +75,49 @@ def test_calibration_leaves_all_but_binned(engine):
         finish(engine, engine.assets.calibrate(asset, BENT).id)
         after = etags(client, asset)
     assert {key[0] for key in before if before[key] != after[key]} == {"binned"}
+
+
+def test_another_drawing_has_other_keys_on_the_same_store(tmp_path, monkeypatch):
+    """As after an update: assets keep their ids, and what was drawn before is drawn anew."""
+    found = []
+    for version in ("1.0+old", "1.0+new", "1.0+old"):
+        monkeypatch.setattr(tile_service, "drawing_version", lambda version=version: version)
+        with running(tmp_path) as engine:
+            asset = built(engine, new_asset()) if not found else engine.assets.all()[0].id
+            settle(engine, asset)
+            assert engine.assets.info(asset).state == "ready"
+            engine.frames.put(asset, "bent", BENT)
+            keys = [engine.tiles.plan_map(asset, "bent", query, 1001, 0).key for query in QUERIES]
+            tiles = [engine.tiles.plan(asset, "bent", query, ADDRESS).draw() for query in QUERIES]
+            with serving(engine) as client:
+                found.append((asset, keys, etags(client, asset), tiles))
+    old, new, again = found
+    assert old[0] == new[0] == again[0]
+    assert old[1:3] == again[1:3]
+    assert not set(old[1]) & set(new[1])
+    assert not set(old[2].values()) & set(new[2].values())
+    assert same(old[3], new[3])
+
+
+def test_the_version_of_the_drawing_goes_with_the_sources(monkeypatch):
+    version = drawing.drawing_version()
+    assert version.startswith(f"{rhytid.__version__}+")
+    read = rhytid_kernels._read
+    for name in ("redraw.cl", "response.clh"):
+        changed = lambda file, name=name: read(file) + " " * (file == name)  # noqa: E731
+        monkeypatch.setattr(rhytid_kernels, "_read", changed)
+        assert drawing.drawing_version.__wrapped__() != version
+    monkeypatch.undo()
+    assert drawing.drawing_version.__wrapped__() == version
+    monkeypatch.setattr(drawing, "modules_digest", lambda package: "0" * 12)
+    assert drawing.drawing_version.__wrapped__() != version
+
+
+def test_the_digest_of_modules_goes_with_names_and_texts(tmp_path):
+    digests = set()
+    for name, text in (("a.py", "x = 1"), ("b.py", "x = 1"), ("b.py", "x = 2")):
+        (tmp_path / name).write_text(text)
+        digests.add(drawing.modules_digest(tmp_path))
+    assert len(digests) == 3
+    (tmp_path / "c.pyc").write_text("x")
+    assert drawing.modules_digest(tmp_path) in digests

@@ -28,7 +28,7 @@ from pipeline.scenes import sheet
 from reference import pyramid
 from rhytid.domain.stiffness import Stiffness
 from rhytid.domain.tiles import TileAddress
-from rhytid.engine import device_asset, device_finest
+from rhytid.engine import device_asset, device_finest, map_drawing
 from rhytid.engine.device_asset import DeviceAsset
 from rhytid.engine.messages import MapQuery, NewAsset
 from rhytid.errors import BusyError, ConflictError, DeviceMemoryError, NotFoundError
@@ -262,7 +262,7 @@ def test_level_0_is_kept_of_one_frame(engine):
 
 def interrupted(monkeypatch, doing):
     """Call `doing` from another thread once the first piece of a square is drawn."""
-    plain, begun = map_drawing._Gathered._some, []
+    plain, begun = map_drawing._Square._some, []
 
     def some(self, *about):
         found = plain(self, *about)
@@ -270,7 +270,7 @@ def interrupted(monkeypatch, doing):
         doing(len(begun))
         return found
 
-    monkeypatch.setattr(map_drawing._Gathered, "_some", some)
+    monkeypatch.setattr(map_drawing._Square, "_some", some)
     return begun
 
 

@@ -100,7 +100,8 @@ def test_positions_sent_along_give_the_tiles_of_a_stored_frame(made):
     positions = made.engine.frames.positions(made.asset, "bent")
     addresses = [TileAddress(1012, 0, 3, 2), TileAddress(1001, 2, 0, 0), TileAddress(1001, 8, 0, 0)]
     for query in QUERIES:
-        once = made.engine.tiles_once(made.asset, positions, query, addresses)
+        plans = made.engine.tiles.plans_once(made.asset, positions, query, addresses)
+        once = [plan.draw() for plan in plans]
         stored = [made.engine.tiles.plan(made.asset, "bent", query, a).draw() for a in addresses]
         assert same(once, stored)
 
@@ -126,14 +127,14 @@ def test_convolved_drawn_in_pieces_is_the_same_bits(made, monkeypatch, sampling)
 
     plain = tiles()
     made.engine._on_device.run(
-        made.engine._on_device.loaded(engine.assets._assets.get(made.asset))._forget_made
+        made.engine._on_device.loaded(made.engine.assets._assets.get(made.asset))._forget_made
     )
     monkeypatch.setitem(device_finest._PIECE, "convolved", 64)
     assert same(tiles(), plain)
 
 
 def test_displacement_stays_within_its_scale(made):
-    scale = made.engine.displacement_scale(made.asset)
+    scale = made.engine.tiles.plan(made.asset, "neutral", REDRAW, TileAddress(1001, 0, 0, 0)).header.scale
     for found in maps(made.engine, made.asset, "bent"):
         assert np.abs(found).max() <= scale
 

@@ -49,7 +49,10 @@ def test_tiles_of_every_row_are_the_map_and_those_of_positions_sent_along(made, 
     whole = made.engine.tiles.plan_map(made.asset, "bent", query, 1002, 1).draw()
     assert same([whole], [assembled(made.engine, made.asset, "bent", query, 1002, 1)])
     positions = made.engine.frames.positions(made.asset, "bent")
-    once = made.engine.tiles_once(made.asset, positions, query, [ADDRESS])
+    once = [
+        plan.draw()
+        for plan in made.engine.tiles.plans_once(made.asset, positions, query, [ADDRESS])
+    ]
     assert same(once, [made.engine.tiles.plan(made.asset, "bent", query, ADDRESS).draw()])
 
 
@@ -199,7 +202,11 @@ def test_factored_maps_stay_within_the_scale_of_the_asset(engine, merge):
     asset = built(engine, NewAsset(sheet(), settings, crowd))
     engine.frames.put(asset, "crushed", sheet().positions * 0.01)
     found = engine.tiles.plan_map(asset, "crushed", BINNED, 1001, 0).draw()
-    assert 4.2 * DEPTH < np.abs(found).max() <= engine.displacement_scale(asset)
+    assert (
+        4.2 * DEPTH
+        < np.abs(found).max()
+        <= engine.tiles.plan(asset, "neutral", BINNED, ADDRESS).header.scale
+    )
 
 
 def test_maps_of_a_mellow_merge_are_twice_the_memory(tmp_path):

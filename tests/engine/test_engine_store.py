@@ -222,7 +222,7 @@ def interrupted(engine):
     """Stands in for a step of the build, in the middle of which the engine is closed."""
 
     def step(*arguments):
-        for job in engine._jobs._jobs.values():
+        for job in engine.jobs._jobs.values():
             job.cancel(resumes=True)
         return 0.1
 

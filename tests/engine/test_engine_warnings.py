@@ -7,15 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from api.live import serving
 from engine.engines import built, finish, new_asset, running, settle
 from meshes import deform
-from pipeline.scenes import sheet
+from pipeline.scenes import random_graph, sheet
 from rhytid.domain import warnings as codes
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import TileAddress
-from rhytid.engine import arrivals
+from rhytid.engine import stored_assets
 from rhytid.engine.messages import MapQuery
 from rhytid.errors import QueryError, StrictError
+from rhytid.formats.graphs import write_graph
+from rhytid_client import Client, Notice, RhytidWarning
 
 # The sheet is 2 units wide: in feet it could be a face.
 BENT = deform(sheet().positions, 1, 0.1)
@@ -37,7 +40,7 @@ def test_warnings_of_an_asset_survive_a_restart(tmp_path, monkeypatch):
         assert told(first.warnings) == SMALL
         assert engine.assets.info(asset).warnings == first.warnings
     # They come from the store.
-    monkeypatch.setattr(arrivals, "mesh_warnings", None)
+    monkeypatch.setattr(stored_assets, "mesh_warnings", None)
     with running(tmp_path) as engine:
         assert engine.assets.info(asset).warnings == first.warnings
         settle(engine, asset)
@@ -154,3 +157,50 @@ def test_a_mesh_far_away_is_drawn_as_at_the_origin(tmp_path):
         settle(engine, assets[1])
         assert engine.assets.info(assets[1]).centre == tuple(far.centre)
         np.testing.assert_array_equal(engine.frames.positions(assets[1], "neutral"), far.positions)
+
+
+def test_content_of_an_asset_that_was_changed_since(tmp_path):
+    new = new_asset(unit="ft")
+    with running(tmp_path) as engine:
+        asset = built(engine, new)
+        assert engine.assets.create(new, strict=True).warnings == ()
+        engine.assets.change(asset, {"shape": {"wrinkle_bulge": 1.0}})
+        (warning,) = engine.assets.create(new).warnings
+        assert (warning.code, warning.where) == (codes.SETTINGS_CHANGED, f"asset {asset}")
+        assert "shape.wrinkle_bulge is 1.0, sent was 2.5" in warning.detail
+        assert engine.assets.info(asset).warnings == ()
+        with pytest.raises(StrictError, match="settings-changed"):
+            engine.assets.create(new, strict=True)
+        allowed = engine.assets.create(new, strict=True, allow=[codes.SETTINGS_CHANGED])
+        assert told(allowed.warnings) == (codes.SETTINGS_CHANGED,)
+    with running(tmp_path) as engine:
+        assert told(engine.assets.create(new).warnings) == (codes.SETTINGS_CHANGED,)
+        settle(engine, asset)
+        engine.assets.change(asset, {"shape": {"wrinkle_bulge": 2.5}})
+        finish(engine, engine.assets.calibrate(asset, BENT).id)
+        assert engine.assets.create(new, strict=True).warnings == ()
+
+
+def test_clients_are_told_of_changed_and_of_unused_settings(engine):
+    obj = b"v 0 0 0\nv 9 0 0\nv 0 9 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n"
+    graph = write_graph(random_graph(1))
+    settings = {"resolution": 256, "tile_size": 64, "graph": {"age": 65, "lines": "level"}}
+    sent = {"name": "a.obj", "settings": settings, "graph": graph}
+    with serving(engine) as http, Client(str(http.base_url)) as client:
+        with pytest.warns(RhytidWarning, match=r"graph\.lines \(\"level\"\), graph\.age \(65\.0\)"):
+            asset = client.wait(client.create_asset(obj, **sent))
+        client.change_asset(asset, {"depth": 0.5})
+        with pytest.warns(RhytidWarning):
+            again = client.create_asset(obj, **sent)
+    assert told(again.warnings) == (codes.SETTINGS_CHANGED, codes.SETTINGS_UNUSED)
+    assert "depth is 0.5, sent was null" in again.warnings[0].detail
+
+
+def test_grain_that_is_not_drawn_is_a_notice_and_strict_lets_it_be(engine):
+    new = new_asset(unit="ft", preset="best")
+    asset = built(engine, new)
+    info = engine.assets.create(new, strict=True)
+    assert [notice.code for notice in info.notices] == ["grain-not-drawn"]
+    with serving(engine) as http, Client(str(http.base_url)) as client:
+        assert client.asset(asset).notices == (Notice("grain-not-drawn", info.notices[0].detail),)
+        assert client.change_asset(asset, {"shape": {"grain": 0}}).notices == ()

@@ -16,6 +16,7 @@ FACTORS = [str(factor) for factor in cushion_elements.FACTORS]
     [
         f"clip01(a/{cushion_elements.THRESHOLD:g} − 1)",
         f"weights above {cushion_elements.THRESHOLD:g}, is {cushion_elements.CARRIED:g} samples",
+        f"as wide the other is, {cushion_elements.UNEVEN:g} at most",
         f"√(w² − {cushion_elements.WIDENED:g})",
         f"no less than {cushion_elements.LEAST_HALF_WIDTH:g}",
         f"the largest of {', '.join(FACTORS[:-1])} and {FACTORS[-1]}",

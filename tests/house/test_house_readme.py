@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from importlib.metadata import metadata
 from typing import Any
@@ -14,13 +14,14 @@ import pytest
 
 import rhytid
 import rhytid_client
-from house.markdown import Command, bare, commands, shell_lines, table
+from house.markdown import Command, bare, blocks, commands, shell_lines, table
 from house.syntax import ROOT
 from rhytid.cli.program import build_parser
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.settings import ServiceSettings
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+EXAMPLES = (ROOT / "docs" / "examples.md").read_text(encoding="utf-8")
 CI = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
 CHANGELOG = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
 # Cells that stand for "not set".
@@ -68,7 +69,7 @@ def test_named_extras_exist() -> None:
 
 
 def test_commands_exist_with_their_options() -> None:
-    used = commands(README)
+    used = [*commands(README), *commands(EXAMPLES)]
 
     assert {command.name for command in used} >= {"demo", "serve", "devices", "synthesize", "bake"}
     assert [command for command in used if not understood(command)] == []
@@ -112,6 +113,57 @@ def defaults(settings: Any, path: str = "") -> Iterator[tuple[str, Any]]:
             yield from defaults(value, f"{path}{declared.name}.")
         else:
             yield path + declared.name, value
+
+
+def test_settings_table_has_every_range() -> None:
+    told = {bare(row["setting"]): row["range"] for row in table(README, "Settings")}
+
+    assert told == dict(ranges(AssetSettings()))
+
+
+def ranges(settings: Any, path: str = "") -> Iterator[tuple[str, str]]:
+    """What every setting may be, by its path."""
+    for declared in fields(settings):
+        value = getattr(settings, declared.name)
+        if is_dataclass(value):
+            yield from ranges(value, f"{path}{declared.name}.")
+        else:
+            yield path + declared.name, range_of(declared.metadata)
+
+
+def range_of(rule: Mapping[str, Any]) -> str:
+    if "options" in rule:
+        return ", ".join(f"`{json.dumps(o)}`" for o in rule["options"] if o is not None)
+    if "longest" in rule:
+        return f"1 to {rule['longest']} characters"
+    low, high = rule["low"], rule["high"]
+    if high >= 1e30:
+        return "above 0" if low > 0 else "0 or more"
+    if rule["whole"]:
+        return f"{low} to {high}, {'a power of two' if rule.get('power') else 'whole'}"
+    return f"{low:.4g} to {high:g}"
+
+
+# Of every command that reads a mesh: told once, below the table.
+SHARED = ("--device", "--strict", "--allow", "--json")
+
+
+@pytest.mark.parametrize("name", ["bake", "demo", "synthesize", "graph"])
+def test_the_row_of_a_command_has_every_option(name: str) -> None:
+    row = next(line for line in README.splitlines() if line.startswith(f"| `rhytid {name} "))
+    known = {o for action in subparsers()[name]._actions for o in action.option_strings}
+    options = known - {"-h", "--help", *SHARED}
+
+    assert {option for option in options if not re.search(rf"{option}(?![a-z-])", row)} == set()
+    assert all(f"`{option}" in README for option in SHARED)
+
+
+def test_settings_of_the_examples_are_understood() -> None:
+    (settings,) = blocks(EXAMPLES, "json")
+    given = [settings, *re.findall(r"'(?:settings=)?(\{.*?\})'", README + EXAMPLES)]
+
+    assert len(given) >= 5
+    assert [AssetSettings().changed(json.loads(one)) for one in given]
 
 
 def test_environment_table_has_every_variable() -> None:

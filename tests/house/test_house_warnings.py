@@ -6,8 +6,10 @@ import pytest
 
 from house.markdown import bare, table
 from house.syntax import ROOT
+from rhytid.domain import notices
 from rhytid.domain import warnings as limits
 from rhytid.domain.origin import FAR_SIZES
+from rhytid.domain.warning_meanings import NOTICES, WARNINGS
 from rhytid_client.requests import FAR_SIZES as FAR_SIZES_OF_CLIENT
 
 TEXT = (ROOT / "docs" / "warnings.md").read_text(encoding="utf-8")
@@ -23,6 +25,8 @@ NUMBERS = {
     limits.UV_MIRRORED: (f"more than {100 * limits.MIRRORED_SHARE:g} % ",),
     limits.UV_OVERLAP: (f"more than {100 * limits.OVERLAP_SHARE:g} % ",),
     limits.TEXEL_SIZE: (f"more than {limits.TEXEL_RATIO:g} times",),
+    limits.SETTINGS_CHANGED: (),
+    limits.SETTINGS_UNUSED: (),
 }
 
 
@@ -34,6 +38,19 @@ def test_every_code_has_a_row() -> None:
 @pytest.mark.parametrize("code", limits.CODES)
 def test_the_limits_are_those_of_the_table(code: str) -> None:
     assert [n for n in NUMBERS[code] if n not in ROWS[code]["when"]] == []
+
+
+def test_the_tables_say_what_the_command_prints() -> None:
+    for heading, meanings in (("Warnings", WARNINGS), ("Notices", NOTICES)):
+        rows = [tuple(row.values()) for row in table(TEXT, heading)]
+        known = meanings.items()
+        assert rows == [(f"`{code}`", m.of, m.when, m.remedy) for code, m in known]
+    assert set(WARNINGS) == set(limits.CODES)
+    assert set(NOTICES) == set(notices.NOTICES)
+
+
+def test_the_usual_spread_of_texels_is_told_alike() -> None:
+    assert f"Up to {limits.TEXEL_USUAL:g} times is usual" in " ".join(TEXT.split())
 
 
 def test_client_and_server_agree_on_what_is_far() -> None:

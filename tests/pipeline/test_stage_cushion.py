@@ -178,6 +178,20 @@ def test_no_factor_leaves_less_than_a_block():
     assert coarse_factor(faint, settings_of(shape=SWOLLEN)) == 2
 
 
+@pytest.mark.parametrize(("share", "factor"), [(1.0, 8), (0.9, 8), (0.6, 4), (0.05, 4)])
+def test_lines_narrower_beyond_a_seam_take_a_finer_grid_by_one_step(share, factor):
+    graph, copies = random_graph(3, 900, (0.005, 0.006)), np.arange(450) + 450
+    width, of = graph.edge_half_width.copy(), np.full(900, -1, np.int32)
+    width[copies], of[copies] = share * width[:450], np.arange(450)
+    seams = replace(graph, edge_half_width=width, edge_copy_of=of)
+    without = replace(graph, edge_copy_of=np.full(900, -1, np.int32))
+    settings = settings_of(shape=SWOLLEN, resolution=1024)
+    given = (1024, 0.7, settings.shape.cushion_width, settings.shape.cushion_sharpness)
+    assert coarse_factor(without, settings) == coarse_factor(graph, settings) == 8
+    assert coarse_factor(seams, settings) == factor
+    assert reference.Cushion.of(seams, *given).texels == 1024 // factor
+
+
 def test_cushions_that_cover_too_much_are_refused():
     graph = random_graph(5, 200_000, (0.05, 0.051), (0.01, 0.02))
     silent = np.zeros(graph.pores, np.float32)

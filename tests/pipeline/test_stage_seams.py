@@ -271,9 +271,8 @@ def test_maps_are_equal_on_both_sides(
         for frame in (NEUTRAL_FRAME, Frame.of(smiling(mesh))):
             found = asset.drawn(frame, MapQuery("redraw", sampling=sampling), 1001, 0, 0, 0, 4096)
             off = apart(*(between(found, uv) for uv in (here, there)))
-            # The spline that brings cushions up is round in UV, which differ on both sides: up to
-            # 9.2 % where samples are nearly as far apart as lines are half wide, as here.
-            assert off < (5 * BAND if "cushion" in bent else BAND)
+            # The grid of the cushions carries lines of the second chart less well: 2.7 %.
+            assert off < (1.5 * BAND if "cushion" in bent else BAND)
         asset.release()
 
 

@@ -14,6 +14,7 @@ THRESHOLD = 0.08
 LEAST = 1.25  # coarse texels
 WIDENED = 1.5
 CARRIED = 1.5
+UNEVEN = 1.6
 
 
 class Cushion(NamedTuple):
@@ -29,11 +30,23 @@ class Cushion(NamedTuple):
     def of(
         cls, graph: Graph, resolution: int, share: float, width: float, sharpness: float
     ) -> Cushion:
-        """As coarse as carries the median broad half width of the lines that may swell."""
-        broad = np.asarray(graph.edge_half_width, np.float64) * width * resolution
-        median = np.median(broad[np.asarray(graph.edge_weight) > THRESHOLD])
-        fits = [f for f in (2, 4, 8, 16) if f * CARRIED <= median and resolution // f >= 64]
-        return cls(share, width, sharpness, resolution // max(fits, default=2))
+        """As coarse as carries the half widths of the lines that may swell."""
+        fits = width_to_carry(graph) * width * resolution / CARRIED
+        factors = [f for f in (2, 4, 8, 16) if f <= fits and resolution // f >= 64]
+        return cls(share, width, sharpness, resolution // max(factors, default=2))
+
+
+def width_to_carry(graph: Graph) -> float:
+    """The median half width; where copies differ from what they copy less, by a half at most: that
+    of the narrower, as often over as the other is wider, but no more than UNEVEN times."""
+    width, swells = (np.asarray(graph.edge_half_width, np.float64), graph.edge_weight > THRESHOLD)
+    median = np.median(width[swells])
+    pairs = [] if graph.edge_copy_of is None else enumerate(graph.edge_copy_of)
+    found = [sorted((width[i], width[of])) for i, of in pairs if of >= 0 and swells[i]]
+    if not found:
+        return float(median)
+    at_seams = np.median([low * max(low / high, 1 / UNEVEN) for low, high in found])
+    return float(np.clip(at_seams, median / 2, median))
 
 
 def strengths(weight: ArrayLike, share: float) -> tuple[Array, Array]:

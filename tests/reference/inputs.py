@@ -26,6 +26,7 @@ class Graph(NamedTuple):
     edge_half_width: NDArray[np.floating]
     node_metric: NDArray[np.floating] | None = None
     edge_metric: NDArray[np.floating] | None = None
+    edge_copy_of: NDArray[np.integer] | None = None
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,17 @@ from rhytid_client.errors import (
     Timeout,
     TooLarge,
 )
-from rhytid_client.results import Asset, Bins, Device, Frame, InputWarning, Job, Stretch, Tile
+from rhytid_client.results import (
+    Asset,
+    Bins,
+    Device,
+    Frame,
+    InputWarning,
+    Job,
+    Notice,
+    Stretch,
+    Tile,
+)
 
 __version__ = "0.1.0"
 
@@ -39,6 +49,7 @@ __all__ = [
     "JobFailed",
     "NotFound",
     "NotReady",
+    "Notice",
     "ProblemError",
     "RequestError",
     "RhytidError",

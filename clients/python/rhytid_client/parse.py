@@ -26,7 +26,7 @@ from rhytid_client.errors import (
     TooLarge,
 )
 from rhytid_client.requests import Request
-from rhytid_client.results import InputWarning, Tile
+from rhytid_client.results import InputWarning, Notice, Tile
 
 T = TypeVar("T")
 SCALE = "x-rhytid-scale"
@@ -133,14 +133,21 @@ def read(kind: type[T], data: Any) -> T:
     known = {f.name: _frozen(data[f.name]) for f in declared if f.name in data}
     if "warnings" in known:
         known["warnings"] = input_warnings(known["warnings"])
+    if "notices" in known:
+        known["notices"] = listed(Notice, known["notices"], "notices")
     return kind(**known)
 
 
-def input_warnings(listed: Any) -> tuple[InputWarning, ...]:
+def input_warnings(found: Any) -> tuple[InputWarning, ...]:
     """The warnings of a decoded answer."""
-    if not isinstance(listed, (tuple, list)):
-        raise BadAnswer(f"warnings: expected a list, not {listed!r:.80}")
-    return tuple(read(InputWarning, warning) for warning in listed)
+    return listed(InputWarning, found, "warnings")
+
+
+def listed(kind: type[T], found: Any, name: str) -> tuple[T, ...]:
+    """Dataclasses `kind` from a decoded list that an answer calls `name`."""
+    if not isinstance(found, (tuple, list)):
+        raise BadAnswer(f"{name}: expected a list, not {found!r:.80}")
+    return tuple(read(kind, one) for one in found)
 
 
 def header_warnings(response: Response) -> tuple[InputWarning, ...]:

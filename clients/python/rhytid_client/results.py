@@ -27,6 +27,21 @@ class InputWarning:
         return f"{self.code}: {self.where}: {self.detail}"
 
 
+@final
+@dataclass(frozen=True)
+class Notice:
+    """Something worth knowing of an asset that is no mistake.
+
+    code: stable, as "grain-not-drawn".  detail: what, and what to do, in plain text.
+    """
+
+    code: str
+    detail: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.code}: {self.detail}"
+
+
 @dataclass(frozen=True)
 class Device:
     """An OpenCL device of the server; memory in bytes, `budget` and `used` are the server's own."""
@@ -73,7 +88,8 @@ class Asset:
     `levels` counts the levels of a map; `pores` and `wrinkles` are 0 until the graph exists.
     `statistics`, None until then, has the mean `spacing` of pores as it came out, in mesh units,
     the mean `degree` and `strengths`, wrinkles by weight in tenths from 0 to 1.  `warnings`: what
-    is probably wrong with the mesh, in the answer to `create_asset` also with its frames.
+    is probably wrong with the mesh, in the answer to `create_asset` also with its frames and
+    settings.  `notices`: what is worth knowing of its present settings and no mistake.
     `centre`: what the server subtracts from positions, which it keeps as float32.
     """
 
@@ -90,6 +106,7 @@ class Asset:
     wrinkles: int = 0
     statistics: Mapping[str, Any] | None = None
     warnings: tuple[InputWarning, ...] = ()
+    notices: tuple[Notice, ...] = ()
     centre: tuple[float, ...] = (0.0, 0.0, 0.0)
 
 

@@ -6,6 +6,7 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from rhytid.domain.notices import NOTICES
 from rhytid.domain.warnings import CODES
 from rhytid.engine.messages import METHODS, SAMPLINGS, STRETCH_MODELS, MapQuery
 from rhytid.formats.curves import CURVE_FORMATS
@@ -62,8 +63,12 @@ class TilesQuery(TileQuery):
 class BinQuery(_Query):
     """Which quantised map: the layer, the bin in it and the sample of log stretch."""
 
-    bin: int = Field(ge=0, description="index into the layer's bins")
-    sample: int = Field(ge=0, description="index into the manifest's samples")
+    bin: int | None = Field(
+        None, ge=0, description="index into the layer's bins; needed where it has more than one"
+    )
+    sample: int | None = Field(
+        None, ge=0, description="index into the layer's samples; needed where it has more than one"
+    )
     layer: str = Field("wrinkles", description="a layer of the manifest")
 
 
@@ -80,11 +85,18 @@ class _Answer(BaseModel):
 
 
 class InputWarning(_Answer):
-    """Something that is probably wrong; docs/warnings.md says what to do about each code."""
+    """Something that is probably wrong; `rhytid warnings CODE` says what to do about each."""
 
     code: str = Field(json_schema_extra=_options(CODES))
     detail: str = Field(description="what is wrong, in plain text")
     where: str = Field(description="the mesh or the frame, and the place on it")
+
+
+class Notice(_Answer):
+    """Something worth knowing of an asset that is no mistake; `strict=true` does not refuse it."""
+
+    code: str = Field(json_schema_extra=_options(NOTICES))
+    detail: str = Field(description="what, and what to do, in plain text")
 
 
 class Problem(BaseModel):
@@ -151,6 +163,7 @@ class Asset(_Answer):
     warnings: list[InputWarning] = Field(
         description="what is probably wrong with the mesh; in the answer to POST also with frames"
     )
+    notices: list[Notice] = Field(description="what is worth knowing of the present settings")
     centre: list[float] = Field(
         description="what is subtracted from positions before they become float32, mesh units"
     )

@@ -30,6 +30,7 @@ from rhytid.cli.reporting import report
 from rhytid.cli.serve import chosen
 from rhytid.cli.timing import Stopwatch
 from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.settings_changes import settings_unused
 from rhytid.engine.messages import METHODS, MapQuery, NewAsset
 from rhytid.errors import InputError, SettingsError
 from rhytid.settings import ServiceSettings
@@ -73,11 +74,15 @@ def add_command(commands: Commands) -> None:
     add("--device", metavar="D", help="number or part of the name of a device")
     add_strict(parser)
     add_json(parser)
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, usage_error=parser.error)
 
 
 def run(arguments: argparse.Namespace) -> None:
     """Read everything, build the asset, bake, and tell the times."""
+    for option in ("lines", "shapes"):
+        if arguments.graph is not None and getattr(arguments, option) is not None:
+            told = f"--{option} says how lines grow, --graph gives lines that are grown: use one"
+            arguments.usage_error(told)
     from rhytid.cli.warned import Warned
 
     with Warned("bake", arguments.strict, arguments.allow) as warned:
@@ -97,6 +102,8 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     frames = FrameFiles(mesh, arguments.frames)
     warned.inputs(mesh.mesh, arguments.mesh.name, settings.length_unit, settings.resolution, frames)
     graph = graph_file(arguments.graph) if arguments.graph else None
+    if graph is not None:
+        warned.settings(settings_unused(settings))
     new = NewAsset(
         mesh.mesh,
         settings,
@@ -110,7 +117,7 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     watch = Stopwatch()
     with _service(arguments) as service, closing(Engine(service)) as engine:
         with watch.step("build"):
-            asset = build(engine, new)
+            asset = build(engine, new, warned)
         output = Output(arguments.out, name, arguments.half)
         query = MapQuery(arguments.method, arguments.stretch, arguments.sampling)
         baker = Baker(engine, asset, query, frames, output, watch, warned)
@@ -164,7 +171,7 @@ def _tell(arguments: argparse.Namespace, baker: Baker, watch: Stopwatch) -> None
         "written": baker.written,
         "skipped": baker.skipped,
         "steps": watch.figures(),
-        "warnings": baker.warned.figures(),
+        **baker.warned.told(),
     }
     summary = f"{baker.written} maps written to {arguments.out}, {baker.skipped} were done"
     report(figures, f"{watch.table()}\n{summary}", arguments.json)

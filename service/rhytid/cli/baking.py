@@ -13,6 +13,7 @@ from rhytid.cli.frame_files import FrameFiles, FramePlace
 from rhytid.cli.reporting import counted, share_bar
 from rhytid.cli.timing import Stopwatch
 from rhytid.cli.warned import Warned
+from rhytid.domain.asset_settings import AssetSettings
 from rhytid.engine.jobs import Job
 from rhytid.engine.messages import AssetInfo, JobInfo, MapQuery, NewAsset
 from rhytid.errors import ConflictError
@@ -101,9 +102,10 @@ class Baker:
         return info.log_stretch["abs_p90"]
 
 
-def build(engine: Engine, new: NewAsset) -> AssetInfo:
+def build(engine: Engine, new: NewAsset, warned: Warned) -> AssetInfo:
     """Have an asset built and return it ready; raises ConflictError with the reason if it fails."""
     asset = engine.assets.create(new)
+    warned.settings(asset.warnings)
     if asset.job is not None:
         _wait(engine.jobs.get(asset.job), "building")
         asset = engine.assets.info(asset.id)
@@ -111,6 +113,10 @@ def build(engine: Engine, new: NewAsset) -> AssetInfo:
         raise ConflictError(f"the asset could not be built: {asset.reason}")
     # Maps that are made ahead would be for a range that is not calibrated yet.
     engine.jobs.cancel_all(asset.id)
+    if new.graph is None and asset.statistics is not None:
+        settings = AssetSettings.parse(asset.settings)
+        warned.lengths(settings, asset.statistics["spacing"])
+    warned.notice(asset.notices)
     return asset
 
 

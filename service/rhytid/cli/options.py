@@ -27,7 +27,12 @@ def new_command(
 ) -> argparse.ArgumentParser:
     """A parser for one command, with its help and an example."""
     parser: argparse.ArgumentParser = commands.add_parser(
-        name, help=summary, description=summary, epilog=f"example: {example}"
+        name,
+        help=summary,
+        description=summary,
+        epilog=f"example: {example}",
+        # Else --set would be --settings where there is no --set.
+        allow_abbrev=False,
     )
     return parser
 

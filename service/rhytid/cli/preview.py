@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.cli.reporting import share_bar
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
@@ -23,6 +24,7 @@ from rhytid.errors import MeshError
 from rhytid.pictures.places import Place, flat_places
 from rhytid.pictures.preview import PATCH, WHOLE, Patch, WholeMap, preview
 from rhytid.pictures.surface_patch import Frame, SurfacePatch, surface_patch
+from rhytid.synthesis.progress import Progress, part
 
 PATCH_MM = 20.0
 MOST_UDIMS = 4
@@ -32,6 +34,8 @@ _DENSITY = 16.0
 _DRAWN = 512
 _RESOLUTIONS: list[int] = [2**n for n in range(10, 15)]
 _NEUTRAL = MapQuery("neutral")
+# Shares of the progress at which whole maps and patches are drawn.
+_WHOLE, _DRAWING = 0.5, 0.9
 
 
 def write_preview(
@@ -52,17 +56,22 @@ def write_preview(
     side, places = _places(mesh, udim, [PATCH_MM / unit_mm * 0.5**n for n in range(8)])
     scales = [float(np.sqrt(abs(np.linalg.det(place.to_uv)))) for place in places]
     settings = settings.changed({"resolution": resolution_for(scales, spacing)})
-    with resident(device, mesh, graph, settings) as asset:
-        udims = sorted({udim, *mesh_udims(mesh)[:MOST_UDIMS]})
-        maps = [_whole(asset, mesh, u) for u in udims[:MOST_UDIMS]]
-        patches = _patches(asset, mesh, udim, places, side)
     caption = (
         f"{graph.counts()[1]} wrinkles, pores {spacing * unit_mm:.3g} mm apart, drawn at "
         f"{settings.resolution} x {settings.resolution} texels. Whole maps are means of many "
         "texels, their relief exaggerated. Patches are seen on the surface, along its normal, true "
         "to scale, 45° and grazing light from the upper left."
     )
-    preview(maps, patches, unit_mm, caption).save(file, format="png")
+    with share_bar("preview") as show:
+        with resident(device, mesh, graph, settings) as asset:
+            udims = sorted({udim, *mesh_udims(mesh)[:MOST_UDIMS]})[:MOST_UDIMS]
+            maps = []
+            for done, one in enumerate(udims):
+                show(_WHOLE * done / len(udims), f"UDIM {one}")
+                maps.append(_whole(asset, mesh, one))
+            patches = _patches(asset, mesh, udim, places, side, part(show, _WHOLE, _DRAWING))
+        show(_DRAWING, "picture")
+        preview(maps, patches, unit_mm, caption).save(file, format="png")
 
 
 def _places(mesh: Mesh, udim: int, sides: list[float]) -> tuple[float, tuple[Place, ...]]:
@@ -113,7 +122,12 @@ def _area(corners: NDArray[np.float64]) -> float:
 
 
 def _patches(
-    asset: DeviceTiles, mesh: Mesh, udim: int, places: tuple[Place, ...], side: float
+    asset: DeviceTiles,
+    mesh: Mesh,
+    udim: int,
+    places: tuple[Place, ...],
+    side: float,
+    progress: Progress,
 ) -> list[Patch]:
     """What the patches of these places show, on one map that is drawn only where they lie."""
     inside = triangles_inside(mesh, udim)
@@ -123,20 +137,22 @@ def _patches(
         surface_patch(corners, uv, Frame.of(corners[place.triangle]), side, PATCH)
         for place in places
     ]
-    heights = drawn_under(asset, udim, surfaces)
+    heights = drawn_under(asset, udim, surfaces, progress)
     named = zip("AB", places, surfaces, strict=False)
     return [Patch(name, udim, p.uv, side, surface, heights) for name, p, surface in named]
 
 
 def drawn_under(
-    asset: DeviceTiles, udim: int, surfaces: Sequence[SurfacePatch]
+    asset: DeviceTiles, udim: int, surfaces: Sequence[SurfacePatch], progress: Progress
 ) -> NDArray[np.float32]:
     """(R, R) the neutral map of a UDIM, drawn only where patches read it."""
     resolution = asset.settings.resolution
     # Memory is taken by the squares that are written, not by the whole map.
     heights = np.zeros((resolution, resolution), np.float32)
     drawn = min(_DRAWN, resolution)
-    for row, column in touched_squares(surfaces, resolution, drawn):
+    squares = touched_squares(surfaces, resolution, drawn)
+    for done, (row, column) in enumerate(squares):
+        progress(done / len(squares), "patches")
         square = asset.drawn(NEUTRAL_FRAME, _NEUTRAL, udim, 0, row, column, drawn)
         heights[row : row + drawn, column : column + drawn] = square
     return heights

@@ -8,11 +8,11 @@ from collections.abc import Sequence
 from importlib.metadata import entry_points
 
 from rhytid import __version__
-from rhytid.cli import bake, devices, graph, serve, synthesize
+from rhytid.cli import bake, devices, graph, serve, synthesize, warnings
 from rhytid.cli.termination import INTERRUPTED, raising_terminated
 from rhytid.errors import RhytidError
 
-COMMANDS = (serve, devices, synthesize, graph, bake)
+COMMANDS = (serve, devices, synthesize, graph, bake, warnings)
 # Entry points of other packages: modules with `add_command(commands)`, as those above.
 GROUP = "rhytid.commands"
 
@@ -42,6 +42,7 @@ def build_parser() -> argparse.ArgumentParser:
         prog="rhytid",
         description="Dynamic facial wrinkles: an animated face in, displacement maps out.",
         epilog="example: rhytid demo --out rhytid-demo",
+        allow_abbrev=False,
     )
     parser.add_argument("--version", action="version", version=f"rhytid {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)

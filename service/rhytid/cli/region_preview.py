@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from rhytid.cli.preview import drawn_under, resident, resolution_for
+from rhytid.cli.reporting import share_bar
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.folds import Folds
@@ -74,8 +75,11 @@ def _rows(
 ) -> list[list[Panel]]:
     resolution = resolution_for([view.scale for view in views], skin.spacing)
     settings = skin.settings.changed({"resolution": resolution})
-    with resident(device, mesh, skin.graph, settings) as asset:
-        heights = drawn_under(asset, udim, [view.surface for view in views])
+    with (
+        share_bar(f"regions, age {skin.age:g}") as show,
+        resident(device, mesh, skin.graph, settings) as asset,
+    ):
+        heights = drawn_under(asset, udim, [view.surface for view in views], show)
     return [
         [
             patch_panel(

@@ -70,11 +70,13 @@ def add_command(commands: Commands) -> None:
         "FILE.regions.png; that is written where expressions of known names came"
     )
     parser.add_argument("--ages", nargs="+", type=float, metavar="AGE", help=ages)
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, usage_error=parser.error)
 
 
 def run(arguments: argparse.Namespace) -> None:
     """Read, synthesise, write, and tell figures of what came out."""
+    if arguments.ages and arguments.preview is None:
+        arguments.usage_error("--ages needs --preview FILE.png: ages are drawn in its picture")
     from rhytid.cli.warned import Warned
 
     with Warned("synthesize", arguments.strict, arguments.allow) as warned:
@@ -108,6 +110,8 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     with share_bar("synthesis") as show:
         clock, seconds = clocked(show)
         made = synthesize(mesh, settings, device, clock, controls=controls, folds=folds)
+    drawn = AssetSettings(unit=unit, graph=settings).with_lengths(made.lengths)
+    warned.lengths(drawn, made.distance)
     graph = replace(made.graph, origin=GraphOrigin.of(mesh, unit, made.lengths))
     whole_file(out, [write_graph(graph)])
     facts = {"file": str(out), "seconds": seconds, "warnings": warned.figures()}

@@ -11,10 +11,17 @@ from tqdm import tqdm  # type: ignore[import-untyped]
 
 from rhytid.cli.frame_files import FrameFiles
 from rhytid.cli.reporting import counted
+from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.frame_warnings import FrameCheck
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.mesh_warnings import mesh_warnings
-from rhytid.domain.warnings import InputWarning, not_allowed
+from rhytid.domain.notices import Notice, count_told
+from rhytid.domain.warnings import (
+    SETTINGS_CHANGED,
+    SETTINGS_UNUSED,
+    InputWarning,
+    not_allowed,
+)
 from rhytid.errors import StrictError
 
 # Lines of one code that are told at once: of a long shot in the wrong unit three frames say it all.
@@ -28,6 +35,7 @@ class Warned:
     def __init__(self, command: str, strict: bool, allow: Collection[str] = ()) -> None:
         self._command, self._strict, self._allow = command, strict, allow
         self.warnings: list[InputWarning] = []
+        self.notices: list[Notice] = []
 
     def __enter__(self) -> Warned:
         return self
@@ -54,6 +62,12 @@ class Warned:
                 self.tell(check.warnings(frames.read(place), f"frame {place.name}"))
         self._refuse()
 
+    def settings(self, warnings: Iterable[InputWarning]) -> None:
+        """Warn of the settings among what is told of an asset; raises StrictError where warnings
+        are errors. Of the mesh and the frames it is told by `inputs` and `frame`."""
+        self.tell(w for w in warnings if w.code in (SETTINGS_CHANGED, SETTINGS_UNUSED))
+        self._refuse()
+
     def frame(self, warnings: Iterable[InputWarning], name: str) -> None:
         """Warn of a frame that is used now; raises StrictError where warnings are errors."""
         self.tell(replace(warning, where=f"frame {name}") for warning in warnings)
@@ -65,7 +79,24 @@ class Warned:
             if warning not in self.warnings:
                 self.warnings.append(warning)
                 if sum(w.code == warning.code for w in self.warnings) <= _LINES:
-                    self._print(f"warning: {warning}")
+                    allowed = "allowed " if warning.code in self._allow else ""
+                    self._print(f"{allowed}warning: {warning}")
+
+    def notice(self, notices: Iterable[Notice]) -> None:
+        """Print what is worth knowing and no mistake; `strict` lets it be."""
+        for notice in notices:
+            self.notices.append(notice)
+            self.note(str(notice))
+
+    def lengths(self, settings: AssetSettings, distance: float) -> None:
+        """Tell which lengths follow where skin was grown to a number of wrinkles.  settings:
+        resolved.  distance: mean, from a pore to the nearest, mesh units."""
+        if settings.graph.wrinkles is not None:
+            self.note(count_told(settings, distance))
+
+    def note(self, line: str) -> None:
+        """Print one line of what the run chose."""
+        self._print(f"notice: {line}")
 
     def count(self) -> None:
         """One line: how many there are, and of what more is not listed."""
@@ -73,12 +104,18 @@ class Warned:
         many = [f"{_LINES} of {n} {code}" for code, n in counts.items() if n > _LINES]
         listed = f"listed above ({', '.join(many)})" if many else "listed above"
         if counts:
-            told = f"{_count(self.warnings)}, {listed}; docs/warnings.md says what to do"
-            self._print(told)
+            let = sum(warning.code in self._allow for warning in self.warnings)
+            allowed = f", {let} of them allowed" if let else ""
+            told = f"{_count(self.warnings)}{allowed}, {listed}"
+            self._print(f"{told}; `rhytid warnings CODE` says what to do")
 
     def figures(self) -> list[dict[str, str]]:
         """All of them, for JSON."""
         return [asdict(warning) for warning in self.warnings]
+
+    def told(self) -> dict[str, list[dict[str, str]]]:
+        """Warnings and notices of an asset, for JSON."""
+        return {"warnings": self.figures(), "notices": [asdict(n) for n in self.notices]}
 
     def _refuse(self) -> None:
         wrong = not_allowed(self.warnings, self._allow) if self._strict else ()

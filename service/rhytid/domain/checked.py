@@ -9,6 +9,7 @@ so that a mistake is answered with its path: ``response.beta_w is -1: from 0 to 
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping
 from dataclasses import Field, field, fields, is_dataclass, replace
@@ -54,7 +55,7 @@ def read(base: T, data: Mapping[str, Any], path: str = "") -> T:
     changes: dict[str, Any] = {}
     for key, value in data.items():
         if key not in known:
-            raise SettingsError(_unknown(path, key, list(known)))
+            raise SettingsError(_unknown(path, key, value, list(known)))
         changes[key] = _value(known[key], getattr(base, key), value, path + key)
     return replace(base, **changes)  # type: ignore[type-var]
 
@@ -103,7 +104,17 @@ def _number(declared: Field[Any], value: Any, path: str) -> float | int:
     return value
 
 
-def _unknown(path: str, key: str, known: list[str]) -> str:
+def _unknown(path: str, key: str, value: Any, known: list[str]) -> str:
+    group, dot, _ = str(key).partition(".")
+    if dot and group in known:
+        whole = _nested(f"{path}{key}".split("."), value)
+        return f"unknown setting {path}{key}: settings are nested, as {whole}"
     near = get_close_matches(str(key), known, n=1)
     hint = f"; did you mean {path}{near[0]}?" if near else f"; known here: {', '.join(known)}"
     return f"unknown setting {path}{key}{hint}"
+
+
+def _nested(names: list[str], value: Any) -> str:
+    for name in reversed(names):
+        value = {name: value}
+    return json.dumps(value, default=str)

@@ -25,6 +25,7 @@ from rhytid.domain.warnings import (
     STEP_OF_EDGE,
     TEXEL_RATIO,
     TEXEL_SIZE,
+    TEXEL_USUAL,
     USUAL_SIZE,
     UV_MIRRORED,
     UV_OVERLAP,
@@ -146,8 +147,8 @@ class _Measured:
             f"surface at {self.resolution} x {self.resolution}, {found.most / found.least:.0f} "
             f"times apart, usually {self._texel(found.usual)}: "
             f"{'largest' if found.coarse else 'smallest'} here{_and_more(found.more)}. Up to "
-            f"{TEXEL_RATIO:g} times is normal; give such places "
-            f"{'more' if found.coarse else 'less'} room in UV"
+            f"{TEXEL_USUAL:g} times is usual, and more than {TEXEL_RATIO:g} is warned of; give "
+            f"such places {'more' if found.coarse else 'less'} room in UV"
         )
         yield InputWarning(TEXEL_SIZE, detail, self._place(found.worst))
 

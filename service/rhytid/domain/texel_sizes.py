@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.domain.mesh import Mesh
 from rhytid.domain.warnings import TEXEL_PLACE, TEXEL_RATIO, TEXEL_TAIL
 
 FloatArray = NDArray[np.float64]
@@ -53,6 +54,21 @@ def texel_spread(
     sizes[place[np.searchsorted(chosen, worst)]] = 0.0
     more = int(np.count_nonzero(sizes >= TEXEL_PLACE * shares[-1]))
     return TexelSpread(least, usual, most, coarse, worst, more)
+
+
+def usual_uv_length(mesh: Mesh) -> float:
+    """Mesh units that a step of 1 in UV is long in its longest direction: the median over the area
+    in space."""
+    used = mesh.usable_triangles()
+    a, b, c = np.moveaxis(mesh.positions[mesh.faces[used]].astype(np.float64), 1, 0)
+    uv = mesh.triangle_uv()[used]
+    edges, edges_uv = np.stack([b - a, c - a], axis=2), np.swapaxes(uv[:, 1:] - uv[:, :1], 1, 2)
+    jacobian = edges @ np.linalg.inv(edges_uv)
+    (e, f), (_, g) = np.moveaxis(np.swapaxes(jacobian, 1, 2) @ jacobian, 0, 2)
+    longest = np.sqrt((e + g) / 2 + np.hypot((e - g) / 2, f))
+    order = np.argsort(longest)
+    shares = np.cumsum(np.linalg.norm(np.cross(b - a, c - a), axis=1)[order])
+    return float(longest[order[np.searchsorted(shares, 0.5 * shares[-1])]])
 
 
 def _places(faces: NDArray[np.int32]) -> NDArray[np.intp]:

@@ -1,5 +1,5 @@
 """What is probably wrong with a mesh or a frame that can be used all the same: the codes, and from
-where on each is told. `docs/warnings.md` says what to do about them."""
+where on each is told. `warning_meanings.py` says what to do about them."""
 
 from __future__ import annotations
 
@@ -16,6 +16,8 @@ MESH_SIZE = "mesh-size"
 FAR_FROM_ORIGIN = "far-from-origin"
 STRETCH_AT_CLAMP = "stretch-at-clamp"
 FRAME_SCALED = "frame-scaled"
+SETTINGS_CHANGED = "settings-changed"
+SETTINGS_UNUSED = "settings-unused"
 CODES = (
     UV_OVERLAP,
     UV_MIRRORED,
@@ -25,6 +27,8 @@ CODES = (
     FAR_FROM_ORIGIN,
     STRETCH_AT_CLAMP,
     FRAME_SCALED,
+    SETTINGS_CHANGED,
+    SETTINGS_UNUSED,
 )
 
 # uv-overlap: share of the covered UV area that lies under two triangles or more. Layouts have
@@ -38,8 +42,9 @@ MIRRORED_SHARE = 0.01
 INWARD_COSINE = -0.25
 # texel-size: side of a texel on the surface, its largest over its smallest where half a hundredth
 # of the area at either end is left out, so that slivers do not count. 1.4 on the built-in face, 3
-# to 4 on a game's mask; beyond 10 pores of one place are a texel wide or those of another waste
-# most of the map.
+# to 4 on a game's mask, which is what is called usual; beyond 10 pores of one place are a texel
+# wide or those of another waste most of the map.
+TEXEL_USUAL = 4.0
 TEXEL_RATIO = 10.0
 TEXEL_TAIL = 0.005
 # texel-size: share of the area from which on a place is counted among those that are too coarse or
@@ -65,7 +70,7 @@ UNIT_TOLERANCE = 0.05
 @dataclass(frozen=True)
 class InputWarning:
     """Something that is probably wrong. code: one of CODES.  detail: what, in plain text.
-    where: the mesh or the frame, and the place on it where there is one."""
+    where: the mesh, the frame or the asset, and the place on it where there is one."""
 
     code: str
     detail: str

@@ -65,6 +65,7 @@ class AssetBuilder:
 
         def take() -> None:  # in one task: no tile is drawn between the two
             if lying is not None and not lying.released:
+                self._on_device.found(asset)  # it stays while memory is short
                 lying.use(settings) if prepared is None else lying.install(prepared, settings)
             asset.settings = settings
 

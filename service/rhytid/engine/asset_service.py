@@ -20,6 +20,7 @@ from rhytid.domain.frame_warnings import FrameCheck
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.graph_origin import GraphOrigin
 from rhytid.domain.mesh_warnings import mesh_warnings
+from rhytid.domain.settings_changes import CHANGEABLE, settings_changed, settings_unused
 from rhytid.domain.tiles import mesh_udims
 from rhytid.domain.warnings import InputWarning, check_codes, refuse
 from rhytid.engine.asset_builder import AssetBuilder
@@ -40,8 +41,6 @@ from rhytid.storage.contents import asset_id
 from rhytid.storage.store import AssetStore
 from rhytid.synthesis.amount import check_amount
 
-# What can change without synthesising or looking up anything again.
-CHANGEABLE = ("depth", "angles", "response", "shape", "preset", "bins", "convolve")
 Positions = Sequence[NDArray[np.float32]]
 
 
@@ -76,8 +75,9 @@ class AssetService:
     ) -> AssetInfo:
         """Take a mesh in; the build runs as a job. The same content again: the same asset.
 
-        The answer warns of the mesh and of the frames that came with it. strict: raise StrictError
-        instead, before anything is kept, of warnings whose codes are not in `allow`.
+        The answer warns of the mesh, of the frames that came with it, of settings of a known asset
+        that were changed since, and of those without effect. strict: raise StrictError instead,
+        before anything is kept, of warnings whose codes are not in `allow`.
 
         Raises GraphError where a given graph does not fit the mesh or was made for another, unless
         `force`; SettingsError where its lengths are of a unit that cannot be converted, or a graph
@@ -111,15 +111,18 @@ class AssetService:
         sent = () if new.frames is None else new.frames
         frames = [check_positions(positions, len(new.mesh.positions)) for positions in sent]
         warnings = mesh_warnings(new.mesh, new.settings.length_unit, new.settings.resolution, udims)
-        of_frames = _frame_warnings(new, frames)
-        if strict:
-            refuse((*warnings, *of_frames), allow)
+        unused = () if new.graph is None else settings_unused(new.settings)
+        told = (*unused, *_frame_warnings(new, frames))
         id = asset_id(new.mesh, new.settings, new.graph, new.stiffness, new.controls, expressions)
+        if strict:
+            known = self._changed(self._assets.find(id), new.settings)
+            refuse((*warnings, *known, *told), allow)
         folds = self._folds(id, new, expressions)
         made = Asset.of(id, new.mesh, new.settings, warnings, self._assets.frame_memory)
         made.wanted = wrinkles
-        info = self._registered(made, new, frames, folds).info()
-        return replace(info, warnings=(*info.warnings, *of_frames))
+        asset = self._registered(made, new, frames, folds)
+        info, changed = asset.info(), self._changed(asset, new.settings)
+        return replace(info, warnings=(*info.warnings, *changed, *told))
 
     def _registered(
         self, made: Asset, new: NewAsset, frames: Positions, folds: Folds | None
@@ -172,6 +175,12 @@ class AssetService:
                 self._frames.store(asset, name, frame, warnings, patiently=True)
 
         return work
+
+    def _changed(self, asset: Asset | None, sent: AssetSettings) -> tuple[InputWarning, ...]:
+        """Where the asset of the content that is sent has other settings by now."""
+        if asset is None or asset.state == "failed":
+            return ()
+        return settings_changed(asset.id, asset.settings, sent, asset.lengths)
 
     def _folds(self, id: str, new: NewAsset, expressions: Expressions | None) -> Folds | None:
         """Where expressions fold the mesh of an asset that is not built yet: other work goes

@@ -16,7 +16,9 @@ from rhytid.domain.frame_warnings import FrameCheck
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.lengths import Lengths
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.notices import grain_notice
 from rhytid.domain.origin import ORIGIN, Centre
+from rhytid.domain.texel_sizes import usual_uv_length
 from rhytid.domain.tiles import TileAddress, mesh_udims
 from rhytid.domain.warnings import InputWarning
 from rhytid.engine.device_asset import DeviceAsset
@@ -54,6 +56,8 @@ class Asset:
     on_device: DeviceAsset | None = None
     warnings: tuple[InputWarning, ...] = ()
     centre: Centre = field(default_factory=lambda: ORIGIN)
+    # Mesh units that a step of 1 in UV is long.
+    uv_length: float = 0.0
     # None of an asset that is known as failed alone.
     frame_check: FrameCheck | None = None
     # Wrinkles that it is to have.
@@ -80,6 +84,7 @@ class Asset:
             frames=Frames(memory),
             warnings=warnings,
             centre=mesh.centre,
+            uv_length=usual_uv_length(mesh),
             frame_check=FrameCheck(mesh, settings.length_unit),
         )
 
@@ -126,6 +131,7 @@ class Asset:
             wrinkles=self.wrinkles,
             statistics=self.statistics,
             warnings=self.warnings,
+            notices=grain_notice(self.settings, self.uv_length),
             centre=tuple(self.centre.tolist()),
         )
 

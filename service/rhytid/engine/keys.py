@@ -7,7 +7,6 @@ import json
 from functools import lru_cache
 from typing import Any
 
-from rhytid import __version__
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
 from rhytid.engine.messages import MapQuery
@@ -23,11 +22,11 @@ _UNREAD: dict[str, tuple[str, ...]] = {
 
 
 @lru_cache(maxsize=256)
-def settings_key(asset: str, settings: AssetSettings, device: str, method: str) -> str:
-    """Names an asset on a device, where floats differ, with the present settings that a method
-    reads."""
+def settings_key(asset: str, settings: AssetSettings, drawn_by: str, method: str) -> str:
+    """Names an asset with the present settings that a method reads.  drawn_by: the device and the
+    version of the drawing."""
     read = {k: v for k, v in settings.as_json().items() if k not in _UNREAD[method]}
-    return _digest([asset, read, device, __version__])
+    return _digest([asset, read, drawn_by])
 
 
 def map_key(revision: str, frame: Frame, query: MapQuery, place: str) -> str:

@@ -17,6 +17,7 @@ from rhytid.domain.controls import Controls
 from rhytid.domain.expressions import Expressions
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.notices import Notice
 from rhytid.domain.stiffness import Stiffness
 from rhytid.domain.warnings import InputWarning
 from rhytid.errors import QueryError
@@ -57,8 +58,9 @@ class AssetInfo:
     copies at UV seams not; they are 0 until the graph exists.
     `statistics`, None until then: "spacing", the mean distance of pores on the surface in mesh
     units, as it came out; "degree", the mean number of wrinkles at a pore; "strengths", wrinkles
-    by weight, in tenths from 0 to 1.  `warnings`: what is probably wrong with the mesh.  `centre`:
-    what was subtracted from its positions as they were sent, and is from those of its frames.
+    by weight, in tenths from 0 to 1.  `warnings`: what is probably wrong with the mesh.
+    `notices`: what is worth knowing of its present settings and no mistake.  `centre`: what was
+    subtracted from its positions as they were sent, and is from those of its frames.
     """
 
     id: str
@@ -74,6 +76,7 @@ class AssetInfo:
     wrinkles: int
     statistics: dict[str, Any] | None = None
     warnings: tuple[InputWarning, ...] = ()
+    notices: tuple[Notice, ...] = ()
     centre: tuple[float, ...] = (0.0, 0.0, 0.0)
 
 

@@ -22,9 +22,10 @@ from rhytid.engine.keys import map_key, settings_key
 from rhytid.engine.map_drawing import MapDrawing
 from rhytid.engine.messages import BinManifest, MapQuery
 from rhytid.engine.tile_batcher import TileBatcher
-from rhytid.errors import NotFoundError
+from rhytid.errors import NotFoundError, QueryError
 from rhytid.formats.tile_header import TileHeader
 from rhytid.pipeline.bins import HEADROOM
+from rhytid.pipeline.drawing import drawing_version
 from rhytid.pipeline.elements import SCALE_LIMIT
 
 Tile = NDArray[np.float32]
@@ -58,7 +59,8 @@ class TileService:
         self._assets, self._on_device, self._batcher = registry, on_device, batcher
         self._maps = MapDrawing(on_device, most_waiting)
         info = device.info
-        self._device_key = f"{info.platform}/{info.version}/{info.name}"
+        # The device, where floats differ, and the version of the drawing.
+        self._drawn_by = f"{info.platform}/{info.version}/{info.name}/{drawing_version()}"
 
     @property
     def joined(self) -> int:
@@ -112,13 +114,20 @@ class TileService:
         return bin_manifest(lying.settings, lying.cushion_factor)
 
     def bin_tile(
-        self, asset: str, address: TileAddress, layer: str, bin: int, sample: int
+        self,
+        asset: str,
+        address: TileAddress,
+        layer: str,
+        bin: int | None = None,
+        sample: int | None = None,
     ) -> NDArray[np.integer]:
         """(n, n) int8 or int16 codes of one precomputed map tile; displacement = code * step.
 
-        Of the cushions n is that of the samples under the tile, with the apron around them.
+        bin, sample: needed where the layer has more than one.  Of the cushions n is that of the
+        samples under the tile, with the apron around them.
 
-        Raises NotFoundError above level 0: what is blended has coarser levels, the maps have none.
+        Raises NotFoundError above level 0: what is blended has coarser levels, the maps have none;
+        QueryError where bin or sample is missing.
         """
         found = self._assets.get(asset)
         found.check_address(address)
@@ -131,13 +140,12 @@ class TileService:
         def codes(lying: DeviceAsset) -> NDArray[np.integer]:
             # On the device thread, where settings do not change meanwhile.
             manifest = bin_manifest(lying.settings, lying.cushion_factor)
-            _check_map(manifest, layer, bin, sample)
-            return lying.layer_codes(address, layer, bin, sample)
+            return lying.layer_codes(address, layer, *of_map(manifest, layer, bin, sample))
 
         return self._on_device.use(found, codes)
 
     def _key(self, asset: Asset, frame: Frame, query: MapQuery, place: str) -> str:
-        revision = settings_key(asset.id, asset.settings, self._device_key, query.method)
+        revision = settings_key(asset.id, asset.settings, self._drawn_by, query.method)
         return map_key(revision, frame, query, place)
 
     def _tile(self, asset: Asset, frame: Frame, query: MapQuery, address: TileAddress) -> Tile:
@@ -178,11 +186,22 @@ def _header(asset: Asset, frame: str, query: MapQuery, at: TileAddress) -> TileH
     )
 
 
-def _check_map(manifest: BinManifest, layer: str, bin: int, sample: int) -> None:
-    """Raise NotFoundError naming what does not exist."""
+def of_map(
+    manifest: BinManifest, layer: str, bin: int | None, sample: int | None
+) -> tuple[int, int]:
+    """Bin and sample, 0 where there is one alone and none is given.
+
+    Raises NotFoundError naming what does not exist, QueryError naming what is missing.
+    """
     if layer not in manifest.layers:
         raise NotFoundError(f"layer {layer!r}: one of {', '.join(manifest.layers)}")
-    sizes = (("bin", bin, manifest.layers[layer]), ("sample", sample, len(manifest.steps[layer])))
-    for name, index, size in sizes:
-        if not 0 <= index < size:
-            raise NotFoundError(f"{name} {index} of layer {layer}: 0 to {size - 1}")
+    bins, samples = manifest.layers[layer], len(manifest.steps[layer])
+    return _index("bin", bin, bins, layer), _index("sample", sample, samples, layer)
+
+
+def _index(name: str, index: int | None, size: int, layer: str) -> int:
+    if index is None and size > 1:
+        raise QueryError(f"{name} is missing: layer {layer} has {size}, 0 to {size - 1}")
+    if index is not None and not 0 <= index < size:
+        raise NotFoundError(f"{name} {index} of layer {layer}: 0 to {size - 1}")
+    return index or 0

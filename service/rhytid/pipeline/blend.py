@@ -4,10 +4,12 @@ blend_smooth.cl, blend_stiff.cl."""
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from itertools import chain
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,6 +71,13 @@ class Coefficients(Held):
     @property
     def _buffers(self) -> tuple[Buffer | None, ...]:
         return (self.own, self.gains)
+
+
+class _Raised(NamedTuple):
+    """The broad layer of tiles, and what kernels must know of it."""
+
+    coarse: Sequence[Buffer | None]
+    defines: Mapping[str, object]
 
 
 class Blend:
@@ -191,72 +200,77 @@ class Blend:
         coefficients: Coefficients,
         grains: Sequence[Buffer] | None,
     ) -> None:
-        raised = _cushions(tiles) if self._cushion is not None else []
-        coarse: list[Buffer] = []
-        if self._cushion is not None and raised:
-            coarse = self._cushion.tiles(raised, coefficients)
-        of_each = [
-            (maps.triangles.firsts, maps.triangles.members, maps.codes,
-             coarse[i] if coarse else None, grains[i] if grains else None, made[i])
-            for i, maps in enumerate(tiles)
-        ]  # fmt: skip
-        of_each += [of_each[0]] * (TILES_A_LAUNCH - len(tiles))  # which no work-item looks at
         vectors = tiles[0].texels // VECTOR
-        self._device.launch(
-            "blend", "blend", (vectors, len(tiles)),
-            *chain.from_iterable(of_each), coefficients.own,
-            coefficients.gains if grains else None, self._unit, tiles[0].place[0],
-            np.float32(grain_amplitude(self._settings)), np.float32(self._settings.depth),
-            group=_group(self._device.shape.vectors, vectors),
-            defines={
-                **self._layers, **self._codes, **self._vectors(tiles[0]),
-                **_raised(tiles[0], coarse),
-                **({**self._response, "GRAINY": 1} if grains else {}),
-            },
-        )  # fmt: skip
-        for buffer in coarse:
-            buffer.release()
+        with self._raised(tiles, lambda broad, own: broad.tiles(own, coefficients)) as raised:
+            of_each = [
+                (maps.triangles.firsts, maps.triangles.members, maps.codes,
+                 coarse, grains[i] if grains else None, made[i])
+                for i, (maps, coarse) in enumerate(zip(tiles, raised.coarse, strict=True))
+            ]  # fmt: skip
+            of_each += [of_each[0]] * (TILES_A_LAUNCH - len(tiles))  # which no work-item looks at
+            self._device.launch(
+                "blend", "blend", (vectors, len(tiles)),
+                *chain.from_iterable(of_each), coefficients.own,
+                coefficients.gains if grains else None, self._unit, tiles[0].place[0],
+                np.float32(grain_amplitude(self._settings)), np.float32(self._settings.depth),
+                group=_group(self._device.shape.vectors, vectors),
+                defines={
+                    **self._layers, **self._codes, **self._vectors(tiles[0]), **raised.defines,
+                    **({**self._response, "GRAINY": 1} if grains else {}),
+                },
+            )  # fmt: skip
 
     def stiff_tile(self, maps: BinTile, stretches: Buffer) -> Buffer:
         """As `tile`, of a tile whose texels have a stiffness (Alg. 3, lines 8 to 15)."""
         out = self._room(maps)
-        coarse: list[Buffer] = []
-        if self._cushion is not None and maps.cushion is not None:
-            coarse = [self._cushion.stiff_tile(maps.cushion, stretches)]
-        self._device.launch(
-            "blend_stiff", "blend_stiff", (maps.texels // VECTOR,),
-            maps.triangles.firsts, maps.triangles.members, maps.stiffness, maps.codes, stretches,
-            self._steps, self._last_sample, self._exponents, self._unit, maps.place[0],
-            coarse[0] if coarse else None, out,
-            defines={
-                **self._layers, **self._response, **self._oriented, **self._codes,
-                **_raised(maps, coarse), **self._vectors(maps),
-            },
-        )  # fmt: skip
-        for buffer in coarse:
-            buffer.release()
+        with self._raised(
+            [maps], lambda broad, own: [broad.stiff_tile(own[0], stretches)]
+        ) as raised:
+            self._device.launch(
+                "blend_stiff", "blend_stiff", (maps.texels // VECTOR,),
+                maps.triangles.firsts, maps.triangles.members, maps.stiffness, maps.codes,
+                stretches, self._steps, self._last_sample, self._exponents, self._unit,
+                maps.place[0], *raised.coarse, out,
+                defines={**self._sampled, **raised.defines, **self._vectors(maps)},
+            )  # fmt: skip
         return out
 
     def smooth_tile(self, maps: BinTile, fields: SmoothFields, located: UdimTriangles) -> Buffer:
         """As `tile`, with a stretch of its own for every texel (Alg. 3, lines 2 to 15)."""
         out = self._room(maps)
-        coarse: list[Buffer] = []
-        if self._cushion is not None and maps.cushion is not None:
-            coarse = [self._cushion.smooth_tile(maps.cushion, fields, located)]
-        self._device.launch(
-            "blend_smooth", "blend_smooth", (maps.texels // VECTOR,),
-            maps.triangles.firsts, maps.triangles.members, maps.codes, self._steps,
-            self._directions, self._last_sample, self._exponents, self._unit,
-            *maps.place, *fields.arguments(located),
-            fields.neutral, maps.stiffness, coarse[0] if coarse else None, out,
-            defines={
-                **self._layers, **self._response, **self._oriented, **self._codes,
-                **_raised(maps, coarse), **self._vectors(maps),
-            },
-        )  # fmt: skip
+        with self._raised(
+            [maps], lambda broad, own: [broad.smooth_tile(own[0], fields, located)]
+        ) as raised:
+            self._device.launch(
+                "blend_smooth", "blend_smooth", (maps.texels // VECTOR,),
+                maps.triangles.firsts, maps.triangles.members, maps.codes, self._steps,
+                self._directions, self._last_sample, self._exponents, self._unit,
+                *maps.place, *fields.arguments(located),
+                fields.neutral, maps.stiffness, *raised.coarse, out,
+                defines={**self._sampled, **raised.defines, **self._vectors(maps)},
+            )  # fmt: skip
+        return out
+
+    @contextmanager
+    def _raised(
+        self, tiles: Sequence[BinTile], make: Callable[[Blend, list[BinTile]], list[Buffer]]
+    ) -> Iterator[_Raised]:
+        """The broad layer of tiles, that `make` blends of their coarse ones, until the block ends;
+        nothing where a tile has none."""
+        found = [maps.cushion for maps in tiles if maps.cushion is not None]
+        if self._cushion is None or len(found) < len(tiles):
+            yield _Raised([None] * len(tiles), {})
+            return
+        coarse = make(self._cushion, found)
+        sides = int(tiles[0].place[0]), int(found[0].place[0]) - 2 * APRON
+        yield _Raised(coarse, {"RAISED": 1, "COARSER": sides[0] // sides[1]})
         for buffer in coarse:
             buffer.release()
-        return out
+
+    @property
+    def _sampled(self) -> dict[str, object]:
+        """What the kernels are compiled with that find r of each texel."""
+        return {**self._layers, **self._response, **self._oriented, **self._codes}
 
     def _vectors(self, maps: BinTile) -> dict[str, object]:
         """What kernels must know of which texels a vector has."""
@@ -277,17 +291,3 @@ class Blend:
 def _group(most: int, vectors: int) -> tuple[int, int]:
     """The largest work-group that the vectors of a tile can be cut into."""
     return next(n for n in range(min(most, vectors), 0, -1) if vectors % n == 0), 1
-
-
-def _cushions(tiles: Sequence[BinTile]) -> list[BinTile]:
-    """Of tiles that all have one, else none."""
-    found = [maps.cushion for maps in tiles if maps.cushion is not None]
-    return found if len(found) == len(tiles) else []
-
-
-def _raised(maps: BinTile, coarse: Sequence[Buffer]) -> dict[str, object]:
-    """What kernels must know of the broad layer of a tile."""
-    if not coarse or maps.cushion is None:
-        return {}
-    sides = int(maps.place[0]), int(maps.cushion.place[0]) - 2 * APRON
-    return {"RAISED": 1, "COARSER": sides[0] // sides[1]}

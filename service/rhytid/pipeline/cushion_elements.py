@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.domain.asset_settings import CUSHION_THRESHOLD, AssetSettings, ShapeSettings
-from rhytid.domain.graph import WrinkleGraph
+from rhytid.domain.graph import ORIGINAL, WrinkleGraph
 from rhytid.pipeline.cells import CellLists, list_by_cell
 
 # Coarse texels a side of a block of the layer, and around it what the spline reads of others.
@@ -24,6 +24,9 @@ LEAST_HALF_WIDTH = 1.25
 WIDENED = 1.5
 # Coarse texels in the median half width, at least, where the layer is drawn at less than a half.
 CARRIED = 1.5
+# The spline changes lines the more the fewer samples they have. Where a line is narrower in the UV
+# of one side of a seam its half width there has as much more than CARRIED, up to so many times.
+UNEVEN = 1.6
 FACTORS = (16, 8, 4, 2)
 
 
@@ -53,14 +56,32 @@ def narrow_weight(weight: NDArray[np.float32], shape: ShapeSettings) -> NDArray[
 
 
 def coarse_factor(graph: WrinkleGraph, settings: AssetSettings) -> int:
-    """The coarsest of FACTORS that carries the median broad half width, 2 where none does: the grid
-    is the same at every resolution at which one does."""
-    width = graph.edge_half_width[graph.edge_weight > THRESHOLD]
-    if not width.size:
+    """The coarsest of FACTORS that carries the broad half widths, 2 where none does: the grid is
+    the same at every resolution at which one does."""
+    width = _width_to_carry(graph)
+    if width is None:
         return FACTORS[-1]
-    texels = float(np.median(width)) * settings.resolution * settings.shape.cushion_width
+    texels = width * settings.resolution * settings.shape.cushion_width
     most = min(texels / CARRIED, settings.resolution / COARSE_BLOCK)
     return next((factor for factor in FACTORS if factor <= most), FACTORS[-1])
+
+
+def _width_to_carry(graph: WrinkleGraph) -> float | None:
+    """The median half width in UV of what swells, None where nothing does; less, by a half at most,
+    where lines at UV seams are narrower in the UV of one of their sides than of the other."""
+    swells = graph.edge_weight > THRESHOLD
+    if not swells.any():
+        return None
+    median = float(np.median(graph.edge_half_width[swells]))
+    if graph.edge_copy_of is None:
+        return median
+    copies = np.flatnonzero(swells & (graph.edge_copy_of != ORIGINAL))
+    if not copies.size:
+        return median
+    rows = np.stack([copies, graph.edge_copy_of[copies]])
+    narrow, wide = np.sort(graph.edge_half_width[rows].astype(np.float64), axis=0)
+    at_seams = float(np.median(narrow / np.minimum(wide / narrow, UNEVEN)))
+    return min(max(at_seams, 0.5 * median), median)
 
 
 def cushion_lists(

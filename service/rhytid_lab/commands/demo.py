@@ -108,7 +108,7 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
             session.send_frames()
             session.draw()
             sheets = write_sheets(session, millimetres(arguments.unit or USUAL_UNIT) or 1.0)
-            figures = {**session.figures(), "key_frames": sheets, "warnings": warned.figures()}
+            figures = {**session.figures(), "key_frames": sheets, **warned.told()}
     write_json(figures, out / "times.json")
     report(figures, _text(figures, session), arguments.json)
 

@@ -13,6 +13,8 @@ from rhytid.cli.frame_files import FramePlace
 from rhytid.cli.reporting import counted, share_bar
 from rhytid.cli.timing import Stopwatch
 from rhytid.cli.warned import Warned
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.notices import Notice
 from rhytid.domain.warnings import InputWarning
 from rhytid_client import Asset, Client, Job, Tile
 from rhytid_lab.commands.demo_face import MESH_ARRAYS, Animation
@@ -61,6 +63,10 @@ class Session:
             clock = StepClock(self.watch, show)
             self.asset = self.client.wait(asset, progress=clock.follow)
             clock.stop()
+        assert self.asset.statistics is not None
+        resolved = AssetSettings.parse(self.asset.settings)
+        self.warned.lengths(resolved, self.asset.statistics["spacing"])
+        self.warned.notice(Notice(n.code, n.detail) for n in self.asset.notices)
 
     def send_frames(self) -> None:
         """Send every frame, then calibrate from the one that stretches most."""

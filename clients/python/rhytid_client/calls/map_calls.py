@@ -117,18 +117,20 @@ def bin_tile(
     row: int,
     column: int,
     *,
-    bin: int,
-    sample: int,
+    bin: int | None = None,
+    sample: int | None = None,
     layer: str = "wrinkles",
 ) -> Flow[NDArray[Any]]:
     """One tile of quantised codes, int8 or int16; the manifest's step turns them into heights.
 
     layer: one of the manifest's: wrinkles, pores, for a mellow merge wrinkle_bulges and
-    pore_bulges, with tilts wrinkle_tilts (sample 0); of the cushions, coarse and with an apron,
-    cushions; grain (bin 0, sample 0).
+    pore_bulges, with tilts wrinkle_tilts; of the cushions, coarse and with an apron,
+    cushions; grain.  bin, sample: needed where the layer has more than one: grain has one of both,
+    pores one bin, wrinkle_tilts one sample.
     """
     place = ("v1", "assets", asset_id(asset), "bins", udim, level, row, column)
-    query: dict[str, str | int] = {"bin": bin, "sample": sample, "layer": layer}
+    given = {"bin": bin, "sample": sample, "layer": layer}
+    query = {name: value for name, value in given.items() if value is not None}
     return npy.decode(parse.content((yield get(*place, params=query))))
 
 

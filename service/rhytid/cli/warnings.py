@@ -1,0 +1,46 @@
+"""`rhytid warnings`: what the codes of warnings and notices mean, and what to do."""
+
+from __future__ import annotations
+
+import argparse
+import textwrap
+
+from rhytid.cli.options import Commands, new_command
+from rhytid.domain.warning_meanings import NOTICES, WARNINGS, Meaning
+
+_KNOWN = {**WARNINGS, **NOTICES}
+_WIDTH = 96
+
+
+def add_command(commands: Commands) -> None:
+    """Add `warnings` to the parser."""
+    parser = new_command(
+        commands,
+        "warnings",
+        "Say of warnings and notices when they are told, and what to do.",
+        "rhytid warnings texel-size",
+    )
+    parser.add_argument(
+        "codes", nargs="*", metavar="CODE", help=f"all of them, or some of: {', '.join(_KNOWN)}"
+    )
+    parser.set_defaults(run=run, usage_error=parser.error)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Print the meanings of the codes, of all where none is given."""
+    for code in arguments.codes:
+        if code not in _KNOWN:
+            arguments.usage_error(f"{code!r}: one of {', '.join(_KNOWN)}")
+    chosen = arguments.codes or list(_KNOWN)
+    print("\n\n".join(_text(code, _KNOWN[code]) for code in chosen))
+
+
+def _text(code: str, meaning: Meaning) -> str:
+    kind = "notice" if code in NOTICES else "warning"
+    told = (f"told of: {meaning.of}", f"when: {meaning.when}", f"what to do: {meaning.remedy}")
+    lines = [line for text in told for line in _wrapped(text)]
+    return "\n".join([f"{code} ({kind})", *lines])
+
+
+def _wrapped(text: str) -> list[str]:
+    return textwrap.wrap(text, _WIDTH, initial_indent="  ", subsequent_indent="    ")

@@ -1,0 +1,83 @@
+"""What is worth knowing of an asset and is no mistake: it is told, and `strict` lets it be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rhytid.domain.ageing import deepest
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.lengths import GRAIN, SKIN
+from rhytid.domain.units import millimetres
+
+GRAIN_NOT_DRAWN = "grain-not-drawn"
+NOTICES = (GRAIN_NOT_DRAWN,)
+# Texels to a wave from which on an octave of the grain is drawn, as grain_codes.cl has it.
+LEAST_TEXELS = 2.0
+_RESOLUTIONS = tuple(2**n for n in range(8, 15))
+
+
+@dataclass(frozen=True)
+class Notice:
+    """code: one of NOTICES.  detail: what, and what to do, in plain text."""
+
+    code: str
+    detail: str
+
+    def __str__(self) -> str:
+        return f"{self.code}: {self.detail}"
+
+
+def grain_notice(settings: AssetSettings, uv_length: float) -> tuple[Notice, ...]:
+    """Where half of the skin or more is drawn without the grain that is set: its waves are shorter
+    than two texels there.
+
+    uv_length: mesh units that a step of 1 in UV is long at most, the median over the surface.
+    """
+    size = _grain_size(settings)
+    if settings.shape.grain == 0.0 or size is None or uv_length <= 0.0:
+        return ()
+    texel = uv_length / settings.resolution
+    if size >= LEAST_TEXELS * texel:
+        return ()
+    told, least = _length(size, settings), _length(LEAST_TEXELS * texel, settings)
+    finer = [r for r in _RESOLUTIONS if size * r >= LEAST_TEXELS * uv_length]
+    drawn = f"resolution {finer[0]} draws it" if finer else "no resolution draws it"
+    detail = (
+        f"no grain is drawn on half of the skin or more: its largest waves are {told} long, and at "
+        f"{settings.resolution} x {settings.resolution} texels carry waves from {least} on; "
+        f"{drawn}, so would shape.grain_size {LEAST_TEXELS * texel:.3g}; shape.grain 0 is without"
+    )
+    return (Notice(GRAIN_NOT_DRAWN, detail),)
+
+
+def count_told(settings: AssetSettings, distance: float) -> str:
+    """What follows where `graph.wrinkles` fixes how far apart pores are, in one line.
+
+    settings: resolved.  distance: mean, from a pore to the nearest, mesh units.
+    """
+    assert settings.depth is not None
+    depth, shape = settings.depth, settings.shape
+    known = millimetres(settings.length_unit) is not None
+    usual = f" (usually {SKIN.spacing:g} mm)" if known else ""
+    deep = f" (usually {SKIN.depth * deepest(settings.graph.age):.3g} mm)" if known else ""
+    return (
+        f"{settings.graph.wrinkles} wrinkles fix the spacing, and depths follow it: pores are "
+        f"{_length(distance, settings)} apart{usual}, furrows of strength 1 are "
+        f"{_length(depth, settings)} deep{deep}, grain {_length(shape.grain * depth, settings)} "
+        f"and undulation {_length(shape.undulation * depth, settings)} rms"
+    )
+
+
+def _grain_size(settings: AssetSettings) -> float | None:
+    """The largest wavelength, mesh units; None where it is not known yet."""
+    given, length = settings.shape.grain_size, millimetres(settings.length_unit)
+    if given is not None:
+        return given
+    return None if length is None else GRAIN.millimetres / length
+
+
+def _length(value: float, settings: AssetSettings) -> str:
+    length = millimetres(settings.length_unit)
+    if length is None:
+        return f"{value:.3g} {settings.length_unit}"
+    return f"{value * length:.3g} mm"

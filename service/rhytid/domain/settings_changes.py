@@ -1,0 +1,109 @@
+"""Settings that are not what a caller may think: changed since they were sent, or unused."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict
+from typing import Any
+
+from rhytid.domain.asset_settings import AssetSettings, BinSettings, GraphSettings
+from rhytid.domain.lengths import Lengths
+from rhytid.domain.warnings import SETTINGS_CHANGED, SETTINGS_UNUSED, InputWarning
+
+Leaves = dict[str, Any]
+# What can change without synthesising or looking up anything again.
+CHANGEABLE = ("depth", "angles", "response", "shape", "preset", "bins", "convolve")
+# Settings that are told one by one.
+_TOLD = 6
+_R_MAX = "bins.r_max"
+# Of `graph`, what is read where the graph is given: of the lengths and of the grain.
+_READ_OF_GIVEN = ("spacing", "seed")
+
+
+def settings_changed(
+    asset: str, present: AssetSettings, sent: AssetSettings, lengths: Lengths
+) -> tuple[InputWarning, ...]:
+    """A warning where they differ, with the PATCH that makes the asset as sent.
+
+    lengths: what those of either that are null are resolved with. `bins.r_max` that was sent with
+    its default is left to calibrations and not told.
+    """
+    wanted, raw = leaves(sent.with_lengths(lengths).as_json()), leaves(sent.as_json())
+    now = leaves(present.with_lengths(lengths).as_json())
+    calibrated = raw[_R_MAX] == BinSettings().r_max
+    if calibrated and now[_R_MAX] <= sent.response.log_stretch_limit:
+        wanted[_R_MAX] = now[_R_MAX]
+    # Others are what the asset was made by: where they differ, `graph.lines`, it is in name alone.
+    differ = [
+        name
+        for name, value in wanted.items()
+        if name.partition(".")[0] in CHANGEABLE and now[name] != value
+    ]
+    if not differ:
+        return ()
+    reset = dict.fromkeys(differ)
+    if "preset" in reset:
+        reset |= dict.fromkeys(_beside_preset(sent.preset, raw))
+    told = [f"{name} is {_json(now[name])}, sent was {_json(raw[name])}" for name in differ[:_TOLD]]
+    if len(differ) > _TOLD:
+        told.append(f"and {len(differ) - _TOLD} settings more")
+    detail = (
+        f"this content was sent before, and its settings were changed since: {'; '.join(told)}. "
+        "They stay as they are now. To have them as sent, PATCH "
+        f"/v1/assets/{asset} with {_json(nested({name: raw[name] for name in reset}))}"
+    )
+    return (InputWarning(SETTINGS_CHANGED, detail, f"asset {asset}"),)
+
+
+def settings_unused(settings: AssetSettings) -> tuple[InputWarning, ...]:
+    """A warning of settings of the synthesis beside a graph that is given."""
+    usual = asdict(GraphSettings())
+    given = asdict(settings.graph).items()
+    unread = {n: v for n, v in given if v != usual[n] and n not in _READ_OF_GIVEN}
+    if not unread:
+        return ()
+    told = ", ".join(f"graph.{name} ({_json(value)})" for name, value in unread.items())
+    detail = (
+        f"{told}: settings of how skin is grown, beside a graph that is given (option --graph, "
+        "part graph): no skin is grown, so they change nothing. Leave them out, or send no graph"
+    )
+    return (InputWarning(SETTINGS_UNUSED, detail, "settings"),)
+
+
+def _beside_preset(name: str, raw: Leaves) -> list[str]:
+    """What a preset would set in another way than it was sent."""
+    usual = leaves(AssetSettings.parse({"preset": name}).as_json())
+    groups = ("bins.", "response.", "shape.")
+    return [
+        n for n, value in raw.items() if n.startswith(groups) and value != usual[n] and n != _R_MAX
+    ]
+
+
+def leaves(settings: Mapping[str, Any], path: str = "") -> Leaves:
+    """Nested settings by their dotted names."""
+    return dict(_leaves(settings, path))
+
+
+def nested(named: Mapping[str, Any]) -> dict[str, Any]:
+    """The inverse of `leaves`."""
+    found: dict[str, Any] = {}
+    for name, value in named.items():
+        *groups, last = name.split(".")
+        place = found
+        for group in groups:
+            place = place.setdefault(group, {})
+        place[last] = value
+    return found
+
+
+def _leaves(settings: Mapping[str, Any], path: str) -> Iterator[tuple[str, Any]]:
+    for key, value in settings.items():
+        if isinstance(value, Mapping):
+            yield from _leaves(value, f"{path}{key}.")
+        else:
+            yield path + key, value
+
+
+def _json(value: Any) -> str:
+    return json.dumps(value)

@@ -1,0 +1,77 @@
+"""What is told of an asset that is no mistake."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from meshes import bumpy_grid
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.lengths import Lengths
+from rhytid.domain.mesh import Mesh
+from rhytid.domain.notices import count_told, grain_notice
+from rhytid.domain.texel_sizes import usual_uv_length
+from rhytid_lab.samples.face import procedural_face
+
+
+def told(uv_length: float, **settings: Any) -> str:
+    found = grain_notice(AssetSettings.parse(settings), uv_length)
+    assert [notice.code for notice in found] in ([], ["grain-not-drawn"])
+    return found[0].detail if found else ""
+
+
+def test_grain_shorter_than_two_texels_is_told_with_what_would_draw_it() -> None:
+    """0.2 mm on 20 cm of skin, UV 1 long: 0.098 mm a texel at 2048."""
+    assert told(20.0, resolution=2048) == ""
+    detail = told(21.0, resolution=2048)
+    assert "waves are 0.2 mm long, and at 2048 x 2048 texels carry waves from 0.205 mm on" in detail
+    assert "resolution 4096 draws it, so would shape.grain_size 0.0205" in detail
+    assert told(21.0, resolution=2048, shape={"grain_size": 0.0206}) == ""
+    assert "no resolution draws it" in told(1e3, resolution=2048)
+
+
+@pytest.mark.parametrize(
+    "settings", [{"shape": {"grain": 0}}, {"preset": "paper"}, {"unit": "ell"}]
+)
+def test_without_grain_and_before_its_size_is_known_nothing_is_told(
+    settings: dict[str, Any],
+) -> None:
+    assert told(100.0, **settings) == ""
+
+
+def test_the_face_at_half_the_usual_resolution_has_no_grain() -> None:
+    length = usual_uv_length(procedural_face(16).mesh)
+    assert told(length) == ""
+    assert "resolution 4096 draws it" in told(length, resolution=1024)
+
+
+def test_the_length_is_that_of_the_longest_direction() -> None:
+    grid = bumpy_grid(10, seed=1)
+    flat = grid.positions * np.array([3.0, 1.0, 0.0], np.float32)
+    mesh = Mesh(flat, grid.faces, grid.uv, grid.face_uv)
+    uv = mesh.triangle_uv()
+    corners = mesh.positions[mesh.faces].astype(float)
+    inverse = np.linalg.inv(np.swapaxes(uv[:, 1:] - uv[:, :1], 1, 2))
+    steps = np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2) @ inverse
+    longest = np.linalg.svd(steps, compute_uv=False)[:, 0]
+    area = np.linalg.norm(np.cross(*np.moveaxis(corners[:, 1:] - corners[:, :1], 1, 0)), axis=1)
+    shorter = area[longest < usual_uv_length(mesh) * (1 - 1e-9)].sum() / area.sum()
+    longer = area[longest > usual_uv_length(mesh) * (1 + 1e-9)].sum() / area.sum()
+    assert max(shorter, longer) <= 0.5
+
+
+def test_a_number_of_wrinkles_says_which_lengths_follow() -> None:
+    given = {"graph": {"wrinkles": 300, "age": 65}}
+    settings = AssetSettings.parse(given).with_lengths(Lengths.of(0.25, 65))
+    told = count_told(settings, 0.251)
+    assert told == (
+        "300 wrinkles fix the spacing, and depths follow it: pores are 2.51 mm apart (usually 0.5 "
+        "mm), furrows of strength 1 are 0.6 mm deep (usually 0.12 mm), grain 0.012 mm and "
+        "undulation 0.108 mm rms"
+    )
+    other = AssetSettings.parse({**given, "unit": "ell"}).with_lengths(Lengths.of(0.25))
+    assert "pores are 0.251 ell apart, furrows of strength 1 are 0.0375 ell deep," in count_told(
+        other, 0.251
+    )
