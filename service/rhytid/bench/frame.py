@@ -36,6 +36,7 @@ from rhytid.pipeline.neutral_tiles import NeutralTile
 from rhytid.pipeline.redraw import redrawing, respond
 from rhytid.pipeline.stretch import StretchStage
 from rhytid.pipeline.stretch_buffers import StretchBuffers
+from rhytid.pipeline.waves import wrinkle_waves
 
 # What a report tells of a frame; a bench knows `neutral` and `tile` as well.
 REPORTED = ("copy", "stretch", "redraw", "precompute", "binned", "convolved")
@@ -76,7 +77,8 @@ class FrameBench:
         lengths = graph_lengths(graph, settings, mean_spacing(mesh, graph, pore))
         self.settings, self.spacing = settings.with_lengths(lengths), lengths.spacing
         settings = self.settings
-        self._wrinkles = wrinkle_arrays(graph, wrinkle, settings, udim)
+        waves = wrinkle_waves(mesh, graph, wrinkle, settings.shape)
+        self._wrinkles = wrinkle_arrays(graph, wrinkle, settings, udim, waves=waves)
         self._pores = pore_arrays(graph, pore, settings, udim)
         self._elements = UdimElements(device, self._wrinkles, self._pores, settings.bins.count)
         self._located = UdimTriangles(device, mesh, udim, size, padding)
