@@ -36,7 +36,7 @@ def arcs(p: ArrayLike) -> Array:
 
 
 def wave(x: ArrayLike, count: float, phase: float, level: bool = False) -> Array:
-    """How far aside, -1 to 1, at x from 0 to 1 along the wrinkle; level: at both ends, as on arcs."""
+    """How far aside, -1 to 1, at x from 0 to 1 along it.  level: at both ends, as on arcs."""
     x = np.asarray(x, np.float64)
     sum = 0.65 * arcs(count * x + phase) + 0.35 * arcs(GOLDEN * count * x + 5 * phase)
     rise = np.minimum(4 * max(count, 1.0) * x * (1 - x), 1.0)
