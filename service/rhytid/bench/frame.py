@@ -31,6 +31,7 @@ from rhytid.pipeline.bin_maker import BinMaker, BinTile
 from rhytid.pipeline.blend import Blend
 from rhytid.pipeline.convolve import Convolve
 from rhytid.pipeline.elements import UdimElements, pore_arrays, wrinkle_arrays
+from rhytid.pipeline.grain_shares import grain_shares
 from rhytid.pipeline.locate import UdimTriangles, locate_points
 from rhytid.pipeline.neutral_tiles import NeutralTile
 from rhytid.pipeline.redraw import redrawing, respond
@@ -90,7 +91,8 @@ class FrameBench:
         )
         self._blend = Blend(device, settings, len(mesh.faces))
         self._convolve = Convolve(device, mesh)
-        self._grains = Grains(device, mesh, self._located, settings)
+        shares = grain_shares(mesh, graph, pore)
+        self._grains = Grains(device, mesh, self._located, settings, shares)
         self._bins: list[BinTile] = []
         self._neutral: list[NeutralTile] = []
         self._copied = tuple(device.full(size * size, np.float32(1.0)) for _ in range(2))
