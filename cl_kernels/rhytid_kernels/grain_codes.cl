@@ -46,10 +46,23 @@ inline float octaves(float3 p, float texel, int count, float finer, __constant c
     return sum;
 }
 
+// Of values at the corners of a triangle, whose UV are c: that at uv, counted from the first corner,
+// within those of the corners. Where these are alike it is theirs, bit for bit.
+inline float between_corners(float3 values, float2 uv, __global const float *c)
+{
+    float most = max(values.x, max(values.y, values.z));
+    float least = min(values.x, min(values.y, values.z));
+    if (most == least)
+        return most;
+    float2 a = vload2(1, c) - vload2(0, c), b = vload2(2, c) - vload2(0, c);
+    float2 share = (float2)(uv.x * b.y - uv.y * b.x, a.x * uv.y - a.y * uv.x) / (a.x * b.y - a.y * b.x);
+    return clamp(values.x + dot(share, values.yz - values.x), least, most);
+}
+
 // triangles: of each texel; `none` has no relief. corners: their UV, three a triangle. planes: of each
 // triangle, in units of the largest wavelength of the grain over CELLS: (x, y, z) of its first
-// corner, dX/du, dX/dv, and the most that a step in UV can be long. Outside of a triangle its plane
-// goes on. finer: the largest wavelength of the grain over that of the undulation.  shares: of the
+// corner, dX/du, dX/dv, the most that a step in UV can be long; and at its corners the factor of the
+// grain. Outside of a triangle its plane goes on. finer: the largest wavelength of the grain over that of the undulation.  shares: of the
 // grain and the undulation. Texel (row, column) of a map of `side` texels is the first; `width` a
 // row. codes: 32 for the root mean square. Within one code of the same in double.
 __kernel void grain_codes(__global const int *triangles, int none, __global const float *corners,
@@ -59,14 +72,15 @@ __kernel void grain_codes(__global const int *triangles, int none, __global cons
     int i = get_global_id(0), t = triangles[i];
     float sum = 0.0f;
     if (t != none) {
-        __global const float *plane = planes + 10 * t;
+        __global const float *plane = planes + 13 * t;
         float2 uv = (float2)(column + i % width + 0.5f, side - row - i / width - 0.5f) / (float)side;
         uv -= vload2(3 * t, corners);
         float3 p = vload3(0, plane) + uv.x * vload3(1, plane) + uv.y * vload3(2, plane);
         float texel = plane[9] / side;
         if (shares.x > 0.0f)
-            sum += shares.x * octaves(p, texel, GRAIN_OCTAVES, GRAIN_FINER, GRAIN_SHARES,
-                                      seed * GRAIN_OCTAVES);
+            sum += shares.x * between_corners(vload3(0, plane + 10), uv, corners + 6 * t) *
+                   octaves(p, texel, GRAIN_OCTAVES, GRAIN_FINER, GRAIN_SHARES,
+                           seed * GRAIN_OCTAVES);
         if (shares.y > 0.0f)
             sum += shares.y * octaves(finer * p, finer * texel, UNDULATION_OCTAVES,
                                       UNDULATION_FINER, UNDULATION_SHARES,

@@ -35,6 +35,9 @@ def test_lines_deepen_with_age_and_no_region_grows_smooth(name: str) -> None:
     for key in ("scale", "pore_radius", "contrast", "anisotropy"):
         values = [getattr(skin, key) for skin in skins]
         assert values == sorted(values), key
+    grains = [skin.grain * deepest(age) for skin, age in zip(skins, AGES, strict=True)]
+    assert grains == sorted(grains)
+    assert grains[6] == pytest.approx(REGIONS[name].grain * REGIONS[name].old.grain)
     # Pores of regions without folds: as deep as their own factor says.
     pores = [
         s.strength * s.pore_strength * deepest(age) for s, age in zip(skins, AGES, strict=True)

@@ -18,6 +18,7 @@ from rhytid.domain.tiles import TileAddress
 from rhytid.engine.device_asset import DeviceAsset
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
 from rhytid.engine.messages import MapQuery
+from rhytid.pipeline.grain_shares import grain_shares
 
 SIZE, SHARE = 0.08, 0.03
 SIDE = 256
@@ -69,6 +70,49 @@ def test_noise_is_that_of_the_reference(device, seed):
     sure = sure.reshape(SIDE, SIDE)
     assert np.abs(found - wanted)[sure].max() <= 0.51 * reference.STEP
     assert wanted.std() > 0.5
+
+
+def test_grain_is_as_rough_as_pores_say_and_undulation_is_not(device):
+    mesh, lines = sheet(n=6), random_graph(5, 400)
+    rough = np.random.default_rng(2).uniform(0.2, 1.5, len(lines.node_uv)).astype(np.float32)
+    lines = replace(lines, node_grain=rough, edge_weight=0 * lines.edge_weight)
+    lines = replace(lines, node_weight=0 * lines.node_weight)
+    noise, sure, index = expected(mesh)
+    sure = (sure & (index >= 0)).reshape(SIDE, SIDE)
+    points = drawing.crop(0, 0, SIDE, SIDE, SIDE)
+    asset = asset_of(device, mesh, lines)
+    held = np.flatnonzero(asset.pore_triangle < len(mesh.faces))
+    factor = reference.rough(
+        mesh.triangle_uv().astype(float), mesh.faces, points, np.maximum(index, 0),
+        asset.pore_triangle[held], rough[held].astype(float),
+    ).reshape(SIDE, SIDE)  # fmt: skip
+    assert np.abs(noise_of(asset) - factor * noise)[sure].max() <= 0.51 * reference.STEP
+    assert factor[sure].std() > 0.05
+    broad = {"undulation": SHARE, "undulation_size": 0.5}
+    even = replace(lines, node_grain=None)
+    one, other = (drawn(asset_of(device, mesh, graph, broad)) for graph in (lines, even))
+    np.testing.assert_array_equal(one, other)
+
+
+def test_an_even_factor_of_1_changes_no_bit(device):
+    ones = replace(GRAPH, node_grain=np.ones(len(GRAPH.node_uv), np.float32))
+    np.testing.assert_array_equal(drawn(asset_of(device, None, ones)), drawn(asset_of(device)))
+
+
+def test_what_no_pore_says_goes_on_from_where_one_does():
+    mesh = sheet()
+    lines = replace(GRAPH, node_grain=np.full(len(GRAPH.node_uv), 0.5, np.float32))
+    triangle = np.full(len(GRAPH.node_uv), len(mesh.faces), np.int32)
+    np.testing.assert_array_equal(grain_shares(mesh, lines, triangle), 1.0)
+    triangle[0] = 0
+    np.testing.assert_array_equal(grain_shares(mesh, lines, triangle), 0.5)
+    triangle[1], lines.node_grain.flags.writeable = len(mesh.faces) - 1, True
+    lines.node_grain[1] = 1.5
+    found = grain_shares(mesh, lines, triangle)
+    assert (found[0] == 0.5).all()
+    assert (found[-1] == 1.5).all()
+    assert len(np.unique(found)) > 2  # between them a mean
+    assert grain_shares(mesh, GRAPH, triangle) is None
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2**31 - 1])

@@ -134,7 +134,8 @@ def test_convolved_drawn_in_pieces_is_the_same_bits(made, monkeypatch, sampling)
 
 
 def test_displacement_stays_within_its_scale(made):
-    scale = made.engine.tiles.plan(made.asset, "neutral", REDRAW, TileAddress(1001, 0, 0, 0)).header.scale
+    first = TileAddress(1001, 0, 0, 0)
+    scale = made.engine.tiles.plan(made.asset, "neutral", REDRAW, first).header.scale
     for found in maps(made.engine, made.asset, "bent"):
         assert np.abs(found).max() <= scale
 

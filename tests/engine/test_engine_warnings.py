@@ -53,7 +53,7 @@ def test_an_asset_of_a_store_without_warnings_is_looked_at(tmp_path, monkeypatch
         asset = built(engine, new_asset(unit="cm"))
         stored = engine._store.asset(asset)
     del stored.extra["warnings"]
-    assert told(arrivals._kept_warnings(stored)) == SMALL
+    assert told(stored_assets._kept_warnings(stored)) == SMALL
 
 
 def test_a_strict_asset_leaves_nothing(engine):

@@ -41,13 +41,14 @@ def drawn(device, lines, shape, least=0.0, items=1, rows=None, waves=None):
     return run(device, DRAWING, "block", size, given, out, options(items, rows) + defines, group)
 
 
-def wanted(lines, shape, least=0.0):
+def wanted(lines, shape, least=0.0, waves=None):
     segments, sizes = (x.astype(np.float64) for x in lines[:2])
     ends = np.stack([segments[:, :2], segments[:, :2] + segments[:, 2:]], axis=1)
     half = sizes.shape[1] // 2
     given = Wrinkles(
         ends, sizes[:, :half], sizes[:, half:], least=least,
         slopes=lines[2].astype(np.float64) if len(lines) == 3 else None,
+        waves=None if waves is None else wavy.Waves(*waves.astype(float).T),
     )  # fmt: skip
     valleys, bulges = meet(crop(0, 0, BLOCK, BLOCK, BLOCK) * BLOCK, given, None, shape)
     return (bulges - valleys).reshape(BLOCK, BLOCK)
@@ -143,6 +144,18 @@ def roughness(heights):
     return change[:, 26:36].max() - change[:, 14:24].max()
 
 
+def test_waves_on_arcs_are_those_of_double(device):
+    lines = lines_of(7, 40, 0.5, 0.15)
+    rng, length = np.random.default_rng(8), np.linalg.norm(lines[0][:, 2:], axis=1)
+    share = rng.choice([1.0, 0.7, -0.4], 40)
+    columns = (0.1 * length * rng.uniform(-1, 1, 40), rng.uniform(0, 3, 40), rng.random(40), share)
+    waves = np.stack(columns, axis=1).astype(np.float32)
+    found = drawn(device, lines, Shape(), waves=waves)
+    # As arc.clh claims.
+    assert np.abs(found - wanted(lines, Shape(), waves=waves)).max() <= 3e-3
+    assert np.abs(found - drawn(device, lines, Shape())).max() > 0.1
+
+
 def test_waves_ride_on_the_arc(device):
     segments = np.array([[6.0, 20.0, 50.0, 0.0]], np.float32)
     sizes, slopes = np.array([[2.0, 2, 1, 1]], np.float32), np.array([[0.5, -0.5]], np.float32)
@@ -150,7 +163,7 @@ def test_waves_ride_on_the_arc(device):
     found = drawn(device, (segments, sizes, slopes), Shape(), waves=wave)[::-1]
     s = (np.arange(BLOCK) + 0.5 - 6.0) / 50.0
     inside = (s > 0.1) & (s < 0.9)
-    y = 20.0 + 50.0 * arcs.offset(s, slopes[0]) + 1.5 * wavy.wave(s, 2.5, 0.3)
+    y = 20.0 + 50.0 * arcs.offset(s, slopes[0]) + 1.5 * wavy.wave(s, 2.5, 0.3, level=True)
     bottom = found.argmin(axis=0) + 0.5
     assert np.abs(bottom - y)[inside].max() <= 1.0
     still = drawn(device, (segments, sizes, slopes), Shape(), waves=wave * np.float32([0, 1, 1, 1]))

@@ -124,6 +124,20 @@ def test_the_wave_is_that_of_double_and_stays_within_1(device):
     np.testing.assert_array_equal(found[:, :2], 0.0)
 
 
+def test_on_arcs_the_wave_is_that_of_double_and_ends_level(device):
+    rng = np.random.default_rng(10)
+    x = rng.uniform(0, 1, (2000, LANES)).astype(np.float32)
+    x[:, 0], x[:, 1] = 1e-4, 1 - 1e-4
+    number, phase = (rng.uniform(0, top, 2000).astype(np.float32) for top in (5, 1))
+    inputs, bent = {"x": x, "n": number, "p": phase}, [*options(1), "-DBENT=1"]
+    found = evaluate(device, "wave", "wave_at(x, n, p)", inputs, width=LANES, options=bent)
+    each = zip(x.astype(float), number.astype(float), phase.astype(float), strict=True)
+    wanted = [reference.wave(*one, level=True) for one in each]
+    np.testing.assert_allclose(found, wanted, atol=1e-4)
+    # The slope there, in lengths of the wrinkle: up to 8 n where the wave is not level.
+    assert np.abs(found[:, :2]).max() <= 0.2 * 1e-4
+
+
 def test_a_row_of_arcs_is_nearly_a_sine():
     p = np.linspace(-2, 2, 4001)
     assert np.abs(reference.arcs(p) - np.sin(2 * np.pi * p)).max() < 0.06

@@ -187,13 +187,28 @@ def _nearest(points: Array, wrinkles: Wrinkles, i: int) -> tuple[Array, Array]:
         root = _root(wrinkles.metric[i])
         points, segment = points @ root.T, segment @ root.T
     if wrinkles.slopes is not None:
-        assert waves is None
-        return arcs.nearest(points, *segment, wrinkles.slopes[i])
+        share, distance = arcs.nearest(points, *segment, wrinkles.slopes[i])
+        if waves is None:
+            return share, distance
+        return share, _from_arc(points, segment, wrinkles.slopes[i], share, waves.of(i))
     along = segment[1] - segment[0]
     share = np.clip((points - segment[0]) @ along / (along @ along), 0.0, 1.0)
     if waves is None:
         return share, segment_distance(points, *segment)
     return share, wavy_distance(points, *segment, waves.of(i))
+
+
+def _from_arc(points: Array, segment: Array, slopes: Array, share: Array, waves: Waves) -> Array:
+    """(P,) distance from the places `share` (P,) of an arc after they are moved aside by its wave,
+    across the line from end to end."""
+    along = segment[1] - segment[0]
+    length = np.linalg.norm(along)
+    left = np.array([-along[1], along[0]]) / length
+    whole = share * waves.share + (waves.share < 0)
+    aside = waves.amplitude * wave(whole, waves.count, waves.phase, level=True)
+    aside = aside + length * arcs.offset(share, slopes)
+    moved = segment[0] + share[:, None] * along + aside[:, None] * left
+    return np.linalg.norm(points - moved, axis=-1)
 
 
 def _add_pores(sums: Array, points: Array, strips: PointsByU, pores: Pores, shape: Shape) -> None:

@@ -56,6 +56,26 @@ def grain(
     return total
 
 
+def rough(
+    uv: Array, faces: Indices, points: Array, triangle: Indices, at: Indices, values: Array
+) -> Array:
+    """(P,) factor at points (P, 2) of known triangles (P,), linear between the vertices of these,
+    which have the mean of the pores on their triangles; beyond a triangle within its corners.
+
+    uv: (F, 3, 2).  at, values: (N,) triangle and factor of each pore."""
+    means = {}
+    for vertex in np.unique(faces):
+        around = np.flatnonzero((faces[at] == vertex).any(axis=1))
+        means[vertex] = values[around].mean()
+    found = np.empty(len(points))
+    for i, (point, t) in enumerate(zip(points, triangle, strict=True)):
+        corners = np.vstack([uv[t].T, np.ones(3)])
+        own = np.array([means[v] for v in faces[t]])
+        linear = np.linalg.solve(corners, [*point, 1.0]) @ own
+        found[i] = np.clip(linear, own.min(), own.max())
+    return found
+
+
 def carried(texels: Array) -> Array:
     """(P,) what is left of an octave, by texels to a wave: none of it below two; then as the mean
     over texels is less high than the noise itself."""

@@ -35,12 +35,12 @@ def arcs(p: ArrayLike) -> Array:
     return np.where(p < 0.5, 1.0, -1.0) * 16 * half * (0.5 - half)
 
 
-def wave(x: ArrayLike, count: float, phase: float) -> Array:
-    """How far aside, -1 to 1, at x from 0 to 1 along the wrinkle."""
+def wave(x: ArrayLike, count: float, phase: float, level: bool = False) -> Array:
+    """How far aside, -1 to 1, at x from 0 to 1 along it.  level: at both ends, as on arcs."""
     x = np.asarray(x, np.float64)
     sum = 0.65 * arcs(count * x + phase) + 0.35 * arcs(GOLDEN * count * x + 5 * phase)
     rise = np.minimum(4 * max(count, 1.0) * x * (1 - x), 1.0)
-    return sum * rise * (2 - rise)
+    return sum * (rise * (2 - rise)) ** (2 if level else 1)
 
 
 def phases(rows: ArrayLike) -> Array:

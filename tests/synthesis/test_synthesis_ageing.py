@@ -138,6 +138,8 @@ def test_factors_in_double(age: float, region: str) -> None:
     pores = base.old.pore_strength**t / deepest(age)
     np.testing.assert_allclose(ratio("pore_strength"), pores, rtol=2e-6)
     np.testing.assert_allclose(found.contrast(triangle, uv), skin.contrast, rtol=2e-6)
+    np.testing.assert_allclose(ratio("grain"), base.old.grain**t / deepest(age), rtol=2e-6)
+    np.testing.assert_allclose(found.grain(triangle, uv), skin.grain, rtol=2e-6)
     assert (ratio("spacing") == 1.0).all()
 
 

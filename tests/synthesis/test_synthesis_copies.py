@@ -12,10 +12,12 @@ from reference import redraw
 from rhytid.device.runtime import Device
 from rhytid.domain.graph import ORIGINAL, WrinkleGraph
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.regions import REGIONS
 from rhytid.synthesis import assembly
 from rhytid.synthesis.copies import with_copies
 from rhytid.synthesis.generate import synthesize
 from synthesis import sheets
+from synthesis.painted import painted, right
 from synthesis.seam_change import MetricChange
 
 Given = tuple[dict[str, np.ndarray], tuple[Any, ...]]
@@ -96,3 +98,16 @@ def test_the_change_of_a_metric_is_told() -> None:
     assert change.around(second + 1, at, 0.3 / N) == pytest.approx(1.0, abs=1e-6)
     assert change.around(second + 1, at, 0.6 / N) == pytest.approx(3.0, rel=0.01)
     assert change.around(0, np.array([-1.0, 0.0, 0.0]), 0.5) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_copies_are_as_rough_as_their_originals(device: Device) -> None:
+    """Pores, ends of wrinkles beyond a seam and copies of both, where two regions meet."""
+    controls = painted(region_lip=right(1.0, 0.0))
+    graph = synthesize(folded(), sheets.wanted(1000), device, controls=controls).graph
+    copies, rough = np.flatnonzero(~graph.own_nodes), graph.node_grain
+    assert rough is not None
+    assert len(copies) > 20
+    np.testing.assert_array_equal(rough[copies], rough[graph.node_copy_of[copies]])
+    assert rough.min() == pytest.approx(REGIONS["lip"].grain)
+    assert rough.max() == pytest.approx(1.0)
+    assert synthesize(folded(), sheets.wanted(1000), device).graph.node_grain is None

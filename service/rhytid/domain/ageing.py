@@ -58,4 +58,5 @@ def aged(region: Region, age: float) -> Region:
         scale=region.scale * old.scale**share,
         pore_radius=region.pore_radius * old.pore_radius**share,
         contrast=region.contrast * old.contrast**share,
+        grain=region.grain * old.grain**share / deepest(age),
     )

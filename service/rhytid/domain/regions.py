@@ -16,7 +16,8 @@ class Old:
 
     strength: of the depth of lines, pore_strength of that of pores.  anisotropy: how far lines keep
     to one direction.  scale: of the width of wrinkles.  pore_radius: of pores.  contrast: power of
-    strengths; above 1 faint lines fade and leave those that are deep, farther apart.
+    strengths; above 1 faint lines fade and leave those that are deep, farther apart.  grain: of the
+    micro relief between lines.
     """
 
     strength: float = 1.25
@@ -25,6 +26,7 @@ class Old:
     scale: float = 1.1
     pore_radius: float = 1.1
     contrast: float = 1.25
+    grain: float = 1.5
 
 
 @dataclass(frozen=True)
@@ -34,7 +36,8 @@ class Region:
     density: of pores and wrinkles per area.  strength: of weights, and pore_strength once more of
     those of pores.  turn: degrees by which the lines turn left.  anisotropy: how far they keep to
     one direction.  bend: of how far they wind.  scale: of the width of wrinkles.  pore_radius: of
-    the radius of pores.  contrast: power of weights.  old: what age makes of these.
+    the radius of pores.  contrast: power of weights.  grain: of the micro relief between lines.
+    old: what age makes of these.
     """
 
     density: float = 1.0
@@ -46,6 +49,7 @@ class Region:
     scale: float = 1.0
     pore_radius: float = 1.0
     contrast: float = 1.0
+    grain: float = 1.0
     old: Old = Old()
 
 
@@ -60,7 +64,7 @@ REGIONS: dict[str, Region] = {
         bend=0.3,
         scale=1.2,
         pore_radius=0.9,
-        old=Old(strength=1.2, contrast=1.3),
+        old=Old(strength=1.2, contrast=1.3, grain=1.3),
     ),
     # Led by large pores; a fine net of rhombi without much of a direction, faint.
     "cheek": Region(
@@ -70,7 +74,8 @@ REGIONS: dict[str, Region] = {
         anisotropy=0.4,
         scale=0.85,
         pore_radius=1.35,
-        old=Old(strength=1.2, anisotropy=1.5, pore_strength=1.0, pore_radius=1.15, contrast=1.15),
+        grain=1.1,
+        old=Old(strength=1.2, anisotropy=1.5, pore_radius=1.15, contrast=1.15, grain=1.3),
     ),
     # The largest pores of the face, close together; lines so faint that pores stand alone.
     "nose": Region(
@@ -80,7 +85,8 @@ REGIONS: dict[str, Region] = {
         anisotropy=0.2,
         scale=0.7,
         pore_radius=1.7,
-        old=Old(strength=1.3, anisotropy=1.0, pore_strength=1.2, pore_radius=1.1, contrast=1.1),
+        grain=1.2,
+        old=Old(strength=1.3, anisotropy=1.0, pore_strength=1.2, contrast=1.1, grain=1.8),
     ),
     # Furrows across the lip, upright and fine, next to no pores to see.
     "lip": Region(
@@ -92,7 +98,8 @@ REGIONS: dict[str, Region] = {
         bend=0.4,
         scale=0.9,
         pore_radius=0.35,
-        old=Old(strength=1.3, anisotropy=1.0, contrast=1.35),
+        grain=0.7,
+        old=Old(strength=1.3, anisotropy=1.0, contrast=1.35, grain=1.4),
     ),
     # Thin skin: fine lines that fan out from the corner, beside the eye nearly level; small pores.
     "eye_corner": Region(
@@ -103,7 +110,8 @@ REGIONS: dict[str, Region] = {
         bend=0.4,
         scale=0.85,
         pore_radius=0.5,
-        old=Old(strength=1.6, scale=1.2, contrast=1.5),
+        grain=0.8,
+        old=Old(strength=1.6, scale=1.2, contrast=1.5, grain=1.8),
     ),
     # Coarse level lines, a wide net between them, small pores.
     "neck": Region(
@@ -113,6 +121,7 @@ REGIONS: dict[str, Region] = {
         bend=0.5,
         scale=1.3,
         pore_radius=0.7,
-        old=Old(strength=2.1, anisotropy=1.3),
+        grain=1.2,
+        old=Old(strength=2.1, anisotropy=1.3, grain=1.8),
     ),
 }

@@ -82,7 +82,8 @@ class DeviceFrames(DeviceMesh):
     def _grain_planes(self) -> GrainPlanes:
         size = self.settings.shape.grain_size
         assert size is not None
-        return self._keep("planes", make=partial(GrainPlanes, self._device, self._mesh, size))
+        make = partial(GrainPlanes, self._device, self._mesh, size, self._grain_shares)
+        return self._keep("planes", make=make)
 
     def _grain_codes(self, udim: int, row: int, column: int) -> Buffer:
         """Of a tile of level 0."""

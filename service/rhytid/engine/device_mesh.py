@@ -29,6 +29,7 @@ from rhytid.pipeline.elements import (
     pore_arrays,
     wrinkle_arrays,
 )
+from rhytid.pipeline.grain_shares import grain_shares
 from rhytid.pipeline.locate import UdimTriangles, locate_points
 from rhytid.pipeline.smooth import SmoothStage
 from rhytid.pipeline.stiffness import stiffness_of_elements
@@ -68,6 +69,7 @@ class DeviceMesh:
         self._blend: Blend | None = None
         self._pore_stiffness: NDArray[np.float32] | None = None
         self._wrinkle_stiffness: NDArray[np.float32] | None = None
+        self._grain_shares: NDArray[np.float32] | None = None
         self._convolve = Convolve(device, mesh, stiffness)
         self._smooth_convolve = SmoothConvolve(device, mesh, self._smooth, stiffness)
         self._recent: OrderedDict[str, None] = OrderedDict()
@@ -94,6 +96,7 @@ class DeviceMesh:
         pores, wrinkles = graph.node_uv, graph.centres()
         self.pore_triangle = self._find(pores, graph.node_triangle)
         self._wrinkle_triangle = self._find(wrinkles, graph.edge_triangle)
+        self._grain_shares = grain_shares(self._mesh, graph, self.pore_triangle)
         of = partial(stiffness_of_elements, self._stiffness, self._mesh)
         self._pore_stiffness = of(pores, self.pore_triangle)
         self._wrinkle_stiffness = of(wrinkles, self._wrinkle_triangle)

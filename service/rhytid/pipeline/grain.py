@@ -51,12 +51,17 @@ class GrainPlace(Held):
 
 
 class GrainPlanes(Held):
-    """Where in space the texels of each triangle are, in cells of the noise.
+    """Where in space the texels of each triangle are, in cells of the noise, and how rough.
 
-    size: the largest wavelength, mesh units."""
+    size: the largest wavelength, mesh units.  shares: of `grain_shares`; None: 1 throughout."""
 
-    def __init__(self, device: Device, mesh: Mesh, size: float) -> None:
-        self.values = device.upload(_planes(mesh, size / CELLS))
+    def __init__(
+        self, device: Device, mesh: Mesh, size: float, shares: NDArray[np.float32] | None = None
+    ) -> None:
+        planes = _planes(mesh, size / CELLS)
+        if shares is None:
+            shares = np.ones((len(planes), 3), np.float32)
+        self.values = device.upload(np.concatenate([planes, shares], axis=1))
 
     @property
     def _buffers(self) -> tuple[Buffer, ...]:

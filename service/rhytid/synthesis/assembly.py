@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from rhytid.domain.graph import ORIGINAL, WrinkleGraph
 from rhytid.synthesis import shapes
+from rhytid.synthesis.arrays import Arrays
 from rhytid.synthesis.borders import Borders
 from rhytid.synthesis.continuations import ends_of
 from rhytid.synthesis.copies import with_copies
@@ -93,7 +94,20 @@ def assemble(
         **ends.arrays(),
     }
     least = spacing * min(fields.least_spacing, _CLOSEST)
-    return WrinkleGraph(**with_copies(arrays, ground.surface, borders, least), origin=None)
+    arrays = with_copies(arrays, ground.surface, borders, least)
+    grain = fields.grain(pores.triangle, pores.uv)
+    return WrinkleGraph(**arrays, **_grain(arrays, grain, lines.owner), origin=None)
+
+
+def _grain(arrays: Arrays, grain: NDArray[np.float32], owner: NDArray[np.integer]) -> Arrays:
+    """`node_grain` from that of the pores, nothing where it is 1 throughout. Nodes of pores come
+    first, then ends of their wrinkles, then copies."""
+    if (grain == 1.0).all():
+        return {}
+    found = np.concatenate([grain, grain[owner]])
+    if len(found) < len(arrays["node_uv"]):
+        found = np.concatenate([found, found[arrays["node_copy_of"][len(found) :]]])
+    return {"node_grain": found}
 
 
 def _lines(

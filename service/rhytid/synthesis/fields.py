@@ -72,6 +72,10 @@ class Fields:
         """Factor of the width of wrinkles."""
         return np.ones(len(triangle), np.float32)
 
+    def grain(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """Factor of the micro relief between lines."""
+        return np.ones(len(triangle), np.float32)
+
     def pore_radius(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """Factor of the radius of pores."""
         return np.ones(len(triangle), np.float32)

@@ -152,6 +152,10 @@ class PaintedFields(Fields):
         """From a quarter to four times, and as the spacing."""
         return self._sized("pore_radius", triangle, uv)
 
+    def grain(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """As age makes it of the regions; nothing is painted of it."""
+        return self._region("grain", triangle, uv)
+
     def _linear(
         self, name: str, triangle: NDArray[Any], uv: NDArray[Any], *, folded: bool = True
     ) -> Factors:

@@ -28,11 +28,13 @@ from rhytid.pipeline.bin_maker import BinMaker, BinTile
 from rhytid.pipeline.blend import Blend
 from rhytid.pipeline.convolve import Convolve
 from rhytid.pipeline.elements import UdimElements, pore_arrays, wrinkle_arrays
+from rhytid.pipeline.grain_shares import grain_shares
 from rhytid.pipeline.locate import UdimTriangles, locate_points
 from rhytid.pipeline.neutral_tiles import NeutralTile
 from rhytid.pipeline.redraw import redrawing, respond
 from rhytid.pipeline.stretch import StretchStage
 from rhytid.pipeline.stretch_buffers import StretchBuffers
+from rhytid.pipeline.waves import wrinkle_waves
 from rhytid_lab.bench.grains import Grains
 from rhytid_lab.bench.scene import Floats, Scene
 from rhytid_lab.bench.skin import Skin
@@ -76,7 +78,8 @@ class FrameBench:
         lengths = graph_lengths(graph, settings, mean_spacing(mesh, graph, pore))
         self.settings, self.spacing = settings.with_lengths(lengths), lengths.spacing
         settings = self.settings
-        self._wrinkles = wrinkle_arrays(graph, wrinkle, settings, udim)
+        waves = wrinkle_waves(mesh, graph, wrinkle, settings.shape)
+        self._wrinkles = wrinkle_arrays(graph, wrinkle, settings, udim, waves=waves)
         self._pores = pore_arrays(graph, pore, settings, udim)
         self._elements = UdimElements(device, self._wrinkles, self._pores, settings.bins.count)
         self._located = UdimTriangles(device, mesh, udim, size, padding)
@@ -88,7 +91,8 @@ class FrameBench:
         )
         self._blend = Blend(device, settings, len(mesh.faces))
         self._convolve = Convolve(device, mesh)
-        self._grains = Grains(device, mesh, self._located, settings)
+        shares = grain_shares(mesh, graph, pore)
+        self._grains = Grains(device, mesh, self._located, settings, shares)
         self._bins: list[BinTile] = []
         self._neutral: list[NeutralTile] = []
         self._copied = tuple(device.full(size * size, np.float32(1.0)) for _ in range(2))

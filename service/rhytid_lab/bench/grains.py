@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+from numpy.typing import NDArray
+
 from rhytid.device.runtime import Buffer, Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.mesh import Mesh
@@ -28,7 +31,12 @@ class Grains:
     where the settings want no grain."""
 
     def __init__(
-        self, device: Device, mesh: Mesh, located: UdimTriangles, settings: AssetSettings
+        self,
+        device: Device,
+        mesh: Mesh,
+        located: UdimTriangles,
+        settings: AssetSettings,
+        shares: NDArray[np.float32] | None = None,
     ) -> None:
         self._device, self._located, self._settings = device, located, settings
         self._codes: dict[Square, Buffer] = {}
@@ -36,7 +44,7 @@ class Grains:
         self._planes: GrainPlanes | None = None
         if relief(settings) > 0.0:
             assert settings.shape.grain_size is not None
-            self._planes = GrainPlanes(device, mesh, settings.shape.grain_size)
+            self._planes = GrainPlanes(device, mesh, settings.shape.grain_size, shares)
 
     def codes(self, squares: Sequence[Square]) -> list[Buffer] | None:
         """Of tiles (row, column, texels a side) of level 0."""
