@@ -1,4 +1,5 @@
-"""The OpenCL C 1.2 kernels, as text. A `.cl` file holds kernels, a `.clh` file helpers.
+"""The OpenCL C 1.2 kernels, as text, in folders by stage. A `.cl` file holds kernels, a `.clh` file
+helpers; no two have the same name.
 
 Includes are put in here, so a program is one string and a compiler needs no search path.
 """
@@ -22,8 +23,7 @@ _INCLUDE = re.compile(r'^#include "([a-z0-9_]+\.clh)"$', re.MULTILINE)
 
 def names() -> list[str]:
     """The programs that exist: the stems of the `.cl` files."""
-    entries = (entry.name for entry in files(__name__).iterdir())
-    return sorted(name[:-3] for name in entries if name.endswith(".cl"))
+    return sorted(name[:-3] for name in _files() if name.endswith(".cl"))
 
 
 def source(name: str) -> str:
@@ -41,9 +41,7 @@ def digest(name: str) -> str:
 
 def digest_of_all() -> str:
     """Twelve hexadecimal digits that change with any kernel or helper."""
-    kinds = (".cl", ".clh")
-    found = sorted(e.name for e in files(__name__).iterdir() if e.name.endswith(kinds))
-    texts = "".join(f"{name}\n{_read(name)}\n" for name in found)
+    texts = "".join(f"{name}\n{_read(name)}\n" for name in sorted(_files()))
     return hashlib.sha256(texts.encode()).hexdigest()[:12]
 
 
@@ -62,5 +60,15 @@ def expand(text: str) -> str:
 
 
 @cache
+def _files() -> dict[str, str]:
+    """The text of every kernel and helper by the name of its file."""
+    folders = [entry for entry in files(__name__).iterdir() if entry.is_dir()]
+    entries = (entry for folder in folders for entry in folder.iterdir())
+    found = [entry for entry in entries if entry.name.endswith((".cl", ".clh"))]
+    return {entry.name: entry.read_text(encoding="utf-8") for entry in found}
+
+
 def _read(file: str) -> str:
-    return files(__name__).joinpath(file).read_text(encoding="utf-8")
+    if file not in _files():
+        raise FileNotFoundError(f"no kernel {file}")
+    return _files()[file]

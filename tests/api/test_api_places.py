@@ -14,7 +14,7 @@ from api.asking import NPY, built, is_problem, npy
 from api.fake_engine import FakeEngine
 from api.live import serving
 from api.patch import smile, upload
-from rhytid.api.places import Places
+from rhytid.api.device_slots import DeviceSlots
 from rhytid.errors import BusyError
 
 PLACES = 64
@@ -110,7 +110,7 @@ def test_all_that_waited_are_answered_and_their_places_are_free_again() -> None:
 
 
 def test_a_place_is_given_back_after_a_failure() -> None:
-    places = Places(1)
+    places = DeviceSlots(1)
     with pytest.raises(ZeroDivisionError), places.one():
         raise ZeroDivisionError
     with places.one(), pytest.raises(BusyError, match="1 requests"), places.one():

@@ -77,7 +77,7 @@ def test_more_than_the_machine_has_is_refused_whatever_the_budget_says(device: D
     need = Need(1 << 50, 1 << 50)
     with pytest.raises(DeviceMemoryError, match="the budget is"):
         need.check(device)
-    budget, device.budget = device.budget, MemoryBudget(1 << 60, device.spares)
+    budget, device.budget = device.budget, MemoryBudget(1 << 60, device.pool)
     try:
         with pytest.raises(DeviceMemoryError, match="the machine has"):
             need.check(device)

@@ -15,8 +15,8 @@ from hypothesis.extra.numpy import array_shapes, arrays
 from rhytid_client import npy
 from rhytid_client.errors import BadAnswer
 from rhytid_client.events import Event, EventReader
-from rhytid_client.form import CHUNK, Form, Part
-from rhytid_client.mixed import boundary_of, read_mixed
+from rhytid_client.multipart_form import CHUNK, Form, Part
+from rhytid_client.multipart_mixed import boundary_of, read_mixed
 
 CONTENT = st.binary(max_size=200) | st.sampled_from([b"\r\n--b", b"--b--\r\n", b"\r\n", b"--b"])
 

@@ -19,7 +19,7 @@ from rhytid.domain.controls import Controls
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.graph_origin import GraphOrigin
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.places import surface_points
+from rhytid.domain.surface_points import surface_points
 from rhytid.engine.messages import NewAsset
 from rhytid.errors import GraphError, LimitError, SettingsError
 from rhytid.formats.exr import read_exr

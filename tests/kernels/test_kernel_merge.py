@@ -17,7 +17,7 @@ def lanes(values):
 def soft(device, *heights):
     """Of heights in units of 4 log(2)/beta, in order."""
     inputs = {f"h{i}": lanes(h) for i, h in enumerate(heights)}
-    met = "(met_t)NONE_MET"
+    met = "(merge_state_t)NONE_MET"
     for name in inputs:
         met = f"meet({met}, {name})"
     options = ["-DMERGE=SOFT", "-DCODE_BITS=8"]

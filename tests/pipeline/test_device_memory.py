@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rhytid.device.budget import MemoryBudget
+from rhytid.device.buffer_pool import BufferPool
 from rhytid.device.runtime import Device
-from rhytid.device.spares import Spares
 from rhytid.errors import DeviceMemoryError
 
 
@@ -31,7 +31,7 @@ class Handle:
 @given(st.lists(st.tuples(st.booleans(), st.integers(1, 40)), max_size=60))
 def test_what_is_used_and_spare_never_passes_the_limit(steps):
     Handle.held = 0
-    spares = Spares(60)
+    spares = BufferPool(60)
     budget = MemoryBudget(100, spares)
     used = []
     for take, size in steps:
@@ -61,7 +61,7 @@ class Kept:
 
 
 def test_spare_memory_goes_before_anything_that_is_kept():
-    spares = Spares()
+    spares = BufferPool()
     budget = MemoryBudget(100, spares)
     kept = budget.keep("map", lambda: Kept(budget, 40))
     budget.new_task()
@@ -89,7 +89,7 @@ def test_buffers_of_a_device_stay_within_its_budget(device):
         buffer = small.empty(size, np.uint8)
         assert small.budget.used == size
         buffer.release()
-        assert small.budget.used + small.spares.held <= 1000
+        assert small.budget.used + small.pool.held <= 1000
         again = small.empty(size, np.uint8)
         assert again.handle is buffer.handle
         again.release()

@@ -14,8 +14,8 @@ from rhytid.domain.graph import ORIGINAL, WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.regions import REGIONS
 from rhytid.synthesis import assembly
-from rhytid.synthesis.copies import with_copies
 from rhytid.synthesis.generate import synthesize
+from rhytid.synthesis.seams.copies import with_copies
 from synthesis import sheets
 from synthesis.painted import painted, right
 from synthesis.seam_change import MetricChange

@@ -11,8 +11,8 @@ from rhytid.device.runtime import Device
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import CancelledError, MeshError
-from rhytid.synthesis.charts import neighbours, trace
 from rhytid.synthesis.generate import Synthesis, synthesize
+from rhytid.synthesis.seams.charts import neighbours, trace
 from rhytid.synthesis.statistics import statistics
 from rhytid.synthesis.surface import Surface
 from synthesis import sheets

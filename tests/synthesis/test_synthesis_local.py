@@ -17,8 +17,8 @@ from rhytid.domain.controls import Controls
 from rhytid.domain.graph import ORIGINAL, WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.engine.messages import MapQuery, NewAsset
-from rhytid.synthesis.even_skin import SPACING
 from rhytid.synthesis.generate import Synthesis, synthesize
+from rhytid.synthesis.pores.even_skin import SPACING
 from rhytid_lab.samples.face import procedural_face
 from synthesis import sheets
 from synthesis.changes import Painted, beside

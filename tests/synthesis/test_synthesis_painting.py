@@ -13,12 +13,12 @@ from reference.stiffness import bilinear
 from rhytid.domain.asset_settings import GraphSettings
 from rhytid.domain.controls import Controls
 from rhytid.domain.regions import REGIONS
-from rhytid.synthesis.directions import level_directions
-from rhytid.synthesis.fields import Fields
-from rhytid.synthesis.lookup import Lookup
-from rhytid.synthesis.painted_directions import points_to_normals
-from rhytid.synthesis.painting import PaintedFields, fields_of
-from rhytid.synthesis.rooms import total_room
+from rhytid.synthesis.fields.directions import level_directions
+from rhytid.synthesis.fields.fields import Fields
+from rhytid.synthesis.fields.lookup import Lookup
+from rhytid.synthesis.fields.painted_directions import points_to_normals
+from rhytid.synthesis.fields.painting import PaintedFields, fields_of
+from rhytid.synthesis.pores.area_capacity import total_room
 from rhytid.synthesis.surface import Surface
 from rhytid_lab.samples.face import procedural_face
 from synthesis import sheets

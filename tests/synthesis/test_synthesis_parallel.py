@@ -13,12 +13,12 @@ from reference.synthesis import crossing_pairs, pairs_in_sight, thrown_one_by_on
 from rhytid.device.runtime import Device
 from rhytid.domain.mesh import Mesh
 from rhytid.synthesis import workspace
-from rhytid.synthesis.crossings import crossings
-from rhytid.synthesis.darts import Darts, Throw
-from rhytid.synthesis.edges import LEAST_ANGLE, REACH
-from rhytid.synthesis.fields import Fields
+from rhytid.synthesis.edges.crossings import crossings
+from rhytid.synthesis.edges.edges import LEAST_ANGLE, REACH
+from rhytid.synthesis.fields.fields import Fields
 from rhytid.synthesis.generate import synthesize
-from rhytid.synthesis.sieve import Sieve
+from rhytid.synthesis.pores.dart_selection import DartSelection
+from rhytid.synthesis.pores.darts import Darts, Throw
 from rhytid.synthesis.surface import Surface
 from rhytid.synthesis.workspace import Workspace
 from synthesis import sheets
@@ -41,10 +41,12 @@ class Wider(Fields):
 def test_darts_are_kept_as_if_thrown_one_by_one(
     device: Device, monkeypatch: pytest.MonkeyPatch, make: Callable[[], Mesh], fields: Fields
 ) -> None:
-    monkeypatch.setattr("rhytid.synthesis.sieve._SPARE", 16)  # so that it must make room
+    monkeypatch.setattr(
+        "rhytid.synthesis.pores.dart_selection._SPARE", 16
+    )  # so that it must make room
     with Workspace(device) as work:
         darts = Darts(work, Surface.of(make()), fields, RADIUS, 5, 700)
-        sieve, thrown = Sieve(work, darts, RADIUS, fields, 10.0), []
+        sieve, thrown = DartSelection(work, darts, RADIUS, fields, 10.0), []
         for turn in range(2):
             for throw in darts.throws(turn, 2000 / darts.room):
                 sieve.take(throw)
@@ -87,7 +89,7 @@ def test_how_many_darts_are_thrown_at_a_time_changes_no_pore(
     device: Device, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     whole = sheets.scattered(device, sheets.tube(), 0.03)
-    monkeypatch.setattr("rhytid.synthesis.pores.BATCH", 1500)
+    monkeypatch.setattr("rhytid.synthesis.pores.pores.BATCH", 1500)
     parts = sheets.scattered(device, sheets.tube(), 0.03)
     assert whole.position.tobytes() == parts.position.tobytes()
     assert whole.uv.tobytes() == parts.uv.tobytes()
@@ -125,7 +127,7 @@ def test_edges_that_cross_many_take_no_more_memory(
     length = np.linalg.norm(pores.position[nodes[:, 0]] - pores.position[nodes[:, 1]], axis=-1)
     with Workspace(device) as work:
         wanted = crossings(work, pores, nodes, length.astype(np.float32))
-    monkeypatch.setattr("rhytid.synthesis.crossings._BLOCK", 1024)
+    monkeypatch.setattr("rhytid.synthesis.edges.crossings._BLOCK", 1024)
     slots = []
     run = Workspace.run
 

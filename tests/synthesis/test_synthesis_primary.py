@@ -8,21 +8,21 @@ from numpy.typing import NDArray
 
 from reference.synthesis import route
 from rhytid.device.runtime import Device
-from rhytid.synthesis.charts import neighbours
-from rhytid.synthesis.directions import Directions
-from rhytid.synthesis.fields import Fields
-from rhytid.synthesis.lattice import Lattice
-from rhytid.synthesis.net import Ground, Net
-from rhytid.synthesis.paths import Paths
-from rhytid.synthesis.primary import COARSER, Primary, deepened
+from rhytid.synthesis.edges.candidate_graph import CandidateGraph, Ground
+from rhytid.synthesis.edges.routes import lay_routes, nearest_pores
+from rhytid.synthesis.fields.directions import Directions
+from rhytid.synthesis.fields.fields import Fields
+from rhytid.synthesis.pores.lattice import Lattice
 from rhytid.synthesis.progress import silent
-from rhytid.synthesis.routes import lay_routes, nearest_pores
+from rhytid.synthesis.seams.charts import neighbours
 from rhytid.synthesis.surface import Points, Surface
+from rhytid.synthesis.trails.paths import Paths
+from rhytid.synthesis.trails.primary import COARSER, Primary, deepened
 from rhytid.synthesis.workspace import Workspace
 from synthesis import sheets
 
 RADIUS = 0.02
-Laid = tuple[Net, Primary, NDArray[np.float32], NDArray[np.int32]]
+Laid = tuple[CandidateGraph, Primary, NDArray[np.float32], NDArray[np.int32]]
 
 
 @pytest.fixture(scope="module")
@@ -32,13 +32,13 @@ def laid(device: Device) -> Laid:
     with Workspace(device) as work:
         ground = Ground(work, Surface.of(mesh), neighbours(mesh), Fields())
         directions = Directions(RADIUS, np.random.default_rng(1), Fields())
-        net = Net.spun(ground, RADIUS, 8, 1, silent)
+        net = CandidateGraph.spun(ground, RADIUS, 8, 1, silent)
         primary = Primary.spun(ground, RADIUS, 8, 1, directions, silent)
         paths = net.paths(work, directions, Fields(), silent)
         return net, primary, *primary.laid(ground, net, paths, RADIUS)
 
 
-def ways_of(net: Net) -> list[list[tuple[int, int]]]:
+def ways_of(net: CandidateGraph) -> list[list[tuple[int, int]]]:
     """For each pore its (edge, other pore)."""
     ways: list[list[tuple[int, int]]] = [[] for _ in range(len(net.pores))]
     for edge, (one, two) in enumerate(net.edges.nodes.tolist()):

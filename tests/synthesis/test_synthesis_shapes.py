@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rhytid.domain.mesh import Mesh
-from rhytid.synthesis.pore_shapes import ALONG, pore_axes, pore_ellipses
+from rhytid.synthesis.pores.pore_shapes import ALONG, pore_axes, pore_ellipses
 from rhytid.synthesis.shapes import edge_weights, half_widths_uv
 from rhytid.synthesis.surface import Surface
 

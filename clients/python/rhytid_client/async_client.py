@@ -10,9 +10,9 @@ import httpx
 
 from rhytid_client import calls
 from rhytid_client.errors import ConnectionFailed
-from rhytid_client.flow import Flow, Listen, Step, patient
-from rhytid_client.form import Form
+from rhytid_client.exchange import Flow, Listen, Step, patient
 from rhytid_client.methods import TIMEOUT, described
+from rhytid_client.multipart_form import Form
 from rhytid_client.parse import Response
 from rhytid_client.requests import Request
 

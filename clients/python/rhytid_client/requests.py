@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rhytid_client import npy
-from rhytid_client.form import Form
+from rhytid_client.multipart_form import Form
 
 NPY = "application/x-npy"
 RAW = "application/octet-stream"

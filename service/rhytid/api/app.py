@@ -9,9 +9,9 @@ from fastapi import FastAPI
 
 from rhytid import __version__
 from rhytid.api import problems
+from rhytid.api.device_slots import DeviceSlots, threads
 from rhytid.api.documentation import describe
 from rhytid.api.metrics import Metrics, Observe
-from rhytid.api.places import Places, threads
 from rhytid.api.routes import assets, bins, frames, graphs, health, jobs, tiles
 from rhytid.settings import ServiceSettings
 
@@ -34,7 +34,7 @@ def create_app(engine: Engine, settings: ServiceSettings) -> FastAPI:
     app = FastAPI(title="rhytid", version=__version__, redirect_slashes=False, lifespan=threads)
     app.state.engine = engine
     app.state.settings = settings
-    app.state.places = Places(settings.queue)
+    app.state.slots = DeviceSlots(settings.queue)
     app.state.metrics = Metrics(lambda: engine.waiting)
     app.state.routes = [route for router in ROUTERS for route in router.routes]
     for router in ROUTERS:

@@ -32,8 +32,8 @@ async def _engine(request: Request) -> Any:
 EngineDep = Annotated[Engine, Depends(_engine)]
 
 
-async def _place(request: Request) -> Any:
-    return request.app.state.places.one()
+async def _slot(request: Request) -> Any:
+    return request.app.state.slots.one()
 
 
 async def _metrics(request: Request) -> Any:
@@ -77,7 +77,7 @@ Positions = Annotated[NDArray[np.float32], Depends(_positions)]
 NoQuery = Depends(no_query)
 NoRepeats = Depends(no_repeats)
 # Held by `with` for as long as a request waits for the device; raises BusyError on entry.
-Place = Annotated[AbstractContextManager[None], Depends(_place)]
+Slot = Annotated[AbstractContextManager[None], Depends(_slot)]
 MetricsDep = Annotated[Metrics, Depends(_metrics)]
 Strict = Annotated[bool, Query(description=STRICT)]
 Allow = Annotated[

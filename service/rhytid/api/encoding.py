@@ -55,7 +55,7 @@ def answer(
     format: str,
     plan: Callable[[], TilePlan],
     drawn: Counter,
-    place: AbstractContextManager[None],
+    slot: AbstractContextManager[None],
 ) -> Response:
     """The encoded displacement, 304 where the client has it, headers alone for HEAD.
 
@@ -72,7 +72,7 @@ def answer(
     about = {**validators, **scale_header(format, header)}
     if request.method == "HEAD":
         return bodiless(about, FORMATS[format].media_type)
-    with place:
+    with slot:
         encoded = encode(wanted.draw(), format, header)
     drawn.inc()
     if plan().key != wanted.key:

@@ -6,7 +6,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from typing import Any, Protocol, TypeVar
 
-from rhytid.device.spares import Spares
+from rhytid.device.buffer_pool import BufferPool
 from rhytid.errors import DeviceMemoryError
 
 
@@ -31,10 +31,10 @@ class MemoryBudget:
     used them: `new_task` says when what was used before is no longer in anybody's hands.
     """
 
-    def __init__(self, limit: int, spares: Spares) -> None:
+    def __init__(self, limit: int, spares: BufferPool) -> None:
         self.limit = limit
         self.used = 0
-        self._spares = spares
+        self._pool = spares
         self._kept: OrderedDict[Hashable, Releasable] = OrderedDict()
         self._in_hands: set[Hashable] = set()
         self._made: set[Hashable] = set()
@@ -62,8 +62,8 @@ class MemoryBudget:
                 f"budget of {self.limit} bytes (RHYTID_DEVICE_MEMORY_MB)"
             )
         self.used += nbytes
-        spare = self._spares.take(nbytes) if reuse else None
-        self._spares.shrink(self.limit - self.used)
+        spare = self._pool.take(nbytes) if reuse else None
+        self._pool.shrink(self.limit - self.used)
         return spare
 
     def free(self, nbytes: int) -> None:

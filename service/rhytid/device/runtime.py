@@ -12,10 +12,10 @@ from numpy.typing import DTypeLike, NDArray
 
 import rhytid_kernels
 from rhytid.device.budget import MemoryBudget
+from rhytid.device.buffer_pool import BufferPool
 from rhytid.device.memory import usual_device_memory
 from rhytid.device.select import Candidate
 from rhytid.device.shape import launch_shapes
-from rhytid.device.spares import Spares
 from rhytid.device.trial import cl, compile_program
 from rhytid.errors import DeviceError, DeviceMemoryError, KernelBuildError
 
@@ -53,7 +53,7 @@ class Buffer:
             self._released = True
             self._device.budget.free(self.nbytes)
             if self.handle is not None:
-                self._device.spares.leave(self.handle, self.nbytes)
+                self._device.pool.leave(self.handle, self.nbytes)
 
 
 class Device:
@@ -65,8 +65,8 @@ class Device:
 
     def __init__(self, candidate: Candidate, memory: int | None) -> None:
         self.info = candidate
-        self.spares = Spares()
-        self.budget = MemoryBudget(memory or usual_device_memory(candidate), self.spares)
+        self.pool = BufferPool()
+        self.budget = MemoryBudget(memory or usual_device_memory(candidate), self.pool)
         self.born: list[Buffer] = []
         self.shapes = launch_shapes(candidate.kind, candidate.local_memory, candidate.largest_group)
         self.shape = self.shapes[0]

@@ -7,11 +7,11 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from rhytid.domain.ageing import OLDEST, USUAL_AGE, YOUNGEST
-from rhytid.domain.checked import choice, number, power_of_two, read, text, whole
 from rhytid.domain.expressions import LINES
 from rhytid.domain.graph_origin import GraphOrigin
 from rhytid.domain.lengths import GRAIN, UNDULATION, Lengths, usual_spacing
 from rhytid.domain.regions import REGIONS, WHOLE_FACE
+from rhytid.domain.setting_fields import choice, number, power_of_two, read, text, whole
 from rhytid.domain.tiles import TileGrid
 from rhytid.domain.units import USUAL_UNIT
 from rhytid.errors import SettingsError

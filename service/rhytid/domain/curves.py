@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.origin import ORIGIN, Centre
-from rhytid.domain.places import node_places, surface_points
 from rhytid.domain.seams import whole_wrinkles
+from rhytid.domain.surface_points import node_places, surface_points
 from rhytid.errors import GraphError
 
 

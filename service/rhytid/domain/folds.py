@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.domain.arrays import fixed_array
+from rhytid.domain.validation import fixed_array
 from rhytid.errors import InputError
 
 FloatArray = NDArray[np.float64]

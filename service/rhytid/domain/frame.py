@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rhytid.domain.arrays import first_bad_row, fixed_array
 from rhytid.domain.origin import ORIGIN, Centre, brought_to
+from rhytid.domain.validation import first_bad_row, fixed_array
 from rhytid.errors import FrameError
 
 NEUTRAL = "neutral"

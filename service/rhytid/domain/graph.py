@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.domain.arrays import first_bad_row, fixed_array
 from rhytid.domain.graph_origin import GraphOrigin
 from rhytid.domain.mesh import UV_LIMIT
+from rhytid.domain.validation import first_bad_row, fixed_array
 from rhytid.errors import GraphError
 
 # The least length of a wrinkle, half width and radius, uv units: a 60,000th of the finest texel.

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.domain.arrays import fixed_array
+from rhytid.domain.validation import fixed_array
 from rhytid.errors import InputError, LimitError
 
 Map = NDArray[Any]

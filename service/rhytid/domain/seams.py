@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.places import node_places
+from rhytid.domain.surface_points import node_places
 
 # A half points at the pore of the other half: the least cosine of its angle to the way there, for
 # it lies in the plane of one triangle and the other pore does not, at folds not by far; and the

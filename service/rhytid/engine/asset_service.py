@@ -39,7 +39,7 @@ from rhytid.pipeline.folds import measured_folds
 from rhytid.pipeline.stretch import r_max_of
 from rhytid.storage.contents import asset_id
 from rhytid.storage.store import AssetStore
-from rhytid.synthesis.amount import check_amount
+from rhytid.synthesis.fields.capacity_check import check_amount
 
 Positions = Sequence[NDArray[np.float32]]
 

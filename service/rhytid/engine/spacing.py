@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.places import surface_points
+from rhytid.domain.surface_points import surface_points
 
 
 def mean_spacing(mesh: Mesh, graph: WrinkleGraph, triangle: NDArray[np.int32]) -> float:

@@ -15,8 +15,8 @@ import re
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.domain.arrays import first_bad_row
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.validation import first_bad_row
 from rhytid.errors import LimitError, MeshError
 from rhytid.formats.decimals import NUMBER, WHOLE, floats, is_number, show, wholes
 from rhytid.formats.limits import check_size

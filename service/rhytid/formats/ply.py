@@ -14,8 +14,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.domain.arrays import first_bad_row
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.validation import first_bad_row
 from rhytid.errors import MeshError
 from rhytid.formats.decimals import is_number, show, strict_floats
 from rhytid.formats.limits import check_size

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.device.held import Held
+from rhytid.device.buffer_group import BufferGroup
 from rhytid.device.runtime import NO_DEFINES, Buffer, Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.stiffness import Stiffness
@@ -47,7 +47,7 @@ _Launch = Callable[..., None]
 
 
 @dataclass(frozen=True)
-class BinTile(Held):
+class BinTile(BufferGroup):
     """One tile of every precomputed map, and the triangles of its texels.
 
     codes: (texels / VECTOR, maps, VECTOR), of texels of a row, maps being M samples within parts

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.device.held import Held
+from rhytid.device.buffer_group import BufferGroup
 from rhytid.device.runtime import Buffer, Device
 from rhytid.domain.asset_settings import AssetSettings, BinSettings
 from rhytid.pipeline.bin_maker import BinTile
@@ -61,7 +61,7 @@ def _directions(bins: BinSettings) -> NDArray[np.float32]:
 
 
 @dataclass(frozen=True)
-class Coefficients(Held):
+class Coefficients(BufferGroup):
     """Of a frame. own: what the codes of each layer are multiplied by in each triangle.  gains: of
     the grain, where there is one."""
 

@@ -14,7 +14,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.device.held import Held
+from rhytid.device.buffer_group import BufferGroup
 from rhytid.device.runtime import Buffer, Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.mesh import Mesh
@@ -35,7 +35,7 @@ CODES = 32.0
 
 
 @dataclass(frozen=True)
-class GrainPlace(Held):
+class GrainPlace(BufferGroup):
     """Where the texels of a square of level 0 are: `side`² from (row, column) on, their triangles,
     and their stiffness, float32, or None: 1 throughout."""
 
@@ -50,7 +50,7 @@ class GrainPlace(Held):
         return (self.triangles, self.stiffness)
 
 
-class GrainPlanes(Held):
+class GrainPlanes(BufferGroup):
     """Where in space the texels of each triangle are, in cells of the noise, and how rough.
 
     size: the largest wavelength, mesh units.  shares: of `grain_shares`; None: 1 throughout."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.device.held import Held
+from rhytid.device.buffer_group import BufferGroup
 from rhytid.device.runtime import Buffer, Device
 
 # Draws level 0: (row, column, side) in texels, all multiples of a block, to side² float32.
@@ -29,7 +29,7 @@ class Part:
 
 
 @dataclass(frozen=True)
-class Levels(Held):
+class Levels(BufferGroup):
     """Some levels of a square, finest first: `side`² float32, then half as many texels a side in
     each that follows."""
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.device.held import Held
+from rhytid.device.buffer_group import BufferGroup
 from rhytid.device.runtime import Buffer, Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.mesh import Mesh
@@ -24,7 +24,7 @@ MOST_TAPS = 63
 
 
 @dataclass(frozen=True)
-class NeutralTile(Held):
+class NeutralTile(BufferGroup):
     """What convolving `side`² texels from (row, column) on needs and no frame changes.
 
     heights: (side + 4 apron)² float32, the neutral map around the tile; beyond the border of the

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.device.held import Held
+from rhytid.device.buffer_group import BufferGroup
 from rhytid.device.runtime import NO_DEFINES, Buffer, Device
 from rhytid.domain.asset_settings import AssetSettings, ShapeSettings
 from rhytid.pipeline.copies import OriginBuffers
@@ -25,7 +25,7 @@ Answer = Callable[[int, Buffer, Buffer, Buffer | None, Buffer], None]
 
 
 @dataclass(frozen=True)
-class ScaleBuffers(Held):
+class ScaleBuffers(BufferGroup):
     """(σ_w, σ_d) of each wrinkle and pore of a UDIM in one frame, on the device; of wrinkles that
     bend σ_w at both ends, then σ_d."""
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rhytid.device.held import Held
+from rhytid.device.buffer_group import BufferGroup
 from rhytid.device.runtime import Buffer, Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.mesh import Mesh
@@ -23,7 +23,7 @@ from rhytid.pipeline.uv_vertices import UvVertices, unit_jacobians
 
 
 @dataclass(frozen=True)
-class SmoothFields(Held):
+class SmoothFields(BufferGroup):
     """Metric and log stretch of the UV vertices in one frame, on the device.
 
     values: float8 a UV vertex (G uu, uv, vv, H uu, uv, vv, 0, 0).  corners: of each triangle, the

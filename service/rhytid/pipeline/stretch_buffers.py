@@ -8,12 +8,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.device.held import Held
+from rhytid.device.buffer_group import BufferGroup
 from rhytid.device.runtime import Buffer, Device
 
 
 @dataclass(frozen=True)
-class StretchBuffers(Held):
+class StretchBuffers(BufferGroup):
     """Stretch on the device, F triangles and one neutral entry for points in no triangle.
 
     count: F + 1.  ratios: float2, unclamped.  axes: float4, (ŝ₁, ŝ₂).

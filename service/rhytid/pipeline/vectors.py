@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.device.held import Held
+from rhytid.device.buffer_group import BufferGroup
 from rhytid.device.runtime import NO_DEFINES, Buffer, Device
 
 # Texels that kernels take at once, WIDTH of vectors.clh: the smallest levels are padded to it.
@@ -35,7 +35,7 @@ def in_rows(vectors: NDArray[np.integer], side: int) -> NDArray[np.integer]:
 
 
 @dataclass(frozen=True)
-class VectorTriangles(Held):
+class VectorTriangles(BufferGroup):
     """firsts (V + 1,) int32: where the members of a vector begin.  members (K, 2) int32: a
     triangle and the texels of the vector that lie in it, as bits."""
 

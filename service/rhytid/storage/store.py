@@ -42,6 +42,7 @@ from rhytid.storage.homes import (
     sweep,
 )
 from rhytid.storage.lock import FolderLock
+from rhytid.storage.manifest import read_verified, write_with_manifest
 from rhytid.storage.records import (
     FACTS,
     StoredAsset,
@@ -50,7 +51,6 @@ from rhytid.storage.records import (
     read_overlay,
     write_overlay,
 )
-from rhytid.storage.sealed import seal, unseal
 
 _OVERLAY = "overlay.json"
 _NOTHING: Mapping[str, bytes] = MappingProxyType({})
@@ -121,7 +121,7 @@ class AssetStore:
     def request(self, id: str) -> StoredRequest:
         """What a caller sent for an asset that is not built yet."""
         folder = self._existing(id, REQUEST)
-        return StoredRequest.read(unseal(folder, f"{REQUEST} {id}"), folder)
+        return StoredRequest.read(read_verified(folder, f"{REQUEST} {id}"), folder)
 
     def put_asset(
         self,
@@ -149,7 +149,7 @@ class AssetStore:
     def asset(self, id: str) -> StoredAsset:
         """A built asset, every byte of it verified."""
         folder = self._existing(id, ASSET)
-        return StoredAsset.read(unseal(folder, f"{ASSET} {id}"), folder)
+        return StoredAsset.read(read_verified(folder, f"{ASSET} {id}"), folder)
 
     def put_overlay(self, id: str, settings: AssetSettings) -> None:
         """Replace the present settings of a built asset."""
@@ -196,7 +196,7 @@ class AssetStore:
             reported(f"{kind} {home.name} cannot be written"),
             durable.workplace(self._partial) as place,
         ):
-            seal(place / kind, f"{kind} {home.name}", files)
+            write_with_manifest(place / kind, f"{kind} {home.name}", files)
             for name, data in before.items():
                 durable.write_file(place / name, data)
             with self._changing:

@@ -10,18 +10,18 @@ from numpy.typing import NDArray
 from rhytid.domain.graph import ORIGINAL, WrinkleGraph
 from rhytid.synthesis import shapes
 from rhytid.synthesis.arrays import Arrays
-from rhytid.synthesis.borders import Borders
-from rhytid.synthesis.continuations import ends_of
-from rhytid.synthesis.copies import with_copies
+from rhytid.synthesis.chunks import row_blocks
 from rhytid.synthesis.drawing import Lines
-from rhytid.synthesis.even_skin import Usual
+from rhytid.synthesis.edges.candidate_graph import Ground
 from rhytid.synthesis.hashes import place_keys
-from rhytid.synthesis.net import Ground
-from rhytid.synthesis.pore_shapes import pore_axes, pore_ellipses
+from rhytid.synthesis.pores.even_skin import Usual
+from rhytid.synthesis.pores.pore_shapes import pore_axes, pore_ellipses
 from rhytid.synthesis.progress import Progress
-from rhytid.synthesis.rim import beside_bare
-from rhytid.synthesis.rows import row_blocks
+from rhytid.synthesis.seams.borders import Borders
+from rhytid.synthesis.seams.copies import with_copies
 from rhytid.synthesis.surface import Points
+from rhytid.synthesis.trails.continuations import ends_of
+from rhytid.synthesis.trails.rim import beside_bare
 
 _LEAST_WEIGHT = 1e-4
 # Seams are looked at as closely as painted density can ask for: were it as closely as it does, what

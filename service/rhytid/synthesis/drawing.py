@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.domain.graph import ORIGINAL
-from rhytid.synthesis.borders import NONE, Borders
-from rhytid.synthesis.charts import BORDER, SIDES, cross
-from rhytid.synthesis.net import Ground, Net
-from rhytid.synthesis.seams import Halves, halves
+from rhytid.synthesis.edges.candidate_graph import CandidateGraph, Ground
+from rhytid.synthesis.seams.borders import NONE, Borders
+from rhytid.synthesis.seams.charts import BORDER, SIDES, cross
+from rhytid.synthesis.seams.seams import Halves, halves
 from rhytid.synthesis.shapes import WIDE, half_widths_uv
 from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray, Points
 
@@ -46,7 +46,9 @@ class Lines:
     turn: FloatArray
 
 
-def draw(ground: Ground, net: Net, borders: Borders, edge: Indices, spacing: float) -> Lines:
+def draw(
+    ground: Ground, net: CandidateGraph, borders: Borders, edge: Indices, spacing: float
+) -> Lines:
     """Put edges (W,) of a net into the map: one across a seam on the chart with its middle."""
     joined, pores = net.edges.nodes[edge], net.pores
     triangle = net.edges.middle[edge]

@@ -11,19 +11,19 @@ from rhytid.domain.folds import Folds
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.lengths import Lengths
 from rhytid.domain.mesh import Mesh
-from rhytid.synthesis.amount import check_drawn, wrinkles_in_all
-from rhytid.synthesis.borders import Borders
-from rhytid.synthesis.charts import neighbours
-from rhytid.synthesis.even_skin import SPACING, faintest
-from rhytid.synthesis.fields import Fields
-from rhytid.synthesis.folding import FoldField
-from rhytid.synthesis.growth import Skin, counted, grown
-from rhytid.synthesis.net import Ground
-from rhytid.synthesis.painting import fields_of
+from rhytid.synthesis.edges.candidate_graph import Ground
+from rhytid.synthesis.fields.capacity_check import check_drawn, wrinkles_in_all
+from rhytid.synthesis.fields.fields import Fields
+from rhytid.synthesis.fields.folding import FoldField
+from rhytid.synthesis.fields.painting import fields_of
+from rhytid.synthesis.pores.even_skin import SPACING, faintest
+from rhytid.synthesis.pores.spacing import mean_spacing
 from rhytid.synthesis.progress import Progress, part, rising, silent
-from rhytid.synthesis.selection import Cut, flat
-from rhytid.synthesis.spacing import mean_spacing
+from rhytid.synthesis.seams.borders import Borders
+from rhytid.synthesis.seams.charts import neighbours
 from rhytid.synthesis.surface import Surface
+from rhytid.synthesis.trails.growth import Skin, counted, grown
+from rhytid.synthesis.trails.selection import Cut, flat
 from rhytid.synthesis.workspace import Caller, Workspace, directly
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.synthesis.directions import SmoothNoise
+from rhytid.synthesis.chunks import row_blocks
+from rhytid.synthesis.fields.directions import SmoothNoise
 from rhytid.synthesis.hashes import Words, normals
-from rhytid.synthesis.rows import row_blocks
 from rhytid.synthesis.surface import FloatArray, Surface
 
 Floats = NDArray[np.floating]

@@ -13,10 +13,10 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.seams import whole_wrinkles
 from rhytid.errors import GraphError
-from rhytid.synthesis.crossings import crossings
-from rhytid.synthesis.directions import level_directions
-from rhytid.synthesis.rows import row_blocks
-from rhytid.synthesis.spacing import mean_spacing
+from rhytid.synthesis.chunks import row_blocks
+from rhytid.synthesis.edges.crossings import crossings
+from rhytid.synthesis.fields.directions import level_directions
+from rhytid.synthesis.pores.spacing import mean_spacing
 from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray, Points, Surface
 from rhytid.synthesis.workspace import Workspace
 

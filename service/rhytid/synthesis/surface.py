@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import MeshError
-from rhytid.synthesis import jacobians
-from rhytid.synthesis.overlaps import covered
+from rhytid.synthesis.seams import jacobians
+from rhytid.synthesis.seams.overlaps import covered
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rhytid_client import npy, parse
-from rhytid_client.flow import Flow
-from rhytid_client.form import Form, Part
+from rhytid_client.exchange import Flow
+from rhytid_client.multipart_form import Form, Part
 from rhytid_client.requests import Params, get, request, with_json
 from rhytid_client.results import Asset
 from rhytid_client.warned import tell

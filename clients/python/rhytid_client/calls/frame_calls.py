@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rhytid_client import npy, parse
 from rhytid_client.calls.asset_calls import asset_id, strictly
-from rhytid_client.flow import Flow
+from rhytid_client.exchange import Flow
 from rhytid_client.requests import NPY, get, request, with_positions
 from rhytid_client.results import Asset, Frame, Job, Stretch
 from rhytid_client.warned import tell

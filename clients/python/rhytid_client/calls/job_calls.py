@@ -12,7 +12,7 @@ from rhytid_client import parse
 from rhytid_client.calls.asset_calls import asset
 from rhytid_client.errors import BadAnswer, JobCancelled, JobFailed, NotFound, Timeout
 from rhytid_client.events import EventReader
-from rhytid_client.flow import Flow, Listen, Pause
+from rhytid_client.exchange import Flow, Listen, Pause
 from rhytid_client.requests import get, request
 from rhytid_client.results import Asset, Job
 

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from rhytid_client import npy, parse
 from rhytid_client.calls.asset_calls import asset_id, strictly
 from rhytid_client.errors import BadAnswer
-from rhytid_client.flow import Flow
-from rhytid_client.mixed import boundary_of, read_mixed
+from rhytid_client.exchange import Flow
+from rhytid_client.multipart_mixed import boundary_of, read_mixed
 from rhytid_client.requests import Request, get, with_positions
 from rhytid_client.results import Asset, Bins, Tile
 from rhytid_client.warned import tell

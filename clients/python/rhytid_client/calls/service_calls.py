@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from rhytid_client import parse
-from rhytid_client.flow import Flow
+from rhytid_client.exchange import Flow
 from rhytid_client.requests import get
 from rhytid_client.results import Device
 

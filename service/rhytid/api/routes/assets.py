@@ -7,7 +7,7 @@ from typing import Any
 
 from fastapi import APIRouter, Response
 
-from rhytid.api.dependencies import Allow, EngineDep, Json, NoQuery, Parts, Place, Strict
+from rhytid.api.dependencies import Allow, EngineDep, Json, NoQuery, Parts, Slot, Strict
 from rhytid.api.documentation import ASSET_FORM, json_body, problems
 from rhytid.api.parts import Part
 from rhytid.api.schemas import Asset
@@ -110,11 +110,11 @@ def show(asset: str, engine: EngineDep) -> Any:
     responses=problems(404, 409, 413, 415, 422, 503),
     openapi_extra=json_body("settings to change: response, shape, depth, angles, preset, bins, …"),
 )
-def change(asset: str, changes: Json, engine: EngineDep, place: Place) -> Any:
+def change(asset: str, changes: Json, engine: EngineDep, slot: Slot) -> Any:
     """Change settings that need no new synthesis."""
     if not isinstance(changes, dict):
         raise InputError(f"body is a JSON {type(changes).__name__}: must be an object")
-    with place:
+    with slot:
         return engine.assets.change(asset, changes)
 
 

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request, Response
 
-from rhytid.api.dependencies import EngineDep, Index, NoQuery, NoRepeats, Place
+from rhytid.api.dependencies import EngineDep, Index, NoQuery, NoRepeats, Slot
 from rhytid.api.documentation import binary, problems
 from rhytid.api.encoding import NPY, npy, tagged
 from rhytid.api.schemas import BinQuery, Bins
@@ -30,7 +30,7 @@ def manifest(asset: str, engine: EngineDep) -> Any:
 def tile(
     request: Request,
     engine: EngineDep,
-    place: Place,
+    slot: Slot,
     asset: str,
     udim: Index,
     level: Index,
@@ -47,6 +47,6 @@ def tile(
     Level 0 only: a coarser level is 404, for those of `binned` are means of its level 0.
     """
     address = TileAddress(udim, level, row, column)
-    with place:
+    with slot:
         codes = engine.tiles.bin_tile(asset, address, query.layer, query.bin, query.sample)
     return tagged(request, npy(codes), NPY)

@@ -8,7 +8,7 @@ import numpy as np
 from fastapi import APIRouter, Request, Response
 
 from rhytid.api.accept import preferred
-from rhytid.api.dependencies import Allow, EngineDep, NoQuery, Place, Positions, Strict
+from rhytid.api.dependencies import Allow, EngineDep, NoQuery, Positions, Slot, Strict
 from rhytid.api.documentation import POSITIONS, binary, problems
 from rhytid.api.encoding import NPY, RAW, npy, npz
 from rhytid.api.schemas import Frame, Job
@@ -36,13 +36,13 @@ def put(
     frame: str,
     positions: Positions,
     engine: EngineDep,
-    place: Place,
+    slot: Slot,
     allow: Allow,
     strict: Strict = False,
 ) -> Any:
     """Store positions under a name, replacing what was there; 507 where the memory for frames is
     full."""
-    with place:
+    with slot:
         return engine.frames.put(asset, frame, positions, strict=strict, allow=allow)
 
 
@@ -84,9 +84,9 @@ def delete(asset: str, frame: str, engine: EngineDep) -> None:
     response_class=Response,
     responses={**binary(NPZ), **problems(404, 409, 422, 503)},
 )
-def stretch(asset: str, frame: str, engine: EngineDep, place: Place) -> Response:
+def stretch(asset: str, frame: str, engine: EngineDep, slot: Slot) -> Response:
     """`.npz` with axes (F, 2, 2), axes[f, i] = ŝᵢ, and ratios (F, 2), unclamped."""
-    with place:
+    with slot:
         found = engine.frames.stretch(asset, frame)
     return Response(npz(found), media_type=NPZ)
 

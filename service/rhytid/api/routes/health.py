@@ -6,7 +6,7 @@ from typing import Any
 
 from fastapi import APIRouter, Response
 
-from rhytid.api.dependencies import EngineDep, MetricsDep, NoQuery, Place
+from rhytid.api.dependencies import EngineDep, MetricsDep, NoQuery, Slot
 from rhytid.api.documentation import binary, problems
 from rhytid.api.schemas import Device, Status
 from rhytid.errors import NoDeviceError
@@ -22,9 +22,9 @@ async def healthz() -> Any:
 
 
 @router.get("/readyz", response_model=Status, responses=problems(503))
-def readyz(engine: EngineDep, place: Place) -> Any:
+def readyz(engine: EngineDep, slot: Slot) -> Any:
     """A small kernel computes on the device; 503 too where no more requests may wait for it."""
-    with place:
+    with slot:
         if not engine.ready():
             raise NoDeviceError("the device does not compute")
     return {"status": "ready"}

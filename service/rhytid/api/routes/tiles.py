@@ -14,8 +14,8 @@ from rhytid.api.dependencies import (
     Index,
     MetricsDep,
     NoRepeats,
-    Place,
     Positions,
+    Slot,
 )
 from rhytid.api.documentation import POSITIONS, TILES, TILES_ONCE, problems
 from rhytid.api.encoding import answer, check_format, scale_header, warnings_header
@@ -42,7 +42,7 @@ def tile(
     request: Request,
     engine: EngineDep,
     metrics: MetricsDep,
-    place: Place,
+    slot: Slot,
     asset: str,
     frame: str,
     udim: Index,
@@ -54,7 +54,7 @@ def tile(
     """One tile of displacement; `If-None-Match` is answered without drawing it."""
     wanted, at = query.map_query(), TileAddress(udim, level, row, column)
     plan = partial(engine.tiles.plan, asset, frame, wanted, at)
-    return answer(request, query.format, plan, metrics.tiles_of(wanted.method), place)
+    return answer(request, query.format, plan, metrics.tiles_of(wanted.method), slot)
 
 
 @router.head("/frames/{frame}/maps/{udim}", include_in_schema=False)
@@ -63,7 +63,7 @@ def whole_map(
     request: Request,
     engine: EngineDep,
     metrics: MetricsDep,
-    place: Place,
+    slot: Slot,
     asset: str,
     frame: str,
     udim: Index,
@@ -72,7 +72,7 @@ def whole_map(
     """A whole map of one UDIM; equals its tiles bit for bit."""
     wanted, level = query.map_query(), query.level
     plan = partial(engine.tiles.plan_map, asset, frame, wanted, udim, level)
-    return answer(request, query.format, plan, metrics.tiles_of(wanted.method), place)
+    return answer(request, query.format, plan, metrics.tiles_of(wanted.method), slot)
 
 
 @router.post(
@@ -86,7 +86,7 @@ def tiles_once(
     metrics: MetricsDep,
     asset: str,
     positions: Positions,
-    place: Place,
+    slot: Slot,
     query: Annotated[TilesQuery, Query()],
 ) -> Response:
     """Positions in, tiles out, nothing stored: multipart/mixed in the order of `tile`.
@@ -101,7 +101,7 @@ def tiles_once(
     plans = engine.tiles.plans_once(asset, positions, wanted, addresses)
     drawn = metrics.tiles_of(wanted.method)
     parts = []
-    with place:
+    with slot:
         for plan in plans:
             parts.append(mixed_part(plan.draw(), query.format, plan.header))
             drawn.inc()

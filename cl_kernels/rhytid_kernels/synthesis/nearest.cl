@@ -1,0 +1,79 @@
+// How far from each point its nearest are, and which way they lie.
+#include "nearest.clh"
+
+// The `wanted`-th nearest of each point: its squared distance in 1/scale and its number, infinity
+// where there are fewer within reach.
+__kernel void farthest_wanted(int first, int count, int wanted, __global const int *place,
+                              __global const float *normal, __global const float *factor, int cell,
+                              uint mask, __global const int *head, __global const int *next,
+                              float scale, float reach, __global float *far2, __global int *far)
+{
+    int i = first + get_global_id(0);
+    if (i >= count)
+        return;
+    near_t near;
+    gather_near(&near, wanted, i, place, normal, factor, cell, mask, head, next, scale, reach);
+    bool enough = near.count == wanted;
+    far2[i] = enough ? near.distance2[wanted - 1] : INFINITY;
+    far[i] = enough ? near.who[wanted - 1] : INT_MAX;
+}
+
+// For each point up to WAYS neighbours, nearest first, -1 where there are no more. Neighbours are
+// two points of which one is among the `wanted` nearest of the other. Left out are those that lie
+// beside a nearer one, at a smaller angle than that of `cosine2`, the square of its cosine.
+__kernel void find_neighbours(int first, int count, __global const int *place,
+                        __global const float *normal, __global const float *factor, int cell,
+                        uint mask, __global const int *head, __global const int *next, float scale,
+                        float reach, float cosine2, __global const float *far2,
+                        __global const int *far, __global int *ways)
+{
+    int i = first + get_global_id(0);
+    if (i >= count)
+        return;
+    near_t near;
+    gather_near(&near, MOST_NEAR, i, place, normal, factor, cell, mask, head, next, scale, reach);
+    int3 p = vload3(i, place);
+    float3 sight[MOST_NEAR];
+    int looked = 0, found = 0;
+    for (int k = 0; k < near.count; k++) {
+        int j = near.who[k];
+        float distance2 = near.distance2[k];
+        if (nearer(far2[i], far[i], distance2, j) && nearer(far2[j], far[j], distance2, i))
+            continue;
+        float3 way = between(p, vload3(j, place), scale);
+        bool beside = false;
+        for (int s = 0; s < looked && !beside; s++) {
+            float along = dot(way, sight[s]);
+            beside = along > 0.0f &&
+                     along * along > cosine2 * distance2 * dot(sight[s], sight[s]);
+        }
+        sight[looked++] = way;
+        if (!beside && found < WAYS)
+            ways[i * WAYS + found++] = j;
+    }
+    while (found < WAYS)
+        ways[i * WAYS + found++] = -1;
+}
+
+// Squared distance of points listed[first..count) to their nearest within one cell, in 1/scale;
+// infinity where there is none.
+__kernel void nearest_distance(int first, int count, __global const int *listed,
+                               __global const int *place, __global const float *normal, int cell,
+                               uint mask, __global const int *head, __global const int *next,
+                               float scale, __global float *nearest2)
+{
+    int k = first + get_global_id(0);
+    if (k >= count)
+        return;
+    int i = listed[k];
+    int3 p = vload3(i, place), at = p / cell;
+    float3 n = vload3(i, normal);
+    float best = INFINITY, limit = cell * scale;
+    FOR_POINTS(j, at - 1, at + 1)
+    {
+        float3 d = between(p, vload3(j, place), scale);
+        if (j != i && same_sheet(n, vload3(j, normal)))
+            best = fmin(best, dot(d, d));
+    }
+    nearest2[k] = best <= limit * limit ? best : INFINITY;
+}

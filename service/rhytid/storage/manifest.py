@@ -1,0 +1,69 @@
+"""Sealed folders: files beside a manifest of their sizes and SHA-256, checked on every read.
+
+The manifest is canonical JSON and every value in it is compared with what is there, so a change
+of any byte of any file in the folder, its own included, is seen.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from rhytid.storage.canonical import canonical, damaged, parse_canonical
+from rhytid.storage.durable import reported, sync_folder, write_file
+
+FORMAT = 1
+MANIFEST = "manifest.json"
+
+
+def write_with_manifest(folder: Path, label: str, files: Mapping[str, bytes]) -> None:
+    """Write `files` and their manifest into the new folder `folder` and sync all of it.
+
+    `label` says what the folder is, so that a folder moved to a wrong place is seen.
+    """
+    folder.mkdir()
+    for name, data in files.items():
+        write_file(folder / name, data)
+    facts = {name: _facts(data) for name, data in files.items()}
+    write_file(folder / MANIFEST, canonical({"format": FORMAT, "label": label, "files": facts}))
+    sync_folder(folder)
+
+
+def read_verified(folder: Path, label: str) -> dict[str, bytes]:
+    """The verified files of a sealed folder; raises StorageError naming the first bad file."""
+    path = folder / MANIFEST
+    manifest = parse_canonical(_bytes(path), path)
+    facts = manifest.get("files") if isinstance(manifest, dict) else None
+    wanted = {"format": FORMAT, "label": label, "files": facts}
+    if manifest != wanted or not isinstance(facts, dict):
+        raise damaged(path, f"not a manifest of {label}, format {FORMAT}")
+    _check_names(folder, set(facts))
+    return {name: _verified(folder / name, expected) for name, expected in facts.items()}
+
+
+def _facts(data: bytes) -> dict[str, Any]:
+    return {"bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
+
+
+def _check_names(folder: Path, named: set[str]) -> None:
+    with reported(f"{folder} cannot be read"):
+        present = {entry.name for entry in folder.iterdir()} - {MANIFEST}
+    for name in sorted(named - present):
+        raise damaged(folder / name, "the file is missing")
+    for name in sorted(present - named):
+        raise damaged(folder / name, "the manifest does not name this file")
+
+
+def _verified(path: Path, expected: Any) -> bytes:
+    data = _bytes(path)
+    found = _facts(data)
+    if found != expected:
+        raise damaged(path, f"it has {found}, the manifest says {expected}")
+    return data
+
+
+def _bytes(path: Path) -> bytes:
+    with reported(f"{path} cannot be read"):
+        return path.read_bytes()

@@ -1,0 +1,1 @@
+"""Edges between pores that may become wrinkles."""

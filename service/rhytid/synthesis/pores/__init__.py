@@ -1,0 +1,1 @@
+"""Pores: where they lie, how far apart, and what shape they have."""

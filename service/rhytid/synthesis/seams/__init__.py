@@ -1,0 +1,1 @@
+"""What crosses or reaches over a UV seam."""

@@ -1,0 +1,1 @@
+"""Which edges become wrinkles: trails of walkers, primary lines, lines that go on."""

@@ -1,0 +1,162 @@
+"""Wrinkles that continue one another as one line: shared tangents, strengths and widths.
+
+Pairs are found on whole wrinkles, by their pores on the surface; what is stored of one, all of it
+or, where it is cut at a seam, a half on either side, is told afterwards. Copies take what they are
+copies of has (copies.py). Kernel: continuations.cl.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.domain.graph import LEAST_SIZE, ORIGINAL, STEEPEST
+from rhytid.synthesis.chunks import row_blocks
+from rhytid.synthesis.drawing import Lines
+from rhytid.synthesis.edges.candidate_graph import Ground
+from rhytid.synthesis.edges.edges import DEFINES
+from rhytid.synthesis.edges.incidence import Incidence
+from rhytid.synthesis.surface import Points, unit
+
+Singles = NDArray[np.float32]
+Indices = NDArray[np.int32]
+
+# Lines that turn by up to 60 degrees go on as one.
+LEAST_COSINE = 0.5
+# Strength, and half width, of a wrinkle where it ends on others, and where nothing else is, as
+# shares of its own.
+ON_OTHERS, ALONE = (0.6, 0.8), (0.0, 0.5)
+# What the kernel answers for an end with no partner, where others meet; one less where none do.
+NOTHING = -1
+
+
+@dataclass(frozen=True, eq=False)
+class Ends:
+    """Of W stored lines at their first node and at their second, as in WrinkleGraph."""
+
+    slopes: Singles
+    weights: Singles
+    half_widths: Singles
+    partners: Indices
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """By their names in a graph."""
+        return {
+            "edge_slopes": self.slopes,
+            "edge_end_weights": self.weights,
+            "edge_end_half_widths": self.half_widths,
+            "edge_partners": self.partners,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class _Wholes:
+    """V wrinkles, whatever is stored of them.
+
+    row (V, 2): the stored line that has the pore at each end, the same twice but of two halves.
+    place (V, 2): which end of that line it is.  nodes (V, 2): the pores.  out (V, 2, 2): UV steps
+    away from either pore, on the chart of the line.
+    """
+
+    row: Indices
+    place: Indices
+    nodes: Indices
+    out: Singles
+
+    @classmethod
+    def of(cls, lines: Lines) -> _Wholes:
+        first = np.flatnonzero(lines.copy_of == ORIGINAL).astype(np.int32)
+        row = np.repeat(first, 2).reshape(-1, 2)
+        half = np.flatnonzero(lines.copy_of != ORIGINAL).astype(np.int32)
+        row[lines.copy_of[half], 1] = half  # originals are the first rows
+        # A half is stored from the seam on to its pore, so that this is its second end, too.
+        place = np.tile(np.array([0, 1], np.int32), (len(row), 1))
+        out = np.stack([lines.step[row[:, 0]], -lines.step[row[:, 1]]], axis=1)
+        return cls(row, place, lines.pores[first], out.astype(np.float32))
+
+
+def ends_of(
+    ground: Ground,
+    pores: Points,
+    lines: Lines,
+    weight: Singles,
+    half_width: Singles,
+    width: Singles,
+) -> Ends:
+    """How the stored lines go on at their ends.
+
+    weight, half_width (W,): of each line.  width (W,): half width on the surface.  A line that goes
+    on has at its pore the means of both; one that ends on others, or alone, has less; at a seam
+    it goes straight over to its other half.
+    """
+    wholes = _Wholes.of(lines)
+    partner, slope = _paired(ground, pores, lines, wholes, weight)
+    slopes = np.zeros((len(weight), 2), np.float32)
+    partners = np.full((len(weight), 2), NOTHING, np.int32)
+    slopes[wholes.row, wholes.place] = slope
+    of_end = wholes.row.ravel()[np.maximum(partner, 0)]
+    partners[wholes.row, wholes.place] = np.where(partner >= 0, of_end, partner)
+    both = np.flatnonzero(wholes.row[:, 0] != wholes.row[:, 1])
+    one, two = wholes.row[both].T
+    partners[one, 1], partners[two, 0] = two, one
+    weights, widths = _at_ends(weight, partners, 0), _at_ends(width, partners, 1)
+    for values in (weights, widths):  # halves meet with the mean of their pores' ends
+        values[one, 1] = values[two, 0] = 0.5 * (values[one, 0] + values[two, 1])
+    return Ends(
+        slopes,
+        np.clip(weights, 0.0, 1.0),
+        np.clip(widths * (half_width / width)[:, None], np.float32(LEAST_SIZE), 1.0),
+        np.maximum(partners, NOTHING),
+    )
+
+
+def _at_ends(values: Singles, partners: Indices, k: int) -> Singles:
+    """(W, 2): the mean with the partner's, or k-th of the shares of the own."""
+    found = np.empty(partners.shape, np.float32)
+    for rows in row_blocks(len(values)):
+        own, other = values[rows, None], partners[rows]
+        share = np.where(other == NOTHING, np.float32(ON_OTHERS[k]), np.float32(ALONE[k]))
+        mean = np.float32(0.5) * (own + values[np.maximum(other, 0)])
+        found[rows] = np.where(other >= 0, mean, share * own)
+    return found
+
+
+def _paired(
+    ground: Ground, pores: Points, lines: Lines, wholes: _Wholes, weight: Singles
+) -> tuple[Indices, Singles]:
+    """(V, 2) ends, counted over all wrinkles, that continue those of each, and (V, 2) slopes."""
+    count, nodes = len(wholes.nodes), wholes.nodes
+    way = np.empty((count, 3), np.float32)
+    for rows in row_blocks(count):
+        way[rows] = unit(pores.position[nodes[rows, 1]] - pores.position[nodes[rows, 0]])
+    triangles, to_uv = _charts(ground, pores, lines, wholes)
+    arrays = (way, weight[wholes.row[:, 0]], pores.normal.astype(np.float32))
+    with ground.work.room() as work:
+        members, triangle = work.upload(nodes), work.upload(triangles)
+        lists = Incidence.of(work, members, count, len(pores))
+        partner, slope = work.full(2 * count, np.int32(-2)), work.full(2 * count, np.float32(0))
+        work.run(
+            "continuations", "pair_lines", len(pores), lists.offsets, lists.pairs, members,
+            *(work.upload(a) for a in arrays), triangle, work.upload(to_uv),
+            work.upload(wholes.out), LEAST_COSINE, STEEPEST, partner, slope, defines=DEFINES,
+        )  # fmt: skip
+        return work.read(partner, (count, 2), np.int32), work.read(slope, (count, 2), np.float32)
+
+
+def _charts(
+    ground: Ground, pores: Points, lines: Lines, wholes: _Wholes
+) -> tuple[Indices, Singles]:
+    """(V, 2) for each end a row of (R, 2, 3), from steps in space at its pore to the UV of the
+    chart that its line is stored on: of the triangle of the pore, turned over the seam where that
+    is in another chart."""
+    to_uv = np.linalg.pinv(ground.surface.jacobian)
+    triangle = pores.triangle[wholes.nodes].astype(np.int32)
+    whole = np.flatnonzero(wholes.row[:, 0] == wholes.row[:, 1])
+    beyond = lines.nodes[wholes.row[whole, 1], 1] - len(pores)
+    over, beyond = whole[beyond >= 0], beyond[beyond >= 0]
+    turned = lines.turn[beyond] @ to_uv[triangle[over, 1]]
+    triangle[over, 1] = len(to_uv) + np.arange(len(over))
+    return triangle, np.concatenate([to_uv, turned]).astype(np.float32)

@@ -1,0 +1,115 @@
+"""Skin that grows: pores, what walkers wear between them, and which edges are drawn."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.domain.asset_settings import GraphSettings
+from rhytid.domain.graph import WrinkleGraph
+from rhytid.errors import MeshError
+from rhytid.synthesis.assembly import Worn, assemble
+from rhytid.synthesis.drawing import draw
+from rhytid.synthesis.edges.candidate_graph import CandidateGraph, Ground
+from rhytid.synthesis.edges.independent import independent_set
+from rhytid.synthesis.fields.capacity_check import check_extent, check_uv
+from rhytid.synthesis.fields.directions import Directions
+from rhytid.synthesis.fields.wanted import EDGES_PER_PORE
+from rhytid.synthesis.pores.even_skin import SPACING, WITH_PRIMARY, WITHOUT_PRIMARY
+from rhytid.synthesis.pores.pores import packed_radius
+from rhytid.synthesis.progress import Progress, part
+from rhytid.synthesis.seams.borders import Borders
+from rhytid.synthesis.trails.primary import Primary, deepened, has_primary
+from rhytid.synthesis.trails.selection import Cut, wishes
+from rhytid.synthesis.trails.trails import FINE
+
+# How often the pores are scattered anew, at most twice as many, where that gives too few.
+ATTEMPTS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Skin:
+    """What has grown from pores `radius` apart.  wish (E,): of the edges of the net."""
+
+    net: CandidateGraph
+    radius: float
+    worn: Worn
+    wish: NDArray[np.float64]
+
+    @property
+    def spacing(self) -> float:
+        """Mean distance of a pore to the nearest on even skin."""
+        return SPACING * self.radius
+
+    def drawn(
+        self, ground: Ground, borders: Borders, cut: Cut, seed: int, progress: Progress
+    ) -> WrinkleGraph:
+        """The graph of the edges down to a cut, in the order of their numbers, which is that of
+        space."""
+        progress(0.0, "shapes")
+        chosen = np.flatnonzero(cut.draws(self.net.edges, self.wish)).astype(np.int32)
+        lines = draw(ground, self.net, borders, chosen, self.spacing)
+        shaping = part(progress, 0.1, 1.0)
+        return assemble(
+            ground, self.net.pores, lines, borders, self.worn, self.spacing, seed, shaping
+        )
+
+
+def counted(
+    ground: Ground, settings: GraphSettings, wanted: int, progress: Progress
+) -> tuple[Skin, Cut]:
+    """Skin with as many pores as it takes for exactly the wanted wrinkles, and the cut at these.
+
+    The first guess holds but for a mesh in shreds, where many edges end at a border: there are
+    fewer wrinkles then, if it is the spacing that is set.
+    """
+    radius = packed_radius(ground.surface, ground.fields, wanted / EDGES_PER_PORE)
+    check_uv(ground.surface, settings, radius, ground.fields.least_spacing)
+    check_extent(ground.surface, settings, radius * ground.fields.least_spacing)
+    for _ in range(ATTEMPTS):
+        spinning = part(progress, 0.0, 0.5)
+        net = CandidateGraph.spun(ground, radius, settings.neighbours, settings.seed, spinning)
+        flat = independent_set(ground.work, net.edges.length, net.crossings)
+        lines = int(flat.sum())
+        if lines >= wanted:
+            skin = _worn(ground, net, radius, settings, part(progress, 0.5, 1.0))
+            return skin, Cut.at(net.edges, skin.wish, wanted)
+        radius *= 0.97 * float(np.sqrt(max(lines / wanted, 0.5)))
+    told, more = "wrinkles", "more wrinkles"
+    if settings.wrinkles is None:
+        told, more = "spacing", "a smaller spacing"
+    raise MeshError(
+        f"graph.{told} is {getattr(settings, told)}: only {lines} of {wanted} can be drawn between "
+        f"pores so far apart, for the UV of the mesh is in small parts; ask for {more}"
+    )
+
+
+def grown(ground: Ground, radius: float, settings: GraphSettings, progress: Progress) -> Skin:
+    """Skin with pores `radius` apart, in units of the surface, times what its fields say."""
+    check_uv(ground.surface, settings, radius, ground.fields.least_spacing)
+    check_extent(ground.surface, settings, radius * ground.fields.least_spacing)
+    net = CandidateGraph.spun(
+        ground, radius, settings.neighbours, settings.seed, part(progress, 0.0, 0.5)
+    )
+    return _worn(ground, net, radius, settings, part(progress, 0.5, 1.0))
+
+
+def _worn(
+    ground: Ground, net: CandidateGraph, radius: float, settings: GraphSettings, progress: Progress
+) -> Skin:
+    """How strong walkers and primary lines make the edges."""
+    rng = np.random.Generator(np.random.PCG64(settings.seed))
+    directions = Directions(SPACING * radius, rng, ground.fields)
+    spinning = part(progress, 0.0, 0.07)
+    primary = Primary.spun(ground, radius, settings.neighbours, settings.seed, directions, spinning)
+    with ground.work.room() as room:
+        paths = net.paths(room, directions, ground.fields, part(progress, 0.07, 0.15))
+        strength = net.worn(room, paths, settings.seed, FINE, part(progress, 0.15, 0.94))
+        progress(0.94, "trails")
+        weight, hubs = primary.laid(ground, net, paths, radius)
+    usual = WITH_PRIMARY if has_primary(ground.surface, radius) else WITHOUT_PRIMARY
+    found = Worn(deepened(strength, weight), hubs, usual)
+    wish = wishes(ground.work, net, found.strength, part(progress, 0.95, 1.0))
+    return Skin(net, radius, found, wish)

@@ -1,0 +1,96 @@
+"""The primary lines of skin: a coarse net, long and deep, between whose lines the fine ones lie.
+
+Skin has lines of two orders: primary ones from pore to pore, in two directions that enclose
+rhombi, and secondary ones, shorter and shallower, across these. The coarse net is made like the
+fine one, then laid along its edges.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.synthesis import shapes
+from rhytid.synthesis.edges.candidate_graph import CandidateGraph, Ground
+from rhytid.synthesis.edges.routes import lay_routes, nearest_pores
+from rhytid.synthesis.fields.directions import Directions
+from rhytid.synthesis.pores.area_capacity import spacings
+from rhytid.synthesis.pores.even_skin import FAINTEST_PRIMARY, PACKING, PRIMARY_STRENGTH
+from rhytid.synthesis.progress import Progress, part
+from rhytid.synthesis.surface import Points, Surface
+from rhytid.synthesis.trails.paths import Paths
+from rhytid.synthesis.trails.selection import flat, wishes
+from rhytid.synthesis.trails.trails import COARSE
+
+# Spacing of the coarse net in spacings of the fine one.
+COARSER = 4.0
+# Below so many coarse pores on even skin there is no net to speak of.
+_FEWEST = 50
+# What sets strong primary lines apart from weak ones, beyond what their short walks do.
+_SHARPER = np.float32(1.2)
+# Strength of secondary lines, of that which walkers make; and that of a primary line of weight 1.
+SECONDARY, PRIMARY = 0.7, 8.0
+# Another number than that of the fine net.
+_SALT = 0x5BD1E995
+
+
+@dataclass(frozen=True, eq=False)
+class Primary:
+    """Coarse pores, the lines between them (L, 2) and their weights (L,)."""
+
+    pores: Points
+    ends: NDArray[np.int32]
+    weight: NDArray[np.float32]
+
+    @classmethod
+    def spun(
+        cls,
+        ground: Ground,
+        radius: float,
+        count: int,
+        seed: int,
+        directions: Directions,
+        progress: Progress,
+    ) -> Primary:
+        """radius, count, seed: those of the fine net."""
+        other = seed ^ _SALT
+        net = CandidateGraph.spun(ground, COARSER * radius, count, other, part(progress, 0.0, 0.5))
+        if not has_primary(ground.surface, radius) or not len(net.edges):
+            return cls(net.pores, np.empty((0, 2), np.int32), np.empty(0, np.float32))
+        with ground.work.room() as room:
+            paths = net.paths(room, directions, ground.fields, part(progress, 0.5, 0.6))
+            strength = net.worn(room, paths, other, COARSE, part(progress, 0.6, 0.9))
+        wanted = ground.fields.primary(net.pores.triangle, net.pores.uv)
+        strength *= wanted[net.edges.nodes].mean(axis=1)
+        wish = wishes(ground.work, net, strength, part(progress, 0.9, 1.0))
+        chosen = np.flatnonzero(flat(FAINTEST_PRIMARY).draws(net.edges, wish))
+        weight = shapes.edge_weights(strength[chosen] ** _SHARPER, PRIMARY_STRENGTH)
+        return cls(net.pores, net.edges.nodes[chosen], weight)
+
+    def laid(
+        self, ground: Ground, net: CandidateGraph, paths: Paths, radius: float
+    ) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+        """(E,) the weight that primary lines give to each edge of the fine net, 0 beside them; and
+        the pores (H,) where they meet."""
+        factor = spacings(ground.fields, self.pores.triangle, self.pores.uv)
+        hubs = nearest_pores(ground.work, net.pores, self.pores, 2.0 * radius, factor, net.lattice)
+        weight = lay_routes(ground.work, net.pores, paths, hubs, self.ends, self.weight)
+        used = np.unique(hubs[np.unique(self.ends)])
+        return weight, used[used >= 0]
+
+
+def has_primary(surface: Surface, radius: float) -> bool:
+    """Whether a surface is large enough for primary lines, whatever is painted on it.
+
+    radius: of the fine net.
+    """
+    return float(PACKING * surface.area.sum() / (COARSER * radius) ** 2) >= _FEWEST
+
+
+def deepened(strength: NDArray[np.float32], primary: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(E,) strengths with the weights of primary lines worked in; what is none stays behind."""
+    secondary: NDArray[np.float32] = SECONDARY * strength
+    secondary += PRIMARY * primary
+    return secondary
