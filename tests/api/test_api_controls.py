@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
@@ -76,7 +77,8 @@ def test_more_than_fits_is_413(url: str) -> None:
     files = upload(graph={"wrinkles": 40_000_000, "density": 16})
     refused = httpx.post(f"{url}/v1/assets", files=files, timeout=60)
     assert refused.status_code == 413
-    assert "a graph can hold 2500000" in refused.json()["detail"]
+    # Which is less depends on the machine.
+    assert re.search(r"(a graph|device memory) can hold \d+$", refused.json()["detail"])
 
 
 def test_every_control_is_a_part_and_is_documented(url: str) -> None:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from pipeline.scenes import random_graph, settings_of, sheet
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.tiles import TileAddress
 from rhytid.engine.engine import Engine
 from rhytid.engine.messages import JobInfo, MapQuery, NewAsset
 from rhytid.settings import ServiceSettings
@@ -48,6 +49,13 @@ def built(engine: Engine, new: NewAsset) -> str:
     assert engine.assets.info(info.id).state == "ready"
     rest(engine)
     return info.id
+
+
+def draw(
+    engine: Engine, asset: str, frame: str, query: MapQuery, address: TileAddress
+) -> NDArray[np.float32]:
+    """One tile, drawn."""
+    return engine.tiles.plan(asset, frame, query, address).draw()
 
 
 def rest(engine: Engine) -> None:

@@ -114,7 +114,7 @@ def test_an_interrupted_build_goes_on_with_what_expressions_left(tmp_path):
     with running(tmp_path / "one") as engine:
         asset = built(engine, new)
         wanted = graph_bytes(engine, asset)
-        folds = engine._folds("", new, new.shapes)
+        folds = engine.assets._folds("", new, new.shapes)
     assert folds.tensor.nbytes < 30 * len(MESH.positions)
     with AssetStore(tmp_path / "two") as store:
         store.put_request(asset, new.mesh, new.settings, None, folds=folds)

@@ -18,6 +18,7 @@ from engine.engines import (
     REDRAW,
     assembled,
     built,
+    draw,
     new_asset,
     running,
     same,
@@ -193,9 +194,9 @@ def test_no_task_draws_more_than_a_piece_and_others_get_their_turn(
     monkeypatch.setattr(DeviceAsset, "squares", squares)
     monkeypatch.setattr(DeviceAsset, "tiles", tiles)
     with ThreadPoolExecutor(2) as pool:
-        coarse = pool.submit(engine.tile, asset, "bent", query, COARSE)
+        coarse = pool.submit(draw, engine, asset, "bent", query, COARSE)
         assert waiting.wait(60)
-        pool.submit(engine.tile, asset, "bent", query, TileAddress(1001, 0, 3, 3)).result(60)
+        pool.submit(draw, engine, asset, "bent", query, TileAddress(1001, 0, 3, 3)).result(60)
         coarse.result(60)
     assert order.index("tile") <= 2
     assert order.count("piece") == (16 if query == BINNED else 4)
@@ -330,7 +331,7 @@ def test_who_wants_the_same_coarse_tile_gets_the_same_array(engine, asset, drawn
 
     def ask(step):
         if step == 1:
-            asked.extend(pool.submit(engine.tile, asset, "bent", REDRAW, COARSE) for _ in range(3))
+            asked.extend(pool.submit(draw, engine, asset, "bent", REDRAW, COARSE) for _ in range(3))
             until(lambda: engine.tiles._maps.joined == 2 and any(f.done() for f in asked))
 
     engine.tiles._maps._most = 2
@@ -351,7 +352,7 @@ def test_an_error_reaches_all_who_wait_for_it(engine, asset, monkeypatch):
     asked = []
 
     def ask(step):
-        asked.append(pool.submit(engine.tile, asset, "bent", REDRAW, COARSE))
+        asked.append(pool.submit(draw, engine, asset, "bent", REDRAW, COARSE))
         until(lambda: engine.tiles._maps.joined == 1)
         raise DeviceMemoryError("none left")
 

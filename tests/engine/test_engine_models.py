@@ -161,7 +161,8 @@ BEST = {"merge": "soft", "depth_factored": True, "tilt": True, "reach": 1.5}
 def test_changing_the_merge_gives_the_bits_of_an_asset_made_so(engine, changes):
     asset = built(engine, new_asset())
     engine.frames.put(asset, "bent", BENT)
-    before, key = (call(asset, "bent", BINNED, 1001, 0) for call in (engine.map, engine.map_key))
+    plan = engine.tiles.plan_map(asset, "bent", BINNED, 1001, 0)
+    before, key = plan.draw(), plan.key
     engine.assets.change(asset, {"bins": changes})
     assert engine.tiles.plan_map(asset, "bent", BINNED, 1001, 0).key != key
     made_so = built(engine, new_asset(bins=changes))

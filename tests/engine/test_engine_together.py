@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.engines import QUERIES, built, new_asset, running
+from engine.engines import QUERIES, built, draw, new_asset, running
 from meshes import deform
 from pipeline.scenes import sheet
 from rhytid.domain.tiles import TileAddress
@@ -189,7 +189,7 @@ def test_tiles_drawn_together_have_the_bits_of_those_drawn_alone(
         alone = [engine.tiles.plan(asset, "bent", *one).draw() for one in wanted]
         with ThreadPoolExecutor(len(wanted)) as pool:
             with occupied(engine._worker):
-                asked = [pool.submit(engine.tile, asset, "bent", *one) for one in wanted]
+                asked = [pool.submit(draw, engine, asset, "bent", *one) for one in wanted]
                 until(lambda: engine.waiting == len(wanted))
                 assert engine._worker.waiting == len(QUERIES)
             together = [future.result(60) for future in asked]

@@ -59,7 +59,7 @@ class AssetService:
     ) -> None:
         self._assets, self._device, self._on_device = registry, device, on_device
         self._store, self._builder, self._frames, self._jobs = store, builder, frames, jobs
-        self._stored = StoredAssets(store, registry.frame_memory)
+        self._stored = StoredAssets(store, on_device, registry.frame_memory)
 
     def open_store(self) -> None:
         """Register what the store holds, and go on with builds that were interrupted."""

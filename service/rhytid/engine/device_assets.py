@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Hashable
 from typing import Any, TypeVar
 
@@ -35,6 +36,8 @@ class DeviceAssets:
 
     def __init__(self, device: Device, worker: DeviceWorker, store: AssetStore) -> None:
         self._device, self._worker, self._store = device, worker, store
+        # One is loaded after the other: what is half loaded cannot make room.
+        self._loading = threading.Lock()
 
     def run(self, task: Callable[..., T], *arguments: Any) -> T:
         """Run one task on the device thread; raises BusyError where too many wait for it."""
@@ -134,8 +137,9 @@ class DeviceAssets:
         except StorageError:
             asset.fail(DAMAGED)
             raise
-        made = self.place(stored.mesh, stored.graph, asset.settings, stored.stiffness)
-        self.finish(asset, made, stored.graph, asset.settings)
+        with self._loading:
+            made = self.place(stored.mesh, stored.graph, asset.settings, stored.stiffness)
+            self.finish(asset, made, stored.graph, asset.settings)
         return made
 
     def _whole(

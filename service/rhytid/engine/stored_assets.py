@@ -8,9 +8,10 @@ from collections.abc import Iterator
 from rhytid.domain.mesh_warnings import mesh_warnings
 from rhytid.domain.warnings import InputWarning
 from rhytid.engine.assets import Asset
-from rhytid.engine.device_assets import DAMAGED
+from rhytid.engine.device_assets import DAMAGED, DeviceAssets
 from rhytid.engine.frames import FrameMemory
 from rhytid.engine.given_graphs import graph_lengths
+from rhytid.engine.spacing import mean_spacing
 from rhytid.errors import StorageError
 from rhytid.storage.records import StoredAsset
 from rhytid.storage.store import AssetStore
@@ -21,8 +22,8 @@ _log = logging.getLogger(__name__)
 class StoredAssets:
     """Reads assets of a store; what they have on the device is loaded on first use."""
 
-    def __init__(self, store: AssetStore, memory: FrameMemory) -> None:
-        self._store, self._memory = store, memory
+    def __init__(self, store: AssetStore, on_device: DeviceAssets, memory: FrameMemory) -> None:
+        self._store, self._on_device, self._memory = store, on_device, memory
 
     def built(self) -> Iterator[Asset]:
         """Every built asset, ready; a damaged one as failed."""
@@ -77,8 +78,15 @@ class StoredAssets:
         settings = self._store.overlay(asset.id) or stored.settings
         asset.lengths = graph_lengths(stored.graph, settings, spacing, spacing)
         asset.warnings = _kept_warnings(stored)
-        distance = float(stored.extra.get("distance", spacing))
+        known = stored.extra.get("distance")
+        distance = self._measured(stored) if known is None else float(known)
         asset.built(stored.graph, settings.with_lengths(asset.lengths), distance)
+
+    def _measured(self, stored: StoredAsset) -> float:
+        """Mean distance of pores, of an asset of a version that did not keep it."""
+        made = self._on_device.place(stored.mesh, stored.graph, stored.settings, stored.stiffness)
+        self._on_device.give_up(made)
+        return mean_spacing(stored.mesh, stored.graph, made.pore_triangle)
 
     def _damaged(self, id: str, error: StorageError) -> Asset:
         """A failed asset; the log has the file, callers need not."""
