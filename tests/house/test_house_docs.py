@@ -16,6 +16,9 @@ from rhytid.domain.asset_settings import AssetSettings
 EXAMPLES = PAGES["docs/examples.md"]
 _FENCE = re.compile(r"^```.*?^```$", re.DOTALL | re.MULTILINE)
 _LINK = re.compile(r"\]\(([^)\s]+)\)")
+_CODE = ("service", "cl_kernels", "clients", "tests", "docs")
+_FILE = re.compile(r"`((?:\w+/)*\w+\.(?:py|clh?))`")
+_METHOD = re.compile(r"`([A-Z][a-z]\w+)\.(\w+)`")
 _NAV = re.compile(r"^ +- (?:[^:\n]+: )?(\S+\.md)$", re.MULTILINE)
 
 
@@ -79,3 +82,22 @@ def test_the_navigation_has_every_page() -> None:
     pages = {page.removeprefix("docs/") for page in PAGES if page.startswith("docs/")}
 
     assert sorted(named) == sorted(pages)
+
+
+def test_files_of_the_architecture_exist() -> None:
+    known = [
+        f"/{file.relative_to(ROOT)}" for folder in _CODE for file in (ROOT / folder).rglob("*")
+    ]
+    named = _FILE.findall(PAGES["docs/maintainers.md"])
+
+    assert len(named) > 30
+    assert [name for name in named if not any(file.endswith(f"/{name}") for file in known)] == []
+
+
+def test_methods_of_the_architecture_exist() -> None:
+    sources = "".join(file.read_text("utf-8") for file in (ROOT / "service").rglob("*.py"))
+    named = _METHOD.findall(PAGES["docs/maintainers.md"])
+
+    assert len(named) > 5
+    wrong = [(c, m) for c, m in named if f"class {c}" not in sources or f"def {m}(" not in sources]
+    assert wrong == []
