@@ -152,7 +152,10 @@ def _call(method: str, path: str, call: Mapping[str, Any]) -> str:
 
 def _parameter(parameter: Mapping[str, Any]) -> str:
     schema = parameter["schema"]
-    default = "required" if parameter.get("required") else f"`{json.dumps(schema.get('default'))}`"
+    usual = schema.get("default")
+    default = "none" if usual is None else f"`{json.dumps(usual)}`"
+    if parameter.get("required"):
+        default = "required"
     meaning = _cell(parameter.get("description", ""))
     return f"| `{parameter['name']}` | {_values(schema)} | {default} | {meaning} |\n"
 
