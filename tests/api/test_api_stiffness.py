@@ -150,7 +150,7 @@ def test_too_many_images_are_413(url: str) -> None:
 
 
 def test_the_limits_are_told_where_maps_are() -> None:
-    readme = Path(__file__).parents[2] / "README.md"
-    for text in (str(ASSET_FORM), str(Client.create_asset.__doc__), readme.read_text("utf-8")):
+    page = Path(__file__).parents[2] / "docs" / "artists.md"
+    for text in (str(ASSET_FORM), str(Client.create_asset.__doc__), page.read_text("utf-8")):
         assert f"{MOST_SIDE} texels a side" in text
         assert f"{MOST_TEXELS:,}" in text

@@ -10,6 +10,8 @@ _SPAN = re.compile(r"`([^`\n]+)`")
 _HEADING = re.compile(r"^#+ +(.+?) *$")
 # The program is a word of its own, or the last part of a path; a word after it is its command.
 _COMMAND = re.compile(r"(?:^|[\s/])rhytid +([a-z]+)((?: +[^\s&|;]+)*)", re.MULTILINE)
+# A pipe inside a cell is escaped.
+_BETWEEN = re.compile(r"(?<!\\)\|")
 _OPTION = re.compile(r"--[a-z][a-z-]*")
 
 
@@ -48,7 +50,7 @@ def table(text: str, heading: str) -> list[dict[str, str]]:
                 break
             inside = title[1] == heading
         elif inside and line.startswith("|"):
-            rows.append([cell.strip() for cell in line.strip().strip("|").split("|")])
+            rows.append([cell.strip() for cell in _BETWEEN.split(line.strip().strip("|"))])
         elif rows:
             break
     if not rows:

@@ -1,4 +1,4 @@
-"""What the tests of the README stand on."""
+"""What the tests of the documents stand on."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import pytest
 
 from house.markdown import Command, bare, commands, shell_lines, table
 
-TEXT = """
+TEXT = r"""
 # Title
 
 rhytid runs; `rhytid serve --port 0` serves, and `rhytid` alone is no command.
@@ -23,7 +23,7 @@ Prose.
 | setting | default | meaning |
 |---|---|---|
 | `a.b` | `1` | first |
-| `c` | `"x"` | second |
+| `c` | `"x\|y"` | second |
 
 | other | table |
 |---|---|
@@ -49,7 +49,7 @@ def test_a_table_is_found_by_its_heading() -> None:
     rows = table(TEXT, "Settings")
 
     assert [bare(row["setting"]) for row in rows] == ["a.b", "c"]
-    assert rows[1] == {"setting": "`c`", "default": '`"x"`', "meaning": "second"}
+    assert rows[1] == {"setting": "`c`", "default": '`"x\\|y"`', "meaning": "second"}
 
 
 @pytest.mark.parametrize("heading", ["Empty", "Title", "None"])

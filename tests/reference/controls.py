@@ -1,4 +1,4 @@
-"""What painted maps mean, in double: one point at a time, straight from the README's table."""
+"""What painted maps mean, in double: one point at a time, from the table of docs/artists.md."""
 
 from __future__ import annotations
 

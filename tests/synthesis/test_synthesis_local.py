@@ -24,7 +24,7 @@ from synthesis import sheets
 from synthesis.changes import Painted, beside
 
 # Spacings from what is painted: pores stay where they are beyond the first, and everything stays
-# bit for bit beyond the second. README.md promises 80.
+# bit for bit beyond the second. docs/artists.md promises 80.
 PORES, FAR = 8.0, 60.0
 # Each map with a value that is painted, what is elsewhere, and how much of that far it goes.
 GROWING = {
