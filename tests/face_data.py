@@ -80,7 +80,7 @@ def load_face() -> Face:
 
 @cache
 def performance() -> tuple[tuple[str, ...], NDArray[np.float32]]:
-    """Expression names (E,) and weights (N, E) of the captured performance, 30 frames a second."""
+    """Names (E,) and weights (N, E) of the captured performance, 30 frames per second."""
     with np.load(_folder() / "performance.npz", allow_pickle=False) as stored:
         return tuple(str(name) for name in stored["names"]), stored["weights"]
 

@@ -152,5 +152,5 @@ def test_too_many_images_are_413(url: str) -> None:
 def test_the_limits_are_told_where_maps_are() -> None:
     page = Path(__file__).parents[2] / "docs" / "artists.md"
     for text in (str(ASSET_FORM), str(Client.create_asset.__doc__), page.read_text("utf-8")):
-        assert f"{MOST_SIDE} texels a side" in text
+        assert f"{MOST_SIDE} texels per side" in text
         assert f"{MOST_TEXELS:,}" in text

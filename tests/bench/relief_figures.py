@@ -44,7 +44,7 @@ class Patch:
     pixel: float
 
     def power(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Frequencies (P, P), waves a millimetre, and the mean square of heights at each."""
+        """Frequencies (P, P), waves per millimetre, and the mean square of heights at each."""
         window = np.outer(*2 * [np.hanning(PIXELS)])
         power = np.abs(np.fft.fft2(self.heights * window)) ** 2 / ((window**2).sum() * PIXELS**2)
         along = np.fft.fftfreq(PIXELS, self.pixel)

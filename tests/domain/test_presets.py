@@ -1,4 +1,4 @@
-"""What presets set, and what goes before them."""
+"""What presets set, and what overrides them."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ from rhytid.errors import (
 
 ADDRESS = TileAddress(1001, 0, 0, 0)
 BENT = deform(sheet().positions, 1, 0.15)
-# Four floats a texel and codes of 15 maps: what a tile of 64² texels needs to be blended.
+# Four floats per texel and codes of 15 maps: what a tile of 64² texels needs to be blended.
 TILE_BYTES = 64 * 64 * (15 + 16)
 
 

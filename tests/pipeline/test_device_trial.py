@@ -1,4 +1,4 @@
-"""What a device is tried with: right results, and a time that tells slow drivers from fast ones."""
+"""What a device is tried with: right results, and a time that tells slow drivers from fast."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ from rhytid.pipeline.elements import check_cover, wrinkle_arrays
 # What cushion.cl claims, of the coarse map, and draw.clh of the fine one.
 BOUND = 2e-4 * DEPTH
 SWOLLEN = {"cushion": 0.7, "wrinkle_bulge": 1.0}
-# Median half widths that so many texels to a coarse one carry at 1024 texels a side.
+# Median half widths that so many texels to a coarse one carry at 1024 texels per side.
 WIDTHS = {2: (0.0008, 0.0012), 4: (0.0018, 0.0022), 8: (0.004, 0.006), 16: (0.009, 0.015)}
 
 

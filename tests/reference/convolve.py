@@ -59,7 +59,7 @@ def convolved(heights: Array, axes: Array, alpha: Array, sigma: Array) -> Array:
 
 
 def gain(alpha: float, sigma: float, frequency: ArrayLike) -> Array:
-    """What one pass along an axis of the map makes of a wave of so many periods a texel."""
+    """What one pass along an axis of the map makes of a wave of so many periods per texel."""
     k = np.arange(1, int(3.0 * sigma) + 1)
     weight = np.exp(-0.5 * np.square(k / sigma))
     waves = np.cos(2 * np.pi * np.multiply.outer(np.asarray(frequency, np.float64), k))

@@ -1,4 +1,4 @@
-"""Lines where skin folds: which way they run, how strong they are, and what goes before them."""
+"""Lines where skin folds: which way they run, how strong they are, and what overrides them."""
 
 from __future__ import annotations
 

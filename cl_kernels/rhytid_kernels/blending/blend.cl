@@ -43,7 +43,7 @@ inline float16 blend_triangle(__global const CODE *maps, __global const float4 *
 // in memory: what a work-item reads is one stream, in order. coefficients: LAYERS a triangle, of
 // weights.cl. unit: of the merge, mesh units. out: displacement, mesh units; within 1e-6 of the
 // largest step times code of the same in double. Where RAISED is defined, coarse: the broad layer
-// around the tile, which has `width` texels a row. Where GRAINY is, grain: its codes; gains: of each
+// around the tile, which has `width` texels per row. Where GRAINY is, grain: its codes; gains: of each
 // triangle; amplitude of a code and depth in mesh units.
 inline void blend_vector(__global const int *firsts, __global const int2 *members,
                          __global const CODE *codes, __global const float *coarse,

@@ -12,7 +12,7 @@
 #include "spline.clh"
 #endif
 
-// firsts, members, codes, steps, unit: as in blend.cl, of a tile of `width` texels a side, from texel
+// firsts, members, codes, steps, unit: as in blend.cl, of a tile of `width` texels per side, from texel
 // (row, column) of a level of `side` texels on. directions, r_max, exponents: as in weights.cl.
 // neutral: fields of the neutral for angles on the surface, NULL for angles in UV. stiffness: of each
 // texel, or NULL. coarse: as in blend.cl.

@@ -1,6 +1,6 @@
 // The wrinkles a second time, broad and soft, for the cushions between furrows: a map COARSER times
 // as coarse as the texels, which spline.clh brings up. A work-group draws ROWS rows of a block of
-// COARSE_BLOCK x COARSE_BLOCK coarse texels and of APRON more around it, BLOCK texels a side; the
+// COARSE_BLOCK x COARSE_BLOCK coarse texels and of APRON more around it, BLOCK texels per side; the
 // apron is written where the square ends. Within 1e-4 of `depth` of the same in double.
 #include "line.clh"
 

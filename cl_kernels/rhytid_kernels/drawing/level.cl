@@ -1,8 +1,8 @@
 // One step up the pyramid: the mean of 2 x 2 texels, added in a fixed order. The order is the same for
 // every texel, so a level has the same bits however its squares were cut.
 
-// fine: a square of twice as many texels a side as there are work-items. coarse: the square that its
-// means are a part of, of `stride` texels a side; they go from texel `first` on.
+// fine: a square of twice as many texels per side as there are work-items. coarse: the square that its
+// means are a part of, of `stride` texels per side; they go from texel `first` on.
 __kernel void halve(__global const float *fine, int stride, int first, __global float *coarse)
 {
     int x = get_global_id(0), y = get_global_id(1), side = get_global_size(0);

@@ -7,7 +7,7 @@
 
 #define LANES 16
 
-// Work-item (i, y): texels 16 i to 16 i + 15 of row y of a rectangle of `count` texels a row, of a
+// Work-item (i, y): texels 16 i to 16 i + 15 of row y of a rectangle of `count` texels per row, of a
 // level of `side` texels; row 0 is the top. offsets: of the members of each cell, and their end.
 __kernel void locate_texels(__global const float *corners, __global const int *offsets,
                             __global const int *members, int cells, float reach2, int none,

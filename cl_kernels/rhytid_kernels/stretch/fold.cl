@@ -4,7 +4,7 @@
 #include "stretch.clh"
 
 // positions, faces, rest: as of stretch_tensor (section 2.2). limit: of |log rho|, dimensionless.
-// folds: 3 floats a triangle, xx, yy and xy of the symmetric tensor
+// folds: 3 floats per triangle, xx, yy and xy of the symmetric tensor
 // sum of min(log rho_i, 0)^2 q_i q_i^T, q the axes in the frame of the neutral triangle whose x
 // runs along its first edge. Within 4e-6 times (1 + limit)^2.
 __kernel void fold_tensor(__global const float *positions, __global const int *faces,

@@ -3,7 +3,7 @@
 #include "clamped_log.clh"
 #include "stretch.clh"
 
-// positions: 3 floats a vertex. faces: 3 indices a triangle.
+// positions: 3 floats per vertex. faces: 3 indices per triangle.
 // ratios, axes: unclamped rho and axes; logs: log rho within +-limit, dimensionless.
 __kernel void stretch_tensor(__global const float *positions, __global const int *faces,
                              __global const float8 *rest, __global const float4 *frame_to_uv,

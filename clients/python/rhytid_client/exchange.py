@@ -47,7 +47,7 @@ def patient(flow: Flow[T], max_wait: float) -> Flow[T]:
     """`flow`, whose requests are repeated while the server is busy or the asset is building.
 
     Only where the server refused with Retry-After, which says that it did nothing, and for at
-    most `max_wait` seconds of pauses a request: repeating is safe for every method.
+    most `max_wait` seconds of pauses per request: repeating is safe for every method.
     """
     answer: Response | None = None
     while True:

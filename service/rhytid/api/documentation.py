@@ -107,7 +107,7 @@ ASSET_FORM = body(
                         "1 of any compression, one a UDIM (repeat the part), "
                         "named by it: stiffness.1002.png; 1 moves freely, 0 is rigid; "
                         "a UDIM without one is 1; "
-                        f"at most {MOST_SIDE} texels a side and {MOST_TEXELS:,} in all",
+                        f"at most {MOST_SIDE} texels per side and {MOST_TEXELS:,} in all",
                     },
                     "shapes": {
                         **BINARY,

@@ -1,4 +1,4 @@
-"""The command line: thin, one module a command."""
+"""The command line: thin, one module per command."""
 
 from rhytid.cli.program import main
 

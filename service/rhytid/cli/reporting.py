@@ -1,4 +1,4 @@
-"""What a command tells: progress on stderr, tables and figures on stdout or in a file."""
+"""What a command reports: progress on stderr, tables and figures on stdout or in a file."""
 
 from __future__ import annotations
 

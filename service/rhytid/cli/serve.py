@@ -24,7 +24,7 @@ def add_command(commands: Commands) -> None:
         f"rhytid serve --port {PORT} --store assets",
     )
     parser.add_argument("--host", default="127.0.0.1", help="address (%(default)s)")
-    port = "port (%(default)s); 0 takes a free one and tells it"
+    port = "port (%(default)s); 0 takes a free one and prints it"
     parser.add_argument("--port", type=port_number, default=PORT, metavar="PORT", help=port)
     parser.add_argument("--store", type=Path, metavar="DIR", help="folder of the assets")
     parser.add_argument("--device", metavar="D", help="number or part of the name of a device")

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 from rhytid.errors import DeviceError
 
-# Rows of a block of 64² texels that a work-group may draw. Their sums take 2 · 72 floats a row, of
-# three rows more than are drawn.
+# Rows of a block of 64² texels that a work-group may draw. Their sums take 2 · 72 floats per row,
+# of three rows more than are drawn.
 _ROWS, _MORE_ROWS = (64, 32, 16), 3
 _ROW_BYTES = 2 * 72 * 4
 # On a processor a work-group is a loop on one core: long ones cost less, until at the end of a tile

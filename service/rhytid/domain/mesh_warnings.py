@@ -36,7 +36,7 @@ from rhytid.domain.warnings import (
 def mesh_warnings(
     mesh: Mesh, unit: str, resolution: int, udims: tuple[int, ...] | None = None
 ) -> tuple[InputWarning, ...]:
-    """Everything about a mesh of that length unit, drawn at so many texels a side.
+    """Everything about a mesh of that length unit, drawn at so many texels per side.
 
     udims: those of the mesh, where the caller has them: finding them takes as long as the rest.
     """

@@ -209,7 +209,7 @@ class AssetService:
     def change(self, asset: str, changes: Mapping[str, Any]) -> AssetInfo:
         """Change response, shape, depth, angles, preset, bins or convolve; tiles and keys change.
 
-        A `preset` sets the bins but for `r_max`; keys of `bins` beside it go before it. `depth`,
+        A `preset` sets the bins but for `r_max`; keys of `bins` beside it override it. `depth`,
         `convolve.sigma` or `shape.wave_frequency` null means the default again: what the file of a
         given graph says, else in proportion to the spacing. Raises SettingsError for what cannot be
         changed.

@@ -17,12 +17,12 @@ from rhytid.engine.messages import MapQuery
 from rhytid.pipeline.levels import Part
 
 Tile = NDArray[np.float32]
-# (row, column, texels a side) of a square of a level.
+# (row, column, texels per side) of a square of a level.
 Square = tuple[int, int, int]
 
-# Level-0 texels a side of a piece, the most that one task of the device draws, or a tile where that
-# is larger. Wrinkles are drawn best in large launches; the other methods go tile by tile, and four
-# tiles of the usual size are one launch of the blend.
+# Level-0 texels per side of a piece, the most that one task of the device draws, or a tile where
+# that is larger. Wrinkles are drawn best in large launches; the other methods go tile by tile,
+# and four tiles of the usual size are one launch of the blend.
 _PIECE = {"neutral": 2048, "redraw": 2048, "binned": 1024, "convolved": 1024}
 # They keep something of each tile from one frame to the next.
 _BY_TILE = ("binned", "convolved")
@@ -50,7 +50,7 @@ class DeviceFinest(DeviceTiles):
         return [next(read) if tile is None else tile for tile in found]
 
     def _piece(self, query: MapQuery) -> int:
-        """Level-0 texels a side of a piece."""
+        """Level-0 texels per side of a piece."""
         side = min(_PIECE[query.method], self.settings.resolution)
         return max(side, self.settings.grid.texels(0)) if query.method in _BY_TILE else side
 

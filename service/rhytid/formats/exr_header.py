@@ -49,7 +49,7 @@ def read_sides(data: bytes, name: str) -> tuple[int, int]:
     """Width and height of the bytes of an image, `name` for messages.
 
     Raises InputError for what is damaged or no grey map of half or float, LimitError above
-    MOST_SIDE texels a side.
+    MOST_SIDE texels per side.
     """
     source = _Bytes(data, len(SIGNATURE))
     try:

@@ -18,7 +18,7 @@ def read_grey(data: bytes, name: str) -> NDArray[np.unsignedinteger]:
     """(h, w) codes of the bytes of an image: uint8 or uint16 of a PNG, uint16 of an OpenEXR.
 
     `name` is for messages. Raises InputError saying what is wrong, and LimitError above MOST_SIDE
-    texels a side.
+    texels per side.
     """
     if data.startswith(grey_png.SIGNATURE):
         return grey_png.read_grey_png(data, name)

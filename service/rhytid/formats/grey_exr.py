@@ -32,8 +32,8 @@ def read_grey_exr(data: bytes, name: str) -> NDArray[np.uint16]:
     """(h, w) codes of an OpenEXR image: its values times 65535, rounded; row 0 at the top.
 
     `name` is for messages. Raises InputError saying what is wrong, LimitError above MOST_SIDE
-    texels a side, StorageError where the image cannot be written aside for the decoder. Values are
-    taken as they are, whatever the channel is called.
+    texels per side, StorageError where the image cannot be written aside for the decoder. Values
+    are taken as they are, whatever the channel is called.
     """
     width, height = read_sides(data, name)
     try:

@@ -30,7 +30,7 @@ def read_grey_png(data: bytes, name: str) -> NDArray[np.unsignedinteger]:
     """(h, w) codes of the bytes of a PNG, uint8 or uint16 by its bits, row 0 at the top.
 
     `name` is for messages. Raises InputError saying what is wrong, and LimitError above MOST_SIDE
-    texels a side. Gamma and colour profiles count for nothing: codes are taken as they are.
+    texels per side. Gamma and colour profiles count for nothing: codes are taken as they are.
     """
     bits = _check_header(data, name)
     with _told(name):
@@ -53,7 +53,7 @@ def _check_header(data: bytes, name: str) -> int:
     if kind != 0:
         raise InputError(f"{name} has {_KINDS.get(kind, f'colour type {kind}')}: must be grey")
     if bits not in (8, 16):
-        raise InputError(f"{name} has {bits} bits a texel: must be 8 or 16")
+        raise InputError(f"{name} has {bits} bits per texel: must be 8 or 16")
     check_sides(name, width, height)
     return bits
 

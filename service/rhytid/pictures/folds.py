@@ -25,7 +25,7 @@ def fold_picture(
     """Strokes along the lines that folds prefer, on the mesh seen from +z: long and red where it
     folds much, short and blue where hardly.
 
-    positions: (V, 3).  faces: (F, 3).  size: pixels a side.
+    positions: (V, 3).  faces: (F, 3).  size: pixels per side.
     """
     view = View.around(positions)
     clay = Image.fromarray(shade_mesh(positions, faces, size, view))

@@ -16,7 +16,7 @@ from rhytid.pictures.relief import relief
 from rhytid.pictures.sheet import Panel, sheet
 from rhytid.pictures.surface_patch import SurfacePatch
 
-# Texels and pixels a side.
+# Texels and pixels per side.
 WHOLE, PATCH = 512, 720
 # Degrees over the surface: as skin is looked at, and grazing.
 LIGHTS = (45.0, 15.0)
@@ -82,7 +82,7 @@ def _patch(patch: Patch, light: float, unit_mm: float) -> Panel:
 def patch_panel(
     title: str, surface: SurfacePatch, heights: NDArray[Any], light: float, millimetres: float
 ) -> Panel:
-    """A patch so many millimetres wide, with a bar that tells its scale."""
+    """A patch so many millimetres wide, with a bar that shows its scale."""
     length = _round(0.3 * millimetres)
     pixels = length * len(surface.uv) / millimetres
     return Panel(title, scale_bar(surface.picture(heights, light), pixels, f"{length:g} mm"))

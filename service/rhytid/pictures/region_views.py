@@ -16,7 +16,7 @@ from rhytid.pictures.surface_patch import Frame, SurfacePatch, surface_patch
 _INSIDE = 0.85
 # Places that are looked at, at most.
 _CANDIDATES = 400
-# Of these so many are looked at closely, at so many pixels a side.
+# Of these so many are looked at closely, at so many pixels per side.
 _LIKELY, _COARSE = 40, 24
 # Regions that are known by their folds.
 _FOLDING = ("forehead", "eye_corner", "lip")

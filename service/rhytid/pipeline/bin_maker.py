@@ -53,7 +53,7 @@ class BinTile(BufferGroup):
     codes: (texels / VECTOR, maps, VECTOR), of texels of a row, maps being M samples within parts
     within N + 1 layers, and after those of a bin its tilt.
     stiffness: float32 of each texel, or None: 1 throughout.
-    place: texels a side of the tile and of its map, row and column of its first texel.
+    place: texels per side of the tile and of its map, row and column of its first texel.
     cushion: the broad layer of wrinkles around the tile, coarse, with no pores, its vectors squares
     (see `squares`); None where there is none."""
 
@@ -130,7 +130,7 @@ class BinMaker:
         return replace(tile, stiffness=self._device.full(tile.texels, np.float32(1.0)))
 
     def _cushion(self, square: tuple[int, int, int]) -> BinTile | None:
-        """Of a square (row, column, texels a side)."""
+        """Of a square (row, column, texels per side)."""
         if self._elements.cushion is None:
             return None
         factor = self._elements.cushion.factor
@@ -146,8 +146,10 @@ class BinMaker:
         codes: Buffer,
         defines: Mapping[str, object] = NO_DEFINES,
     ) -> BinTile:
-        """Of (texels a side of the map, row, column, texels a side of the tile).  defines: of its
-        vectors."""
+        """Of (texels per side of the map, row, column, texels per side of the tile).
+
+        defines: of its vectors.
+        """
         side, row, column, texels = place
         triangles = self._located.texels(side, row, column, texels)
         found = VectorTriangles.of(self._device, triangles, texels * texels, defines)

@@ -28,8 +28,11 @@ def draw_cushion(
     device: Device, elements: UdimElements, settings: AssetSettings, scales: Buffer,
     square: tuple[int, int, int],
 ) -> Buffer:  # fmt: skip
-    """The broad layer around a square (row, column, texels a side) of level 0, multiples of BLOCK:
-    coarse_side² samples in mesh units and room for a vector.  scales: (σ_w, σ_d) of wrinkles."""
+    """The broad layer around a square (row, column, texels per side) of level 0, multiples of
+    BLOCK: coarse_side² samples in mesh units and room for a vector.
+
+    scales: (σ_w, σ_d) of wrinkles.
+    """
     return launch_cushion(device, "cushion", elements, settings, square, scales)
 
 

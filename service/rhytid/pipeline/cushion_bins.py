@@ -81,8 +81,8 @@ class CushionBins:
         }
 
     def codes(self, square: tuple[int, int, int]) -> Buffer:
-        """(samples / VECTOR, maps, VECTOR) around a square (row, column, texels a side) of level 0,
-        in squares of samples: of each bin the maps of its samples."""
+        """(samples / VECTOR, maps, VECTOR) around a square (row, column, texels per side) of level
+        0, in squares of samples: of each bin the maps of its samples."""
         bins, cushion = self._settings.bins, self._elements.cushion
         assert cushion is not None
         side = coarse_side(square[2], cushion.factor)

@@ -15,7 +15,7 @@ from rhytid.domain.asset_settings import CUSHION_THRESHOLD, AssetSettings, Shape
 from rhytid.domain.graph import ORIGINAL, WrinkleGraph
 from rhytid.pipeline.cells import CellLists, list_by_cell
 
-# Coarse texels a side of a block of the layer, and around it what the spline reads of others.
+# Coarse texels per side of a block of the layer, and around it what the spline reads of others.
 COARSE_BLOCK, APRON = 64, 2
 THRESHOLD = CUSHION_THRESHOLD
 # Coarse texels: a line that is narrower is drawn so wide, and shallower, so that its mean stays.

@@ -72,7 +72,7 @@ def grain_codes(
     device: Device, planes: GrainPlanes, located: UdimTriangles, settings: AssetSettings,
     square: tuple[int, int, int],
 ) -> Buffer:  # fmt: skip
-    """int8 of each texel of a square (row, column, texels a side) of level 0.
+    """int8 of each texel of a square (row, column, texels per side) of level 0.
 
     settings: resolved, with a relief."""
     row, column, side = square
@@ -93,7 +93,7 @@ def grain_place(
     device: Device, located: UdimTriangles, settings: AssetSettings, stiffness: Stiffness | None,
     square: tuple[int, int, int],
 ) -> GrainPlace:  # fmt: skip
-    """Made once for a square (row, column, texels a side) of level 0."""
+    """Made once for a square (row, column, texels per side) of level 0."""
     row, column, side = square
     triangles = located.texels(settings.resolution, row, column, side)
     vectors = VectorTriangles.of(device, triangles, side * side)
@@ -165,7 +165,7 @@ class Grain:
     def add(
         self, out: Buffer, square: tuple[int, int, int], tile: GrainPlace, codes: Buffer
     ) -> None:
-        """To that part of a square (row, column, texels a side) of level 0 that lies in a tile.
+        """To that part of a square (row, column, texels per side) of level 0 that lies in a tile.
         out: side² float32, mesh units, and whatever comes after them.  codes: of the tile."""
         row, column, side = square
         top, left = max(row, tile.row), max(column, tile.column)

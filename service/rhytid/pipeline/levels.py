@@ -30,7 +30,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Levels(BufferGroup):
-    """Some levels of a square, finest first: `side`² float32, then half as many texels a side in
+    """Some levels of a square, finest first: `side`² float32, then half as many texels per side in
     each that follows."""
 
     side: int

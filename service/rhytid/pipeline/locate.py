@@ -51,7 +51,7 @@ class UdimTriangles:
 
     @property
     def corners(self) -> Buffer:
-        """float32 UV of three corners a triangle, local to the UDIM."""
+        """float32 UV of three corners per triangle, local to the UDIM."""
         return self._buffers[0]
 
     def texels(self, side: int, row: int, column: int, count: int) -> Buffer:

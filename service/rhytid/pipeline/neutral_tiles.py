@@ -94,7 +94,7 @@ class NeutralTiles:
 
 
 def reach(settings: AssetSettings) -> float:
-    """σ in mesh units times texels a side: over |J ŝ| it is σ in texels."""
+    """σ in mesh units times texels per side: over |J ŝ| it is σ in texels."""
     assert settings.convolve.sigma is not None
     return settings.convolve.sigma * settings.resolution
 

@@ -177,8 +177,8 @@ def launch_blocks(
     into: tuple[Any, ...],
     defines: Mapping[str, object] = NO_DEFINES,
 ) -> None:
-    """Run a drawing kernel over a square (row, column, texels a side) of level 0, a work-group for
-    some rows of a block by the launch shape of the device.
+    """Run a drawing kernel over a square (row, column, texels per side) of level 0, one work-group
+    for some rows of a block by the launch shape of the device.
     arguments: of the elements.  into: those of what is written."""
     row, column, side = square
     blocks, rows = side // BLOCK, min(device.shape.rows, BLOCK)

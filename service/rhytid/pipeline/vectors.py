@@ -23,7 +23,7 @@ BYTES_A_TEXEL = 1
 
 
 def squares(side: int) -> dict[str, object]:
-    """What kernels must know where the vectors of a map of `side` texels a row, a multiple of 4,
+    """What kernels must know where the vectors of a map of `side` texels per row, a multiple of 4,
     are squares of four rows."""
     return {"SQUARES": side}
 

@@ -72,7 +72,7 @@ class Accuracy:
 
     errors: relative rms by subject, mean over its frames.  worst: mean |difference| of the worst
     0.1 % of texels by subject, in units of the depth.  map_copies, seconds: of blending a map of
-    the size that was timed.  memory: bytes a texel.
+    the size that was timed.  memory: bytes per texel.
     """
 
     bins: BinSettings

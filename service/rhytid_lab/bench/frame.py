@@ -39,7 +39,7 @@ from rhytid_lab.bench.grains import Grains
 from rhytid_lab.bench.scene import Floats, Scene
 from rhytid_lab.bench.skin import Skin
 
-# What a report tells of a frame; a bench knows `neutral` and `tile` as well.
+# What a report shows of a frame; a bench knows `neutral` and `tile` as well.
 REPORTED = ("copy", "stretch", "redraw", "precompute", "binned", "convolved")
 CASES = (*REPORTED[1:], "neutral", "tile")
 

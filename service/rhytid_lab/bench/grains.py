@@ -47,7 +47,7 @@ class Grains:
             self._planes = GrainPlanes(device, mesh, settings.shape.grain_size, shares)
 
     def codes(self, squares: Sequence[Square]) -> list[Buffer] | None:
-        """Of tiles (row, column, texels a side) of level 0."""
+        """Of tiles (row, column, texels per side) of level 0."""
         if self._planes is None:
             return None
         for square in squares:

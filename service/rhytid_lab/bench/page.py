@@ -95,7 +95,7 @@ def _accuracy(accuracy: dict[str, Any]) -> list[str]:
     header = (
         "bins", "merge", "depth",
         *(f"rms, {name}" for name in subjects), *(f"worst 0.1 %, {name}" for name in subjects),
-        "map copies", "time, paper = 1", "bytes a texel",
+        "map copies", "time, paper = 1", "bytes per texel",
     )  # fmt: skip
     rows = [(row["on_front"], _accuracy_row(row, subjects)) for row in accuracy["rows"]]
     best = accuracy["best"]

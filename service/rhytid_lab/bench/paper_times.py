@@ -1,4 +1,4 @@
-"""What a frame costs, beside the times that the paper tells (section 3)."""
+"""What a frame costs, beside the times that the paper reports (section 3)."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class TimeRow:
 
 
 def wrinkles_at(resolution: int) -> int:
-    """As many wrinkles a texel as the paper has."""
+    """As many wrinkles per texel as the paper has."""
     return max(round(PAPER_WRINKLES * resolution**2 / PAPER_SIZE**2), 100)
 
 

@@ -26,7 +26,7 @@ def pareto(found: Sequence[Accuracy]) -> Figure:
 
 
 def short(bins: BinSettings) -> str:
-    """A choice of bins in a few letters; the colour tells the rest."""
+    """A choice of bins in a few letters; the colour shows the rest."""
     depth = ", factored" if bins.depth_factored else ""
     tilt = ", tilt" if bins.tilt else ""
     reach = f", reach {bins.reach:g}" if bins.reach > 1.0 else ""

@@ -24,7 +24,10 @@ from rhytid_lab.samples.sphere import sphere, sphere_stretch
 STAGES = ("pores", "edges", "crossings", "directions", "trails", "selection", "shapes", "all")
 # Of each series: the title of its axis, and the cases that it times.
 SERIES = {
-    "size": ("texels a side, wrinkles in proportion", ("stretch", "redraw", "binned", "convolved")),
+    "size": (
+        "texels per side, wrinkles in proportion",
+        ("stretch", "redraw", "binned", "convolved"),
+    ),
     "wrinkles": ("wrinkles", ("redraw", "precompute")),
     "triangles": ("triangles", ("stretch", "redraw", "binned")),
     "bins": ("orientation bins", ("binned", "precompute")),

@@ -1,4 +1,4 @@
-"""What a tile costs through the service: latency, tiles a second, and how much of it is not the
+"""What a tile costs through the service: latency, tiles per second, and how much of it is not the
 kernel. A real server on loopback, asked by another process."""
 
 from __future__ import annotations

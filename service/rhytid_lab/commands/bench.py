@@ -56,7 +56,9 @@ def add_command(commands: Commands) -> None:
     frame = "the frame, from 0 (the one farthest from the neutral)"
     parser.add_argument("--frame", type=int, metavar="I", help=frame)
     parser.add_argument("--graph", type=readable, metavar="FILE", help="wrinkles of --mesh")
-    parser.add_argument("--size", type=int, default=4096, metavar="R", help="texels a side (4096)")
+    parser.add_argument(
+        "--size", type=int, default=4096, metavar="R", help="texels per side (4096)"
+    )
     add_density(parser)
     add_force(parser)
     preset = "bins of `binned` (paper, the one that the others blend too)"

@@ -59,7 +59,7 @@ def add_command(commands: Commands) -> None:
         type=int,
         default=AssetSettings().resolution,
         metavar="R",
-        help="texels a side, a power of two (%(default)s)",
+        help="texels per side, a power of two (%(default)s)",
     )
     add_density(parser)
     add_lines(parser)

@@ -124,7 +124,7 @@ class Session:
 
 
 class StepClock:
-    """Divides the time of a build among its steps, by the stages that its job tells."""
+    """Divides the time of a build among its steps, by the stages that its job reports."""
 
     def __init__(self, watch: Stopwatch, show: Callable[[float, str], None]) -> None:
         self._watch, self._show = watch, show

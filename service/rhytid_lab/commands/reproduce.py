@@ -30,7 +30,7 @@ def add_command(commands: Commands) -> None:
     add = parser.add_argument
     add("--out", type=Path, default=Path("rhytid-report"), metavar="DIR", help="(%(default)s)")
     add("--mesh", type=readable, metavar="NPZ", help="a neutral mesh with its frames")
-    size = "texels a side of the figures and times (%(default)s)"
+    size = "texels per side of the figures and times (%(default)s)"
     add("--resolution", type=int, default=RESOLUTION, metavar="R", help=size)
     add_unit(parser, "NPZ")
     add("--device", metavar="D", help="number or part of the name of a device")
@@ -87,7 +87,7 @@ def _text(figures: dict[str, Any], out: Path) -> str:
     return "\n\n".join(
         [
             table(("case", "seconds", "map copies", "s at 16384", "paper s"), times),
-            table(("bins", "rms %", "map copies", "time", "bytes a texel"), accuracy),
+            table(("bins", "rms %", "map copies", "time", "bytes per texel"), accuracy),
             f"The page: {out / 'index.html'}",
         ]
     )

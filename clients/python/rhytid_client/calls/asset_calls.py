@@ -52,12 +52,12 @@ def create_asset(
     """Send a mesh and have an asset built of it; `wait` for it before asking for tiles.
 
     mesh: the path of an OBJ, PLY, glTF, GLB or npz file; or the bytes of one, with a `name` whose
-    extension tells the format; or the arrays positions (V, 3), faces (F, 3), uv (T, 2),
+    extension gives the format; or the arrays positions (V, 3), faces (F, 3), uv (T, 2),
     face_uv (F, 3) and optionally frames (N, V, 3).  graph: safetensors, absent to synthesise one.
     force: take the graph even where it was made for another mesh.
     stiffness: grey PNG or EXR images by UDIM; or paths whose names end on the UDIM, as in
     skin.1002.png; or one image for a mesh of one UDIM. 1 moves freely, 0 is rigid. At most
-    8192 texels a side and 134,217,728 in all.
+    8192 texels per side and 134,217,728 in all.
     controls: maps that guide synthesis, by name, given like stiffness: density, strength,
     direction, turn, anisotropy, scale, pore_radius, and region_forehead and the like.
     shapes: expressions that lines grow by: positions (E, V, 3), or a mapping of names to positions
@@ -110,7 +110,7 @@ def delete_asset(asset: Asset | str) -> Flow[None]:
 
 
 def graph(asset: Asset | str, *, format: str = "safetensors") -> Flow[bytes]:
-    """The wrinkle graph of an asset, as a safetensors file that tells the depth, spacing and unit
+    """The wrinkle graph of an asset, as a safetensors file that gives the depth, spacing and unit
     it is drawn with; or its wrinkles as lines in space, an
     `obj` or `usda` file."""
     params = {"format": format}
@@ -121,7 +121,7 @@ def _mesh(mesh: File | Mapping[str, ArrayLike], name: str | None) -> Part:
     if isinstance(mesh, Mapping):
         return Part("mesh", npy.pack(mesh), filename=name or "mesh.npz")
     if isinstance(mesh, bytes) and name is None:
-        raise ValueError("mesh bytes need a name: its extension tells their format")
+        raise ValueError("mesh bytes need a name: its extension gives their format")
     return _file("mesh", mesh, name)
 
 

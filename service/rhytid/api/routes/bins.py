@@ -41,7 +41,7 @@ def tile(
     """One tile of codes, int8 or int16, as .npy; times the manifest's step they are displacement,
     furrows negative, of tilts a place from -1 to 1 in the bin.
 
-    A tile of T texels a side has T² codes; of `cushions` it has
+    A tile of T texels per side has T² codes; of `cushions` it has
     (T / factor + 2 apron)²: `apron` samples more on every side than lie under it.
 
     Level 0 only: a coarser level is 404, for those of `binned` are means of its level 0.

@@ -19,9 +19,9 @@ from rhytid.synthesis.pores.lattice import Lattice
 from rhytid.synthesis.surface import Surface
 
 FEWEST = 100
-# Device memory of a synthesis: buffers of fixed size, and bytes a wrinkle and a triangle. 100,000
-# wrinkles on a sheet were measured to take 51 MB, 1.5 million 138 MB and 3 million 276 MB; 2,600
-# painted on two triangles 57 MB, 1,000 on 980,000 triangles 156 MB.
+# Device memory of a synthesis: buffers of fixed size, and bytes per wrinkle and per triangle.
+# 100,000 wrinkles on a sheet were measured to take 51 MB, 1.5 million 138 MB and 3 million 276 MB;
+# 2,600 painted on two triangles 57 MB, 1,000 on 980,000 triangles 156 MB.
 FIXED_BYTES, BYTES_A_WRINKLE, BYTES_A_TRIANGLE = 60_000_000, 100, 112
 # Pores this many steps of float32 apart in UV can be told from each other, and lines drawn between
 # them; that part of the surface may have less.

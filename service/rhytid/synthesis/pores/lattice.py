@@ -18,7 +18,7 @@ _BLOCK = 2.0 ** (_STEPS - 4)
 
 @dataclass(frozen=True, eq=False)
 class Lattice:
-    """A cube of 2³⁰ steps a side.
+    """A cube of 2³⁰ steps per side.
 
     origin (3,): its lowest corner.  unit: a step.
     """

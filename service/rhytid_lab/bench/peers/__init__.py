@@ -50,7 +50,7 @@ def prepare(name: str, case: str, scene: Scene) -> Run:
 def _check_maps(scene: Scene) -> None:
     """Raise LeftOut for precomputed maps that the peers do not blend."""
     if scene.size > _LARGEST_BINNED:
-        raise LeftOut(f"left out: over {_LARGEST_BINNED} texels a side its maps are too large")
+        raise LeftOut(f"left out: over {_LARGEST_BINNED} texels per side its maps are too large")
     bins = scene.settings.bins
     if bins != replace(PRESETS["paper"].bins, r_max=bins.r_max):
         raise LeftOut("left out: it blends the maps of the preset `paper` alone")

@@ -26,7 +26,7 @@ class _Context:
         self.gl = _standalone(scene.on_cpu)
         largest = self.gl.info["GL_MAX_TEXTURE_SIZE"]
         if scene.size > largest:
-            raise LeftOut(f"left out: textures have {largest} texels a side at most")
+            raise LeftOut(f"left out: textures have {largest} texels per side at most")
         self.size = scene.size
         self.axes, self.logs = (self.buffer(a) for a in (scene.axes, scene.logs))
 
