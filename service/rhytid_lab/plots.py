@@ -10,6 +10,7 @@ from rhytid.errors import RhytidError
 try:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.ticker import LogFormatter
 except ImportError as error:
     raise RhytidError("plots need matplotlib: pip install 'rhytid[lab]'") from error
 
@@ -64,6 +65,7 @@ def _plane(x_title: str, y_title: str) -> tuple[Figure, Axes]:
     axes.set(xscale="log", yscale="log", xlabel=x_title, ylabel=y_title)
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_formatter("{x:g}")
+        axis.set_minor_formatter(LogFormatter(minor_thresholds=(1.5, 0.5)))
     axes.grid(alpha=0.4, which="both")
     axes.spines[["top", "right"]].set_visible(False)
     return figure, axes

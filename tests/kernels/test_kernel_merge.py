@@ -19,7 +19,7 @@ def soft(device, *heights):
     inputs = {f"h{i}": lanes(h) for i, h in enumerate(heights)}
     met = "(merge_state_t)NONE_MET"
     for name in inputs:
-        met = f"meet({met}, {name})"
+        met = f"accumulate({met}, {name})"
     options = ["-DMERGE=SOFT", "-DCODE_BITS=8"]
     return evaluate(device, "merge", f"height_of({met})", inputs, width=WIDTH, options=options)
 
