@@ -105,6 +105,15 @@ def test_parts_borders_and_what_no_triangle_uses(small_mesh: SmallMesh) -> None:
     assert found.unused == 121 - 66 - 4
 
 
+def test_a_narrow_gap_is_a_gap(small_mesh: SmallMesh) -> None:
+    """The right half with vertices of its own, a thousandth of the sheet away."""
+    gap = np.array([0.002, 0, 0], np.float32)
+    both = np.concatenate([small_mesh.positions, small_mesh.positions + gap])
+    faces = small_mesh.faces + 121 * (np.arange(200) >= 100)[:, None]
+
+    assert Topology.of(changed(small_mesh, positions=both, faces=faces)).components == 2
+
+
 def test_triangles_without_area(small_mesh: SmallMesh) -> None:
     faces, face_uv = small_mesh.faces.copy(), small_mesh.face_uv.copy()
     faces[7, 2] = faces[7, 1]
