@@ -24,7 +24,7 @@ ALLOWED = {
     "device": _FACTS,
     "formats": _FACTS,
     "pictures": _FACTS,
-    "meshes": _FACTS | {"formats"},
+    "meshes": _FACTS | {"formats", "synthesis"},
     "pipeline": _TOOLS,
     "synthesis": _TOOLS,
     "storage": _TOOLS,
