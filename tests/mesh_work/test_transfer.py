@@ -228,3 +228,36 @@ def test_partners_and_grain_follow(mesh: Mesh, graph: WrinkleGraph) -> None:
     copies = np.flatnonzero(~moved.own_nodes)
     assert moved.node_copy_of is not None
     assert len(copies)
+
+
+def test_arcs_at_seams_stay_as_they_are(mesh: Mesh, graph: WrinkleGraph) -> None:
+    """Slopes there are meant where supports are round, before and after."""
+    moved = transfer(graph, mesh, mesh).graph
+    own = np.flatnonzero(graph.own_edges)
+    assert moved.edge_metric is not None
+    assert graph.edge_metric is not None
+    both = own[graph.edge_metric[own].any(axis=1) & moved.edge_metric[: len(own)].any(axis=1)]
+
+    assert len(both) > 50
+    assert moved.edge_slopes is not None
+    assert graph.edge_slopes is not None
+    gaps = np.abs(moved.edge_slopes[np.searchsorted(own, both)] - graph.edge_slopes[both])
+    assert np.quantile(gaps, 0.9) < 1e-4
+
+
+def test_partners_that_are_copies_count_as_what_they_copy(mesh: Mesh, graph: WrinkleGraph) -> None:
+    assert graph.edge_partners is not None
+    assert graph.edge_copy_of is not None
+    copy_of = np.arange(graph.wrinkles)
+    copies = np.flatnonzero(~graph.own_edges)
+    copy_of[graph.edge_copy_of[copies]] = copies
+    named = np.where(graph.edge_partners >= 0, copy_of[graph.edge_partners], -1)
+    one, two = (
+        transfer(replace(graph, edge_partners=partners), mesh, mesh).graph.edge_partners
+        for partners in (graph.edge_partners, named)
+    )
+
+    assert (named != graph.edge_partners).any()
+    assert one is not None
+    assert two is not None
+    assert np.array_equal(one, two)
