@@ -122,6 +122,13 @@ def graph(asset: Asset | str, *, format: str = "safetensors") -> Flow[bytes]:
     return parse.content((yield get("v1", "assets", asset_id(asset), "graph", params=params)))
 
 
+def mesh(asset: Asset | str, *, format: str = "glb") -> Flow[bytes]:
+    """The neutral mesh of an asset as a `glb` or `ply` file, with one uv a vertex: first the
+    vertices in the order that they were sent in, then those that UV seams need beside them."""
+    params = {"format": format}
+    return parse.content((yield get("v1", "assets", asset_id(asset), "mesh", params=params)))
+
+
 def _mesh(mesh: File | Mapping[str, ArrayLike] | TrimeshLike, name: str | None) -> Part:
     if isinstance(mesh, Mapping):
         return Part("mesh", npy.pack(mesh), filename=name or "mesh.npz")
