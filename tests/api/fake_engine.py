@@ -16,6 +16,7 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.curves import Curves
 from rhytid.domain.frame import NEUTRAL, check_frame_name, check_positions
 from rhytid.domain.graph import WrinkleGraph
+from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import TileAddress, mesh_udims
 from rhytid.domain.warnings import InputWarning, check_codes, refuse
 from rhytid.engine.messages import (
@@ -76,7 +77,7 @@ class FakeEngine:
         self.assets = Namespace(
             create=self.create_asset, all=self.all_assets, info=self.asset_info,
             change=self.change_asset, delete=self.delete_asset, graph=self.graph,
-            curves=self.curves, calibrate=self.calibrate,
+            curves=self.curves, mesh=self.mesh, calibrate=self.calibrate,
         )  # fmt: skip
         self.frames = Namespace(
             put=self.put_frame, warnings=self.frame_warnings, all=self.all_frames,
@@ -155,6 +156,9 @@ class FakeEngine:
 
     def graph(self, asset: str) -> WrinkleGraph:
         return self._built(asset).new.graph or GRAPH
+
+    def mesh(self, asset: str) -> Mesh:
+        return self._built(asset).new.mesh
 
     def curves(self, asset: str) -> Curves:
         self._built(asset)

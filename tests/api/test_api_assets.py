@@ -15,6 +15,7 @@ from api.fake_engine import FakeEngine
 from api.live import serving
 from api.patch import SIDE, obj, positions, smile, upload
 from rhytid.formats.graphs import read_graph
+from rhytid.formats.meshes import read_mesh
 
 
 def post(client: httpx.Client, files: Any) -> httpx.Response:
@@ -83,6 +84,19 @@ def test_the_graph_comes_as_lines_in_space(client: httpx.Client, asset: str) -> 
         is_problem(client.get(path, params=query), 422, "query")
     assert "colour" in is_problem(client.get(path, params={"colour": "red"}), 422)
     is_problem(client.get("/v1/assets/none/graph?format=obj"), 404, "not-found")
+
+
+def test_the_mesh_comes_as_other_programs_read_it(client: httpx.Client, asset: str) -> None:
+    path = f"/v1/assets/{asset}/mesh"
+    glb, ply = (client.get(path, params={"format": kind}) for kind in ("glb", "ply"))
+    assert (glb.status_code, glb.headers["content-type"]) == (200, "model/gltf-binary")
+    assert (ply.status_code, ply.headers["content-type"]) == (200, "application/x-ply")
+    assert client.get(path).content == glb.content
+    read = [read_mesh(r.content, f"m.{k}").mesh for r, k in ((glb, "glb"), (ply, "ply"))]
+    assert np.array_equal(read[0].positions, read[1].positions)
+    is_problem(client.get(path, params={"format": "obj"}), 422, "query")
+    assert "colour" in is_problem(client.get(path, params={"colour": "red"}), 422)
+    is_problem(client.get("/v1/assets/none/mesh"), 404, "not-found")
 
 
 def test_an_asset_has_figures_of_its_graph(client: httpx.Client, asset: str) -> None:

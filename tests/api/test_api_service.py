@@ -94,6 +94,7 @@ CALLS = {
     "/v1/assets": {"get", "post"},
     "/v1/assets/{asset}": {"get", "patch", "delete"},
     "/v1/assets/{asset}/graph": {"get"},
+    "/v1/assets/{asset}/mesh": {"get"},
     "/v1/jobs/{job}": {"get", "delete"},
     "/v1/jobs/{job}/events": {"get"},
     "/v1/assets/{asset}/frames": {"get"},

@@ -120,6 +120,7 @@ ASSETS = [
         b"\x08\0",
         lambda r: r == b"\x08\0",
     ),
+    Case("mesh", ("a",), "GET /v1/assets/a/mesh?format=glb", b"glTF", lambda r: r == b"glTF"),
     Case("job", ("j",), "GET /v1/jobs/j", JOB, lambda r: r == Job(**JOB)),
     Case("cancel", (Job("j", "running"),), "DELETE /v1/jobs/j", JOB, lambda r: not r.ended),
     Case("wait", (Asset("a", "ready"),), "GET /v1/assets/a", ASSET, lambda r: r.state == "ready"),

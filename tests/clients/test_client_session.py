@@ -108,6 +108,11 @@ def test_graph_comes_as_curves_too(call: Call, asset: str) -> None:
         call("graph", asset, format="abc")
 
 
+def test_the_mesh_comes_as_glb_and_ply(call: Call, asset: str) -> None:
+    assert call("mesh", asset).startswith(b"glTF")
+    assert call("mesh", asset, format="ply").startswith(b"ply\n")
+
+
 def test_graph_goes_back_where_it_came_from(call: Call, asset: str) -> None:
     graph = call("graph", asset)
     made = call("create_asset", patch.obj(2.0), **MADE, graph=graph)

@@ -24,12 +24,13 @@ ALLOWED = {
     "device": _FACTS,
     "formats": _FACTS,
     "pictures": _FACTS,
+    "meshes": _FACTS | {"formats", "synthesis"},
     "pipeline": _TOOLS,
     "synthesis": _TOOLS,
     "storage": _TOOLS,
     "engine": _TOOLS | _WORK | {"settings"},
-    "api": _TOOLS | {"engine", "settings"},
-    "cli": _TOOLS | _WORK | {"engine", "settings", "api", "pictures"},
+    "api": _TOOLS | {"engine", "settings", "meshes"},
+    "cli": _TOOLS | _WORK | {"engine", "settings", "api", "pictures", "meshes"},
 }
 # The only parts that may import a package from outside; other packages are free.
 ONLY_IN = {
@@ -38,6 +39,7 @@ ONLY_IN = {
     "starlette": {"api"},
     "uvicorn": {"cli"},
     "rhytid_kernels": {"device"},
+    "trimesh": {"meshes"},
 }
 # The only readers of the environment: the settings, and what OpenCL's loader must find there.
 ENVIRONMENT = ("settings.py", "device/caches.py", "device/loader.py")

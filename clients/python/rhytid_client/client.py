@@ -69,6 +69,7 @@ class Client:
     change_asset = _method(calls.change_asset)
     delete_asset = _method(calls.delete_asset)
     graph = _method(calls.graph)
+    mesh = _method(calls.mesh)
 
     job = _method(calls.job)
     cancel = _method(calls.cancel)

@@ -12,7 +12,7 @@ from rhytid.api import problems
 from rhytid.api.device_slots import DeviceSlots, threads
 from rhytid.api.documentation import describe
 from rhytid.api.metrics import Metrics, Observe
-from rhytid.api.routes import assets, bins, frames, graphs, health, jobs, tiles
+from rhytid.api.routes import assets, bins, frames, graphs, health, jobs, meshes, tiles
 from rhytid.settings import ServiceSettings
 
 if TYPE_CHECKING:
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 ROUTERS = (
     assets.router,
     graphs.router,
+    meshes.router,
     frames.router,
     tiles.router,
     bins.router,

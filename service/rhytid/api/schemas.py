@@ -11,6 +11,7 @@ from rhytid.domain.warnings import CODES
 from rhytid.engine.messages import METHODS, SAMPLINGS, STRETCH_MODELS, MapQuery
 from rhytid.formats.curves import CURVE_FORMATS
 from rhytid.formats.tiles import FORMATS
+from rhytid.meshes.export import MESH_FORMATS
 
 STRICT = "refuse what would be warned of: 422, with `warnings`; nothing is stored or begun"
 ALLOW = (
@@ -76,6 +77,12 @@ class GraphQuery(_Query):
     """In which form a wrinkle graph comes."""
 
     format: str = Field("safetensors", json_schema_extra=_options(GRAPH_FORMATS))
+
+
+class MeshQuery(_Query):
+    """In which form a neutral mesh comes."""
+
+    format: str = Field("glb", json_schema_extra=_options(MESH_FORMATS))
 
 
 class _Answer(BaseModel):

@@ -70,6 +70,10 @@ def add_command(commands: Commands) -> None:
     add_stiffness(parser)
     add("--settings", type=readable, metavar="FILE", help="asset settings as JSON")
     add("--half", action="store_true", help="write half floats")
+    geometry = "write each frame as a displaced surface, too: NAME.<FRAME>.glb"
+    add("--geometry", choices=("glb", "ply"), help=geometry)
+    levels = "how many times --geometry cuts each triangle in four, 0 to 8 (%(default)s)"
+    add("--subdivide", type=int, choices=range(9), default=2, metavar="N", help=levels)
     add("--store", type=Path, metavar="DIR", help="keep the built asset here (a temporary folder)")
     add("--device", metavar="D", help="number or part of the name of a device")
     add_strict(parser)
@@ -91,7 +95,7 @@ def run(arguments: argparse.Namespace) -> None:
 
 def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     # Imported here, so that --help does not wait for OpenCL.
-    from rhytid.cli.baking import Baker, Output, build
+    from rhytid.cli.baking import Baker, Geometry, Output, build
     from rhytid.cli.frame_files import FrameFiles
     from rhytid.cli.input_files import graph_file, mesh_file, shape_files, stiffness_files
     from rhytid.engine.engine import Engine
@@ -101,6 +105,9 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     mesh = mesh_file(arguments.mesh)
     frames = FrameFiles(mesh, arguments.frames)
     warned.inputs(mesh.mesh, arguments.mesh.name, settings.length_unit, settings.resolution, frames)
+    geometry = None
+    if arguments.geometry is not None:
+        geometry = Geometry(mesh.mesh, arguments.geometry, arguments.subdivide)
     graph = graph_file(arguments.graph) if arguments.graph else None
     if graph is not None:
         warned.settings(settings_unused(settings))
@@ -120,7 +127,7 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
             asset = build(engine, new, warned)
         output = Output(arguments.out, name, arguments.half)
         query = MapQuery(arguments.method, arguments.stretch, arguments.sampling)
-        baker = Baker(engine, asset, query, frames, output, watch, warned)
+        baker = Baker(engine, asset, query, frames, output, watch, warned, geometry)
         if arguments.method == "binned" and "r_max" not in given.get("bins", {}):
             baker.calibrate()
         baker.run()
@@ -173,5 +180,6 @@ def _tell(arguments: argparse.Namespace, baker: Baker, watch: Stopwatch) -> None
         "steps": watch.figures(),
         **baker.warned.told(),
     }
-    summary = f"{baker.written} maps written to {arguments.out}, {baker.skipped} were done"
+    what = "maps" if arguments.geometry is None else "files"
+    summary = f"{baker.written} {what} written to {arguments.out}, {baker.skipped} were done"
     report(figures, f"{watch.table()}\n{summary}", arguments.json)

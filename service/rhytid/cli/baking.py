@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rhytid.cli.bake_record import BakeRecord
 from rhytid.cli.frame_files import FrameFiles, FramePlace
@@ -14,14 +17,20 @@ from rhytid.cli.reporting import counted, share_bar
 from rhytid.cli.timing import Stopwatch
 from rhytid.cli.warned import Warned
 from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.mesh import Mesh
 from rhytid.engine.jobs import Job
 from rhytid.engine.messages import AssetInfo, JobInfo, MapQuery, NewAsset
 from rhytid.errors import ConflictError
 from rhytid.formats.exr import write_exr
+from rhytid.meshes.displaced import Subdivided
+from rhytid.meshes.export import mesh_format
+from rhytid.storage.durable import install, workplace, write_file
 
 if TYPE_CHECKING:
     from rhytid.engine.engine import Engine
+    from rhytid.engine.tile_service import TilePlan
 
+Texels = NDArray[np.float32]
 # Between two looks at how far a job is.
 _SHOWN_SECONDS = 0.2
 
@@ -38,9 +47,28 @@ class Output:
         """The file of one map."""
         return self.folder / f"{self.name}.{udim}.{frame.label}.exr"
 
+    def geometry_file(self, frame: FramePlace, format: str) -> Path:
+        """The file of one displaced surface."""
+        return self.folder / f"{self.name}.{frame.label}.{format}"
+
     def record(self) -> BakeRecord:
         """What is done already."""
         return BakeRecord(self.folder / f"{self.name}.bake.json")
+
+
+class Geometry:
+    """Displaced surfaces of a mesh, each triangle cut in four `levels` times, as GLB or PLY."""
+
+    def __init__(self, mesh: Mesh, format: str, levels: int) -> None:
+        self.format, self.told = format, f"{format} {levels}"
+        self._cut = Subdivided.of(mesh, levels)
+
+    def write(self, file: Path, positions: NDArray[np.float32], maps: Mapping[int, Texels]) -> None:
+        """The surface of a frame; the file is there when it is whole."""
+        data = mesh_format(self.format).write(self._cut.moved(positions, maps))
+        with workplace(file.parent) as place:
+            write_file(place / file.name, data)
+            install(place / file.name, file)
 
 
 @dataclass
@@ -54,6 +82,7 @@ class Baker:
     output: Output
     watch: Stopwatch
     warned: Warned
+    geometry: Geometry | None = None
     written: int = 0
     skipped: int = 0
 
@@ -71,21 +100,53 @@ class Baker:
         for place in counted(self.frames.places, "baking", "frame"):
             with self.watch.step("stretch"):
                 self._put(place)
-            for udim in self.asset.udims:
-                self._map(record, place, udim)
+            plans = {udim: self._plan(place, udim) for udim in self.asset.udims}
+            maps = {udim: self._map(record, place, udim, plan) for udim, plan in plans.items()}
+            if self.geometry is not None:
+                self._surface(self.geometry, record, place, plans, maps)
             self.engine.frames.delete(self.asset.id, place.label)
 
-    def _map(self, record: BakeRecord, place: FramePlace, udim: int) -> None:
+    def _plan(self, place: FramePlace, udim: int) -> TilePlan:
+        return self.engine.tiles.plan_map(self.asset.id, place.label, self.query, udim, 0)
+
+    def _map(
+        self, record: BakeRecord, place: FramePlace, udim: int, plan: TilePlan
+    ) -> Texels | None:
+        """Write a map; its texels where they had to be drawn and a surface may need them."""
         file, half = self.output.file(udim, place), self.output.half
-        plan = self.engine.tiles.plan_map(self.asset.id, place.label, self.query, udim, 0)
         key = f"{plan.key}-{'half' if half else 'single'}"
         if record.done(file, key):
             self.skipped += 1
-            return
+            return None
         with self.watch.step(self.query.method):
             texels = plan.draw()
         with self.watch.step("write"):
             write_exr(file, texels.astype(np.float16) if half else texels, plan.header)
+            record.add(file, key)
+        self.written += 1
+        return None if self.geometry is None else texels
+
+    def _surface(
+        self,
+        geometry: Geometry,
+        record: BakeRecord,
+        place: FramePlace,
+        plans: Mapping[int, TilePlan],
+        maps: Mapping[int, Texels | None],
+    ) -> None:
+        """Write the surface that the maps of a frame displace, where it is not done."""
+        file = self.output.geometry_file(place, geometry.format)
+        keys = [f"{plan.key}" for plan in plans.values()]
+        key = hashlib.sha256("\n".join([*keys, geometry.told]).encode()).hexdigest()
+        if record.done(file, key):
+            self.skipped += 1
+            return
+        known = {}
+        for udim, texels in maps.items():
+            with self.watch.step(self.query.method):
+                known[udim] = plans[udim].draw() if texels is None else texels
+        with self.watch.step("geometry"):
+            geometry.write(file, self.frames.read(place), known)
             record.add(file, key)
         self.written += 1
 

@@ -53,12 +53,12 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     )
     check_outputs(arguments)
     device = open_device(arguments)
-    graph = _placed(device, mesh, graph_file(arguments.graph), force=arguments.force)
+    graph = placed_graph(device, mesh, graph_file(arguments.graph), force=arguments.force)
     facts = {"file": str(arguments.graph), "warnings": warned.figures()}
     write_outputs(arguments, device, mesh, graph, facts)
 
 
-def _placed(device: Device, mesh: Mesh, graph: WrinkleGraph, *, force: bool) -> WrinkleGraph:
+def placed_graph(device: Device, mesh: Mesh, graph: WrinkleGraph, *, force: bool) -> WrinkleGraph:
     """The graph with the triangle of every pore; on a device, where the file leaves some open."""
     from rhytid.domain.curves import with_triangles
     from rhytid.engine.given_graphs import check_graph

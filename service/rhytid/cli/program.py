@@ -8,11 +8,11 @@ from collections.abc import Sequence
 from importlib.metadata import entry_points
 
 from rhytid import __version__
-from rhytid.cli import bake, devices, graph, serve, synthesize, warnings
+from rhytid.cli import bake, check, devices, graph, serve, synthesize, transfer, warnings
 from rhytid.cli.termination import INTERRUPTED, raising_terminated
 from rhytid.errors import RhytidError
 
-COMMANDS = (serve, devices, synthesize, graph, bake, warnings)
+COMMANDS = (serve, devices, check, synthesize, graph, transfer, bake, warnings)
 # Entry points of other packages: modules with `add_command(commands)`, as those above.
 GROUP = "rhytid.commands"
 

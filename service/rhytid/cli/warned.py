@@ -60,18 +60,18 @@ class Warned:
             check = FrameCheck(mesh, unit)
             for place in counted(frames.places, "checking", "frame"):
                 self.tell(check.warnings(frames.read(place), f"frame {place.name}"))
-        self._refuse()
+        self.refuse()
 
     def settings(self, warnings: Iterable[InputWarning]) -> None:
         """Warn of the settings among what is told of an asset; raises StrictError where warnings
         are errors. Of the mesh and the frames it is told by `inputs` and `frame`."""
         self.tell(w for w in warnings if w.code in (SETTINGS_CHANGED, SETTINGS_UNUSED))
-        self._refuse()
+        self.refuse()
 
     def frame(self, warnings: Iterable[InputWarning], name: str) -> None:
         """Warn of a frame that is used now; raises StrictError where warnings are errors."""
         self.tell(replace(warning, where=f"frame {name}") for warning in warnings)
-        self._refuse()
+        self.refuse()
 
     def tell(self, warnings: Iterable[InputWarning]) -> None:
         """Print what was not told yet, the first few of each code."""
@@ -117,7 +117,8 @@ class Warned:
         """Warnings and notices of an asset, for JSON."""
         return {"warnings": self.figures(), "notices": [asdict(n) for n in self.notices]}
 
-    def _refuse(self) -> None:
+    def refuse(self) -> None:
+        """Raise StrictError where warnings are errors and one of those told is not allowed."""
         wrong = not_allowed(self.warnings, self._allow) if self._strict else ()
         if wrong:
             codes = " ".join(f"--allow {code}" for code in dict.fromkeys(w.code for w in wrong))

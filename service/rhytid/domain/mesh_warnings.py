@@ -40,7 +40,7 @@ def mesh_warnings(
 
     udims: those of the mesh, where the caller has them: finding them takes as long as the rest.
     """
-    found = _Measured(mesh, unit, resolution)
+    found = MeasuredMesh(mesh, unit, resolution)
     return (
         *found.size(),
         *found.far(),
@@ -66,8 +66,12 @@ def far_detail(step: float, edge: float, farthest: float, unit: str) -> str:
     )
 
 
-class _Measured:
-    """A mesh with what several of the checks need of it."""
+class MeasuredMesh:
+    """A mesh with what several of the checks need of it.
+
+    used (F,): usable triangles; of these, K: corners (K, 3, 3), uv (K, 3, 2), area (K,) in space
+    and uv_area (K,), signed.  turned: normals point inward.
+    """
 
     def __init__(self, mesh: Mesh, unit: str, resolution: int) -> None:
         self.mesh, self.unit, self.resolution = mesh, unit, resolution
@@ -125,7 +129,7 @@ class _Measured:
 
         Turning faces over turns both, so that a mesh inside out is not mirrored for that alone.
         """
-        signed = -self.uv_area if self.turned else self.uv_area
+        signed = self.uv_sense()
         sizes = np.abs(signed)
         share = float(sizes[signed < 0].sum() / sizes.sum())
         if share > MIRRORED_SHARE:
@@ -135,6 +139,10 @@ class _Measured:
                 "directions and turns that are painted there run the other way; flip these charts"
             )
             yield InputWarning(UV_MIRRORED, detail, self._place(worst))
+
+    def uv_sense(self) -> NDArray[np.float64]:
+        """(K,) UV areas, below 0 where mirrored, seen from outside the surface."""
+        return -self.uv_area if self.turned else self.uv_area
 
     def texels(self) -> Iterator[InputWarning]:
         """The side of a texel on the surface, largest over smallest without the tails."""
@@ -156,7 +164,7 @@ class _Measured:
         """Triangles on top of one another in UV, by UDIM."""
         for udim in udims:
             origin = np.array(udim_origin(udim))
-            found = overlap_of(self.uv[self._reaches(origin)] - origin)
+            found = overlap_of(self.uv[self.reaches(origin)] - origin)
             if found is not None and found.share > OVERLAP_SHARE:
                 u, v = np.array(found.uv) + origin
                 detail = (
@@ -176,7 +184,7 @@ class _Measured:
         cosines = np.divide(along, reach, out=np.zeros_like(along), where=reach > 0)
         return float(cosines.sum() / self.area.sum())
 
-    def _reaches(self, origin: NDArray[np.integer]) -> NDArray[np.bool_]:
+    def reaches(self, origin: NDArray[np.integer]) -> NDArray[np.bool_]:
         """Which triangles may have a part in the unit square at `origin`."""
         near = np.ones(len(self.uv), bool)
         for axis in (0, 1):

@@ -35,11 +35,8 @@ def texel_spread(
 ) -> TexelSpread | None:
     """Of triangles (F, 3) of these areas in space and UV; None where no texel is too large or too
     small."""
-    side = np.sqrt(area / area_uv) / resolution
-    order = np.argsort(side)
-    shares = np.cumsum(area[order])
-    tails = np.array([TEXEL_TAIL, 0.5, 1.0 - TEXEL_TAIL])
-    least, usual, most = side[order[np.searchsorted(shares, tails * shares[-1])]].tolist()
+    side = texel_sides(area, area_uv, resolution)
+    least, usual, most = side[texel_extremes(side, area)].tolist()
     if most <= TEXEL_RATIO * least:
         return None
     # Seen from the usual texel: what is farther off, skin that is too coarse or too fine.
@@ -52,8 +49,24 @@ def texel_spread(
     place = _places(faces[chosen])
     sizes = np.bincount(place, weights=area[chosen])
     sizes[place[np.searchsorted(chosen, worst)]] = 0.0
-    more = int(np.count_nonzero(sizes >= TEXEL_PLACE * shares[-1]))
+    more = int(np.count_nonzero(sizes >= TEXEL_PLACE * area.sum()))
     return TexelSpread(least, usual, most, coarse, worst, more)
+
+
+def texel_sides(area: FloatArray, area_uv: FloatArray, resolution: int) -> FloatArray:
+    """(F,) sides of texels on the surface, mesh units, in triangles of these areas."""
+    sides: FloatArray = np.sqrt(area / area_uv) / resolution
+    return sides
+
+
+def texel_extremes(side: FloatArray, area: FloatArray) -> NDArray[np.intp]:
+    """(3,) the triangles with the least, the median and the most of sides (F,), by area (F,),
+    TEXEL_TAIL of it at either end left out."""
+    order = np.argsort(side)
+    shares = np.cumsum(area[order])
+    tails = np.array([TEXEL_TAIL, 0.5, 1.0 - TEXEL_TAIL])
+    found: NDArray[np.intp] = order[np.searchsorted(shares, tails * shares[-1])]
+    return found
 
 
 def usual_uv_length(mesh: Mesh) -> float:

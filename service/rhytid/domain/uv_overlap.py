@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,10 @@ _ROWS = 1 << 20
 # Rows of all triangles: a layout of many large triangles is looked at on a coarser grid.
 _MOST_ROWS = 1 << 22
 _BLOCK = 16
+
+IntArray = NDArray[np.int64]
+Span = tuple[IntArray, IntArray, IntArray, IntArray]
+PartSpans = tuple[slice, IntArray, IntArray, IntArray, IntArray]
 
 
 @dataclass(frozen=True)
@@ -44,6 +49,22 @@ def overlap_of(corners: NDArray[np.float64]) -> Overlap | None:
     return Overlap(float(double.sum()) / covered, (float(u), float(v)), int(counts.max()))
 
 
+def overlapping(corners: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(F,) which of the triangles of `overlap_of` lie over or under another one, at a point of its
+    grid."""
+    side = _side(corners)
+    scaled = corners * side - 0.5
+    double = _counts(scaled, side) > 1
+    # Sums along rows: a span has a double point where its ends differ.
+    before = np.zeros((side, side + 1), np.int64)
+    np.cumsum(double, axis=1, out=before[:, 1:])
+    found = np.zeros(len(corners), bool)
+    for part, triangle, row, first, last in _spans(scaled, side):
+        hit = before[row, last] > before[row, first]
+        found[part.start + triangle[hit]] = True
+    return found
+
+
 def _side(corners: NDArray[np.float64]) -> int:
     a, b, c = np.clip(corners[..., 1].T, 0.0, 1.0)
     heights = np.maximum(np.maximum(a, b), c) - np.minimum(np.minimum(a, b), c)
@@ -56,30 +77,39 @@ def _side(corners: NDArray[np.float64]) -> int:
 
 def _counts(corners: NDArray[np.float64], side: int) -> NDArray[np.int64]:
     """(side, side) triangles over each point; corners (F, 3, 2) in units of the grid."""
+    steps = np.zeros(side * (side + 1), np.int64)
+    for _, _, row, first, last in _spans(corners, side):
+        # Add 1 where a span begins and take it where one ends.
+        for column, sign in ((first, 1), (last, -1)):
+            steps += sign * np.bincount(row * (side + 1) + column, minlength=len(steps))
+    counts: NDArray[np.int64] = np.cumsum(steps.reshape(side, side + 1), axis=1)[:, :side]
+    return counts
+
+
+def _spans(
+    corners: NDArray[np.float64], side: int
+) -> Iterator[tuple[slice, IntArray, IntArray, IntArray, IntArray]]:
+    """Some triangles at a time: which, and (N,) of their spans the triangle among these, the row,
+    the first column and the one after the last."""
     corners = np.take_along_axis(corners, np.argsort(corners[..., 1], axis=1)[..., None], axis=1)
     first = np.clip(np.ceil(corners[:, 0, 1]), 0, side).astype(np.int64)
     rows = np.clip(np.ceil(corners[:, 2, 1]), 0, side).astype(np.int64) - first
     ends = np.cumsum(rows)
-    steps = np.zeros(side * (side + 1), np.int64)
     start = 0
     while start < len(rows):
         before = ends[start - 1] if start else 0
         stop = max(int(np.searchsorted(ends, before + _ROWS, side="right")), start + 1)
         part = slice(start, stop)
-        _add_spans(steps, corners[part], first[part], rows[part], side)
+        yield (part, *_spans_of(corners[part], first[part], rows[part], side))
         start = stop
-    counts: NDArray[np.int64] = np.cumsum(steps.reshape(side, side + 1), axis=1)[:, :side]
-    return counts
 
 
-def _add_spans(
-    steps: NDArray[np.int64],
+def _spans_of(
     corners: NDArray[np.float64],
     first: NDArray[np.int64],
     rows: NDArray[np.int64],
     side: int,
-) -> None:
-    """Add 1 where a span begins and take it where one ends, a row of `side` + 1 after the other."""
+) -> Span:
     triangle = np.repeat(np.arange(len(rows)), rows)
     within = np.arange(len(triangle)) - np.repeat(np.cumsum(rows) - rows, rows)
     row = first[triangle] + within
@@ -89,9 +119,11 @@ def _add_spans(
     short = _crossing(
         np.where(under[:, None], low, middle), np.where(under[:, None], middle, high), row
     )
-    for ends, sign in ((np.minimum(long, short), 1), (np.maximum(long, short), -1)):
-        column = np.clip(np.ceil(ends), 0, side).astype(np.int64)
-        steps += sign * np.bincount(row * (side + 1) + column, minlength=len(steps))
+    begin, end = (
+        np.clip(np.ceil(ends), 0, side).astype(np.int64)
+        for ends in (np.minimum(long, short), np.maximum(long, short))
+    )
+    return triangle, row, begin, end
 
 
 def _crossing(

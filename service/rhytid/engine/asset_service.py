@@ -19,6 +19,7 @@ from rhytid.domain.frame import check_positions
 from rhytid.domain.frame_warnings import FrameCheck
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.graph_origin import GraphOrigin
+from rhytid.domain.mesh import Mesh
 from rhytid.domain.mesh_warnings import mesh_warnings
 from rhytid.domain.settings_changes import CHANGEABLE, settings_changed, settings_unused
 from rhytid.domain.tiles import mesh_udims
@@ -247,6 +248,11 @@ class AssetService:
         lengths = found.settings.lengths(found.lengths.spacing)
         origin = GraphOrigin.of(stored.mesh, found.settings.length_unit, lengths)
         return replace(stored.graph, origin=origin)
+
+    def mesh(self, asset: str) -> Mesh:
+        """The neutral mesh of a ready asset, out of the store."""
+        self._assets.get(asset).check_ready()
+        return self._store.asset(asset).mesh
 
     def curves(self, asset: str) -> Curves:
         """The wrinkles of a ready asset as lines in space; those with an end off the mesh are not

@@ -1,8 +1,8 @@
 """glTF 2.0 and GLB with embedded buffers and one primitive of triangles.
 
-Read here rather than by trimesh, which follows uris, merges and renumbers vertices, repairs some
-files and drops what it cannot read in others. A mesh needs three accessors, so the reader is
-short: see `gltf_document.py` for how they are found.
+Read here rather than by trimesh, which drops the UV of a GLB without a material and takes positions
+that are NaN and indices out of range (5.2, `process=False`). A mesh needs three accessors, so the
+reader is short: see `gltf_document.py` for how they are found.
 
 The vertex order is that of the POSITION accessor. Positions stay in the local space of the mesh:
 transforms of nodes and skins are not applied, since frames are sent in that space and order too;

@@ -7,6 +7,7 @@ from rhytid_client.calls.asset_calls import (
     create_asset,
     delete_asset,
     graph,
+    mesh,
 )
 from rhytid_client.calls.frame_calls import (
     calibrate,
@@ -39,6 +40,7 @@ __all__ = [
     "health",
     "job",
     "map",
+    "mesh",
     "metrics",
     "positions",
     "put_frame",

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from rhytid_client import npy, parse
 from rhytid_client.exchange import Flow
+from rhytid_client.from_trimesh import TrimeshLike, arrays
 from rhytid_client.multipart_form import Form, Part
 from rhytid_client.requests import Params, get, request, with_json
 from rhytid_client.results import Asset
@@ -36,7 +37,7 @@ def strictly(strict: bool, allow: str | Iterable[str]) -> Params:
 
 
 def create_asset(
-    mesh: File | Mapping[str, ArrayLike],
+    mesh: File | Mapping[str, ArrayLike] | TrimeshLike,
     *,
     name: str | None = None,
     settings: Mapping[str, Any] | None = None,
@@ -53,7 +54,10 @@ def create_asset(
 
     mesh: the path of an OBJ, PLY, glTF, GLB or npz file; or the bytes of one, with a `name` whose
     extension gives the format; or the arrays positions (V, 3), faces (F, 3), uv (T, 2),
-    face_uv (F, 3) and optionally frames (N, V, 3).  graph: safetensors, absent to synthesise one.
+    face_uv (F, 3) and optionally frames (N, V, 3); or a `trimesh.Trimesh` with UV, whose vertices
+    stay in the order that they have: load it with `process=False`, and take frames from meshes that
+    are loaded alike, for trimesh splits and reorders those of an OBJ at seams.
+    graph: safetensors, absent to synthesise one.
     force: take the graph even where it was made for another mesh.
     stiffness: grey PNG or EXR images by UDIM; or paths whose names end on the UDIM, as in
     skin.1002.png; or one image for a mesh of one UDIM. 1 moves freely, 0 is rigid. At most
@@ -66,7 +70,8 @@ def create_asset(
     strict: RequestError, and nothing is kept, where there would be `warnings`; allow: but for those
     of these codes.
 
-    The same content gives the same asset. Raises RequestError naming what is wrong with it.
+    The same content gives the same asset. Raises RequestError naming what is wrong with it,
+    ValueError for a Trimesh without UV, TypeError for something else of trimesh.
     """
     parts = [_mesh(mesh, name)]
     if settings is not None:
@@ -117,9 +122,18 @@ def graph(asset: Asset | str, *, format: str = "safetensors") -> Flow[bytes]:
     return parse.content((yield get("v1", "assets", asset_id(asset), "graph", params=params)))
 
 
-def _mesh(mesh: File | Mapping[str, ArrayLike], name: str | None) -> Part:
+def mesh(asset: Asset | str, *, format: str = "glb") -> Flow[bytes]:
+    """The neutral mesh of an asset as a `glb` or `ply` file, with one uv a vertex: first the
+    vertices in the order that they were sent in, then those that UV seams need beside them."""
+    params = {"format": format}
+    return parse.content((yield get("v1", "assets", asset_id(asset), "mesh", params=params)))
+
+
+def _mesh(mesh: File | Mapping[str, ArrayLike] | TrimeshLike, name: str | None) -> Part:
     if isinstance(mesh, Mapping):
         return Part("mesh", npy.pack(mesh), filename=name or "mesh.npz")
+    if not isinstance(mesh, (str, bytes, os.PathLike)):
+        return Part("mesh", npy.pack(arrays(mesh)), filename=name or "mesh.npz")
     if isinstance(mesh, bytes) and name is None:
         raise ValueError("mesh bytes need a name: its extension gives their format")
     return _file("mesh", mesh, name)

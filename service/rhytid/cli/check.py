@@ -1,0 +1,114 @@
+"""`rhytid check`: what is right and wrong with a mesh, before anything is made of it."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rhytid.cli.options import (
+    Commands,
+    add_json,
+    add_several,
+    add_strict,
+    add_unit,
+    new_command,
+    readable,
+)
+from rhytid.cli.reporting import counted, report, table
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.units import USUAL_UNIT
+from rhytid.errors import InputError
+
+if TYPE_CHECKING:
+    from rhytid.cli.warned import Warned
+    from rhytid.meshes.check import MeshCheck
+
+_PNG = ".png"
+
+
+def add_command(commands: Commands) -> None:
+    """Add `check` to the parser."""
+    parser = new_command(
+        commands,
+        "check",
+        "Look at a mesh, and at its frames: parts, borders, triangles, UV, texel size, length. "
+        "Nothing is computed on a device. The status is 0 whatever is found, 1 where the mesh "
+        "cannot be used, or has warnings and --strict is given.",
+        "rhytid check face.obj --frames shot/*.obj --picture face.check.png",
+    )
+    add = parser.add_argument
+    add("mesh", type=readable, metavar="MESH", help="OBJ, PLY, glTF, GLB or npz")
+    frames = "frames to look at: OBJ, npy or npz (those of a .npz mesh)"
+    add_several(parser, "--frames", type=readable, metavar="FILE", help=frames)
+    add_unit(parser, "MESH")
+    usual = AssetSettings().resolution
+    texels = "texels per side that texel sizes are for (%(default)s)"
+    add("--resolution", type=int, default=usual, metavar="R", help=texels)
+    picture = "write a picture of the mesh and its UV, with the problems coloured"
+    add("--picture", type=Path, metavar="FILE.png", help=picture)
+    add_json(parser)
+    add_strict(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Read, look, write what was asked for, and tell it; with --strict refuse at the end."""
+    from rhytid.cli.warned import Warned
+
+    with Warned("check", arguments.strict, arguments.allow) as warned:
+        _run(arguments, warned)
+        warned.refuse()
+
+
+def _run(arguments: argparse.Namespace, warned: Warned) -> None:
+    from rhytid.cli.graph_output import make_place
+    from rhytid.cli.input_files import mesh_file
+    from rhytid.meshes.check import MeshCheck
+    from rhytid.meshes.words import HEADER, rows
+
+    picture: Path | None = arguments.picture
+    if picture is not None:
+        if picture.suffix.lower() != _PNG:
+            raise InputError(f"{picture}: the picture is written as {_PNG}")
+        make_place(picture)
+    AssetSettings.parse({"resolution": arguments.resolution})
+    read = mesh_file(arguments.mesh)
+    check = MeshCheck.of(read, arguments.unit or USUAL_UNIT, arguments.resolution)
+    figures = check.figures() | _frames(arguments, check, warned)
+    figures = {"file": str(arguments.mesh), **figures, "warnings": warned.figures()}
+    if picture is not None:
+        _draw(check, arguments.mesh.name, picture)
+    report(figures, table(HEADER, rows(check, figures)), arguments.json)
+
+
+def _frames(arguments: argparse.Namespace, check: MeshCheck, warned: Warned) -> dict[str, Any]:
+    """Tell the warnings of the mesh and of every frame; how many frames there are."""
+    from dataclasses import replace
+
+    from rhytid.cli.frame_files import FrameFiles
+    from rhytid.domain.frame_warnings import FrameCheck
+    from rhytid.domain.mesh_warnings import mesh_warnings
+
+    name, mesh = arguments.mesh.name, check.mesh
+    found = mesh_warnings(mesh, check.unit, check.resolution, check.layout.udims)
+    warned.tell(replace(warning, where=f"{name}, {warning.where}") for warning in found)
+    if not arguments.frames and check.file.frames is None:
+        return {"frames": 0}
+    files, looked = FrameFiles(check.file, arguments.frames), FrameCheck(mesh, check.unit)
+    for place in counted(files.places, "checking", "frame"):
+        warned.tell(looked.warnings(files.read(place), f"frame {place.name}"))
+    return {"frames": len(files.places)}
+
+
+def _draw(check: MeshCheck, name: str, picture: Path) -> None:
+    from rhytid.pictures.check import check_picture, problems_of
+
+    masks = check.problems() | check.uneven_texels()
+    caption = (
+        f"{name}: a square marks the largest triangle of each kind, in space of those in front; "
+        "what lies later in the legend is drawn over what comes before. "
+        f"Texels at {check.resolution} x {check.resolution}."
+    )
+    drawn = check_picture(check.mesh, check.layout.udims, problems_of(masks), caption)
+    drawn.save(picture, format="png")

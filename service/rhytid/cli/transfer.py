@@ -1,0 +1,113 @@
+"""`rhytid transfer`: a wrinkle graph carried to another mesh."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rhytid.cli.options import (
+    Commands,
+    add_force,
+    add_json,
+    add_strict,
+    add_unit,
+    new_command,
+    readable,
+)
+from rhytid.cli.reporting import report, table
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.units import USUAL_UNIT
+from rhytid.errors import InputError
+
+if TYPE_CHECKING:
+    from rhytid.cli.warned import Warned
+    from rhytid.domain.graph import WrinkleGraph
+    from rhytid.domain.mesh import Mesh
+    from rhytid.meshes.transfer import Transfer
+
+_GRAPH = ".safetensors"
+
+
+def add_command(commands: Commands) -> None:
+    """Add `transfer` to the parser."""
+    parser = new_command(
+        commands,
+        "transfer",
+        "Carry a wrinkle graph to another topology or UV of the same head, or to a head that lies "
+        "near it, and tell what was lost on the way.",
+        "rhytid transfer face.safetensors face.obj film.obj --out film.safetensors",
+    )
+    add = parser.add_argument
+    add("graph", type=readable, metavar="GRAPH.safetensors", help="wrinkles of FROM")
+    add("old", type=readable, metavar="FROM", help="its mesh: OBJ, PLY, glTF, GLB or npz")
+    add("new", type=readable, metavar="TO", help="the other mesh, in the same place and unit")
+    out = "the file to write"
+    add("--out", type=Path, required=True, metavar="G.safetensors", help=out)
+    reach = "how far a pore may be from TO, mesh units (a 50th of the longest side of FROM)"
+    add("--reach", type=float, metavar="D", help=reach)
+    add_unit(parser, "both meshes")
+    add("--device", metavar="D", help="number or part of the name of a device, which is needed "
+        "only for a graph that does not name the triangles of its pores")  # fmt: skip
+    add_force(parser)
+    add_strict(parser)
+    add_json(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Read all three, carry the graph over, write it and tell figures."""
+    from rhytid.cli.warned import Warned
+
+    with Warned("transfer", arguments.strict, arguments.allow) as warned:
+        _run(arguments, warned)
+
+
+def _run(arguments: argparse.Namespace, warned: Warned) -> None:
+    from rhytid.cli.graph_output import make_place, whole_file
+    from rhytid.cli.input_files import graph_file, mesh_file
+    from rhytid.formats.graphs import write_graph
+    from rhytid.meshes.transfer import transfer
+
+    out: Path = arguments.out
+    if out.suffix.lower() != _GRAPH:
+        raise InputError(f"{out}: the graph is written as {_GRAPH}")
+    if arguments.reach is not None and not arguments.reach > 0:
+        raise InputError(f"--reach is {arguments.reach:g}: must be above 0")
+    old, new = (mesh_file(file).mesh for file in (arguments.old, arguments.new))
+    unit, resolution = arguments.unit or USUAL_UNIT, AssetSettings().resolution
+    warned.inputs(new, arguments.new.name, unit, resolution)
+    make_place(out)
+    graph = _placed(arguments, old, graph_file(arguments.graph))
+    moved = transfer(graph, old, new, arguments.reach)
+    whole_file(out, [write_graph(moved.graph)])
+    figures = {"file": str(out), **_figures(graph, moved), "warnings": warned.figures()}
+    rows = [(name, _text(value)) for name, value in figures.items() if name != "warnings"]
+    report(figures, table(("figure", "value"), rows), arguments.json)
+
+
+def _placed(arguments: argparse.Namespace, mesh: Mesh, graph: WrinkleGraph) -> WrinkleGraph:
+    """The graph with the triangles of its pores; a device finds those that it does not name."""
+    from rhytid.cli.graph import placed_graph
+    from rhytid.cli.graph_output import open_device
+    from rhytid.engine.given_graphs import check_graph
+
+    check_graph(graph, mesh, force=arguments.force)
+    if graph.node_triangle is not None and (graph.node_triangle >= 0).all():
+        return graph
+    return placed_graph(open_device(arguments), mesh, graph, force=arguments.force)
+
+
+def _figures(graph: WrinkleGraph, moved: Transfer) -> dict[str, Any]:
+    """Pores and wrinkles before and after, each once, and what was lost why."""
+    names = ("pores", "wrinkles")
+    before = {f"{name} before": n for name, n in zip(names, graph.counts(), strict=True)}
+    after = dict(zip(names, moved.graph.counts(), strict=True))
+    mean, most = moved.distance
+    lost = {name: n for name, n in asdict(moved).items() if isinstance(n, int)}
+    return before | after | {"mean distance": mean, "most distance": most} | lost
+
+
+def _text(value: object) -> str:
+    return f"{value:.3g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,199 @@
+"""Everything that can be said of a mesh before anything is made of it: `rhytid check`."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.domain.mesh import Mesh
+from rhytid.domain.named_shapes import region_of
+from rhytid.domain.origin import put_back
+from rhytid.domain.tiles import udim_origin
+from rhytid.domain.units import millimetres
+from rhytid.domain.warnings import LEAST_SIZE, MOST_SIZE, TEXEL_RATIO
+from rhytid.formats.meshes import MeshFile
+from rhytid.meshes.layout import Layout
+from rhytid.meshes.topology import Topology
+
+Mask = NDArray[np.bool_]
+# Listed of each kind: places of the largest triangles, the longest borders, the largest parts.
+PLACES = 8
+
+
+@dataclass(frozen=True)
+class Place:
+    """A triangle: its number in the file, its middle in UV and in space, where it was sent."""
+
+    triangle: int
+    uv: tuple[float, float]
+    at: tuple[float, float, float]
+
+    def __str__(self) -> str:
+        at = ", ".join(f"{x:.4g}" for x in self.at)
+        return f"triangle {self.triangle}, uv ({self.uv[0]:.3f}, {self.uv[1]:.3f}), at ({at})"
+
+
+@dataclass(frozen=True, eq=False)
+class MeshCheck:
+    """A mesh file with what was found of it.
+
+    unit: of its lengths.  resolution: texels per side.
+    """
+
+    file: MeshFile
+    unit: str
+    resolution: int
+    topology: Topology
+    layout: Layout
+
+    @classmethod
+    def of(cls, file: MeshFile, unit: str, resolution: int) -> MeshCheck:
+        """Look at the mesh of a file."""
+        mesh = file.mesh
+        return cls(file, unit, resolution, Topology.of(mesh), Layout.of(mesh, resolution))
+
+    @property
+    def mesh(self) -> Mesh:
+        """The neutral mesh."""
+        return self.file.mesh
+
+    def problems(self) -> dict[str, Mask]:
+        """(F,) the triangles of each kind of problem, by its name in `figures`."""
+        found = self.topology
+        return {
+            "boundary": found.loop >= 0,
+            "non_manifold": found.at_non_manifold,
+            "flipped": found.flipped,
+            "degenerate": found.degenerate,
+            "flat_in_uv": self.layout.flat,
+            "uv_overlap": self.layout.overlapping,
+            "uv_mirrored": self.layout.mirrored,
+        }
+
+    def uneven_texels(self) -> dict[str, Mask]:
+        """(F,) triangles whose texels are TEXEL_RATIO times larger than the least, or smaller than
+        the most; none where the spread is no larger than that."""
+        side = self.layout.texels
+        least, median, most = side[list(self.layout.extremes)]
+        if most <= TEXEL_RATIO * least:
+            return {}
+        coarse = most / median >= median / least
+        if coarse:
+            return {"coarse_texels": side > TEXEL_RATIO * least}
+        return {"fine_texels": side < most / TEXEL_RATIO}
+
+    def places(self, mask: Mask) -> list[Place]:
+        """The largest of some triangles (F,), at most PLACES."""
+        rows = np.flatnonzero(mask)
+        a, b, c = np.moveaxis(self.mesh.positions[self.mesh.faces[rows]].astype(np.float64), 1, 0)
+        area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+        return [self.place(int(rows[i])) for i in np.argsort(-area, kind="stable")[:PLACES]]
+
+    def place(self, triangle: int) -> Place:
+        """A triangle as a place."""
+        u, v = self.mesh.triangle_uv()[triangle].mean(axis=0).tolist()
+        middle = self.mesh.positions[self.mesh.faces[triangle]].astype(np.float64).mean(axis=0)
+        x, y, z = put_back(middle, self.mesh.centre).tolist()
+        return Place(triangle, (u, v), (x, y, z))
+
+    def figures(self) -> dict[str, Any]:
+        """All of it, for JSON; lengths in the unit of the mesh."""
+        return {
+            "unit": self.unit,
+            "resolution": self.resolution,
+            "size": self.size(),
+            **self._surface(),
+            "uv": self._uv(),
+            "texels": self.texel_sizes(),
+            "shapes": self.shapes(),
+            "frames": 0 if self.file.frames is None else len(self.file.frames),
+        }
+
+    def size(self) -> dict[str, Any]:
+        """The box around the mesh, and what heads have."""
+        used = self.mesh.positions[np.unique(self.mesh.faces)].astype(np.float64)
+        sides = np.ptp(used, axis=0).tolist()
+        length = millimetres(self.unit)
+        return {
+            "box": sides,
+            "longest": max(sides),
+            "longest_mm": None if length is None else max(sides) * length,
+            "usual_mm": [LEAST_SIZE, MOST_SIZE],
+        }
+
+    def texel_sizes(self) -> dict[str, Any]:
+        """The least, the median and the most side of a texel on the surface, and where."""
+        length = millimetres(self.unit)
+        found = {}
+        for name, triangle in zip(("least", "median", "most"), self.layout.extremes, strict=True):
+            side = float(self.layout.texels[triangle])
+            in_mm = None if length is None else side * length
+            found[name] = {"side": side, "mm": in_mm, "place": asdict(self.place(triangle))}
+        return found
+
+    def shapes(self) -> dict[str, Any]:
+        """The expressions in the file, and the regions that their names tell of."""
+        shapes = self.file.shapes
+        names = [] if shapes is None else list(shapes.names)
+        regions: dict[str, list[str]] = {}
+        for name in names:
+            region = region_of(name)
+            if region is not None:
+                regions.setdefault(region, []).append(name)
+        count = 0 if shapes is None else len(shapes)
+        return {"count": count, "names": names, "regions": regions}
+
+    def _surface(self) -> dict[str, Any]:
+        found, problems = self.topology, self.problems()
+        named = ("non_manifold", "flipped", "degenerate")
+        return {
+            "vertices": len(self.mesh.positions),
+            "split_vertices": found.split,
+            "unused_vertices": found.unused,
+            "triangles": len(self.mesh.faces),
+            "components": {
+                "count": found.components,
+                "largest": np.bincount(found.component)[:PLACES].tolist(),
+            },
+            "boundary_loops": {
+                "count": found.loops,
+                "longest": [self._loop(number) for number in range(min(found.loops, PLACES))],
+            },
+            "non_manifold_edges": found.non_manifold,
+            "inconsistent_edges": found.inconsistent,
+            "twisted_components": found.twisted,
+            "triangles_with": {name: self._listed(problems[name]) for name in named},
+        }
+
+    def _uv(self) -> dict[str, Any]:
+        layout = self.layout
+        overlaps = [
+            {
+                "udim": udim,
+                "share": one.share,
+                "most": one.most,
+                "uv": [x + y for x, y in zip(one.uv, udim_origin(udim), strict=True)],
+            }
+            for udim, one in layout.overlaps.items()
+        ]
+        return {
+            "udims": list(layout.udims),
+            "charts": layout.charts,
+            "overlaps": overlaps,
+            "overlapping": self._listed(layout.overlapping),
+            "mirrored_share": layout.mirrored_share,
+            "mirrored": self._listed(layout.mirrored),
+            "flat": self._listed(layout.flat),
+        }
+
+    def _loop(self, number: int) -> dict[str, Any]:
+        at = self.place(int(np.argmax(self.topology.loop == number)))
+        length = float(self.topology.loop_lengths[number])
+        edges = int(self.topology.loop_edges[number])
+        return {"edges": edges, "length": length, "place": asdict(at)}
+
+    def _listed(self, mask: Mask) -> dict[str, Any]:
+        return {"count": int(mask.sum()), "places": [asdict(p) for p in self.places(mask)]}

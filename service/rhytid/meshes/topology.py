@@ -1,0 +1,154 @@
+"""How the triangles of a mesh hang together, by trimesh, which keeps order with `process=False`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.domain.mesh import Mesh, has_area
+
+Mask = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
+# Vertices are at one place in a cell of this share of the mesh's longest side.
+_SAME = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Topology:
+    """Triangles (F,) of a mesh as one surface: vertices at the same place count as one, such as a
+    writer has split along UV seams.
+
+    component: (F,) number of the part that a triangle belongs to, the largest area first.
+    loop: (F,) number of the open border that it lies on, the longest first; -1 for none.
+    loop_edges, loop_lengths: (B,) edges of each border, and its length in mesh units.
+    non_manifold, inconsistent: how many edges have more than two triangles; how many have two that
+    are wound against one another.
+    at_non_manifold: (F,) at such an edge.  flipped: (F,) wound against most of their part.
+    twisted: parts that no turning over of triangles makes consistent.
+    degenerate: (F,) without area in space.  split, unused: vertices at the place of another one,
+    and of no triangle.
+    """
+
+    component: IntArray
+    loop: IntArray
+    loop_edges: IntArray
+    loop_lengths: NDArray[np.float64]
+    non_manifold: int
+    inconsistent: int
+    at_non_manifold: Mask
+    flipped: Mask
+    twisted: int
+    degenerate: Mask
+    split: int
+    unused: int
+
+    @property
+    def components(self) -> int:
+        """Parts that share no vertex."""
+        return int(self.component.max()) + 1
+
+    @property
+    def loops(self) -> int:
+        """Open borders; such as touch one another count as one."""
+        return len(self.loop_edges)
+
+    @classmethod
+    def of(cls, mesh: Mesh) -> Topology:
+        """Of a mesh that can be read."""
+        edges = _Edges(mesh)
+        component = _by_size(joined(edges.ends, len(edges.points))[edges.faces[:, 0]], edges.area)
+        loop, lengths = edges.loops()
+        flipped, twisted = edges.winding()
+        return cls(
+            component, loop, np.bincount(loop[edges.open_triangle], minlength=len(lengths)),
+            lengths, int((edges.count > 2).sum()), int(edges.against.sum()),
+            edges.touching(edges.count > 2), flipped, twisted,
+            ~has_area(edges.points[edges.faces]), edges.split, edges.unused,
+        )  # fmt: skip
+
+
+class _Edges:
+    """The edges of a mesh whose vertices are welded where they are at one place."""
+
+    def __init__(self, mesh: Mesh) -> None:
+        import trimesh
+
+        positions = mesh.positions.astype(np.float64)
+        cells = np.round(positions / (_SAME * np.ptp(positions, axis=0).max())).astype(np.int64)
+        _, first, welded = np.unique(cells, axis=0, return_index=True, return_inverse=True)
+        self.points = positions[first]
+        self.faces: IntArray = welded.reshape(-1)[mesh.faces].astype(np.int64)
+        used = np.unique(mesh.faces)
+        self.unused = len(mesh.positions) - len(used)
+        self.split = len(used) - len(np.unique(self.faces))
+        tri = trimesh.Trimesh(self.points, self.faces, process=False, validate=False)
+        self.area = np.asarray(tri.area_faces)
+        directed, of = np.asarray(tri.edges), np.asarray(tri.edges_unique_inverse)
+        real = directed[:, 0] != directed[:, 1]
+        self.ends: IntArray = np.asarray(tri.edges_unique, np.int64)
+        self.triangle, self.of = np.asarray(tri.edges_face)[real], of[real]
+        self.count = np.bincount(self.of, minlength=len(self.ends))
+        sign = np.where(directed[real, 0] < directed[real, 1], 1, -1)
+        self.against = (self.count == 2) & (np.bincount(self.of, sign, len(self.ends)) != 0)
+        open_ = np.flatnonzero(self.count[self.of] == 1)
+        self.open_triangle, self.open_edge = self.triangle[open_], self.of[open_]
+
+    def touching(self, chosen: Mask) -> Mask:
+        """(F,) triangles at chosen edges."""
+        mask = np.zeros(len(self.faces), bool)
+        mask[self.triangle[chosen[self.of]]] = True
+        return mask
+
+    def loops(self) -> tuple[IntArray, NDArray[np.float64]]:
+        """(F,) the border of each triangle, -1 for none; (B,) the lengths of borders."""
+        loop = np.full(len(self.faces), -1, np.int64)
+        ends = self.ends[self.open_edge]
+        if not len(ends):
+            return loop, np.zeros(0)
+        length = np.linalg.norm(np.diff(self.points[ends], axis=1)[:, 0], axis=1)
+        number = _by_size(joined(ends, len(self.points))[ends[:, 0]], length)
+        loop[self.open_triangle] = number
+        return loop, np.bincount(number, length).astype(np.float64)
+
+    def winding(self) -> tuple[Mask, int]:
+        """(F,) triangles against most of their part, by area; how many parts are twisted.
+
+        Each triangle has two nodes, one a side; neighbours join sides, crosswise where they are
+        wound against one another. A part with both sides in one is twisted.
+        """
+        twice = np.flatnonzero(self.count[self.of] == 2)
+        pair = twice[np.argsort(self.of[twice], kind="stable")].reshape(-1, 2)
+        one, two = self.triangle[pair].T
+        cross, count = self.against[self.of[pair[:, 0]]].astype(np.int64), len(self.faces)
+        sides = [np.stack([one + s * count, two + (s ^ cross) * count], axis=1) for s in (0, 1)]
+        label = joined(np.concatenate(sides), 2 * count)
+        front, back = label.reshape(2, count)
+        both = front == back
+        size = np.bincount(label, np.tile(self.area, 2) * np.repeat([1, 0], count))
+        # Equal halves: the side of the first triangle counts as right.
+        first = np.zeros(len(size), np.int64)
+        first[front[::-1]] = np.arange(count)[::-1]
+        other = np.where(size[front] == size[back], first[front] > first[back], False)
+        flipped = ~both & ((size[front] < size[back]) | other)
+        return flipped, len(np.unique(front[both]))
+
+
+def joined(ends: IntArray, nodes: int) -> IntArray:
+    """(nodes,) numbers that all nodes share which edges (E, 2) join."""
+    from trimesh.graph import connected_component_labels
+
+    found: Any = connected_component_labels(ends, node_count=nodes)  # type: ignore[no-untyped-call]
+    return np.asarray(found, np.int64)
+
+
+def _by_size(label: IntArray, size: NDArray[np.float64]) -> IntArray:
+    """(K,) labels as numbers from 0 on, that of the greatest sum of sizes (K,) first."""
+    _, number = np.unique(label, return_inverse=True)
+    order = np.argsort(-np.bincount(number.reshape(-1), size), kind="stable")
+    rank = np.empty(len(order), np.int64)
+    rank[order] = np.arange(len(order))
+    ranked: IntArray = rank[number.reshape(-1)]
+    return ranked

@@ -1,0 +1,126 @@
+"""`rhytid check`, from the command line to the table, JSON and picture."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from meshes import SmallMesh
+from rhytid.cli import main
+from rhytid_lab.samples.face import procedural_face
+
+SAMPLE = procedural_face(16)
+ARRAYS = {name: getattr(SAMPLE.mesh, name) for name in ("positions", "faces", "uv", "face_uv")}
+
+
+@pytest.fixture
+def head(tmp_path: Path) -> Path:
+    np.savez(tmp_path / "head.npz", **ARRAYS)
+    return tmp_path / "head.npz"
+
+
+def turned(small: SmallMesh, file: Path) -> Path:
+    """The sheet in space with triangle 70 turned over."""
+    arrays = {name: array.copy() for name, array in small._asdict().items()}
+    for name in ("faces", "face_uv"):
+        arrays[name][70] = arrays[name][70][::-1]
+    np.savez(file, **arrays)
+    return file
+
+
+def test_a_table_tells_and_the_status_is_0(
+    small_mesh: SmallMesh, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["check", str(turned(small_mesh, tmp_path / "sheet.npz"))]) == 0
+    told = capsys.readouterr()
+    row = next(line for line in told.out.splitlines() if line.startswith("wound against"))
+    assert "1 triangles, 3 edges" in row
+    assert "triangle 70, uv (" in row
+    assert "mesh-size" in told.err
+
+
+def test_json_and_picture(
+    small_mesh: SmallMesh, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mesh = turned(small_mesh, tmp_path / "sheet.npz")
+    picture = tmp_path / "new" / "sheet.png"
+    assert main(["check", str(mesh), "--unit", "ft", "--json", "--picture", str(picture)]) == 0
+    figures = json.loads(capsys.readouterr().out)
+    assert figures["triangles_with"]["flipped"]["count"] == 1
+    assert figures["warnings"] == []
+    pixels = np.asarray(Image.open(picture)).reshape(-1, 3)
+    assert (pixels == (230, 89, 166)).all(axis=1).any()
+
+
+def test_texels_shrink_with_the_resolution(head: Path, tmp_path: Path) -> None:
+    found = []
+    for resolution in ("1024", "4096"):
+        out = tmp_path / f"{resolution}.json"
+        given = ["check", str(head), "--resolution", resolution, "--json", str(out)]
+        assert main(given) == 0
+        found.append(json.loads(out.read_text())["texels"])
+    coarse, fine = found
+    for name in ("least", "median", "most"):
+        assert coarse[name]["mm"] == pytest.approx(4 * fine[name]["mm"])
+        assert coarse[name]["mm"] == pytest.approx(10 * coarse[name]["side"])
+        assert coarse[name]["place"] == fine[name]["place"]
+    assert fine["least"]["mm"] < fine["median"]["mm"] < fine["most"]["mm"]
+
+
+def test_frames_are_looked_at(
+    head: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    frames = [SAMPLE.pose({"smile": w}) / np.float32(100) for w in (0.5, 1.0)]
+    np.save(tmp_path / "shot.npy", np.stack(frames))
+    given = ["check", str(head), "--frames", str(tmp_path / "shot.npy")]
+    assert main(given) == 0
+    told = capsys.readouterr()
+    assert told.err.count("frame-scaled") == 2
+    assert "frames" in told.out
+
+    assert main([*given, "--strict"]) == 1
+    told = capsys.readouterr()
+    assert "texel, median" in told.out, "what was found is told all the same"
+    assert "--strict: 2 warnings" in told.err
+    assert main([*given, "--strict", "--allow", "frame-scaled"]) == 0
+
+
+def test_shapes_are_named(tmp_path: Path) -> None:
+    shapes = np.stack([SAMPLE.pose({"smile": 1.0})] * 2)
+    out = tmp_path / "f.json"
+    np.savez(tmp_path / "m.npz", **ARRAYS, shapes=shapes, names=np.array(["jawOpen", "odd"]))
+    assert main(["check", str(tmp_path / "m.npz"), "--json", str(out)]) == 0
+    known = json.loads(out.read_text())["shapes"]
+    assert known == {"count": 2, "names": ["jawOpen", "odd"], "regions": {"neck": ["jawOpen"]}}
+
+
+def test_other_commands_leave_trimesh_alone() -> None:
+    code = "import sys, rhytid.cli.program as p; p.build_parser(); print('trimesh' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--picture", "x.jpg"], "x.jpg: the picture is written as .png"),
+        (["--resolution", "1000"], "resolution"),
+    ],
+)
+def test_what_cannot_be_used_is_an_error(
+    head: Path, capsys: pytest.CaptureFixture[str], options: list[str], said: str
+) -> None:
+    assert main(["check", str(head), *options]) == 1
+    assert said in capsys.readouterr().err
+
+
+def test_a_mesh_that_cannot_be_read(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "bad.obj").write_text("v 0 0 x\n")
+    assert main(["check", str(tmp_path / "bad.obj")]) == 1
+    assert "bad.obj: " in capsys.readouterr().err
