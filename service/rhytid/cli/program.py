@@ -46,7 +46,9 @@ def build_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"rhytid {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for command in (*COMMANDS, *(entry.load() for entry in entry_points(group=GROUP))):
+    # By name: an installed package beside one on PYTHONPATH lists each twice.
+    others = {entry.name: entry for entry in entry_points(group=GROUP)}
+    for command in (*COMMANDS, *(entry.load() for entry in others.values())):
         command.add_command(commands)
     return parser
 
