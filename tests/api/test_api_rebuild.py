@@ -198,6 +198,7 @@ class Published:
         return float(away.max() / (least * (2 ** (self.manifest["bits"] - 1) - 1) / 127))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("changes", CASES.values(), ids=CASES.keys())
 def test_the_page_makes_the_served_tile(
     client: httpx.Client, page: dict[str, Any], changes: dict[str, Any]

@@ -27,6 +27,8 @@ from rhytid_lab.bench.skin import COLUMNS
 from rhytid_lab.bench.subject import built_in_face, most_stretched
 from rhytid_lab.commands import reproduce
 
+pytestmark = pytest.mark.slow
+
 PICTURES = ("figure_1", "figure_3", "figure_4", "figure_5", "pareto")
 
 

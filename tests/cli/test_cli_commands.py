@@ -74,6 +74,7 @@ def test_synthesize_leaves_nothing_after_an_error(
     assert not out.exists()
 
 
+@pytest.mark.slow
 def test_bake_goes_on_with_the_same_inputs_alone(
     tmp_path: Path, small_mesh: SmallMesh, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -107,6 +108,7 @@ def test_bake_goes_on_with_the_same_inputs_alone(
     assert header["method"] == "binned"
 
 
+@pytest.mark.slow
 def test_bake_takes_a_stretch_model_a_sampling_and_a_merge(
     tmp_path: Path, small_mesh: SmallMesh, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -161,6 +163,7 @@ def test_bake_needs_a_usable_name(
     assert "--name gives another" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_bake_takes_stiffness_maps(
     tmp_path: Path, small_mesh: SmallMesh, capsys: pytest.CaptureFixture[str]
 ) -> None:

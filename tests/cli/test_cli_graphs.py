@@ -56,6 +56,7 @@ def test_synthesize_tells_what_the_file_holds(
     assert seconds
 
 
+@pytest.mark.slow
 def test_what_is_asked_for_is_written_and_folders_are_made(tmp_path: Path, mesh: str) -> None:
     out = tmp_path / "a" / "g.safetensors"
     files = {name: tmp_path / name[0] / f"g.{name}" for name in ("obj", "json", "png")}
@@ -116,6 +117,7 @@ def test_what_cannot_be_written_is_refused_before_anything_is_done(
     assert not out.exists()
 
 
+@pytest.mark.slow
 def test_a_hand_made_graph_is_described_and_baked(
     tmp_path: Path, mesh: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

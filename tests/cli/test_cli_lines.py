@@ -71,6 +71,7 @@ def test_mistakes_are_told_with_their_place(
         assert told in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_the_lines_are_drawn_beside_a_preview(tmp_path: Path, small_mesh: SmallMesh) -> None:
     neutral = write_neutral(tmp_path / "mesh.npz", small_mesh)
     np.save(tmp_path / "s.npy", shapes_of(small_mesh))
@@ -80,6 +81,7 @@ def test_the_lines_are_drawn_beside_a_preview(tmp_path: Path, small_mesh: SmallM
     assert (tmp_path / "p.lines.png").exists()
 
 
+@pytest.mark.slow
 def test_the_regions_are_drawn_by_age_beside_a_preview(
     tmp_path: Path,
     small_mesh: SmallMesh,

@@ -47,6 +47,7 @@ def test_one_store_has_one_server(tmp_path: Path) -> None:
     assert errors.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_demo_makes_maps_sheets_and_times(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

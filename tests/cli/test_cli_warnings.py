@@ -178,6 +178,7 @@ def test_a_store_whose_asset_was_changed_is_baked_with_a_warning(
     assert main([*given, "--out", str(tmp_path / "c"), "--strict"]) == 1
 
 
+@pytest.mark.slow
 def test_commands_tell_lengths_of_a_number_of_wrinkles_and_grain_that_is_not_drawn(
     neutral: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -204,6 +205,7 @@ def test_commands_tell_lengths_of_a_number_of_wrinkles_and_grain_that_is_not_dra
         assert kept["warnings"] == []
 
 
+@pytest.mark.slow
 def test_demo_warns_and_refuses(
     neutral: Path, metres: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -71,6 +71,7 @@ def test_a_layout_of_many_large_triangles_is_looked_at_coarsely(
     assert (found.share, found.most) == (1.0, 1000)
 
 
+@pytest.mark.slow
 def test_three_hundred_thousand_triangles_take_little_time() -> None:
     corners = procedural_face(388).mesh.triangle_uv()
     spent = []

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from engine.engines import built, running, same
 from meshes import deform
@@ -38,6 +39,7 @@ def drawn(tmp_path):
         return found, engine._device.shape.rows
 
 
+@pytest.mark.slow
 def test_32_kib_are_enough_and_change_no_bit(tmp_path, monkeypatch):
     candidates = select.candidates()
     plenty, rows = drawn(tmp_path / "plenty")

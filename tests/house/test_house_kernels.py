@@ -10,6 +10,8 @@ import rhytid_kernels
 from rhytid.device.runtime import BUILD_OPTIONS
 from rhytid.errors import KernelBuildError
 
+pytestmark = pytest.mark.slow
+
 if TYPE_CHECKING:
     from rhytid.device.runtime import Device
 

@@ -87,6 +87,7 @@ def maps(size: int) -> dict[str, NDArray[np.float32]]:
     return {"neutral": redraw * np.float32(0.5), "redraw": redraw, "binned": redraw * 1.1}
 
 
+@pytest.mark.slow
 def test_contact_sheet_has_five_rows_of_five() -> None:
     page = contact_sheet(performance(sphere(32)), maps(256), note="drawn by a test")
     assert page.width == 2 * MARGIN + 5 * SIZE + 4 * GAP

@@ -13,7 +13,7 @@ from rhytid.domain.mesh import Mesh
 from rhytid.pipeline.redraw import respond
 from rhytid.pipeline.smooth import respond_smooth
 
-pytestmark = pytest.mark.face
+pytestmark = [pytest.mark.face, pytest.mark.slow]
 SETTINGS = settings_of(angles="surface", response={"alpha_w": 1.0})
 
 

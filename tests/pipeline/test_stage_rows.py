@@ -26,6 +26,7 @@ def small(device):
     return Device(replace(device.info, local_memory=PROMISED), device.budget.limit)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["cpu", "gpu"])
 def test_every_shape_gives_the_same_bits(device, kind):
     graph, settings = random_graph(31, 300), settings_of(bins={"count": 2})

@@ -244,6 +244,7 @@ def test_copies_answer_to_stretch_as_their_originals(device: Device, made, angle
         np.testing.assert_allclose(np.sort(found[:, 1]), np.sort(depth), rtol=2e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sampling", ["nearest", "smooth"])
 @pytest.mark.parametrize(
     ("waves", "bent"),

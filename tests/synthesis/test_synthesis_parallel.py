@@ -95,6 +95,7 @@ def test_how_many_darts_are_thrown_at_a_time_changes_no_pore(
     assert whole.uv.tobytes() == parts.uv.tobytes()
 
 
+@pytest.mark.slow
 @MESHES
 @pytest.mark.parametrize("count", [4, 8])
 def test_edges_join_what_is_in_sight(device: Device, make: Callable[[], Mesh], count: int) -> None:
