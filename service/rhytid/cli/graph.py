@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -53,13 +54,18 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     )
     check_outputs(arguments)
     device = open_device(arguments)
-    graph = placed_graph(device, mesh, graph_file(arguments.graph), force=arguments.force)
+    graph = placed_graph(lambda: device, mesh, graph_file(arguments.graph), force=arguments.force)
     facts = {"file": str(arguments.graph), "warnings": warned.figures()}
     write_outputs(arguments, device, mesh, graph, facts)
 
 
-def placed_graph(device: Device, mesh: Mesh, graph: WrinkleGraph, *, force: bool) -> WrinkleGraph:
-    """The graph with the triangle of every pore; on a device, where the file leaves some open."""
+def placed_graph(
+    opened: Callable[[], Device], mesh: Mesh, graph: WrinkleGraph, *, force: bool
+) -> WrinkleGraph:
+    """The graph with the triangle of every pore; a device finds those that the file leaves open.
+
+    opened: the device, called only where it is needed.
+    """
     from rhytid.domain.curves import with_triangles
     from rhytid.engine.given_graphs import check_graph
     from rhytid.pipeline.locate import locate_points
@@ -68,7 +74,7 @@ def placed_graph(device: Device, mesh: Mesh, graph: WrinkleGraph, *, force: bool
     known = graph.node_triangle
     if known is not None and (known >= 0).all():
         return graph
-    settings = AssetSettings()
+    settings, device = AssetSettings(), opened()
     with device.task():
         found = locate_points(device, mesh, graph.node_uv, settings.resolution, settings.padding)
     triangle = found if known is None else np.where(known >= 0, known, found)

@@ -24,7 +24,6 @@ from rhytid.errors import InputError
 if TYPE_CHECKING:
     from rhytid.cli.warned import Warned
     from rhytid.domain.graph import WrinkleGraph
-    from rhytid.domain.mesh import Mesh
     from rhytid.meshes.transfer import Transfer
 
 _GRAPH = ".safetensors"
@@ -65,7 +64,8 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def _run(arguments: argparse.Namespace, warned: Warned) -> None:
-    from rhytid.cli.graph_output import make_place, whole_file
+    from rhytid.cli.graph import placed_graph
+    from rhytid.cli.graph_output import make_place, open_device, whole_file
     from rhytid.cli.input_files import graph_file, mesh_file
     from rhytid.formats.graphs import write_graph
     from rhytid.meshes.transfer import transfer
@@ -79,24 +79,14 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     unit, resolution = arguments.unit or USUAL_UNIT, AssetSettings().resolution
     warned.inputs(new, arguments.new.name, unit, resolution)
     make_place(out)
-    graph = _placed(arguments, old, graph_file(arguments.graph))
+    graph = placed_graph(
+        lambda: open_device(arguments), old, graph_file(arguments.graph), force=arguments.force
+    )
     moved = transfer(graph, old, new, arguments.reach)
     whole_file(out, [write_graph(moved.graph)])
     figures = {"file": str(out), **_figures(graph, moved), "warnings": warned.figures()}
     rows = [(name, _text(value)) for name, value in figures.items() if name != "warnings"]
     report(figures, table(("figure", "value"), rows), arguments.json)
-
-
-def _placed(arguments: argparse.Namespace, mesh: Mesh, graph: WrinkleGraph) -> WrinkleGraph:
-    """The graph with the triangles of its pores; a device finds those that it does not name."""
-    from rhytid.cli.graph import placed_graph
-    from rhytid.cli.graph_output import open_device
-    from rhytid.engine.given_graphs import check_graph
-
-    check_graph(graph, mesh, force=arguments.force)
-    if graph.node_triangle is not None and (graph.node_triangle >= 0).all():
-        return graph
-    return placed_graph(open_device(arguments), mesh, graph, force=arguments.force)
 
 
 def _figures(graph: WrinkleGraph, moved: Transfer) -> dict[str, Any]:

@@ -59,13 +59,13 @@ class AssetBuilder:
 
         Its old settings stay where anything fails.
         """
-        old, lying, prepared = asset.settings, asset.on_device, None
-        if lying is not None and not lying.released and lying.prepares(settings):
+        old, lying, prepared = asset.settings, asset.lying, None
+        if lying is not None and lying.prepares(settings):
             prepared = lying.prepare(self._store.asset(asset.id).graph, settings)
 
         def take() -> None:  # in one task: no tile is drawn between the two
-            if lying is not None and not lying.released:
-                self._on_device.found(asset)  # it stays while memory is short
+            if asset.lying is not None:
+                lying = self._on_device.found(asset)  # it stays while memory is short
                 lying.use(settings) if prepared is None else lying.install(prepared, settings)
             asset.settings = settings
 

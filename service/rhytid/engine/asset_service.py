@@ -16,7 +16,6 @@ from rhytid.domain.curves import Curves, graph_curves, with_triangles
 from rhytid.domain.expressions import Expressions, grown_from
 from rhytid.domain.folds import Folds
 from rhytid.domain.frame import check_positions
-from rhytid.domain.frame_warnings import FrameCheck
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.graph_origin import GraphOrigin
 from rhytid.domain.mesh import Mesh
@@ -113,14 +112,14 @@ class AssetService:
         frames = [check_positions(positions, len(new.mesh.positions)) for positions in sent]
         warnings = mesh_warnings(new.mesh, new.settings.length_unit, new.settings.resolution, udims)
         unused = () if new.graph is None else settings_unused(new.settings)
-        told = (*unused, *_frame_warnings(new, frames))
         id = asset_id(new.mesh, new.settings, new.graph, new.stiffness, new.controls, expressions)
+        made = Asset.of(id, new.mesh, new.settings, warnings, self._assets.frame_memory)
+        made.wanted = wrinkles
+        told = (*unused, *_frame_warnings(made, frames))
         if strict:
             known = self._changed(self._assets.find(id), new.settings)
             refuse((*warnings, *known, *told), allow)
         folds = self._folds(id, new, expressions)
-        made = Asset.of(id, new.mesh, new.settings, warnings, self._assets.frame_memory)
-        made.wanted = wrinkles
         asset = self._registered(made, new, frames, folds)
         info, changed = asset.info(), self._changed(asset, new.settings)
         return replace(info, warnings=(*info.warnings, *changed, *told))
@@ -297,15 +296,10 @@ class AssetService:
         return job.info
 
 
-def _frame_warnings(
-    new: NewAsset, frames: Sequence[NDArray[np.float32]]
-) -> tuple[InputWarning, ...]:
+def _frame_warnings(asset: Asset, frames: Positions) -> tuple[InputWarning, ...]:
     """About the frames that come with a mesh, by the names that they will have."""
-    if not frames:
-        return ()
-    check = FrameCheck(new.mesh, new.settings.length_unit)
     return tuple(
         warning
         for index, positions in enumerate(frames)
-        for warning in check.warnings(positions, f"frame {index:04d}")
+        for warning in asset.frame_warnings(positions, f"frame {index:04d}")
     )

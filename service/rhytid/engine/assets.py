@@ -158,6 +158,12 @@ class Asset:
         if self.state == "failed":
             raise ConflictError(f"asset {self.id} failed to build: {self.reason}")
 
+    @property
+    def lying(self) -> DeviceAsset | None:
+        """What lies on the device of it now, if anything does."""
+        lying = self.on_device
+        return None if lying is None or lying.released else lying
+
     def frame(self, name: str) -> Frame:
         """A stored frame; raises NotFoundError, and what `check_ready` raises."""
         self.check_ready()

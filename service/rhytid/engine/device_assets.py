@@ -86,13 +86,12 @@ class DeviceAssets:
         failed, NotFoundError where it was removed, DeviceMemoryError where it does not fit.
         """
         asset.check_ready()
-        lying = asset.on_device
-        if lying is not None and not lying.released:
+        lying = asset.lying
+        if lying is not None:
             return lying
         with asset.lock:
             asset.check_ready()
-            lying = asset.on_device
-            return self._load(asset) if lying is None or lying.released else lying
+            return asset.lying or self._load(asset)
 
     def place(
         self, mesh: Mesh, graph: WrinkleGraph, settings: AssetSettings, stiffness: Stiffness | None
