@@ -99,7 +99,7 @@ class DeviceAssets:
         """A mesh with the triangles of its pores and wrinkles; `finish` or `give_up` it."""
         made = self.run_patiently(DeviceAsset, self._device, mesh, settings, stiffness)
         try:
-            self.run_patiently(made.locate, graph)
+            self.run_patiently(made.mesh.locate, graph)
         except BaseException:
             self.give_up(made)
             raise
@@ -113,7 +113,7 @@ class DeviceAssets:
         Raises CancelledError where the asset was removed meanwhile.
         """
         try:
-            self.run_patiently(made.install, made.prepare(graph, settings), settings)
+            self.run_patiently(made.mesh.install, made.mesh.prepare(graph, settings), settings)
             self.run_patiently(made.warm_up)
             with asset.kept():
                 self.run_patiently(self._device.budget.keep, _key(asset), lambda: made)
