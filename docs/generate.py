@@ -25,6 +25,8 @@ from rhytid.settings import ServiceSettings
 
 FOLDER = Path(__file__).parent / "reference"
 HEADER = "| setting | default | range | meaning |\n|---|---|---|---|\n"
+# Options of every command, by what argparse calls them.
+COMMON = ("help", "quiet", "verbose")
 # Bodies that are components of the document.
 REFERRED = {
     "SettingsChange": "settings to change: " + ", ".join(f"`{name}`" for name in CHANGEABLE)
@@ -90,9 +92,11 @@ def cli_page() -> str:
     """Every command with its arguments."""
     text = (
         f"{NOTE}\n# Command line\n\n"
-        "Every command has `--help` with an example. Options are written in full. The exit status\n"
-        "is 0 where all was done, 1 after an error, which is one line on stderr, 2 over arguments\n"
-        "that cannot be understood, 130 when interrupted and 143 when terminated.\n"
+        "Every command has `--help` with an example; `-q`, `--quiet`, which leaves results,\n"
+        "warnings and errors alone; and `-v`, `--verbose`, which also names steps and written\n"
+        "files. Options are written in full. `rhytid --version` prints the version. The exit\n"
+        "status is 0 where all was done, 1 after an error, which is one line on stderr, 2 over\n"
+        "arguments that cannot be understood, 130 when interrupted and 143 when terminated.\n"
     )
     return text + "".join(_command(name, parser) for name, parser in commands().items())
 
@@ -108,7 +112,7 @@ def _command(name: str, parser: argparse.ArgumentParser) -> str:
     formatter = parser._get_formatter()
     rows = ["| argument | meaning |\n|---|---|\n"]
     for action in parser._actions:
-        if action.dest != "help":
+        if action.dest not in COMMON:
             meaning = formatter._expand_help(action) if action.help else ""
             rows.append(f"| {_argument(action, formatter)} | {_plain(_cell(meaning))} |\n")
     example, _, other = (parser.epilog or "").removeprefix("example: ").partition(", or with: ")

@@ -113,7 +113,7 @@ def test_frames_that_come_with_a_mesh(engine):
     finish(engine, info.job)
     assert told(engine.frames.info(info.id, "0001").warnings) == (codes.FRAME_SCALED,)
     assert (
-        engine.frames.info(info.id, "0000").warnings == engine.assets.info(info.id).warnings == ()
+        engine.frames.info(info.id, "0001").warnings == engine.assets.info(info.id).warnings == ()
     )
 
 

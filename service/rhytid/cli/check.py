@@ -15,7 +15,8 @@ from rhytid.cli.options import (
     new_command,
     readable,
 )
-from rhytid.cli.reporting import counted, report, table
+from rhytid.cli.progress import counted, working
+from rhytid.cli.reporting import report, table
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.units import USUAL_UNIT
 from rhytid.errors import InputError
@@ -39,11 +40,11 @@ def add_command(commands: Commands) -> None:
     )
     add = parser.add_argument
     add("mesh", type=readable, metavar="MESH", help="OBJ, PLY, glTF, GLB or npz")
-    frames = "frames to look at: OBJ, npy or npz (those of a .npz mesh)"
+    frames = "frames to look at: OBJ, npy or npz (default: those of a .npz mesh)"
     add_several(parser, "--frames", type=readable, metavar="FILE", help=frames)
     add_unit(parser, "MESH")
     usual = AssetSettings().resolution
-    texels = "texels per side that texel sizes are for (%(default)s)"
+    texels = "texels per side that texel sizes are for"
     add("--resolution", type=int, default=usual, metavar="R", help=texels)
     picture = "write a picture of the mesh and its UV, with the problems coloured"
     add("--picture", type=Path, metavar="FILE.png", help=picture)
@@ -74,11 +75,13 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
         make_place(picture)
     AssetSettings.parse({"resolution": arguments.resolution})
     read = mesh_file(arguments.mesh)
-    check = MeshCheck.of(read, arguments.unit or USUAL_UNIT, arguments.resolution)
+    with working("checking the mesh"):
+        check = MeshCheck.of(read, arguments.unit or USUAL_UNIT, arguments.resolution)
     figures = check.figures() | _frames(arguments, check, warned)
     figures = {"file": str(arguments.mesh), **figures, "warnings": warned.figures()}
     if picture is not None:
-        _draw(check, arguments.mesh.name, picture)
+        with working(f"drawing {picture.name}"):
+            _draw(check, arguments.mesh.name, picture)
     report(figures, table(HEADER, rows(check, figures)), arguments.json)
 
 
@@ -103,6 +106,7 @@ def _frames(arguments: argparse.Namespace, check: MeshCheck, warned: Warned) -> 
 
 def _draw(check: MeshCheck, name: str, picture: Path) -> None:
     from rhytid.pictures.check import check_picture, problems_of
+    from rhytid.storage.durable import whole
 
     masks = check.problems() | check.uneven_texels()
     caption = (
@@ -111,4 +115,5 @@ def _draw(check: MeshCheck, name: str, picture: Path) -> None:
         f"Texels at {check.resolution} x {check.resolution}."
     )
     drawn = check_picture(check.mesh, check.layout.udims, problems_of(masks), caption)
-    drawn.save(picture, format="png")
+    with whole(picture) as aside:
+        drawn.save(aside, format="png")

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.cli.progress import working
 from rhytid.domain.controls import Controls
 from rhytid.domain.expressions import Expressions, evenly
 from rhytid.domain.graph import WrinkleGraph
@@ -27,7 +28,7 @@ from rhytid.formats.stiffness import read_stiffness
 
 def mesh_file(file: Path) -> MeshFile:
     """A neutral mesh, with the frames of a .npz that holds them."""
-    with _named(file):
+    with _named(file), working(f"reading {file.name}"):
         return read_mesh(file.read_bytes(), file.name)
 
 

@@ -10,7 +10,7 @@ from dataclasses import asdict, replace
 from tqdm import tqdm  # type: ignore[import-untyped]
 
 from rhytid.cli.frame_files import FrameFiles
-from rhytid.cli.reporting import counted
+from rhytid.cli.progress import counted, note
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.frame_warnings import FrameCheck
 from rhytid.domain.mesh import Mesh
@@ -22,6 +22,7 @@ from rhytid.domain.warnings import (
     InputWarning,
     not_allowed,
 )
+from rhytid.domain.wording import plural
 from rhytid.errors import StrictError
 
 # Lines of one code that are told at once: of a long shot in the wrong unit three frames say it all.
@@ -95,8 +96,8 @@ class Warned:
             self.note(count_told(settings, distance))
 
     def note(self, line: str) -> None:
-        """Print one line of what the run chose."""
-        self._print(f"notice: {line}")
+        """Print one line of what the run chose; nothing where quiet."""
+        note(f"rhytid {self._command}: notice: {line}")
 
     def count(self) -> None:
         """One line: how many there are, and of what more is not listed."""
@@ -131,5 +132,4 @@ class Warned:
 
 
 def _count(warnings: Sequence[InputWarning]) -> str:
-    count = len(warnings)
-    return f"{count} {'warning' if count == 1 else 'warnings'}"
+    return plural(len(warnings), "warning")
