@@ -80,7 +80,7 @@ CHANGES = body(
 
 
 def _control(name: str) -> dict[str, Any]:
-    what = f"how much of a place is {name.removeprefix(REGION_PREFIX)}, black is none"
+    what = f"where skin is {name.removeprefix(REGION_PREFIX)}: white wholly, black not at all"
     if not name.startswith(REGION_PREFIX):
         what = _MEANT[name]
     text = f"guides synthesis: {what}. Grey PNG or EXR, one per UDIM, named by it: {name}.1001.png"
@@ -138,7 +138,7 @@ ASSET_FORM = body(
                         **BINARY,
                         "description": "expressions that lines grow by: .npz with shapes "
                         "(E, V, 3), positions, and names (E,), or with frames (N, V, 3); or .npy "
-                        f"(E, V, 3), by filename. Of more than {MOST_EXPRESSIONS} so many are "
+                        f"(E, V, 3), by filename. Of more than {MOST_EXPRESSIONS}, that many are "
                         "picked evenly. "
                         "Absent: shapes, frames or morph targets of the mesh file",
                     },

@@ -13,7 +13,7 @@ from rhytid.formats.curves import CURVE_FORMATS
 from rhytid.formats.tiles import FORMATS
 from rhytid.meshes.export import MESH_FORMATS
 
-STRICT = "refuse what would be warned of: 422, with `warnings`; nothing is stored or begun"
+STRICT = "warnings are an error: 422, with `warnings`; nothing is stored or begun"
 ALLOW = (
     "a code that `strict=true` does not refuse, repeated for several: it stays a warning; an "
     "unknown code is 422, with or without strict"
@@ -177,9 +177,9 @@ class GraphStatistics(BaseModel):
     """Figures of a wrinkle graph."""
 
     spacing: float = Field(
-        description="mean distance from a pore to the nearest, as it came out, mesh units"
+        description="measured mean distance from a pore to the nearest, mesh units"
     )
-    degree: float = Field(description="mean number of wrinkles at a pore")
+    degree: float = Field(description="mean number of wrinkles per pore")
     strengths: list[int] = Field(description="wrinkles by weight, in tenths from 0 to 1")
 
 
@@ -257,7 +257,7 @@ class TiltLine(_Answer):
 class CushionLayer(_Answer):
     """How the maps of the cushions lie under the texels, and meet."""
 
-    factor: int = Field(description="texels of a side to a sample")
+    factor: int = Field(description="texels per sample, per side")
     apron: int = Field(
         description="samples that a tile has beyond those under its own texels, on every side"
     )

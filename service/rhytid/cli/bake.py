@@ -90,7 +90,7 @@ def add_command(commands: Commands) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Read everything, build the asset, bake, and tell the times."""
+    """Read everything, build the asset, bake, and report the times."""
     refuse_without_effect(arguments)
     from rhytid.cli.warned import Warned
 

@@ -33,14 +33,14 @@ def add_command(commands: Commands) -> None:
     parser = new_command(
         commands,
         "check",
-        "Look at a mesh, and at its frames: parts, borders, triangles, UV, texel size, length. "
+        "Check a mesh and its frames: parts, borders, triangles, UV, texel size, length. "
         "Nothing is computed on a device. The status is 0 whatever is found, 1 where the mesh "
         "cannot be used, or has warnings and --strict is given.",
         "rhytid check face.obj --frames shot/*.obj --picture face.check.png",
     )
     add = parser.add_argument
     add("mesh", type=readable, metavar="MESH", help="OBJ, PLY, glTF, GLB or npz")
-    frames = "frames to look at: OBJ, npy or npz (default: those of a .npz mesh)"
+    frames = "frames to check: OBJ, npy or npz (default: those of a .npz mesh)"
     add_several(parser, "--frames", type=readable, metavar="FILE", help=frames)
     add_unit(parser, "MESH")
     usual = AssetSettings().resolution
@@ -54,7 +54,7 @@ def add_command(commands: Commands) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Read, look, write what was asked for, and tell it; with --strict refuse at the end."""
+    """Read, check, write and report; with --strict warnings are an error at the end."""
     from rhytid.cli.warned import Warned
 
     with Warned("check", arguments.strict, arguments.allow) as warned:
@@ -86,7 +86,7 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
 
 
 def _frames(arguments: argparse.Namespace, check: MeshCheck, warned: Warned) -> dict[str, Any]:
-    """Tell the warnings of the mesh and of every frame; how many frames there are."""
+    """Report the warnings of the mesh and of every frame; how many frames there are."""
     from dataclasses import replace
 
     from rhytid.cli.frame_files import FrameFiles

@@ -17,7 +17,7 @@ def add_command(commands: Commands) -> None:
     parser = new_command(
         commands,
         "devices",
-        "List the OpenCL devices; 'used' marks the one that rhytid would compute on.",
+        "List the OpenCL devices; 'used' marks the one that rhytid computes on.",
         "rhytid devices --json",
     )
     add_json(parser)

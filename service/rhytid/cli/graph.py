@@ -26,8 +26,8 @@ def add_command(commands: Commands) -> None:
     parser = new_command(
         commands,
         "graph",
-        "Tell figures of a wrinkle graph, from this program or from elsewhere, and write it as "
-        "curves or as a picture. The folders of what is written are made.",
+        "Print the figures of a wrinkle graph, made here or elsewhere, and write it as curves or "
+        "as a picture. Folders that do not exist are created.",
         "rhytid graph face.obj face.safetensors --curves face.usda",
     )
     parser.add_argument("mesh", type=readable, metavar="MESH", help="OBJ, PLY, glTF, GLB or npz")
@@ -40,7 +40,7 @@ def add_command(commands: Commands) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Read both, find the pores on the mesh, write, and tell the figures."""
+    """Read both, find the pores on the mesh, write, and report the figures."""
     from rhytid.cli.warned import Warned
 
     with Warned("graph", arguments.strict, arguments.allow) as warned:

@@ -35,7 +35,7 @@ def add_outputs(parser: argparse.ArgumentParser) -> None:
 
 
 def check_outputs(arguments: argparse.Namespace) -> None:
-    """Refuse, before long work, a file whose extension says nothing or that cannot be written;
+    """Refuse, before long work, a file of unknown extension or one that cannot be written;
     raises InputError. The folders are made."""
     from rhytid.formats.curves import curve_file
 
@@ -53,7 +53,7 @@ def make_place(file: Path) -> None:
     from rhytid.storage.durable import workplace
 
     if file.is_dir():
-        raise InputError(f"{file}: a folder, no file to write")
+        raise InputError(f"{file} is a folder, not a file")
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         with workplace(file.parent):
@@ -69,7 +69,7 @@ def write_outputs(
     graph: WrinkleGraph,
     facts: dict[str, Any],
 ) -> None:
-    """Write what was asked for, and tell `facts` and the statistics of the graph."""
+    """Write what was asked for, and report `facts` and the statistics of the graph."""
     from rhytid.cli.preview import write_preview
     from rhytid.domain.curves import graph_curves
     from rhytid.formats.curves import curve_file
@@ -124,7 +124,7 @@ def _lengths(mesh: Mesh, graph: WrinkleGraph, settings: AssetSettings) -> Length
 def _rows(figures: dict[str, Any]) -> list[tuple[str, str]]:
     rows = []
     for name, value in figures.items():
-        if name == "warnings":  # told on stderr
+        if name == "warnings":  # printed on stderr
             continue
         parts = value.items() if isinstance(value, dict) else [("", value)]
         rows += [(f"{name} {part}".strip(), _text(v)) for part, v in parts]

@@ -1,4 +1,4 @@
-"""Reading the files that a command line names; what is wrong with one is told with its name."""
+"""Reads the files that a command line names; an error names the file that it is about."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def shape_files(place: Path | None, mesh: MeshFile) -> Expressions | None:
             return read_expressions(place.read_bytes(), place.name, vertices, centre)
     every = sorted(f for f in place.iterdir() if f.suffix.lower() == ".obj" and f.is_file())
     if not every:
-        raise InputError(f"{place}: no OBJ files there")
+        raise InputError(f"{place} holds no OBJ files")
     files = [every[i] for i in evenly(len(every))]
     read = [frame_file(file, vertices, centre)[0] for file in files]
     return Expressions.checked(np.stack(read), vertices, [file.stem for file in files])

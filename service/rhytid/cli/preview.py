@@ -31,7 +31,7 @@ PATCH_MM = 20.0
 MOST_UDIMS = 4
 # Texels between two pores, at least, as far as maps go.
 _DENSITY = 16.0
-# Texels a side of what is drawn at once.
+# Texels per side of what is drawn at once.
 _DRAWN = 512
 _RESOLUTIONS: list[int] = [2**n for n in range(10, 15)]
 _NEUTRAL = MapQuery("neutral")

@@ -34,7 +34,7 @@ def add_command(commands: Commands) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Listen, tell where, and serve."""
+    """Listen, print the address, and serve."""
     # Imported here, so that --help does not wait for OpenCL and the web framework.
     from rhytid.cli.server import address_of, listen, server_of
     from rhytid.engine.engine import Engine
@@ -45,7 +45,7 @@ def run(arguments: argparse.Namespace) -> None:
         device = next(d for d in engine.devices() if d.selected)
         where = f"{device.name} ({device.platform}), store {settings.store}"
         print(f"rhytid {__version__} on {address_of(listening)}, {where}", flush=True)
-        with suppress(Terminated):  # told to stop: a server is done
+        with suppress(Terminated):  # SIGTERM is how a server ends
             server_of(engine, settings, _log_level()).run(sockets=[listening])
 
 
@@ -56,6 +56,6 @@ def _log_level() -> str:
 
 
 def chosen(store: Path | None, device: str | None) -> ServiceSettings:
-    """The settings of the environment, overruled by what the command line names."""
+    """The settings of the environment, which the command line overrides."""
     found = ServiceSettings.from_environment()
     return replace(found, store=store or found.store, device=device or found.device)

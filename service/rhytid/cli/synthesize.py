@@ -48,8 +48,8 @@ def add_command(commands: Commands) -> None:
     parser = new_command(
         commands,
         "synthesize",
-        "Grow pores and wrinkles on a neutral mesh, write them as safetensors and tell figures of "
-        "them. The folders of what is written are made.",
+        "Grow pores and wrinkles on a neutral mesh, write them as safetensors and print their "
+        "figures. Folders that do not exist are created.",
         "rhytid synthesize face.obj --out face.safetensors --preview face.png",
         skin_options("MESH"),
     )
@@ -69,7 +69,7 @@ def add_command(commands: Commands) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Read, synthesise, write, and tell figures of what came out."""
+    """Read, synthesise, write, and report the figures of the result."""
     if arguments.ages and arguments.preview is None:
         arguments.usage_error("--ages needs --preview FILE.png: ages are drawn in its picture")
     from rhytid.cli.warned import Warned

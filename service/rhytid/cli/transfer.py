@@ -37,7 +37,7 @@ def add_command(commands: Commands) -> None:
         commands,
         "transfer",
         "Carry a wrinkle graph to another topology or UV of the same head, or to a head that lies "
-        "near it, and tell what was lost on the way.",
+        "near it, and report what was lost on the way.",
         "rhytid transfer face.safetensors face.obj film.obj --out film.safetensors",
     )
     add = parser.add_argument
@@ -57,7 +57,7 @@ def add_command(commands: Commands) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Read all three, carry the graph over, write it and tell figures."""
+    """Read all three, carry the graph over, write it and report the figures."""
     from rhytid.cli.warned import Warned
 
     with Warned("transfer", arguments.strict, arguments.allow) as warned:

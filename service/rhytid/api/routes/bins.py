@@ -56,7 +56,7 @@ def tile(
     query: Annotated[BinQuery, Query()],
 ) -> Response:
     """One tile of codes, int8 or int16, as .npy; times the manifest's step they are displacement,
-    furrows negative, of tilts a place from -1 to 1 in the bin.
+    furrows negative; those of tilts are places in the bin, from -1 to 1.
 
     A tile of T texels per side has T² codes; of `cushions` it has
     (T / factor + 2 apron)²: `apron` samples more on every side than lie under it.

@@ -22,8 +22,8 @@ router = APIRouter(prefix="/v1/assets", tags=["assets"], dependencies=[NoRepeats
     responses={**binary(*MEDIA_TYPES), **problems(404, 409, 422)},
 )
 def mesh(asset: AssetId, engine: EngineDep, query: Annotated[MeshQuery, Query()]) -> Response:
-    """The neutral mesh where it was sent, with one uv a vertex. The vertices that were sent come
-    first, in their order; what is split along UV seams comes after. GLB has float32 alone, PLY has
+    """The neutral mesh where it was sent, with one uv per vertex. The vertices that were sent come
+    first, in their order; what is split along UV seams comes after. GLB holds float32, PLY
     doubles where they are needed."""
     kind = mesh_format(query.format)
     return Response(kind.write(flat_mesh(engine.assets.mesh(asset))), media_type=kind.media_type)

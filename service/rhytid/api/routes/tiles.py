@@ -128,11 +128,13 @@ def check_texels(engine: EngineDep, asset: str, addresses: list[TileAddress]) ->
         grid.check(address)
     texels = sum(grid.texels(address.level) ** 2 for address in addresses)
     if texels > TEXELS:
-        raise LimitError(f"{len(addresses)} tiles hold {texels} texels: at most {TEXELS} an answer")
+        raise LimitError(
+            f"{len(addresses)} tiles hold {texels} texels: at most {TEXELS} per answer"
+        )
 
 
 def mixed_part(tile: NDArray[np.float32], format: str, header: TileHeader) -> MixedPart:
-    """One encoded tile and the headers that tell it from its neighbours."""
+    """One encoded tile and the headers that identify it."""
     encoded = encode(tile, format, header)
     at = TileAddress(header.udim, header.level, header.row, header.column)
     name = str(at).replace("/", ".")
