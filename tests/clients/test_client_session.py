@@ -97,7 +97,7 @@ def test_arrays_and_their_frames(call: Call) -> None:
         "frames": np.stack([corners, 2 * corners]),
     }
     built = call("wait", call("create_asset", arrays, settings=patch.SETTINGS), timeout=30)
-    assert [frame.name for frame in call("frames", built)] == ["neutral", "0001", "0002"]
+    assert [frame.name for frame in call("frames", built)] == ["neutral", "0000", "0001"]
     assert np.array_equal(call("positions", built, "0001"), 2 * corners)
 
 

@@ -47,5 +47,5 @@ def check_positions(
 
 
 def frame_label(number: int) -> str:
-    """The name of a frame that has none, of its number from 1: at least four digits."""
+    """The name of a frame of this number: at least four digits."""
     return f"{number:04d}"

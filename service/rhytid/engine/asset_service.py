@@ -168,9 +168,9 @@ class AssetService:
 
     def _frames_work(self, asset: Asset, frames: Positions) -> Callable[[Job], None]:
         def work(job: Job) -> None:
-            for number, positions in enumerate(frames, 1):
-                job.progress(0.9, "frames", f"{number} of {len(frames)}")
-                name, frame = frame_label(number), Frame.of(positions)
+            for index, positions in enumerate(frames):
+                job.progress(0.9, "frames", f"{index + 1} of {len(frames)}")
+                name, frame = frame_label(index), Frame.of(positions)
                 warnings = asset.frame_warnings(positions, f"frame {name}")
                 self._frames.store(asset, name, frame, warnings, patiently=True)
 
@@ -300,6 +300,6 @@ def _frame_warnings(asset: Asset, frames: Positions) -> tuple[InputWarning, ...]
     """About the frames that come with a mesh, by the names that they will have."""
     return tuple(
         warning
-        for number, positions in enumerate(frames, 1)
-        for warning in asset.frame_warnings(positions, f"frame {frame_label(number)}")
+        for index, positions in enumerate(frames)
+        for warning in asset.frame_warnings(positions, f"frame {frame_label(index)}")
     )

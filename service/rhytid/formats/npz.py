@@ -125,7 +125,7 @@ def check_frames(
     finite = np.isfinite(frames).all(axis=2)
     if not finite.all():
         frame, vertex = np.unravel_index(int(np.argmin(finite)), finite.shape)
-        where = f"frame {frame_label(int(frame) + 1)}, vertex {vertex}"
+        where = f"frame {frame_label(int(frame))}, vertex {vertex}"
         raise FrameError(f"{where} is {frames[frame, vertex].tolist()}: not finite")
     frames.setflags(write=False)
     return frames
