@@ -1,17 +1,14 @@
 """Writes the pages of docs/reference from the code: `python docs/generate.py`.
 
 The pages are committed, so that they can be read without building the site; a test compares them
-with the code. Of the settings only defaults and ranges are written: their meanings are kept as they
-stand in the page.
+with the code. Of the page of the settings only the table is written.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import re
-from collections.abc import Iterator, Mapping
-from dataclasses import fields, is_dataclass
+from collections.abc import Mapping
 from itertools import takewhile
 from pathlib import Path
 from typing import Any, cast
@@ -21,10 +18,25 @@ from rhytid.api.documentation import TAGS
 from rhytid.api.problems import KINDS
 from rhytid.cli.program import build_parser
 from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.setting_meanings import MEANINGS
+from rhytid.domain.settings_changes import CHANGEABLE
+from rhytid.domain.settings_schema import UNBOUNDED, settings_of
 from rhytid.settings import ServiceSettings
 
 FOLDER = Path(__file__).parent / "reference"
 HEADER = "| setting | default | range | meaning |\n|---|---|---|---|\n"
+# Options of every command, by what argparse calls them.
+COMMON = ("help", "quiet", "verbose")
+# Bodies that are components of the document.
+REFERRED = {
+    "SettingsChange": "settings to change: " + ", ".join(f"`{name}`" for name in CHANGEABLE)
+}
+# Pages that say more of a setting.
+MORE = {
+    "graph.lines": "../lines.md",
+    "graph.age": "../skin.md#what-age-does",
+    "shape.grain": "../skin.md",
+}
 NOTE = "<!-- Written by docs/generate.py: change the code, then run it again. -->\n"
 
 
@@ -45,37 +57,31 @@ def pages() -> dict[Path, str]:
 
 
 def with_settings(text: str) -> str:
-    """The page of the settings with its table as the code has it, and the meanings of `text`."""
+    """The page of the settings with its table as the code has it."""
     before, header, after = text.partition(HEADER)
     lines = after.splitlines(keepends=True)
     table = list(takewhile(lambda line: line.startswith("|"), lines))
-    cells = [re.split(r"(?<!\\) \| ", line.strip("| \n")) for line in table]
-    meanings = {row[0].strip("`"): row[-1] for row in cells if len(row) == 4}
     rows = [
-        f"| `{name}` | `{json.dumps(default)}` | {range_of(rule)} | {meanings.get(name, '')} |\n"
+        f"| `{name}` | `{json.dumps(default)}` | {range_of(rule)} | {meaning_of(name)} |\n"
         for name, default, rule in settings_of(AssetSettings())
     ]
     return "".join([before, header, *rows, *lines[len(table) :]])
 
 
-def settings_of(settings: Any, path: str = "") -> Iterator[tuple[str, Any, Mapping[str, Any]]]:
-    """Path, as `bins.count`, default and rule of every setting."""
-    for declared in fields(settings):
-        value = getattr(settings, declared.name)
-        if is_dataclass(value):
-            yield from settings_of(value, f"{path}{declared.name}.")
-        else:
-            yield path + declared.name, value, declared.metadata
+def meaning_of(name: str) -> str:
+    """What a setting means, with a link to the page that says more."""
+    more = f" ([more]({MORE[name]}))" if name in MORE else ""
+    return _cell(MEANINGS[name]) + more
 
 
 def range_of(rule: Mapping[str, Any]) -> str:
-    """What a setting may be, in words; null is told by its default."""
+    """What a setting may be, in words; its default shows whether it may be null."""
     if "options" in rule:
         return ", ".join(f"`{json.dumps(o)}`" for o in rule["options"] if o is not None)
     if "longest" in rule:
         return f"1 to {rule['longest']} characters"
     low, high = rule["low"], rule["high"]
-    if high >= 1e30:
+    if high >= UNBOUNDED:
         return "above 0" if low > 0 else "0 or more"
     if rule["whole"]:
         return f"{low} to {high}, {'a power of two' if rule.get('power') else 'whole'}"
@@ -86,9 +92,11 @@ def cli_page() -> str:
     """Every command with its arguments."""
     text = (
         f"{NOTE}\n# Command line\n\n"
-        "Every command has `--help` with an example. Options are written in full. The exit status\n"
-        "is 0 where all was done, 1 after an error, which is one line on stderr, 2 over arguments\n"
-        "that cannot be understood, 130 when interrupted and 143 when terminated.\n"
+        "Every command has `--help` with an example; `-q`, `--quiet`, which leaves results,\n"
+        "warnings and errors alone; and `-v`, `--verbose`, which also names steps and written\n"
+        "files. Options are written in full. `rhytid --version` prints the version. The exit\n"
+        "status is 0 where all was done, 1 after an error, which is one line on stderr, 2 over\n"
+        "arguments that cannot be understood, 130 when interrupted and 143 when terminated.\n"
     )
     return text + "".join(_command(name, parser) for name, parser in commands().items())
 
@@ -104,7 +112,7 @@ def _command(name: str, parser: argparse.ArgumentParser) -> str:
     formatter = parser._get_formatter()
     rows = ["| argument | meaning |\n|---|---|\n"]
     for action in parser._actions:
-        if action.dest != "help":
+        if action.dest not in COMMON:
             meaning = formatter._expand_help(action) if action.help else ""
             rows.append(f"| {_argument(action, formatter)} | {_plain(_cell(meaning))} |\n")
     example, _, other = (parser.epilog or "").removeprefix("example: ").partition(", or with: ")
@@ -127,7 +135,7 @@ def http_page() -> str:
     text = (
         f"{NOTE}\n# HTTP\n\n"
         "`/docs` on a running server describes the same, and `/openapi.json` is the document.\n"
-        "Numbers in the path are whole numbers from 0 up.\n"
+        "`/` leads to both. Numbers in the path are whole numbers from 0 up.\n"
     )
     for tag in TAGS:
         text += f"\n## {tag['name'].capitalize()}\n\n{tag['description']}\n"
@@ -139,7 +147,7 @@ def http_page() -> str:
 
 
 def _call(method: str, path: str, call: Mapping[str, Any]) -> str:
-    text = f"\n### {method.upper()} {path}\n\n{call['description']}\n"
+    text = f"\n### {method.upper()} {path}\n\n`{call['operationId']}`: {call['description']}\n"
     query = [p for p in call.get("parameters", []) if p["in"] != "path"]
     if query:
         text += "\n| query | values | default | meaning |\n|---|---|---|---|\n"
@@ -171,6 +179,8 @@ def _values(schema: Mapping[str, Any]) -> str:
 
 
 def _body(schema: Mapping[str, Any]) -> str:
+    if "$ref" in schema:
+        return f", {REFERRED[schema['$ref'].rpartition('/')[2]]}"
     if "properties" not in schema:
         return f", {schema['description']}" if "description" in schema else ""
     parts = schema["properties"].items()

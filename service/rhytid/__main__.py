@@ -1,8 +1,6 @@
 """`python -m rhytid`: the same as the command `rhytid`."""
 
-import sys
-
-from rhytid.cli import main
+from rhytid.cli import console
 
 if __name__ == "__main__":
-    sys.exit(main())
+    console()

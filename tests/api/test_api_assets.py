@@ -160,7 +160,7 @@ BAD_SETTINGS = {
     "wrong type": (b'{"bins": {"count": "4"}}', 422, "settings", "bins.count"),
     "not JSON": (b"{resolution: 256}", 422, "settings", "part settings is not JSON"),
     "not UTF-8": (b'{"unit": "\xff"}', 422, "settings", "not UTF-8 at byte 10"),
-    "key twice": (b'{"depth": 1, "depth": 2}', 422, "settings", "'depth' stands twice"),
+    "key twice": (b'{"depth": 1, "depth": 2}', 422, "settings", "'depth' occurs twice"),
     "NaN": (b'{"depth": NaN}', 422, "settings", "NaN"),
     "no object": (b"[]", 422, "settings", "must be a JSON object"),
     "lone surrogate": (b'{"unit": "\\ud800"}', 422, "settings", "unit"),

@@ -87,6 +87,7 @@ def document() -> dict[str, Any]:
 
 
 CALLS = {
+    "/": {"get"},
     "/healthz": {"get"},
     "/readyz": {"get"},
     "/metrics": {"get"},

@@ -12,7 +12,7 @@ from rhytid.cli import main
 from rhytid.cli.program import build_parser
 
 NAMES = ["bake", "bench", "demo", "devices", "graph", "reproduce", "serve", "synthesize"]
-NAMES += ["warnings"]
+NAMES += ["check", "completion", "transfer", "warnings"]
 
 
 def ends(arguments: list[str]) -> int:
@@ -113,6 +113,10 @@ def test_graph_and_wrinkles_exclude_each_other(tmp_path: Path) -> None:
         ("synthesize {} --out g.safetensors --ages 20 65", ("--ages", "--preview")),
         ("bake --mesh {} --out o --graph {} --lines level", ("--lines", "--graph")),
         ("bake --mesh {} --out o --graph {} --shapes {}", ("--shapes", "--graph")),
+        ("bake --mesh {} --out o --graph {} --region lip", ("--region", "--graph")),
+        ("bake --mesh {} --out o --graph {} --set age=60", ("--set", "--graph")),
+        ("bake --mesh {} --out o --graph {} --map scale={}", ("--map", "--graph")),
+        ("bake --mesh {} --out o --graph {} --region-mask lip={}", ("--region-mask", "--graph")),
     ],
 )
 def test_an_option_without_effect_is_an_error_that_names_both(
@@ -136,7 +140,47 @@ def test_bake_takes_no_set_for_settings(tmp_path: Path, capsys: pytest.CaptureFi
     file = tmp_path / "mesh.obj"
     file.touch()
     assert ends(["bake", "--mesh", str(file), "--out", "x", "--set", str(file)]) == 2
-    assert "unrecognized arguments: --set" in capsys.readouterr().err
+    assert "argument --set: " in capsys.readouterr().err
+
+
+def subparsers() -> dict[str, argparse.ArgumentParser]:
+    actions = build_parser()._actions
+    return next(a for a in actions if isinstance(a, argparse._SubParsersAction)).choices
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_help_shows_every_default(name: str) -> None:
+    parser = subparsers()[name]
+    formatter = parser._get_formatter()
+    valued = [a for a in parser._actions if a.option_strings and not a.required and a.nargs != 0]
+    told = {a.dest: formatter._expand_help(a) for a in valued}
+
+    assert [dest for dest, words in told.items() if "(default: " not in words] == []
+    for action in valued:
+        if action.default not in (None, []) and "implementations methods".find(action.dest) < 0:
+            assert f"(default: {action.default}" in told[action.dest]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_command_can_be_quiet_or_verbose(name: str) -> None:
+    options = {option for action in subparsers()[name]._actions for option in action.option_strings}
+    assert {"-q", "--quiet", "-v", "--verbose"} <= options
+
+
+SKIN = {"--unit", "--seed", "--region", "--map", "--set", "--region-mask", "--lines", "--shapes"}
+SKIN |= {"--spacing", "--wrinkles"}
+
+
+def test_skin_has_the_same_options_in_every_command() -> None:
+    def told(name: str) -> dict[str, tuple[object, ...]]:
+        actions = [a for a in subparsers()[name]._actions if SKIN & set(a.option_strings)]
+        return {
+            a.option_strings[0]: (a.nargs, a.type and a.type.__name__, a.default, a.metavar)
+            for a in actions
+        }
+
+    assert set(told("bake")) == SKIN
+    assert told("bake") == told("synthesize") == told("demo")
 
 
 def test_json_goes_to_a_file_or_to_stdout() -> None:

@@ -123,7 +123,7 @@ def test_bake_takes_a_stretch_model_a_sampling_and_a_merge(
     for method in (*rows, ["--method", "binned", "--settings", str(merge)]):
         for model in ("tensor", "tension", "uv"):
             assert main([*given, *method, "--stretch", model]) == 0
-            assert "1 maps written" in capsys.readouterr().out
+            assert "1 map written to" in capsys.readouterr().out
             texels, header = read_exr(out / "shot.1001.0001.exr")
             assert header["stretch"] == model
             assert header["sampling"] == ("smooth" if "smooth" in method else "nearest")

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import pytest
 
 from rhytid.cli import devices, main
-from rhytid.cli.termination import Terminated, raising_terminated
+from rhytid.cli.termination import Terminated, interruptible
 from rhytid.errors import MeshError, RhytidError
 
 
@@ -67,7 +67,7 @@ def test_sigterm_unwinds() -> None:
     import signal
 
     before = signal.getsignal(signal.SIGTERM)
-    with pytest.raises(Terminated) as end, raising_terminated():
+    with pytest.raises(Terminated) as end, interruptible():
         signal.raise_signal(signal.SIGTERM)
     assert end.value.code == 143
     assert signal.getsignal(signal.SIGTERM) is before

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from cli.running import write_animation
 from meshes import SmallMesh, deform
-from rhytid.cli.frame_files import FrameFiles, FramePlace, frame_numbers
+from rhytid.cli.frame_files import FrameFiles, frame_labels
+from rhytid.domain.frame import frame_label
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import FrameError
 from rhytid.formats.meshes import MeshFile
@@ -23,40 +24,43 @@ def paths(*names: str) -> list[Path | None]:
 
 
 @pytest.mark.parametrize(
-    ("files", "numbers"),
+    ("files", "labels"),
     [
-        (paths("frame_0042.obj", "frame_0007.obj"), [42, 7]),
-        (paths("a/shot1.obj", "b/shot2.npy"), [1, 2]),
-        (paths("0.obj", "00010.obj"), [0, 10]),
-        (paths("smile.obj", "frame_0042.obj"), [1, 2]),
-        (paths("smile.obj"), [1]),
-        (paths("v2_final.obj", "v3_final.obj"), [1, 2]),
+        (paths("frame_0042.obj", "frame_0007.obj"), ["0042", "0007"]),
+        (paths("a/shot1.obj", "b/shot2.npy"), ["0001", "0002"]),
+        (paths("0.obj", "00010.obj"), ["0000", "0010"]),
+        (paths("smile.obj", "frame_0042.obj"), ["smile", "frame_0042"]),
+        (paths("neutral.obj", "smile.obj"), ["0001", "0002"]),
+        (paths("a/smile.obj", "b/smile.obj"), ["0001", "0002"]),
+        (paths("big smile.obj", "jaw.obj"), ["0001", "0002"]),
+        (paths("smile.obj"), ["smile"]),
+        (paths("v2_final.obj", "v3_final.obj"), ["v2_final", "v3_final"]),
     ],
 )
-def test_numbers_are_of_all_files_or_of_none(files: list[Path | None], numbers: list[int]) -> None:
-    assert frame_numbers(files, [1] * len(files)) == numbers
+def test_numbers_are_of_all_files_or_of_none(files: list[Path | None], labels: list[str]) -> None:
+    assert frame_labels(files, [1] * len(files)) == labels
 
 
 def test_files_of_many_frames_are_counted_through() -> None:
-    assert frame_numbers(paths("a1.npz", "b7.obj"), [2, 1]) == [1, 2, 3]
-    assert frame_numbers([None], [3]) == [1, 2, 3]
+    assert frame_labels(paths("a1.npz", "b7.obj"), [2, 1]) == ["0001", "0002", "0003"]
+    assert frame_labels([None], [3]) == ["0001", "0002", "0003"]
 
 
 def test_two_files_of_one_number_are_refused() -> None:
     with pytest.raises(FrameError, match=r"a_01\.obj and b_1\.obj are both frame 1"):
-        frame_numbers(paths("a_01.obj", "b_1.obj"), [1, 1])
+        frame_labels(paths("a_01.obj", "b_1.obj"), [1, 1])
 
 
 @given(st.lists(st.integers(0, 10**6), unique=True, min_size=1, max_size=20))
 def test_numbers_survive_their_file_names(numbers: list[int]) -> None:
     files: list[Path | None] = [Path(f"shot.v2_{number:04d}.obj") for number in numbers]
 
-    assert frame_numbers(files, [1] * len(files)) == numbers
+    assert frame_labels(files, [1] * len(files)) == [f"{number:04d}" for number in numbers]
 
 
 @pytest.mark.parametrize(("number", "label"), [(1, "0001"), (42, "0042"), (12345, "12345")])
 def test_labels_have_four_digits_at_least(number: int, label: str) -> None:
-    assert FramePlace(number, None, 0).label == label
+    assert frame_label(number) == label
 
 
 @pytest.fixture
@@ -83,7 +87,7 @@ def test_frames_of_the_mesh_itself(small_mesh: SmallMesh) -> None:
 
     frames = FrameFiles(MeshFile(mesh, own), [])
 
-    assert [place.number for place in frames.places] == [1, 2]
+    assert [place.label for place in frames.places] == ["0001", "0002"]
     assert np.array_equal(frames.read(frames.places[1]), own[1])
 
 

@@ -64,7 +64,7 @@ def test_mistakes_are_told_with_their_place(
     for more, told in (
         (["--lines", "expressions"], 'graph.lines is "expressions", and none came'),
         (["--shapes", str(tmp_path / "few.npy")], "few.npy: frames have shape (2, 5, 3)"),
-        (["--shapes", str(tmp_path / "empty")], "empty: no OBJ files there"),
+        (["--shapes", str(tmp_path / "empty")], "empty holds no OBJ files"),
         (["--shapes", str(tmp_path / "bad")], "smile.obj: frame has 7 vertices"),
     ):
         assert main(["synthesize", neutral, "--out", out, *more]) != 0

@@ -11,13 +11,13 @@ import pytest
 from rhytid.cli.bake import asset_settings
 from rhytid.cli.serve import chosen
 from rhytid.cli.server import address_of, listen
-from rhytid.cli.synthesize import graph_settings
+from rhytid.cli.synthesize import grown_settings
 from rhytid.errors import InputError, SettingsError
 
 
 def options(**given: object) -> argparse.Namespace:
-    names = ("settings", "resolution", "wrinkles", "spacing", "lines")
-    nothing: dict[str, object] = dict.fromkeys(names)
+    names = ("settings", "resolution", "wrinkles", "spacing", "lines", "seed", "region", "unit")
+    nothing: dict[str, object] = {**dict.fromkeys(names), "set": []}
     return argparse.Namespace(**{**nothing, **given})
 
 
@@ -43,6 +43,17 @@ def test_a_spacing_takes_the_place_of_a_number(tmp_path: Path) -> None:
     }
 
 
+def test_options_of_skin_overrule_the_file(tmp_path: Path) -> None:
+    file = tmp_path / "s.json"
+    file.write_text('{"unit": "m", "graph": {"seed": 3, "age": 20, "scale": 2}}')
+    given = {"seed": 4, "region": "lip", "unit": "mm", "set": [("age", 60.0)], "lines": "level"}
+
+    assert asset_settings(options(settings=file, **given)) == {
+        "unit": "mm",
+        "graph": {"seed": 4, "age": 60.0, "scale": 2, "region": "lip", "lines": "level"},
+    }
+
+
 def test_a_small_map_is_one_tile() -> None:
     assert asset_settings(options(resolution=256)) == {"resolution": 256, "tile_size": 256}
 
@@ -58,8 +69,10 @@ def test_bad_settings_are_refused(text: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("wrinkles", "seed"), [(5, None), (None, -1), (10**9, None)])
 def test_graph_settings_are_checked(wrinkles: int | None, seed: int | None) -> None:
+    given = {"wrinkles": wrinkles, "seed": seed}
+    graph = {name: value for name, value in given.items() if value is not None}
     with pytest.raises(SettingsError, match=r"graph\.(wrinkles|seed)"):
-        graph_settings({"wrinkles": wrinkles, "seed": seed})
+        grown_settings({"graph": graph})
 
 
 def test_options_overrule_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import io
 import json
+import re
+import sys
 import time
 from pathlib import Path
 
 import pytest
 
-from rhytid.cli import reporting
-from rhytid.cli.reporting import counted, report, share_bar, table
+from rhytid.cli import progress
+from rhytid.cli.progress import Voice, counted, detail, note, share_bar, speaking, working
+from rhytid.cli.reporting import report, table
 from rhytid.cli.timing import Stopwatch
+from rhytid.domain.wording import plural
 from rhytid_client import Job
 from rhytid_lab.commands.demo_session import StepClock
 from rhytid_lab.commands.demo_sheets import key_frames
@@ -50,7 +55,7 @@ def test_without_a_terminal_long_work_tells_lines(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """One step that takes long is told, too."""
-    monkeypatch.setattr(reporting, "_EVERY", 0.05)
+    monkeypatch.setattr(progress, "_EVERY", 0.05)
     with share_bar("work") as show:
         show(0.5, "half")
         time.sleep(0.3)
@@ -59,11 +64,68 @@ def test_without_a_terminal_long_work_tells_lines(
     told = capsys.readouterr().err
     time.sleep(0.2)
     assert capsys.readouterr().err == ""
-    lines = [line.rpartition(",")[0] for line in told.splitlines()]
-    assert set(lines) == {
-        "rhytid: work: 50 %, half", "rhytid: baking: frame 1 of 2", "rhytid: baking: frame 2 of 2",
-    }  # fmt: skip
-    assert told.splitlines()[0].endswith(", 0 s")
+    assert set(told.splitlines()) == {
+        "rhytid: work: 50 %, half, 0 s, 0 s left",
+        "rhytid: baking: frame 1 of 2, 0 s",
+        "rhytid: baking: frame 2 of 2, 0 s, 0 s left",
+        "rhytid: baking: frame 2 of 2, 1 s, 0 s left",
+    }
+
+
+@pytest.mark.parametrize(
+    ("voice", "told"),
+    [
+        (Voice(), ["a note", "rhytid: work: 0 %, half, 0 s"]),
+        (Voice(quiet=True), []),
+        (Voice(verbose=True), ["a note", "rhytid: work: half, after 0.0 s", "rhytid: detail"]),
+    ],
+)
+def test_how_much_is_said(
+    voice: Voice,
+    told: list[str],
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(progress, "_EVERY", 0.1)
+    with speaking(voice):
+        note("a note")
+        with share_bar("work") as show:
+            show(0.0, "half")
+            time.sleep(0.15)
+        detail("detail")
+    said = capsys.readouterr().err.splitlines()
+    assert set(told) <= set(said)
+    assert bool(said) == bool(told)
+    assert ("rhytid: detail" in said) == voice.verbose
+
+
+def test_a_step_of_unknown_length_is_told_too(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(progress, "_EVERY", 0.05)
+    with working("reading face.obj"):
+        time.sleep(0.12)
+    assert set(capsys.readouterr().err.splitlines()) == {"rhytid: reading face.obj, 0 s"}
+
+
+def test_a_terminal_shows_a_bar_with_the_time_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stderr", terminal)
+    for _ in counted([1, 2, 3], "baking", "frame"):
+        time.sleep(0.12)
+    shown = terminal.getvalue()
+    assert re.search(r"baking:  67%.* 2/3 \[00:00<00:00", shown)
+    assert "rhytid: " not in shown
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+def test_plurals() -> None:
+    assert [plural(n, "map") for n in (0, 1, 2)] == ["0 maps", "1 map", "2 maps"]
+    assert plural(2, "entry", "entries") == "2 entries"
 
 
 def test_a_stopwatch_counts_calls() -> None:

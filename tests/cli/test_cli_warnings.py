@@ -92,7 +92,7 @@ def test_what_is_allowed_is_told_and_no_error(
     told = capsys.readouterr().err
     assert "rhytid bake: allowed warning: frame-scaled: " in told
     assert "rhytid bake: warning: mesh-size: " in told
-    assert "--strict: 1 warning, so nothing was done (--allow mesh-size would let that be)" in told
+    assert "--strict: 1 warning, so nothing was done (--allow mesh-size would allow that)" in told
     assert not out.exists()
     assert main(given) == 0
     assert lines(capsys, "frame-scaled")

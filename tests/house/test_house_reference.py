@@ -125,10 +125,19 @@ def section(text: str, heading: str) -> str:
     return found[1]
 
 
+# Told once, before the commands.
+COMMON = {"-h", "--help", "-q", "--quiet", "-v", "--verbose"}
+
+
+def test_what_every_command_has_is_told_first() -> None:
+    first = CLI.partition("\n## ")[0]
+    assert [option for option in COMMON - {"-h"} if f"`{option}`" not in first] == []
+
+
 @pytest.mark.parametrize("name", subparsers())
 def test_a_command_is_told_with_every_option(name: str) -> None:
     told = section(CLI, f"## rhytid {name}")
-    known = options(name) - {"-h", "--help"}
+    known = options(name) - COMMON
 
     assert {option for option in known if not re.search(rf"`{option}(?![a-z-])", told)} == set()
     assert "```sh\nrhytid " in told

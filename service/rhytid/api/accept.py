@@ -25,7 +25,7 @@ class _Range:
 
     @property
     def precision(self) -> tuple[bool, bool]:
-        """A name goes before `type/*`, and that before `*/*`."""
+        """A name overrides `type/*`, and that overrides `*/*`."""
         return self.name != "*/*", not self.name.endswith("/*")
 
 

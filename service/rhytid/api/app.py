@@ -12,7 +12,7 @@ from rhytid.api import problems
 from rhytid.api.device_slots import DeviceSlots, threads
 from rhytid.api.documentation import describe
 from rhytid.api.metrics import Metrics, Observe
-from rhytid.api.routes import assets, bins, frames, graphs, health, jobs, meshes, tiles
+from rhytid.api.routes import assets, bins, frames, graphs, health, jobs, meshes, root, tiles
 from rhytid.settings import ServiceSettings
 
 if TYPE_CHECKING:
@@ -27,12 +27,21 @@ ROUTERS = (
     bins.router,
     jobs.router,
     health.router,
+    root.router,
 )
 
 
 def create_app(engine: Engine, settings: ServiceSettings) -> FastAPI:
     """An application over `engine`, which stays the caller's to close."""
-    app = FastAPI(title="rhytid", version=__version__, redirect_slashes=False, lifespan=threads)
+    app = FastAPI(
+        title="rhytid",
+        version=__version__,
+        redirect_slashes=False,
+        lifespan=threads,
+        # `routes.root` has pages that need no internet.
+        docs_url=None,
+        redoc_url=None,
+    )
     app.state.engine = engine
     app.state.settings = settings
     app.state.slots = DeviceSlots(settings.queue)

@@ -24,6 +24,9 @@ else:
     Engine = object
 
 
+AssetId = Annotated[str, Path(description="id of an asset")]
+
+
 # Dependencies are coroutines where they do not block: a plain function costs a hop to a thread.
 async def _engine(request: Request) -> Any:
     return request.app.state.engine
@@ -62,7 +65,7 @@ async def no_repeats(request: Request) -> None:
             raise QueryError(f"query parameter {name!r} was sent more than once")
 
 
-async def _positions(request: Request, asset: str, engine: EngineDep) -> NDArray[np.float32]:
+async def _positions(request: Request, asset: AssetId, engine: EngineDep) -> NDArray[np.float32]:
     # The asset comes first: it says how much of a body is worth reading.
     found = await run_in_threadpool(engine.assets.info, asset)
     body = await uploads.read_frame(request, found.vertices)
@@ -86,4 +89,12 @@ Allow = Annotated[
 ]
 Json = Annotated[Any, Depends(uploads.read_json)]
 Parts = Annotated[dict[str, Part], Depends(uploads.read_parts)]
-Index = Annotated[int, Path(ge=0, lt=2**31)]
+FrameName = Annotated[str, Path(description="name of a frame; `neutral` is always there")]
+JobId = Annotated[str, Path(description="id of a job")]
+_MOST = 2**31
+Udim = Annotated[int, Path(ge=0, lt=_MOST, description="UDIM of the map, 1001 for the first")]
+Level = Annotated[
+    int, Path(ge=0, lt=_MOST, description="0 is the full resolution; every level halves it")
+]
+Row = Annotated[int, Path(ge=0, lt=_MOST, description="row of the tile, from 0 at the top")]
+Column = Annotated[int, Path(ge=0, lt=_MOST, description="column of the tile, from 0 at the left")]

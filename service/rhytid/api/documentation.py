@@ -11,11 +11,15 @@ from fastapi.openapi.utils import get_openapi
 
 from rhytid import __version__
 from rhytid.api.encoding import WARNINGS
+from rhytid.api.events import EVENT_STREAM
 from rhytid.api.problems import MEDIA_TYPE
 from rhytid.api.schemas import Problem
+from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.controls import CONTROLS, REGION_PREFIX
 from rhytid.domain.expressions import MOST_EXPRESSIONS
 from rhytid.domain.painted import MOST_TEXELS
+from rhytid.domain.settings_changes import CHANGEABLE
+from rhytid.domain.settings_schema import settings_schema
 from rhytid.formats.limits import MOST_SIDE
 from rhytid.formats.tiles import FORMATS
 
@@ -49,16 +53,37 @@ def body(content: Mapping[str, Any], required: bool = True) -> dict[str, Any]:
     return {"requestBody": {"required": required, "content": dict(content)}}
 
 
-def json_body(description: str) -> dict[str, Any]:
-    """An `openapi_extra` for a JSON object."""
-    return body({"application/json": {"schema": {"type": "object", "description": description}}})
+def reference(schema: str, description: str = "") -> dict[str, Any]:
+    """A component of the document, and what it is here."""
+    place = {"$ref": f"#/components/schemas/{schema}"}
+    return {**place, "description": description} if description else place
+
+
+# Components that are made of the declarations of the settings.
+SETTINGS = {
+    "AssetSettings": {
+        **settings_schema(AssetSettings()),
+        "description": "Settings of an asset. All are optional; unknown ones are refused.",
+    },
+    "SettingsChange": {
+        **settings_schema(AssetSettings(), CHANGEABLE),
+        "description": "The settings that can change without another synthesis. Those that are "
+        "left out stay as they are.",
+    },
+}
+CHANGES = body(
+    {
+        media_type: {"schema": reference("SettingsChange")}
+        for media_type in ("application/json", "application/merge-patch+json")
+    }
+)
 
 
 def _control(name: str) -> dict[str, Any]:
-    what = f"how much of a place is {name.removeprefix(REGION_PREFIX)}, black is none"
+    what = f"where skin is {name.removeprefix(REGION_PREFIX)}: white wholly, black not at all"
     if not name.startswith(REGION_PREFIX):
         what = _MEANT[name]
-    text = f"guides synthesis: {what}. Grey PNG or EXR, one a UDIM, named by it: {name}.1001.png"
+    text = f"guides synthesis: {what}. Grey PNG or EXR, one per UDIM, named by it: {name}.1001.png"
     return {"type": "array", "items": BINARY, "description": text}
 
 
@@ -87,12 +112,12 @@ ASSET_FORM = body(
                 "required": ["mesh"],
                 "properties": {
                     "mesh": {**BINARY, "description": "OBJ, PLY, glTF, GLB or .npz, by filename"},
-                    "settings": {"type": "string", "description": "JSON object, all optional"},
+                    "settings": reference("AssetSettings", "JSON, all of it optional"),
                     "graph": {
                         **BINARY,
                         "description": "safetensors; absent = synthesise. Its metadata may hold "
                         "unit, spacing, depth, sigma, wave_frequency (lengths in that unit, "
-                        "converted to settings.unit; explicit settings go before) and mesh, a "
+                        "converted to settings.unit; explicit settings override them) and mesh, a "
                         "digest of the triangles and UV: a graph of another mesh is refused",
                     },
                     "force": {
@@ -104,7 +129,7 @@ ASSET_FORM = body(
                         "type": "array",
                         "items": BINARY,
                         "description": "grey PNG of 8 or 16 bits, or EXR of one channel from 0 to "
-                        "1 of any compression, one a UDIM (repeat the part), "
+                        "1 of any compression, one per UDIM (repeat the part), "
                         "named by it: stiffness.1002.png; 1 moves freely, 0 is rigid; "
                         "a UDIM without one is 1; "
                         f"at most {MOST_SIDE} texels per side and {MOST_TEXELS:,} in all",
@@ -113,21 +138,39 @@ ASSET_FORM = body(
                         **BINARY,
                         "description": "expressions that lines grow by: .npz with shapes "
                         "(E, V, 3), positions, and names (E,), or with frames (N, V, 3); or .npy "
-                        f"(E, V, 3), by filename. Of more than {MOST_EXPRESSIONS} so many are "
+                        f"(E, V, 3), by filename. Of more than {MOST_EXPRESSIONS}, that many are "
                         "picked evenly. "
                         "Absent: shapes, frames or morph targets of the mesh file",
                     },
                     **{name: _control(name) for name in CONTROLS},
                 },
-            }
+            },
+            "encoding": {"settings": {"contentType": "application/json"}},
         }
     }
 )
+EVENTS: Responses = {
+    200: {
+        "description": "Server-sent events until the job ends",
+        "content": {
+            EVENT_STREAM: {
+                "schema": {
+                    "type": "string",
+                    "description": "events `progress`, then one `end`; the data of each is a Job "
+                    "as JSON",
+                }
+            }
+        },
+    }
+}
 TILES: Responses = {
     200: {
         **binary(*(kind.media_type for kind in FORMATS.values()))[200],
         "headers": {
-            "ETag": {"schema": {"type": "string"}, "description": "strong"},
+            "ETag": {
+                "schema": {"type": "string"},
+                "description": "strong entity tag",
+            },
             "X-Rhytid-Scale": {
                 "schema": {"type": "number"},
                 "description": "png only: h = (p − 32768)/32767 · scale",
@@ -164,5 +207,9 @@ def describe(app: FastAPI) -> dict[str, Any]:
         place = "#/components/schemas/{model}"
         schemas["Problem"] = Problem.model_json_schema(ref_template=place)
         schemas.update(schemas["Problem"].pop("$defs", {}))
+        schemas.update(SETTINGS)
+        schemas["Asset"]["properties"]["settings"] = reference(
+            "AssetSettings", "all of them, resolved once the asset is ready"
+        )
         app.openapi_schema = document
     return app.openapi_schema

@@ -12,6 +12,7 @@ from starlette.concurrency import run_in_threadpool
 from rhytid.engine.messages import ENDED_STATES, JobInfo
 from rhytid.errors import NotFoundError
 
+EVENT_STREAM = "text/event-stream"
 POLL_SECONDS = 0.1
 # A comment now and then keeps proxies from closing a quiet stream.
 POLLS_PER_COMMENT = 150

@@ -49,7 +49,7 @@ class Metrics:
 
 
 class Observe:
-    """ASGI middleware: one count, one time and one log line a request."""
+    """ASGI middleware: one count, one time and one log line per request."""
 
     def __init__(self, app: ASGIApp, metrics: Metrics) -> None:
         self.app = app

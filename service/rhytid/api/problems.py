@@ -43,7 +43,7 @@ KINDS: dict[type[BaseException], Kind] = {
     errors.FrameError: Kind(422, "frame", "The frame cannot be used"),
     errors.SettingsError: Kind(422, "settings", "The settings cannot be used"),
     errors.QueryError: Kind(422, "query", "The query cannot be answered"),
-    errors.StrictError: Kind(422, "warnings", "Something is probably wrong, and strict was asked"),
+    errors.StrictError: Kind(422, "warnings", "There are warnings, and strict was asked for"),
     errors.InputError: Kind(422, "input", "The request cannot be used"),
     errors.NotFoundError: Kind(404, "not-found", "Not found"),
     errors.NotReadyError: Kind(409, "not-ready", "The asset is not ready"),

@@ -13,7 +13,7 @@ from rhytid.formats.curves import CURVE_FORMATS
 from rhytid.formats.tiles import FORMATS
 from rhytid.meshes.export import MESH_FORMATS
 
-STRICT = "refuse what would be warned of: 422, with `warnings`; nothing is stored or begun"
+STRICT = "warnings are an error: 422, with `warnings`; nothing is stored or begun"
 ALLOW = (
     "a code that `strict=true` does not refuse, repeated for several: it stays a warning; an "
     "unknown code is 422, with or without strict"
@@ -37,10 +37,28 @@ class _Query(BaseModel):
 class TileQuery(_Query):
     """Which displacement, and in which format."""
 
-    method: str = Field("redraw", json_schema_extra=_options(METHODS))
-    stretch: str = Field("tensor", json_schema_extra=_options(STRETCH_MODELS))
-    sampling: str = Field("nearest", json_schema_extra=_options(SAMPLINGS))
-    format: str = Field("npy", json_schema_extra=_options(FORMATS))
+    method: str = Field(
+        "redraw",
+        json_schema_extra=_options(METHODS),
+        description="`redraw` draws every wrinkle anew, exact; `binned` blends precomputed maps, "
+        "fast; `convolved` blurs and sharpens the neutral map; `neutral` ignores the frame",
+    )
+    stretch: str = Field(
+        "tensor",
+        json_schema_extra=_options(STRETCH_MODELS),
+        description="how stretch is measured: the full tensor, edge tension, or along u and v",
+    )
+    sampling: str = Field(
+        "nearest",
+        json_schema_extra=_options(SAMPLINGS),
+        description="stretch of whole triangles (`nearest`), or interpolated (`smooth`)",
+    )
+    format: str = Field(
+        "npy",
+        json_schema_extra=_options(FORMATS),
+        description="file format; `f16` and `exr16` have half floats, `png` 16 bits and "
+        "`X-Rhytid-Scale`",
+    )
 
     def map_query(self) -> MapQuery:
         """The part that the engine answers; raises QueryError naming the known values."""
@@ -58,7 +76,7 @@ class TilesQuery(TileQuery):
 
     strict: bool = Field(False, description=STRICT)
     allow: list[str] = Field([], description=ALLOW, json_schema_extra={"items": CODE})
-    tile: list[str] = Field(min_length=1, description="udim/level/row/column, repeated")
+    tile: list[str] = Field(min_length=1, description="udim/level/row/column, repeated for several")
 
 
 class BinQuery(_Query):
@@ -76,13 +94,17 @@ class BinQuery(_Query):
 class GraphQuery(_Query):
     """In which form a wrinkle graph comes."""
 
-    format: str = Field("safetensors", json_schema_extra=_options(GRAPH_FORMATS))
+    format: str = Field(
+        "safetensors",
+        json_schema_extra=_options(GRAPH_FORMATS),
+        description="the whole graph (`safetensors`), or its wrinkles as lines in space",
+    )
 
 
 class MeshQuery(_Query):
     """In which form a neutral mesh comes."""
 
-    format: str = Field("glb", json_schema_extra=_options(MESH_FORMATS))
+    format: str = Field("glb", json_schema_extra=_options(MESH_FORMATS), description="file format")
 
 
 class _Answer(BaseModel):
@@ -94,7 +116,7 @@ class _Answer(BaseModel):
 class InputWarning(_Answer):
     """Something that is probably wrong; `rhytid warnings CODE` says what to do about each."""
 
-    code: str = Field(json_schema_extra=_options(CODES))
+    code: str = Field(json_schema_extra=_options(CODES), description="which kind of warning")
     detail: str = Field(description="what is wrong, in plain text")
     where: str = Field(description="the mesh or the frame, and the place on it")
 
@@ -102,7 +124,7 @@ class InputWarning(_Answer):
 class Notice(_Answer):
     """Something worth knowing of an asset that is no mistake; `strict=true` does not refuse it."""
 
-    code: str = Field(json_schema_extra=_options(NOTICES))
+    code: str = Field(json_schema_extra=_options(NOTICES), description="which kind of notice")
     detail: str = Field(description="what, and what to do, in plain text")
 
 
@@ -110,8 +132,8 @@ class Problem(BaseModel):
     """RFC 9457 problem details."""
 
     type: str = Field(description="URI that names the kind of problem, or about:blank")
-    title: str
-    status: int
+    title: str = Field(description="the kind in a few words")
+    status: int = Field(description="the HTTP status")
     detail: str = Field(description="what is wrong, and where")
     warnings: list[InputWarning] | None = Field(
         None, description="those that `strict=true` turned into a problem; of `allow` none"
@@ -121,45 +143,61 @@ class Problem(BaseModel):
 class Status(BaseModel):
     """Alive, or ready."""
 
-    status: str
+    status: str = Field(description="`alive` or `ready`")
+
+
+class Root(BaseModel):
+    """What this is, and the paths to start from."""
+
+    name: str = Field(description="`rhytid`")
+    version: str = Field(description="version of the program")
+    docs: str = Field(description="documentation of the API as a page")
+    openapi: str = Field(description="the same as an OpenAPI document")
+    assets: str = Field(description="the assets")
+    devices: str = Field(description="the OpenCL devices")
+    health: str = Field(description="answers while the process is alive")
+    metrics: str = Field(description="figures for Prometheus")
 
 
 class Device(_Answer):
     """An OpenCL device; memory in bytes."""
 
-    name: str
-    platform: str
-    kind: str
-    version: str
-    compute_units: int
+    name: str = Field(description="as the driver gives it")
+    platform: str = Field(description="the OpenCL platform, which names the driver")
+    kind: str = Field(description="gpu, cpu or other")
+    version: str = Field(description="the OpenCL version")
+    compute_units: int = Field(description="number of compute units")
     memory: int = Field(description="what the driver says the device has")
     budget: int = Field(description="what this server allows itself; 0 where not selected")
     used: int = Field(description="what this server has allocated")
-    selected: bool
+    selected: bool = Field(description="whether this server computes on it")
 
 
 class GraphStatistics(BaseModel):
     """Figures of a wrinkle graph."""
 
     spacing: float = Field(
-        description="mean distance from a pore to the nearest, as it came out, mesh units"
+        description="measured mean distance from a pore to the nearest, mesh units"
     )
-    degree: float = Field(description="mean number of wrinkles at a pore")
+    degree: float = Field(description="mean number of wrinkles per pore")
     strengths: list[int] = Field(description="wrinkles by weight, in tenths from 0 to 1")
 
 
 class Asset(_Answer):
     """An asset; `settings` are fully resolved once it is ready."""
 
-    id: str
-    state: str = Field(json_schema_extra=_options(("building", "ready", "failed")))
-    job: str | None = Field(description="the build")
-    reason: str | None = Field(description="why it failed")
+    id: str = Field(description="made of the content: the same content has the same id")
+    state: str = Field(
+        json_schema_extra=_options(("building", "ready", "failed")),
+        description="tiles can be asked for once it is `ready`",
+    )
+    job: str | None = Field(description="id of the job that builds it, null without one")
+    reason: str | None = Field(description="why the build failed, else null")
     settings: dict[str, Any]
-    udims: list[int]
+    udims: list[int] = Field(description="UDIMs that the mesh lies in")
     levels: int = Field(description="levels of a map, down to one texel")
-    vertices: int
-    triangles: int
+    vertices: int = Field(description="vertices of the mesh, V")
+    triangles: int = Field(description="triangles of the mesh, F")
     pores: int = Field(
         description="each once, copies at UV seams not counted; 0 until the graph exists"
     )
@@ -179,22 +217,23 @@ class Asset(_Answer):
 class Job(_Answer):
     """Long work."""
 
-    id: str
-    asset: str
-    kind: str
+    id: str = Field(description="id of the job")
+    asset: str = Field(description="id of its asset")
+    kind: str = Field(description="what it does, such as build, frames, calibration or bins")
     state: str = Field(
-        json_schema_extra=_options(("queued", "running", "done", "failed", "cancelled"))
+        json_schema_extra=_options(("queued", "running", "done", "failed", "cancelled")),
+        description="the last three are final",
     )
     progress: float = Field(description="from 0 to 1")
-    stage: str
-    detail: str
+    stage: str = Field(description="what it does now")
+    detail: str = Field(description="why it failed, else empty")
     warnings: list[InputWarning] = Field(description="about the frame of a calibration")
 
 
 class Frame(_Answer):
     """A stored frame."""
 
-    name: str
+    name: str = Field(description="name of the frame, unique within the asset")
     log_stretch: dict[str, float] = Field(
         description="percentiles of the clamped log stretch, over triangles and axes"
     )
@@ -218,7 +257,7 @@ class TiltLine(_Answer):
 class CushionLayer(_Answer):
     """How the maps of the cushions lie under the texels, and meet."""
 
-    factor: int = Field(description="texels of a side to a sample")
+    factor: int = Field(description="texels per sample, per side")
     apron: int = Field(
         description="samples that a tile has beyond those under its own texels, on every side"
     )

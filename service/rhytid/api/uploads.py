@@ -1,4 +1,4 @@
-"""Reading request bodies: never more than the limit, never on trust."""
+"""Reads request bodies: never more than the limit, and every byte is checked."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from rhytid.errors import InputError, LimitError, SettingsError
 from rhytid.settings import ServiceSettings
 
 JSON_LIMIT = 1 << 16
-# A frame in its widest form: three float64 a vertex behind the header of a .npy file.
+# A frame in its widest form: three float64 per vertex after the header of a .npy file.
 WIDEST_VERTEX = 24
 HEADER_ROOM = 1 << 16
 JSON_TYPES = ("application/json", "application/merge-patch+json")
 
 
 async def read_frame(request: Request, vertices: int) -> bytes:
-    """The body with one frame of so many vertices; raises LimitError above what that can take."""
+    """The body with one frame of that many vertices; raises LimitError where it is larger."""
     largest = WIDEST_VERTEX * vertices + HEADER_ROOM
     return await _body(request, min(largest, _limit(request)))
 
@@ -95,7 +95,7 @@ def _unique(pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for key, value in pairs:
         if key in found:
-            raise SettingsError(f"key {key!r} stands twice in one object")
+            raise SettingsError(f"key {key!r} occurs twice in one object")
         found[key] = value
     return found
 

@@ -7,51 +7,55 @@ import json
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from rhytid.cli.options import (
-    DENSITY,
     Commands,
-    add_density,
+    add_device,
     add_force,
     add_json,
-    add_lines,
     add_query,
     add_several,
     add_stiffness,
     add_strict,
     base_name,
-    density,
     new_command,
     readable,
 )
 from rhytid.cli.reporting import report
 from rhytid.cli.serve import chosen
+from rhytid.cli.skin_options import (
+    refuse_without_effect,
+    skin_controls,
+    skin_options,
+    skin_settings,
+)
 from rhytid.cli.timing import Stopwatch
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.settings_changes import settings_unused
+from rhytid.domain.wording import plural
 from rhytid.engine.messages import METHODS, MapQuery, NewAsset
 from rhytid.errors import InputError, SettingsError
 from rhytid.settings import ServiceSettings
+from rhytid.unfinished import temporary_folder
 
 if TYPE_CHECKING:
     from rhytid.cli.baking import Baker
     from rhytid.cli.warned import Warned
 
-SUMMARY = "Write the displacement of an animation as EXR files; goes on where it was interrupted."
+SUMMARY = "Write the displacement of an animation as EXR files; continues where it was interrupted."
 DETAILS = """
-Files are called NAME.<UDIM>.<FRAME>.exr. FRAME is the number at the end of the frame files' names
-where each holds one frame and has one, else it counts from 0001. Maps that are done with the same
-inputs are skipped. With --method binned the range of the precomputed maps comes from the frame
-that stretches most, unless the settings give bins.r_max."""
+Files are called NAME.<UDIM>.<FRAME>.exr. Where each frame file holds one frame, FRAME is the number
+at the end of its name, or its name where not all have a number; else frames are counted from 0001.
+Maps that were baked from the same inputs are skipped. With --method binned the range of the
+precomputed maps comes from the frame that stretches most, unless the settings give bins.r_max."""
 
 
 def add_command(commands: Commands) -> None:
     """Add `bake` to the parser."""
-    parser = new_command(
-        commands, "bake", SUMMARY, "rhytid bake --mesh face.obj --frames shot/*.obj --out maps"
-    )
+    example = "rhytid bake --mesh face.obj --frames shot/*.obj --out maps"
+    skin = skin_options("NEUTRAL", graph=True)
+    parser = new_command(commands, "bake", SUMMARY, example, skin)
     parser.description = SUMMARY + DETAILS
     parser.epilog = f"{parser.epilog}, or with: --method convolved --sampling smooth"
     add = parser.add_argument
@@ -59,34 +63,35 @@ def add_command(commands: Commands) -> None:
     frames = "npy, obj, or npz with 'frames'; not needed where NEUTRAL is a npz that holds frames"
     add_several(parser, "--frames", type=readable, metavar="FILE", help=frames)
     add("--out", type=Path, required=True, metavar="DIR", help="folder of the maps")
-    add("--name", type=base_name, metavar="NAME", help="first part of file names (NEUTRAL's)")
-    add("--resolution", type=int, metavar="R", help="texels per side, a power of two (4096)")
-    add("--method", choices=METHODS, default="redraw", help="how to draw (%(default)s)")
+    add(
+        "--name",
+        type=base_name,
+        metavar="NAME",
+        help="first part of file names (default: NEUTRAL's)",
+    )
+    size = f"texels per side, a power of two (default: {AssetSettings().resolution})"
+    add("--resolution", type=int, metavar="R", help=size)
+    add("--method", choices=METHODS, default="redraw", help="how to draw")
     add_query(parser)
-    graph = "take the wrinkles from safetensors, with their depth and unit; synthesise none"
-    add_density(parser).add_argument("--graph", type=readable, metavar="FILE", help=graph)
-    add_lines(parser)
     add_force(parser)
     add_stiffness(parser)
     add("--settings", type=readable, metavar="FILE", help="asset settings as JSON")
     add("--half", action="store_true", help="write half floats")
     geometry = "write each frame as a displaced surface, too: NAME.<FRAME>.glb"
     add("--geometry", choices=("glb", "ply"), help=geometry)
-    levels = "how many times --geometry cuts each triangle in four, 0 to 8 (%(default)s)"
+    levels = "how many times --geometry cuts each triangle in four, 0 to 8"
     add("--subdivide", type=int, choices=range(9), default=2, metavar="N", help=levels)
-    add("--store", type=Path, metavar="DIR", help="keep the built asset here (a temporary folder)")
-    add("--device", metavar="D", help="number or part of the name of a device")
+    store = "keep the built asset here (default: a temporary folder)"
+    add("--store", type=Path, metavar="DIR", help=store)
+    add_device(parser)
     add_strict(parser)
     add_json(parser)
     parser.set_defaults(run=run, usage_error=parser.error)
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Read everything, build the asset, bake, and tell the times."""
-    for option in ("lines", "shapes"):
-        if arguments.graph is not None and getattr(arguments, option) is not None:
-            told = f"--{option} says how lines grow, --graph gives lines that are grown: use one"
-            arguments.usage_error(told)
+    """Read everything, build the asset, bake, and report the times."""
+    refuse_without_effect(arguments)
     from rhytid.cli.warned import Warned
 
     with Warned("bake", arguments.strict, arguments.allow) as warned:
@@ -116,6 +121,7 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
         settings,
         graph,
         stiffness=stiffness_files(arguments.stiffness, mesh.mesh),
+        controls=skin_controls(arguments, mesh.mesh),
         force=arguments.force,
         shapes=shape_files(arguments.shapes, mesh),
     )
@@ -148,12 +154,7 @@ def asset_settings(arguments: argparse.Namespace) -> dict[str, Any]:
         settings["resolution"] = arguments.resolution
         if "tile_size" not in settings and arguments.resolution < AssetSettings().tile_size:
             settings["tile_size"] = arguments.resolution
-    if density(arguments):
-        others = {k: v for k, v in settings.get("graph", {}).items() if k not in DENSITY}
-        settings["graph"] = {**others, **density(arguments)}
-    if arguments.lines is not None:
-        settings["graph"] = {**settings.get("graph", {}), "lines": arguments.lines}
-    return settings
+    return skin_settings(arguments, settings)
 
 
 def _own_name(mesh: Path) -> str:
@@ -167,8 +168,8 @@ def _own_name(mesh: Path) -> str:
 @contextmanager
 def _service(arguments: argparse.Namespace) -> Iterator[ServiceSettings]:
     """The settings of the engine; without --store its assets last as long as the command."""
-    with TemporaryDirectory(prefix="rhytid-") as folder:
-        yield chosen(arguments.store or Path(folder), arguments.device)
+    with temporary_folder("rhytid-") as folder:
+        yield chosen(arguments.store or folder, arguments.device)
 
 
 def _tell(arguments: argparse.Namespace, baker: Baker, watch: Stopwatch) -> None:
@@ -180,6 +181,7 @@ def _tell(arguments: argparse.Namespace, baker: Baker, watch: Stopwatch) -> None
         "steps": watch.figures(),
         **baker.warned.told(),
     }
-    what = "maps" if arguments.geometry is None else "files"
-    summary = f"{baker.written} {what} written to {arguments.out}, {baker.skipped} were done"
+    what = plural(baker.written, "map" if arguments.geometry is None else "file")
+    done = f", {baker.skipped} already there" if baker.skipped else ""
+    summary = f"{what} written to {arguments.out}{done}"
     report(figures, f"{watch.table()}\n{summary}", arguments.json)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from rhytid.errors import StorageError
-from rhytid.storage.durable import install, workplace, write_file
+from rhytid.storage.durable import whole, write_file
 
 
 class BakeRecord:
@@ -33,9 +33,8 @@ class BakeRecord:
         """Note that `file` was written for `key`; on the disk when this returns."""
         self._maps[file.name] = {"key": key, "sha256": _digest(file)}
         text = json.dumps({"maps": self._maps}, indent=1, sort_keys=True)
-        with workplace(self._path.parent) as place:
-            write_file(place / self._path.name, f"{text}\n".encode())
-            install(place / self._path.name, self._path)
+        with whole(self._path) as aside:
+            write_file(aside, f"{text}\n".encode())
 
 
 def _load(path: Path) -> dict[str, dict[str, str]]:

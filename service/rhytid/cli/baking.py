@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from rhytid.cli.bake_record import BakeRecord
 from rhytid.cli.frame_files import FrameFiles, FramePlace
-from rhytid.cli.reporting import counted, share_bar
+from rhytid.cli.progress import counted, detail, share_bar
 from rhytid.cli.timing import Stopwatch
 from rhytid.cli.warned import Warned
 from rhytid.domain.asset_settings import AssetSettings
@@ -24,7 +24,7 @@ from rhytid.errors import ConflictError
 from rhytid.formats.exr import write_exr
 from rhytid.meshes.displaced import Subdivided
 from rhytid.meshes.export import mesh_format
-from rhytid.storage.durable import install, workplace, write_file
+from rhytid.storage.durable import whole, write_file
 
 if TYPE_CHECKING:
     from rhytid.engine.engine import Engine
@@ -66,9 +66,8 @@ class Geometry:
     def write(self, file: Path, positions: NDArray[np.float32], maps: Mapping[int, Texels]) -> None:
         """The surface of a frame; the file is there when it is whole."""
         data = mesh_format(self.format).write(self._cut.moved(positions, maps))
-        with workplace(file.parent) as place:
-            write_file(place / file.name, data)
-            install(place / file.name, file)
+        with whole(file) as aside:
+            write_file(aside, data)
 
 
 @dataclass
@@ -116,6 +115,7 @@ class Baker:
         file, half = self.output.file(udim, place), self.output.half
         key = f"{plan.key}-{'half' if half else 'single'}"
         if record.done(file, key):
+            detail(f"{file.name} is already there")
             self.skipped += 1
             return None
         with self.watch.step(self.query.method):
@@ -123,6 +123,7 @@ class Baker:
         with self.watch.step("write"):
             write_exr(file, texels.astype(np.float16) if half else texels, plan.header)
             record.add(file, key)
+        detail(f"wrote {file.name}")
         self.written += 1
         return None if self.geometry is None else texels
 
@@ -148,6 +149,7 @@ class Baker:
         with self.watch.step("geometry"):
             geometry.write(file, self.frames.read(place), known)
             record.add(file, key)
+        detail(f"wrote {file.name}")
         self.written += 1
 
     def _measure(self, place: FramePlace) -> float:

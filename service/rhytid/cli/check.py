@@ -15,7 +15,8 @@ from rhytid.cli.options import (
     new_command,
     readable,
 )
-from rhytid.cli.reporting import counted, report, table
+from rhytid.cli.progress import counted, working
+from rhytid.cli.reporting import report, table
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.units import USUAL_UNIT
 from rhytid.errors import InputError
@@ -32,18 +33,18 @@ def add_command(commands: Commands) -> None:
     parser = new_command(
         commands,
         "check",
-        "Look at a mesh, and at its frames: parts, borders, triangles, UV, texel size, length. "
+        "Check a mesh and its frames: parts, borders, triangles, UV, texel size, length. "
         "Nothing is computed on a device. The status is 0 whatever is found, 1 where the mesh "
         "cannot be used, or has warnings and --strict is given.",
         "rhytid check face.obj --frames shot/*.obj --picture face.check.png",
     )
     add = parser.add_argument
     add("mesh", type=readable, metavar="MESH", help="OBJ, PLY, glTF, GLB or npz")
-    frames = "frames to look at: OBJ, npy or npz (those of a .npz mesh)"
+    frames = "frames to check: OBJ, npy or npz (default: those of a .npz mesh)"
     add_several(parser, "--frames", type=readable, metavar="FILE", help=frames)
     add_unit(parser, "MESH")
     usual = AssetSettings().resolution
-    texels = "texels per side that texel sizes are for (%(default)s)"
+    texels = "texels per side that texel sizes are for"
     add("--resolution", type=int, default=usual, metavar="R", help=texels)
     picture = "write a picture of the mesh and its UV, with the problems coloured"
     add("--picture", type=Path, metavar="FILE.png", help=picture)
@@ -53,7 +54,7 @@ def add_command(commands: Commands) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Read, look, write what was asked for, and tell it; with --strict refuse at the end."""
+    """Read, check, write and report; with --strict warnings are an error at the end."""
     from rhytid.cli.warned import Warned
 
     with Warned("check", arguments.strict, arguments.allow) as warned:
@@ -74,16 +75,18 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
         make_place(picture)
     AssetSettings.parse({"resolution": arguments.resolution})
     read = mesh_file(arguments.mesh)
-    check = MeshCheck.of(read, arguments.unit or USUAL_UNIT, arguments.resolution)
+    with working("checking the mesh"):
+        check = MeshCheck.of(read, arguments.unit or USUAL_UNIT, arguments.resolution)
     figures = check.figures() | _frames(arguments, check, warned)
     figures = {"file": str(arguments.mesh), **figures, "warnings": warned.figures()}
     if picture is not None:
-        _draw(check, arguments.mesh.name, picture)
+        with working(f"drawing {picture.name}"):
+            _draw(check, arguments.mesh.name, picture)
     report(figures, table(HEADER, rows(check, figures)), arguments.json)
 
 
 def _frames(arguments: argparse.Namespace, check: MeshCheck, warned: Warned) -> dict[str, Any]:
-    """Tell the warnings of the mesh and of every frame; how many frames there are."""
+    """Report the warnings of the mesh and of every frame; how many frames there are."""
     from dataclasses import replace
 
     from rhytid.cli.frame_files import FrameFiles
@@ -103,6 +106,7 @@ def _frames(arguments: argparse.Namespace, check: MeshCheck, warned: Warned) -> 
 
 def _draw(check: MeshCheck, name: str, picture: Path) -> None:
     from rhytid.pictures.check import check_picture, problems_of
+    from rhytid.storage.durable import whole
 
     masks = check.problems() | check.uneven_texels()
     caption = (
@@ -111,4 +115,5 @@ def _draw(check: MeshCheck, name: str, picture: Path) -> None:
         f"Texels at {check.resolution} x {check.resolution}."
     )
     drawn = check_picture(check.mesh, check.layout.udims, problems_of(masks), caption)
-    drawn.save(picture, format="png")
+    with whole(picture) as aside:
+        drawn.save(aside, format="png")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 
 from rhytid.cli.options import Commands, add_json, new_command
+from rhytid.cli.progress import working
 from rhytid.cli.reporting import report, table
 from rhytid.settings import ServiceSettings
 
@@ -16,7 +17,7 @@ def add_command(commands: Commands) -> None:
     parser = new_command(
         commands,
         "devices",
-        "List the OpenCL devices; 'used' marks the one that rhytid would compute on.",
+        "List the OpenCL devices; 'used' marks the one that rhytid computes on.",
         "rhytid devices --json",
     )
     add_json(parser)
@@ -29,7 +30,8 @@ def run(arguments: argparse.Namespace) -> None:
     from rhytid.device.select import candidates, choose
 
     settings = ServiceSettings.from_environment()
-    used = choose(settings.device, settings.cache)
+    with working("trying the devices"):
+        used = choose(settings.device, settings.cache)
     figures = [
         {
             "number": device.index,

@@ -1,4 +1,4 @@
-"""The frames of an animation: which files hold them and which numbers they get."""
+"""The frames of an animation: which files hold them and which names they get."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.cli.input_files import frame_file
+from rhytid.cli.options import is_file_name
+from rhytid.domain.frame import NEUTRAL, frame_label
 from rhytid.errors import FrameError
 from rhytid.formats.meshes import MeshFile
 
@@ -20,20 +22,16 @@ _NUMBER = re.compile(r"[0-9]+$", re.ASCII)
 
 @dataclass(frozen=True)
 class FramePlace:
-    """Where a frame lies: the `index`-th of a file, None for the file of the mesh."""
+    """The name of a frame, and where it lies: the `index`-th of a file, None for the file of the
+    mesh."""
 
-    number: int
+    label: str
     file: Path | None
     index: int
 
     @property
-    def label(self) -> str:
-        """The number as files carry it: at least four digits."""
-        return f"{self.number:04d}"
-
-    @property
     def name(self) -> str:
-        """The number, and the file that the frame lies in."""
+        """Its label, and the file that the frame lies in."""
         return self.label if self.file is None else f"{self.label} of {self.file.name}"
 
 
@@ -49,9 +47,9 @@ class FrameFiles:
         self._kept: tuple[Path | None, Frames | None] = (None, mesh.frames)
         sources: list[Path | None] = [*files] or [None]
         counts = [self._count(source) for source in sources]
-        numbers = frame_numbers(sources, counts)
+        labels = frame_labels(sources, counts)
         where = [(f, i) for f, n in zip(sources, counts, strict=True) for i in range(n)]
-        self.places = [FramePlace(n, f, i) for n, (f, i) in zip(numbers, where, strict=True)]
+        self.places = [FramePlace(n, f, i) for n, (f, i) in zip(labels, where, strict=True)]
         if not self.places:
             raise FrameError("no frames: name files of frames, or a .npz mesh that holds frames")
 
@@ -75,18 +73,31 @@ class FrameFiles:
         return frames
 
 
-def frame_numbers(files: Sequence[Path | None], counts: Sequence[int]) -> list[int]:
-    """A number for every frame of files that hold `counts` frames each.
+def frame_labels(files: Sequence[Path | None], counts: Sequence[int]) -> list[str]:
+    """A name for every frame of files that hold `counts` frames each.
 
-    The digits at the end of the files' names, where every file is one frame and has them; else
-    1, 2, 3, … Raises FrameError where two files have the same number.
+    Where every file holds one frame: the digits at the end of the files' names, or, where not all
+    have them, the names. Else, and where names are the same or cannot serve, 0001, 0002, …
+    Raises FrameError where two files have the same number.
     """
-    found = [_NUMBER.search(file.stem) if file else None for file in files]
-    if not all(found) or any(count != 1 for count in counts):
-        return list(range(1, sum(counts) + 1))
+    if not all(file is not None and count == 1 for file, count in zip(files, counts, strict=True)):
+        return _counted(sum(counts))
+    stems = [file.stem for file in files if file]
+    found = [_NUMBER.search(stem) for stem in stems]
     numbers = [int(match[0]) for match in found if match]
+    if len(numbers) == len(files):
+        return _numbered(files, numbers)
+    usable = all(is_file_name(stem) and stem != NEUTRAL for stem in stems)
+    return stems if usable and len(set(stems)) == len(stems) else _counted(len(files))
+
+
+def _counted(frames: int) -> list[str]:
+    return [frame_label(number) for number in range(1, frames + 1)]
+
+
+def _numbered(files: Sequence[Path | None], numbers: Sequence[int]) -> list[str]:
     first: dict[int, Path | None] = {}
     for number, file in zip(numbers, files, strict=True):
         if first.setdefault(number, file) is not file:
             raise FrameError(f"{first[number]} and {file} are both frame {number}")
-    return numbers
+    return [frame_label(number) for number in numbers]

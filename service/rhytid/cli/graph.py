@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rhytid.cli.graph_output import add_outputs, check_outputs, open_device, write_outputs
-from rhytid.cli.options import Commands, add_force, add_strict, new_command, readable
+from rhytid.cli.options import Commands, add_force, add_strict, add_unit, new_command, readable
+from rhytid.cli.progress import working
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
@@ -25,12 +26,13 @@ def add_command(commands: Commands) -> None:
     parser = new_command(
         commands,
         "graph",
-        "Tell figures of a wrinkle graph, from this program or from elsewhere, and write it as "
-        "curves or as a picture. The folders of what is written are made.",
+        "Print the figures of a wrinkle graph, made here or elsewhere, and write it as curves or "
+        "as a picture. Folders that do not exist are created.",
         "rhytid graph face.obj face.safetensors --curves face.usda",
     )
     parser.add_argument("mesh", type=readable, metavar="MESH", help="OBJ, PLY, glTF, GLB or npz")
     parser.add_argument("graph", type=readable, metavar="GRAPH.safetensors", help="its wrinkles")
+    add_unit(parser, "MESH")
     add_force(parser)
     add_strict(parser)
     add_outputs(parser)
@@ -38,7 +40,7 @@ def add_command(commands: Commands) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Read both, find the pores on the mesh, write, and tell the figures."""
+    """Read both, find the pores on the mesh, write, and report the figures."""
     from rhytid.cli.warned import Warned
 
     with Warned("graph", arguments.strict, arguments.allow) as warned:
@@ -75,7 +77,7 @@ def placed_graph(
     if known is not None and (known >= 0).all():
         return graph
     settings, device = AssetSettings(), opened()
-    with device.task():
+    with working("placing the pores"), device.task():
         found = locate_points(device, mesh, graph.node_uv, settings.resolution, settings.padding)
     triangle = found if known is None else np.where(known >= 0, known, found)
     return with_triangles(graph, triangle, len(mesh.faces))

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rhytid.cli.options import STDOUT, add_json, add_unit
+from rhytid.cli.options import STDOUT, add_device, add_json
+from rhytid.cli.progress import detail, working
 from rhytid.cli.reporting import report, table
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
@@ -23,19 +24,18 @@ PNG = ".png"
 
 
 def add_outputs(parser: argparse.ArgumentParser) -> None:
-    """`--curves`, `--preview`, their unit and device, and `--json`."""
+    """`--curves`, `--preview`, the device, and `--json`."""
     add = parser.add_argument
     curves = "write the wrinkles as lines in space, for other programs"
     add("--curves", type=Path, metavar="FILE.obj|.usda", help=curves)
     picture = "write a picture of the whole maps and of patches 20 mm wide"
     add("--preview", type=Path, metavar="FILE.png", help=picture)
-    add_unit(parser, "MESH")
-    add("--device", metavar="D", help="number or part of the name of a device")
+    add_device(parser)
     add_json(parser)
 
 
 def check_outputs(arguments: argparse.Namespace) -> None:
-    """Refuse, before long work, a file whose extension says nothing or that cannot be written;
+    """Refuse, before long work, a file of unknown extension or one that cannot be written;
     raises InputError. The folders are made."""
     from rhytid.formats.curves import curve_file
 
@@ -53,7 +53,7 @@ def make_place(file: Path) -> None:
     from rhytid.storage.durable import workplace
 
     if file.is_dir():
-        raise InputError(f"{file}: a folder, no file to write")
+        raise InputError(f"{file} is a folder, not a file")
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         with workplace(file.parent):
@@ -69,7 +69,7 @@ def write_outputs(
     graph: WrinkleGraph,
     facts: dict[str, Any],
 ) -> None:
-    """Write what was asked for, and tell `facts` and the statistics of the graph."""
+    """Write what was asked for, and report `facts` and the statistics of the graph."""
     from rhytid.cli.preview import write_preview
     from rhytid.domain.curves import graph_curves
     from rhytid.formats.curves import curve_file
@@ -78,9 +78,11 @@ def write_outputs(
     settings = AssetSettings(unit=arguments.unit).for_graph(graph.origin)
     lengths = _lengths(mesh, graph, settings)
     drawn = {"unit": settings.length_unit, "depth": lengths.depth}
-    figures = {**facts, **statistics(mesh, graph, device), **drawn}
+    with working("measuring the graph"):
+        figures = {**facts, **statistics(mesh, graph, device), **drawn}
     if arguments.curves is not None:
         write = curve_file(arguments.curves.name).write
+        detail(f"writing {arguments.curves}")
         whole_file(arguments.curves, write(graph_curves(mesh, graph), settings.length_unit))
     if arguments.preview is not None:
         distance = figures["spacing"]["mean"] or lengths.spacing
@@ -91,12 +93,10 @@ def write_outputs(
 
 def whole_file(file: Path, pieces: Any) -> None:
     """Write pieces of bytes into a file that is there when it is whole; its folder is there."""
-    from rhytid.storage.durable import install, workplace, write_pieces
+    from rhytid.storage.durable import whole, write_pieces
 
-    with workplace(file.parent) as place:
-        aside = place / file.name
+    with whole(file) as aside:
         write_pieces(aside, pieces)
-        install(aside, file)
 
 
 def open_device(arguments: argparse.Namespace) -> Device:
@@ -104,7 +104,8 @@ def open_device(arguments: argparse.Namespace) -> Device:
     from rhytid.engine import opening
     from rhytid.settings import ServiceSettings
 
-    return opening.open_device(ServiceSettings.from_environment(), arguments.device)
+    with working("opening the device"):
+        return opening.open_device(ServiceSettings.from_environment(), arguments.device)
 
 
 def _lengths(mesh: Mesh, graph: WrinkleGraph, settings: AssetSettings) -> Lengths:
@@ -123,7 +124,7 @@ def _lengths(mesh: Mesh, graph: WrinkleGraph, settings: AssetSettings) -> Length
 def _rows(figures: dict[str, Any]) -> list[tuple[str, str]]:
     rows = []
     for name, value in figures.items():
-        if name == "warnings":  # told on stderr
+        if name == "warnings":  # printed on stderr
             continue
         parts = value.items() if isinstance(value, dict) else [("", value)]
         rows += [(f"{name} {part}".strip(), _text(v)) for part, v in parts]

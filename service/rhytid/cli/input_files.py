@@ -1,4 +1,4 @@
-"""Reading the files that a command line names; what is wrong with one is told with its name."""
+"""Reads the files that a command line names; an error names the file that it is about."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.cli.progress import working
 from rhytid.domain.controls import Controls
 from rhytid.domain.expressions import Expressions, evenly
 from rhytid.domain.graph import WrinkleGraph
@@ -26,7 +27,7 @@ from rhytid.formats.painted import read_controls, read_stiffness
 
 def mesh_file(file: Path) -> MeshFile:
     """A neutral mesh, with the frames of a .npz that holds them."""
-    with _named(file):
+    with _named(file), working(f"reading {file.name}"):
         return read_mesh(file.read_bytes(), file.name)
 
 
@@ -47,7 +48,7 @@ def shape_files(place: Path | None, mesh: MeshFile) -> Expressions | None:
             return read_expressions(place.read_bytes(), place.name, vertices, centre)
     every = sorted(f for f in place.iterdir() if f.suffix.lower() == ".obj" and f.is_file())
     if not every:
-        raise InputError(f"{place}: no OBJ files there")
+        raise InputError(f"{place} holds no OBJ files")
     files = [every[i] for i in evenly(len(every))]
     read = [frame_file(file, vertices, centre)[0] for file in files]
     return Expressions.checked(np.stack(read), vertices, [file.stem for file in files])

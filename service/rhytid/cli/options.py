@@ -23,9 +23,9 @@ Commands = Any  # argparse._SubParsersAction has no public name
 
 
 def new_command(
-    commands: Commands, name: str, summary: str, example: str
+    commands: Commands, name: str, summary: str, example: str, *parents: argparse.ArgumentParser
 ) -> argparse.ArgumentParser:
-    """A parser for one command, with its help and an example."""
+    """A parser for one command, with its help, an example, and the options of its parents."""
     parser: argparse.ArgumentParser = commands.add_parser(
         name,
         help=summary,
@@ -33,8 +33,26 @@ def new_command(
         epilog=f"example: {example}",
         # Else --set would be --settings where there is no --set.
         allow_abbrev=False,
+        formatter_class=HelpFormatter,
+        parents=parents,
     )
+    voice = parser.add_mutually_exclusive_group()
+    quiet = "say nothing but results, warnings and errors"
+    voice.add_argument("-q", "--quiet", action="store_true", help=quiet)
+    verbose = "also say which step begins, which file is written, and where an error came from"
+    voice.add_argument("-v", "--verbose", action="store_true", help=verbose)
     return parser
+
+
+class HelpFormatter(argparse.HelpFormatter):
+    """Ends the help of every option that takes a value with its default."""
+
+    def _get_help_string(self, action: argparse.Action) -> str | None:
+        optional = action.option_strings and not action.required and action.nargs != 0
+        if not action.help or not optional or "(default: " in action.help:
+            return action.help
+        known = action.default not in (None, []) and action.default is not argparse.SUPPRESS
+        return f"{action.help} (default: {'%(default)s' if known else 'none'})"
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:
@@ -57,9 +75,9 @@ def add_several(parser: argparse._ActionsContainer, option: str, **named: Any) -
 def add_density(parser: argparse.ArgumentParser) -> argparse._ActionsContainer:
     """`--spacing S` or `--wrinkles N`, of which one excludes the other, and what they are in."""
     group = parser.add_mutually_exclusive_group()
-    usual = f"distance between pores, mesh units ({SKIN.spacing:g} mm through the unit)"
+    usual = f"distance between pores, mesh units (default: {SKIN.spacing:g} mm through the unit)"
     group.add_argument("--spacing", type=float, metavar="S", help=usual)
-    count = "how many wrinkles to synthesise (as many as that spacing makes)"
+    count = "how many wrinkles to grow (default: as many as that spacing makes)"
     group.add_argument("--wrinkles", type=int, metavar="N", help=count)
     return group
 
@@ -72,9 +90,12 @@ def density(arguments: argparse.Namespace) -> dict[str, Any]:
 
 def add_lines(parser: argparse.ArgumentParser) -> None:
     """`--lines` and `--shapes`: what the lines of the skin grow by."""
-    lines = "run lines where expressions fold the face, or level (auto: by expressions, if any)"
+    lines = "along the folds of expressions, or level (default: auto, by expressions if any)"
     parser.add_argument("--lines", choices=LINES, help=lines)
-    shapes = "expressions: npz with 'shapes' and 'names' or with 'frames', npy, or a folder of OBJ"
+    shapes = (
+        "expressions: npz with 'shapes' and 'names' or with 'frames', npy, or a folder of OBJ "
+        "(default: those of the mesh file)"
+    )
     parser.add_argument("--shapes", type=_existing, metavar="FILE|DIR", help=shapes)
 
 
@@ -87,7 +108,7 @@ def _existing(text: str) -> Path:
 def add_unit(parser: argparse.ArgumentParser, mesh: str) -> None:
     """`--unit U`."""
     known = ", ".join(name for name in MILLIMETRES if name.isascii())
-    unit = f"length unit of {mesh}: {known} (that of the graph where it says one, else cm)"
+    unit = f"length unit of {mesh}: {known} (default: that of a graph which names one, else cm)"
     parser.add_argument("--unit", type=_unit, metavar="U", help=unit)
 
 
@@ -103,9 +124,15 @@ def _unit(text: str) -> str:
     return text
 
 
+def add_device(parser: argparse.ArgumentParser, more: str = "") -> None:
+    """`--device D`."""
+    device = f"number or part of the name of a device{more} (default: RHYTID_DEVICE, or chosen)"
+    parser.add_argument("--device", metavar="D", help=device)
+
+
 def add_stiffness(parser: argparse.ArgumentParser) -> None:
     """`--stiffness FILE ...`."""
-    stiffness = "grey PNG or EXR, one a UDIM, named ANY.<UDIM>.png: white moves, black is rigid"
+    stiffness = "grey PNG or EXR, one per UDIM, named ANY.<UDIM>.png: white moves, black is rigid"
     add_several(parser, "--stiffness", type=readable, metavar="FILE", help=stiffness)
 
 
@@ -113,7 +140,7 @@ def add_strict(parser: argparse.ArgumentParser) -> None:
     """`--strict`, and `--allow CODE` for what it shall not refuse."""
     strict = "end with an error, before anything is made, where there would be warnings"
     parser.add_argument("--strict", action="store_true", help=strict)
-    allow = f"a warning that --strict lets be, repeated for several: {', '.join(CODES)}"
+    allow = f"a warning that --strict does not refuse, repeated for several: {', '.join(CODES)}"
     parser.add_argument(
         "--allow", action="append", default=[], choices=CODES, metavar="CODE", help=allow
     )
@@ -121,9 +148,9 @@ def add_strict(parser: argparse.ArgumentParser) -> None:
 
 def add_query(parser: argparse.ArgumentParser) -> None:
     """`--stretch` and `--sampling`, as a tile's query has them."""
-    stretch = "how stretch is measured (%(default)s)"
+    stretch = "how stretch is measured"
     parser.add_argument("--stretch", choices=STRETCH_MODELS, default="tensor", help=stretch)
-    sampling = "where stretch is taken: of whole triangles, or interpolated (%(default)s)"
+    sampling = "where stretch is taken: of whole triangles, or interpolated"
     parser.add_argument("--sampling", choices=SAMPLINGS, default="nearest", help=sampling)
 
 
@@ -142,12 +169,14 @@ def port_number(text: str) -> int:
     return int(text)
 
 
-def base_name(text: str) -> str:
-    """The first part of the names of written files; as an argparse type.
+def is_file_name(text: str) -> bool:
+    """Whether a text may be a part of the names of written files, which dots divide."""
+    return _NAME.fullmatch(text) is not None
 
-    No dots, for they divide NAME, UDIM and frame.
-    """
-    if not _NAME.fullmatch(text):
+
+def base_name(text: str) -> str:
+    """The first part of the names of written files; as an argparse type."""
+    if not is_file_name(text):
         rule = "a letter or digit, then up to 63 letters, digits, '_' or '-'"
         raise argparse.ArgumentTypeError(f"{text!r}: use {rule}")
     return text

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.cli.reporting import share_bar
+from rhytid.cli.progress import share_bar
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
@@ -24,13 +24,14 @@ from rhytid.errors import MeshError
 from rhytid.pictures.places import Place, flat_places
 from rhytid.pictures.preview import PATCH, WHOLE, Patch, WholeMap, preview
 from rhytid.pictures.surface_patch import Frame, SurfacePatch, surface_patch
+from rhytid.storage.durable import whole
 from rhytid.synthesis.progress import Progress, part
 
 PATCH_MM = 20.0
 MOST_UDIMS = 4
 # Texels between two pores, at least, as far as maps go.
 _DENSITY = 16.0
-# Texels a side of what is drawn at once.
+# Texels per side of what is drawn at once.
 _DRAWN = 512
 _RESOLUTIONS: list[int] = [2**n for n in range(10, 15)]
 _NEUTRAL = MapQuery("neutral")
@@ -71,7 +72,8 @@ def write_preview(
                 maps.append(_whole(asset, mesh, one))
             patches = _patches(asset, mesh, udim, places, side, part(show, _WHOLE, _DRAWING))
         show(_DRAWING, "picture")
-        preview(maps, patches, unit_mm, caption).save(file, format="png")
+        with whole(file) as aside:
+            preview(maps, patches, unit_mm, caption).save(aside, format="png")
 
 
 def _places(mesh: Mesh, udim: int, sides: list[float]) -> tuple[float, tuple[Place, ...]]:

@@ -3,36 +3,54 @@
 from __future__ import annotations
 
 import argparse
+import logging
 import sys
-from collections.abc import Sequence
+import traceback
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from importlib.metadata import entry_points
 
 from rhytid import __version__
-from rhytid.cli import bake, check, devices, graph, serve, synthesize, transfer, warnings
-from rhytid.cli.termination import INTERRUPTED, raising_terminated
+from rhytid.cli import (
+    bake,
+    check,
+    completion,
+    devices,
+    graph,
+    serve,
+    synthesize,
+    transfer,
+    warnings,
+)
+from rhytid.cli.progress import Voice, speaking
+from rhytid.cli.termination import INTERRUPTED, Interruption
 from rhytid.errors import RhytidError
 
-COMMANDS = (serve, devices, check, synthesize, graph, transfer, bake, warnings)
+COMMANDS = (serve, devices, check, synthesize, graph, transfer, bake, warnings, completion)
 # Entry points of other packages: modules with `add_command(commands)`, as those above.
 GROUP = "rhytid.commands"
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command and return its exit status.
-
-    0: all was done.  1: an error, told in one line on stderr.  130: interrupted. Raises
-    SystemExit, with 2 over arguments that cannot be understood and with 143 when terminated.
-    """
+def run(argv: Sequence[str] | None, interruption: Interruption) -> int:
+    """Run one command and return its exit status, as `main` has it."""
     arguments = build_parser().parse_args(argv)
+    voice = Voice(arguments.quiet, arguments.verbose)
     try:
-        with raising_terminated():
+        with speaking(voice), _logging(voice):
             arguments.run(arguments)
-    except (RhytidError, OSError) as error:
+    except KeyboardInterrupt:
+        interruption.say(arguments.command)
+        return INTERRUPTED
+    except Exception as error:
+        if interruption.came:  # it came of the interruption
+            interruption.say(arguments.command)
+            return INTERRUPTED
+        if not isinstance(error, RhytidError | OSError):
+            raise
+        if voice.verbose:
+            traceback.print_exc()
         print(f"rhytid {arguments.command}: {_line(error)}", file=sys.stderr)
         return 1
-    except KeyboardInterrupt:
-        print(f"rhytid {arguments.command}: interrupted", file=sys.stderr)
-        return INTERRUPTED
     return 0
 
 
@@ -44,7 +62,8 @@ def build_parser() -> argparse.ArgumentParser:
         epilog="example: rhytid demo --out rhytid-demo",
         allow_abbrev=False,
     )
-    parser.add_argument("--version", action="version", version=f"rhytid {__version__}")
+    version = f"rhytid {__version__}"
+    parser.add_argument("--version", action="version", version=version, help="print the version")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     # By name: an installed package beside one on PYTHONPATH lists each twice.
     others = {entry.name: entry for entry in entry_points(group=GROUP)}
@@ -53,8 +72,25 @@ def build_parser() -> argparse.ArgumentParser:
     return parser
 
 
+@contextmanager
+def _logging(voice: Voice) -> Iterator[None]:
+    """Where verbose, the log of this package on stderr."""
+    if not voice.verbose:
+        yield
+        return
+    logger, handler = logging.getLogger("rhytid"), logging.StreamHandler()
+    before = logger.level
+    logger.addHandler(handler)
+    logger.setLevel(logging.DEBUG)
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
+        logger.setLevel(before)
+
+
 def _line(error: Exception) -> str:
-    """What to tell of an error; a file's name and reason, without Python's error numbers."""
+    """What to say of an error; a file's name and reason, without Python's error numbers."""
     if isinstance(error, OSError) and error.strerror:
         return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
     return str(error)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from rhytid.cli.preview import drawn_under, resident, resolution_for
-from rhytid.cli.reporting import share_bar
+from rhytid.cli.progress import share_bar
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.folds import Folds
@@ -20,6 +20,7 @@ from rhytid.domain.units import MILLIMETRES, USUAL_UNIT, millimetres
 from rhytid.pictures.preview import LIGHTS, patch_panel
 from rhytid.pictures.region_views import RegionView, region_views
 from rhytid.pictures.sheet import Panel, sheet
+from rhytid.storage.durable import whole
 
 SIDE_MM = 8.0
 _PIXELS = 400
@@ -53,7 +54,8 @@ def write_region_sheet(
         f"Regions as masks of named expressions have them, {SIDE_MM:g} mm wide, seen on the "
         "surface along its normal, true to scale; light from the upper left, at 45° and grazing."
     )
-    sheet(rows, caption).save(file, format="png")
+    with whole(file) as aside:
+        sheet(rows, caption).save(aside, format="png")
 
 
 def skin_views(mesh: Mesh, folds: Folds, udim: int, side: float) -> list[RegionView]:

@@ -8,7 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from rhytid import __version__
-from rhytid.cli.options import Commands, new_command, port_number
+from rhytid.cli.options import Commands, add_device, new_command, port_number
+from rhytid.cli.progress import voice
 from rhytid.cli.termination import Terminated
 from rhytid.settings import ServiceSettings
 
@@ -23,16 +24,17 @@ def add_command(commands: Commands) -> None:
         "Serve displacement tiles over HTTP until interrupted.",
         f"rhytid serve --port {PORT} --store assets",
     )
-    parser.add_argument("--host", default="127.0.0.1", help="address (%(default)s)")
-    port = "port (%(default)s); 0 takes a free one and prints it"
+    parser.add_argument("--host", default="127.0.0.1", help="address to listen on")
+    port = "port; 0 takes a free one and prints it"
     parser.add_argument("--port", type=port_number, default=PORT, metavar="PORT", help=port)
-    parser.add_argument("--store", type=Path, metavar="DIR", help="folder of the assets")
-    parser.add_argument("--device", metavar="D", help="number or part of the name of a device")
+    store = "folder of the assets (default: of RHYTID_STORE, else rhytid-store)"
+    parser.add_argument("--store", type=Path, metavar="DIR", help=store)
+    add_device(parser)
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Listen, tell where, and serve."""
+    """Listen, print the address, and serve."""
     # Imported here, so that --help does not wait for OpenCL and the web framework.
     from rhytid.cli.server import address_of, listen, server_of
     from rhytid.engine.engine import Engine
@@ -43,11 +45,17 @@ def run(arguments: argparse.Namespace) -> None:
         device = next(d for d in engine.devices() if d.selected)
         where = f"{device.name} ({device.platform}), store {settings.store}"
         print(f"rhytid {__version__} on {address_of(listening)}, {where}", flush=True)
-        with suppress(Terminated):  # told to stop: a server is done
-            server_of(engine, settings, "info").run(sockets=[listening])
+        with suppress(Terminated):  # SIGTERM is how a server ends
+            server_of(engine, settings, _log_level()).run(sockets=[listening])
+
+
+def _log_level() -> str:
+    if voice().verbose:
+        return "debug"
+    return "warning" if voice().quiet else "info"
 
 
 def chosen(store: Path | None, device: str | None) -> ServiceSettings:
-    """The settings of the environment, overruled by what the command line names."""
+    """The settings of the environment, which the command line overrides."""
     found = ServiceSettings.from_environment()
     return replace(found, store=store or found.store, device=device or found.device)

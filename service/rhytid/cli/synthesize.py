@@ -9,7 +9,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rhytid.cli.control_options import add_controls, control_maps, control_settings
 from rhytid.cli.graph_output import (
     add_outputs,
     check_outputs,
@@ -20,14 +19,12 @@ from rhytid.cli.graph_output import (
 )
 from rhytid.cli.options import (
     Commands,
-    add_density,
-    add_lines,
     add_strict,
-    density,
     new_command,
     readable,
 )
-from rhytid.cli.reporting import share_bar
+from rhytid.cli.progress import share_bar, working
+from rhytid.cli.skin_options import skin_controls, skin_options, skin_settings
 from rhytid.domain.asset_settings import AssetSettings, GraphSettings
 from rhytid.domain.expressions import grown_from
 from rhytid.domain.graph_origin import GraphOrigin
@@ -51,30 +48,28 @@ def add_command(commands: Commands) -> None:
     parser = new_command(
         commands,
         "synthesize",
-        "Grow pores and wrinkles on a neutral mesh, write them as safetensors and tell figures of "
-        "them. The folders of what is written are made.",
+        "Grow pores and wrinkles on a neutral mesh, write them as safetensors and print their "
+        "figures. Folders that do not exist are created.",
         "rhytid synthesize face.obj --out face.safetensors --preview face.png",
+        skin_options("MESH"),
     )
     parser.add_argument("mesh", type=readable, metavar="MESH", help="OBJ, PLY, glTF, GLB or npz")
     parser.add_argument(
         "--out", type=Path, required=True, metavar="GRAPH.safetensors", help="the file to write"
     )
-    add_density(parser)
-    parser.add_argument("--seed", type=int, metavar="S", help="another seed, another skin")
-    add_lines(parser)
-    add_controls(parser)
     add_strict(parser)
     add_outputs(parser)
     ages = (
         "with --preview: grow the skin at each of these ages, too, for the picture of its regions, "
-        "FILE.regions.png; that is written where expressions of known names came"
+        "FILE.regions.png; that is written where there are expressions of known names "
+        "(default: the age of --set, else 35)"
     )
     parser.add_argument("--ages", nargs="+", type=float, metavar="AGE", help=ages)
     parser.set_defaults(run=run, usage_error=parser.error)
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Read, synthesise, write, and tell figures of what came out."""
+    """Read, synthesise, write, and report the figures of the result."""
     if arguments.ages and arguments.preview is None:
         arguments.usage_error("--ages needs --preview FILE.png: ages are drawn in its picture")
     from rhytid.cli.warned import Warned
@@ -85,15 +80,13 @@ def run(arguments: argparse.Namespace) -> None:
 
 def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     # Imported here, so that --help needs no OpenCL.
-    from rhytid.cli.input_files import control_files, mesh_file, shape_files
+    from rhytid.cli.input_files import mesh_file, shape_files
     from rhytid.formats.graphs import write_graph
     from rhytid.synthesis.generate import synthesize
     from rhytid.synthesis.progress import clocked
 
-    given = {**density(arguments), "seed": arguments.seed, "lines": arguments.lines}
-    given |= control_settings(arguments)
+    settings = grown_settings(skin_settings(arguments))
     unit = arguments.unit or USUAL_UNIT
-    settings = graph_settings(given, unit)
     if arguments.out.suffix.lower() != GRAPH:
         raise InputError(f"{arguments.out}: the graph is written as {GRAPH}")
     ages = _ages(settings, arguments.ages)
@@ -102,7 +95,7 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     warned.inputs(mesh, arguments.mesh.name, unit, AssetSettings().resolution)
     check_outputs(arguments)
     make_place(arguments.out)
-    controls = control_files(control_maps(arguments), mesh)
+    controls = skin_controls(arguments, mesh)
     expressions = grown_from(settings.lines, shape_files(arguments.shapes, read))
     device = open_device(arguments)
     out: Path = arguments.out
@@ -136,9 +129,11 @@ def _folds(device: Device, mesh: Mesh, expressions: Expressions, unit: str) -> F
 def _draw_lines(mesh: Mesh, folds: Folds, preview: Path) -> None:
     """The preferred lines, beside the preview."""
     from rhytid.pictures.folds import fold_picture
+    from rhytid.storage.durable import whole
 
-    picture = fold_picture(mesh.positions, mesh.faces, folds)
-    picture.save(preview.with_suffix(".lines.png"), format="png")
+    file = preview.with_suffix(".lines.png")
+    with working(f"drawing {file.name}"), whole(file) as aside:
+        fold_picture(mesh.positions, mesh.faces, folds).save(aside, format="png")
 
 
 def _draw_regions(
@@ -168,10 +163,9 @@ def _aged(
 
 def _ages(settings: GraphSettings, ages: Sequence[float] | None) -> list[float]:
     """Those asked for, checked; else the one of the settings."""
-    return [graph_settings({"age": age}).age for age in ages or [settings.age]]
+    return [grown_settings({"graph": {"age": age}}).age for age in ages or [settings.age]]
 
 
-def graph_settings(given: Mapping[str, Any], unit: str = USUAL_UNIT) -> GraphSettings:
-    """Settings of the synthesis, defaults where None; raises SettingsError."""
-    graph = {k: v for k, v in given.items() if v is not None}
-    return AssetSettings.parse({"unit": unit, "graph": graph}).for_synthesis().graph
+def grown_settings(given: Mapping[str, Any]) -> GraphSettings:
+    """Settings of the synthesis, of those of an asset; raises SettingsError."""
+    return AssetSettings.parse(given).for_synthesis().graph

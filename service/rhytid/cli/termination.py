@@ -1,32 +1,97 @@
-"""SIGTERM as an exception, so that temporary folders, the store and the device are let go."""
+"""SIGINT and SIGTERM as exceptions, so that temporary folders, the store and the device are let go.
+
+A command ends within a second of SIGINT. Python runs a handler between two of its own instructions,
+but a call into a driver may take longer than that: a thread watches for the signal, too, and ends
+the process where the exception has not done it in time.
+"""
 
 from __future__ import annotations
 
+import os
 import signal
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
+from typing import NoReturn
+
+from rhytid.unfinished import remove_unfinished
 
 INTERRUPTED = 128 + signal.SIGINT
 TERMINATED = 128 + signal.SIGTERM
+# Seconds that a command has to end by itself after SIGINT.
+GRACE = 0.5
 
 
 class Terminated(SystemExit):
     """SIGTERM came."""
 
 
+class Interruption:
+    """Whether SIGINT came, and whether that was said."""
+
+    def __init__(self) -> None:
+        self.came = False
+        self._said = threading.Lock()
+
+    def say(self, command: str = "") -> None:
+        """Print one line on stderr, the first time."""
+        if self._said.acquire(blocking=False):
+            print(f"rhytid{command and f' {command}'}: interrupted", file=sys.stderr, flush=True)
+
+    def interrupt(self, number: int, frame: FrameType | None) -> None:
+        """The handler of SIGINT: raises KeyboardInterrupt, once."""
+        if not self.came:
+            self.came = True
+            raise KeyboardInterrupt
+
+
 @contextmanager
-def raising_terminated() -> Iterator[None]:
-    """Within the block SIGTERM raises Terminated; signals reach the main thread alone."""
+def interruptible() -> Iterator[Interruption]:
+    """Within the block SIGINT raises KeyboardInterrupt, and ends the process where the block has
+    not ended soon after; SIGTERM raises Terminated. Signals reach the main thread alone."""
+    found = Interruption()
     if threading.current_thread() is not threading.main_thread():
-        yield
+        yield found
         return
-    before = signal.signal(signal.SIGTERM, _terminate)
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+    ended = threading.Event()
+    before = {
+        signal.SIGINT: signal.signal(signal.SIGINT, found.interrupt),
+        signal.SIGTERM: signal.signal(signal.SIGTERM, _terminate),
+    }
+    woken = signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
+    arguments = (reading, ended, found)
+    threading.Thread(target=_watch, args=arguments, name="rhytid-interrupt", daemon=True).start()
     try:
-        yield
+        yield found
     finally:
-        signal.signal(signal.SIGTERM, before)
+        ended.set()
+        signal.set_wakeup_fd(woken)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        os.close(writing)
+
+
+def _watch(reading: int, ended: threading.Event, found: Interruption) -> None:
+    """Read the numbers of signals until the other end is closed."""
+    try:
+        while came := os.read(reading, 1):
+            if came[0] == signal.SIGINT and not ended.wait(GRACE):
+                found.say()
+                end_now(INTERRUPTED)
+    finally:
+        os.close(reading)
+
+
+def end_now(status: int) -> NoReturn:
+    """End the process without waiting for its threads; what is half-written is removed."""
+    remove_unfinished()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(status)
 
 
 def _terminate(number: int, frame: FrameType | None) -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from rhytid.cli.options import (
     Commands,
+    add_device,
     add_force,
     add_json,
     add_strict,
@@ -16,6 +17,7 @@ from rhytid.cli.options import (
     new_command,
     readable,
 )
+from rhytid.cli.progress import working
 from rhytid.cli.reporting import report, table
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.units import USUAL_UNIT
@@ -35,7 +37,7 @@ def add_command(commands: Commands) -> None:
         commands,
         "transfer",
         "Carry a wrinkle graph to another topology or UV of the same head, or to a head that lies "
-        "near it, and tell what was lost on the way.",
+        "near it, and report what was lost on the way.",
         "rhytid transfer face.safetensors face.obj film.obj --out film.safetensors",
     )
     add = parser.add_argument
@@ -44,11 +46,10 @@ def add_command(commands: Commands) -> None:
     add("new", type=readable, metavar="TO", help="the other mesh, in the same place and unit")
     out = "the file to write"
     add("--out", type=Path, required=True, metavar="G.safetensors", help=out)
-    reach = "how far a pore may be from TO, mesh units (a 50th of the longest side of FROM)"
+    reach = "how far a pore may be from TO, mesh units (default: 1/50 of the longest side of FROM)"
     add("--reach", type=float, metavar="D", help=reach)
     add_unit(parser, "both meshes")
-    add("--device", metavar="D", help="number or part of the name of a device, which is needed "
-        "only for a graph that does not name the triangles of its pores")  # fmt: skip
+    add_device(parser, ", for a graph that does not name the triangles of its pores")
     add_force(parser)
     add_strict(parser)
     add_json(parser)
@@ -56,7 +57,7 @@ def add_command(commands: Commands) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Read all three, carry the graph over, write it and tell figures."""
+    """Read all three, carry the graph over, write it and report the figures."""
     from rhytid.cli.warned import Warned
 
     with Warned("transfer", arguments.strict, arguments.allow) as warned:
@@ -82,7 +83,8 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     graph = placed_graph(
         lambda: open_device(arguments), old, graph_file(arguments.graph), force=arguments.force
     )
-    moved = transfer(graph, old, new, arguments.reach)
+    with working("carrying the graph over"):
+        moved = transfer(graph, old, new, arguments.reach)
     whole_file(out, [write_graph(moved.graph)])
     figures = {"file": str(out), **_figures(graph, moved), "warnings": warned.figures()}
     rows = [(name, _text(value)) for name, value in figures.items() if name != "warnings"]

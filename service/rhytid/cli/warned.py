@@ -10,7 +10,7 @@ from dataclasses import asdict, replace
 from tqdm import tqdm  # type: ignore[import-untyped]
 
 from rhytid.cli.frame_files import FrameFiles
-from rhytid.cli.reporting import counted
+from rhytid.cli.progress import counted, note
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.frame_warnings import FrameCheck
 from rhytid.domain.mesh import Mesh
@@ -22,9 +22,10 @@ from rhytid.domain.warnings import (
     InputWarning,
     not_allowed,
 )
+from rhytid.domain.wording import plural
 from rhytid.errors import StrictError
 
-# Lines of one code that are told at once: of a long shot in the wrong unit three frames say it all.
+# Lines printed per code: for a long shot in the wrong unit three frames are enough.
 _LINES = 3
 
 
@@ -51,8 +52,8 @@ class Warned:
     ) -> None:
         """Warn of a mesh from the file `name`, before anything is made of it.
 
-        Where warnings are errors, frames are looked at too, which are else as they are used; then
-        raises StrictError.
+        Where warnings are errors, frames are checked too, which otherwise happens when they are
+        used; then raises StrictError.
         """
         found = mesh_warnings(mesh, unit, resolution)
         self.tell(replace(warning, where=f"{name}, {warning.where}") for warning in found)
@@ -63,8 +64,8 @@ class Warned:
         self.refuse()
 
     def settings(self, warnings: Iterable[InputWarning]) -> None:
-        """Warn of the settings among what is told of an asset; raises StrictError where warnings
-        are errors. Of the mesh and the frames it is told by `inputs` and `frame`."""
+        """Report the warnings of settings among those of an asset; raises StrictError where
+        warnings are errors. `inputs` and `frame` report those of the mesh and the frames."""
         self.tell(w for w in warnings if w.code in (SETTINGS_CHANGED, SETTINGS_UNUSED))
         self.refuse()
 
@@ -74,7 +75,7 @@ class Warned:
         self.refuse()
 
     def tell(self, warnings: Iterable[InputWarning]) -> None:
-        """Print what was not told yet, the first few of each code."""
+        """Print what is new, the first few of each code."""
         for warning in warnings:
             if warning not in self.warnings:
                 self.warnings.append(warning)
@@ -83,20 +84,20 @@ class Warned:
                     self._print(f"{allowed}warning: {warning}")
 
     def notice(self, notices: Iterable[Notice]) -> None:
-        """Print what is worth knowing and no mistake; `strict` lets it be."""
+        """Print what is worth knowing and no mistake; `strict` does not refuse it."""
         for notice in notices:
             self.notices.append(notice)
             self.note(str(notice))
 
     def lengths(self, settings: AssetSettings, distance: float) -> None:
-        """Tell which lengths follow where skin was grown to a number of wrinkles.  settings:
+        """Report the lengths that follow where skin was grown to a number of wrinkles.  settings:
         resolved.  distance: mean, from a pore to the nearest, mesh units."""
         if settings.graph.wrinkles is not None:
             self.note(count_told(settings, distance))
 
     def note(self, line: str) -> None:
-        """Print one line of what the run chose."""
-        self._print(f"notice: {line}")
+        """Print one line of what the run chose; nothing where quiet."""
+        note(f"rhytid {self._command}: notice: {line}")
 
     def count(self) -> None:
         """One line: how many there are, and of what more is not listed."""
@@ -118,11 +119,11 @@ class Warned:
         return {"warnings": self.figures(), "notices": [asdict(n) for n in self.notices]}
 
     def refuse(self) -> None:
-        """Raise StrictError where warnings are errors and one of those told is not allowed."""
+        """Raise StrictError where warnings are errors and one of them is not allowed."""
         wrong = not_allowed(self.warnings, self._allow) if self._strict else ()
         if wrong:
             codes = " ".join(f"--allow {code}" for code in dict.fromkeys(w.code for w in wrong))
-            told = f"--strict: {_count(wrong)}, so nothing was done ({codes} would let that be)"
+            told = f"--strict: {_count(wrong)}, so nothing was done ({codes} would allow that)"
             raise StrictError(told, wrong)
 
     def _print(self, line: str) -> None:
@@ -131,5 +132,4 @@ class Warned:
 
 
 def _count(warnings: Sequence[InputWarning]) -> str:
-    count = len(warnings)
-    return f"{count} {'warning' if count == 1 else 'warnings'}"
+    return plural(len(warnings), "warning")

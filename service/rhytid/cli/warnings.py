@@ -17,7 +17,7 @@ def add_command(commands: Commands) -> None:
     parser = new_command(
         commands,
         "warnings",
-        "Say of warnings and notices when they are told, and what to do.",
+        "Explain warnings and notices: when they are reported, and what to do.",
         "rhytid warnings texel-size",
     )
     parser.add_argument(

@@ -6,13 +6,13 @@ look in XDG_CACHE_HOME and in the home, which a service account or a container m
 
 from __future__ import annotations
 
-import atexit
 import os
-import shutil
 import stat
 import sys
 import tempfile
 from pathlib import Path
+
+from rhytid.unfinished import until_exit
 
 # What is made there by PoCL and by pyopencl: one of another owner is as bad as none.
 _MADE = ("pocl/kcache", "pyopencl", "pytools")
@@ -63,11 +63,9 @@ def _own_folder() -> Path | None:
         folder = Path(tempfile.gettempdir()) / f"rhytid-cache-{os.getuid()}"
         if _writable(folder) and _is_private(folder) and _keeps(folder):
             return folder
-        folder = Path(tempfile.mkdtemp(prefix="rhytid-cache-"))
+        return until_exit(Path(tempfile.mkdtemp(prefix="rhytid-cache-")))
     except OSError:
         return None
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    return folder
 
 
 def _is_private(folder: Path) -> bool:

@@ -8,15 +8,14 @@ That is left alone where OCL_ICD_VENDORS is set, off Linux, and where pip instal
 
 from __future__ import annotations
 
-import atexit
 import os
-import shutil
 import sys
 import tempfile
 from pathlib import Path
 from types import ModuleType
 
 from rhytid.device.caches import provide_cache_folder
+from rhytid.unfinished import until_exit
 
 SYSTEM_VENDORS = Path("/etc/OpenCL/vendors")
 # A pip driver for FPGA emulation comes along with the one for CPUs: it is not wanted here.
@@ -57,8 +56,7 @@ def pip_driver(prefix: Path) -> Path | None:
 
 
 def _vendor_folder(driver: Path) -> str:
-    folder = Path(tempfile.mkdtemp(prefix="rhytid-opencl-"))
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    folder = until_exit(Path(tempfile.mkdtemp(prefix="rhytid-opencl-")))
     for entry in sorted(SYSTEM_VENDORS.glob("*.icd")):
         (folder / entry.name).write_bytes(entry.read_bytes())
     (folder / _CPU_DRIVER).write_text(f"{driver}\n", encoding="utf-8")

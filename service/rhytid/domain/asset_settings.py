@@ -195,7 +195,7 @@ class AssetSettings:
     `unit` is that of the mesh: of the graph's file where that says one, else cm.  `depth` is the
     depth of strength 1, in mesh units; `padding` is in level-0 texels. Naming a
     `preset` sets the bins but for `r_max`, and how lines and limits are drawn (`Preset`); keys
-    beside it go before it.
+    beside it override it.
     """
 
     unit: str | None = text(None, 16)

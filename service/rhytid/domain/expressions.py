@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from rhytid.domain.origin import ORIGIN, Centre, brought_to
 from rhytid.errors import FrameError, InputError
 
-# Of more, so many evenly spaced ones are looked at: a captured take repeats itself.
+# Of more, this many evenly spaced ones are used: a captured take repeats itself.
 MOST_EXPRESSIONS = 400
 _LONGEST_NAME = 256
 # What `graph.lines` can say.
@@ -86,7 +86,7 @@ def grown_from(lines: str | None, expressions: Expressions | None) -> Expression
 
 
 def evenly(count: int) -> list[int]:
-    """Which of so many expressions are looked at."""
+    """Which of that many expressions are used."""
     if count <= MOST_EXPRESSIONS:
         return list(range(count))
     picked = np.linspace(0.0, count - 1.0, MOST_EXPRESSIONS)

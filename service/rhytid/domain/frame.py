@@ -44,3 +44,8 @@ def check_positions(
     if bad is not None:
         raise FrameError(f"frame vertex {bad} is {array[bad].tolist()}: not finite")
     return array
+
+
+def frame_label(number: int) -> str:
+    """The name of a frame of this number: at least four digits."""
+    return f"{number:04d}"

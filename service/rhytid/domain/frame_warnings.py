@@ -27,7 +27,7 @@ from rhytid.domain.warnings import (
     InputWarning,
 )
 
-# Triangles that are looked at: their median is off by some 4 % of the spread.
+# Triangles that are sampled: their median is off by some 4 % of the spread.
 _TRIANGLES = 512
 # Log stretch of a triangle that has no area left.
 _NOTHING = 1e-30
@@ -70,7 +70,7 @@ class FrameCheck:
                 "it a frame of this mesh?"
             )
             yield InputWarning(STRETCH_AT_CLAMP, detail, where)
-        # A neutral that is far itself was told of, and its frames are no worse.
+        # Where the neutral is far itself, there is a warning already.
         if not self._neutral_far and self._is_far(positions):
             step = number_step(positions, self.centre)
             sent = put_back(positions, self.centre)
@@ -78,7 +78,7 @@ class FrameCheck:
             yield InputWarning(FAR_FROM_ORIGIN, detail, where)
 
     def log_stretch(self, positions: NDArray[np.float32]) -> NDArray[np.float64]:
-        """(K, 2) log ρ of the triangles that are looked at, the larger first, unclamped."""
+        """(K, 2) log ρ of the sampled triangles, the larger first, unclamped."""
         first, second = self._edges(positions)
         one = first * self._one
         two = first * self._two[0] + second * self._two[1]

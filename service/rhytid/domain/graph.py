@@ -159,7 +159,7 @@ class WrinkleGraph:
         return middle
 
     def figures(self) -> dict[str, Any]:
-        """What the graph tells by itself, for JSON. degree: wrinkles at a pore, the mean of those
+        """Figures of the graph alone, for JSON. degree: wrinkles per pore, the mean of those
         drawn.  strengths: wrinkles by weight, in tenths from 0 to 1. Copies do not count."""
         drawn, strong = (self.node_weight > 0) & self.own_nodes, self.edge_weight > 0
         strong &= self.own_edges

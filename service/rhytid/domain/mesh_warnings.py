@@ -58,7 +58,7 @@ def median_edge(positions: NDArray[np.float32], faces: NDArray[np.int32]) -> flo
 
 
 def far_detail(step: float, edge: float, farthest: float, unit: str) -> str:
-    """What far-from-origin tells of a mesh or a frame."""
+    """What far-from-origin says of a mesh or a frame."""
     return (
         f"numbers this far from the origin ({farthest:.4g} {unit}) come in steps of {step:.2g} "
         f"{unit}, {step / edge:.1g} of an edge: stretch is that coarse. Send doubles (npy or npz "
@@ -209,7 +209,7 @@ class MeasuredMesh:
 
 
 def _length(millimetres: float) -> str:
-    """In millimetres, centimetres or metres, as it is told best."""
+    """In millimetres, centimetres or metres, whichever reads best."""
     if millimetres < 10.0:
         return f"{millimetres:.3g} mm"
     return f"{millimetres / 10:.3g} cm" if millimetres < 1000.0 else f"{millimetres / 1000:.3g} m"

@@ -1,4 +1,4 @@
-"""What is worth knowing of an asset and is no mistake: it is told, and `strict` lets it be."""
+"""Notices: worth knowing of an asset, and no mistake. They are reported; `strict` ignores them."""
 
 from __future__ import annotations
 

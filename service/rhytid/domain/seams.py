@@ -20,7 +20,7 @@ _COSINE, _MOST = 0.1, 1.05
 
 
 def seam_halves(mesh: Mesh, graph: WrinkleGraph) -> NDArray[np.int64]:
-    """(P, 2) wrinkles that are stored once a side of a seam: the rows of their two halves.
+    """(P, 2) wrinkles that are stored once per side of a seam: the rows of their two halves.
 
     Halves follow one another, are equally strong, and go from a pore to a node of no strength that
     nothing else uses, each towards the pore of the other. None are found in a graph that names its

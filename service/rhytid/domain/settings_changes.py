@@ -10,11 +10,12 @@ from typing import Any
 from rhytid.domain.asset_settings import AssetSettings, BinSettings, GraphSettings
 from rhytid.domain.lengths import Lengths
 from rhytid.domain.warnings import SETTINGS_CHANGED, SETTINGS_UNUSED, InputWarning
+from rhytid.domain.wording import plural
 
 Leaves = dict[str, Any]
 # What can change without synthesising or looking up anything again.
 CHANGEABLE = ("depth", "angles", "response", "shape", "preset", "bins", "convolve")
-# Settings that are told one by one.
+# Settings that are listed one by one.
 _TOLD = 6
 _R_MAX = "bins.r_max"
 # Of `graph`, what is read where the graph is given: of the lengths and of the grain.
@@ -27,7 +28,7 @@ def settings_changed(
     """A warning where they differ, with the PATCH that makes the asset as sent.
 
     lengths: what those of either that are null are resolved with. `bins.r_max` that was sent with
-    its default is left to calibrations and not told.
+    its default is left to calibrations and not reported.
     """
     wanted, raw = leaves(sent.with_lengths(lengths).as_json()), leaves(sent.as_json())
     now = leaves(present.with_lengths(lengths).as_json())
@@ -47,7 +48,7 @@ def settings_changed(
         reset |= dict.fromkeys(_beside_preset(sent.preset, raw))
     told = [f"{name} is {_json(now[name])}, sent was {_json(raw[name])}" for name in differ[:_TOLD]]
     if len(differ) > _TOLD:
-        told.append(f"and {len(differ) - _TOLD} settings more")
+        told.append(f"and {plural(len(differ) - _TOLD, 'setting')} more")
     detail = (
         f"this content was sent before, and its settings were changed since: {'; '.join(told)}. "
         "They stay as they are now. To have them as sent, PATCH "
@@ -65,7 +66,7 @@ def settings_unused(settings: AssetSettings) -> tuple[InputWarning, ...]:
         return ()
     told = ", ".join(f"graph.{name} ({_json(value)})" for name, value in unread.items())
     detail = (
-        f"{told}: settings of how skin is grown, beside a graph that is given (option --graph, "
+        f"{told}: these settings say how skin is grown, but a graph was given (option --graph, "
         "part graph): no skin is grown, so they change nothing. Leave them out, or send no graph"
     )
     return (InputWarning(SETTINGS_UNUSED, detail, "settings"),)

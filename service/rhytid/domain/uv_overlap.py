@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-# Points a side of a grid; 1 % of a UDIM is 2,600 of them.
+# Points per side of a grid; 1 % of a UDIM is 2,600 of them.
 SIDE = 512
-# Rows of triangles that are looked at together: bounds the memory.
+# Rows of triangles that are checked together: bounds the memory.
 _ROWS = 1 << 20
-# Rows of all triangles: a layout of many large triangles is looked at on a coarser grid.
+# Rows of all triangles: a layout of many large triangles is checked on a coarser grid.
 _MOST_ROWS = 1 << 22
 _BLOCK = 16
 

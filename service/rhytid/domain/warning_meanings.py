@@ -1,4 +1,4 @@
-"""What each code of a warning or a notice means: of what it is told, when, and what to do.
+"""What each code of a warning or a notice means: what it is about, when it comes, what to do.
 
 The tables of docs/warnings.md say the same, word for word.
 """
@@ -13,7 +13,7 @@ from rhytid.domain.notices import GRAIN_NOT_DRAWN
 
 @dataclass(frozen=True)
 class Meaning:
-    """of: what it is told of.  when: from where on.  remedy: what to do. Markdown, a line each."""
+    """of: what it is about.  when: from where on.  remedy: what to do. Markdown, a line each."""
 
     of: str
     when: str

@@ -85,7 +85,7 @@ def refuse(warnings: Iterable[InputWarning], allow: Collection[str] = ()) -> Non
     wrong = not_allowed(warnings, allow)
     if wrong:
         told = "; ".join(str(warning) for warning in wrong)
-        raise StrictError(f"refused, for strict was asked for: {told}", wrong)
+        raise StrictError(f"refused, because strict was asked for: {told}", wrong)
 
 
 def not_allowed(

@@ -15,7 +15,7 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.curves import Curves, graph_curves, with_triangles
 from rhytid.domain.expressions import Expressions, grown_from
 from rhytid.domain.folds import Folds
-from rhytid.domain.frame import check_positions
+from rhytid.domain.frame import check_positions, frame_label
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.graph_origin import GraphOrigin
 from rhytid.domain.mesh import Mesh
@@ -170,7 +170,7 @@ class AssetService:
         def work(job: Job) -> None:
             for index, positions in enumerate(frames):
                 job.progress(0.9, "frames", f"{index + 1} of {len(frames)}")
-                name, frame = f"{index:04d}", Frame.of(positions)
+                name, frame = frame_label(index), Frame.of(positions)
                 warnings = asset.frame_warnings(positions, f"frame {name}")
                 self._frames.store(asset, name, frame, warnings, patiently=True)
 
@@ -301,5 +301,5 @@ def _frame_warnings(asset: Asset, frames: Positions) -> tuple[InputWarning, ...]
     return tuple(
         warning
         for index, positions in enumerate(frames)
-        for warning in asset.frame_warnings(positions, f"frame {index:04d}")
+        for warning in asset.frame_warnings(positions, f"frame {frame_label(index)}")
     )

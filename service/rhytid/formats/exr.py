@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 import OpenEXR
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 
 from rhytid.errors import InputError, StorageError
 from rhytid.formats.tile_header import TileHeader
+from rhytid.unfinished import temporary_folder
 
 Texels = NDArray[np.float32] | NDArray[np.float16]
 
@@ -73,7 +73,7 @@ def _write(path: Path, texels: Texels, header: TileHeader) -> None:
 @contextmanager
 def _temporary_folder(parent: Path | None = None) -> Iterator[Path]:
     try:
-        with TemporaryDirectory(prefix=".rhytid-", dir=parent) as folder:
-            yield Path(folder)
+        with temporary_folder(".rhytid-", parent) as folder:
+            yield folder
     except (OSError, RuntimeError) as exc:
         raise StorageError(f"cannot write an EXR file: {exc}") from exc

@@ -9,8 +9,6 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +16,7 @@ from numpy.typing import NDArray
 from rhytid.errors import InputError, StorageError
 from rhytid.formats.exr_decoder import READY, Wrong
 from rhytid.formats.exr_header import read_sides
+from rhytid.unfinished import temporary_folder
 
 _SECONDS = 60
 _MOST_WORDS = 4000  # bytes of what the decoder says beside its answer
@@ -63,13 +62,13 @@ def _wrong(answer: bytes) -> Wrong | None:
 def _decoded(data: bytes, width: int, height: int) -> bytes:
     """What the decoder answers after READY; nothing where it fails."""
     try:
-        with TemporaryDirectory(prefix="rhytid-") as folder:
-            path = Path(folder) / "map.exr"
+        with temporary_folder("rhytid-") as folder:
+            path = folder / "map.exr"
             path.write_bytes(data)
             arguments = [str(path), str(width), str(height), *sys.path]
             command = [sys.executable, "-I", "-c", _START, *arguments]
             # Into files, whose size the decoder limits for itself: a pipe is read without end.
-            answer, said = (Path(folder) / name for name in ("answer", "said"))
+            answer, said = (folder / name for name in ("answer", "said"))
             with answer.open("wb") as out, said.open("wb") as err:
                 child = subprocess.run(
                     command, stdout=out, stderr=err, timeout=_SECONDS, check=False

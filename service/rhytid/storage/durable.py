@@ -12,6 +12,7 @@ from pathlib import Path
 from uuid import uuid4
 
 from rhytid.errors import StorageError
+from rhytid.unfinished import unfinished
 
 _log = logging.getLogger(__name__)
 
@@ -71,10 +72,20 @@ def workplace(partial: Path) -> Iterator[Path]:
     """A fresh folder in `partial` to prepare a change in, removed afterwards."""
     place = partial / uuid4().hex
     place.mkdir()
-    try:
-        yield place
-    finally:
-        remove_tree(place)
+    with unfinished(place):
+        try:
+            yield place
+        finally:
+            remove_tree(place)
+
+
+@contextmanager
+def whole(file: Path) -> Iterator[Path]:
+    """A path to write to, in place of `file`, which is there when the block has ended well."""
+    with workplace(file.parent) as place:
+        aside = place / file.name
+        yield aside
+        install(aside, file)
 
 
 def discard(path: Path, partial: Path) -> None:

@@ -15,12 +15,14 @@ from rhytid.cli.options import (
     STDOUT,
     Commands,
     add_density,
+    add_device,
     add_force,
     add_json,
     new_command,
     readable,
 )
-from rhytid.cli.reporting import counted, report, table, write_json
+from rhytid.cli.progress import counted
+from rhytid.cli.reporting import report, table, write_json
 from rhytid.domain.asset_settings import PRESETS
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import FrameError, InputError, RhytidError
@@ -53,15 +55,13 @@ def add_command(commands: Commands) -> None:
         "rhytid bench --size 4096 --wrinkles 1250000 --json figures.json",
     )
     parser.add_argument("--mesh", type=readable, metavar="NPZ", help="a neutral mesh with frames")
-    frame = "the frame, from 0 (the one farthest from the neutral)"
+    frame = "the frame, from 1 (default: the one farthest from the neutral)"
     parser.add_argument("--frame", type=int, metavar="I", help=frame)
     parser.add_argument("--graph", type=readable, metavar="FILE", help="wrinkles of --mesh")
-    parser.add_argument(
-        "--size", type=int, default=4096, metavar="R", help="texels per side (4096)"
-    )
+    parser.add_argument("--size", type=int, default=4096, metavar="R", help="texels per side")
     add_density(parser)
     add_force(parser)
-    preset = "bins of `binned` (paper, the one that the others blend too)"
+    preset = "bins of `binned` (default: paper, which the other implementations blend, too)"
     parser.add_argument("--preset", choices=tuple(PRESETS), default="paper", help=preset)
     _add_names(parser, "--methods", CASES, "what to time")
     _add_names(parser, "--implementations", IMPLEMENTATIONS, "by whom")
@@ -69,8 +69,8 @@ def add_command(commands: Commands) -> None:
     parser.add_argument("--service", action="store_true", help=service)
     scaling = "draw instead how costs grow with texels, wrinkles, triangles and bins"
     parser.add_argument("--scaling", type=Path, metavar="DIR", help=scaling)
-    parser.add_argument("--repeats", type=_count, default=5, metavar="N", help="runs a case (5)")
-    parser.add_argument("--device", metavar="D", help="number or part of the name of a device")
+    parser.add_argument("--repeats", type=_count, default=5, metavar="N", help="runs per case")
+    add_device(parser)
     add_json(parser)
     parser.set_defaults(run=run)
 
@@ -182,7 +182,7 @@ def _add_names(
         type=named,
         default=list(known),
         metavar="NAME",
-        help=f"{what}: some of {', '.join(known)} (all)",
+        help=f"{what}: some of {', '.join(known)} (default: all)",
     )
 
 
@@ -254,6 +254,6 @@ def _frame(found: Animation, index: int | None) -> int:
         neutral = found.mesh.positions
         moved = [float(np.linalg.norm(found.frames.read(p) - neutral)) for p in places]
         return int(np.argmax(moved))
-    if not 0 <= index < len(places):
-        raise FrameError(f"--frame {index}: the animation has frames 0 to {len(places) - 1}")
-    return index
+    if not 1 <= index <= len(places):
+        raise FrameError(f"--frame {index}: the animation has frames 1 to {len(places)}")
+    return index - 1

@@ -4,28 +4,26 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 from warnings import catch_warnings, simplefilter
 
 from rhytid.cli.options import (
     Commands,
-    add_density,
+    add_device,
     add_json,
-    add_lines,
     add_query,
     add_several,
     add_stiffness,
     add_strict,
-    add_unit,
-    density,
     new_command,
     readable,
 )
 from rhytid.cli.reporting import report, table, write_json
 from rhytid.cli.serve import chosen
+from rhytid.cli.skin_options import skin_controls, skin_maps, skin_options, skin_settings
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.units import USUAL_UNIT, millimetres
+from rhytid.unfinished import temporary_folder
 
 if TYPE_CHECKING:
     from rhytid.cli.warned import Warned
@@ -39,7 +37,8 @@ A server is started on a free loopback port; face and animation go through the P
 
 def add_command(commands: Commands) -> None:
     """Add `demo` to the parser."""
-    parser = new_command(commands, "demo", SUMMARY, "rhytid demo --out rhytid-demo")
+    skin = skin_options("NEUTRAL")
+    parser = new_command(commands, "demo", SUMMARY, "rhytid demo --out rhytid-demo", skin)
     parser.description = SUMMARY + DETAILS
     parser.epilog = f"{parser.epilog}, or: rhytid demo --mesh animation.npz --sampling smooth"
     add = parser.add_argument
@@ -48,7 +47,7 @@ def add_command(commands: Commands) -> None:
         type=Path,
         default=Path("rhytid-demo"),
         metavar="DIR",
-        help="maps and sheets of an earlier run there are removed (%(default)s)",
+        help="folder of what is written; maps and sheets of an earlier run there are removed",
     )
     mesh = "OBJ, PLY, glTF, GLB, or npz, which may hold the frames"
     add("--mesh", type=readable, metavar="NEUTRAL", help=mesh)
@@ -59,14 +58,11 @@ def add_command(commands: Commands) -> None:
         type=int,
         default=AssetSettings().resolution,
         metavar="R",
-        help="texels per side, a power of two (%(default)s)",
+        help="texels per side, a power of two",
     )
-    add_density(parser)
-    add_lines(parser)
     add_query(parser)
     add_stiffness(parser)
-    add_unit(parser, "NEUTRAL")
-    add("--device", metavar="D", help="number or part of the name of a device")
+    add_device(parser)
     add_strict(parser)
     add_json(parser)
     parser.set_defaults(run=run, usage_error=parser.error)
@@ -94,17 +90,18 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     face = animation(arguments.mesh, arguments.frames, arguments.shapes)
     name = arguments.mesh.name if arguments.mesh else "face.npz"
     warned.inputs(face.mesh, name, arguments.unit or USUAL_UNIT, arguments.resolution, face.frames)
+    skin_controls(arguments, face.mesh)  # what is wrong with them is said before long work
     out: Path = arguments.out
     out.mkdir(parents=True, exist_ok=True)
     if arguments.mesh is None:
         face.save(out / "face.npz")
-    with TemporaryDirectory(prefix="rhytid-demo-") as store:
-        service = chosen(Path(store), arguments.device)
+    with temporary_folder("rhytid-demo-") as store:
+        service = chosen(store, arguments.device)
         with serving(service) as url, connected(url) as client, catch_warnings():
             simplefilter("ignore", RhytidWarning)  # told by the command itself
             query = {"stretch": arguments.stretch, "sampling": arguments.sampling}
             session = Session(client, face, out, query, warned)
-            session.build(_settings(arguments), arguments.stiffness)
+            session.build(_settings(arguments), arguments.stiffness, skin_maps(arguments))
             session.send_frames()
             session.draw()
             sheets = write_sheets(session, millimetres(arguments.unit or USUAL_UNIT) or 1.0)
@@ -115,12 +112,11 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
 
 def _settings(arguments: argparse.Namespace) -> dict[str, Any]:
     """The usual ones, but for what is given."""
-    return {
-        "unit": arguments.unit,
+    sizes = {
         "resolution": arguments.resolution,
         "tile_size": min(AssetSettings().tile_size, arguments.resolution),
-        "graph": {**density(arguments), "lines": arguments.lines},
     }
+    return skin_settings(arguments, sizes)
 
 
 def _text(figures: dict[str, Any], session: Session) -> str:

@@ -14,6 +14,7 @@ from rhytid.cli.input_files import mesh_file, shape_files
 from rhytid.domain.expressions import Expressions
 from rhytid.domain.mesh import Mesh
 from rhytid.formats.meshes import MeshFile
+from rhytid.storage.durable import whole
 from rhytid_lab.samples.face import procedural_face
 
 MESH_ARRAYS = ("positions", "faces", "uv", "face_uv")
@@ -44,7 +45,8 @@ class Animation:
         shapes = self.shapes or {}
         if shapes:
             arrays |= {"shapes": np.stack(list(shapes.values())), "names": np.array(list(shapes))}
-        np.savez(file, **arrays, frames=frames)
+        with whole(file) as aside:
+            np.savez(aside, **arrays, frames=frames)
 
 
 def animation(mesh: Path | None, frames: Sequence[Path], shapes: Path | None = None) -> Animation:

@@ -10,12 +10,13 @@ from typing import Any
 
 from rhytid import __version__
 from rhytid.cli.frame_files import FramePlace
-from rhytid.cli.reporting import counted, share_bar
+from rhytid.cli.progress import counted, share_bar
 from rhytid.cli.timing import Stopwatch
 from rhytid.cli.warned import Warned
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.notices import Notice
 from rhytid.domain.warnings import InputWarning
+from rhytid.storage.durable import whole
 from rhytid_client import Asset, Client, Job, Tile
 from rhytid_lab.commands.demo_face import MESH_ARRAYS, Animation
 
@@ -47,8 +48,13 @@ class Session:
         """Every frame of the animation."""
         return self.face.frames.places
 
-    def build(self, settings: Mapping[str, Any], stiffness: Sequence[Path] = ()) -> None:
-        """Send the mesh, and stiffness maps, and wait for its wrinkles."""
+    def build(
+        self,
+        settings: Mapping[str, Any],
+        stiffness: Sequence[Path] = (),
+        controls: Mapping[str, Sequence[Path]] | None = None,
+    ) -> None:
+        """Send the mesh, stiffness maps, and maps that guide synthesis; wait for its wrinkles."""
         mesh = self.face.mesh
         arrays = {name: getattr(mesh, name) for name in MESH_ARRAYS}
         with self.watch.step("upload"), share_bar("upload") as show:
@@ -56,6 +62,7 @@ class Session:
                 arrays,
                 settings=settings,
                 stiffness=stiffness,
+                controls=controls,
                 shapes=self.face.shapes,
                 progress=lambda sent, total: show(sent / total, ""),
             )
@@ -93,7 +100,8 @@ class Session:
                 for udim in self.asset.udims:
                     with self.watch.step(f"{method}, as EXR"):
                         map = self.map(place, udim, method, "exr")
-                    (folder / f"face.{udim}.{place.label}.exr").write_bytes(map.content)
+                    with whole(folder / f"face.{udim}.{place.label}.exr") as aside:
+                        aside.write_bytes(map.content)
 
     def map(self, place: FramePlace, udim: int, method: str, format: str = "npy") -> Tile:
         """A whole map of a frame."""

@@ -8,8 +8,9 @@ from typing import Any
 from numpy.typing import NDArray
 
 from rhytid.cli.frame_files import FramePlace
-from rhytid.cli.reporting import counted
+from rhytid.cli.progress import counted
 from rhytid.domain.tiles import busiest_udim, triangles_inside, udim_origin
+from rhytid.storage.durable import whole
 from rhytid_lab.commands.demo_session import Session
 from rhytid_lab.sheets.contact import contact_sheet, relative_rms
 from rhytid_lab.sheets.contact_rows import METHODS
@@ -48,7 +49,9 @@ def write_sheets(session: Session, unit_mm: float) -> list[dict[str, Any]]:
             name = f"contact_{place.label}.png"
             performance = _performance(session, place, udim)
             note = f"Frame {place.name}, UDIM {udim}."
-            contact_sheet(performance, maps, unit_mm=unit_mm, note=note).save(session.out / name)
+            sheet = contact_sheet(performance, maps, unit_mm=unit_mm, note=note)
+            with whole(session.out / name) as aside:
+                sheet.save(aside)
         rms = relative_rms(maps["binned"], maps["redraw"])
         figures.append(
             {

@@ -6,8 +6,9 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rhytid.cli.options import Commands, add_json, add_unit, new_command, readable
-from rhytid.cli.reporting import report, share_bar, table, write_json
+from rhytid.cli.options import Commands, add_device, add_json, add_unit, new_command, readable
+from rhytid.cli.progress import share_bar
+from rhytid.cli.reporting import report, table, write_json
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.units import USUAL_UNIT, millimetres
 
@@ -28,12 +29,18 @@ def add_command(commands: Commands) -> None:
         "rhytid reproduce --out rhytid-report",
     )
     add = parser.add_argument
-    add("--out", type=Path, default=Path("rhytid-report"), metavar="DIR", help="(%(default)s)")
+    add(
+        "--out",
+        type=Path,
+        default=Path("rhytid-report"),
+        metavar="DIR",
+        help="folder of the report",
+    )
     add("--mesh", type=readable, metavar="NPZ", help="a neutral mesh with its frames")
-    size = "texels per side of the figures and times (%(default)s)"
+    size = "texels per side of the figures and times"
     add("--resolution", type=int, default=RESOLUTION, metavar="R", help=size)
     add_unit(parser, "NPZ")
-    add("--device", metavar="D", help="number or part of the name of a device")
+    add_device(parser)
     add_json(parser)
     parser.set_defaults(run=run)
 

@@ -7,8 +7,8 @@ from typing import Any
 
 from fastapi import APIRouter, Response
 
-from rhytid.api.dependencies import Allow, EngineDep, Json, NoQuery, Parts, Slot, Strict
-from rhytid.api.documentation import ASSET_FORM, json_body, problems
+from rhytid.api.dependencies import Allow, AssetId, EngineDep, Json, NoQuery, Parts, Slot, Strict
+from rhytid.api.documentation import ASSET_FORM, CHANGES, problems
 from rhytid.api.parts import Part
 from rhytid.api.schemas import Asset
 from rhytid.api.uploads import decode_json, require
@@ -30,6 +30,7 @@ router = APIRouter(prefix="/v1/assets", tags=["assets"], dependencies=[NoQuery])
 
 @router.post(
     "",
+    operation_id="createAsset",
     status_code=202,
     response_model=Asset,
     responses={200: {"model": Asset, "description": "Known and built"}, **problems(413, 415, 422)},
@@ -91,25 +92,26 @@ def _images(first: Part) -> list[tuple[str, bytes]]:
     return [(part.filename or f"part {part.name}", part.data) for part in parts]
 
 
-@router.get("", response_model=list[Asset], responses=problems(422))
+@router.get("", operation_id="listAssets", response_model=list[Asset], responses=problems(422))
 def listing(engine: EngineDep) -> Any:
     """Every asset."""
     return engine.assets.all()
 
 
-@router.get("/{asset}", response_model=Asset, responses=problems(404, 422))
-def show(asset: str, engine: EngineDep) -> Any:
+@router.get("/{asset}", operation_id="getAsset", response_model=Asset, responses=problems(404, 422))
+def show(asset: AssetId, engine: EngineDep) -> Any:
     """One asset, with its settings resolved."""
     return engine.assets.info(asset)
 
 
 @router.patch(
     "/{asset}",
+    operation_id="updateAsset",
     response_model=Asset,
     responses=problems(404, 409, 413, 415, 422, 503),
-    openapi_extra=json_body("settings to change: response, shape, depth, angles, preset, bins, …"),
+    openapi_extra=CHANGES,
 )
-def change(asset: str, changes: Json, engine: EngineDep, slot: Slot) -> Any:
+def change(asset: AssetId, changes: Json, engine: EngineDep, slot: Slot) -> Any:
     """Change settings that need no new synthesis."""
     if not isinstance(changes, dict):
         raise InputError(f"body is a JSON {type(changes).__name__}: must be an object")
@@ -117,7 +119,13 @@ def change(asset: str, changes: Json, engine: EngineDep, slot: Slot) -> Any:
         return engine.assets.change(asset, changes)
 
 
-@router.delete("/{asset}", status_code=204, response_model=None, responses=problems(404, 409, 422))
-def delete(asset: str, engine: EngineDep) -> None:
+@router.delete(
+    "/{asset}",
+    operation_id="deleteAsset",
+    status_code=204,
+    response_model=None,
+    responses=problems(404, 409, 422),
+)
+def delete(asset: AssetId, engine: EngineDep) -> None:
     """Remove an asset, its frames and its files."""
     engine.assets.delete(asset)

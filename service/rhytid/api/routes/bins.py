@@ -6,7 +6,17 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request, Response
 
-from rhytid.api.dependencies import EngineDep, Index, NoQuery, NoRepeats, Slot
+from rhytid.api.dependencies import (
+    AssetId,
+    Column,
+    EngineDep,
+    Level,
+    NoQuery,
+    NoRepeats,
+    Row,
+    Slot,
+    Udim,
+)
 from rhytid.api.documentation import binary, problems
 from rhytid.api.encoding import NPY, npy, tagged
 from rhytid.api.schemas import BinQuery, Bins
@@ -15,14 +25,21 @@ from rhytid.domain.tiles import TileAddress
 router = APIRouter(prefix="/v1/assets/{asset}/bins", tags=["bins"])
 
 
-@router.get("", response_model=Bins, responses=problems(404, 409, 422), dependencies=[NoQuery])
-def manifest(asset: str, engine: EngineDep) -> Any:
+@router.get(
+    "",
+    operation_id="getBins",
+    response_model=Bins,
+    responses=problems(404, 409, 422),
+    dependencies=[NoQuery],
+)
+def manifest(asset: AssetId, engine: EngineDep) -> Any:
     """Angles, samples, steps and layers, and the numbers that blending takes: docs/binned.md."""
     return engine.tiles.bins(asset)
 
 
 @router.get(
     "/{udim}/{level}/{row}/{column}",
+    operation_id="getBinTile",
     response_class=Response,
     responses={**binary(NPY), **problems(404, 409, 422, 503, 507)},
     dependencies=[NoRepeats],
@@ -31,15 +48,15 @@ def tile(
     request: Request,
     engine: EngineDep,
     slot: Slot,
-    asset: str,
-    udim: Index,
-    level: Index,
-    row: Index,
-    column: Index,
+    asset: AssetId,
+    udim: Udim,
+    level: Level,
+    row: Row,
+    column: Column,
     query: Annotated[BinQuery, Query()],
 ) -> Response:
     """One tile of codes, int8 or int16, as .npy; times the manifest's step they are displacement,
-    furrows negative, of tilts a place from -1 to 1 in the bin.
+    furrows negative; those of tilts are places in the bin, from -1 to 1.
 
     A tile of T texels per side has T² codes; of `cushions` it has
     (T / factor + 2 apron)²: `apron` samples more on every side than lie under it.

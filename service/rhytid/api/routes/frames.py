@@ -8,7 +8,16 @@ import numpy as np
 from fastapi import APIRouter, Request, Response
 
 from rhytid.api.accept import preferred
-from rhytid.api.dependencies import Allow, EngineDep, NoQuery, Positions, Slot, Strict
+from rhytid.api.dependencies import (
+    Allow,
+    AssetId,
+    EngineDep,
+    FrameName,
+    NoQuery,
+    Positions,
+    Slot,
+    Strict,
+)
 from rhytid.api.documentation import POSITIONS, binary, problems
 from rhytid.api.encoding import NPY, RAW, npy, npz
 from rhytid.api.schemas import Frame, Job
@@ -19,21 +28,27 @@ NPZ = "application/x-npz"
 router = APIRouter(prefix="/v1/assets/{asset}", tags=["frames"], dependencies=[NoQuery])
 
 
-@router.get("/frames", response_model=list[Frame], responses=problems(404, 409, 422))
-def listing(asset: str, engine: EngineDep) -> Any:
+@router.get(
+    "/frames",
+    operation_id="listFrames",
+    response_model=list[Frame],
+    responses=problems(404, 409, 422),
+)
+def listing(asset: AssetId, engine: EngineDep) -> Any:
     """Every frame of an asset, `neutral` among them."""
     return engine.frames.all(asset)
 
 
 @router.put(
     "/frames/{frame}",
+    operation_id="putFrame",
     response_model=Frame,
     responses=problems(404, 409, 413, 422, 503, 507),
     openapi_extra=POSITIONS,
 )
 def put(
-    asset: str,
-    frame: str,
+    asset: AssetId,
+    frame: FrameName,
     positions: Positions,
     engine: EngineDep,
     slot: Slot,
@@ -48,10 +63,13 @@ def put(
 
 @router.get(
     "/frames/{frame}",
+    operation_id="getFrame",
     response_model=Frame,
     responses={200: {"content": {NPY: {}, RAW: {}}}, **problems(404, 406, 409, 422)},
 )
-def show(asset: str, frame: str, request: Request, engine: EngineDep, response: Response) -> Any:
+def show(
+    asset: AssetId, frame: FrameName, request: Request, engine: EngineDep, response: Response
+) -> Any:
     """A frame as JSON, or its positions with `Accept: application/x-npy` (or
     `application/octet-stream`, raw float32). The type of the highest weight is sent, a weight of 0
     means not this one.
@@ -72,19 +90,24 @@ def show(asset: str, frame: str, request: Request, engine: EngineDep, response: 
 
 
 @router.delete(
-    "/frames/{frame}", status_code=204, response_model=None, responses=problems(404, 409, 422)
+    "/frames/{frame}",
+    operation_id="deleteFrame",
+    status_code=204,
+    response_model=None,
+    responses=problems(404, 409, 422),
 )
-def delete(asset: str, frame: str, engine: EngineDep) -> None:
+def delete(asset: AssetId, frame: FrameName, engine: EngineDep) -> None:
     """Forget a frame; `neutral` stays."""
     engine.frames.delete(asset, frame)
 
 
 @router.get(
     "/frames/{frame}/stretch",
+    operation_id="getStretch",
     response_class=Response,
     responses={**binary(NPZ), **problems(404, 409, 422, 503)},
 )
-def stretch(asset: str, frame: str, engine: EngineDep, slot: Slot) -> Response:
+def stretch(asset: AssetId, frame: FrameName, engine: EngineDep, slot: Slot) -> Response:
     """`.npz` with axes (F, 2, 2), axes[f, i] = ŝᵢ, and ratios (F, 2), unclamped."""
     with slot:
         found = engine.frames.stretch(asset, frame)
@@ -93,13 +116,14 @@ def stretch(asset: str, frame: str, engine: EngineDep, slot: Slot) -> Response:
 
 @router.put(
     "/calibration",
+    operation_id="calibrateAsset",
     status_code=202,
     response_model=Job,
     responses=problems(404, 409, 413, 422, 503),
     openapi_extra=POSITIONS,
 )
 def calibrate(
-    asset: str,
+    asset: AssetId,
     positions: Positions,
     engine: EngineDep,
     response: Response,

@@ -7,7 +7,7 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Response
 from fastapi.responses import StreamingResponse
 
-from rhytid.api.dependencies import EngineDep, NoRepeats
+from rhytid.api.dependencies import AssetId, EngineDep, NoRepeats
 from rhytid.api.documentation import binary, problems
 from rhytid.api.schemas import GraphQuery
 from rhytid.formats.curves import CURVE_FORMATS, curve_format
@@ -20,10 +20,11 @@ router = APIRouter(prefix="/v1/assets", tags=["assets"], dependencies=[NoRepeats
 
 @router.get(
     "/{asset}/graph",
+    operation_id="getGraph",
     response_class=Response,
     responses={**binary(*MEDIA_TYPES), **problems(404, 409, 422)},
 )
-def graph(asset: str, engine: EngineDep, query: Annotated[GraphQuery, Query()]) -> Response:
+def graph(asset: AssetId, engine: EngineDep, query: Annotated[GraphQuery, Query()]) -> Response:
     """The wrinkle graph as safetensors, whose metadata say with which depth, spacing, unit, sigma
     and wave frequency it is drawn, and for which mesh; or its wrinkles as lines in space, as OBJ or
     USD text."""

@@ -15,13 +15,13 @@ PROMETHEUS = "text/plain; version=0.0.4; charset=utf-8"
 router = APIRouter(tags=["service"])
 
 
-@router.get("/healthz", response_model=Status, responses=problems())
+@router.get("/healthz", operation_id="getHealth", response_model=Status, responses=problems())
 async def healthz() -> Any:
     """The process answers."""
     return {"status": "alive"}
 
 
-@router.get("/readyz", response_model=Status, responses=problems(503))
+@router.get("/readyz", operation_id="getReadiness", response_model=Status, responses=problems(503))
 def readyz(engine: EngineDep, slot: Slot) -> Any:
     """A small kernel computes on the device; 503 too where no more requests may wait for it."""
     with slot:
@@ -30,7 +30,12 @@ def readyz(engine: EngineDep, slot: Slot) -> Any:
     return {"status": "ready"}
 
 
-@router.get("/metrics", response_class=Response, responses={**binary("text/plain"), **problems()})
+@router.get(
+    "/metrics",
+    operation_id="getMetrics",
+    response_class=Response,
+    responses={**binary("text/plain"), **problems()},
+)
 async def metrics(metrics: MetricsDep) -> Response:
     """Requests, latencies and computed tiles as Prometheus text."""
     return Response(metrics.text(), headers={"Content-Type": PROMETHEUS})
@@ -38,6 +43,7 @@ async def metrics(metrics: MetricsDep) -> Response:
 
 @router.get(
     "/v1/devices",
+    operation_id="listDevices",
     response_model=list[Device],
     responses=problems(422, 503),
     dependencies=[NoQuery],

@@ -10,12 +10,17 @@ from fastapi import APIRouter, Query, Request, Response
 from numpy.typing import NDArray
 
 from rhytid.api.dependencies import (
+    AssetId,
+    Column,
     EngineDep,
-    Index,
+    FrameName,
+    Level,
     MetricsDep,
     NoRepeats,
     Positions,
+    Row,
     Slot,
+    Udim,
 )
 from rhytid.api.documentation import POSITIONS, TILES, TILES_ONCE, problems
 from rhytid.api.encoding import answer, check_format, scale_header, warnings_header
@@ -35,6 +40,7 @@ router = APIRouter(prefix="/v1/assets/{asset}", tags=["tiles"], dependencies=[No
 @router.head("/frames/{frame}/tiles/{udim}/{level}/{row}/{column}", include_in_schema=False)
 @router.get(
     "/frames/{frame}/tiles/{udim}/{level}/{row}/{column}",
+    operation_id="getTile",
     response_class=Response,
     responses={**TILES, **FAULTS},
 )
@@ -43,12 +49,12 @@ def tile(
     engine: EngineDep,
     metrics: MetricsDep,
     slot: Slot,
-    asset: str,
-    frame: str,
-    udim: Index,
-    level: Index,
-    row: Index,
-    column: Index,
+    asset: AssetId,
+    frame: FrameName,
+    udim: Udim,
+    level: Level,
+    row: Row,
+    column: Column,
     query: Annotated[TileQuery, Query()],
 ) -> Response:
     """One tile of displacement; `If-None-Match` is answered without drawing it."""
@@ -58,15 +64,20 @@ def tile(
 
 
 @router.head("/frames/{frame}/maps/{udim}", include_in_schema=False)
-@router.get("/frames/{frame}/maps/{udim}", response_class=Response, responses={**TILES, **FAULTS})
+@router.get(
+    "/frames/{frame}/maps/{udim}",
+    operation_id="getMap",
+    response_class=Response,
+    responses={**TILES, **FAULTS},
+)
 def whole_map(
     request: Request,
     engine: EngineDep,
     metrics: MetricsDep,
     slot: Slot,
-    asset: str,
-    frame: str,
-    udim: Index,
+    asset: AssetId,
+    frame: FrameName,
+    udim: Udim,
     query: Annotated[WholeMapQuery, Query()],
 ) -> Response:
     """A whole map of one UDIM; equals its tiles bit for bit."""
@@ -77,6 +88,7 @@ def whole_map(
 
 @router.post(
     "/tiles",
+    operation_id="drawTiles",
     response_class=Response,
     responses={**TILES_ONCE, **FAULTS, **problems(413)},
     openapi_extra=POSITIONS,
@@ -84,7 +96,7 @@ def whole_map(
 def tiles_once(
     engine: EngineDep,
     metrics: MetricsDep,
-    asset: str,
+    asset: AssetId,
     positions: Positions,
     slot: Slot,
     query: Annotated[TilesQuery, Query()],
@@ -116,11 +128,13 @@ def check_texels(engine: EngineDep, asset: str, addresses: list[TileAddress]) ->
         grid.check(address)
     texels = sum(grid.texels(address.level) ** 2 for address in addresses)
     if texels > TEXELS:
-        raise LimitError(f"{len(addresses)} tiles hold {texels} texels: at most {TEXELS} an answer")
+        raise LimitError(
+            f"{len(addresses)} tiles hold {texels} texels: at most {TEXELS} per answer"
+        )
 
 
 def mixed_part(tile: NDArray[np.float32], format: str, header: TileHeader) -> MixedPart:
-    """One encoded tile and the headers that tell it from its neighbours."""
+    """One encoded tile and the headers that identify it."""
     encoded = encode(tile, format, header)
     at = TileAddress(header.udim, header.level, header.row, header.column)
     name = str(at).replace("/", ".")

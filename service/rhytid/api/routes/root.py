@@ -1,0 +1,87 @@
+"""Where to go from `/`, and the pages of `/docs`, which load nothing from elsewhere."""
+
+from __future__ import annotations
+
+import html
+from importlib import resources
+from typing import Any
+
+from fastapi import APIRouter, Request, Response
+from fastapi.openapi.docs import get_swagger_ui_html
+from fastapi.responses import FileResponse, HTMLResponse, JSONResponse
+from starlette.exceptions import HTTPException
+
+from rhytid import __version__
+from rhytid.api.accept import preferred
+from rhytid.api.dependencies import NoQuery
+from rhytid.api.documentation import problems
+from rhytid.api.schemas import Root
+
+JSON, HTML = "application/json", "text/html"
+# Swagger UI, as the package fastapi-swagger holds it.
+ASSETS = "fastapi_swagger.resources"
+FILES = ("swagger-ui-bundle.js", "swagger-ui.css", "favicon-32x32.png")
+PLACES = {
+    "docs": "/docs",
+    "openapi": "/openapi.json",
+    "assets": "/v1/assets",
+    "devices": "/v1/devices",
+    "health": "/healthz",
+    "metrics": "/metrics",
+}
+router = APIRouter(tags=["service"])
+
+
+@router.get(
+    "/",
+    operation_id="getRoot",
+    response_model=Root,
+    responses={200: {"content": {HTML: {"schema": {"type": "string"}}}}, **problems(406, 422)},
+    dependencies=[NoQuery],
+)
+async def root(request: Request) -> Response:
+    """The version, and the paths to start from: as JSON, or as a page where `Accept` prefers
+    `text/html`."""
+    prefix = request.scope.get("root_path", "")
+    places = {name: prefix + path for name, path in PLACES.items()}
+    headers = {"Vary": "Accept"}
+    if preferred(request, (JSON, HTML)) == JSON:
+        found: dict[str, Any] = {"name": "rhytid", "version": __version__, **places}
+        return JSONResponse(found, headers=headers)
+    return HTMLResponse(_page(places), headers=headers)
+
+
+def _page(places: dict[str, str]) -> str:
+    links = "".join(
+        f'<li>{name}: <a href="{html.escape(path)}">{html.escape(path)}</a></li>'
+        for name, path in places.items()
+    )
+    return (
+        '<!doctype html><html lang="en"><meta charset="utf-8"><title>rhytid</title>'
+        f"<h1>rhytid {__version__}</h1>"
+        "<p>Displacement tiles for animated faces. Start with the docs.</p>"
+        f"<ul>{links}</ul></html>"
+    )
+
+
+@router.get("/docs", include_in_schema=False)
+async def docs(request: Request) -> HTMLResponse:
+    """Swagger UI over the OpenAPI document."""
+    prefix = request.scope.get("root_path", "")
+    return get_swagger_ui_html(
+        openapi_url=f"{prefix}/openapi.json",
+        title="rhytid",
+        swagger_js_url=f"{prefix}/docs/swagger-ui-bundle.js",
+        swagger_css_url=f"{prefix}/docs/swagger-ui.css",
+        swagger_favicon_url=f"{prefix}/docs/favicon-32x32.png",
+        # Else the page asks a server on the internet whether the document is valid.
+        swagger_ui_parameters={"validatorUrl": None},
+    )
+
+
+@router.get("/docs/{file}", include_in_schema=False)
+def docs_file(file: str) -> FileResponse:
+    """One of the files that the page of `/docs` loads."""
+    if file not in FILES:
+        raise HTTPException(404)
+    return FileResponse(str(resources.files(ASSETS) / file))

@@ -1,0 +1,154 @@
+"""How far a command is, on stderr: a bar on a terminal, elsewhere a line every ten seconds."""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from tqdm import tqdm  # type: ignore[import-untyped]
+
+_SHARE_FORMAT = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}{postfix}"
+_STEP_FORMAT = "{desc}: {elapsed}"
+# Seconds between lines where there is no terminal, and between two looks of a bar on one.
+_EVERY, _LOOK = 10.0, 1.0
+
+
+@dataclass(frozen=True)
+class Voice:
+    """How much a command says beside its results, warnings and errors."""
+
+    quiet: bool = False
+    verbose: bool = False
+
+
+_voice = Voice()
+
+
+@contextmanager
+def speaking(voice: Voice) -> Iterator[None]:
+    """Within the block, commands say so much."""
+    global _voice
+    before, _voice = _voice, voice
+    try:
+        yield
+    finally:
+        _voice = before
+
+
+def voice() -> Voice:
+    """How much to say now."""
+    return _voice
+
+
+def note(line: str) -> None:
+    """Print a line on stderr, above a bar that is being drawn; nothing where quiet."""
+    if not _voice.quiet:
+        tqdm.write(line, file=sys.stderr)
+
+
+def detail(line: str) -> None:
+    """Print a line on stderr where verbose."""
+    if _voice.verbose:
+        note(f"rhytid: {line}")
+
+
+@contextmanager
+def share_bar(what: str) -> Iterator[Callable[[float, str], None]]:
+    """For work that knows its share from 0 to 1: call with the share and the stage."""
+    last, pace = (0.0, ""), _Pace()
+
+    def line(seconds: float) -> str:
+        share, stage = last
+        left = pace.left(seconds)
+        return f"{what}: {100 * share:.0f} %{', ' if stage else ''}{stage}, {seconds:.0f} s{left}"
+
+    with _shown(line, total=1.0, desc=what, bar_format=_SHARE_FORMAT) as bar:
+
+        def show(share: float, stage: str) -> None:
+            nonlocal last
+            if stage != last[1]:
+                detail(f"{what}: {stage}, after {pace.seconds():.1f} s")
+            last = share, stage
+            pace.reached(share)
+            bar.set_postfix_str(stage, refresh=False)
+            bar.update(share - bar.n)
+
+        yield show
+
+
+def counted(things: Sequence[Any], what: str, unit: str) -> Iterable[Any]:
+    """The things themselves, while it is shown which of them is worked on."""
+    done, many, pace = 0, len(things), _Pace()
+
+    def line(seconds: float) -> str:
+        return f"{what}: {unit} {done + 1} of {many}, {seconds:.0f} s{pace.left(seconds)}"
+
+    with _shown(line, total=many, desc=what, unit=unit) as bar:
+        for thing in things:
+            yield thing
+            done += 1
+            pace.reached(done / many)
+            bar.update()
+
+
+@contextmanager
+def working(what: str) -> Iterator[None]:
+    """For one step that does not know how far it is: shows how long it has taken."""
+    detail(what)
+    with _shown(lambda s: f"{what}, {s:.0f} s", desc=what, bar_format=_STEP_FORMAT, leave=False):
+        yield
+
+
+@contextmanager
+def _shown(line: Callable[[float], str], **bar: Any) -> Iterator[tqdm]:
+    """A bar on a terminal; elsewhere what `line` says after so many seconds. A thread of its own
+    keeps both going: a step may take long."""
+    terminal = sys.stderr.isatty()
+    ended, start = threading.Event(), time.monotonic()
+    with tqdm(disable=_voice.quiet or not terminal, **bar) as shown:
+
+        def tell() -> None:
+            while not ended.wait(_LOOK if terminal else _EVERY):
+                if terminal:
+                    shown.refresh()
+                else:
+                    said = line(time.monotonic() - start)
+                    print(f"rhytid: {said}", file=sys.stderr, flush=True)
+
+        teller = threading.Thread(target=tell, daemon=True)
+        if not _voice.quiet:
+            teller.start()
+        try:
+            yield shown
+        finally:
+            ended.set()
+            if teller.is_alive():
+                teller.join()
+
+
+class _Pace:
+    """How long work will take, by how long its last step came after the start."""
+
+    def __init__(self) -> None:
+        self._start, self._all = time.monotonic(), 0.0
+
+    def seconds(self) -> float:
+        """Seconds since the start."""
+        return time.monotonic() - self._start
+
+    def reached(self, share: float) -> None:
+        """So much is done, from 0 to 1."""
+        if share > 0:
+            self._all = self.seconds() / share
+
+    def left(self, seconds: float) -> str:
+        """Words for what is left after so many seconds; none while nothing is done."""
+        if not self._all:
+            return ""
+        left = max(self._all - seconds, 0.0)
+        return f", {left:.0f} s left" if left < 100 else f", {left / 60:.0f} min left"

@@ -1,0 +1,125 @@
+"""The options of skin that is grown, the same in every command that grows it."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rhytid.cli.options import (
+    DENSITY,
+    add_density,
+    add_lines,
+    add_several,
+    add_unit,
+    density,
+    readable,
+)
+from rhytid.domain.controls import CONTROLS, REGION_MAPS, REGION_PREFIX
+from rhytid.domain.regions import REGIONS, WHOLE_FACE
+
+if TYPE_CHECKING:
+    from rhytid.domain.controls import Controls
+    from rhytid.domain.mesh import Mesh
+
+_SETTINGS = ("age", "density", "strength", "turn", "anisotropy", "scale", "pore_radius")
+_MASKED = [name.removeprefix(REGION_PREFIX) for name in REGION_MAPS]
+# Of these options one that is given beside a graph would have no effect.
+_GROWING = ("lines", "shapes", "region", "set", "map", "region_mask")
+
+
+def skin_options(mesh: str, *, graph: bool = False) -> argparse.ArgumentParser:
+    """A parent parser with the options of skin; with `graph` also `--graph` in their place.
+
+    mesh: the name that the mesh has in the help.
+    """
+    parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    group = add_density(parser)
+    if graph:
+        given = "take the wrinkles from safetensors, with their depth and unit; grow none"
+        group.add_argument("--graph", type=readable, metavar="FILE", help=given)
+    seed = "another seed gives another skin of the same kind (default: 1)"
+    parser.add_argument("--seed", type=int, metavar="S", help=seed)
+    add_lines(parser)
+    skin = f"what skin the mesh has where no mask says otherwise (default: {WHOLE_FACE})"
+    parser.add_argument("--region", choices=REGIONS, help=skin)
+    settings = f"a setting for the whole mesh: {', '.join(_SETTINGS)}"
+    add_several(parser, "--set", type=_setting, metavar="NAME=VALUE", help=settings)
+    maps = [name for name in CONTROLS if name not in REGION_MAPS]
+    painted = "grey PNG or EXR painted in UV, named ANY.<UDIM>.png; NAME: " + ", ".join(maps)
+    add_several(parser, "--map", type=_named(maps), metavar="NAME=FILE", help=painted)
+    mask = "grey PNG or EXR, white where skin is of that region: " + ", ".join(_MASKED)
+    add_several(parser, "--region-mask", type=_named(_MASKED), metavar="REGION=FILE", help=mask)
+    add_unit(parser, mesh)
+    return parser
+
+
+def refuse_without_effect(arguments: argparse.Namespace) -> None:
+    """End with a usage error where `--graph` is given and an option says how skin grows."""
+    for name in _GROWING:
+        if arguments.graph is not None and getattr(arguments, name):
+            option = "--" + name.replace("_", "-")
+            arguments.usage_error(
+                f"{option} says how lines grow, --graph gives lines that are grown: use one"
+            )
+
+
+def skin_settings(
+    arguments: argparse.Namespace, given: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
+    """Settings of an asset: those given, which the options override."""
+    settings = dict(given or {})
+    graph = {"seed": arguments.seed, "lines": arguments.lines, "region": arguments.region}
+    graph = {name: value for name, value in graph.items() if value is not None}
+    graph |= {**density(arguments), **dict(arguments.set)}
+    if graph:
+        beside = dict(settings.get("graph", {}))
+        if density(arguments):  # one of them fixes the other
+            beside = {name: value for name, value in beside.items() if name not in DENSITY}
+        settings["graph"] = {**beside, **graph}
+    if arguments.unit is not None:
+        settings["unit"] = arguments.unit
+    return settings
+
+
+def skin_maps(arguments: argparse.Namespace) -> dict[str, list[Path]]:
+    """Painted maps and masks, by the name of what they control."""
+    masks = [(REGION_PREFIX + region, file) for region, file in arguments.region_mask]
+    files: dict[str, list[Path]] = {}
+    for name, file in [*arguments.map, *masks]:
+        files.setdefault(name, []).append(file)
+    return files
+
+
+def skin_controls(arguments: argparse.Namespace, mesh: Mesh) -> Controls | None:
+    """The same, read and checked."""
+    from rhytid.cli.input_files import control_files
+
+    return control_files(skin_maps(arguments), mesh)
+
+
+def _setting(text: str) -> tuple[str, float]:
+    name, _, value = text.partition("=")
+    try:
+        return _one_of(_SETTINGS, name), float(value)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(
+            f"{text!r}: {name} needs a number, as {name}=1.5"
+        ) from error
+
+
+def _named(names: Sequence[str]) -> Any:
+    def named(text: str) -> tuple[str, Path]:
+        name, equals, file = text.partition("=")
+        if not (equals and file):
+            raise argparse.ArgumentTypeError(f"{text!r}: write it as NAME=FILE")
+        return _one_of(names, name), readable(file)
+
+    return named
+
+
+def _one_of(names: Sequence[str], name: str) -> str:
+    if name not in names:
+        raise argparse.ArgumentTypeError(f"{name!r}: one of {', '.join(names)}")
+    return name

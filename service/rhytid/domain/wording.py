@@ -1,0 +1,8 @@
+"""Words of messages."""
+
+from __future__ import annotations
+
+
+def plural(count: int, one: str, several: str = "") -> str:
+    """A count and its noun: `1 map`, `2 maps`.  several: where it is not `one` with an s."""
+    return f"{count} {one if count == 1 else several or one + 's'}"

@@ -1,0 +1,138 @@
+"""Ctrl-C ends every command within a second, and leaves nothing half-written."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rhytid_lab.samples.face import procedural_face
+
+# Words of `--verbose` at which a command is interrupted, while it works.
+SYNTHESIZE = "synthesize face.npz --out out/g.safetensors --wrinkles 30000"
+BAKE = "bake --mesh face.npz --out out --resolution 2048 --wrinkles 30000"
+DEMO = "demo --mesh face.npz --out out --resolution 2048 --wrinkles 30000"
+slow = pytest.mark.slow
+RUNS = [
+    (SYNTHESIZE, "synthesis: pores"),
+    (BAKE, "building: edges"),
+    (DEMO, "build: edges"),
+    pytest.param(SYNTHESIZE, "synthesis: trails", marks=slow),
+    pytest.param(f"{SYNTHESIZE} --preview out/g.png", "preview: UDIM", marks=slow),
+    pytest.param(BAKE, "wrote face.1001.0001.exr", marks=slow),
+    pytest.param(f"{BAKE} --method binned", "bins: ", marks=slow),
+    pytest.param(DEMO, "calibrate: making", marks=slow),
+    pytest.param("check face.npz --picture out/p.png", "drawing p.png", marks=slow),
+]
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    face = procedural_face(64)
+    frames = np.stack([face.pose({"smile": s}) for s in np.linspace(0.2, 1, 40)])
+    arrays = {name: getattr(face.mesh, name) for name in ("positions", "faces", "uv", "face_uv")}
+    np.savez(tmp_path / "face.npz", **arrays, frames=frames)
+    (tmp_path / "tmp").mkdir()
+    return tmp_path
+
+
+def started(arguments: str, folder: Path) -> subprocess.Popen[str]:
+    """`rhytid` in a process group of its own, as a terminal starts it."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "rhytid", *arguments.split()],
+        cwd=folder,
+        env={**os.environ, "TMPDIR": str(folder / "tmp")},
+        stderr=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def interrupted(running: subprocess.Popen[str], ready: Callable[[str], bool]) -> tuple[float, str]:
+    """Seconds from SIGINT to the group, as ctrl-C sends it, to the end, and what was said then."""
+    stderr: Any = running.stderr
+    ending = threading.Timer(120, running.kill)
+    ending.start()
+    with running:
+        try:
+            said = []
+            for line in stderr:
+                said.append(line)
+                if ready(line):
+                    break
+            else:
+                pytest.fail(f"it ended by itself: {said}")
+            os.killpg(running.pid, signal.SIGINT)
+            start = time.monotonic()
+            rest = stderr.read()
+            running.wait(30)
+            return time.monotonic() - start, rest
+        finally:
+            ending.cancel()
+            running.kill()
+
+
+@pytest.mark.parametrize(("arguments", "words"), RUNS)
+def test_an_interrupted_command_ends_soon_and_leaves_nothing(
+    arguments: str, words: str, folder: Path
+) -> None:
+    running = started(f"{arguments} --verbose", folder)
+    seconds, rest = interrupted(running, lambda line: words in line)
+
+    assert running.returncode == 130
+    assert seconds < 1
+    assert rest.splitlines()[-1] == f"rhytid {arguments.split()[0]}: interrupted"
+    assert "Traceback" not in rest
+    assert "Exception" not in rest
+    kept = ("rhytid-cache-", "pyopencl-", "pocl")
+    left = [f.name for f in (folder / "tmp").iterdir() if not f.name.startswith(kept)]
+    assert left == []
+    for file in (folder / "out").rglob("*"):
+        assert file.is_dir() or whole(file), file
+        assert file.name in ("redraw", "binned") or not file.is_dir(), file
+
+
+def whole(file: Path) -> bool:
+    """Whether a file that a command was allowed to write is as it should be."""
+    if file.suffix == ".exr":
+        from rhytid.formats.exr import read_exr
+
+        return read_exr(file)[0].shape == (2048, 2048)
+    if file.suffix == ".safetensors":
+        from rhytid.formats.graphs import read_graph
+
+        return read_graph(file.read_bytes()).wrinkles > 0
+    return file.suffix == ".json" and file.read_text().rstrip().endswith("}")
+
+
+BLOCKED = """
+import hashlib, sys
+from pathlib import Path
+from rhytid.cli.termination import interruptible
+from rhytid.unfinished import temporary_folder
+with interruptible(), temporary_folder("x", Path(sys.argv[1])) as folder:
+    (folder / "part").touch()
+    print("ready", file=sys.stderr, flush=True)
+    hashlib.pbkdf2_hmac("sha256", b"", b"", 100_000_000)
+"""
+
+
+def test_a_call_that_does_not_return_is_ended_too(tmp_path: Path) -> None:
+    """Python's own handlers run only after it: here after a minute."""
+    command = [sys.executable, "-c", BLOCKED, str(tmp_path)]
+    running = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    seconds, rest = interrupted(running, lambda line: line == "ready\n")
+
+    assert (running.returncode, rest) == (130, "rhytid: interrupted\n")
+    assert seconds < 1
+    assert list(tmp_path.iterdir()) == []
