@@ -114,7 +114,7 @@ class FakeEngine:
             job = self._start(name, "build")
             self._assets[name] = FakeAsset(new, new.settings.resolved(0.01), job)
             for i, frame in enumerate(() if new.frames is None else new.frames):
-                self._assets[name].frames[f"{i + 1:04d}"] = frame
+                self._assets[name].frames[f"{i:04d}"] = frame
         return self.asset_info(name)
 
     def all_assets(self) -> list[AssetInfo]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rhytid.cli.program import main
+from rhytid.cli import main
 from rhytid.device.budget import MemoryBudget
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings

@@ -9,7 +9,7 @@ from api.live import serving
 from engine.engines import running
 from rhytid.api.parts import Part
 from rhytid.api.routes.assets import new_asset
-from rhytid.cli.program import main
+from rhytid.cli import main
 from rhytid.errors import InputError
 from rhytid.formats.graphs import read_graph
 from rhytid_client import Client, RequestError

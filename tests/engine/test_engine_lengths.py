@@ -12,7 +12,7 @@ from PIL import Image
 from scipy.spatial import cKDTree
 
 from engine.engines import BINNED, CONVOLVED, REDRAW, built, new_asset, running, same, settle
-from rhytid.cli.program import main
+from rhytid.cli import main
 from rhytid.domain.ageing import deepest
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.controls import Controls

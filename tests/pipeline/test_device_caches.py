@@ -18,7 +18,7 @@ def unknown(uid):
     raise KeyError(uid)
 if sys.argv[1] == "unknown":
     pwd.getpwuid = unknown
-from rhytid.cli.program import main
+from rhytid.cli import main
 assert main(["devices", "--json"]) == 0
 import numpy as np
 from rhytid.device.runtime import Device
