@@ -292,13 +292,14 @@ def test_skewed_wrinkles_are_those_of_the_reference(
         asset.install(asset.prepare(graph, settings), settings)
         found = asset.drawn(NEUTRAL_FRAME, MapQuery("neutral"), 1001, 0, 0, 0, 512)
         asset.release()
-    rows, columns = np.meshgrid(np.arange(512), np.arange(512), indexing="ij")
+    # Every other texel: the reference takes its time.
+    rows, columns = np.meshgrid(*2 * [np.arange(0, 512, 2)], indexing="ij")
     uv = np.stack([(columns + 0.5) / 512, 1 - (rows + 0.5) / 512], -1).reshape(-1, 2)
     given = np.zeros(graph.wrinkles), settings.response, settings.shape, 1 / 512, (0.0, 0.0)
     lines = bends.lines(graph, *given)
     discs = bends.discs(graph, np.zeros(graph.pores), *given[1:])
-    wanted = redraw.draw(uv, lines, discs, settings.shape, DEPTH).reshape(512, 512)
-    assert np.abs(found - wanted).max() <= (1e-3 if "taper" in bent else 1e-4) * DEPTH
+    wanted = redraw.draw(uv, lines, discs, settings.shape, DEPTH).reshape(256, 256)
+    assert np.abs(found[::2, ::2] - wanted).max() <= (1e-3 if "taper" in bent else 1e-4) * DEPTH
 
 
 def elements_of(device: Device, graph: WrinkleGraph, settings: AssetSettings) -> UdimElements:
