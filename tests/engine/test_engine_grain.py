@@ -72,6 +72,7 @@ def test_noise_is_that_of_the_reference(device, seed):
     assert wanted.std() > 0.5
 
 
+@pytest.mark.slow
 def test_grain_is_as_rough_as_pores_say_and_undulation_is_not(device):
     mesh, lines = sheet(n=6), random_graph(5, 400)
     rough = np.random.default_rng(2).uniform(0.2, 1.5, len(lines.node_uv)).astype(np.float32)

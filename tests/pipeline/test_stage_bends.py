@@ -71,7 +71,9 @@ class BentScene(Scene):
         return bends.held(logs, limit, limit), axes
 
 
-@pytest.mark.parametrize("graph", [GRAPH, FINE], ids=["wide", "fine"])
+@pytest.mark.parametrize(
+    "graph", [pytest.param(GRAPH, id="wide"), pytest.param(FINE, id="fine", marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize(
     "changes",
     [

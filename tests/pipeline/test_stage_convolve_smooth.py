@@ -23,8 +23,14 @@ def bent(mesh, seed=3):
     return deform(mesh.positions, seed, 0.15)
 
 
-@MODELS
-@pytest.mark.parametrize("sigma", [SMALL, pytest.param(3 * SMALL, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    ("sigma", "model"),
+    [
+        (SMALL, "tensor"),
+        *(pytest.param(SMALL, model, marks=pytest.mark.slow) for model in ("tension", "uv")),
+        *(pytest.param(3 * SMALL, m, marks=pytest.mark.slow) for m in ("tensor", "tension", "uv")),
+    ],
+)
 def test_a_tile_is_that_of_double(device, model, sigma):
     stage = SmoothStage(device, sheet(), noise(), sigma)
     positions = bent(stage.mesh)
