@@ -220,6 +220,7 @@ def test_the_spacing_alone_gives_as_many_wrinkles_as_are_usual(device: Device) -
     assert graph.wrinkles == pytest.approx(2.1 * even, rel=0.015)
 
 
+@pytest.mark.slow
 @pytest.mark.face
 @pytest.mark.parametrize("name", ["density", "direction", "region_nose"])
 def test_a_patch_on_the_real_face(device: Device, face: face_data.Face, name: str) -> None:
