@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from hypothesis import settings
@@ -35,6 +36,26 @@ def local_memory(request: pytest.FixtureRequest) -> Iterator[None]:
     found = tuple(replace(c, local_memory=given) for c in select.candidates())
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(select, "candidates", lambda: found)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def programs_are_shared() -> Iterator[None]:
+    """All engines of a process take one context for each device and compile a program once.
+
+    Even what PoCL has in its cache takes 40 ms to build, and an engine builds some 15.
+    """
+    from rhytid.device import trial
+
+    compile_program = trial.compile_program
+
+    @cache
+    def compiled(context: Any, text: str, options: tuple[str, ...]) -> Any:
+        return compile_program(context, text, list(options))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(trial, "open_context", cache(trial.open_context))
+        patch.setattr(trial, "compile_program", lambda c, text, o: compiled(c, text, tuple(o)))
         yield
 
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from types import SimpleNamespace as Namespace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.curves import Curves
@@ -142,7 +142,7 @@ class FakeEngine:
             centre=tuple(mesh.centre.tolist()),
         )
 
-    def change_asset(self, asset: str, changes: dict[str, Any]) -> AssetInfo:
+    def change_asset(self, asset: str, changes: Mapping[str, Any]) -> AssetInfo:
         found = self._built(asset)
         for key in ("resolution", "graph"):
             if key in changes:
@@ -164,19 +164,19 @@ class FakeEngine:
         self._built(asset)
         return CURVES
 
-    def job(self, job: str) -> JobInfo:
-        if job not in self._jobs:
-            raise NotFoundError(f"no job {job!r}")
-        info = self._jobs[job]
+    def job(self, id: str) -> JobInfo:
+        if id not in self._jobs:
+            raise NotFoundError(f"no job {id!r}")
+        info = self._jobs[id]
         if info.state in ("queued", "running"):
-            self._jobs[job] = self._advanced(info)
-        return self._jobs[job]
+            self._jobs[id] = self._advanced(info)
+        return self._jobs[id]
 
-    def cancel_job(self, job: str) -> JobInfo:
-        info = self.job(job)
+    def cancel_job(self, id: str) -> JobInfo:
+        info = self.job(id)
         if info.state != "done":
-            self._jobs[job] = replace(info, state="cancelled", detail="by the caller")
-        return self._jobs[job]
+            self._jobs[id] = replace(info, state="cancelled", detail="by the caller")
+        return self._jobs[id]
 
     def _start(self, asset: str, kind: str) -> str:
         name = f"{kind}-{asset}-{len(self._jobs)}"
@@ -195,7 +195,7 @@ class FakeEngine:
         self,
         asset: str,
         frame: str,
-        positions: Any,
+        positions: ArrayLike,
         *,
         strict: bool = False,
         allow: Collection[str] = (),
@@ -217,7 +217,12 @@ class FakeEngine:
         return FrameInfo(frame, dict.fromkeys(PERCENTILES, moved), doubts)
 
     def frame_warnings(
-        self, asset: str, positions: Any, *, strict: bool = False, allow: Collection[str] = ()
+        self,
+        asset: str,
+        positions: ArrayLike,
+        *,
+        strict: bool = False,
+        allow: Collection[str] = (),
     ) -> tuple[InputWarning, ...]:
         check_codes(allow)
         found = self._doubts(positions, "the positions")
@@ -245,7 +250,12 @@ class FakeEngine:
         del self._find(asset).frames[frame]
 
     def calibrate(
-        self, asset: str, positions: Any, *, strict: bool = False, allow: Collection[str] = ()
+        self,
+        asset: str,
+        positions: ArrayLike,
+        *,
+        strict: bool = False,
+        allow: Collection[str] = (),
     ) -> JobInfo:
         found = self._built(asset)
         warnings = self.frame_warnings(asset, positions, strict=strict, allow=allow)
@@ -320,8 +330,13 @@ class FakeEngine:
         )  # fmt: skip
 
     def bin_tile(
-        self, asset: str, address: TileAddress, layer: str, bin: int | None, sample: int | None
-    ) -> NDArray[np.int8 | np.int16]:
+        self,
+        asset: str,
+        address: TileAddress,
+        layer: str,
+        bin: int | None = None,
+        sample: int | None = None,
+    ) -> NDArray[np.integer]:
         found, manifest = self._check(asset, address), self.bins(asset)
         bin, sample = of_map(manifest, layer, bin, sample)
         if address.level > 0:
@@ -331,7 +346,7 @@ class FakeEngine:
         return np.full((side, side), 10 * bin + sample, dtype)
 
     def plans_once(
-        self, asset: str, positions: Any, query: MapQuery, addresses: list[TileAddress]
+        self, asset: str, positions: ArrayLike, query: MapQuery, addresses: list[TileAddress]
     ) -> list[TilePlan]:
         for address in addresses:
             self._check(asset, address)

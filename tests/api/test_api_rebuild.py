@@ -206,6 +206,7 @@ def test_the_page_makes_the_served_tile(
     assert Published(client, page, sent(client, **changes)).worst("nearest") <= 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("preset", ["paper", "best"])
 def test_the_page_makes_the_served_tile_with_smooth_sampling(
     client: httpx.Client, page: dict[str, Any], preset: str
@@ -213,6 +214,7 @@ def test_the_page_makes_the_served_tile_with_smooth_sampling(
     assert Published(client, page, sent(client, preset=preset)).worst("smooth") <= 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sampling", ["nearest", "smooth"])
 def test_the_page_makes_the_served_tile_of_stiff_skin(
     client: httpx.Client, page: dict[str, Any], sampling: str

@@ -112,6 +112,7 @@ def test_the_command_fails_where_a_result_is_wrong(
     assert "the results differ from rhytid's: numba in redraw" in told.err
 
 
+@pytest.mark.slow
 def test_figures_have_the_agreed_form(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -45,8 +45,9 @@ def grown(engine, resolution, preset, **graph):
 # finer than texels, 0.02 with five and with ten.
 @pytest.mark.parametrize(
     ("preset", "graph", "band"),
-    [("paper", {"spacing": 0.1}, 0.05), ("paper", {}, 0.18), ("best", {}, 0.05),
-     ("best", {"spacing": 0.1}, 0.03)],
+    [("paper", {"spacing": 0.1}, 0.05), ("paper", {}, 0.18),
+     pytest.param("best", {}, 0.05, marks=pytest.mark.slow),
+     pytest.param("best", {"spacing": 0.1}, 0.03, marks=pytest.mark.slow)],
 )  # fmt: skip
 def test_a_draft_is_the_coarse_level_of_the_final(engine, preset, graph, band):
     draft = grown(engine, DRAFT, preset, **graph)
@@ -76,6 +77,7 @@ def test_a_draft_is_the_coarse_level_of_the_final(engine, preset, graph, band):
 # pores where they are 0.1 apart. The grid of the cushions is the same at every resolution from five
 # to sixty of such texels. With fewer its samples no longer carry the lines; with more it is finer,
 # and lines lose 2 % less where they meet.
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("spacing", "bands"),
     [(0.2, {256: (0.02, 0.02), 512: (0.02, 0.02), 1024: (0.02, 0.02)}),

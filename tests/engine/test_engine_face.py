@@ -17,7 +17,7 @@ from pipeline.scenes import random_graph, settings_of
 from rhytid.domain.mesh import Mesh
 from rhytid.engine.messages import METHODS, SAMPLINGS, STRETCH_MODELS, NewAsset
 
-pytestmark = pytest.mark.face
+pytestmark = [pytest.mark.face, pytest.mark.slow]
 SETTINGS = {
     "resolution": 256,
     "tile_size": 256,

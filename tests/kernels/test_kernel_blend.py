@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 import rhytid_kernels
 from kernels.one_line import run
+from pairs import pairs
 from reference import bins as reference
 from reference.inputs import Bins, Shape
 from rhytid.domain.asset_settings import AssetSettings
@@ -146,11 +147,10 @@ def check(device, triangle, maps):
     assert np.abs(found - wanted(triangle, maps)).max() <= 1e-6 * largest
 
 
-@pytest.mark.parametrize("tilt", [False, True], ids=["plain", "tilt"])
-@pytest.mark.parametrize("merge", MERGES)
-@pytest.mark.parametrize("samples", [3, 5, 7])
-@pytest.mark.parametrize("bits", [8, 16])
-@pytest.mark.parametrize("bins", [1, 4, 16])
+@pytest.mark.parametrize(
+    ("bins", "samples", "bits", "merge", "tilt"),
+    pairs([1, 4, 16], [3, 5, 7], [8, 16], MERGES, [False, True]),
+)
 def test_vectors_in_one_triangle_and_in_many_are_those_of_double(
     device, bins, samples, bits, merge, tilt
 ):

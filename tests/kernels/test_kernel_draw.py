@@ -170,6 +170,7 @@ def columns_of_segments(seed, count=20000):
     return [*floats, rng.integers(0, BLOCK - LANES, count).astype(np.int32)]
 
 
+@pytest.mark.slow
 def test_rows_near_never_cuts_a_texel_that_the_profile_reaches(device):
     a, e, half_width, first = columns_of_segments(7)
     inputs = {"a": a, "e": e, "h": half_width, "x": first}
@@ -190,6 +191,7 @@ def test_rows_near_never_cuts_a_texel_that_the_profile_reaches(device):
     assert reached > 100_000
 
 
+@pytest.mark.slow
 def test_fours_hold_every_texel_of_their_rows_that_a_slim_line_reaches(device):
     a, e, half_width, _ = columns_of_segments(8, 30000)
     half_width = np.minimum(half_width, 3)

@@ -91,6 +91,7 @@ def test_the_picture_does_not_depend_on_the_uv(to_uv: ToUV, elevation: float) ->
     assert np.percentile(apart, 99) < 10
 
 
+@pytest.mark.slow
 def test_pixels_lie_where_rays_hit_the_mesh() -> None:
     mesh = sphere(12)
     corners = mesh.positions[mesh.faces].astype(np.float64)

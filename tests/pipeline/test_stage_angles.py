@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from meshes import deform
+from pairs import pairs
 from pipeline.scenes import DEPTH, MODELS, random_graph, settings_of, sheet
 from pipeline.stiff_scenes import SAMPLINGS, StiffScene, painted, window
 from rhytid.domain.mesh import Mesh
@@ -45,11 +46,9 @@ def test_redrawn_maps_are_those_of_double(device, model, sampling):
     assert np.abs(found - wanted).max() <= 1e-4 * DEPTH
 
 
-@pytest.mark.parametrize("sampling", SAMPLINGS)
-@pytest.mark.parametrize("stiffness", [None, painted()], ids=["plain", "stiff"])
-@pytest.mark.parametrize("choice", CHOICES, ids=["paper", "tilts"])
-def test_blended_tiles_are_those_of_double(device, choice, stiffness, sampling):
-    made = scene(device, stiffness=stiffness, bins={"r_max": 0.3, **choice})
+@pytest.mark.parametrize(("choice", "stiff", "sampling"), pairs(CHOICES, [False, True], SAMPLINGS))
+def test_blended_tiles_are_those_of_double(device, choice, stiff, sampling):
+    made = scene(device, stiffness=painted() if stiff else None, bins={"r_max": 0.3, **choice})
     for model in MODELS:
         wanted, sure = made.expected_blend(bent(made), model, sampling)
         found = made.blended_by(bent(made), model, sampling)

@@ -71,7 +71,9 @@ class BentScene(Scene):
         return bends.held(logs, limit, limit), axes
 
 
-@pytest.mark.parametrize("graph", [GRAPH, FINE], ids=["wide", "fine"])
+@pytest.mark.parametrize(
+    "graph", [pytest.param(GRAPH, id="wide"), pytest.param(FINE, id="fine", marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize(
     "changes",
     [
@@ -128,8 +130,11 @@ def test_partners_in_other_udims_count_and_no_arc_is_cut_off(device, udim):
     scene = BentScene(device, sheet(udims=2), graph, settings_of(**ALL))
     positions = deform(scene.mesh.positions, 7, 0.15)
     found = scene.redrawn(positions, udim)
-    wanted = scene.expected(drawing.crop(0, 0, 256, 256, 256), positions, udim)
-    assert np.abs(found - wanted.reshape(256, 256)).max() <= 2.0 * BOUND
+    some = range(0, 256, 3)  # texels of each side: the reference takes its time
+    wanted = scene.expected(drawing.texels(some, some, 256), positions, udim)
+    wanted = wanted.reshape(len(some), -1)
+    assert np.abs(wanted).max() > 0.3 * DEPTH
+    assert np.abs(found[::3, ::3] - wanted).max() <= 2.0 * BOUND
     elements = scene.elements(udim)
     assert elements.wrinkles > len(np.unique(device.read(
         elements.wrinkle_lists.members, (elements.wrinkle_lists.members.nbytes // 4,), np.int32

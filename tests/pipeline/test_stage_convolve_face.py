@@ -14,7 +14,7 @@ from rhytid.pipeline.locate import UdimTriangles
 from rhytid.pipeline.neutral_tiles import MOST_TAPS
 from rhytid.pipeline.stretch import StretchStage
 
-pytestmark = pytest.mark.face
+pytestmark = [pytest.mark.face, pytest.mark.slow]
 R, SIDE, AROUND = 1024, 64, 2 * (MOST_TAPS + 1)
 SIGMA = 0.06  # cm
 BOUND = 5e-5

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from meshes import bumpy_grid, deform, rotate_translate
+from pairs import pairs
 from pipeline.convolving import BOUND, LARGE, SMALL, R, SmoothStage, Stage, noise, square
 from pipeline.scenes import sheet
 from pipeline.smooth_scenes import mesh_of, reference_fields
@@ -22,8 +23,14 @@ def bent(mesh, seed=3):
     return deform(mesh.positions, seed, 0.15)
 
 
-@MODELS
-@pytest.mark.parametrize("sigma", [SMALL, 3 * SMALL])
+@pytest.mark.parametrize(
+    ("sigma", "model"),
+    [
+        (SMALL, "tensor"),
+        *(pytest.param(SMALL, model, marks=pytest.mark.slow) for model in ("tension", "uv")),
+        *(pytest.param(3 * SMALL, m, marks=pytest.mark.slow) for m in ("tensor", "tension", "uv")),
+    ],
+)
 def test_a_tile_is_that_of_double(device, model, sigma):
     stage = SmoothStage(device, sheet(), noise(), sigma)
     positions = bent(stage.mesh)
@@ -35,10 +42,13 @@ def test_a_tile_is_that_of_double(device, model, sigma):
     assert np.abs(found - wanted)[sure].max() <= BOUND
 
 
-@MODELS
-@pytest.mark.parametrize("mesh", [sheet(), square()], ids=["charts", "up to the border"])
-@pytest.mark.parametrize("sigma", [SMALL, LARGE])
-def test_a_tile_is_the_crop_of_the_map_bit_for_bit(device, mesh, sigma, model):
+@pytest.mark.parametrize(
+    ("make", "sigma", "model"),
+    pairs([sheet, square], [SMALL, LARGE], ["tensor", "tension", "uv"]),
+)
+def test_a_tile_is_the_crop_of_the_map_bit_for_bit(device, make, sigma, model):
+    """The sheet has charts with gaps between, the square goes up to the border."""
+    mesh = make()
     stage = SmoothStage(device, mesh, noise(), sigma)
     found = stage.stretch(bent(mesh), model)
     whole = stage.convolved(found)
@@ -221,7 +231,7 @@ def test_meshes_with_fallen_triangles_give_finite_maps(device, model):
     assert np.abs(found).max() <= 9
 
 
-@pytest.mark.parametrize("model", ["tensor", "uv"])
+@pytest.mark.parametrize("model", [pytest.param("tensor", marks=pytest.mark.slow), "uv"])
 def test_fallen_triangles_take_what_is_interpolated_in_them(device, model):
     # With `nearest` sampling they are left as they are.
     mesh, place = fallen(), (96, 48, 48)

@@ -48,6 +48,7 @@ def test_the_map_is_that_of_double(device, sigma, gain):
     assert np.abs(convolved - expected(stage, found)).max() <= BOUND
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gain", [4.0, 30.0])
 def test_a_tile_of_smooth_sampling_is_that_of_double(device, gain):
     stage = SmoothStage(

@@ -16,7 +16,7 @@ from rhytid.domain.mesh import Mesh
 from rhytid.pipeline.locate import UdimTriangles
 from rhytid.pipeline.stretch import StretchStage, r_max_of
 
-pytestmark = pytest.mark.face
+pytestmark = [pytest.mark.face, pytest.mark.slow]
 LIMIT = 0.5
 RESOLUTION = 4096
 # Forehead, eye corner, mouth corner, chin: (row, column) of crops of 128 x 128 texels.

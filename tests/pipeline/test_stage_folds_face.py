@@ -16,7 +16,7 @@ from rhytid.pictures.shade_mesh import vertex_normals
 from rhytid.pipeline.folds import measured_folds
 from rhytid.synthesis.workspace import directly
 
-pytestmark = pytest.mark.face
+pytestmark = [pytest.mark.face, pytest.mark.slow]
 
 
 @cache

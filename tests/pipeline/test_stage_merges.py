@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from meshes import deform
+from pairs import pairs
 from pipeline.binned import BinnedScene
 from pipeline.scenes import DEPTH, random_graph, settings_of, sheet
 from rhytid.domain.mesh import Mesh
@@ -16,27 +17,15 @@ from rhytid.pipeline.bins import layers, map_count, quantisation_steps
 AT = (64, 128)
 GRAPH = random_graph(24, 200)
 R_MAX = 0.15
+MERGES = ("min", "soft", "signed", "mellow")
 DEPTHS = [
     {"depth_factored": False},
     {"depth_factored": True},
     {"depth_factored": True, "tilt": True},
 ]
-MERGES = [
-    {"merge": merge, **depth}
-    for merge, depth in product(("min", "soft", "signed", "mellow"), DEPTHS)
-]
-# Every number of bins with every number of samples and of bits, each three in turn.
-SIZES = [
-    {"count": count, "samples": samples, "bits": bits}
-    for count, samples, bits in [
-        (1, 3, 8), (1, 7, 16), (2, 5, 8), (2, 3, 16), (4, 3, 8), (4, 5, 16),
-        (8, 7, 8), (8, 3, 16), (16, 5, 8), (16, 3, 16),
-    ]
-]  # fmt: skip
-SIZES += [
-    {"count": 4, "samples": 3, "pore_samples": 7},
-    {"count": 1, "samples": 7, "pore_samples": 3, "bits": 16},
-]
+# Every merge and every way of the depth, each in a program of its own.
+DIFFERENT = [{"merge": merge, **DEPTHS[i % 3]} for i, merge in enumerate(MERGES)]
+ALL_MERGES = [{"merge": merge, **depth} for merge, depth in product(MERGES, DEPTHS)]
 
 
 # One sheet under the whole map and all around it, so that everything stretches alike.
@@ -49,13 +38,20 @@ EVERYWHERE = Mesh(
 
 
 def named(choice):
-    return "-".join(str(value) for value in choice.values())
+    return "-".join(map(str, choice.values())) if isinstance(choice, dict) else str(choice)
 
 
-@pytest.mark.parametrize("merge", MERGES, ids=named)
-@pytest.mark.parametrize("size", SIZES, ids=named)
-def test_blending_is_that_of_the_reference(device, size, merge):
-    settings = settings_of(bins={**size, **merge, "r_max": R_MAX})
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("count", "samples", "pore_samples", "bits", "merge", "depth"),
+    pairs([1, 4, 16], [3, 5, 7], [None, 3, 7], [8, 16], MERGES, DEPTHS),
+    ids=named,
+)
+def test_blending_is_that_of_the_reference(
+    device, count, samples, pore_samples, bits, merge, depth
+):
+    sizes = {"count": count, "samples": samples, "pore_samples": pore_samples or samples}
+    settings = settings_of(bins={**sizes, "bits": bits, "merge": merge, **depth, "r_max": R_MAX})
     made = BinnedScene(device, sheet(), GRAPH, settings)
     positions = deform(made.mesh.positions, 5, 0.15)
     logs = made.reference_logs(positions)[0]
@@ -64,12 +60,11 @@ def test_blending_is_that_of_the_reference(device, size, merge):
     assert np.abs(wanted).max() > 0.3 * DEPTH
     # r is exact to 1e-5, and sigma_d of it, which a factored depth is multiplied by, to 1e-4.
     error = np.abs(made.blended(positions) - wanted)[sure].max()
-    assert error <= (4e-4 if merge["depth_factored"] else 1e-4) * DEPTH
+    assert error <= (4e-4 if depth["depth_factored"] else 1e-4) * DEPTH
 
 
-@pytest.mark.parametrize("sharpness", [0.5, 6.0])
-@pytest.mark.parametrize("merge", MERGES, ids=named)
-def test_a_softer_merge_is_that_of_the_reference(device, merge, sharpness):
+@pytest.mark.parametrize(("sharpness", "merge"), pairs([0.5, 6.0], DIFFERENT), ids=named)
+def test_a_softer_merge_is_that_of_the_reference(device, sharpness, merge):
     shape = {"sharpness": sharpness, "slots": 3, "pore_bulge": 4.0}
     made = BinnedScene(device, sheet(), GRAPH, settings_of(bins=merge, shape=shape))
     positions = deform(made.mesh.positions, 5, 0.15)
@@ -78,9 +73,7 @@ def test_a_softer_merge_is_that_of_the_reference(device, merge, sharpness):
     assert error <= (4e-4 if merge["depth_factored"] else 1e-4) * DEPTH
 
 
-@pytest.mark.parametrize("slots", [1, 4, 16])
-@pytest.mark.parametrize("bits", [8, 16])
-@pytest.mark.parametrize("sample", [0, 1, 2])
+@pytest.mark.parametrize(("sample", "bits", "slots"), pairs([0, 1, 2], [8, 16], [1, 4, 16]))
 def test_mellow_at_a_sample_is_redraw_up_to_quantisation(device, sample, bits, slots):
     """Growing alike everywhere, wrinkles and pores stand at one sample, so nothing is interpolated.
 
@@ -114,10 +107,10 @@ def test_merges_come_closer_to_redraw_in_their_order(device):
     assert errors["signed"] < errors["soft"] < 0.5 * errors["min"]
 
 
-@pytest.mark.parametrize("merge", MERGES, ids=named)
+@pytest.mark.parametrize("merge", DIFFERENT, ids=named)
 @pytest.mark.parametrize("sharpness", [0.1, 20.0])
 @pytest.mark.parametrize("growth", [1e-3, 1e3], ids=["compressed", "stretched"])
-def test_the_extremes_of_the_settings_stay_finite(device, merge, sharpness, growth):
+def test_the_extremes_of_the_settings_stay_finite(device, growth, sharpness, merge):
     """Depth scales at their clamp, the sharpest and the softest merge, and a crowd of wrinkles."""
     settings = settings_of(
         bins={**merge, "r_max": 4.0, "count": 16},
@@ -132,7 +125,7 @@ def test_the_extremes_of_the_settings_stay_finite(device, merge, sharpness, grow
     assert growth > 1 or np.abs(found).max() > 2.0 * DEPTH
 
 
-@pytest.mark.parametrize("merge", MERGES, ids=named)
+@pytest.mark.parametrize("merge", ALL_MERGES, ids=named)
 def test_layers_name_every_map_once(merge):
     bins = settings_of(bins={**merge, "count": 8, "pore_samples": 5}).bins
     found = layers(bins)

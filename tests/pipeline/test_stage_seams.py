@@ -112,6 +112,7 @@ def test_neutral_heights_are_equal_on_both_sides(made) -> None:
     assert apart(*(redraw.neutral(uv, alone, settings.shape, 1.0) for uv in (here, there))) > 0.3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("straight", [True, False], ids=["straight", "bent"])
 @pytest.mark.parametrize(
     "layout",
@@ -128,6 +129,7 @@ def test_ends_that_are_round_in_uv_are_not_seen_beyond_a_seam(
 
 # What is left comes from wrinkles at the corners of triangles: an affine copy is there as far from
 # the seam on one side as on the other only where triangles are as dense along it.
+@pytest.mark.slow
 @pytest.mark.parametrize("straight", [True, False], ids=["straight", "bent"])
 @pytest.mark.parametrize(
     "steps",
@@ -184,6 +186,7 @@ def test_stretched_heights_are_equal_on_both_sides(device: Device, made, angles:
     assert apart(*drawn) < BAND
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("changed", [False, True], ids=["as they are", "curved alike"])
 def test_arcs_that_taper_are_equal_on_both_sides(made, changed: bool) -> None:
     """Of what comes over a mirrored seam slopes have the other sign."""
@@ -279,6 +282,7 @@ def test_maps_are_equal_on_both_sides(
         asset.release()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bent", [{}, {"least_half_width": 1.5}, {**BENT, "least_half_width": 0.7}])
 def test_skewed_wrinkles_are_those_of_the_reference(
     device: Device, made, bent: dict[str, float]
@@ -294,13 +298,14 @@ def test_skewed_wrinkles_are_those_of_the_reference(
         asset.mesh.install(asset.mesh.prepare(graph, settings), settings)
         found = asset.drawing.to_host(NEUTRAL_FRAME, MapQuery("neutral"), 1001, 0, 0, 0, 512)
         asset.release()
-    rows, columns = np.meshgrid(np.arange(512), np.arange(512), indexing="ij")
+    # Every other texel: the reference takes its time.
+    rows, columns = np.meshgrid(*2 * [np.arange(0, 512, 2)], indexing="ij")
     uv = np.stack([(columns + 0.5) / 512, 1 - (rows + 0.5) / 512], -1).reshape(-1, 2)
     given = np.zeros(graph.wrinkles), settings.response, settings.shape, 1 / 512, (0.0, 0.0)
     lines = bends.lines(graph, *given)
     discs = bends.discs(graph, np.zeros(graph.pores), *given[1:])
-    wanted = redraw.draw(uv, lines, discs, settings.shape, DEPTH).reshape(512, 512)
-    assert np.abs(found - wanted).max() <= (1e-3 if "taper" in bent else 1e-4) * DEPTH
+    wanted = redraw.draw(uv, lines, discs, settings.shape, DEPTH).reshape(256, 256)
+    assert np.abs(found[::2, ::2] - wanted).max() <= (1e-3 if "taper" in bent else 1e-4) * DEPTH
 
 
 def elements_of(device: Device, graph: WrinkleGraph, settings: AssetSettings) -> UdimElements:

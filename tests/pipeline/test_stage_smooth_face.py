@@ -11,7 +11,7 @@ from reference import locate
 from reference.bins import layer_stretch
 from rhytid.domain.mesh import Mesh
 
-pytestmark = pytest.mark.face
+pytestmark = [pytest.mark.face, pytest.mark.slow]
 LIMIT = 0.5
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tracemalloc
+from itertools import product
 
 import numpy as np
 import pytest
@@ -55,8 +56,15 @@ def test_redrawn_maps_are_those_of_double(device, model, sampling):
     )
 
 
-@pytest.mark.parametrize("sampling", SAMPLINGS)
-@pytest.mark.parametrize("choice", CHOICES.values(), ids=CHOICES)
+def cases():
+    """Every choice with every sampling; the reference of smooth sampling takes its time."""
+    for name, sampling in product(CHOICES, SAMPLINGS):
+        slow = sampling == "smooth" and name != "best"
+        marks = pytest.mark.slow if slow else ()
+        yield pytest.param(CHOICES[name], sampling, id=f"{name}-{sampling}", marks=marks)
+
+
+@pytest.mark.parametrize(("choice", "sampling"), list(cases()))
 def test_blended_tiles_are_those_of_double(device, choice, sampling):
     made = scene(device, painted(), choice)
     for model in MODELS:

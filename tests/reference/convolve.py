@@ -72,14 +72,11 @@ def bilinear(heights: Array, rows: Array, columns: Array) -> Array:
     top, left = np.floor(rows).astype(int), np.floor(columns).astype(int)
     y, x = rows - top, columns - left
 
-    def at(down: int, right: int) -> Array:
-        last_row, last_column = heights.shape[0] - 1, heights.shape[1] - 1
-        found: Array = heights[
-            np.clip(top + down, 0, last_row), np.clip(left + right, 0, last_column)
-        ]
-        return found
-
-    upper = (1 - x) * at(0, 0) + x * at(0, 1)
-    lower = (1 - x) * at(1, 0) + x * at(1, 1)
+    height, width = heights.shape
+    texels = np.ravel(heights)
+    above, below = (np.clip(top + i, 0, height - 1) * width for i in (0, 1))
+    before, behind = (np.clip(left + i, 0, width - 1) for i in (0, 1))
+    upper = (1 - x) * texels[above + before] + x * texels[above + behind]
+    lower = (1 - x) * texels[below + before] + x * texels[below + behind]
     blended: Array = (1 - y) * upper + y * lower
     return blended

@@ -132,6 +132,8 @@ def _add_wrinkles(
 ) -> None:
     low, high = _around(wrinkles)
     for i in strips.touched_by(low, high):
+        if not np.any(wrinkles.strength[i]):
+            continue
         rows = strips.within(low[i], high[i])
         share, distance = _nearest(points[rows], wrinkles, i)
         half_width = arcs.between(wrinkles.half_width[i], share)

@@ -206,6 +206,7 @@ def test_more_than_memory_is_refused_with_what_fits(grey: float | None, density:
         ask(fit + 2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("mesh", "side", "wrinkles"), [(sheets.sheet(n=1), 12, 200_000), (sheets.sheet(n=300), 0, 1000)]
 )

@@ -60,6 +60,7 @@ def in_shreds(n: int, space: float, uv: float) -> Mesh:
     return Mesh(positions.astype(np.float32), apart, shrunk(mesh.triangle_uv(), uv), apart)
 
 
+@pytest.mark.slow
 def test_a_mesh_in_shreds_gets_the_count_too(device: Device) -> None:
     assert synthesize(in_shreds(8, 1.0, 0.8), wanted(400), device).graph.counts()[1] == 400
 

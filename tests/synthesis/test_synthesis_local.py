@@ -69,6 +69,7 @@ def controls(painted: Painted, name: str, value: float, elsewhere: float) -> Con
     return Controls({name: {1001: painted.map(value, elsewhere)}})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", GROWING)
 def test_what_grows_by_a_map_changes_nearby_alone(device: Device, name: str) -> None:
     before = plain(device)
@@ -81,6 +82,7 @@ def test_what_grows_by_a_map_changes_nearby_alone(device: Device, name: str) -> 
     assert 0.0 < reach.share < 0.3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", DRAWN)
 def test_what_is_drawn_by_a_map_changes_where_it_is_painted(device: Device, name: str) -> None:
     before = plain(device)
@@ -98,6 +100,7 @@ def test_bare_skin_leaves_the_rest_as_it_is(device: Device) -> None:
     assert reach.anything < FAR
 
 
+@pytest.mark.slow
 def test_half_a_face_painted_leaves_the_far_side_as_it_is(device: Device) -> None:
     half = Painted(sample().mesh, np.array([100.0, 0.0, 0.0]), 198.0)
     before = plain(device)
@@ -110,6 +113,7 @@ def test_half_a_face_painted_leaves_the_far_side_as_it_is(device: Device) -> Non
     assert away.max() > FAR * before.spacing / 2
 
 
+@pytest.mark.slow
 def test_a_second_patch_changes_nothing_of_the_first(device: Device) -> None:
     one = sample()
     other = Painted(one.mesh, cheek(one.mesh) * [-1, 1, 1], 2.0, texels=256)
@@ -123,6 +127,7 @@ def test_a_second_patch_changes_nothing_of_the_first(device: Device) -> None:
     assert 3.0 < reach.anything < FAR
 
 
+@pytest.mark.slow
 def test_the_far_cheek_is_the_same_map(tmp_path: Path) -> None:
     painted, query = sample(), MapQuery("neutral")
     settings = settings_of(graph={"wrinkles": COUNT}, resolution=512, tile_size=256)
@@ -148,6 +153,7 @@ def at_radius(device: Device, mesh: Mesh, radius: float) -> WrinkleGraph:
     return synthesize(mesh, settings, device).graph
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("uv", "side", "size"),
     [((1.0, 0.0), 0.4, 1.0), ((0.0, 3.0), 0.9, 12.0), ((0.05, 0.91), 0.08, 2.0)],
@@ -214,6 +220,7 @@ def test_the_spacing_alone_gives_as_many_wrinkles_as_are_usual(device: Device) -
     assert graph.wrinkles == pytest.approx(2.1 * even, rel=0.015)
 
 
+@pytest.mark.slow
 @pytest.mark.face
 @pytest.mark.parametrize("name", ["density", "direction", "region_nose"])
 def test_a_patch_on_the_real_face(device: Device, face: face_data.Face, name: str) -> None:

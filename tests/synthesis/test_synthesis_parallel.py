@@ -107,6 +107,7 @@ def test_edges_join_what_is_in_sight(device: Device, make: Callable[[], Mesh], c
     assert len(found) > 0.98 * len(wanted)
 
 
+@pytest.mark.slow
 @MESHES
 def test_crossings_are_those_of_all_pairs(device: Device, make: Callable[[], Mesh]) -> None:
     pores, _ = sheets.net(device, make(), RADIUS)

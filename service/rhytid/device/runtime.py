@@ -11,15 +11,17 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 import rhytid_kernels
+from rhytid.device import trial
 from rhytid.device.budget import MemoryBudget
 from rhytid.device.buffer_pool import BufferPool
 from rhytid.device.memory import usual_device_memory
 from rhytid.device.select import Candidate
 from rhytid.device.shape import launch_shapes
-from rhytid.device.trial import cl, compile_program
+from rhytid.device.trial import cl
 from rhytid.errors import DeviceError, DeviceMemoryError, KernelBuildError
 
 BUILD_OPTIONS = ("-cl-std=CL1.2",)
+_Defines = tuple[tuple[str, object], ...]
 NO_DEFINES: Mapping[str, object] = MappingProxyType({})
 
 
@@ -71,9 +73,10 @@ class Device:
         self.shapes = launch_shapes(candidate.kind, candidate.local_memory, candidate.largest_group)
         self.shape = self.shapes[0]
         with _device_errors():
-            self.context = cl.Context([candidate.handle])
+            self.context = trial.open_context(candidate.handle)
             self._queue = cl.CommandQueue(self.context)
-        self._kernels: dict[tuple[str, str, tuple[tuple[str, object], ...]], Any] = {}
+        self._programs: dict[tuple[str, _Defines], Any] = {}
+        self._kernels: dict[tuple[str, str, _Defines], Any] = {}
 
     @contextmanager
     def task(self) -> Iterator[None]:
@@ -166,13 +169,21 @@ class Device:
             self._queue.finish()
 
     def kernel(self, program: str, kernel: str, defines: Mapping[str, object] = NO_DEFINES) -> Any:
-        """A compiled kernel, made once for each set of defines; raises KernelBuildError."""
-        key = (program, kernel, tuple(sorted(defines.items())))
+        """A compiled kernel; its program is compiled once for each set of defines.
+
+        Raises KernelBuildError.
+        """
+        given = tuple(sorted(defines.items()))
+        key = (program, kernel, given)
         if key not in self._kernels:
-            text = rhytid_kernels.source(program)
-            options = [*BUILD_OPTIONS, *(f"-D{k}={v}" for k, v in sorted(defines.items()))]
-            self._kernels[key] = self.fitting(getattr(self.build(text, options), kernel))
+            self._kernels[key] = self.fitting(cl.Kernel(self._program(program, given), kernel))
         return self._kernels[key]
+
+    def _program(self, name: str, defines: _Defines) -> Any:
+        if (name, defines) not in self._programs:
+            options = [*BUILD_OPTIONS, *(f"-D{key}={value}" for key, value in defines)]
+            self._programs[name, defines] = self.build(rhytid_kernels.source(name), options)
+        return self._programs[name, defines]
 
     def fitting(self, kernel: Any) -> Any:
         """The kernel itself; raises DeviceError where a work-group has too little local memory for
@@ -193,6 +204,6 @@ class Device:
     def build(self, text: str, options: list[str]) -> Any:
         """A program from source text; raises KernelBuildError with the compiler's log."""
         try:
-            return compile_program(self.context, text, options)
+            return trial.compile_program(self.context, text, options)
         except cl.RuntimeError as error:
             raise KernelBuildError(str(error)) from error

@@ -37,6 +37,11 @@ def pace(handle: Any) -> float:
         return math.inf
 
 
+def open_context(handle: Any) -> Any:
+    """A context on one device; raises the runtime's own error."""
+    return cl.Context([handle])
+
+
 def compile_program(context: Any, text: str, options: list[str]) -> Any:
     """Build a program; raises the runtime's own error. Drivers that chat while they compile
     would each time raise a warning, so that one is left out."""
@@ -50,7 +55,7 @@ class _Trial:
     that only a program still needs."""
 
     def __init__(self, handle: Any, floats: int) -> None:
-        self._context = cl.Context([handle])
+        self._context = open_context(handle)
         self.program = compile_program(self._context, rhytid_kernels.source(PROGRAM), [])
         self.queue = cl.CommandQueue(self._context)
         self.buffer = cl.Buffer(self._context, cl.mem_flags.READ_WRITE, 4 * floats)
@@ -58,14 +63,14 @@ class _Trial:
 
 def _probed(handle: Any) -> Any:
     trial, host = _Trial(handle, _ITEMS), np.empty(_ITEMS, np.float32)
-    trial.program.probe(trial.queue, host.shape, None, trial.buffer)
+    cl.Kernel(trial.program, "probe")(trial.queue, host.shape, None, trial.buffer)
     cl.enqueue_copy(trial.queue, host, trial.buffer)
     return host
 
 
 def _paced(handle: Any) -> float:
     trial, seconds = _Trial(handle, _GROUPS * _GROUP_FLOATS), []
-    kernel = trial.program.pace
+    kernel = cl.Kernel(trial.program, "pace")
     for _ in range(1 + _ROUNDS):
         start = time.perf_counter()
         kernel(trial.queue, (_GROUPS,), (1,), trial.buffer)
