@@ -81,6 +81,20 @@ class DeviceTiles(DeviceFrames):
         """The precomputed maps of one tile; made where they are not there."""
         return self._keep("bins", address, make=lambda: self._make_bins(address))
 
+    def has_bins(self, address: TileAddress) -> bool:
+        """Whether the precomputed maps of a tile are there; they stay until the task ends."""
+        return self._lookup("bins", address) is not None
+
+    def made_bins(self, address: TileAddress) -> BinTile:
+        """The precomputed maps of one tile, made anew and not kept; from any thread, see
+        `Device.from_elsewhere`."""
+        return self._make_bins(address)
+
+    def keep_bins(self, address: TileAddress, tile: BinTile) -> None:
+        """Keep maps that were made from elsewhere, unless there are others by now."""
+        if self._keep("bins", address, make=lambda: tile) is not tile:
+            tile.release()
+
     def bin_codes(self, address: TileAddress, index: int) -> NDArray[np.integer]:
         """Codes (n, n) of one precomputed map; `index` counts samples within layers."""
         bins = self.settings.bins
