@@ -6,12 +6,14 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request, Response
 
-from rhytid.api.dependencies import EngineDep, Index, NoQuery, NoRepeats, Slot
+from rhytid.api.dependencies import EngineDep, Index, Memory, NoQuery, NoRepeats, Slot
 from rhytid.api.documentation import binary, problems
-from rhytid.api.encoding import NPY, npy, tagged
+from rhytid.api.encoding import NPY, WORKING, npy, tagged
 from rhytid.api.schemas import BinQuery, Bins
 from rhytid.domain.tiles import TileAddress
 
+# Bytes of a code.
+WIDEST_CODE = 2
 router = APIRouter(prefix="/v1/assets/{asset}/bins", tags=["bins"])
 
 
@@ -31,6 +33,7 @@ def tile(
     request: Request,
     engine: EngineDep,
     slot: Slot,
+    memory: Memory,
     asset: str,
     udim: Index,
     level: Index,
@@ -47,6 +50,10 @@ def tile(
     Level 0 only: a coarser level is 404, for those of `binned` are means of its level 0.
     """
     address = TileAddress(udim, level, row, column)
+    side = engine.assets.info(asset).settings["tile_size"]
     with slot:
+        hold = memory.answer(WORKING * WIDEST_CODE * side**2)
         codes = engine.tiles.bin_tile(asset, address, query.layer, query.bin, query.sample)
-    return tagged(request, npy(codes), NPY)
+    body = npy(codes)
+    hold.resize(len(body))
+    return tagged(request, body, NPY)

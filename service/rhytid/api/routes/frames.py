@@ -8,14 +8,17 @@ import numpy as np
 from fastapi import APIRouter, Request, Response
 
 from rhytid.api.accept import preferred
-from rhytid.api.dependencies import Allow, EngineDep, NoQuery, Positions, Slot, Strict
+from rhytid.api.dependencies import Allow, EngineDep, Memory, NoQuery, Positions, Slot, Strict
 from rhytid.api.documentation import POSITIONS, binary, problems
-from rhytid.api.encoding import NPY, RAW, npy, npz
+from rhytid.api.encoding import NPY, RAW, WORKING, npy, npz
 from rhytid.api.schemas import Frame, Job
+from rhytid.api.uploads import WIDEST_VERTEX
 from rhytid.domain.origin import put_back
 
 JSON = "application/json"
 NPZ = "application/x-npz"
+# Bytes of axes and ratios of a triangle.
+STRETCH = 24
 router = APIRouter(prefix="/v1/assets/{asset}", tags=["frames"], dependencies=[NoQuery])
 
 
@@ -49,9 +52,16 @@ def put(
 @router.get(
     "/frames/{frame}",
     response_model=Frame,
-    responses={200: {"content": {NPY: {}, RAW: {}}}, **problems(404, 406, 409, 422)},
+    responses={200: {"content": {NPY: {}, RAW: {}}}, **problems(404, 406, 409, 422, 503, 507)},
 )
-def show(asset: str, frame: str, request: Request, engine: EngineDep, response: Response) -> Any:
+def show(
+    asset: str,
+    frame: str,
+    request: Request,
+    engine: EngineDep,
+    memory: Memory,
+    response: Response,
+) -> Any:
     """A frame as JSON, or its positions with `Accept: application/x-npy` (or
     `application/octet-stream`, raw float32). The type of the highest weight is sent, a weight of 0
     means not this one.
@@ -63,9 +73,9 @@ def show(asset: str, frame: str, request: Request, engine: EngineDep, response: 
     if wanted == JSON:
         response.headers["Vary"] = "Accept"
         return info
-    positions = put_back(
-        engine.frames.positions(asset, frame), np.array(engine.assets.info(asset).centre)
-    )
+    about = engine.assets.info(asset)
+    memory.answer(WORKING * WIDEST_VERTEX * about.vertices)
+    positions = put_back(engine.frames.positions(asset, frame), np.array(about.centre))
     little = positions.astype(positions.dtype.newbyteorder("<"), copy=False)
     body = npy(little) if wanted == NPY else little.astype("<f4", copy=False).tobytes()
     return Response(body, headers={"Vary": "Accept"}, media_type=wanted)
@@ -82,11 +92,13 @@ def delete(asset: str, frame: str, engine: EngineDep) -> None:
 @router.get(
     "/frames/{frame}/stretch",
     response_class=Response,
-    responses={**binary(NPZ), **problems(404, 409, 422, 503)},
+    responses={**binary(NPZ), **problems(404, 409, 422, 503, 507)},
 )
-def stretch(asset: str, frame: str, engine: EngineDep, slot: Slot) -> Response:
+def stretch(asset: str, frame: str, engine: EngineDep, slot: Slot, memory: Memory) -> Response:
     """`.npz` with axes (F, 2, 2), axes[f, i] = ŝᵢ, and ratios (F, 2), unclamped."""
+    triangles = engine.assets.info(asset).triangles
     with slot:
+        memory.answer(WORKING * STRETCH * triangles)
         found = engine.frames.stretch(asset, frame)
     return Response(npz(found), media_type=NPZ)
 
@@ -95,7 +107,7 @@ def stretch(asset: str, frame: str, engine: EngineDep, slot: Slot) -> Response:
     "/calibration",
     status_code=202,
     response_model=Job,
-    responses=problems(404, 409, 413, 422, 503),
+    responses=problems(404, 409, 413, 422, 503, 507),
     openapi_extra=POSITIONS,
 )
 def calibrate(
