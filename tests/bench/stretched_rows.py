@@ -14,7 +14,6 @@ import argparse
 from pathlib import Path
 
 import numpy as np
-from rhytid.pictures.skin_rows import GRAZING, STEEP
 
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
@@ -29,6 +28,7 @@ from rhytid.settings import ServiceSettings
 from rhytid.synthesis.generate import synthesize
 from rhytid_lab.bench.skin import Skin
 from rhytid_lab.samples.grids import grid_faces
+from rhytid_lab.sheets.skin_rows import GRAZING, STEEP
 
 REGIONS = ("cheek", "forehead")
 STRETCHES = ((1.3, 0.85), (0.7, 1.0))

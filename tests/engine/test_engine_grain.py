@@ -35,14 +35,14 @@ METHODS = ["neutral", "redraw", "convolved"]
 def asset_of(device, mesh=None, lines=GRAPH, shape=GRAINY, stiffness=None, **changes):
     settings = settings_of(shape=shape, **changes).resolved(0.1)
     asset = DeviceAsset(device, mesh or sheet(), settings, stiffness)
-    asset.locate(lines)
-    asset.install(asset.prepare(lines, settings), settings)
+    asset.mesh.locate(lines)
+    asset.mesh.install(asset.mesh.prepare(lines, settings), settings)
     return asset
 
 
 def drawn(asset, frame=NEUTRAL_FRAME, method="redraw", sampling="nearest", at=(0, 0), side=SIDE):
     query = MapQuery(method, sampling=sampling)
-    return asset.drawn(frame, query, asset.udims[0], 0, *at, side)
+    return asset.drawing.to_host(frame, query, asset.mesh.udims[0], 0, *at, side)
 
 
 def noise_of(asset):
@@ -252,7 +252,7 @@ def test_smooth_sampling_shows_no_edges_of_triangles(device):
 
 def tile_of(asset, frame, method, row=0, column=0, sampling="nearest"):
     address = TileAddress(1001, 0, row, column)
-    return asset.tiles(frame, MapQuery(method, sampling=sampling), [address])[0]
+    return asset.finest.tiles(frame, MapQuery(method, sampling=sampling), [address])[0]
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -298,15 +298,15 @@ def test_settings_change_without_synthesis(device):
     asset = asset_of(device)
     first = drawn(asset)
     still = asset.settings.changed({"shape": {"grain": 0.0}})
-    assert not asset.prepares(still)
-    asset.use(still)
+    assert not asset.mesh.prepares(still)
+    asset.mesh.use(still)
     assert np.abs(drawn(asset) - first).max() > 0.01 * DEPTH
     swollen = still.changed({"shape": {"cushion": 0.5}})
-    assert asset.prepares(swollen)
-    asset.install(asset.prepare(GRAPH, swollen), swollen)
+    assert asset.mesh.prepares(swollen)
+    asset.mesh.install(asset.mesh.prepare(GRAPH, swollen), swollen)
     assert np.abs(drawn(asset) - first).max() > 0.1 * DEPTH
     back = swollen.changed({"shape": {"cushion": 0.0, "grain": SHARE}})
-    asset.install(asset.prepare(GRAPH, back), back)
+    asset.mesh.install(asset.mesh.prepare(GRAPH, back), back)
     np.testing.assert_array_equal(drawn(asset), first)
 
 

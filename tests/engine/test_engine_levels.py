@@ -29,8 +29,10 @@ from pipeline.scenes import sheet
 from reference import pyramid
 from rhytid.domain.stiffness import Stiffness
 from rhytid.domain.tiles import TileAddress
-from rhytid.engine import device_asset, device_finest, map_drawing
-from rhytid.engine.device_asset import DeviceAsset
+from rhytid.engine import device_finest, device_levels, map_drawing
+from rhytid.engine.device_drawing import DeviceDrawing
+from rhytid.engine.device_finest import DeviceFinest
+from rhytid.engine.device_levels import DeviceLevels
 from rhytid.engine.messages import MapQuery, NewAsset
 from rhytid.errors import BusyError, ConflictError, DeviceMemoryError, NotFoundError
 
@@ -67,7 +69,7 @@ def small_pieces(monkeypatch):
     """Maps of 256² texels in 4 or 16 pieces, the crown from level 2 on."""
     sides = {"neutral": 128, "redraw": 128, "binned": 64, "convolved": 128}
     monkeypatch.setattr(device_finest, "_PIECE", sides)
-    monkeypatch.setattr(device_asset, "_CROWN", 64)
+    monkeypatch.setattr(device_levels, "_CROWN", 64)
 
 
 @pytest.fixture
@@ -83,19 +85,19 @@ def drawn(monkeypatch):
     found = []
 
     def spied(name):
-        plain = getattr(DeviceAsset, name)
+        plain = getattr(DeviceDrawing, name)
 
         def spy(self, frame, query, *about):
             squares = plain(self, frame, query, *about)
-            made = squares if name == "finest" else [squares]
+            made = squares if name == "tiles" else [squares]
             texels = (buffer.nbytes // 4 for buffer in made)
             # Less the room for a vector behind what is blended: sides are whole blocks.
             found.append(sum(count - count % 4096 for count in texels))
             return squares
 
-        monkeypatch.setattr(DeviceAsset, name, spy)
+        monkeypatch.setattr(DeviceDrawing, name, spy)
 
-    spied("finest")
+    spied("tiles")
     spied("square")
     return found
 
@@ -136,7 +138,7 @@ def test_pieces_and_crown_are_the_bits_of_one_piece(tmp_path, query, request, mo
 
     plain, plain_maps = found()
     assert same(plain, plain_maps)
-    monkeypatch.setattr(device_asset, "_CROWN", 64)  # pieces larger than tiles of level 1
+    monkeypatch.setattr(device_levels, "_CROWN", 64)  # pieces larger than tiles of level 1
     for made in (*found(), *(request.getfixturevalue("small_pieces") or found())):
         assert same(made, plain)
 
@@ -178,7 +180,7 @@ def test_no_task_draws_more_than_a_piece_and_others_get_their_turn(
     engine, asset, query, monkeypatch
 ):
     order, waiting = [], threading.Event()
-    plain, other = DeviceAsset.squares, DeviceAsset.tiles
+    plain, other = DeviceLevels.squares, DeviceFinest.tiles
 
     def squares(self, *about):
         order.append("piece")
@@ -191,8 +193,8 @@ def test_no_task_draws_more_than_a_piece_and_others_get_their_turn(
         order.append("tile")
         return other(self, *about)
 
-    monkeypatch.setattr(DeviceAsset, "squares", squares)
-    monkeypatch.setattr(DeviceAsset, "tiles", tiles)
+    monkeypatch.setattr(DeviceLevels, "squares", squares)
+    monkeypatch.setattr(DeviceFinest, "tiles", tiles)
     with ThreadPoolExecutor(2) as pool:
         coarse = pool.submit(draw, engine, asset, "bent", query, COARSE)
         assert waiting.wait(60)

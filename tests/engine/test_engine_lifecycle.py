@@ -11,8 +11,8 @@ from meshes import deform
 from pipeline.scenes import settings_of, sheet
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine import device_finest
-from rhytid.engine.device_asset import DeviceAsset
-from rhytid.engine.device_tiles import DeviceTiles
+from rhytid.engine.device_levels import DeviceLevels
+from rhytid.engine.device_mesh import DeviceMesh
 from rhytid.engine.frames import Frames
 from rhytid.engine.messages import NewAsset
 from rhytid.errors import BusyError, DeviceMemoryError, NotFoundError, StorageError
@@ -61,7 +61,7 @@ def test_a_build_that_failed_after_it_was_stored_is_taken_up_again(engine, monke
         raise DeviceMemoryError("no room")
 
     with monkeypatch.context() as patch:
-        patch.setattr(DeviceTiles, "install", no_room)
+        patch.setattr(DeviceMesh, "install", no_room)
         info = engine.assets.create(new_asset())
         assert finish(engine, info.job).state == "failed"
     assert engine.assets.info(info.id).reason == "no room"
@@ -104,7 +104,7 @@ def test_settings_that_the_device_refuses_are_not_kept(tmp_path, monkeypatch):
             raise DeviceMemoryError("no room")
 
         with monkeypatch.context() as patch:
-            patch.setattr(DeviceTiles, "use", no_room)
+            patch.setattr(DeviceMesh, "use", no_room)
             with pytest.raises(DeviceMemoryError):
                 engine.assets.change(asset, {"shape": {"wrinkle_bulge": 0.0}})
         assert engine.assets.info(asset).settings == old
@@ -129,19 +129,19 @@ def test_a_change_that_fails_halfway_leaves_the_elements_in_place(engine, monkey
 
 def test_a_map_is_of_one_setting(engine, monkeypatch):
     asset = built(engine, new_asset())
-    squares, calls = DeviceAsset.squares, []
+    squares, calls = DeviceLevels.squares, []
     monkeypatch.setitem(device_finest._PIECE, "binned", 64)
 
-    def changing(resident, *arguments):
+    def changing(levels, *arguments):
         calls.append(1)
         if len(calls) == 3:  # in the middle of the first attempt, on the device thread
             found = engine.assets._assets.get(asset)
             changed = found.settings.changed({"depth": 2 * found.settings.depth})
-            resident.use(changed)
+            levels._base.use(changed)
             found.settings = changed
-        return squares(resident, *arguments)
+        return squares(levels, *arguments)
 
-    monkeypatch.setattr(DeviceAsset, "squares", changing)
+    monkeypatch.setattr(DeviceLevels, "squares", changing)
     drawn = engine.tiles.plan_map(asset, "neutral", BINNED, 1001, 0).draw()
     assert len(calls) == 16 + 2  # every piece, and anew the two before the change
     assert (

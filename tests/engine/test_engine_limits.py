@@ -27,7 +27,7 @@ from engine.engines import (
 from meshes import deform
 from pipeline.scenes import random_graph, settings_of, sheet
 from rhytid.domain.tiles import TileAddress
-from rhytid.engine.device_mesh import RECENT_FRAMES
+from rhytid.engine.kept_entries import RECENT_FRAMES
 from rhytid.engine.messages import NewAsset
 from rhytid.errors import (
     BusyError,

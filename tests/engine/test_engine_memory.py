@@ -12,7 +12,7 @@ from engine.engines import BINNED, REDRAW, built, draw, maps, new_asset, rest, r
 from meshes import deform
 from pipeline.scenes import sheet
 from rhytid.domain.tiles import TileAddress
-from rhytid.engine.device_asset import DeviceAsset
+from rhytid.engine.device_levels import DeviceLevels
 from rhytid.errors import ConflictError, DeviceMemoryError, NotFoundError
 
 ADDRESS = TileAddress(1001, 0, 0, 0)
@@ -77,7 +77,7 @@ def test_a_map_is_whole_though_its_asset_leaves_the_device(stored, monkeypatch):
     store, assets, _, _ = stored
     with running(store) as engine:
         plan = engine.tiles.plan_map(assets[0], "neutral", BINNED, 1001, 0)
-        wanted, squares, calls = plan.draw(), DeviceAsset.squares, []
+        wanted, squares, calls = plan.draw(), DeviceLevels.squares, []
         engine._on_device.drop(engine.assets._assets.get(assets[0]))
 
         def leaving(lying, *about):
@@ -90,7 +90,7 @@ def test_a_map_is_whole_though_its_asset_leaves_the_device(stored, monkeypatch):
 
         monkeypatch.setattr("rhytid.engine.device_finest._PIECE", dict.fromkeys(
             ("neutral", "redraw", "binned", "convolved"), 64))  # fmt: skip
-        monkeypatch.setattr(DeviceAsset, "squares", leaving)
+        monkeypatch.setattr(DeviceLevels, "squares", leaving)
         assert same([plan.draw()], [wanted])
         assert len({id(lying) for lying in calls}) == 2
 

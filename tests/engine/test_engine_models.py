@@ -214,9 +214,9 @@ def test_maps_of_a_mellow_merge_are_twice_the_memory(tmp_path):
             asset = built(engine, new_asset(bins={"merge": merge}))
             resident = engine._on_device.loaded(engine.assets._assets.get(asset))
             tiles = [
-                engine._on_device.run(resident.bin_tile, TileAddress(1001, 0, row, column))
+                engine._on_device.run(resident.bins.tile, TileAddress(1001, 0, row, column))
                 for row, column in product(range(4), repeat=2)
             ]
             taken = sum(tile.nbytes for tile in tiles)
             assert sum(tile.codes.nbytes for tile in tiles) == 256**2 * 5 * 3 * parts
-            assert resident.bins_size() == pytest.approx(taken, rel=0.02)
+            assert resident.bins.size() == pytest.approx(taken, rel=0.02)

@@ -79,10 +79,10 @@ def test_samplings_do_not_share_the_neutral_tile_that_is_convolved(tmp_path):
     for order in (SAMPLINGS, SAMPLINGS[::-1]):
         with running(tmp_path / order[0]) as engine:
             asset = built(engine, new_asset(mesh, convolve={"sigma": 0.02}))
-            resident = engine._on_device.loaded(engine.assets._assets.get(asset))
+            base = engine._on_device.loaded(engine.assets._assets.get(asset)).mesh
             aprons = [
-                maker.apron(resident.settings, 1001, 64, 64, 64)
-                for maker in (resident._convolve, resident._smooth_convolve)
+                maker.apron(base.settings, 1001, 64, 64, 64)
+                for maker in (base.convolve, base.smooth_convolve)
             ]
             assert aprons[0] > aprons[1]
             engine.frames.put(asset, "bent", deform(mesh.positions, 3, 0.15))

@@ -88,7 +88,7 @@ def test_tiles_put_together_are_the_map(made, query, level):
 def test_maps_of_painted_udims_alone_are_larger(made):
     engine, *ids = made
     painted, plain = (
-        engine._on_device.loaded(engine.assets._assets.get(id)).bins_size() for id in ids
+        engine._on_device.loaded(engine.assets._assets.get(id)).bins.size() for id in ids
     )
     assert painted - plain == len(STIFFNESS.maps) * 256**2 * np.dtype(np.float32).itemsize
 

@@ -10,7 +10,7 @@ from PIL import Image
 
 from rhytid.domain import painted
 from rhytid.errors import InputError, LimitError
-from rhytid.formats.controls import read_controls
+from rhytid.formats.painted import read_controls
 
 
 def png(code, side=4):

@@ -12,8 +12,8 @@ from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
 from rhytid.errors import InputError, LimitError
-from rhytid.formats.grey import read_grey
 from rhytid.formats.limits import MOST_SIDE
+from rhytid.formats.painted import read_grey
 
 RNG = np.random.default_rng(5)
 

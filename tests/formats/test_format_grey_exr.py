@@ -13,7 +13,7 @@ from rhytid.domain.controls import signed
 from rhytid.domain.painted import shares
 from rhytid.errors import InputError
 from rhytid.formats import grey_exr
-from rhytid.formats.grey import read_grey
+from rhytid.formats.painted import read_grey
 
 NAME = "face.1001.exr"
 RNG = np.random.default_rng(7)

@@ -10,7 +10,7 @@ from PIL import Image
 
 from rhytid.domain import painted as domain
 from rhytid.errors import InputError, LimitError
-from rhytid.formats.stiffness import read_stiffness
+from rhytid.formats.painted import read_stiffness
 
 
 def png(value, side=2):

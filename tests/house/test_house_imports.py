@@ -6,6 +6,7 @@ import ast
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from pkgutil import resolve_name
 
 import pytest
 
@@ -58,6 +59,26 @@ def test_every_package_is_found(package: str) -> None:
 @pytest.mark.parametrize("package", PACKAGES)
 def test_imports_are_absolute(package: str) -> None:
     assert [str(i) for i in everything(package) if i.level] == []
+
+
+def test_scripts_import_what_there_is() -> None:
+    """mypy reads the packages alone, and pytest never runs the scripts beside the tests."""
+    folders = (ROOT / "tests", ROOT / "docs")
+    files = [file for folder in folders for file in sorted(folder.rglob("*.py"))]
+    wrong = [
+        str(i) for file in files for i in imports(file) if i.top in PACKAGES and missing(i.module)
+    ]
+
+    assert wrong == []
+
+
+def missing(name: str) -> bool:
+    """Whether `name` is neither a module nor something in one."""
+    try:
+        resolve_name(name)
+    except (ImportError, AttributeError):
+        return True
+    return False
 
 
 def test_imports_go_down() -> None:

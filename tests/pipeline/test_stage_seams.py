@@ -18,7 +18,7 @@ from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
-from rhytid.engine.device_tiles import DeviceTiles
+from rhytid.engine.device_asset import DeviceAsset
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
 from rhytid.engine.messages import MapQuery
 from rhytid.pipeline.elements import UdimElements, pore_arrays, wrinkle_arrays
@@ -266,11 +266,13 @@ def test_maps_are_equal_on_both_sides(
     settings = settings_of(resolution=4096, shape=shape, response=response)
     here, there = places(mesh, spacing)
     with device.task():
-        asset = DeviceTiles(device, mesh, settings)
-        asset.locate(graph)
-        asset.install(asset.prepare(graph, settings), settings)
+        asset = DeviceAsset(device, mesh, settings)
+        asset.mesh.locate(graph)
+        asset.mesh.install(asset.mesh.prepare(graph, settings), settings)
         for frame in (NEUTRAL_FRAME, Frame.of(smiling(mesh))):
-            found = asset.drawn(frame, MapQuery("redraw", sampling=sampling), 1001, 0, 0, 0, 4096)
+            found = asset.drawing.to_host(
+                frame, MapQuery("redraw", sampling=sampling), 1001, 0, 0, 0, 4096
+            )
             off = apart(*(between(found, uv) for uv in (here, there)))
             # The grid of the cushions carries lines of the second chart less well: 2.7 %.
             assert off < (1.5 * BAND if "cushion" in bent else BAND)
@@ -287,10 +289,10 @@ def test_skewed_wrinkles_are_those_of_the_reference(
         graph = replace(graph, edge_weight=graph.edge_weight * skewed)
     settings = settings_of(resolution=512, shape=bent)
     with device.task():
-        asset = DeviceTiles(device, mesh, settings)
-        asset.locate(graph)
-        asset.install(asset.prepare(graph, settings), settings)
-        found = asset.drawn(NEUTRAL_FRAME, MapQuery("neutral"), 1001, 0, 0, 0, 512)
+        asset = DeviceAsset(device, mesh, settings)
+        asset.mesh.locate(graph)
+        asset.mesh.install(asset.mesh.prepare(graph, settings), settings)
+        found = asset.drawing.to_host(NEUTRAL_FRAME, MapQuery("neutral"), 1001, 0, 0, 0, 512)
         asset.release()
     rows, columns = np.meshgrid(np.arange(512), np.arange(512), indexing="ij")
     uv = np.stack([(columns + 0.5) / 512, 1 - (rows + 0.5) / 512], -1).reshape(-1, 2)

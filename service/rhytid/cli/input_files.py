@@ -17,12 +17,11 @@ from rhytid.domain.origin import ORIGIN, Centre
 from rhytid.domain.stiffness import Stiffness
 from rhytid.domain.tiles import mesh_udims
 from rhytid.errors import InputError, LimitError
-from rhytid.formats.controls import read_controls
 from rhytid.formats.expressions import read_expressions
 from rhytid.formats.frames import read_frame_file
 from rhytid.formats.graphs import read_graph
 from rhytid.formats.meshes import MeshFile, read_mesh
-from rhytid.formats.stiffness import read_stiffness
+from rhytid.formats.painted import read_controls, read_stiffness
 
 
 def mesh_file(file: Path) -> MeshFile:

@@ -17,7 +17,7 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import busiest_udim, mesh_udims, triangles_inside, udim_origin
 from rhytid.domain.units import MILLIMETRES, USUAL_UNIT, millimetres
-from rhytid.engine.device_tiles import DeviceTiles
+from rhytid.engine.device_asset import DeviceAsset
 from rhytid.engine.frames import NEUTRAL_FRAME
 from rhytid.engine.messages import MapQuery
 from rhytid.errors import MeshError
@@ -95,21 +95,21 @@ def resolution_for(scales: Sequence[float], spacing: float) -> int:
 @contextmanager
 def resident(
     device: Device, mesh: Mesh, graph: WrinkleGraph, settings: AssetSettings
-) -> Iterator[DeviceTiles]:
+) -> Iterator[DeviceAsset]:
     """The skin of a graph on a device, ready to be drawn; given back at the end."""
     with device.task():
-        asset = DeviceTiles(device, mesh, settings)
+        asset = DeviceAsset(device, mesh, settings)
         try:
-            asset.locate(graph)
-            asset.install(asset.prepare(graph, settings), settings)
+            asset.mesh.locate(graph)
+            asset.mesh.install(asset.mesh.prepare(graph, settings), settings)
             yield asset
         finally:
             asset.release()
 
 
-def _whole(asset: DeviceTiles, mesh: Mesh, udim: int) -> WholeMap:
-    level = asset.settings.grid.levels - WHOLE.bit_length()
-    heights = asset.drawn(NEUTRAL_FRAME, _NEUTRAL, udim, level, 0, 0, WHOLE)
+def _whole(asset: DeviceAsset, mesh: Mesh, udim: int) -> WholeMap:
+    level = asset.mesh.settings.grid.levels - WHOLE.bit_length()
+    heights = asset.drawing.to_host(NEUTRAL_FRAME, _NEUTRAL, udim, level, 0, 0, WHOLE)
     inside = triangles_inside(mesh, udim)
     area = _area(mesh.positions[mesh.faces[inside]].astype(np.float64))
     area_uv = _area(np.pad(mesh.triangle_uv()[inside], ((0, 0), (0, 0), (0, 1))))
@@ -122,7 +122,7 @@ def _area(corners: NDArray[np.float64]) -> float:
 
 
 def _patches(
-    asset: DeviceTiles,
+    asset: DeviceAsset,
     mesh: Mesh,
     udim: int,
     places: tuple[Place, ...],
@@ -143,17 +143,17 @@ def _patches(
 
 
 def drawn_under(
-    asset: DeviceTiles, udim: int, surfaces: Sequence[SurfacePatch], progress: Progress
+    asset: DeviceAsset, udim: int, surfaces: Sequence[SurfacePatch], progress: Progress
 ) -> NDArray[np.float32]:
     """(R, R) the neutral map of a UDIM, drawn only where patches read it."""
-    resolution = asset.settings.resolution
+    resolution = asset.mesh.settings.resolution
     # Memory is taken by the squares that are written, not by the whole map.
     heights = np.zeros((resolution, resolution), np.float32)
     drawn = min(_DRAWN, resolution)
     squares = touched_squares(surfaces, resolution, drawn)
     for done, (row, column) in enumerate(squares):
         progress(done / len(squares), "patches")
-        square = asset.drawn(NEUTRAL_FRAME, _NEUTRAL, udim, 0, row, column, drawn)
+        square = asset.drawing.to_host(NEUTRAL_FRAME, _NEUTRAL, udim, 0, row, column, drawn)
         heights[row : row + drawn, column : column + drawn] = square
     return heights
 

@@ -45,7 +45,7 @@ def write_region_sheet(
     views: list[RegionView] = []
     for skin in skins:
         unit_mm = millimetres(skin.settings.length_unit) or MILLIMETRES[USUAL_UNIT]
-        views = views or _views(mesh, folds, udim, SIDE_MM / unit_mm)
+        views = views or skin_views(mesh, folds, udim, SIDE_MM / unit_mm)
         if not views:
             return
         rows += _rows(device, mesh, udim, views, skin)
@@ -56,7 +56,8 @@ def write_region_sheet(
     sheet(rows, caption).save(file, format="png")
 
 
-def _views(mesh: Mesh, folds: Folds, udim: int, side: float) -> list[RegionView]:
+def skin_views(mesh: Mesh, folds: Folds, udim: int, side: float) -> list[RegionView]:
+    """Where each region of a face is looked at: patches of `side` mesh units."""
     inside = triangles_inside(mesh, udim)
     faces = mesh.faces[inside]
     size, eccentricity, _ = folds.axes()

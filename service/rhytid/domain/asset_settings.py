@@ -68,7 +68,7 @@ class ResponseSettings:
     log_stretch_limit: float = number(0.5, 0.01, 4.0)
     ends: float = number(1.0, 0.0, 1.0)
     soft_limits: bool = choice(True, False, True)
-    pore_depth_limit: float = number(2.0, 1.1, 4.0)
+    pore_depth_limit: float = number(1.25, 1.1, 4.0)
 
 
 @dataclass(frozen=True)

@@ -88,18 +88,18 @@ REGIONS: dict[str, Region] = {
         grain=1.2,
         old=Old(strength=1.3, anisotropy=1.0, pore_strength=1.2, contrast=1.1, grain=1.8),
     ),
-    # Furrows across the lip, upright and fine, next to no pores to see.
+    # Furrows across the lip, upright and fine, joined by faint ones; next to no pores to see.
     "lip": Region(
         density=1.6,
         strength=1.1,
         pore_strength=0.6,
         turn=90.0,
-        anisotropy=1.8,
-        bend=0.4,
+        anisotropy=1.5,
+        bend=0.6,
         scale=0.9,
         pore_radius=0.35,
         grain=0.7,
-        old=Old(strength=1.3, anisotropy=1.0, contrast=1.35, grain=1.4),
+        old=Old(strength=1.3, anisotropy=1.0, contrast=1.15, grain=1.4),
     ),
     # Thin skin: fine lines that fan out from the corner, beside the eye nearly level; small pores.
     "eye_corner": Region(
@@ -113,15 +113,15 @@ REGIONS: dict[str, Region] = {
         grain=0.8,
         old=Old(strength=1.6, scale=1.2, contrast=1.5, grain=1.8),
     ),
-    # Coarse level lines, a wide net between them, small pores.
+    # A wide net of rhombi, longer than high, that age deepens as a whole; small pores.
     "neck": Region(
-        density=0.65,
+        density=0.8,
         strength=1.1,
-        anisotropy=1.5,
+        anisotropy=1.0,
         bend=0.5,
-        scale=1.3,
+        scale=1.0,
         pore_radius=0.7,
         grain=1.2,
-        old=Old(strength=2.1, anisotropy=1.3, grain=1.8),
+        old=Old(strength=2.1, anisotropy=1.1, contrast=1.0, grain=1.2),
     ),
 }

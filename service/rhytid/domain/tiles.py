@@ -57,6 +57,11 @@ class TileGrid:
         """Texels per side of a tile at a level: a level smaller than a tile is one smaller tile."""
         return min(self.tile_size, self.side(level))
 
+    def first_texel(self, address: TileAddress) -> tuple[int, int]:
+        """Row and column of a tile's first texel, in its level."""
+        texels = self.texels(address.level)
+        return address.row * texels, address.column * texels
+
     def count(self, level: int) -> int:
         """Tiles per side at a level."""
         return self.side(level) // self.texels(level)

@@ -60,13 +60,13 @@ class AssetBuilder:
         Its old settings stay where anything fails.
         """
         old, lying, prepared = asset.settings, asset.lying, None
-        if lying is not None and lying.prepares(settings):
-            prepared = lying.prepare(self._store.asset(asset.id).graph, settings)
+        if lying is not None and lying.mesh.prepares(settings):
+            prepared = lying.mesh.prepare(self._store.asset(asset.id).graph, settings)
 
         def take() -> None:  # in one task: no tile is drawn between the two
             if asset.lying is not None:
-                lying = self._on_device.found(asset)  # it stays while memory is short
-                lying.use(settings) if prepared is None else lying.install(prepared, settings)
+                mesh = self._on_device.found(asset).mesh  # it stays while memory is short
+                mesh.use(settings) if prepared is None else mesh.install(prepared, settings)
             asset.settings = settings
 
         self._store.put_overlay(asset.id, settings)
@@ -86,7 +86,7 @@ class AssetBuilder:
     def make_bins(self, job: Job, asset: Asset) -> None:
         """The work of `prepare_bins`; stops where the settings change meanwhile, and gives way
         between tiles: those that are there are not made again."""
-        size = self._on_device.loaded(asset).bins_size()
+        size = self._on_device.loaded(asset).bins.size()
         if size > _BINS_SHARE * self._device.budget.limit:
             return
         settings = asset.settings
@@ -130,7 +130,7 @@ class AssetBuilder:
     ) -> tuple[AssetSettings, float]:
         """Store what was built; resolved settings, and the mean distance of pores."""
         if grown is None:
-            spacing, distance = None, mean_spacing(wanted.mesh, graph, made.pore_triangle)
+            spacing, distance = None, mean_spacing(wanted.mesh, graph, made.mesh.pore_triangle)
         else:
             spacing, distance = grown.spacing, grown.distance
         asset.lengths = graph_lengths(graph, wanted.settings, distance, spacing)

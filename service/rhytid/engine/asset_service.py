@@ -311,7 +311,7 @@ class AssetService:
         lying = self._on_device.loaded(self._assets.get(asset))
         stored = self._store.asset(asset)
         triangles = len(stored.mesh.faces)
-        placed = with_triangles(stored.graph, lying.pore_triangle, triangles)
+        placed = with_triangles(stored.graph, lying.mesh.pore_triangle, triangles)
         return graph_curves(stored.mesh, placed)
 
     def calibrate(
@@ -344,7 +344,7 @@ class AssetService:
         def measure(job: Job) -> None:
             job.progress(0.0, "measuring stretch")
             ratios, _ = self._on_device.use(
-                found, lambda lying: lying.stretch(frame), patiently=True
+                found, lambda lying: lying.frames.ratios(frame), patiently=True
             )
             with found.kept():
                 limit = found.settings.response.log_stretch_limit

@@ -167,7 +167,7 @@ class Asset:
     def lying(self) -> DeviceAsset | None:
         """What lies on the device of it now, if anything does."""
         lying = self.on_device
-        return None if lying is None or lying.released else lying
+        return None if lying is None or lying.mesh.kept.released else lying
 
     def frame(self, name: str) -> Frame:
         """A stored frame; raises NotFoundError, and what `check_ready` raises."""

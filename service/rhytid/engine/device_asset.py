@@ -1,147 +1,58 @@
-"""The levels of an asset's maps on the device. Every method runs on the device thread.
-
-Level 0 is drawn in pieces, and the levels above each piece are kept under the memory budget: a
-third of what level 0 takes. The levels that are small as a whole, the crown, are kept as a whole,
-so that a tile of theirs is not read out of hundreds of pieces.
-"""
+"""What an asset has on the device, part by part."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
-import numpy as np
-
+from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.engine.device_finest import DeviceFinest, Square, Tile, names
-from rhytid.engine.frames import NEUTRAL_FRAME, Frame
+from rhytid.domain.mesh import Mesh
+from rhytid.domain.stiffness import Stiffness
+from rhytid.domain.tiles import TileAddress
+from rhytid.engine.device_bins import DeviceBins
+from rhytid.engine.device_drawing import DeviceDrawing
+from rhytid.engine.device_finest import DeviceFinest
+from rhytid.engine.device_frames import DeviceFrames
+from rhytid.engine.device_grain import DeviceGrain
+from rhytid.engine.device_levels import DeviceLevels
+from rhytid.engine.device_mesh import DeviceMesh
+from rhytid.engine.frames import NEUTRAL_FRAME
 from rhytid.engine.messages import MapQuery
 from rhytid.pipeline.elements import BLOCK
-from rhytid.pipeline.levels import Levels, Part, coarser
-
-# Texels a side of the finest level of the crown, at most.
-_CROWN = 512
 
 
-class DeviceAsset(DeviceFinest):
-    """Squares of every level."""
+class DeviceAsset:
+    """The parts of an asset on the device; each uses those before it. Every method, and those of
+    the parts, runs on the device thread.
 
-    @property
-    def crown(self) -> int:
-        """The finest level of the crown."""
-        side = self.settings.resolution
-        return max((side // _CROWN).bit_length() - 1, 1)
+    mesh: the mesh and its wrinkles.  frames: stretch of frames.  bins: precomputed maps.  drawing:
+    level 0 by every method.  finest: level 0, kept.  levels: squares of every level.
+    """
 
-    def most(self, query: MapQuery, level: int) -> int:
-        """Texels a side of a level, below the crown or its finest, that one piece has."""
-        return self._piece(query) >> level
+    def __init__(
+        self,
+        device: Device,
+        mesh: Mesh,
+        settings: AssetSettings,
+        stiffness: Stiffness | None = None,
+    ) -> None:
+        self.mesh = DeviceMesh(device, mesh, settings, stiffness)
+        self.frames = DeviceFrames(self.mesh)
+        grain = DeviceGrain(self.mesh, self.frames)
+        self.bins = DeviceBins(self.mesh, self.frames, grain)
+        self.drawing = DeviceDrawing(self.mesh, self.frames, grain, self.bins)
+        self.finest = DeviceFinest(self.mesh, self.drawing)
+        self.levels = DeviceLevels(self.mesh, self.finest)
 
-    def least(self, query: MapQuery, level: int) -> int:
-        """Texels a side of the smallest square of a level that can be drawn alone."""
-        finest = self.settings.grid.texels(0) if query.method == "binned" else BLOCK
-        return max(finest >> level, 1)
+    def warm_up(self) -> None:
+        """Draw one block a level up, so that no request waits for a compiler."""
+        for udim in self.mesh.udims[:1]:
+            self.drawing.to_host(NEUTRAL_FRAME, MapQuery(), udim, 1, 0, 0, BLOCK // 2)
+        self.mesh.kept.clear()
 
-    def squares(
-        self, frame: Frame, query: MapQuery, udim: int, level: int, wanted: Sequence[Square]
-    ) -> dict[Square, Tile]:
-        """Of some squares of a level, each inside of one piece, those that are kept, and the first
-        that is not, drawn: others get their turn before the next."""
-        found, drawn = {}, False
-        for square in wanted:
-            tile = self._kept(frame, query, udim, level, square)
-            if tile is None and not drawn:
-                tile, drawn = self._made(frame, query, udim, level, square), True
-            if tile is not None:
-                found[square] = tile
-        return found
+    def warm_up_blend(self, address: TileAddress) -> None:
+        """Blend one tile, for the same reason."""
+        for buffer in self.bins.blended(NEUTRAL_FRAME, MapQuery("binned"), [address]):
+            buffer.release()
 
-    def square_alone(
-        self, frame: Frame, query: MapQuery, udim: int, level: int, square: Square
-    ) -> Tile:
-        """One square of a level, from as little of level 0 as there is to it; nothing is kept."""
-        frame, place = _frame_of(frame, query), _finer(square, level)
-        with self._parts(frame, query, udim, self._cut(frame, query, udim, place)) as parts:
-            if level == 0:
-                return self._joined(parts, place)
-            levels = self._halved(parts, place, level)
-        tile = self._device.read(levels.buffers[-1], (square[2],) * 2, np.float32)
-        levels.release()
-        return tile
-
-    def of_crown(
-        self, frame: Frame, query: MapQuery, udim: int, level: int, square: Square,
-        finest: Tile | None = None, settings: AssetSettings | None = None,
-    ) -> Tile | None:  # fmt: skip
-        """A square of a level of the crown, which is made of its finest level where that is given.
-
-        None where it is neither kept nor given, or was drawn with other settings than are now.
-        """
-        frame = _frame_of(frame, query)
-        key = ("crown", *names(query), udim)
-        levels: Levels | None = self._find_of(frame, *key)
-        kept = levels is not None
-        if levels is None:
-            if finest is None or self.settings is not settings:
-                return None
-            levels = self._crown_of(finest)
-            if self._keeps:
-                made, kept = levels, True
-                self._keep_of(frame, *key, make=lambda: made)
-        n = level - self.crown
-        tile = self._device.read_square(levels.buffers[n], levels.side >> n, *square)
-        if not kept:
-            levels.release()
-        return tile
-
-    @property
-    def _keeps(self) -> bool:
-        """Whether the levels above a map take less than half of the memory."""
-        return 8 * 4 * self.settings.resolution**2 // 3 <= self._device.budget.limit
-
-    def _kept(
-        self, frame: Frame, query: MapQuery, udim: int, level: int, square: Square
-    ) -> Tile | None:
-        frame, place = _frame_of(frame, query), _finer(square, level)
-        if level == 0:
-            return self._cropped(frame, query, udim, place)
-        piece = self._piece_of(query, place)
-        levels = self._find_of(frame, "levels", *names(query), udim, *piece)
-        return None if levels is None else self._of_levels(levels, level, square, piece)
-
-    def _made(self, frame: Frame, query: MapQuery, udim: int, level: int, square: Square) -> Tile:
-        if level == 0 or not self._keeps:
-            return self.square_alone(frame, query, udim, level, square)
-        frame, piece = _frame_of(frame, query), self._piece_of(query, _finer(square, level))
-        with self._parts(frame, query, udim, self._cut(frame, query, udim, piece)) as parts:
-            levels = self._keep_of(
-                frame, "levels", *names(query), udim, *piece,
-                make=lambda: self._halved(parts, piece, self.crown),
-            )  # fmt: skip
-        return self._of_levels(levels, level, square, piece)
-
-    def _of_levels(self, levels: Levels, level: int, square: Square, piece: Square) -> Tile:
-        """A square out of the levels of its piece."""
-        row, column = (square[i] - (piece[i] >> level) for i in (0, 1))
-        buffer = levels.buffers[level - 1]
-        return self._device.read_square(buffer, piece[2] >> level, row, column, square[2])
-
-    def _halved(self, parts: Sequence[Part], place: Square, count: int) -> Levels:
-        row, column, side = place
-        inside = [Part(p.row - row, p.column - column, p.side, p.buffer) for p in parts]
-        return coarser(self._device, inside, side, count)
-
-    def _crown_of(self, finest: Tile) -> Levels:
-        side = len(finest)
-        first = Part(0, 0, side, self._device.upload(finest))
-        above = coarser(self._device, [first], side, side.bit_length() - 1)
-        return Levels(side, (first.buffer, *above.buffers))
-
-
-def _finer(square: Square, level: int) -> Square:
-    """A square of a level in texels of level 0."""
-    row, column, side = square
-    return row << level, column << level, side << level
-
-
-def _frame_of(frame: Frame, query: MapQuery) -> Frame:
-    """What is kept of `neutral` is kept for all frames."""
-    return NEUTRAL_FRAME if query.method == "neutral" else frame
+    def release(self) -> None:
+        """Give everything back; what is asked for later raises NotFoundError."""
+        self.mesh.release()

@@ -105,10 +105,10 @@ class DeviceAssets:
         what `loaded` does.
         """
         lying = self.loaded(asset)
-        settings = lying.settings
+        settings = lying.mesh.settings
 
         def check() -> None:
-            if self.found(asset) is not lying or lying.settings is not settings:
+            if self.found(asset) is not lying or lying.mesh.settings is not settings:
                 raise Evicted
 
         with self._device.from_elsewhere(self.run_patiently, check):
@@ -118,10 +118,10 @@ class DeviceAssets:
         """Make the precomputed maps of one tile where they are not there, step by step; nothing is
         kept where the asset is dropped or its settings change meanwhile."""
         with suppress(Evicted), self.stepwise(asset) as lying:
-            if self.run_patiently(lying.has_bins, address):
+            if self.run_patiently(lying.bins.has, address):
                 return
-            tile = lying.made_bins(address)
-            self._device.step(partial(lying.keep_bins, address, tile))
+            tile = lying.bins.made(address)
+            self._device.step(partial(lying.bins.keep, address, tile))
 
     def place(
         self, mesh: Mesh, graph: WrinkleGraph, settings: AssetSettings, stiffness: Stiffness | None
@@ -129,7 +129,7 @@ class DeviceAssets:
         """A mesh with the triangles of its pores and wrinkles; `finish` or `give_up` it."""
         with self._device.from_elsewhere(self.run_patiently):
             made = DeviceAsset(self._device, mesh, settings, stiffness)
-            made.locate(graph)
+            made.mesh.locate(graph)
         return made
 
     def finish(
@@ -140,10 +140,10 @@ class DeviceAssets:
         Raises CancelledError where the asset was removed meanwhile.
         """
         try:
-            prepared = made.prepare(graph, settings)
+            prepared = made.mesh.prepare(graph, settings)
             with self._device.from_elsewhere(self.run_patiently):
-                elements = made.upload(prepared, settings)
-            self.run_patiently(made.take, elements, settings)
+                elements = made.mesh.upload(prepared, settings)
+            self.run_patiently(made.mesh.take, elements, settings)
             self.run_patiently(made.warm_up)
             with asset.kept():
                 self.run_patiently(self._device.budget.keep, _key(asset), lambda: made)

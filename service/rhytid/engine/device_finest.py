@@ -1,17 +1,17 @@
-"""Level 0 of an asset's maps on the device, kept while there is plenty of memory. Every method
-runs on the device thread."""
+"""Level 0 of an asset's maps on the device, kept while there is plenty of memory."""
 
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.device.runtime import Buffer
 from rhytid.domain.tiles import TileAddress
-from rhytid.engine.device_tiles import DeviceTiles
+from rhytid.engine.device_drawing import DeviceDrawing
+from rhytid.engine.device_mesh import DeviceMesh
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
 from rhytid.engine.messages import MapQuery
 from rhytid.pipeline.levels import Part
@@ -30,45 +30,49 @@ _BY_TILE = ("binned", "convolved")
 _PLENTY = 8
 
 
-class DeviceFinest(DeviceTiles):
+class DeviceFinest:
     """Tiles of level 0, and the parts that larger squares of it are made of.
 
-    What was drawn is kept of the frame that was drawn last: the next takes its memory.
+    What was drawn is kept of the frame that was drawn last: the next takes its memory. Every method
+    runs on the device thread.
     """
 
-    _kept_frame: Hashable = None
-    _kept_keys: tuple[tuple[Hashable, ...], ...] = ()
+    def __init__(self, base: DeviceMesh, drawing: DeviceDrawing) -> None:
+        self._base, self._drawing = base, drawing
+        self._kept_frame: Hashable = None
+        self._kept_keys: tuple[tuple[Hashable, ...], ...] = ()
 
     def tiles(self, frame: Frame, query: MapQuery, addresses: Sequence[TileAddress]) -> list[Tile]:
         """(n, n) float32 of level-0 tiles of a UDIM; all are enqueued before the first is read."""
-        udim, side = addresses[0].udim, self.settings.grid.texels(0)
-        places = [(*self._place(address), side) for address in addresses]
-        found = [self._cropped(frame, query, udim, place) for place in places]
+        udim, grid = addresses[0].udim, self._base.settings.grid
+        side = grid.texels(0)
+        places = [(*grid.first_texel(address), side) for address in addresses]
+        found = [self.cropped(frame, query, udim, place) for place in places]
         missing = [place for place, tile in zip(places, found, strict=True) if tile is None]
-        with self._parts(frame, query, udim, missing) as parts:
+        with self._drawn_parts(frame, query, udim, missing) as parts:
             read = iter([self._read(part) for part in parts])
         return [next(read) if tile is None else tile for tile in found]
 
-    def _piece(self, query: MapQuery) -> int:
+    def piece(self, query: MapQuery) -> int:
         """Level-0 texels per side of a piece."""
-        side = min(_PIECE[query.method], self.settings.resolution)
-        return max(side, self.settings.grid.texels(0)) if query.method in _BY_TILE else side
+        side = min(_PIECE[query.method], self._base.settings.resolution)
+        return max(side, self._base.settings.grid.texels(0)) if query.method in _BY_TILE else side
 
-    def _piece_of(self, query: MapQuery, place: Square) -> Square:
+    def piece_of(self, query: MapQuery, place: Square) -> Square:
         """The piece that a square of level 0 lies in."""
-        side = self._piece(query)
+        side = self.piece(query)
         return place[0] // side * side, place[1] // side * side, side
 
     @property
     def _plenty(self) -> bool:
-        budget = self._device.budget
-        return _PLENTY * 4 * self.settings.resolution**2 <= budget.limit - budget.used
+        budget = self._base.device.budget
+        return _PLENTY * 4 * self._base.settings.resolution**2 <= budget.limit - budget.used
 
     def _cut(self, frame: Frame, query: MapQuery, udim: int, place: Square) -> list[Square]:
         """What a square of level 0 is drawn in: tiles, where what makes a tile is kept for all
         frames, or the tiles are; else one launch."""
         row, column, side = place
-        tile = self.settings.grid.texels(0)
+        tile = self._base.settings.grid.texels(0)
         if tile > side:
             return [place]
         tiles = [
@@ -77,8 +81,14 @@ class DeviceFinest(DeviceTiles):
         kept = all(self._find_finest(frame, query, udim, t) is not None for t in tiles)
         return tiles if kept or query.method in _BY_TILE else [place]
 
+    def parts(
+        self, frame: Frame, query: MapQuery, udim: int, place: Square
+    ) -> AbstractContextManager[list[Part]]:
+        """Level 0 of a square in parts, kept or drawn."""
+        return self._drawn_parts(frame, query, udim, self._cut(frame, query, udim, place))
+
     @contextmanager
-    def _parts(
+    def _drawn_parts(
         self, frame: Frame, query: MapQuery, udim: int, places: Sequence[Square]
     ) -> Iterator[list[Part]]:
         """Level 0 of some squares, kept or drawn; what was drawn stays where memory is plenty."""
@@ -96,25 +106,25 @@ class DeviceFinest(DeviceTiles):
         self, frame: Frame, query: MapQuery, udim: int, places: Sequence[Square]
     ) -> list[Buffer]:
         """float32 of squares of level 0 that are all as large."""
-        tile = self.settings.grid.texels(0)
+        tile = self._base.settings.grid.texels(0)
         if places and places[0][2] == tile:
             at = [TileAddress(udim, 0, row // tile, column // tile) for row, column, _ in places]
-            return self.finest(frame, query, at)
-        return [self.square(frame, query, udim, *place) for place in places]
+            return self._drawing.tiles(frame, query, at)
+        return [self._drawing.square(frame, query, udim, *place) for place in places]
 
-    def _cropped(self, frame: Frame, query: MapQuery, udim: int, place: Square) -> Tile | None:
+    def cropped(self, frame: Frame, query: MapQuery, udim: int, place: Square) -> Tile | None:
         """A square of level 0 out of what is kept of it, alone or with its piece."""
-        for larger in (place, self._piece_of(query, place)):
+        for larger in (place, self.piece_of(query, place)):
             buffer = self._find_finest(frame, query, udim, larger)
             if buffer is not None:
                 row, column = (place[i] - larger[i] for i in (0, 1))
-                return self._device.read_square(buffer, larger[2], row, column, place[2])
+                return self._base.device.read_square(buffer, larger[2], row, column, place[2])
         return None
 
     def _find_finest(
         self, frame: Frame, query: MapQuery, udim: int, place: Square
     ) -> Buffer | None:
-        found: Buffer | None = self._lookup(*_finest_key(frame, query, udim, place))
+        found: Buffer | None = self._base.kept.find(*_finest_key(frame, query, udim, place))
         return found
 
     def _keep_finest(
@@ -123,16 +133,17 @@ class DeviceFinest(DeviceTiles):
         key = _finest_key(frame, query, udim, place)
         if key[-1] != self._kept_frame:
             for old in self._kept_keys:
-                self._discard(*old)
+                self._base.kept.discard(*old)
             self._kept_frame, self._kept_keys = key[-1], ()
         self._kept_keys += (key,)
-        self._keep(*key, make=lambda: buffer)
+        self._base.kept.keep(*key, make=lambda: buffer)
 
     def _read(self, part: Part) -> Tile:
-        found: Tile = self._device.read(part.buffer, (part.side, part.side), np.float32)
+        found: Tile = self._base.device.read(part.buffer, (part.side, part.side), np.float32)
         return found
 
-    def _joined(self, parts: Sequence[Part], place: Square) -> Tile:
+    def joined(self, parts: Sequence[Part], place: Square) -> Tile:
+        """A square out of its parts."""
         row, column, side = place
         out = np.empty((side, side), np.float32)
         for part in parts:

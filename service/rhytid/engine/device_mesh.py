@@ -1,24 +1,19 @@
-"""What an asset has on the device, from its upload to its release, and what is kept beside it."""
+"""The mesh and the wrinkles of an asset on the device, from their upload to their release."""
 
 from __future__ import annotations
 
-from collections import OrderedDict
-from collections.abc import Callable, Hashable
 from functools import partial
-from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.device.budget import Releasable
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings, ShapeSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.stiffness import Stiffness
 from rhytid.domain.tiles import mesh_udims
-from rhytid.engine.frames import Frame
-from rhytid.errors import NotFoundError
+from rhytid.engine.kept_entries import KeptEntries
 from rhytid.pipeline.blend import Blend
 from rhytid.pipeline.convolve import Convolve
 from rhytid.pipeline.convolve_smooth import SmoothConvolve
@@ -36,17 +31,13 @@ from rhytid.pipeline.stiffness import stiffness_of_elements
 from rhytid.pipeline.stretch import StretchStage
 from rhytid.pipeline.waves import wrinkle_waves
 
-_Kept = TypeVar("_Kept", bound=Releasable)
 Prepared = dict[int, tuple[WrinkleArrays, PoreArrays]]
-# Frames of an asset whose stretch, and what follows from it, stay on the device. A task uses two at
-# most, its frame and the neutral, so none is dropped in the task that uses it.
-RECENT_FRAMES = 8
 
 
 class DeviceMesh:
-    """A mesh and its wrinkles by UDIM. What can be made of them again is kept under the memory
-    budget: what belongs to a frame for the frames used last, what belongs to a tile until memory is
-    short. The rest stays until `release`.
+    """A mesh, its wrinkles by UDIM, and the stages that work on them, which stay until `release`.
+
+    kept: what is made of them and can be made again.
     """
 
     def __init__(
@@ -56,39 +47,44 @@ class DeviceMesh:
         settings: AssetSettings,
         stiffness: Stiffness | None = None,
     ) -> None:
-        self._device, self._mesh, self._stiffness = device, mesh, stiffness
+        self.device, self.mesh, self.stiffness = device, mesh, stiffness
         self.settings = settings
-        self._stretch = StretchStage(device, mesh)
-        self._smooth = SmoothStage(device, mesh)
-        self._located = {
+        self.stretch = StretchStage(device, mesh)
+        self.smooth = SmoothStage(device, mesh)
+        self.located = {
             udim: UdimTriangles(device, mesh, udim, settings.resolution, settings.padding)
             for udim in mesh_udims(mesh)
         }
-        self._elements: dict[int, UdimElements] = {}
+        self.elements: dict[int, UdimElements] = {}
         self.pore_triangle = self._wrinkle_triangle = np.zeros(0, np.int32)
         self._blend: Blend | None = None
         self._pore_stiffness: NDArray[np.float32] | None = None
         self._wrinkle_stiffness: NDArray[np.float32] | None = None
-        self._grain_shares: NDArray[np.float32] | None = None
-        self._convolve = Convolve(device, mesh, stiffness)
-        self._smooth_convolve = SmoothConvolve(device, mesh, self._smooth, stiffness)
-        self._recent: OrderedDict[str, None] = OrderedDict()
-        self.released = False
+        self.grain_shares: NDArray[np.float32] | None = None
+        self.convolve = Convolve(device, mesh, stiffness)
+        self.smooth_convolve = SmoothConvolve(device, mesh, self.smooth, stiffness)
+        self.kept = KeptEntries(device.budget)
 
     @property
     def neutral(self) -> NDArray[np.float32]:
         """(V, 3) positions of the neutral mesh."""
-        return self._mesh.positions
+        return self.mesh.positions
 
     @property
     def udims(self) -> tuple[int, ...]:
         """The UDIMs with mesh."""
-        return tuple(self._located)
+        return tuple(self.located)
+
+    @property
+    def blend(self) -> Blend:
+        """The fast method by the settings that are in use."""
+        assert self._blend is not None
+        return self._blend
 
     @property
     def cushion_factor(self) -> int | None:
         """Texels to a sample of the cushions, the same in every UDIM; None where there are none."""
-        cushions = (elements.cushion for elements in self._elements.values())
+        cushions = (elements.cushion for elements in self.elements.values())
         return next((cushion.factor for cushion in cushions if cushion is not None), None)
 
     def locate(self, graph: WrinkleGraph) -> None:
@@ -96,21 +92,21 @@ class DeviceMesh:
         pores, wrinkles = graph.node_uv, graph.centres()
         self.pore_triangle = self._find(pores, graph.node_triangle)
         self._wrinkle_triangle = self._find(wrinkles, graph.edge_triangle)
-        self._grain_shares = grain_shares(self._mesh, graph, self.pore_triangle)
-        of = partial(stiffness_of_elements, self._stiffness, self._mesh)
+        self.grain_shares = grain_shares(self.mesh, graph, self.pore_triangle)
+        of = partial(stiffness_of_elements, self.stiffness, self.mesh)
         self._pore_stiffness = of(pores, self.pore_triangle)
         self._wrinkle_stiffness = of(wrinkles, self._wrinkle_triangle)
 
     def prepare(self, graph: WrinkleGraph, settings: AssetSettings) -> Prepared:
         """The elements of each UDIM as they go to the device; host work, on any thread."""
         wrinkle = self._wrinkle_triangle
-        waves = wrinkle_waves(self._mesh, graph, wrinkle, settings.shape)
+        waves = wrinkle_waves(self.mesh, graph, wrinkle, settings.shape)
         return {
             udim: (
                 wrinkle_arrays(graph, wrinkle, settings, udim, self._wrinkle_stiffness, waves),
                 pore_arrays(graph, self.pore_triangle, settings, udim, self._pore_stiffness),
             )
-            for udim in self._located
+            for udim in self.located
         }
 
     def prepares(self, settings: AssetSettings) -> bool:
@@ -126,29 +122,28 @@ class DeviceMesh:
     def upload(self, prepared: Prepared, settings: AssetSettings) -> dict[int, UdimElements]:
         """The elements on the device, beside those that are drawn now; `take` them."""
         count = settings.bins.count
-        return {u: UdimElements(self._device, w, p, count) for u, (w, p) in prepared.items()}
+        return {u: UdimElements(self.device, w, p, count) for u, (w, p) in prepared.items()}
 
     def take(self, elements: dict[int, UdimElements], settings: AssetSettings) -> None:
         """Draw these elements with these settings from now on."""
-        old, self._elements = self._elements, elements
+        old, self.elements = self.elements, elements
         self.use(settings)
         for before in old.values():
             before.release()
 
     def use(self, settings: AssetSettings) -> None:
         """Take settings that leave the elements as they are; forget what the old ones made."""
-        self._forget_made()
-        blend = Blend(self._device, settings, self._stretch.triangles)
+        self.kept.clear()
+        blend = Blend(self.device, settings, self.stretch.triangles)
         if self._blend is not None:
             self._blend.release()
         self.settings, self._blend = settings, blend
 
     def release(self) -> None:
         """Give everything back; every later call raises NotFoundError."""
-        self._forget_made()
-        self.released = True
-        held = (self._stretch, self._smooth, self._blend, self._convolve)
-        for part in (*held, *self._located.values(), *self._elements.values()):
+        self.kept.release()
+        held = (self.stretch, self.smooth, self._blend, self.convolve)
+        for part in (*held, *self.located.values(), *self.elements.values()):
             if part is not None:
                 part.release()
 
@@ -156,47 +151,8 @@ class DeviceMesh:
         settings = self.settings
         if given is not None and (given >= 0).all():
             return given
-        found = locate_points(self._device, self._mesh, uv, settings.resolution, settings.padding)
+        found = locate_points(self.device, self.mesh, uv, settings.resolution, settings.padding)
         return found if given is None else np.where(given >= 0, given, found)
-
-    def _keep_of(self, frame: Frame, *key: Hashable, make: Callable[[], _Kept]) -> _Kept:
-        """What is made for a frame, of the few used last: the next takes the memory of the one that
-        was used longest ago, for fresh memory costs more than what is drawn in it."""
-        self._recent[frame.digest] = None
-        self._recent.move_to_end(frame.digest)
-        if len(self._recent) > RECENT_FRAMES:
-            old, _ = self._recent.popitem(last=False)
-            self._drop(lambda kept: kept[-1] == old)
-        return self._keep(*key, frame.digest, make=make)
-
-    def _find_of(self, frame: Frame, *key: Hashable) -> Any | None:
-        """What is kept of a frame under a key, or None."""
-        if frame.digest in self._recent:
-            self._recent.move_to_end(frame.digest)
-        return self._lookup(*key, frame.digest)
-
-    def _lookup(self, *key: Hashable) -> Any | None:
-        return self._device.budget.find((id(self), *key))
-
-    def _discard(self, *key: Hashable) -> None:
-        self._device.budget.discard((id(self), *key))
-
-    def _keep(self, *key: Hashable, make: Callable[[], _Kept]) -> _Kept:
-        if self.released:
-            raise NotFoundError("the asset was removed")
-        return self._device.budget.keep((id(self), *key), make)
-
-    def _forget_made(self) -> None:
-        self._recent.clear()
-        self._drop(lambda kept: True)
-
-    def _drop(self, belongs: Callable[[tuple[Hashable, ...]], bool]) -> None:
-        """Release what is kept for this asset under such keys."""
-
-        def of_this(key: Hashable) -> bool:
-            return isinstance(key, tuple) and key[0] == id(self) and belongs(key)
-
-        self._device.budget.drop(of_this)
 
 
 def _laid_out(shape: ShapeSettings) -> tuple[float | None, ...]:

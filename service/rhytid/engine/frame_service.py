@@ -58,7 +58,7 @@ class FrameService:
     ) -> FrameInfo:
         """Measure a checked frame and store it. patiently: as `DeviceAssets.run_patiently`."""
         ratios, _ = self._on_device.use(
-            asset, lambda lying: lying.stretch(frame), patiently=patiently
+            asset, lambda lying: lying.frames.ratios(frame), patiently=patiently
         )
         measured = LogStretch.of(ratios)
         asset.frames.put(name, frame, measured, warnings)
@@ -95,7 +95,7 @@ class FrameService:
         """(V, 3) positions of a frame; those of the neutral mesh for `neutral`."""
         found = self._assets.get(asset)
         if frame == NEUTRAL:
-            return self._on_device.loaded(found).neutral
+            return self._on_device.loaded(found).mesh.neutral
         positions = found.frames.get(frame).positions
         assert positions is not None
         return positions
@@ -110,7 +110,7 @@ class FrameService:
         """Axes and unclamped ratios of every triangle in a frame (section 2.2)."""
         found = self._assets.get(asset)
         stored = found.frame(frame)
-        ratios, axes = self._on_device.use(found, lambda lying: lying.stretch(stored))
+        ratios, axes = self._on_device.use(found, lambda lying: lying.frames.ratios(stored))
         return FrameStretch(axes, ratios)
 
 

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.engine.assets import Asset
-from rhytid.engine.device_asset import DeviceAsset
 from rhytid.engine.device_assets import DeviceAssets
 from rhytid.engine.device_finest import Square
+from rhytid.engine.device_levels import DeviceLevels
 from rhytid.engine.frames import Frame
 from rhytid.engine.messages import MapQuery
 from rhytid.errors import BusyError, ConflictError, DeviceMemoryError
@@ -99,27 +99,27 @@ class _Square:
         self._on_device, self._asset = on_device, asset
         # It may leave the device meanwhile: only what follows from its settings is used.
         self._lying = on_device.loaded(asset)
-        self._settings = self._lying.settings
+        self._settings = self._lying.mesh.settings
         self._query, self._about = query, (frame, query, udim)
         self._waits = False
 
     def draw(self, level: int, square: Square) -> Tile | None:
         """A square of a level; None where the settings changed meanwhile."""
-        crown = self._lying.crown
+        crown = self._lying.levels.crown
         if level < crown:
             return self._of_pieces(level, square)
-        tile: Tile | None = self._run(DeviceAsset.of_crown, *self._about, level, square)
+        tile: Tile | None = self._run(DeviceLevels.of_crown, *self._about, level, square)
         if tile is None:
             whole = (0, 0, self._settings.grid.side(crown))
             finest = self._of_pieces(crown, whole)
             tile = self._run(
-                DeviceAsset.of_crown, *self._about, level, square, finest, self._settings
+                DeviceLevels.of_crown, *self._about, level, square, finest, self._settings
             )
         return tile
 
     def _of_pieces(self, level: int, square: Square) -> Tile:
         """A square that no level above was made from, piece by piece."""
-        side = min(self._lying.most(self._query, level), square[2])
+        side = min(self._lying.levels.most(self._query, level), square[2])
         if side == square[2]:
             return self._pieces(level, [square])[square]
         out = np.empty((square[2], square[2]), np.float32)
@@ -138,7 +138,9 @@ class _Square:
     def _some(self, level: int, missing: list[Square]) -> dict[Square, Tile]:
         """At least the first of some squares that are inside of a piece each."""
         try:
-            found: dict[Square, Tile] = self._run(DeviceAsset.squares, *self._about, level, missing)
+            found: dict[Square, Tile] = self._run(
+                DeviceLevels.squares, *self._about, level, missing
+            )
             return found
         except DeviceMemoryError:
             return {missing[0]: self._alone(level, missing[0])}
@@ -146,20 +148,20 @@ class _Square:
     def _alone(self, level: int, square: Square) -> Tile:
         """A square for which memory is short, as a whole or else by its quarters."""
         try:
-            tile: Tile = self._run(DeviceAsset.square_alone, *self._about, level, square)
+            tile: Tile = self._run(DeviceLevels.square_alone, *self._about, level, square)
             return tile
         except DeviceMemoryError:
             half = square[2] // 2
-            if half < self._lying.least(self._query, level):
+            if half < self._lying.levels.least(self._query, level):
                 raise
         quarters = [self._alone(level, quarter) for quarter in _cut(square, half)]
         return np.block([quarters[:2], quarters[2:]])
 
     def _run(self, task: Callable[..., Any], *arguments: Any) -> Any:
-        """Run a method of the asset on the device."""
+        """Run a method of the levels of the asset on the device."""
         waits, self._waits = self._waits, True
         return self._on_device.use(
-            self._asset, lambda lying: task(lying, *arguments), patiently=waits
+            self._asset, lambda lying: task(lying.levels, *arguments), patiently=waits
         )
 
 

@@ -93,7 +93,7 @@ class StoredAssets:
         """Mean distance of pores, of an asset of a version that did not keep it."""
         made = self._on_device.place(stored.mesh, stored.graph, stored.settings, stored.stiffness)
         self._on_device.give_up(made)
-        return mean_spacing(stored.mesh, stored.graph, made.pore_triangle)
+        return mean_spacing(stored.mesh, stored.graph, made.mesh.pore_triangle)
 
     def _damaged(self, id: str, error: StorageError) -> Asset:
         """A failed asset; the log has the file, callers need not."""

@@ -120,7 +120,7 @@ class TileService:
         """The precomputed maps of an asset (section 2.4)."""
         found = self._assets.get(asset)
         lying = self._on_device.loaded(found)
-        return bin_manifest(lying.settings, lying.cushion_factor)
+        return bin_manifest(lying.mesh.settings, lying.mesh.cushion_factor)
 
     def bin_tile(
         self,
@@ -148,8 +148,8 @@ class TileService:
 
         def codes(lying: DeviceAsset) -> NDArray[np.integer]:
             # On the device thread, where settings do not change meanwhile.
-            manifest = bin_manifest(lying.settings, lying.cushion_factor)
-            return lying.layer_codes(address, layer, *of_map(manifest, layer, bin, sample))
+            manifest = bin_manifest(lying.mesh.settings, lying.mesh.cushion_factor)
+            return lying.bins.layer_codes(address, layer, *of_map(manifest, layer, bin, sample))
 
         return self._on_device.use(found, codes)
 
@@ -166,7 +166,7 @@ class TileService:
         key = (asset, frame.digest, query, udim)
 
         def draw(addresses: list[TileAddress]) -> list[Tile]:
-            return self._on_device.found(asset).tiles(frame, query, addresses)
+            return self._on_device.found(asset).finest.tiles(frame, query, addresses)
 
         return self._on_device.using(asset, lambda: self._batcher.tile(key, address, texels, draw))
 

@@ -1,17 +1,25 @@
-"""Painted maps as grey images, the UDIM of each in its file name: `anything.1002.png` or `.exr`."""
+"""Painted maps, of stiffness and of synthesis, as grey images.
+
+One code per texel, from 0 (black) to the largest (white); row 0 is the top, v = 1 of the UDIM. PNG
+of 8 or 16 bits, or OpenEXR of one channel from 0 to 1, known by their first bytes. The UDIM of each
+is in its file name: `anything.1002.png` or `.exr`.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import PurePath
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.domain.controls import Controls
 from rhytid.domain.painted import Map, check_total, check_udim
+from rhytid.domain.stiffness import Stiffness
 from rhytid.errors import InputError
-from rhytid.formats.grey import read_grey
+from rhytid.formats import exr_header, grey_png
+from rhytid.formats.grey_exr import read_grey_exr
 
 _NUMBER = re.compile(r"(?:^|[._])([0-9]{4})\.[A-Za-z]+$")
 
@@ -54,3 +62,42 @@ def _udim(name: str, alone: bool, udims: Sequence[int], kind: str) -> int:
     have = ", ".join(str(udim) for udim in udims)
     rule = f"name every image by its UDIM, as in {kind}.1001.png"
     raise InputError(f"{name} names no UDIM; the mesh has {have}: {rule}")
+
+
+def read_stiffness(files: Sequence[tuple[str, bytes]], udims: Sequence[int]) -> Stiffness:
+    """The maps of images, (file name or path, bytes) each, for a mesh with these UDIMs.
+
+    Raises InputError naming the image that has no place or cannot be read, LimitError over what is
+    too large.
+    """
+    return Stiffness(read_painted(files, udims, "stiffness"))
+
+
+def read_controls(
+    files: Mapping[str, Sequence[tuple[str, bytes]]], udims: Sequence[int]
+) -> Controls | None:
+    """The maps of images, (file name or path, bytes) each by the name of the control; None without
+    any.
+
+    Raises InputError naming the image that has no place or cannot be read, LimitError over what is
+    too large.
+    """
+    maps: dict[str, dict[int, Map]] = {}
+    before: list[Map] = []
+    for name, images in files.items():
+        maps[name] = read_painted(images, udims, name, before)
+        before += maps[name].values()
+    return Controls(maps) if maps else None
+
+
+def read_grey(data: bytes, name: str) -> NDArray[np.unsignedinteger]:
+    """(h, w) codes of the bytes of an image: uint8 or uint16 of a PNG, uint16 of an OpenEXR.
+
+    `name` is for messages. Raises InputError saying what is wrong, and LimitError above MOST_SIDE
+    texels per side.
+    """
+    if data.startswith(grey_png.SIGNATURE):
+        return grey_png.read_grey_png(data, name)
+    if data.startswith(exr_header.SIGNATURE):
+        return read_grey_exr(data, name)
+    raise InputError(f"{name}: not a PNG or OpenEXR image")

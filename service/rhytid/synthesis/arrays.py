@@ -1,9 +1,19 @@
-"""The arrays of a graph by name, while it is put together."""
+"""The arrays of a graph while it is put together, and long arrays in blocks of rows."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 from numpy.typing import NDArray
 
 Arrays = dict[str, NDArray[Any]]
+
+
+ROWS = 1 << 19
+
+
+def row_blocks(count: int) -> Iterator[slice]:
+    """The rows 0 to count, ROWS at a time."""
+    for first in range(0, count, ROWS):
+        yield slice(first, min(first + ROWS, count))

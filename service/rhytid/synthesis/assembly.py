@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from rhytid.domain.graph import ORIGINAL, WrinkleGraph
 from rhytid.synthesis import shapes
-from rhytid.synthesis.arrays import Arrays
-from rhytid.synthesis.chunks import row_blocks
+from rhytid.synthesis.arrays import Arrays, row_blocks
 from rhytid.synthesis.drawing import Lines
 from rhytid.synthesis.edges.candidate_graph import Ground
 from rhytid.synthesis.hashes import place_keys

@@ -13,7 +13,7 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.seams import whole_wrinkles
 from rhytid.errors import GraphError
-from rhytid.synthesis.chunks import row_blocks
+from rhytid.synthesis.arrays import row_blocks
 from rhytid.synthesis.edges.crossings import crossings
 from rhytid.synthesis.fields.directions import level_directions
 from rhytid.synthesis.pores.spacing import mean_spacing

@@ -66,13 +66,13 @@ class Skin:
         self._graph, self._base = graph, settings
         self._asset = DeviceAsset(device, mesh, settings)
         with device.task():
-            self._asset.locate(graph)
-            self._asset.install(self._asset.prepare(graph, settings), settings)
+            self._asset.mesh.locate(graph)
+            self._asset.mesh.install(self._asset.mesh.prepare(graph, settings), settings)
 
     @property
     def settings(self) -> AssetSettings:
         """What the next map is drawn with."""
-        return self._asset.settings
+        return self._asset.mesh.settings
 
     def use(self, **changes: Any) -> None:
         """Take the settings it was made with, and `changes` (as JSON) put in."""
@@ -80,22 +80,24 @@ class Skin:
         if settings == before:
             return
         with self.device.task():
-            if self._asset.prepares(settings):
-                self._asset.install(self._asset.prepare(self._graph, settings), settings)
+            if self._asset.mesh.prepares(settings):
+                self._asset.mesh.install(self._asset.mesh.prepare(self._graph, settings), settings)
             else:
-                self._asset.use(settings)
+                self._asset.mesh.use(settings)
 
     def stretch(self, frame: Frame) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """(ratios (F, 2) unclamped, axes (F, 2, 2)) of a frame."""
         with self.device.task():
-            return self._asset.stretch(frame)
+            return self._asset.frames.ratios(frame)
 
     def map(self, frame: Frame, method: str) -> Map:
         """(R, R) displacement of a frame, mesh units, row 0 at the top."""
         query, grid = MapQuery(method), self.settings.grid
         if method not in _BY_TILE:
             with self.device.task():
-                return self._asset.drawn(frame, query, self.udim, 0, 0, 0, grid.resolution)
+                return self._asset.drawing.to_host(
+                    frame, query, self.udim, 0, 0, 0, grid.resolution
+                )
         tiles = [self._tile(frame, query, a) for a in grid.addresses(self.udim, 0)]
         count = grid.count(0)
         return np.block([tiles[i : i + count] for i in range(0, len(tiles), count)])
@@ -103,11 +105,11 @@ class Skin:
     def bin_map(self, address: TileAddress, index: int) -> NDArray[np.integer]:
         """Codes (n, n) of one precomputed map; `index` counts samples within layers."""
         with self.device.task():
-            return self._asset.bin_codes(address, index)
+            return self._asset.bins.codes(address, index)
 
     def _tile(self, frame: Frame, query: MapQuery, address: TileAddress) -> Map:
         with self.device.task():
-            return self._asset.tiles(frame, query, [address])[0]
+            return self._asset.finest.tiles(frame, query, [address])[0]
 
     def release(self) -> None:
         """Give the device memory back."""

@@ -20,11 +20,10 @@ from rhytid.domain.stiffness import Stiffness
 from rhytid.domain.tiles import mesh_udims
 from rhytid.engine.messages import NewAsset
 from rhytid.errors import InputError
-from rhytid.formats.controls import read_controls
 from rhytid.formats.expressions import read_expressions
 from rhytid.formats.graphs import read_graph
 from rhytid.formats.meshes import read_mesh
-from rhytid.formats.stiffness import read_stiffness
+from rhytid.formats.painted import read_controls, read_stiffness
 
 router = APIRouter(prefix="/v1/assets", tags=["assets"], dependencies=[NoQuery])
 

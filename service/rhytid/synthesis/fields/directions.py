@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.synthesis.chunks import row_blocks
+from rhytid.synthesis.arrays import row_blocks
 from rhytid.synthesis.fields.fields import Fields
 from rhytid.synthesis.progress import Progress
 from rhytid.synthesis.surface import FloatArray, Points, unit

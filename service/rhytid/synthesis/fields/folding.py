@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from rhytid.domain.ageing import USUAL_AGE, folded
 from rhytid.domain.folds import COLUMNS, ROWS, Folds
 from rhytid.domain.mesh import Mesh
-from rhytid.synthesis.chunks import row_blocks
+from rhytid.synthesis.arrays import row_blocks
 from rhytid.synthesis.fields.directions import level_directions
 from rhytid.synthesis.fields.fields import Factors
 from rhytid.synthesis.seams.charts import cross

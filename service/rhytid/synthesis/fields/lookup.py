@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rhytid.domain.painted import Map, Shares, bilinear, shares
 from rhytid.domain.tiles import udim_origin
-from rhytid.synthesis.chunks import row_blocks
+from rhytid.synthesis.arrays import row_blocks
 from rhytid.synthesis.surface import FloatArray, Surface
 
 _MIDDLE = 0.5

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.domain.painted import Map, Shares, shares
-from rhytid.synthesis.chunks import row_blocks
+from rhytid.synthesis.arrays import row_blocks
 from rhytid.synthesis.fields.directions import level_directions
 from rhytid.synthesis.fields.fields import Factors
 from rhytid.synthesis.fields.lookup import Lookup

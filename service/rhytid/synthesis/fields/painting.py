@@ -12,7 +12,7 @@ from rhytid.domain.asset_settings import GraphSettings
 from rhytid.domain.controls import REGION_MAPS, REGION_PREFIX, Controls, signed
 from rhytid.domain.painted import Shares
 from rhytid.domain.regions import REGIONS, Region
-from rhytid.synthesis.chunks import row_blocks
+from rhytid.synthesis.arrays import row_blocks
 from rhytid.synthesis.fields.fields import Factors, Fields
 from rhytid.synthesis.fields.folding import FoldField, Planes
 from rhytid.synthesis.fields.lookup import Lookup

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.synthesis.chunks import ROWS
+from rhytid.synthesis.arrays import ROWS
 from rhytid.synthesis.fields.fields import Fields
 from rhytid.synthesis.surface import FloatArray, Surface
 

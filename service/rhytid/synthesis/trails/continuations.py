@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.domain.graph import LEAST_SIZE, ORIGINAL, STEEPEST
-from rhytid.synthesis.chunks import row_blocks
+from rhytid.synthesis.arrays import row_blocks
 from rhytid.synthesis.drawing import Lines
 from rhytid.synthesis.edges.candidate_graph import Ground
 from rhytid.synthesis.edges.edges import DEFINES

@@ -13,7 +13,7 @@ from rhytid.errors import MeshError
 from rhytid.synthesis.assembly import Worn, assemble
 from rhytid.synthesis.drawing import draw
 from rhytid.synthesis.edges.candidate_graph import CandidateGraph, Ground
-from rhytid.synthesis.edges.independent import independent_set
+from rhytid.synthesis.edges.rounds import independent_set
 from rhytid.synthesis.fields.capacity_check import check_extent, check_uv
 from rhytid.synthesis.fields.directions import Directions
 from rhytid.synthesis.fields.wanted import EDGES_PER_PORE

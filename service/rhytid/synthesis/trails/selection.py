@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from rhytid.synthesis.edges.candidate_graph import CandidateGraph
 from rhytid.synthesis.edges.edges import Edges
 from rhytid.synthesis.edges.incidence import Incidence
-from rhytid.synthesis.edges.independent import chosen
-from rhytid.synthesis.edges.rounds import KEPT, NEEDED
+from rhytid.synthesis.edges.rounds import KEPT, NEEDED, chosen
 from rhytid.synthesis.progress import Progress
 from rhytid.synthesis.workspace import Workspace
 

@@ -1,0 +1,87 @@
+"""Roughness of the regions of a face by age, as the table of docs/skin.md has it:
+
+    python tests/bench/roughness.py FACE.npz [--ages 20 35 65] [--wrinkles 600000] [--device D]
+
+FACE.npz holds expressions of ARKit's names as `shapes`. Patches are those of
+`rhytid synthesize --preview`, 8 mm wide, drawn at 8192² without undulation. Sa is the mean distance
+from a plane; Rz the mean, over stretches of 1.6 mm, of the height from trough to peak, along level
+profiles and along upright ones. All in micrometres.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.cli.input_files import mesh_file, shape_files
+from rhytid.cli.preview import drawn_under, resident
+from rhytid.cli.region_preview import SIDE_MM, skin_views
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.tiles import busiest_udim
+from rhytid.domain.units import millimetres
+from rhytid.engine.opening import open_device
+from rhytid.pipeline.folds import measured_folds
+from rhytid.settings import ServiceSettings
+from rhytid.synthesis.generate import synthesize
+from rhytid.synthesis.workspace import directly
+
+UNIT, RESOLUTION, STRETCH_MM = "cm", 8192, 1.6
+Heights = NDArray[np.float64]
+
+
+def rough(heights: Heights) -> tuple[float, float, float]:
+    """Sa, Rz along level profiles and Rz along upright ones.  heights: (P, P), less its plane."""
+    count = round(SIDE_MM / STRETCH_MM)
+    level = heights[:, : heights.shape[1] // count * count].reshape(len(heights), count, -1)
+    upright = heights[: len(heights) // count * count].reshape(count, -1, heights.shape[1])
+    return (
+        float(np.abs(heights).mean()),
+        float(np.ptp(level, -1).mean()),
+        float(np.ptp(upright, 1).mean()),
+    )
+
+
+def plane_free(heights: Heights) -> Heights:
+    """What is left of a patch after its plane of least squares."""
+    rows, columns = np.indices(heights.shape).reshape(2, -1)
+    ground = np.stack([rows, columns, np.ones_like(rows)], axis=1).astype(np.float64)
+    fitted = ground @ np.linalg.lstsq(ground, heights.ravel(), rcond=None)[0]
+    return heights - fitted.reshape(heights.shape)
+
+
+def main() -> None:
+    """Print a line for each region and age."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("face", type=Path)
+    parser.add_argument("--ages", type=float, nargs="+", default=[20, 35, 65])
+    parser.add_argument("--wrinkles", type=int, default=600_000)
+    parser.add_argument("--device")
+    arguments = parser.parse_args()
+    read = mesh_file(arguments.face)
+    mesh, expressions = read.mesh, shape_files(None, read)
+    device = open_device(ServiceSettings(), arguments.device)
+    limit, micrometres = AssetSettings().response.log_stretch_limit, 1e3 * millimetres(UNIT)
+    folds = measured_folds(device, mesh, expressions, limit, UNIT, lambda *_: None, directly)
+    udim, views = busiest_udim(mesh), []
+    for age in arguments.ages:
+        grown = AssetSettings.parse(
+            {"unit": UNIT, "graph": {"wrinkles": arguments.wrinkles, "age": age}}
+        ).for_synthesis()
+        made = synthesize(mesh, grown.graph, device, folds=folds)
+        views = views or skin_views(mesh, folds, udim, SIDE_MM * 1e3 / micrometres)
+        settings = grown.with_lengths(made.lengths)
+        settings = settings.changed({"resolution": RESOLUTION, "shape": {"undulation": 0.0}})
+        with resident(device, mesh, made.graph, settings) as asset:
+            drawn = drawn_under(asset, udim, [v.surface for v in views], lambda *_: None)
+        for view in views:
+            found = rough(plane_free(view.surface.heights(drawn) * micrometres))
+            figures = ", ".join(f"{value:5.1f}" for value in found)
+            sys.stdout.write(f"{view.region:12} {age:3g} years: Sa, Rz, Rz upright {figures}\n")
+
+
+if __name__ == "__main__":
+    main()
