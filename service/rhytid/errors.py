@@ -15,8 +15,10 @@
     │   ├── NotReadyError        the asset is still building (``retry_after`` seconds)
     │   └── ReadOnlyError        ``neutral`` cannot be written
     ├── LimitError               larger than this server allows; the message has both numbers
-    │   └── FrameMemoryError     the memory for frames is full
+    │   ├── FrameMemoryError     the memory for frames is full
+    │   └── HostMemoryError      one request needs more memory than all may hold together
     ├── BusyError                the queue of the device is full (``retry_after`` seconds)
+    │   └── HostBusyError        other requests hold the memory (``retry_after`` seconds)
     ├── CancelledError           the caller cancelled the job
     ├── StorageError             the store is damaged or cannot be written
     └── DeviceError
@@ -90,10 +92,20 @@ class FrameMemoryError(LimitError):
     """The memory for frames is full."""
 
 
+class HostMemoryError(LimitError):
+    """One request needs more memory than all may hold together."""
+
+
 class BusyError(RhytidError):
     """The queue of the device is full."""
 
     retry_after = 1
+
+
+class HostBusyError(BusyError):
+    """Other requests hold the memory, and it did not come free in time."""
+
+    retry_after = 5
 
 
 class CancelledError(RhytidError):

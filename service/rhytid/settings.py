@@ -18,8 +18,9 @@ class ServiceSettings:
 
     store: folder of the assets.  device: part of an OpenCL device's or platform's name, or the
     number that `rhytid devices` shows; None = the best that computes.
-    device_memory, frame_memory, upload_limit: bytes; None = a share of what the device or the
-    machine has.  queue: waiting device requests at most.  jobs: waiting jobs at most.
+    device_memory, frame_memory, host_memory, upload_limit, spool: bytes; None = a share of what the
+    device or the machine has.  host_memory: that answers and uploads hold at once.  spool: of
+    uploads on disk at once.  queue: waiting device requests at most.  jobs: waiting jobs at most.
     cache: folder for what is measured of the device once; None = nothing is measured.
     """
 
@@ -27,7 +28,9 @@ class ServiceSettings:
     device: str | None = None
     device_memory: int | None = None
     frame_memory: int | None = None
+    host_memory: int | None = None
     upload_limit: int = 1024 * MIB
+    spool: int = 4096 * MIB
     queue: int = 256
     jobs: int = 256
     cache: Path | None = None
@@ -35,8 +38,8 @@ class ServiceSettings:
     @classmethod
     def from_environment(cls, environment: Mapping[str, str] = os.environ) -> ServiceSettings:
         """Read RHYTID_STORE, RHYTID_DEVICE, RHYTID_DEVICE_MEMORY_MB, RHYTID_FRAME_MEMORY_MB,
-        RHYTID_UPLOAD_LIMIT_MB, RHYTID_QUEUE, RHYTID_JOBS and RHYTID_CACHE; raises SettingsError
-        naming the variable."""
+        RHYTID_HOST_MEMORY_MB, RHYTID_UPLOAD_LIMIT_MB, RHYTID_SPOOL_MB, RHYTID_QUEUE, RHYTID_JOBS
+        and RHYTID_CACHE; raises SettingsError naming the variable."""
 
         def count(name: str, default: int) -> int:
             return optional(name) or default
@@ -58,7 +61,9 @@ class ServiceSettings:
             device=environment.get("RHYTID_DEVICE") or None,
             device_memory=memory("RHYTID_DEVICE_MEMORY_MB"),
             frame_memory=memory("RHYTID_FRAME_MEMORY_MB"),
+            host_memory=memory("RHYTID_HOST_MEMORY_MB"),
             upload_limit=count("RHYTID_UPLOAD_LIMIT_MB", 1024) * MIB,
+            spool=count("RHYTID_SPOOL_MB", 4096) * MIB,
             queue=count("RHYTID_QUEUE", 256),
             jobs=count("RHYTID_JOBS", 256),
             cache=_folder(environment.get("RHYTID_CACHE")),

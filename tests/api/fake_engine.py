@@ -19,7 +19,9 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import TileAddress, mesh_udims
 from rhytid.domain.warnings import InputWarning, check_codes, refuse
+from rhytid.engine.byte_budget import ByteBudget
 from rhytid.engine.messages import (
+    AssetContent,
     AssetInfo,
     BinManifest,
     CushionLayer,
@@ -72,12 +74,13 @@ class FakeEngine:
         self.polls = polls
         self.drawn: list[tuple[Any, ...]] = []
         self.computes = True
+        self.memory = ByteBudget(1 << 30, "RHYTID_HOST_MEMORY_MB")
         self._assets: dict[str, FakeAsset] = {}
         self._jobs: dict[str, JobInfo] = {}
         self.assets = Namespace(
             create=self.create_asset, all=self.all_assets, info=self.asset_info,
             change=self.change_asset, delete=self.delete_asset, graph=self.graph,
-            curves=self.curves, mesh=self.mesh, calibrate=self.calibrate,
+            curves=self.curves, mesh=self.mesh, content=self.content, calibrate=self.calibrate,
         )  # fmt: skip
         self.frames = Namespace(
             put=self.put_frame, warnings=self.frame_warnings, all=self.all_frames,
@@ -156,6 +159,9 @@ class FakeEngine:
 
     def graph(self, asset: str) -> WrinkleGraph:
         return self._built(asset).new.graph or GRAPH
+
+    def content(self, asset: str) -> AssetContent:
+        return AssetContent(_digest(repr((asset, self._built(asset).settings))), 1 << 10)
 
     def mesh(self, asset: str) -> Mesh:
         return self._built(asset).new.mesh
@@ -297,13 +303,14 @@ class FakeEngine:
     def plan(self, asset: str, frame: str, query: MapQuery, address: TileAddress) -> TilePlan:
         key = self.tile_key(asset, frame, query, address)
         draw = partial(self.tile, asset, frame, query, address)
-        return TilePlan(key, self._header(asset, frame, query, address), draw)
+        side = self._find(asset).settings.grid.texels(address.level)
+        return TilePlan(key, self._header(asset, frame, query, address), side, draw)
 
     def plan_map(self, asset: str, frame: str, query: MapQuery, udim: int, level: int) -> TilePlan:
         key = self.map_key(asset, frame, query, udim, level)
         draw = partial(self.map, asset, frame, query, udim, level)
         header = self._header(asset, frame, query, TileAddress(udim, level, 0, 0))
-        return TilePlan(key, header, draw)
+        return TilePlan(key, header, self._find(asset).settings.grid.side(level), draw)
 
     def _header(self, asset: str, frame: str, query: MapQuery, at: TileAddress) -> TileHeader:
         settings = self._built(asset).settings
@@ -354,6 +361,7 @@ class FakeEngine:
             TilePlan(
                 str(address),
                 self._header(asset, "", query, address),
+                self._find(asset).settings.grid.texels(address.level),
                 partial(self._draw, asset, positions, query, address),
             )
             for address in addresses

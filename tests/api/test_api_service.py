@@ -107,6 +107,7 @@ CALLS = {
     "/v1/assets/{asset}/bins": {"get"},
     "/v1/assets/{asset}/bins/{udim}/{level}/{row}/{column}": {"get"},
     "/v1/assets/{asset}/tiles": {"post"},
+    "/v1/memory": {"get"},
 }
 
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import asyncio
+from pathlib import Path
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -9,7 +12,9 @@ from starlette.exceptions import HTTPException
 
 from rhytid.api.multipart import MixedPart, write
 from rhytid.api.parts import HEADER_LIMIT, MOST_REPEATED, Part, PartReader, boundary
-from rhytid.errors import InputError, LimitError
+from rhytid.api.spool import PIECE, Spool
+from rhytid.engine.byte_budget import ByteBudget
+from rhytid.errors import HostBusyError, InputError, LimitError, StorageError
 
 NAMED = b'Content-Disposition: form-data; name="%s"'
 FILE = NAMED + b'; filename="%s"\r\nContent-Type: model/obj'
@@ -21,7 +26,7 @@ def body(*parts: tuple[bytes, bytes]) -> bytes:
 
 
 def read(data: bytes, size: int = 1 << 20) -> dict[str, Part]:
-    reader = PartReader(b"xyz")
+    reader = PartReader(b"xyz", Spool())
     for start in range(0, len(data), size):
         reader.feed(data[start : start + size])
     return reader.finish()
@@ -33,7 +38,10 @@ def test_parts_survive_any_cut(mesh: bytes, graph: bytes, size: int) -> None:
     if b"\r\n--xyz" in mesh or b"\r\n--xyz" in graph:
         return
     found = read(sent, size)
-    assert found == {"mesh": Part("mesh", "kö.obj", mesh), "graph": Part("graph", None, graph)}
+    assert {name: (part.name, part.filename, part.data) for name, part in found.items()} == {
+        "mesh": ("mesh", "kö.obj", mesh),
+        "graph": ("graph", None, graph),
+    }
 
 
 @pytest.mark.parametrize(
@@ -60,6 +68,44 @@ def test_a_repeated_part_keeps_its_order_and_has_a_limit() -> None:
     assert [part.data for part in (first, *first.again)] == [data for _, data in sent]
     with pytest.raises(LimitError, match="part stiffness was sent 513 times: at most 512"):
         read(body(*sent, (name, b"one more")))
+
+
+@given(st.lists(st.binary(max_size=9), max_size=30), st.integers(1, 8))
+def test_a_spool_reads_what_was_written_wherever_it_is(written: list[bytes], piece: int) -> None:
+    """piece: thousands of bytes that stand for each."""
+    whole, spool = b"", Spool(ByteBudget(1 << 40, "X").hold("uploads"))
+    for data in written:
+        much = data * 1000 * piece * (PIECE // 16000)
+        whole += much
+        spool.write(much)
+        asyncio.run(spool.settle())
+    ends = sorted({0, len(whole), len(whole) // 2, len(whole) // 3})
+    for start in ends:
+        for end in ends:
+            size = max(end - start, 0)
+            assert spool.read(start, size) == whole[start : start + size]
+    spool.close()
+
+
+def test_a_spool_is_counted_and_waits_for_room_no_longer_than_it_must(tmp_path: Path) -> None:
+    budget = ByteBudget(2 * PIECE, "RHYTID_SPOOL_MB", patience=0.02)
+    one, two = (Spool(budget.hold("uploads"), tmp_path) for _ in range(2))
+    one.write(bytes(2 * PIECE))
+    asyncio.run(one.settle())
+    assert budget.used == 2 * PIECE
+    two.write(bytes(PIECE))
+    with pytest.raises(HostBusyError, match="RHYTID_SPOOL_MB"):
+        asyncio.run(two.settle())
+    one.close()
+    assert budget.used == 0
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_spool_without_a_folder_to_write_to_is_an_error_of_the_store(tmp_path: Path) -> None:
+    spool = Spool(ByteBudget(1 << 30, "X").hold("uploads"), tmp_path / "missing")
+    spool.write(bytes(PIECE))
+    with pytest.raises(StorageError, match="cannot be written to disk"):
+        asyncio.run(spool.settle())
 
 
 def test_the_boundary_is_read_from_the_content_type() -> None:

@@ -9,6 +9,7 @@ from api.live import serving
 from engine.engines import running
 from rhytid.api.parts import Part
 from rhytid.api.routes.assets import new_asset
+from rhytid.api.spool import Spool
 from rhytid.cli import main
 from rhytid.errors import InputError
 from rhytid.formats.graphs import read_graph
@@ -57,15 +58,22 @@ def test_the_service_takes_it_where_it_is_forced(client, graph):
     assert made.settings["depth"] == pytest.approx(1.2)
 
 
+def part(name, filename, data):
+    """A part of a form."""
+    spool = Spool()
+    spool.write(data)
+    return Part(name, filename, spool, 0, len(data))
+
+
 @pytest.mark.parametrize("sent", ["yes", "1", "", "null"])
 def test_force_is_true_or_false(sent):
-    mesh = Part("mesh", "mesh.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\n"
+    mesh = part("mesh", "mesh.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\n"
                 b"f 1/1 2/2 3/3\n")  # fmt: skip
-    assert new_asset({"mesh": mesh, "force": Part("force", None, b"true")}).force
-    assert not new_asset({"mesh": mesh, "force": Part("force", None, b"false")}).force
+    assert new_asset({"mesh": mesh, "force": part("force", None, b"true")}).force
+    assert not new_asset({"mesh": mesh, "force": part("force", None, b"false")}).force
     assert not new_asset({"mesh": mesh}).force
     with pytest.raises(InputError, match="part force"):
-        new_asset({"mesh": mesh, "force": Part("force", None, sent.encode())})
+        new_asset({"mesh": mesh, "force": part("force", None, sent.encode())})
 
 
 @pytest.mark.parametrize("command", ["graph", "bake", "bench"])

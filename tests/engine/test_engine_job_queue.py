@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import threading
+import time
+import weakref
 from collections.abc import Iterator
 
 import pytest
@@ -121,3 +123,104 @@ def test_closing_cancels_what_waits_and_what_is_at_work() -> None:
     assert at_work.resumes
     with pytest.raises(CancelledError):
         at_work.progress(1.0, "")
+
+
+class Pieces:
+    """Bins of an asset: pieces of work, before each of which it gives way; done ones stay done."""
+
+    def __init__(self, count: int) -> None:
+        self.done: list[int] = []
+        self.count, self.runs = count, 0
+        self.entered, self.free = threading.Event(), threading.Event()
+
+    def __call__(self, job: Job) -> None:
+        self.runs += 1
+        for piece in range(self.count):
+            job.progress(piece / self.count, "making bins")
+            job.give_way()
+            if piece not in self.done:
+                self.done.append(piece)
+                self.entered.set()
+                assert self.free.wait(60)
+
+
+@pytest.mark.parametrize("kind", ["frames", "build", "calibration"])
+def test_bins_give_way_to_what_goes_first(jobs: Jobs, kind: str) -> None:
+    bins, gate = Pieces(3), Gate()
+    job = jobs.start("bins", "large", bins)
+    assert bins.entered.wait(60)
+    other = jobs.start(kind, "other", gate)
+    bins.free.set()
+    assert gate.entered.wait(60)  # before the second piece is made
+    assert (bins.done, job.info.state) == ([0], "queued")
+    assert job.info.progress > 0.0
+    gate.free.set()
+    assert other.wait(60)
+    assert job.wait(60)
+    assert (bins.done, bins.runs, job.info.state) == ([0, 1, 2], 2, "done")
+
+
+@pytest.mark.parametrize(("kind", "asset"), [("build", "large"), ("bins", "other")])
+def test_bins_go_on_beside_what_cannot_go_first(jobs: Jobs, kind: str, asset: str) -> None:
+    """kind: of a job of the same asset, or of the same rank."""
+    bins = Pieces(3)
+    job = jobs.start("bins", "large", bins)
+    assert bins.entered.wait(60)
+    other = jobs.start(kind, asset, nothing)
+    bins.free.set()
+    assert other.wait(60)
+    assert job.wait(60)
+    assert (bins.done, bins.runs) == ([0, 1, 2], 1)
+
+
+def test_small_bins_give_way_to_small_jobs_alone(jobs: Jobs, gate: Gate) -> None:
+    bins = Pieces(2)
+    job = jobs.start("bins", "small", bins, small=True)
+    assert bins.entered.wait(60)
+    large = jobs.start("build", "other", nothing)
+    bins.free.set()
+    assert job.wait(60)
+    assert (bins.runs, large.ended) == (1, False)
+
+
+def test_bins_that_gave_way_are_cancelled_and_superseded(jobs: Jobs) -> None:
+    for end in (jobs.cancel, lambda id: jobs.start("bins", "large", nothing)):
+        bins, gate = Pieces(3), Gate()
+        job = jobs.start("bins", "large", bins)
+        assert bins.entered.wait(60)
+        jobs.start("build", "other", gate)
+        bins.free.set()
+        assert gate.entered.wait(60)
+        end(job.info.id)
+        gate.free.set()
+        assert job.wait(60)
+        assert (job.info.state, bins.runs) == ("cancelled", 1)
+
+
+def test_who_wants_to_know_when_a_job_ends_is_told_once(jobs: Jobs, gate: Gate) -> None:
+    told: list[str] = []
+    waiting = jobs.start("build", "a", nothing)
+    waiting.when_ended(lambda: told.append(waiting.info.state))
+    assert told == []
+    gate.free.set()
+    assert waiting.wait(60)
+    rest = jobs.start("build", "b", nothing)
+    assert rest.wait(60)
+    assert told == ["done"]
+    waiting.when_ended(lambda: told.append("late"))
+    assert told == ["done", "late"]
+
+
+def test_what_a_job_was_given_is_let_go_at_its_end(jobs: Jobs) -> None:
+    class Much:
+        pass
+
+    much = Much()
+    kept = weakref.ref(much)
+    job = jobs.start("build", "a", lambda job, much=much: None)
+    del much
+    assert job.wait(60)
+    end = time.monotonic() + 10
+    while kept() is not None and time.monotonic() < end:  # until its thread waits for the next
+        time.sleep(0.001)
+    assert kept() is None

@@ -13,6 +13,7 @@ from engine.engines import (
     finish,
     maps,
     new_asset,
+    rest,
     running,
     same,
     settle,
@@ -179,15 +180,8 @@ def test_a_removed_asset_gives_everything_back(engine):
     third = engine.assets.create(new_asset(seed=3))
     finish(engine, third.job)
     engine.assets.delete(third.id)
-    wait_for_jobs(engine)
+    rest(engine)
     assert used(engine) == before
-
-
-def wait_for_jobs(engine):
-    """Jobs run in order: when a new one has ended, so have those before."""
-    done = threading.Event()
-    engine.jobs.start("build", "none", lambda job: done.set())
-    assert done.wait(60)
 
 
 def test_calibration_sets_r_max_and_survives_a_restart(tmp_path):
@@ -266,7 +260,7 @@ def test_frames_sent_with_a_mesh_are_there_when_it_is_built(engine):
     new = new_asset(mesh)
     info = engine.assets.create(NewAsset(mesh, new.settings, new.graph, frames))
     assert finish(engine, info.job).state == "done"
-    wait_for_jobs(engine)
+    rest(engine)
     names = [frame.name for frame in engine.frames.all(info.id)]
     assert names == ["neutral", "0000", "0001", "0002"]
     for name, positions in zip(names[1:], frames, strict=True):

@@ -8,7 +8,7 @@ from contextlib import suppress
 
 import pytest
 
-from engine.engines import BINNED, REDRAW, built, maps, new_asset, running, same
+from engine.engines import BINNED, REDRAW, built, draw, maps, new_asset, rest, running, same
 from meshes import deform
 from pipeline.scenes import sheet
 from rhytid.domain.tiles import TileAddress
@@ -148,3 +148,18 @@ def test_changes_beside_removals_leave_nothing_behind(tmp_path):
         assert engine.assets.all() == []
         assert used(engine) == 0
         assert engine._store.ids() == engine._store.pending() == []
+
+
+def test_assets_that_came_and_went_leave_no_spare_memory(engine):
+    device = engine._device
+    for seed in range(3):
+        asset = built(engine, new_asset(seed=seed))
+        draw(engine, asset, "neutral", REDRAW, TileAddress(1001, 0, 0, 0))
+        assert device.budget.used > 0
+        engine.assets.delete(asset)
+        rest(engine)
+        assert (device.budget.used, device.pool.held) == (0, 0)
+    kept = built(engine, new_asset(seed=9))
+    engine.assets.delete(built(engine, new_asset(seed=10)))
+    assert 0 < device.pool.held <= device.budget.used
+    assert len(engine.tiles.plan(kept, "neutral", REDRAW, TileAddress(1001, 0, 0, 0)).draw())

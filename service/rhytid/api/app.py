@@ -12,7 +12,9 @@ from rhytid.api import problems
 from rhytid.api.device_slots import DeviceSlots, threads
 from rhytid.api.documentation import describe
 from rhytid.api.metrics import Metrics, Observe
+from rhytid.api.request_memory import HoldUntilSent
 from rhytid.api.routes import assets, bins, frames, graphs, health, jobs, meshes, root, tiles
+from rhytid.engine.byte_budget import ByteBudget
 from rhytid.settings import ServiceSettings
 
 if TYPE_CHECKING:
@@ -45,10 +47,14 @@ def create_app(engine: Engine, settings: ServiceSettings) -> FastAPI:
     app.state.engine = engine
     app.state.settings = settings
     app.state.slots = DeviceSlots(settings.queue)
-    app.state.metrics = Metrics(lambda: engine.waiting)
+    app.state.spool = ByteBudget(settings.spool, "RHYTID_SPOOL_MB")
+    app.state.metrics = Metrics(
+        lambda: engine.waiting, {"host": lambda: engine.memory, "spool": lambda: app.state.spool}
+    )
     app.state.routes = [route for router in ROUTERS for route in router.routes]
     for router in ROUTERS:
         app.include_router(router)
+    app.add_middleware(HoldUntilSent)
     app.add_middleware(Observe, metrics=app.state.metrics)
     problems.install(app)
     app.openapi = partial(describe, app)  # type: ignore[method-assign]

@@ -13,6 +13,7 @@ from starlette.concurrency import run_in_threadpool
 from rhytid.api import uploads
 from rhytid.api.metrics import Metrics
 from rhytid.api.parts import Part
+from rhytid.api.request_memory import RequestMemory
 from rhytid.api.schemas import ALLOW, CODE, STRICT
 from rhytid.errors import QueryError
 from rhytid.formats.frames import read_positions
@@ -37,6 +38,10 @@ EngineDep = Annotated[Engine, Depends(_engine)]
 
 async def _slot(request: Request) -> Any:
     return request.app.state.slots.one()
+
+
+async def _memory(request: Request) -> RequestMemory:
+    return RequestMemory.of(request)
 
 
 async def _metrics(request: Request) -> Any:
@@ -81,6 +86,8 @@ NoQuery = Depends(no_query)
 NoRepeats = Depends(no_repeats)
 # Held by `with` for as long as a request waits for the device; raises BusyError on entry.
 Slot = Annotated[AbstractContextManager[None], Depends(_slot)]
+# What the request holds of the host's memory until its answer is sent.
+Memory = Annotated[RequestMemory, Depends(_memory)]
 MetricsDep = Annotated[Metrics, Depends(_metrics)]
 Strict = Annotated[bool, Query(description=STRICT)]
 Allow = Annotated[

@@ -35,6 +35,9 @@ TAGS = [
 ]
 
 
+UNCHANGED: Responses = {304: {"description": "The client has these bytes (If-None-Match)"}}
+
+
 def problems(*statuses: int) -> Responses:
     """The statuses of a call that are answered with a problem, and 500."""
     schema = {"$ref": "#/components/schemas/Problem"}
@@ -177,7 +180,7 @@ TILES: Responses = {
             },
         },
     },
-    304: {"description": "The client has these bytes (If-None-Match)"},
+    **UNCHANGED,
 }
 TILES_ONCE: Responses = {
     200: {

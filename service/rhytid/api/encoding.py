@@ -5,18 +5,20 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from fastapi import Request, Response
+from fastapi.responses import StreamingResponse
 from numpy.typing import NDArray
 
 from rhytid import __version__
+from rhytid.api.request_memory import RequestMemory
 from rhytid.domain.warnings import InputWarning
-from rhytid.engine.messages import FrameStretch
+from rhytid.engine.messages import AssetContent, FrameStretch
 from rhytid.errors import QueryError
 from rhytid.formats.tile_header import TileHeader
 from rhytid.formats.tiles import FORMATS, encode
@@ -28,6 +30,8 @@ if TYPE_CHECKING:
 
 NPY = "application/x-npy"
 RAW = "application/octet-stream"
+# An array and what it is encoded to, over the array.
+WORKING = 2
 SCALE = "X-Rhytid-Scale"
 WARNINGS = "X-Rhytid-Warnings"
 
@@ -40,8 +44,12 @@ def check_format(format: str) -> str:
 
 
 def etag(*parts: object) -> str:
-    """A strong entity tag over everything that decides the bytes."""
-    return '"' + hashlib.sha256(repr(parts).encode()).hexdigest()[:32] + '"'
+    """A strong entity tag over everything that decides the bytes, none of it long."""
+    return _quoted(hashlib.sha256(repr(parts).encode()))
+
+
+def _quoted(digest: hashlib._Hash) -> str:
+    return f'"{digest.hexdigest()[:32]}"'
 
 
 def matches(if_none_match: str | None, tag: str) -> bool:
@@ -56,11 +64,13 @@ def answer(
     plan: Callable[[], TilePlan],
     drawn: Counter,
     slot: AbstractContextManager[None],
+    memory: RequestMemory,
 ) -> Response:
     """The encoded displacement, 304 where the client has it, headers alone for HEAD.
 
-    plan: what the address stands for now.  drawn: counts what is drawn. Only drawing takes a place
-    among those who wait for the device; raises BusyError.
+    plan: what the address stands for now.  drawn: counts what is drawn.  memory: holds the bytes of
+    the answer until they are sent. Only drawing takes a place among those who wait for the device;
+    raises BusyError, and what `RequestMemory.answer` does.
     """
     check_format(format)
     wanted = plan()
@@ -73,7 +83,9 @@ def answer(
     if request.method == "HEAD":
         return bodiless(about, FORMATS[format].media_type)
     with slot:
+        hold = memory.answer(WORKING * wanted.nbytes)
         encoded = encode(wanted.draw(), format, header)
+        hold.resize(len(encoded.body))
     drawn.inc()
     if plan().key != wanted.key:
         # Replaced while it was drawn: these bytes may belong to either content.
@@ -115,7 +127,37 @@ def npz(stretch: FrameStretch) -> bytes:
 
 def tagged(request: Request, body: bytes, media_type: str) -> Response:
     """A body with the ETag of its own bytes."""
-    headers = {"ETag": etag(body), "Cache-Control": "no-cache"}
+    headers = {"ETag": _quoted(hashlib.sha256(body)), "Cache-Control": "no-cache"}
     if matches(request.headers.get("if-none-match"), headers["ETag"]):
         return Response(status_code=304, headers=headers)
     return Response(body, headers=headers, media_type=media_type)
+
+
+def answer_stored(
+    request: Request,
+    kind: str,
+    content: Callable[[], AssetContent],
+    write: Callable[[], bytes | Iterable[bytes]],
+    media_type: str,
+    slot: AbstractContextManager[None],
+    memory: RequestMemory,
+) -> Response:
+    """What is stored of an asset, written as `kind`; 304 where the client has it.
+
+    content: what there is now.  write: the file, or its lines one after the other. Only writing
+    takes a place among those who wait for the device; raises BusyError, and what
+    `RequestMemory.answer` does.
+    """
+    wanted = content()
+    headers = {"ETag": etag(wanted.key, kind, __version__), "Cache-Control": "no-cache"}
+    if matches(request.headers.get("if-none-match"), headers["ETag"]):
+        return Response(status_code=304, headers=headers)
+    with slot:
+        hold = memory.answer(WORKING * wanted.nbytes)
+        body = write()
+    if content().key != wanted.key:  # changed while it was written
+        headers = {"Cache-Control": "no-store"}
+    if isinstance(body, bytes):
+        hold.resize(len(body))
+        return Response(body, headers=headers, media_type=media_type)
+    return StreamingResponse(body, headers=headers, media_type=media_type)

@@ -4,19 +4,29 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
+from prometheus_client.core import GaugeMetricFamily
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from rhytid.engine.byte_budget import ByteBudget
+
 logger = logging.getLogger(__name__)
+# What the bytes of each budget are held for.
+PURPOSES = {"host": ("answers", "uploads", "jobs"), "spool": ("uploads",)}
 METHODS = frozenset({"GET", "HEAD", "PUT", "POST", "PATCH", "DELETE", "OPTIONS"})
 
 
 class Metrics:
-    """The figures of one app, in a registry of its own; `waiting` counts device requests."""
+    """The figures of one app, in a registry of its own.
 
-    def __init__(self, waiting: Callable[[], float]) -> None:
+    waiting: counts device requests.  budgets: of bytes, by name.
+    """
+
+    def __init__(
+        self, waiting: Callable[[], float], budgets: Mapping[str, Callable[[], ByteBudget]]
+    ) -> None:
         self.registry = CollectorRegistry()
         self.requests = Counter(
             "rhytid_requests",
@@ -38,6 +48,39 @@ class Metrics:
         )
         queue = Gauge("rhytid_device_queue", "Waiting device requests", registry=self.registry)
         queue.set_function(waiting)
+        self._budgets = budgets
+        self.registry.register(self)
+
+    def bytes_held(self) -> dict[str, dict[str, object]]:
+        """What the budgets of bytes hold, by name."""
+        return {
+            name: {
+                "limit": budget.limit,
+                "used": budget.used,
+                "waiting": budget.waiting,
+                "purposes": {purpose: budget.used_for(purpose) for purpose in PURPOSES[name]},
+            }
+            for name, budget in ((name, find()) for name, find in self._budgets.items())
+        }
+
+    def collect(self) -> Iterator[GaugeMetricFamily]:
+        """What the budgets of bytes hold, as Prometheus asks for it."""
+        used = GaugeMetricFamily("rhytid_bytes", "Bytes held", labels=("budget", "purpose"))
+        limit = GaugeMetricFamily("rhytid_bytes_limit", "Most bytes held", labels=("budget",))
+        waiting = GaugeMetricFamily(
+            "rhytid_bytes_waiting", "Requests that wait for bytes", labels=("budget",)
+        )
+        for name, find in self._budgets.items():
+            budget = find()
+            for purpose in PURPOSES[name]:
+                used.add_metric((name, purpose), budget.used_for(purpose))
+            limit.add_metric((name,), budget.limit)
+            waiting.add_metric((name,), budget.waiting)
+        yield from (used, limit, waiting)
+
+    def describe(self) -> list[GaugeMetricFamily]:
+        """Nothing: budgets are looked at when they are asked for."""
+        return []
 
     def tiles_of(self, method: str) -> Counter:
         """Counts the tiles and maps of a method."""

@@ -3,13 +3,13 @@ seen."""
 
 from __future__ import annotations
 
-import io
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from python_multipart.exceptions import FormParserError
 from python_multipart.multipart import MultipartParser, parse_options_header
 from starlette.exceptions import HTTPException
 
+from rhytid.api.spool import Spool
 from rhytid.domain.controls import CONTROLS
 from rhytid.errors import InputError, LimitError
 
@@ -22,12 +22,22 @@ LONGEST_BOUNDARY = 70  # RFC 2046, section 5.1.1
 
 @dataclass(frozen=True)
 class Part:
-    """One part; `filename` is None for a plain field. `again`: those of the same name after it."""
+    """One part; `filename` is None for a plain field. `again`: those of the same name after it.
+
+    start, size: where its bytes are in the spool.
+    """
 
     name: str
     filename: str | None
-    data: bytes
+    spool: Spool
+    start: int
+    size: int
     again: tuple[Part, ...] = ()
+
+    @property
+    def data(self) -> bytes:
+        """Its bytes, read anew."""
+        return self.spool.read(self.start, self.size)
 
 
 def boundary(content_type: str) -> bytes:
@@ -44,9 +54,10 @@ def boundary(content_type: str) -> bytes:
 
 
 class PartReader:
-    """Collects the parts of a body that arrives in chunks."""
+    """Collects the parts of a body that arrives in chunks, their bytes in a spool."""
 
-    def __init__(self, boundary: bytes) -> None:
+    def __init__(self, boundary: bytes, spool: Spool) -> None:
+        self._spool = spool
         self._parts: dict[str, list[Part]] = {}
         self._ended = False
         self._begin()
@@ -77,7 +88,7 @@ class PartReader:
         if not self._ended:
             raise InputError("multipart body ends before its closing boundary")
         return {
-            name: Part(name, first.filename, first.data, tuple(again))
+            name: replace(first, again=tuple(again))
             for name, (first, *again) in self._parts.items()
         }
 
@@ -86,7 +97,7 @@ class PartReader:
         self._name = ""
         self._filename: str | None = None
         self._disposition = b""
-        self._data = io.BytesIO()
+        self._start = self._spool.size
 
     def _on_field(self, data: bytes, start: int, end: int) -> None:
         self._grow(self._field, data[start:end])
@@ -121,12 +132,12 @@ class PartReader:
             raise LimitError(f"part {self._name} was sent {times}")
 
     def _on_data(self, data: bytes, start: int, end: int) -> None:
-        self._data.write(memoryview(data)[start:end])
+        self._spool.write(memoryview(data)[start:end])
 
     def _on_part(self) -> None:
-        part = Part(self._name, self._filename, self._data.getvalue())
+        size = self._spool.size - self._start
+        part = Part(self._name, self._filename, self._spool, self._start, size)
         self._parts.setdefault(self._name, []).append(part)
-        self._data = io.BytesIO()
 
     def _on_end(self) -> None:
         self._ended = True

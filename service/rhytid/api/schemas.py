@@ -173,6 +173,22 @@ class Device(_Answer):
     selected: bool = Field(description="whether this server computes on it")
 
 
+class Bytes(_Answer):
+    """What is held of a budget of bytes."""
+
+    limit: int = Field(description="bytes that may be held at once")
+    used: int = Field(description="bytes held now")
+    waiting: int = Field(description="requests that wait for bytes now")
+    purposes: dict[str, int] = Field(description="bytes held now, by what they are held for")
+
+
+class HostMemory(_Answer):
+    """Bytes that requests and jobs hold on the host."""
+
+    host: Bytes = Field(description="answers until they are sent, uploads, frames that wait")
+    spool: Bytes = Field(description="uploads on disk")
+
+
 class GraphStatistics(BaseModel):
     """Figures of a wrinkle graph."""
 

@@ -11,6 +11,8 @@ from fastapi import Request
 from starlette.exceptions import HTTPException
 
 from rhytid.api.parts import Part, PartReader, boundary
+from rhytid.api.request_memory import DECODED, RequestMemory
+from rhytid.engine.byte_budget import Hold
 from rhytid.errors import InputError, LimitError, SettingsError
 from rhytid.settings import ServiceSettings
 
@@ -22,19 +24,24 @@ JSON_TYPES = ("application/json", "application/merge-patch+json")
 
 
 async def read_frame(request: Request, vertices: int) -> bytes:
-    """The body with one frame of that many vertices; raises LimitError where it is larger."""
+    """The body with one frame of that many vertices; raises LimitError where it is larger,
+    HostBusyError where other requests hold the memory."""
     largest = WIDEST_VERTEX * vertices + HEADER_ROOM
-    return await _body(request, min(largest, _limit(request)))
+    hold = RequestMemory.of(request).hold("uploads")
+    return await _body(request, min(largest, _limit(request)), hold)
 
 
 async def read_parts(request: Request) -> dict[str, Part]:
     """The parts of a multipart/form-data body by name.
 
-    Raises LimitError above `upload_limit` and InputError naming the part that is wrong.
+    Their bytes are on disk until the request ends, but for the last MiB. Raises LimitError above
+    `upload_limit`, InputError naming the part that is wrong, and what `Spool.settle` does.
     """
-    reader = PartReader(boundary(request.headers.get("content-type", "")))
+    spool = RequestMemory.of(request).spooled()
+    reader = PartReader(boundary(request.headers.get("content-type", "")), spool)
     async for chunk in _chunks(request, _limit(request)):
         reader.feed(chunk)
+        await spool.settle()
     return reader.finish()
 
 
@@ -66,10 +73,12 @@ def decode_json(data: bytes, what: str) -> Any:
         raise SettingsError(f"{what} is not JSON: {error}") from error
 
 
-async def _body(request: Request, limit: int) -> bytes:
+async def _body(request: Request, limit: int, hold: Hold | None = None) -> bytes:
     # Unlike a list of chunks that are joined, the bytes are in memory once.
     body = io.BytesIO()
     async for chunk in _chunks(request, limit):
+        if hold is not None:
+            await hold.grow_async(DECODED * len(chunk))
         body.write(chunk)
     return body.getvalue()
 

@@ -11,6 +11,8 @@ from rhytid.device.select import Candidate
 # uploads and the rest of the process lie, too.
 DEVICE_SHARE, CPU_SHARE = 0.8, 0.5
 FRAME_SHARE = 0.125
+# What requests hold on the host, and the least of it.
+HOST_SHARE, LEAST_HOST = 0.25, 512 << 20
 # Where the system does not tell.
 _FALLBACK = 8 << 30
 # What a container may use, of either version of control groups.
@@ -40,6 +42,11 @@ def usual_device_memory(device: Candidate) -> int:
 def usual_frame_memory() -> int:
     """Bytes for stored frames where no setting says how many."""
     return int(FRAME_SHARE * machine_memory())
+
+
+def usual_host_memory() -> int:
+    """Bytes for answers and uploads where no setting says how many."""
+    return max(int(HOST_SHARE * machine_memory()), LEAST_HOST)
 
 
 def _limit(file: Path) -> int | None:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import threading
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from types import MappingProxyType
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -14,12 +16,15 @@ import rhytid_kernels
 from rhytid.device import trial
 from rhytid.device.budget import MemoryBudget
 from rhytid.device.buffer_pool import BufferPool
+from rhytid.device.elsewhere import Elsewhere, by_owner, making
 from rhytid.device.memory import usual_device_memory
+from rhytid.device.paces import Paces
 from rhytid.device.select import Candidate
 from rhytid.device.shape import launch_shapes
 from rhytid.device.trial import cl
 from rhytid.errors import DeviceError, DeviceMemoryError, KernelBuildError
 
+T = TypeVar("T")
 BUILD_OPTIONS = ("-cl-std=CL1.2",)
 _Defines = tuple[tuple[str, object], ...]
 NO_DEFINES: Mapping[str, object] = MappingProxyType({})
@@ -51,6 +56,13 @@ class Buffer:
 
     def release(self) -> None:
         """Give the memory back; a second call does nothing."""
+        elsewhere = self._device.elsewhere
+        if elsewhere is None:
+            self._release()
+        else:
+            elsewhere.step(self._release)
+
+    def _release(self) -> None:
         if not self._released:
             self._released = True
             self._device.budget.free(self.nbytes)
@@ -59,7 +71,8 @@ class Buffer:
 
 
 class Device:
-    """A context and an in-order queue on one device. Used by one thread only.
+    """A context and an in-order queue on one device. Used by one thread only, and by others in the
+    block of `from_elsewhere`.
 
     memory: bytes that may be taken; None = a share of what it has.
     shapes: how drawing can be cut.  shape: how it is; the usual one, until a faster one is set.
@@ -70,6 +83,8 @@ class Device:
         self.pool = BufferPool()
         self.budget = MemoryBudget(memory or usual_device_memory(candidate), self.pool)
         self.born: list[Buffer] = []
+        self.paces = Paces()
+        self._others = threading.local()
         self.shapes = launch_shapes(candidate.kind, candidate.local_memory, candidate.largest_group)
         self.shape = self.shapes[0]
         with _device_errors():
@@ -77,6 +92,36 @@ class Device:
             self._queue = cl.CommandQueue(self.context)
         self._programs: dict[tuple[str, _Defines], Any] = {}
         self._kernels: dict[tuple[str, str, _Defines], Any] = {}
+
+    @property
+    def elsewhere(self) -> Elsewhere | None:
+        """How this thread uses the device, if it is not the one that owns it."""
+        return getattr(self._others, "elsewhere", None)
+
+    @contextmanager
+    def from_elsewhere(
+        self, call: Callable[..., Any], check: Callable[[], None] | None = None
+    ) -> Iterator[None]:
+        """Lets this thread use the device in a block: each upload, read and wait is one step that
+        `call` runs on the device's thread, with the launches before it.
+
+        What lies in the block on the host is done on this thread. Where the block fails, every
+        buffer that it made is given back.  check: called first in each step; may raise.
+        """
+        elsewhere = self._others.elsewhere = Elsewhere(call, check)
+        try:
+            yield
+            self.finish()
+        except BaseException:
+            elsewhere.give_back()
+            raise
+        finally:
+            self._others.elsewhere = None
+
+    @by_owner
+    def step(self, task: Callable[[], T]) -> T:
+        """What a task answers on the thread of the device, after all launches so far."""
+        return task()
 
     @contextmanager
     def task(self) -> Iterator[None]:
@@ -107,15 +152,18 @@ class Device:
         with _device_errors():
             return cl.Buffer(self.context, flags, max(nbytes, 1), hostbuf=host)
 
+    @making
     def upload(self, array: NDArray[Any]) -> Buffer:
         """A buffer with the bytes of `array`."""
         host = np.ascontiguousarray(array)
         return Buffer(self, host.nbytes, host if host.nbytes else None)
 
+    @making
     def empty(self, count: int, dtype: DTypeLike) -> Buffer:
         """A buffer for `count` values, not initialised."""
         return Buffer(self, count * np.dtype(dtype).itemsize)
 
+    @making
     def full(self, count: int, value: np.generic) -> Buffer:
         """A buffer of `count` times a numpy scalar."""
         buffer = Buffer(self, count * value.nbytes)
@@ -123,6 +171,7 @@ class Device:
             cl.enqueue_fill_buffer(self._queue, buffer.handle, value, 0, buffer.nbytes)
         return buffer
 
+    @by_owner
     def read(self, buffer: Buffer, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
         """The first values of a buffer; waits for all launches before."""
         host = np.empty(shape, dtype)
@@ -131,6 +180,7 @@ class Device:
                 cl.enqueue_copy(self._queue, host, buffer.handle, is_blocking=True)
         return host
 
+    @by_owner
     def read_square(
         self, buffer: Buffer, stride: int, row: int, column: int, side: int
     ) -> NDArray[np.float32]:
@@ -158,11 +208,27 @@ class Device:
         """Enqueue a kernel over `size` work-items; scalars are numpy scalars of the exact type."""
         if 0 in size:
             return
+        if self.elsewhere is None:
+            self._launch(program, kernel, size, arguments, group, defines)
+        else:
+            launch = partial(self._launch, program, kernel, size, arguments, group, defines)
+            self.elsewhere.later(launch)
+
+    def _launch(
+        self,
+        program: str,
+        kernel: str,
+        size: tuple[int, ...],
+        arguments: tuple[Any, ...],
+        group: tuple[int, ...] | None,
+        defines: Mapping[str, object],
+    ) -> None:
         handles = [a.handle if isinstance(a, Buffer) else a for a in arguments]
         compiled = self.kernel(program, kernel, defines)
         with _device_errors():
             compiled(self._queue, size, group, *handles)
 
+    @by_owner
     def finish(self) -> None:
         """Wait until everything enqueued is done; raises DeviceError where the queue broke."""
         with _device_errors():

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, replace
+from functools import partial
 
 from rhytid.device.runtime import Device
 from rhytid.domain.ageing import USUAL_AGE
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.graph_origin import GraphOrigin
-from rhytid.domain.tiles import TileAddress
 from rhytid.engine.assets import Asset
 from rhytid.engine.device_asset import DeviceAsset
 from rhytid.engine.device_assets import DeviceAssets
@@ -84,7 +84,8 @@ class AssetBuilder:
         )
 
     def make_bins(self, job: Job, asset: Asset) -> None:
-        """The work of `prepare_bins`; stops where the settings change meanwhile."""
+        """The work of `prepare_bins`; stops where the settings change meanwhile, and gives way
+        between tiles: those that are there are not made again."""
         size = self._on_device.loaded(asset).bins.size()
         if size > _BINS_SHARE * self._device.budget.limit:
             return
@@ -94,15 +95,13 @@ class AssetBuilder:
             job.progress(
                 done / len(addresses), "making bins", f"tile {done + 1} of {len(addresses)}"
             )
+            job.give_way()
             if asset.settings != settings:
                 return
-
-            def make(lying: DeviceAsset, address: TileAddress = address, done: int = done) -> None:
-                lying.bins.tile(address)
-                if done == 0:
-                    lying.warm_up_blend(address)
-
-            self._on_device.use(asset, make, patiently=True)
+            self._on_device.make_bins(asset, address)
+            if done == 0:
+                warm_up = partial(DeviceAsset.warm_up_blend, address=address)
+                self._on_device.use(asset, warm_up, patiently=True)
 
     def _build(self, job: Job, asset: Asset) -> None:
         with self._failing(job, asset):
@@ -138,6 +137,7 @@ class AssetBuilder:
         settings = wanted.settings.with_lengths(asset.lengths)
         warnings = [asdict(warning) for warning in asset.warnings]
         facts = {"spacing": asset.lengths.spacing, "distance": distance, "warnings": warnings}
+        facts["uv_length"] = asset.uv_length
         job.progress(_SYNTHESIS, "storing")
         with asset.kept():
             self._store.put_asset(asset.id, wanted.mesh, graph, settings, facts, wanted.stiffness)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import replace
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -21,17 +22,20 @@ from rhytid.domain.graph_origin import GraphOrigin
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.mesh_warnings import mesh_warnings
 from rhytid.domain.settings_changes import CHANGEABLE, settings_changed, settings_unused
+from rhytid.domain.texel_sizes import usual_uv_length
 from rhytid.domain.tiles import mesh_udims
 from rhytid.domain.warnings import InputWarning, check_codes, refuse
 from rhytid.engine.asset_builder import AssetBuilder
 from rhytid.engine.asset_registry import AssetRegistry
 from rhytid.engine.assets import Asset
+from rhytid.engine.byte_budget import ByteBudget, Hold
 from rhytid.engine.device_assets import DeviceAssets
 from rhytid.engine.frame_service import FrameService, checked_frame
 from rhytid.engine.frames import Frame
 from rhytid.engine.given_graphs import check_graph
 from rhytid.engine.jobs import Job, Jobs
-from rhytid.engine.messages import AssetInfo, JobInfo, NewAsset
+from rhytid.engine.keys import content_key
+from rhytid.engine.messages import AssetContent, AssetInfo, JobInfo, NewAsset
 from rhytid.engine.stored_assets import StoredAssets
 from rhytid.errors import InputError, MeshError, NotFoundError, SettingsError
 from rhytid.pipeline.elements import check_cover
@@ -56,7 +60,9 @@ class AssetService:
         builder: AssetBuilder,
         frames: FrameService,
         jobs: Jobs,
+        memory: ByteBudget,
     ) -> None:
+        self._memory = memory
         self._assets, self._device, self._on_device = registry, device, on_device
         self._store, self._builder, self._frames, self._jobs = store, builder, frames, jobs
         self._stored = StoredAssets(store, on_device, registry.frame_memory)
@@ -113,33 +119,69 @@ class AssetService:
         warnings = mesh_warnings(new.mesh, new.settings.length_unit, new.settings.resolution, udims)
         unused = () if new.graph is None else settings_unused(new.settings)
         id = asset_id(new.mesh, new.settings, new.graph, new.stiffness, new.controls, expressions)
-        made = Asset.of(id, new.mesh, new.settings, warnings, self._assets.frame_memory)
-        made.wanted = wrinkles
-        told = (*unused, *_frame_warnings(made, frames))
+
+        @cache
+        def make() -> Asset:
+            memory = self._assets.frame_memory
+            made = Asset.of(id, new.mesh, new.settings, warnings, memory, lambda: new.mesh)
+            made.wanted, made.uv_length = wrinkles, usual_uv_length(new.mesh)
+            return made
+
+        told = unused
+        if frames:
+            told = (*unused, *_frame_warnings(self._known(id) or make(), frames))
         if strict:
-            known = self._changed(self._assets.find(id), new.settings)
+            known = self._changed(self._known(id), new.settings)
             refuse((*warnings, *known, *told), allow)
         folds = self._folds(id, new, expressions)
-        asset = self._registered(made, new, frames, folds)
+        with self._held(frames) as hold:
+            asset = self._registered(id, make, new, frames, folds)
+            if asset.job is None:
+                hold.release()
+            else:
+                asset.job.when_ended(hold.release)
         info, changed = asset.info(), self._changed(asset, new.settings)
         return replace(info, warnings=(*info.warnings, *changed, *told))
 
+    @contextmanager
+    def _held(self, frames: Positions) -> Iterator[Hold]:
+        """The bytes of frames that wait for their job; given back where none is queued."""
+        hold = self._memory.hold("jobs")
+        hold.grow(sum(positions.nbytes for positions in frames))
+        try:
+            yield hold
+        except BaseException:
+            hold.release()
+            raise
+
+    def _known(self, id: str) -> Asset | None:
+        """The asset of that id, if there is one that did not fail."""
+        known = self._assets.find(id)
+        return None if known is None or known.state == "failed" else known
+
     def _registered(
-        self, made: Asset, new: NewAsset, frames: Positions, folds: Folds | None
+        self,
+        id: str,
+        make: Callable[[], Asset],
+        new: NewAsset,
+        frames: Positions,
+        folds: Folds | None,
     ) -> Asset:
-        """The asset that is known by the id of `made`; where none is, or it failed, `made`, which
+        """The asset that is known by the id; where none is, or it failed, what `make` makes, which
         is built."""
         while True:
-            known = self._assets.find(made.id)
+            known = self._assets.find(id)
             if known is not None and known.state != "failed":
                 with known.lock:
                     if known.state in ("building", "ready"):
                         self._add_frames(known, frames)
                         return known
             else:
+                made = make()
                 with made.lock:
                     if self._assets.replace(known, made):
                         self._begin(made, known, new, frames, folds)
+                        made.mesh = partial(self._store.mesh, id)
                         return made
 
     def _begin(
@@ -185,8 +227,7 @@ class AssetService:
     def _folds(self, id: str, new: NewAsset, expressions: Expressions | None) -> Folds | None:
         """Where expressions fold the mesh of an asset that is not built yet: other work goes
         between the steps. Raises what `check_amount` does."""
-        known = self._assets.find(id)
-        if expressions is None or (known is not None and known.state != "failed"):
+        if expressions is None or self._known(id) is not None:
             return None
         limit, graph = new.settings.response.log_stretch_limit, new.settings.graph
         folds = measured_folds(
@@ -239,6 +280,17 @@ class AssetService:
         found.frames.close()
         self._on_device.drop(found)
 
+    def content(self, asset: str) -> AssetContent:
+        """Names what `graph`, `mesh` and `curves` of a ready asset answer now, and how large that
+        is; reads none of it."""
+        found = self._assets.get(asset)
+        found.check_ready()
+        files = self._store.contents(asset)
+        lengths = found.settings.lengths(found.lengths.spacing)
+        digests = {name: file.sha256 for name, file in files.items()}
+        key = content_key(asset, digests, found.settings.length_unit, lengths)
+        return AssetContent(key, sum(file.nbytes for file in files.values()))
+
     def graph(self, asset: str) -> WrinkleGraph:
         """The wrinkle graph of a ready asset, and with what it is drawn now."""
         found = self._assets.get(asset)
@@ -280,7 +332,16 @@ class AssetService:
         name = "frame of the calibration"
         frame, warnings = checked_frame(found, positions, name, strict, allow)
 
+        changed = False
+
         def work(job: Job) -> None:
+            nonlocal changed
+            if not changed:  # else it gave way to another job when that was done
+                measure(job)
+                changed = True
+            self._builder.make_bins(job, found)
+
+        def measure(job: Job) -> None:
             job.progress(0.0, "measuring stretch")
             ratios, _ = self._on_device.use(
                 found, lambda lying: lying.frames.ratios(frame), patiently=True
@@ -289,7 +350,6 @@ class AssetService:
                 limit = found.settings.response.log_stretch_limit
                 settings = found.settings.with_r_max(r_max_of(ratios, limit))
                 self._builder.change(found, settings)
-            self._builder.make_bins(job, found)
 
         job = self._jobs.start("calibration", asset, work, small=found.small)
         job.update(warnings=warnings)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,13 @@ from rhytid.engine.device_asset import DeviceAsset
 from rhytid.engine.frames import Frame, FrameMemory, Frames
 from rhytid.engine.jobs import Job
 from rhytid.engine.messages import AssetInfo
-from rhytid.errors import CancelledError, ConflictError, NotFoundError, NotReadyError
+from rhytid.errors import (
+    CancelledError,
+    ConflictError,
+    NotFoundError,
+    NotReadyError,
+    StorageError,
+)
 
 _SMALL_WRINKLES, _SMALL_RESOLUTION = 50_000, 2048
 
@@ -56,10 +63,8 @@ class Asset:
     on_device: DeviceAsset | None = None
     warnings: tuple[InputWarning, ...] = ()
     centre: Centre = field(default_factory=lambda: ORIGIN)
-    # Mesh units that a step of 1 in UV is long.
-    uv_length: float = 0.0
-    # None of an asset that is known as failed alone.
-    frame_check: FrameCheck | None = None
+    # Reads its mesh; None of an asset that is known as failed alone.
+    mesh: Callable[[], Mesh] | None = None
     # Wrinkles that it is to have.
     wanted: int = MOST_WRINKLES
     # Held while its state, its settings or its files change, or it is brought to the device.
@@ -73,8 +78,9 @@ class Asset:
         settings: AssetSettings,
         warnings: tuple[InputWarning, ...],
         memory: FrameMemory,
+        read: Callable[[], Mesh],
     ) -> Asset:
-        """An asset of a mesh that is not built yet."""
+        """An asset of a mesh that is not built yet.  read: reads the mesh again."""
         return cls(
             id=id,
             settings=settings,
@@ -84,8 +90,7 @@ class Asset:
             frames=Frames(memory),
             warnings=warnings,
             centre=mesh.centre,
-            uv_length=usual_uv_length(mesh),
-            frame_check=FrameCheck(mesh, settings.length_unit),
+            mesh=read,
         )
 
     @classmethod
@@ -168,6 +173,20 @@ class Asset:
         """A stored frame; raises NotFoundError, and what `check_ready` raises."""
         self.check_ready()
         return self.frames.get(name)
+
+    @cached_property
+    def uv_length(self) -> float:
+        """Mesh units that a step of 1 in UV is long, found on first use; 0 where its mesh cannot be
+        read."""
+        with suppress(StorageError, NotFoundError):
+            return 0.0 if self.mesh is None else usual_uv_length(self.mesh())
+        return 0.0
+
+    @cached_property
+    def frame_check(self) -> FrameCheck | None:
+        """What judges its frames, made on first use; raises StorageError where its mesh cannot be
+        read."""
+        return None if self.mesh is None else FrameCheck(self.mesh(), self.settings.length_unit)
 
     def frame_warnings(self, positions: NDArray[np.float32], name: str) -> tuple[InputWarning, ...]:
         """What is probably wrong with positions (V, 3) that are called `name`."""

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterator
+from contextlib import contextmanager, suppress
+from functools import partial
 from typing import Any, TypeVar
 
 from rhytid.device.runtime import Device
@@ -11,6 +13,7 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.stiffness import Stiffness
+from rhytid.domain.tiles import TileAddress
 from rhytid.engine.assets import Asset
 from rhytid.engine.device_asset import DeviceAsset
 from rhytid.engine.worker import DeviceWorker
@@ -93,16 +96,40 @@ class DeviceAssets:
             asset.check_ready()
             return asset.lying or self._load(asset)
 
+    @contextmanager
+    def stepwise(self, asset: Asset) -> Iterator[DeviceAsset]:
+        """An asset on the device, for long work of this thread in the block: others get the device
+        between two of its steps.
+
+        Raises Evicted from the step before which the asset was dropped or its settings changed, and
+        what `loaded` does.
+        """
+        lying = self.loaded(asset)
+        settings = lying.mesh.settings
+
+        def check() -> None:
+            if self.found(asset) is not lying or lying.mesh.settings is not settings:
+                raise Evicted
+
+        with self._device.from_elsewhere(self.run_patiently, check):
+            yield lying
+
+    def make_bins(self, asset: Asset, address: TileAddress) -> None:
+        """Make the precomputed maps of one tile where they are not there, step by step; nothing is
+        kept where the asset is dropped or its settings change meanwhile."""
+        with suppress(Evicted), self.stepwise(asset) as lying:
+            if self.run_patiently(lying.bins.has, address):
+                return
+            tile = lying.bins.made(address)
+            self._device.step(partial(lying.bins.keep, address, tile))
+
     def place(
         self, mesh: Mesh, graph: WrinkleGraph, settings: AssetSettings, stiffness: Stiffness | None
     ) -> DeviceAsset:
         """A mesh with the triangles of its pores and wrinkles; `finish` or `give_up` it."""
-        made = self.run_patiently(DeviceAsset, self._device, mesh, settings, stiffness)
-        try:
-            self.run_patiently(made.mesh.locate, graph)
-        except BaseException:
-            self.give_up(made)
-            raise
+        with self._device.from_elsewhere(self.run_patiently):
+            made = DeviceAsset(self._device, mesh, settings, stiffness)
+            made.mesh.locate(graph)
         return made
 
     def finish(
@@ -113,7 +140,10 @@ class DeviceAssets:
         Raises CancelledError where the asset was removed meanwhile.
         """
         try:
-            self.run_patiently(made.mesh.install, made.mesh.prepare(graph, settings), settings)
+            prepared = made.mesh.prepare(graph, settings)
+            with self._device.from_elsewhere(self.run_patiently):
+                elements = made.mesh.upload(prepared, settings)
+            self.run_patiently(made.mesh.take, elements, settings)
             self.run_patiently(made.warm_up)
             with asset.kept():
                 self.run_patiently(self._device.budget.keep, _key(asset), lambda: made)
@@ -127,8 +157,14 @@ class DeviceAssets:
         self.run_patiently(made.release)
 
     def drop(self, asset: Asset) -> None:
-        """Give back what an asset has on the device."""
-        self.run_patiently(self._device.budget.discard, _key(asset))
+        """Give back what an asset has on the device, for good: no more lies spare than is in use,
+        for the sizes of one asset hardly fit another."""
+
+        def discard() -> None:
+            self._device.budget.discard(_key(asset))
+            self._device.pool.shrink(self._device.budget.used)
+
+        self.run_patiently(discard)
 
     def _load(self, asset: Asset) -> DeviceAsset:
         try:

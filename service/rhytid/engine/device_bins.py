@@ -32,6 +32,20 @@ class DeviceBins:
         """The precomputed maps of one tile; made where they are not there."""
         return self._base.kept.keep("bins", address, make=lambda: self._make(address))
 
+    def has(self, address: TileAddress) -> bool:
+        """Whether the maps of a tile are there; they stay until the task ends."""
+        return self._base.kept.find("bins", address) is not None
+
+    def made(self, address: TileAddress) -> BinTile:
+        """The maps of one tile, made anew and not kept; from any thread, see
+        `Device.from_elsewhere`."""
+        return self._make(address)
+
+    def keep(self, address: TileAddress, tile: BinTile) -> None:
+        """Keep maps that were made from elsewhere, unless there are others by now."""
+        if self._base.kept.keep("bins", address, make=lambda: tile) is not tile:
+            tile.release()
+
     def codes(self, address: TileAddress, index: int) -> NDArray[np.integer]:
         """Codes (n, n) of one precomputed map; `index` counts samples within layers."""
         bins = self._base.settings.bins

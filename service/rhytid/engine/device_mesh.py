@@ -117,12 +117,19 @@ class DeviceMesh:
 
     def install(self, prepared: Prepared, settings: AssetSettings) -> None:
         """Take elements and settings in place of those before, in one step."""
+        self.take(self.upload(prepared, settings), settings)
+
+    def upload(self, prepared: Prepared, settings: AssetSettings) -> dict[int, UdimElements]:
+        """The elements on the device, beside those that are drawn now; `take` them."""
         count = settings.bins.count
-        fresh = {u: UdimElements(self.device, w, p, count) for u, (w, p) in prepared.items()}
+        return {u: UdimElements(self.device, w, p, count) for u, (w, p) in prepared.items()}
+
+    def take(self, elements: dict[int, UdimElements], settings: AssetSettings) -> None:
+        """Draw these elements with these settings from now on."""
+        old, self.elements = self.elements, elements
         self.use(settings)
-        for elements in self.elements.values():
-            elements.release()
-        self.elements = fresh
+        for before in old.values():
+            before.release()
 
     def use(self, settings: AssetSettings) -> None:
         """Take settings that leave the elements as they are; forget what the old ones made."""

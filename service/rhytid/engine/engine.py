@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from rhytid.device.memory import usual_frame_memory
+from rhytid.device.memory import usual_frame_memory, usual_host_memory
 from rhytid.device.select import Candidate, candidates
 from rhytid.engine.asset_builder import AssetBuilder
 from rhytid.engine.asset_registry import AssetRegistry
 from rhytid.engine.asset_service import AssetService
+from rhytid.engine.byte_budget import ByteBudget
 from rhytid.engine.device_assets import DeviceAssets
 from rhytid.engine.frame_service import FrameService
 from rhytid.engine.jobs import Jobs
@@ -25,9 +26,9 @@ from rhytid.storage.store import AssetStore
 class Engine:
     """Holds assets on one device and answers for their frames. Blocking; safe from any thread.
 
-    assets, frames, tiles, jobs: the calls. Every one raises NotFoundError for an unknown id,
-    NotReadyError while the asset builds, ConflictError where it failed to build, and BusyError
-    where too many calls wait already.
+    memory: bytes that requests and jobs hold on the host.  assets, frames, tiles, jobs: the calls.
+    Every one raises NotFoundError for an unknown id, NotReadyError while the asset builds,
+    ConflictError where it failed to build, and BusyError where too many calls wait already.
     """
 
     def __init__(self, settings: ServiceSettings) -> None:
@@ -35,6 +36,8 @@ class Engine:
         self._store = AssetStore(settings.store)
         self._worker = DeviceWorker(settings.queue)
         self._on_device = DeviceAssets(self._device, self._worker, self._store)
+        host_memory = settings.host_memory or usual_host_memory()
+        self.memory = ByteBudget(host_memory, "RHYTID_HOST_MEMORY_MB")
         self.jobs = Jobs(settings.jobs)
         registry = AssetRegistry(settings.frame_memory or usual_frame_memory())
         builder = AssetBuilder(self._device, self._on_device, self._store, self.jobs)
@@ -44,8 +47,9 @@ class Engine:
         self.frames = FrameService(registry, self._on_device)
         self.tiles = TileService(registry, self._on_device, self._device, batcher, settings.queue)
         self.assets = AssetService(
-            registry, self._device, self._on_device, self._store, builder, self.frames, self.jobs
-        )
+            registry, self._device, self._on_device, self._store, builder, self.frames, self.jobs,
+            self.memory,
+        )  # fmt: skip
         self.assets.open_store()
 
     def close(self) -> None:

@@ -22,14 +22,22 @@ _REMEMBERED = 1000
 _log = logging.getLogger(__name__)
 
 
-class Job:
-    """One piece of long work, as the thread that does it sees it."""
+class GaveWay(Exception):
+    """A job stopped for one that goes first; its work runs again from the start."""
 
-    def __init__(self, info: JobInfo) -> None:
-        self._info = info
+
+class Job:
+    """One piece of long work, as the thread that does it sees it.
+
+    waits: whether another job waits that goes first.
+    """
+
+    def __init__(self, info: JobInfo, waits: Callable[[Job], bool] = lambda job: False) -> None:
+        self._info, self._waits = info, waits
         self._lock = threading.Lock()
         self._cancelled = threading.Event()
         self._ended = threading.Event()
+        self._at_end: list[Callable[[], None]] = []
         self.resumes = False
 
     @property
@@ -45,6 +53,12 @@ class Job:
         share = min(max(share, self.info.progress), 1.0)
         self.update(progress=share, stage=stage, detail=detail)
 
+    def give_way(self) -> None:
+        """Raise GaveWay where a job waits that goes first, of another asset: this one is queued
+        again, and its work called once more. For work that finds what it has done already."""
+        if self._waits(self):
+            raise GaveWay
+
     def cancel(self, *, resumes: bool = False) -> None:
         """Ask the job to stop at its next step; `resumes` when its work shall be done later."""
         if not self._cancelled.is_set():
@@ -57,6 +71,20 @@ class Job:
             self._info = replace(self._info, **changes)
         if self.ended:
             self._ended.set()
+            self._call_back()
+
+    def when_ended(self, call: Callable[[], None]) -> None:
+        """Have `call` called once the job has ended, at once where it has; it must not block."""
+        with self._lock:
+            self._at_end.append(call)
+        if self.ended:
+            self._call_back()
+
+    def _call_back(self) -> None:
+        with self._lock:
+            calls, self._at_end = self._at_end, []
+        for call in calls:
+            call()
 
     def wait(self, seconds: float | None = None) -> bool:
         """Whether the job has ended, at the latest after so many seconds."""
@@ -83,14 +111,16 @@ class Jobs:
     """Runs jobs by the priority of their kind, then in the order in which they came.
 
     Two threads take from the queue, one of them small jobs alone: these never wait for a large one
-    of another asset. Jobs of one asset run one after the other.  most: jobs that may wait.
+    of another asset. Jobs of one asset run one after the other. One that gives way is queued again,
+    behind what goes first.  most: jobs that may wait.
     """
 
     def __init__(self, most: int) -> None:
         self._most = most
         self._jobs: OrderedDict[str, Job] = OrderedDict()
         self._queue: list[_Queued] = []
-        self._at_work: set[str] = set()
+        # Whether the thread that is at work for an asset takes small jobs alone.
+        self._at_work: dict[str, bool] = {}
         self._closed = False
         self._changed = threading.Condition()
         self._threads = [
@@ -114,15 +144,16 @@ class Jobs:
         A calibration, or bins, that still wait for the same asset are cancelled: this comes in
         their place. Raises BusyError where too many jobs wait, unless `always`.
         """
-        job = Job(JobInfo(secrets.token_hex(8), asset, kind, "queued", 0.0, "queued", ""))
+        job = Job(
+            JobInfo(secrets.token_hex(8), asset, kind, "queued", 0.0, "queued", ""), self._waits
+        )
         with self._changed:
             if kind in _SUPERSEDED:
                 self._supersede(kind, asset)
             if len(self._queue) >= self._most and not always:
                 raise BusyError(f"{self._most} jobs wait already (RHYTID_JOBS)")
             self._jobs[job.info.id] = job
-            self._queue.append(_Queued(job, work, small))
-            self._queue.sort(key=lambda queued: KINDS.index(queued.job.info.kind))
+            self._put(_Queued(job, work, small))
             self._forget()
             self._changed.notify_all()
         return job
@@ -171,6 +202,23 @@ class Jobs:
             self._queue.remove(queued)
             queued.job.update(state="cancelled", detail="a newer job does the same")
 
+    def _put(self, queued: _Queued) -> None:
+        self._queue.append(queued)
+        self._queue.sort(key=lambda queued: _rank(queued.job))
+
+    def _waits(self, job: Job) -> bool:
+        """Whether a job waits that the thread of this one would do first."""
+        with self._changed:
+            small = self._at_work.get(job.info.asset, False)
+            return any(
+                _rank(queued.job) < _rank(job) and self._may(queued, small)
+                for queued in self._queue
+            )
+
+    def _may(self, queued: _Queued, small: bool) -> bool:
+        """Whether a thread may do a job now.  small: it takes small ones alone."""
+        return queued.asset not in self._at_work and (queued.small or not small)
+
     def _forget(self) -> None:
         ended = [id for id, job in self._jobs.items() if job.ended]
         for id in ended[: max(len(self._jobs) - _REMEMBERED, 0)]:
@@ -178,33 +226,45 @@ class Jobs:
 
     def _run_all(self, small: bool) -> None:
         while (queued := self._take(small)) is not None:
+            again = False
             try:
-                _run(queued)
+                again = _run(queued)
             finally:
                 with self._changed:
-                    self._at_work.remove(queued.asset)
+                    del self._at_work[queued.asset]
+                    if again:
+                        self._put(queued)
                     self._changed.notify_all()
+            del queued  # while this thread waits, nobody holds what the work was given
 
     def _take(self, small: bool) -> _Queued | None:
         """The next job of this thread; None once the queue is closed and empty."""
         with self._changed:
             while True:
-                for queued in self._queue:
-                    if queued.asset not in self._at_work and (queued.small or not small):
-                        self._queue.remove(queued)
-                        self._at_work.add(queued.asset)
-                        return queued
+                queued = next((q for q in self._queue if self._may(q, small)), None)
+                if queued is not None:
+                    self._queue.remove(queued)
+                    self._at_work[queued.asset] = small
+                    return queued
                 if self._closed and (small or not self._queue):
                     return None
                 self._changed.wait()
 
 
-def _run(queued: _Queued) -> None:
+def _rank(job: Job) -> int:
+    return KINDS.index(job.info.kind)
+
+
+def _run(queued: _Queued) -> bool:
+    """Do the work of a job; whether it is to be queued again."""
     job = queued.job
     try:
         job.update(state="running")
         job.progress(0.0, "starting")
         queued.work(job)
+    except GaveWay:
+        job.update(state="queued")
+        return True
     except CancelledError as error:
         job.update(state="cancelled", detail=str(error))
     except RhytidError as error:
@@ -214,3 +274,4 @@ def _run(queued: _Queued) -> None:
         job.update(state="failed", detail=f"internal error: {type(error).__name__}")
     else:
         job.update(state="done", progress=1.0, stage="done", detail="")
+    return False

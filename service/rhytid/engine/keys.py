@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Mapping
+from dataclasses import asdict
 from functools import lru_cache
 from typing import Any
 
 from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.lengths import Lengths
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
 from rhytid.engine.messages import MapQuery
 
@@ -33,6 +36,11 @@ def map_key(revision: str, frame: Frame, query: MapQuery, place: str) -> str:
     """Names a tile or a map. `neutral` is the same in every frame."""
     digest = NEUTRAL_FRAME.digest if query.method == "neutral" else frame.digest
     return _digest([revision, digest, query.method, query.stretch, query.sampling, place])
+
+
+def content_key(asset: str, files: Mapping[str, str], unit: str, lengths: Lengths) -> str:
+    """Names what an asset has in the store, and with what it is drawn.  files: digests by name."""
+    return _digest([asset, dict(files), unit, asdict(lengths)])
 
 
 def _digest(parts: list[Any]) -> str:

@@ -51,6 +51,15 @@ class NewAsset:
 
 
 @dataclass(frozen=True)
+class AssetContent:
+    """Names what is stored of an asset: two with the same `key` have the same graph and mesh.
+    nbytes: of its files."""
+
+    key: str
+    nbytes: int
+
+
+@dataclass(frozen=True)
 class AssetInfo:
     """An asset as a caller sees it. `state`: building, ready or failed (with `reason`).
 

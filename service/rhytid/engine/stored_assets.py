@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator
+from functools import partial
 
 from rhytid.domain.mesh_warnings import mesh_warnings
 from rhytid.domain.warnings import InputWarning
@@ -39,7 +40,10 @@ class StoredAssets:
                 continue
             unit, resolution = wanted.settings.length_unit, wanted.settings.resolution
             warnings = mesh_warnings(wanted.mesh, unit, resolution)
-            yield Asset.of(id, wanted.mesh, wanted.settings, warnings, self._memory)
+            yield Asset.of(
+                id, wanted.mesh, wanted.settings, warnings, self._memory,
+                partial(self._store.mesh, id),
+            )  # fmt: skip
 
     def restore(self, asset: Asset) -> bool:
         """Make an asset that is sent again ready, where the store has it built.
@@ -66,7 +70,8 @@ class StoredAssets:
     def _opened(self, id: str) -> Asset:
         try:
             stored = self._store.asset(id)
-            asset = Asset.of(id, stored.mesh, stored.settings, (), self._memory)
+            read = partial(self._store.mesh, id)
+            asset = Asset.of(id, stored.mesh, stored.settings, (), self._memory, read)
             self._fill(asset, stored)
         except StorageError as error:
             return self._damaged(id, error)
@@ -78,6 +83,8 @@ class StoredAssets:
         settings = self._store.overlay(asset.id) or stored.settings
         asset.lengths = graph_lengths(stored.graph, settings, spacing, spacing)
         asset.warnings = _kept_warnings(stored)
+        if (length := stored.extra.get("uv_length")) is not None:
+            asset.uv_length = float(length)
         known = stored.extra.get("distance")
         distance = self._measured(stored) if known is None else float(known)
         asset.built(stored.graph, settings.with_lengths(asset.lengths), distance)

@@ -37,12 +37,18 @@ class TilePlan:
 
     key: names its content; two plans with the same key draw the same bytes.  header: what a file of
     it says of itself.  draw: its displacement (n, n) float32, mesh units, row 0 at the top; raises
-    BusyError where too many wait for the device.
+    BusyError where too many wait for the device.  side: n.
     """
 
     key: str
     header: TileHeader
+    side: int
     draw: Callable[[], Tile]
+
+    @property
+    def nbytes(self) -> int:
+        """Of its displacement."""
+        return 4 * self.side**2
 
 
 class TileService:
@@ -76,6 +82,7 @@ class TileService:
         return TilePlan(
             self._key(found, stored, query, str(address)),
             _header(found, frame, query, address),
+            found.settings.grid.texels(address.level),
             partial(self._tile, found, stored, query, address),
         )
 
@@ -87,6 +94,7 @@ class TileService:
         return TilePlan(
             self._key(found, stored, query, f"{udim}/{level}"),
             _header(found, frame, query, first),
+            whole[2],
             partial(self._maps.square, found, stored, query, udim, level, whole),
         )
 
@@ -102,6 +110,7 @@ class TileService:
             TilePlan(
                 self._key(found, frame, query, str(address)),
                 _header(found, "", query, address),
+                found.settings.grid.texels(address.level),
                 partial(self._tile, found, frame, query, address),
             )
             for address in addresses

@@ -72,6 +72,7 @@ class DeviceWorker:
                 _refuse(item[0])
             else:
                 _perform(*item)
+            del item  # while the thread waits, nobody holds what the task answered
 
     def _refuse_waiting(self) -> None:
         while True:

@@ -16,6 +16,8 @@ from rhytid.pipeline.vectors import VECTOR
 
 _MOST_CELLS = 256
 _TEXELS_A_CELL = 64
+# Points that one launch looks up: others get the device between two.
+_MOST_POINTS = 1 << 17
 
 
 class UdimTriangles:
@@ -66,6 +68,11 @@ class UdimTriangles:
 
     def points(self, local: NDArray[np.float32]) -> NDArray[np.int32]:
         """(P,) int32 triangle of each point (P, 2), in UV local to the UDIM."""
+        parts = [local[i : i + _MOST_POINTS] for i in range(0, len(local), _MOST_POINTS)]
+        found = [self._points(part) for part in parts]
+        return np.concatenate(found) if found else np.empty(0, np.int32)
+
+    def _points(self, local: NDArray[np.float32]) -> NDArray[np.int32]:
         points = self._device.upload(local)
         found = self._device.empty(len(local), np.int32)
         self._device.launch(

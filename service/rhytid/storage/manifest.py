@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,14 @@ from rhytid.storage.durable import reported, sync_folder, write_file
 
 FORMAT = 1
 MANIFEST = "manifest.json"
+
+
+@dataclass(frozen=True)
+class StoredFile:
+    """Size and SHA-256 of a file."""
+
+    nbytes: int
+    sha256: str
 
 
 def write_with_manifest(folder: Path, label: str, files: Mapping[str, bytes]) -> None:
@@ -33,14 +42,41 @@ def write_with_manifest(folder: Path, label: str, files: Mapping[str, bytes]) ->
 
 def read_verified(folder: Path, label: str) -> dict[str, bytes]:
     """The verified files of a sealed folder; raises StorageError naming the first bad file."""
+    facts = _manifest(folder, label)
+    _check_names(folder, set(facts))
+    return {name: _verified(folder / name, expected) for name, expected in facts.items()}
+
+
+def read_file(folder: Path, label: str, name: str) -> bytes:
+    """One verified file of a sealed folder; raises StorageError where it, or the manifest, is
+    damaged."""
+    facts = _manifest(folder, label)
+    if name not in facts:
+        raise damaged(folder / name, "the manifest does not name this file")
+    return _verified(folder / name, facts[name])
+
+
+def read_manifest(folder: Path, label: str) -> dict[str, StoredFile]:
+    """The files that a sealed folder had when it was written; raises StorageError where the
+    manifest is damaged."""
+    path = folder / MANIFEST
+    try:
+        return {
+            name: StoredFile(int(fact["bytes"]), str(fact["sha256"]))
+            for name, fact in _manifest(folder, label).items()
+        }
+    except (KeyError, TypeError, ValueError) as exc:
+        raise damaged(path, f"not a manifest of {label}: {exc}") from exc
+
+
+def _manifest(folder: Path, label: str) -> dict[str, Any]:
     path = folder / MANIFEST
     manifest = parse_canonical(_bytes(path), path)
     facts = manifest.get("files") if isinstance(manifest, dict) else None
     wanted = {"format": FORMAT, "label": label, "files": facts}
     if manifest != wanted or not isinstance(facts, dict):
         raise damaged(path, f"not a manifest of {label}, format {FORMAT}")
-    _check_names(folder, set(facts))
-    return {name: _verified(folder / name, expected) for name, expected in facts.items()}
+    return facts
 
 
 def _facts(data: bytes) -> dict[str, Any]:

@@ -99,6 +99,11 @@ class StoredAsset:
         return cls(mesh, graph, settings, facts["extra"], stiffness)
 
 
+def decode_mesh(data: bytes, path: Path) -> Mesh:
+    """The mesh of a file that was verified; raises StorageError naming `path`."""
+    return _decode({path.name: data}, path, read_mesh)
+
+
 def write_overlay(label: str, settings: AssetSettings) -> bytes:
     """Settings that were changed since the asset `label` was built, as a file of their own."""
     return hashed({"label": label, "settings": settings.as_json()})

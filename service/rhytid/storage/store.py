@@ -42,11 +42,19 @@ from rhytid.storage.homes import (
     sweep,
 )
 from rhytid.storage.lock import FolderLock
-from rhytid.storage.manifest import read_verified, write_with_manifest
+from rhytid.storage.manifest import (
+    StoredFile,
+    read_file,
+    read_manifest,
+    read_verified,
+    write_with_manifest,
+)
 from rhytid.storage.records import (
     FACTS,
+    MESH,
     StoredAsset,
     StoredRequest,
+    decode_mesh,
     must_have_overlay,
     read_overlay,
     write_overlay,
@@ -150,6 +158,17 @@ class AssetStore:
         """A built asset, every byte of it verified."""
         folder = self._existing(id, ASSET)
         return StoredAsset.read(read_verified(folder, f"{ASSET} {id}"), folder)
+
+    def mesh(self, id: str) -> Mesh:
+        """The mesh of an asset, built or not; nothing else of it is read."""
+        kind = ASSET if is_built(self._home(id)) else REQUEST
+        folder = self._existing(id, kind)
+        return decode_mesh(read_file(folder, f"{kind} {id}", MESH), folder / MESH)
+
+    def contents(self, id: str) -> dict[str, StoredFile]:
+        """Sizes and digests of the files of a built asset, as they were written; only the manifest
+        is read."""
+        return read_manifest(self._existing(id, ASSET), f"{ASSET} {id}")
 
     def put_overlay(self, id: str, settings: AssetSettings) -> None:
         """Replace the present settings of a built asset."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import time
+from collections.abc import Callable, Mapping, Sequence
 from types import TracebackType
 from typing import Any, TypeVar
 
@@ -14,8 +15,6 @@ from rhytid.device.runtime import Buffer, Device
 T = TypeVar("T")
 # Runs one call on the thread that owns the device.
 Caller = Callable[..., Any]
-# Work-items of a launch: few enough that none keeps the device, or a cancellation, waiting long.
-BLOCK = 1 << 18
 _GROUP = 64
 
 
@@ -77,20 +76,34 @@ class Workspace:
     ) -> None:
         """Launch a kernel over `count` work-items whose first arguments are (first, count).
 
-        Plain ints go as int32 and floats as float32.  report: called with the share that is done
-        after each block, and may raise.
+        Plain ints go as int32 and floats as float32. How it is cut into blocks may not matter to
+        the kernel.  report: called with the share that is done after each block, and may raise.
         """
-        values = [_scalar(a) for a in arguments]
-        for first in range(0, count, BLOCK):
-            size = -(-min(BLOCK, count - first) // _GROUP) * _GROUP
-            head = (np.int32(first), np.int32(count))
-            self._call(
-                self._device.launch, program, kernel, (size,), *head, *values,
-                group=(_GROUP,), defines=defines or {},
-            )  # fmt: skip
+        values, first = [_scalar(a) for a in arguments], 0
+        while first < count:
+            first = self._call(self._block, program, kernel, first, count, values, defines or {})
             if report is not None:
-                self._call(self._device.finish)
-                report(min(first + BLOCK, count) / count)
+                report(first / count)
+
+    def _block(
+        self,
+        program: str,
+        kernel: str,
+        first: int,
+        count: int,
+        values: Sequence[Any],
+        defines: Mapping[str, object],
+    ) -> int:
+        """Launch a kernel from one work-item on and wait for it; the first that is left."""
+        items = min(self._device.paces.items(program, kernel), count - first)
+        start = time.perf_counter()
+        self._device.launch(
+            program, kernel, (-(-items // _GROUP) * _GROUP,), np.int32(first), np.int32(count),
+            *values, group=(_GROUP,), defines=defines,
+        )  # fmt: skip
+        self._device.finish()
+        self._device.paces.took(program, kernel, items, time.perf_counter() - start)
+        return first + items
 
     def release(self, *buffers: Buffer) -> None:
         """Give buffers back before the end."""

@@ -7,7 +7,17 @@ from typing import Any
 
 from fastapi import APIRouter, Response
 
-from rhytid.api.dependencies import Allow, AssetId, EngineDep, Json, NoQuery, Parts, Slot, Strict
+from rhytid.api.dependencies import (
+    Allow,
+    AssetId,
+    EngineDep,
+    Json,
+    Memory,
+    NoQuery,
+    Parts,
+    Slot,
+    Strict,
+)
 from rhytid.api.documentation import ASSET_FORM, CHANGES, problems
 from rhytid.api.parts import Part
 from rhytid.api.schemas import Asset
@@ -33,17 +43,22 @@ router = APIRouter(prefix="/v1/assets", tags=["assets"], dependencies=[NoQuery])
     operation_id="createAsset",
     status_code=202,
     response_model=Asset,
-    responses={200: {"model": Asset, "description": "Known and built"}, **problems(413, 415, 422)},
+    responses={
+        200: {"model": Asset, "description": "Known and built"},
+        **problems(413, 415, 422, 503, 507),
+    },
     openapi_extra=ASSET_FORM,
 )
 def create(
     parts: Parts,
     engine: EngineDep,
+    memory: Memory,
     response: Response,
     allow: Allow,
     strict: Strict = False,
 ) -> Any:
     """Send a mesh; 202 while the build runs, 200 where the same content is already there."""
+    memory.decode(sum(one.size for part in parts.values() for one in (part, *part.again)))
     asset = engine.assets.create(new_asset(parts), strict=strict, allow=allow)
     response.status_code = 202 if asset.state == "building" else 200
     response.headers["Location"] = f"/v1/assets/{asset.id}"

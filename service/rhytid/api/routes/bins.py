@@ -11,6 +11,7 @@ from rhytid.api.dependencies import (
     Column,
     EngineDep,
     Level,
+    Memory,
     NoQuery,
     NoRepeats,
     Row,
@@ -18,10 +19,12 @@ from rhytid.api.dependencies import (
     Udim,
 )
 from rhytid.api.documentation import binary, problems
-from rhytid.api.encoding import NPY, npy, tagged
+from rhytid.api.encoding import NPY, WORKING, npy, tagged
 from rhytid.api.schemas import BinQuery, Bins
 from rhytid.domain.tiles import TileAddress
 
+# Bytes of a code.
+WIDEST_CODE = 2
 router = APIRouter(prefix="/v1/assets/{asset}/bins", tags=["bins"])
 
 
@@ -48,6 +51,7 @@ def tile(
     request: Request,
     engine: EngineDep,
     slot: Slot,
+    memory: Memory,
     asset: AssetId,
     udim: Udim,
     level: Level,
@@ -64,6 +68,10 @@ def tile(
     Level 0 only: a coarser level is 404, for those of `binned` are means of its level 0.
     """
     address = TileAddress(udim, level, row, column)
+    side = engine.assets.info(asset).settings["tile_size"]
     with slot:
+        hold = memory.answer(WORKING * WIDEST_CODE * side**2)
         codes = engine.tiles.bin_tile(asset, address, query.layer, query.bin, query.sample)
-    return tagged(request, npy(codes), NPY)
+    body = npy(codes)
+    hold.resize(len(body))
+    return tagged(request, body, NPY)

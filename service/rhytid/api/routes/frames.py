@@ -13,18 +13,22 @@ from rhytid.api.dependencies import (
     AssetId,
     EngineDep,
     FrameName,
+    Memory,
     NoQuery,
     Positions,
     Slot,
     Strict,
 )
 from rhytid.api.documentation import POSITIONS, binary, problems
-from rhytid.api.encoding import NPY, RAW, npy, npz
+from rhytid.api.encoding import NPY, RAW, WORKING, npy, npz
 from rhytid.api.schemas import Frame, Job
+from rhytid.api.uploads import WIDEST_VERTEX
 from rhytid.domain.origin import put_back
 
 JSON = "application/json"
 NPZ = "application/x-npz"
+# Bytes of axes and ratios of a triangle.
+STRETCH = 24
 router = APIRouter(prefix="/v1/assets/{asset}", tags=["frames"], dependencies=[NoQuery])
 
 
@@ -65,10 +69,15 @@ def put(
     "/frames/{frame}",
     operation_id="getFrame",
     response_model=Frame,
-    responses={200: {"content": {NPY: {}, RAW: {}}}, **problems(404, 406, 409, 422)},
+    responses={200: {"content": {NPY: {}, RAW: {}}}, **problems(404, 406, 409, 422, 503, 507)},
 )
 def show(
-    asset: AssetId, frame: FrameName, request: Request, engine: EngineDep, response: Response
+    asset: AssetId,
+    frame: FrameName,
+    request: Request,
+    engine: EngineDep,
+    memory: Memory,
+    response: Response,
 ) -> Any:
     """A frame as JSON, or its positions with `Accept: application/x-npy` (or
     `application/octet-stream`, raw float32). The type of the highest weight is sent, a weight of 0
@@ -81,9 +90,9 @@ def show(
     if wanted == JSON:
         response.headers["Vary"] = "Accept"
         return info
-    positions = put_back(
-        engine.frames.positions(asset, frame), np.array(engine.assets.info(asset).centre)
-    )
+    about = engine.assets.info(asset)
+    memory.answer(WORKING * WIDEST_VERTEX * about.vertices)
+    positions = put_back(engine.frames.positions(asset, frame), np.array(about.centre))
     little = positions.astype(positions.dtype.newbyteorder("<"), copy=False)
     body = npy(little) if wanted == NPY else little.astype("<f4", copy=False).tobytes()
     return Response(body, headers={"Vary": "Accept"}, media_type=wanted)
@@ -105,11 +114,15 @@ def delete(asset: AssetId, frame: FrameName, engine: EngineDep) -> None:
     "/frames/{frame}/stretch",
     operation_id="getStretch",
     response_class=Response,
-    responses={**binary(NPZ), **problems(404, 409, 422, 503)},
+    responses={**binary(NPZ), **problems(404, 409, 422, 503, 507)},
 )
-def stretch(asset: AssetId, frame: FrameName, engine: EngineDep, slot: Slot) -> Response:
+def stretch(
+    asset: AssetId, frame: FrameName, engine: EngineDep, slot: Slot, memory: Memory
+) -> Response:
     """`.npz` with axes (F, 2, 2), axes[f, i] = ŝᵢ, and ratios (F, 2), unclamped."""
+    triangles = engine.assets.info(asset).triangles
     with slot:
+        memory.answer(WORKING * STRETCH * triangles)
         found = engine.frames.stretch(asset, frame)
     return Response(npz(found), media_type=NPZ)
 
@@ -119,7 +132,7 @@ def stretch(asset: AssetId, frame: FrameName, engine: EngineDep, slot: Slot) -> 
     operation_id="calibrateAsset",
     status_code=202,
     response_model=Job,
-    responses=problems(404, 409, 413, 422, 503),
+    responses=problems(404, 409, 413, 422, 503, 507),
     openapi_extra=POSITIONS,
 )
 def calibrate(

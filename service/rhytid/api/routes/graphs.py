@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from functools import partial
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Response
-from fastapi.responses import StreamingResponse
+from fastapi import APIRouter, Query, Request, Response
 
-from rhytid.api.dependencies import AssetId, EngineDep, NoRepeats
-from rhytid.api.documentation import binary, problems
+from rhytid.api.dependencies import AssetId, EngineDep, Memory, NoRepeats, Slot
+from rhytid.api.documentation import UNCHANGED, binary, problems
+from rhytid.api.encoding import answer_stored
 from rhytid.api.schemas import GraphQuery
 from rhytid.formats.curves import CURVE_FORMATS, curve_format
 from rhytid.formats.graphs import write_graph
@@ -22,16 +24,26 @@ router = APIRouter(prefix="/v1/assets", tags=["assets"], dependencies=[NoRepeats
     "/{asset}/graph",
     operation_id="getGraph",
     response_class=Response,
-    responses={**binary(*MEDIA_TYPES), **problems(404, 409, 422)},
+    responses={**binary(*MEDIA_TYPES), **UNCHANGED, **problems(404, 409, 422, 503, 507)},
 )
-def graph(asset: AssetId, engine: EngineDep, query: Annotated[GraphQuery, Query()]) -> Response:
+def graph(
+    request: Request,
+    asset: AssetId,
+    engine: EngineDep,
+    slot: Slot,
+    memory: Memory,
+    query: Annotated[GraphQuery, Query()],
+) -> Response:
     """The wrinkle graph as safetensors, whose metadata say with which depth, spacing, unit, sigma
     and wave frequency it is drawn, and for which mesh; or its wrinkles as lines in space, as OBJ or
     USD text."""
-    if query.format == "safetensors":
-        return Response(
-            write_graph(engine.assets.graph(asset), {"asset": asset}), media_type=SAFETENSORS
-        )
-    kind = curve_format(query.format)
-    pieces = kind.write(engine.assets.curves(asset), engine.assets.info(asset).settings["unit"])
-    return StreamingResponse(pieces, media_type=kind.media_type)
+    kind = None if query.format == "safetensors" else curve_format(query.format)
+
+    def write() -> bytes | Iterable[bytes]:
+        if kind is None:
+            return write_graph(engine.assets.graph(asset), {"asset": asset})
+        return kind.write(engine.assets.curves(asset), engine.assets.info(asset).settings["unit"])
+
+    media_type = SAFETENSORS if kind is None else kind.media_type
+    content = partial(engine.assets.content, asset)
+    return answer_stored(request, query.format, content, write, media_type, slot, memory)

@@ -8,7 +8,7 @@ from fastapi import APIRouter, Response
 
 from rhytid.api.dependencies import EngineDep, MetricsDep, NoQuery, Slot
 from rhytid.api.documentation import binary, problems
-from rhytid.api.schemas import Device, Status
+from rhytid.api.schemas import Device, HostMemory, Status
 from rhytid.errors import NoDeviceError
 
 PROMETHEUS = "text/plain; version=0.0.4; charset=utf-8"
@@ -51,3 +51,15 @@ async def metrics(metrics: MetricsDep) -> Response:
 def devices(engine: EngineDep) -> Any:
     """The OpenCL devices, with memory budget and use."""
     return engine.devices()
+
+
+@router.get(
+    "/v1/memory",
+    operation_id="getMemory",
+    response_model=HostMemory,
+    responses=problems(422),
+    dependencies=[NoQuery],
+)
+async def memory(metrics: MetricsDep) -> Any:
+    """What requests and jobs hold of the host's memory, and uploads of its disk."""
+    return metrics.bytes_held()

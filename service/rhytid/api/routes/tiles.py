@@ -15,6 +15,7 @@ from rhytid.api.dependencies import (
     EngineDep,
     FrameName,
     Level,
+    Memory,
     MetricsDep,
     NoRepeats,
     Positions,
@@ -23,7 +24,7 @@ from rhytid.api.dependencies import (
     Udim,
 )
 from rhytid.api.documentation import POSITIONS, TILES, TILES_ONCE, problems
-from rhytid.api.encoding import answer, check_format, scale_header, warnings_header
+from rhytid.api.encoding import WORKING, answer, check_format, scale_header, warnings_header
 from rhytid.api.multipart import MixedPart, mixed_response
 from rhytid.api.schemas import TileQuery, TilesQuery, WholeMapQuery
 from rhytid.domain.tiles import TileAddress, TileGrid
@@ -49,6 +50,7 @@ def tile(
     engine: EngineDep,
     metrics: MetricsDep,
     slot: Slot,
+    memory: Memory,
     asset: AssetId,
     frame: FrameName,
     udim: Udim,
@@ -60,7 +62,7 @@ def tile(
     """One tile of displacement; `If-None-Match` is answered without drawing it."""
     wanted, at = query.map_query(), TileAddress(udim, level, row, column)
     plan = partial(engine.tiles.plan, asset, frame, wanted, at)
-    return answer(request, query.format, plan, metrics.tiles_of(wanted.method), slot)
+    return answer(request, query.format, plan, metrics.tiles_of(wanted.method), slot, memory)
 
 
 @router.head("/frames/{frame}/maps/{udim}", include_in_schema=False)
@@ -75,6 +77,7 @@ def whole_map(
     engine: EngineDep,
     metrics: MetricsDep,
     slot: Slot,
+    memory: Memory,
     asset: AssetId,
     frame: FrameName,
     udim: Udim,
@@ -83,7 +86,7 @@ def whole_map(
     """A whole map of one UDIM; equals its tiles bit for bit."""
     wanted, level = query.map_query(), query.level
     plan = partial(engine.tiles.plan_map, asset, frame, wanted, udim, level)
-    return answer(request, query.format, plan, metrics.tiles_of(wanted.method), slot)
+    return answer(request, query.format, plan, metrics.tiles_of(wanted.method), slot, memory)
 
 
 @router.post(
@@ -99,6 +102,7 @@ def tiles_once(
     asset: AssetId,
     positions: Positions,
     slot: Slot,
+    memory: Memory,
     query: Annotated[TilesQuery, Query()],
 ) -> Response:
     """Positions in, tiles out, nothing stored: multipart/mixed in the order of `tile`.
@@ -114,10 +118,13 @@ def tiles_once(
     drawn = metrics.tiles_of(wanted.method)
     parts = []
     with slot:
+        hold = memory.answer(WORKING * sum(plan.nbytes for plan in plans))
         for plan in plans:
             parts.append(mixed_part(plan.draw(), query.format, plan.header))
             drawn.inc()
-    return mixed_response(parts, warnings_header(warnings))
+    mixed = mixed_response(parts, warnings_header(warnings))
+    hold.resize(len(mixed.body))
+    return mixed
 
 
 def check_texels(engine: EngineDep, asset: str, addresses: list[TileAddress]) -> None:

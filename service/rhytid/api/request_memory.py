@@ -1,0 +1,115 @@
+"""What a request holds of memory and disk, from its first byte until its answer is sent."""
+
+from __future__ import annotations
+
+import logging
+from contextlib import ExitStack
+from pathlib import Path
+
+import anyio
+from fastapi import Request
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from rhytid.api.spool import Spool
+from rhytid.engine.byte_budget import ByteBudget, Hold
+
+logger = logging.getLogger(__name__)
+_KEY = "rhytid.held"
+# Bytes that are handed to the server at a time: so much of an answer may be in its buffers when
+# nobody counts it any more.
+PIECE = 1 << 18
+# What is decoded of an upload, and the bytes that it is decoded from, over these bytes.
+DECODED = 3
+# Seconds without progress after which a client that does not read is dropped.
+STALLED = 60.0
+
+
+class RequestMemory:
+    """What one request holds of the budgets; given back when its answer is sent, or it fails.
+
+    host: bytes of memory.  spool: bytes of uploads on disk, in `folder` (None = that of temporary
+    files).
+    """
+
+    def __init__(
+        self, held: ExitStack, host: ByteBudget, spool: ByteBudget, folder: Path | None
+    ) -> None:
+        self._held, self._host, self._spool, self._folder = held, host, spool, folder
+
+    @classmethod
+    def of(cls, request: Request) -> RequestMemory:
+        """Of a request that `HoldUntilSent` passed on."""
+        state = request.app.state
+        partial = state.settings.store / "partial"
+        folder = partial if partial.is_dir() else None
+        return cls(request.scope[_KEY], state.engine.memory, state.spool, folder)
+
+    def hold(self, purpose: str) -> Hold:
+        """Nothing yet of the memory, for `answers` or `uploads`."""
+        hold = self._host.hold(purpose)
+        self._held.callback(hold.release)
+        return hold
+
+    def answer(self, nbytes: int) -> Hold:
+        """So many bytes for an answer; waits for them. Raises HostBusyError and HostMemoryError."""
+        hold = self.hold("answers")
+        hold.grow(nbytes)
+        return hold
+
+    def decode(self, nbytes: int) -> None:
+        """What an upload of so many bytes takes while it is decoded and used; all of the memory,
+        where it takes more. Waits for it; raises HostBusyError."""
+        self.hold("uploads").grow(min(DECODED * nbytes, self._host.limit))
+
+    def spooled(self) -> Spool:
+        """A file for the body."""
+        spool = Spool(self._spool.hold("uploads"), self._folder)
+        self._held.callback(spool.close)
+        return spool
+
+
+class HoldUntilSent:
+    """ASGI middleware: hands answers out in pieces, and gives back what a request holds when the
+    last is on its way or the client is gone."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self.app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass the request on with an empty stack of what it holds."""
+        if scope["type"] != "http":
+            await self.app(scope, receive, send)
+            return
+        with ExitStack() as held:
+            scope[_KEY] = held
+            await self.app(scope, receive, _Pieces(scope, send))
+
+
+class _Pieces:
+    """Sends bodies piece by piece: the server takes the next once the client has read most of the
+    one before."""
+
+    def __init__(self, scope: Scope, send: Send) -> None:
+        self._path, self._send, self._dropped = scope["path"], send, False
+
+    async def __call__(self, message: Message) -> None:
+        body = message.get("body", b"")
+        if len(body) <= PIECE:
+            await self._one(message)
+            return
+        view = memoryview(body)
+        for start in range(0, len(body), PIECE):
+            more = start + PIECE < len(body) or message.get("more_body", False)
+            piece = bytes(view[start : start + PIECE])
+            await self._one({**message, "body": piece, "more_body": more})
+
+    async def _one(self, message: Message) -> None:
+        if self._dropped:
+            return
+        with anyio.move_on_after(STALLED) as waiting:
+            await self._send(message)
+        if waiting.cancelled_caught:
+            # The server sees an answer without an end, and closes the connection.
+            self._dropped = True
+            path = self._path.encode("unicode_escape").decode("ascii")
+            logger.warning("%s: the client took nothing for %g seconds", path, STALLED)

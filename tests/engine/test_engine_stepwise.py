@@ -1,0 +1,142 @@
+"""Maps made ahead, step by step: others draw in between, and what changes meanwhile is noticed."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from engine.engines import BINNED, REDRAW, built, draw, new_asset, rest, running
+from rhytid.device.elsewhere import Elsewhere
+from rhytid.domain.tiles import TileAddress
+from rhytid.engine.engine import Engine
+from rhytid.engine.messages import NewAsset
+from rhytid.pipeline.bin_maker import BinMaker
+
+ADDRESS = TileAddress(1001, 0, 0, 0)
+
+
+class Held:
+    """Stops the thread that makes maps ahead between two of its steps, once."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.entered, self.free = threading.Event(), threading.Event()
+        step, make = Elsewhere.step, BinMaker.tile
+        self._making = threading.local()
+
+        def marked(maker: BinMaker, *place: Any) -> Any:
+            self._making.steps = 0
+            return make(maker, *place)
+
+        def held(elsewhere: Elsewhere, task: Callable[[], Any]) -> Any:
+            found = step(elsewhere, task)
+            if getattr(self._making, "steps", None) is not None:
+                self._making.steps += 1
+                if self._making.steps == 3:
+                    self.entered.set()
+                    assert self.free.wait(60)
+            return found
+
+        monkeypatch.setattr(BinMaker, "tile", marked)
+        monkeypatch.setattr(Elsewhere, "step", held)
+
+
+@pytest.fixture
+def held(monkeypatch: pytest.MonkeyPatch) -> Iterator[Held]:
+    held = Held(monkeypatch)
+    yield held
+    held.free.set()
+
+
+def started(engine: Engine, held: Held, new: NewAsset) -> str:
+    """An asset whose maps are on their way."""
+    asset = engine.assets.create(new).id
+    assert held.entered.wait(60)
+    return asset
+
+
+def codes(engine: Engine, asset: str) -> bytes:
+    return engine.tiles.bin_tile(asset, ADDRESS, "wrinkles", 0, 0).tobytes()
+
+
+@pytest.fixture(scope="module")
+def wanted(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, bytes]:
+    """A tile and codes of it, made by the request that needs them."""
+    with running(tmp_path_factory.mktemp("wanted")) as engine:
+        asset = built(engine, new_asset())
+        for key in list(engine._device.budget._kept):
+            if "bins" in key:  # type: ignore[operator]
+                engine._on_device.run(engine._device.budget.discard, key)
+        return draw(engine, asset, "neutral", BINNED, ADDRESS).tobytes(), codes(engine, asset)
+
+
+def test_others_draw_between_two_steps_and_results_are_the_same(
+    tmp_path: Path, held: Held, wanted: tuple[bytes, bytes]
+) -> None:
+    with running(tmp_path) as engine:
+        asset = started(engine, held, new_asset())
+        other = draw(engine, asset, "neutral", REDRAW, ADDRESS)  # while the maps are half made
+        assert np.isfinite(other).all()
+        assert not held.free.is_set()
+        held.free.set()
+        rest(engine)
+        assert (
+            draw(engine, asset, "neutral", BINNED, ADDRESS).tobytes(),
+            codes(engine, asset),
+        ) == (wanted)
+
+
+def test_maps_that_a_request_made_meanwhile_stay(
+    tmp_path: Path, held: Held, wanted: tuple[bytes, bytes]
+) -> None:
+    with running(tmp_path) as engine:
+        asset = started(engine, held, new_asset())
+        assert codes(engine, asset) == wanted[1]
+        held.free.set()
+        rest(engine)
+        used = engine._device.budget.used
+        assert codes(engine, asset) == wanted[1]
+        assert engine._device.budget.used == used
+        engine.assets.delete(asset)
+        assert engine._device.budget.used == 0
+
+
+def test_maps_that_are_there_are_not_made_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with running(tmp_path) as engine:
+        asset = built(engine, new_asset())
+        made: list[Any] = []
+        make = BinMaker.tile
+        monkeypatch.setattr(
+            BinMaker, "tile", lambda maker, *place: made.append(place) or make(maker, *place)
+        )
+        engine.assets._builder.prepare_bins(engine.assets._assets.get(asset))
+        rest(engine)
+        assert made == []
+
+
+@pytest.mark.parametrize("change", ["settings", "eviction", "removal"])
+def test_half_made_maps_are_given_back_when_their_asset_changes(
+    tmp_path: Path, held: Held, change: str
+) -> None:
+    with running(tmp_path) as engine:
+        asset = started(engine, held, new_asset())
+        if change == "settings":
+            engine.assets.change(asset, {"depth": 0.5})
+        elif change == "eviction":
+            engine._on_device.drop(engine.assets._assets.get(asset))
+        else:
+            engine.assets.delete(asset)
+        held.free.set()
+        rest(engine)
+        states = {job.info.kind: job.info.state for job in engine.jobs._known()}
+        assert states["bins"] == ("failed" if change == "removal" else "done")
+        if change != "removal":
+            assert np.isfinite(draw(engine, asset, "neutral", BINNED, ADDRESS)).all()
+            engine.assets.delete(asset)
+        assert engine._device.budget.used == 0
