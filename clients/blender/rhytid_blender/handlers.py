@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 
 import bpy
@@ -46,9 +47,10 @@ def _render_update(scene: bpy.types.Scene, obj: bpy.types.Object) -> None:
 
 def _failed(scene: bpy.types.Scene, trouble: Trouble) -> None:
     told = f"rhytid: frame {scene.frame_current} has no map of its own: {trouble}"
-    print(told, file=sys.stderr)  # noqa: T201
+    print(told, file=sys.stderr, flush=True)  # noqa: T201
     if bpy.app.background:
-        raise SystemExit(1)
+        # An exception of a handler would be printed, and the frame rendered with an older map.
+        os._exit(1)
 
 
 HANDLERS = (("frame_change_post", after_frame_change), ("render_pre", before_render))

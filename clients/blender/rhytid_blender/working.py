@@ -15,6 +15,11 @@ Step = tuple[float, str, float]
 TICK_SECONDS = 0.1
 
 
+def windowed(context: bpy.types.Context) -> bool:
+    """Whether there are events: none in background mode, though a file may bring its windows."""
+    return context.window is not None and not bpy.app.background
+
+
 class Worker:
     """A part of an operator: `steps` does the work, and leaves things sound where it is closed."""
 
@@ -35,7 +40,7 @@ class Worker:
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Step by step, Esc ends it."""
         work = state.work()
-        if bpy.app.background or context.window is None:
+        if not windowed(context):
             return self.execute(context)
         if work.running:
             self.report({"ERROR"}, f"Wait until this is done: {work.text}")
