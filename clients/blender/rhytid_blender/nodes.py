@@ -6,6 +6,8 @@ from typing import Any
 
 import bpy
 
+from .words import Trouble, shared
+
 # By these names they are found again.
 UV, TEXTURE, HEIGHT, SUM = "rhytid uv", "rhytid map", "rhytid height", "rhytid sum"
 
@@ -13,7 +15,8 @@ UV, TEXTURE, HEIGHT, SUM = "rhytid uv", "rhytid map", "rhytid height", "rhytid s
 def set_up(obj: bpy.types.Object) -> list[str]:
     """Give every material of the object our displacement; returns what was done.
 
-    A displacement that a material has is kept, and ours added to it.
+    A displacement that a material has is kept, and ours added to it. Raises Trouble for a material
+    that shows the wrinkles of another object.
     """
     done = []
     if not any(slot.material for slot in obj.material_slots):
@@ -58,6 +61,8 @@ def _displace(material: bpy.types.Material, obj: bpy.types.Object) -> None:
     texture = _node(tree, TEXTURE, "ShaderNodeTexImage", output, -600)
     height = _node(tree, HEIGHT, "ShaderNodeDisplacement", output, -300)
     uv.uv_map = obj.rhytid.uv_map
+    if _of_another(material, texture.image, obj):
+        raise Trouble(shared(material.name))
     texture.image = obj.rhytid.image
     # Cubic of Cycles is a B-spline: it flattens what is a few texels wide.
     texture.interpolation, texture.extension = "Linear", "EXTEND"
@@ -66,6 +71,14 @@ def _displace(material: bpy.types.Material, obj: bpy.types.Object) -> None:
     tree.links.new(texture.outputs["Color"], height.inputs["Height"])
     _connect(tree, height, output)
     material.displacement_method = "BOTH"
+
+
+def _of_another(material: bpy.types.Material, image: Any, obj: bpy.types.Object) -> bool:
+    """Whether the image that the material shows is the map of another object that has it."""
+    if image is None or image == obj.rhytid.image:
+        return False
+    others = [other for other in bpy.data.objects if other.rhytid.image == image]
+    return any(slot.material == material for other in others for slot in other.material_slots)
 
 
 def _connect(tree: Any, height: Any, output: Any) -> None:

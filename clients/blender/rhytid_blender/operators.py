@@ -98,6 +98,8 @@ def _built(asset: Any) -> Iterator[Step]:
 def _sent(obj: bpy.types.Object, asset: Any, unit: str) -> None:
     given, status = obj.rhytid, state.status(obj.name)
     given.asset, given.vertices, given.sent_unit = asset.id, asset.vertices, unit
+    if any(other.rhytid.image == given.image for other in bpy.data.objects if other != obj):
+        given.image = None  # a copy of another object has a map of its own
     given.udims = ",".join(str(udim) for udim in asset.udims)
     given.uv_map, given.factor, given.baked = meshes.uv_map(obj), 1.0, False
     status.of_mesh, status.digest = tuple(str(warning) for warning in asset.warnings), ""

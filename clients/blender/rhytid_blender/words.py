@@ -33,3 +33,11 @@ def hidden(name: str) -> str:
 def no_uv(name: str) -> str:
     """Displacement has nowhere to be."""
     return f"'{name}' has no UV map: unwrap it, for displacement is drawn in UV"
+
+
+def shared(material: str) -> str:
+    """One material cannot show two maps."""
+    return (
+        f"Material '{material}' has the wrinkles of another object: make it a single-user copy "
+        "(the number beside its name), then send again"
+    )

@@ -65,6 +65,9 @@ class Worker:
         except Trouble as trouble:
             self.report({"ERROR"}, str(trouble))
             return self._end(context, {"CANCELLED"}, "")
+        except BaseException:
+            self._end(context, {"CANCELLED"}, "")
+            raise
         _redraw(context)
         return {"RUNNING_MODAL"}
 

@@ -46,6 +46,8 @@ def render(scene: bpy.types.Scene, folder: Path, frames: tuple[int, ...]) -> lis
 
 def height(path: Path) -> np.ndarray:
     """The heights in a rendered file."""
-    channels = OpenEXR.File(str(path), separate_channels=True).channels()
-    (name,) = [name for name in channels if name.endswith("Depth.Z") or name.endswith("Depth.V")]
+    # Blender 5.0 writes a part for each pass.
+    parts = OpenEXR.File(str(path), separate_channels=True).parts
+    channels = {name: found for part in parts for name, found in part.channels.items()}
+    (name,) = [name for name in channels if name.endswith("Depth.Z")]
     return DISTANCE - channels[name].pixels.astype(np.float64)

@@ -99,3 +99,18 @@ def test_server_forgot_the_mesh(sheet: bpy.types.Object) -> None:
     sheet.rhytid.asset = "0" * 16
     with pytest.raises(RuntimeError, match="Send the mesh again"):
         bpy.ops.rhytid.update()
+
+
+def test_a_copy_needs_a_material_of_its_own(sheet: bpy.types.Object) -> None:
+    bpy.ops.rhytid.send()
+    copy = sheet.copy()
+    bpy.context.scene.collection.objects.link(copy)
+    bpy.context.view_layer.objects.active = copy
+    with pytest.raises(RuntimeError, match="'Skin' has the wrinkles of another object"):
+        bpy.ops.rhytid.send()
+    assert sheet.active_material.node_tree.nodes["rhytid map"].image == sheet.rhytid.image
+
+    copy.data = copy.data.copy()
+    copy.material_slots[0].material = copy.active_material.copy()
+    assert bpy.ops.rhytid.send() == {"FINISHED"}
+    assert copy.rhytid.image != sheet.rhytid.image
