@@ -68,7 +68,7 @@ class Clock:
         self.now = 1000.0
         self.pauses: list[float] = []
         patch.setattr("rhytid_client.calls.job_calls.monotonic", lambda: self.now)
-        patch.setattr("rhytid_client.client.sleep", self.sleep)
+        patch.setattr("rhytid_client.blocking.sleep", self.sleep)
         patch.setattr("rhytid_client.async_client.sleep", self.awaited_sleep)
 
     def sleep(self, seconds: float) -> None:

@@ -18,7 +18,7 @@ import pytest
 from clients.shells import Script, Shell
 from rhytid.cli.serve import PORT
 from rhytid.engine.messages import METHODS
-from rhytid_client import Asset, AsyncClient, Bins, Client, Device, Frame, Job, calls
+from rhytid_client import Asset, AsyncClient, Bins, Client, Device, Frame, Job, PlainClient, calls
 
 ASSET = {"id": "a" * 16, "state": "ready", "job": None, "udims": [1001, 1002], "future": {"x": 1}}
 JOB = {"id": "j", "state": "running", "progress": 0.5, "asset": "a" * 16, "kind": "build"}
@@ -247,15 +247,15 @@ def test_call(shell: Callable[..., Shell], case: Case) -> None:
     assert {name: sent.headers.get(name) for name in case.headers} == case.headers
 
 
-def test_every_call_has_a_case_and_a_method_on_both_clients() -> None:
+def test_every_call_has_a_case_and_a_method_on_every_client() -> None:
     wanted = set(calls.__all__)
     assert {case.name for case in CASES} | {"create_asset"} == wanted
-    for client in (Client, AsyncClient):
-        public = {name for name in vars(client) if not name.startswith("_")}
-        assert public == wanted | {"close"}
+    for client, more in ((Client, {"close"}), (AsyncClient, {"close"}), (PlainClient, set())):
+        public = {name for name in dir(client) if not name.startswith("_")}
+        assert public == wanted | more
 
 
-@pytest.mark.parametrize("client", [Client, AsyncClient])
+@pytest.mark.parametrize("client", [Client, AsyncClient, PlainClient])
 def test_the_default_address_is_where_a_server_listens(client: type) -> None:
     url = inspect.signature(client).parameters["url"].default
     assert url == f"http://127.0.0.1:{PORT}"

@@ -21,6 +21,7 @@ from rhytid_client import (
     Job,
     NotFound,
     NotReady,
+    PlainClient,
     RequestError,
     TooLarge,
 )
@@ -30,7 +31,7 @@ LIMIT = 1 << 20
 MADE = {"name": "patch.obj", "settings": patch.SETTINGS}
 
 
-@pytest.fixture(scope="module", params=["sync", "async"])
+@pytest.fixture(scope="module", params=["sync", "plain", "async"])
 def call(request: pytest.FixtureRequest) -> Iterator[Call]:
     """`call(method, ...)` calls a method of a client of a server of its own."""
     with serving(FakeEngine(polls=3), upload_limit=LIMIT) as http:
@@ -38,6 +39,9 @@ def call(request: pytest.FixtureRequest) -> Iterator[Call]:
         if request.param == "sync":
             with Client(url, max_wait=0.3) as client:
                 yield lambda method, /, *args, **kwargs: getattr(client, method)(*args, **kwargs)
+        elif request.param == "plain":
+            plain = PlainClient(url, max_wait=0.3)
+            yield lambda method, /, *args, **kwargs: getattr(plain, method)(*args, **kwargs)
         else:
             yield from _awaited(url)
 

@@ -1,7 +1,10 @@
 """Client of the rhytid facial wrinkle service: frames in, displacement tiles out."""
 
-from rhytid_client.async_client import AsyncClient
-from rhytid_client.client import Client
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
 from rhytid_client.errors import (
     BadAnswer,
     Conflict,
@@ -19,6 +22,7 @@ from rhytid_client.errors import (
     Timeout,
     TooLarge,
 )
+from rhytid_client.plain_client import PlainClient
 from rhytid_client.results import (
     Asset,
     Bins,
@@ -30,6 +34,10 @@ from rhytid_client.results import (
     Stretch,
     Tile,
 )
+
+if TYPE_CHECKING:
+    from rhytid_client.async_client import AsyncClient
+    from rhytid_client.client import Client
 
 __version__ = "0.1.0"
 
@@ -50,6 +58,7 @@ __all__ = [
     "NotFound",
     "NotReady",
     "Notice",
+    "PlainClient",
     "ProblemError",
     "RequestError",
     "RhytidError",
@@ -61,3 +70,12 @@ __all__ = [
     "Timeout",
     "TooLarge",
 ]
+
+# These two need httpx, the rest of the package does not: it is imported with them.
+_OVER_HTTPX = {"Client": "client", "AsyncClient": "async_client"}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _OVER_HTTPX:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_OVER_HTTPX[name]}"), name)

@@ -11,7 +11,7 @@ import httpx
 from rhytid_client import calls
 from rhytid_client.errors import ConnectionFailed
 from rhytid_client.exchange import Flow, Listen, Step, patient
-from rhytid_client.methods import TIMEOUT, described
+from rhytid_client.methods import ANSWER_SECONDS, CONNECT_SECONDS, described
 from rhytid_client.multipart_form import Form
 from rhytid_client.parse import Response
 from rhytid_client.requests import Request
@@ -47,7 +47,8 @@ class AsyncClient:
         self._url = url.rstrip("/")
         self._max_wait = max_wait
         self._owned = http is None
-        self._http = httpx.AsyncClient(timeout=TIMEOUT) if http is None else http
+        timeout = httpx.Timeout(ANSWER_SECONDS, connect=CONNECT_SECONDS)
+        self._http = httpx.AsyncClient(timeout=timeout) if http is None else http
 
     async def close(self) -> None:
         """Close the connections that this client opened."""

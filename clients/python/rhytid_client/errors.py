@@ -11,7 +11,7 @@
     │   │   └── TooLarge      413
     │   └── ServerError       5xx
     │       └── ServerBusy    503 with Retry-After: the queue is full
-    ├── ConnectionFailed      no answer; the httpx error is its __cause__
+    ├── ConnectionFailed      no answer; the error of the transport is its __cause__
     ├── BadAnswer             an answer that cannot be read
     ├── JobFailed             .job
     ├── JobCancelled          .job
@@ -97,7 +97,7 @@ class ServerBusy(ServerError):
 
 
 class ConnectionFailed(RhytidError):
-    """No answer came; `__cause__` is the error of httpx."""
+    """No answer came; `__cause__` is the error of httpx or of Python's own HTTP."""
 
 
 class BadAnswer(RhytidError):

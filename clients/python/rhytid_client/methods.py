@@ -7,10 +7,9 @@ from collections.abc import Callable
 from functools import wraps
 from typing import Any, TypeVar
 
-import httpx
-
 # A tile may wait for its precomputed maps, so an answer gets longer than a connection.
-TIMEOUT = httpx.Timeout(300.0, connect=10.0)
+ANSWER_SECONDS = 300.0
+CONNECT_SECONDS = 10.0
 
 M = TypeVar("M", bound=Callable[..., Any])
 

@@ -1,0 +1,26 @@
+"""Wrinkles of the rhytid service on an animated mesh, as displacement."""
+
+import bpy
+
+from . import bake, handlers, operators, panel, preferences, properties, state
+
+MODULES = (preferences, properties, operators, bake, panel)
+
+
+def register() -> None:
+    """Make classes, properties and handlers known to Blender."""
+    for module in MODULES:
+        for kind in module.CLASSES:
+            bpy.utils.register_class(kind)
+    bpy.types.Object.rhytid = bpy.props.PointerProperty(type=properties.RhytidProperties)
+    handlers.add()
+
+
+def unregister() -> None:
+    """Take back what `register` did; maps and materials of a file stay as they are."""
+    handlers.remove()
+    state.forget()
+    del bpy.types.Object.rhytid
+    for module in reversed(MODULES):
+        for kind in reversed(module.CLASSES):
+            bpy.utils.unregister_class(kind)

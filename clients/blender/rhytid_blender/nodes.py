@@ -1,0 +1,109 @@
+"""The nodes that displace a material, set up so that nobody need know how."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from .words import Trouble, shared
+
+# By these names they are found again.
+UV, TEXTURE, HEIGHT, SUM = "rhytid uv", "rhytid map", "rhytid height", "rhytid sum"
+
+
+def set_up(obj: bpy.types.Object) -> list[str]:
+    """Give every material of the object our displacement; returns what was done.
+
+    A displacement that a material has is kept, and ours added to it. Raises Trouble for a material
+    that shows the wrinkles of another object.
+    """
+    done = []
+    if not any(slot.material for slot in obj.material_slots):
+        obj.data.materials.append(bpy.data.materials.new("Skin"))
+        done.append("a material 'Skin'")
+    for material in {slot.material for slot in obj.material_slots if slot.material}:
+        _displace(material, obj)
+        done.append(f"displacement of '{material.name}': Non-Color, linear, midlevel 0, both")
+    scale(obj)
+    return done
+
+
+def scale(obj: bpy.types.Object) -> None:
+    """Strength, in the unit of the mesh, to the nodes of the object."""
+    for tree in trees(obj):
+        tree.nodes[HEIGHT].inputs["Scale"].default_value = obj.rhytid.strength * obj.rhytid.factor
+
+
+def trees(obj: bpy.types.Object) -> list[Any]:
+    """The node trees that have our nodes."""
+    found = [slot.material.node_tree for slot in obj.material_slots if slot.material]
+    return [tree for tree in found if tree is not None and HEIGHT in tree.nodes]
+
+
+def play(obj: bpy.types.Object, count: int, start: int, first: int) -> None:
+    """Let the image play `count` files from the one numbered `first`, at the frame `start`.
+
+    Blender shows the file of number frame - frame_start + 1 + frame_offset.
+    """
+    for tree in trees(obj):
+        user = tree.nodes[TEXTURE].image_user
+        user.frame_duration, user.frame_start, user.frame_offset = count, start, first - 1
+        user.use_cyclic, user.use_auto_refresh = False, True
+
+
+def _displace(material: bpy.types.Material, obj: bpy.types.Object) -> None:
+    if material.node_tree is None:
+        material.use_nodes = True
+    tree = material.node_tree
+    output = _output(tree)
+    uv = _node(tree, UV, "ShaderNodeUVMap", output, -800)
+    texture = _node(tree, TEXTURE, "ShaderNodeTexImage", output, -600)
+    height = _node(tree, HEIGHT, "ShaderNodeDisplacement", output, -300)
+    uv.uv_map = obj.rhytid.uv_map
+    if _of_another(material, texture.image, obj):
+        raise Trouble(shared(material.name))
+    texture.image = obj.rhytid.image
+    # Cubic of Cycles is a B-spline: it flattens what is a few texels wide.
+    texture.interpolation, texture.extension = "Linear", "EXTEND"
+    height.space, height.inputs["Midlevel"].default_value = "OBJECT", 0.0
+    tree.links.new(uv.outputs["UV"], texture.inputs["Vector"])
+    tree.links.new(texture.outputs["Color"], height.inputs["Height"])
+    _connect(tree, height, output)
+    material.displacement_method = "BOTH"
+
+
+def _of_another(material: bpy.types.Material, image: Any, obj: bpy.types.Object) -> bool:
+    """Whether the image that the material shows is the map of another object that has it."""
+    if image is None or image == obj.rhytid.image:
+        return False
+    others = [other for other in bpy.data.objects if other.rhytid.image == image]
+    return any(slot.material == material for other in others for slot in other.material_slots)
+
+
+def _connect(tree: Any, height: Any, output: Any) -> None:
+    """Lead our height to the output, over a sum where another displacement is there."""
+    target = output.inputs["Displacement"]
+    present = target.links[0].from_socket if target.is_linked else None
+    if present is None or present.node == height:
+        tree.links.new(height.outputs["Displacement"], target)
+    elif present.node.name != SUM:
+        both = _node(tree, SUM, "ShaderNodeVectorMath", output, -150)
+        both.operation = "ADD"
+        tree.links.new(present, both.inputs[0])
+        tree.links.new(height.outputs["Displacement"], both.inputs[1])
+        tree.links.new(both.outputs["Vector"], target)
+
+
+def _output(tree: Any) -> Any:
+    found = tree.get_output_node("CYCLES")
+    return found if found is not None else tree.nodes.new("ShaderNodeOutputMaterial")
+
+
+def _node(tree: Any, name: str, kind: str, beside: Any, x: float) -> Any:
+    node = tree.nodes.get(name)
+    if node is None:
+        node = tree.nodes.new(kind)
+        node.name = node.label = name
+        node.location = (beside.location.x + x, beside.location.y - 250)
+    return node

@@ -1,0 +1,176 @@
+"""The buttons of the panel."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import bpy
+
+from . import connection, meshes, nodes, rendering, state, updating
+from .words import NO_MESH, NOT_SENT, Trouble
+from .working import Step, Worker
+
+POLL_SECONDS = 0.2
+
+
+def active(context: bpy.types.Context) -> bpy.types.Object:
+    """The mesh that is worked on; raises Trouble."""
+    obj = context.object
+    if obj is None or obj.type != "MESH":
+        raise Trouble(NO_MESH)
+    return obj
+
+
+class Simple:
+    """A part of an operator that does one thing and says what it did."""
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Do it."""
+        try:
+            self.report({"INFO"}, self.done(context))
+        except Trouble as trouble:
+            self.report({"ERROR"}, str(trouble))
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+    def done(self, context: bpy.types.Context) -> str:
+        """What was done, in words; raises Trouble."""
+        raise NotImplementedError
+
+
+class RHYTID_OT_connect(Simple, bpy.types.Operator):
+    """Ask the server whether it is there and computes"""
+
+    bl_idname, bl_label = "rhytid.connect", "Test the Connection"
+
+    def done(self, context: bpy.types.Context) -> str:
+        """Ask it."""
+        return connection.tested()
+
+
+class RHYTID_OT_send(Worker, bpy.types.Operator):
+    """Send the shape without modifiers, and its shape keys, and have wrinkles grown on it; then set
+    material, modifier and Cycles up, and draw the first map"""
+
+    bl_idname, bl_label = "rhytid.send", "Send the Mesh"
+    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  as Blender wants it
+
+    def steps(self, context: bpy.types.Context) -> Iterator[Step]:
+        """Send, wait, set up, draw."""
+        obj, scene = active(context), context.scene
+        mesh = meshes.rest(obj)
+        settings = _settings(obj, mesh["positions"])
+        yield 0.0, "sending", 0.0
+        with connection.server() as client:
+            asset = client.create_asset(mesh, settings=settings, shapes=meshes.shapes(obj))
+        asset = yield from _built(asset)
+        _sent(obj, asset, settings["unit"])
+        updating.update(obj, updating.graph_of(scene, obj))
+        done = [*nodes.set_up(obj), *rendering.set_up(obj, scene)]
+        self.report({"INFO"}, "Set up: " + "; ".join(done))
+
+
+def _settings(obj: bpy.types.Object, positions: meshes.Array) -> dict[str, Any]:
+    resolution, unit = int(obj.rhytid.resolution), obj.rhytid.unit
+    if unit == "auto":
+        unit = meshes.guessed_unit(positions)
+    return {"resolution": resolution, "tile_size": min(resolution, 512), "unit": unit}
+
+
+def _built(asset: Any) -> Iterator[Step]:
+    """Follow the build of an asset and return it; ends the job where the work is closed."""
+    try:
+        while asset.state == "building":
+            with connection.server() as client:
+                job = client.job(asset.job)
+                asset = client.asset(asset)
+            yield job.progress, job.stage, POLL_SECONDS
+    except GeneratorExit:
+        with connection.server() as client:
+            client.cancel(asset.job)
+        raise
+    if asset.state == "failed":
+        raise Trouble(f"The server cannot grow wrinkles on this mesh: {asset.reason}")
+    return asset
+
+
+def _sent(obj: bpy.types.Object, asset: Any, unit: str) -> None:
+    given, status = obj.rhytid, state.status(obj.name)
+    given.asset, given.vertices, given.sent_unit = asset.id, asset.vertices, unit
+    if any(other.rhytid.image == given.image for other in bpy.data.objects if other != obj):
+        given.image = None  # a copy of another object has a map of its own
+    given.udims = ",".join(str(udim) for udim in asset.udims)
+    given.uv_map, given.factor, given.baked = meshes.uv_map(obj), 1.0, False
+    status.of_mesh, status.digest = tuple(str(warning) for warning in asset.warnings), ""
+
+
+class RHYTID_OT_update(Simple, bpy.types.Operator):
+    """Draw the map of the present shape"""
+
+    bl_idname, bl_label = "rhytid.update", "Draw Now"
+
+    def done(self, context: bpy.types.Context) -> str:
+        """Draw it, live."""
+        obj = active(context)
+        if not obj.rhytid.asset:
+            raise Trouble(NOT_SENT)
+        if obj.rhytid.baked:
+            obj.rhytid.baked, obj.rhytid.factor = False, 1.0
+            state.status(obj.name).digest = ""
+            with connection.server() as client:
+                udims = client.asset(obj.rhytid.asset).udims
+            obj.rhytid.udims = ",".join(str(udim) for udim in udims)
+        updating.update(obj, updating.graph_of(context.scene, obj))
+        nodes.scale(obj)
+        return "The map is that of the present shape"
+
+
+class RHYTID_OT_set_up(Simple, bpy.types.Operator):
+    """Set material, modifier and Cycles up once more, after they were changed"""
+
+    bl_idname, bl_label = "rhytid.set_up", "Set Up Material and Cycles"
+    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  as Blender wants it
+
+    def done(self, context: bpy.types.Context) -> str:
+        """Set it up."""
+        obj = active(context)
+        if obj.rhytid.image is None:
+            raise Trouble(NOT_SENT)
+        return "; ".join([*nodes.set_up(obj), *rendering.set_up(obj, context.scene)])
+
+
+class RHYTID_OT_calibrate(Simple, bpy.types.Operator):
+    """Make the precomputed maps for the stretch of the present shape: choose a strong expression"""
+
+    bl_idname, bl_label = "rhytid.calibrate", "Calibrate from This Frame"
+
+    def done(self, context: bpy.types.Context) -> str:
+        """Send the frame and wait for the maps."""
+        obj = active(context)
+        now = updating.positions(obj, updating.graph_of(context.scene, obj))
+        with connection.server() as client:
+            client.wait(client.calibrate(obj.rhytid.asset, now))
+        state.status(obj.name).digest = ""
+        return "Precomputed maps are made for this stretch"
+
+
+class RHYTID_OT_cancel(bpy.types.Operator):
+    """End the work that is being done"""
+
+    bl_idname, bl_label = "rhytid.cancel", "Cancel"
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Have it end at its next step."""
+        state.work().cancelled = True
+        return {"FINISHED"}
+
+
+CLASSES = (
+    RHYTID_OT_connect,
+    RHYTID_OT_send,
+    RHYTID_OT_update,
+    RHYTID_OT_set_up,
+    RHYTID_OT_calibrate,
+    RHYTID_OT_cancel,
+)

@@ -1,0 +1,97 @@
+"""The panel, in the sidebar of the 3D viewport."""
+
+from __future__ import annotations
+
+import textwrap
+
+import bpy
+
+from . import state
+from .preferences import preferences
+
+_WIDTH = 44
+
+
+class RHYTID_PT_main(bpy.types.Panel):
+    """Server, mesh, look, bake."""
+
+    bl_idname, bl_label = "RHYTID_PT_main", "Rhytid"
+    bl_space_type, bl_region_type, bl_category = "VIEW_3D", "UI", "Rhytid"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """From the server down to the files."""
+        layout = self.layout
+        layout.use_property_split, layout.use_property_decorate = True, False
+        layout.prop(preferences(), "server")
+        layout.prop(preferences(), "key")
+        layout.operator("rhytid.connect", icon="URL")
+        if state.work().running:
+            _progress(layout)
+        obj = context.object
+        if obj is None or obj.type != "MESH":
+            layout.label(text="Select a mesh", icon="INFO")
+            return
+        _mesh(layout, obj)
+        if obj.rhytid.image is not None:
+            _look(layout, obj)
+        _files(layout, obj)
+        _status(layout, obj)
+
+
+def _progress(layout: bpy.types.UILayout) -> None:
+    work = state.work()
+    row = layout.row()
+    row.progress(factor=work.share, text=work.text)
+    row.operator("rhytid.cancel", text="", icon="CANCEL")
+
+
+def _mesh(layout: bpy.types.UILayout, obj: bpy.types.Object) -> None:
+    column = layout.column()
+    column.prop(obj.rhytid, "resolution")
+    column.prop(obj.rhytid, "unit")
+    again = "Send the Mesh Again" if obj.rhytid.asset else "Send the Mesh"
+    column.operator("rhytid.send", text=again, icon="EXPORT")
+    if obj.rhytid.sent_unit:
+        column.label(text=f"{obj.rhytid.vertices} vertices, in {obj.rhytid.sent_unit}")
+
+
+def _look(layout: bpy.types.UILayout, obj: bpy.types.Object) -> None:
+    column = layout.column()
+    column.prop(obj.rhytid, "strength")
+    if obj.rhytid.asset:
+        column.prop(obj.rhytid, "method")
+        column.prop(obj.rhytid, "smooth")
+        column.prop(obj.rhytid, "live")
+        if obj.rhytid.method == "binned":
+            column.operator("rhytid.calibrate")
+        text = "Draw Live Again" if obj.rhytid.baked else "Draw Now"
+        column.operator("rhytid.update", text=text, icon="FILE_REFRESH")
+    column.operator("rhytid.set_up", icon="NODETREE")
+
+
+def _files(layout: bpy.types.UILayout, obj: bpy.types.Object) -> None:
+    column = layout.column()
+    if obj.rhytid.asset:
+        column.prop(obj.rhytid, "folder")
+        column.prop(obj.rhytid, "half")
+        column.operator("rhytid.bake", icon="RENDER_ANIMATION")
+    column.operator("rhytid.open", icon="FILE_FOLDER")
+
+
+def _status(layout: bpy.types.UILayout, obj: bpy.types.Object) -> None:
+    status = state.status(obj.name)
+    if status.text:
+        _text(layout, status.text, "ERROR" if status.failed else "CHECKMARK")
+    for warning in (*status.of_mesh, *status.of_frame):
+        _text(layout, warning, "INFO")
+
+
+def _text(layout: bpy.types.UILayout, text: str, icon: str) -> None:
+    box = layout.box().column(align=True)
+    for at, line in enumerate(textwrap.wrap(text, _WIDTH)):
+        row = box.row()
+        row.alert = icon == "ERROR"
+        row.label(text=line, icon=icon if at == 0 else "BLANK1")
+
+
+CLASSES = (RHYTID_PT_main,)

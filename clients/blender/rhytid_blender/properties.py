@@ -1,0 +1,97 @@
+"""What is saved with an object: how it was sent, and how its wrinkles are drawn."""
+
+import bpy
+from bpy.props import (
+    BoolProperty,
+    EnumProperty,
+    FloatProperty,
+    IntProperty,
+    PointerProperty,
+    StringProperty,
+)
+
+from . import nodes
+
+METHODS = (
+    ("redraw", "Redraw", "Every wrinkle drawn anew: exact"),
+    ("binned", "Binned", "Precomputed maps blended: fast"),
+)
+RESOLUTIONS = tuple((str(1 << n), str(1 << n), f"{1 << n} texels per side") for n in range(8, 15))
+UNITS = (
+    ("auto", "By size", "Millimetres, centimetres or metres: whichever makes it a head"),
+    ("mm", "Millimetres", ""),
+    ("cm", "Centimetres", ""),
+    ("dm", "Decimetres", ""),
+    ("m", "Metres", ""),
+    ("in", "Inches", ""),
+    ("ft", "Feet", ""),
+)
+
+
+def _strength(properties: "RhytidProperties", context: bpy.types.Context) -> None:
+    nodes.scale(properties.id_data)
+
+
+class RhytidProperties(bpy.types.PropertyGroup):
+    """Of one object.
+
+    asset, vertices, udims, sent_unit: of the mesh as the server has it.  factor: mesh units in one
+    of the map.  first, last: numbers of the files of an opened folder.
+    """
+
+    strength: FloatProperty(
+        name="Strength",
+        description="Factor of the displacement",
+        default=1.0,
+        soft_min=0.0,
+        soft_max=3.0,
+        update=_strength,
+    )
+    method: EnumProperty(name="Method", items=METHODS)
+    resolution: EnumProperty(
+        name="Resolution",
+        description="Texels per side; counts when the mesh is sent",
+        items=RESOLUTIONS,
+        default="2048",
+    )
+    unit: EnumProperty(
+        name="Unit",
+        description="What one unit of the mesh is, without the object's scale; "
+        "pores are half a millimetre apart in it",
+        items=UNITS,
+    )
+    smooth: BoolProperty(
+        name="Smooth stretch",
+        description="Interpolate stretch, so that no edge of a triangle shows",
+        default=True,
+    )
+    live: BoolProperty(
+        name="Update with the frame",
+        description="Draw the map again when the frame changes, and before a frame is rendered",
+        default=True,
+    )
+    folder: StringProperty(name="Folder", subtype="DIR_PATH", default="//rhytid/")
+    start: IntProperty(name="First frame at", description="The frame that plays the first file")
+    half: BoolProperty(
+        name="Half floats", description="Half the size, within 0.05 % of each height"
+    )
+
+    asset: StringProperty()
+    vertices: IntProperty()
+    udims: StringProperty()
+    sent_unit: StringProperty()
+    uv_map: StringProperty()
+    factor: FloatProperty(default=1.0)
+    baked: BoolProperty()
+    pattern: StringProperty()
+    digits: IntProperty()
+    first: IntProperty()
+    last: IntProperty()
+    image: PointerProperty(type=bpy.types.Image)
+
+    def udim_list(self) -> list[int]:
+        """The UDIMs of the map."""
+        return [int(udim) for udim in self.udims.split(",") if udim]
+
+
+CLASSES = (RhytidProperties,)
