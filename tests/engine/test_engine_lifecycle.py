@@ -61,7 +61,7 @@ def test_a_build_that_failed_after_it_was_stored_is_taken_up_again(engine, monke
         raise DeviceMemoryError("no room")
 
     with monkeypatch.context() as patch:
-        patch.setattr(DeviceMesh, "install", no_room)
+        patch.setattr(DeviceMesh, "upload", no_room)
         info = engine.assets.create(new_asset())
         assert finish(engine, info.job).state == "failed"
     assert engine.assets.info(info.id).reason == "no room"
@@ -120,10 +120,14 @@ def test_a_change_that_fails_halfway_leaves_the_elements_in_place(engine, monkey
     def no_room(*_):
         raise DeviceMemoryError("no room")
 
+    held = []
     with monkeypatch.context() as patch:
         patch.setattr("rhytid.engine.device_mesh.Blend", no_room)
-        with pytest.raises(DeviceMemoryError):
-            engine.assets.change(asset, {"response": {"alpha_w": 2.0}})
+        for _ in range(2):
+            with pytest.raises(DeviceMemoryError):
+                engine.assets.change(asset, {"response": {"alpha_w": 2.0}})
+            held.append(engine._device.budget.used)
+    assert held[0] == held[1]
     assert engine.tiles.plan(asset, "neutral", REDRAW, ADDRESS).draw().tobytes() == before.tobytes()
 
 
