@@ -86,4 +86,4 @@ class FakeTiles(Part):
 
         key = f"{engine.revision}/{value}/{'/'.join(drawn)}/{udim}/{level}"
         header = TileHeader("cm", frame, asset, *drawn, udim, level, 0, 0, 1.0)
-        return TilePlan(key, header, draw)
+        return TilePlan(key, header, SIDE, draw)
