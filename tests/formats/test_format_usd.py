@@ -257,6 +257,7 @@ def test_blend_shapes_of_a_skeleton_are_frames(tmp_path: Path) -> None:
     for number, weight in ((1, 0.0), (2, 0.5), (3, 1.0)):
         np.testing.assert_allclose(frames[number], POINTS + weight * SMILE, atol=1e-7)
     assert file.read_bytes() == before
+    assert not Sdf.Layer.FindOrOpen(str(file)).dirty
 
 
 def several(tmp_path: Path) -> Path:
