@@ -297,7 +297,7 @@ def test_settings_change_without_synthesis(device):
     """What PATCH does: other settings of the grain and of the cushion, the same graph."""
     asset = asset_of(device)
     first = drawn(asset)
-    still = asset.settings.changed({"shape": {"grain": 0.0}})
+    still = asset.mesh.settings.changed({"shape": {"grain": 0.0}})
     assert not asset.mesh.prepares(still)
     asset.mesh.use(still)
     assert np.abs(drawn(asset) - first).max() > 0.01 * DEPTH

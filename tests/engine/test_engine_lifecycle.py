@@ -61,7 +61,7 @@ def test_a_build_that_failed_after_it_was_stored_is_taken_up_again(engine, monke
         raise DeviceMemoryError("no room")
 
     with monkeypatch.context() as patch:
-        patch.setattr(DeviceMesh, "install", no_room)
+        patch.setattr(DeviceMesh, "upload", no_room)
         info = engine.assets.create(new_asset())
         assert finish(engine, info.job).state == "failed"
     assert engine.assets.info(info.id).reason == "no room"

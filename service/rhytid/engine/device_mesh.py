@@ -125,11 +125,15 @@ class DeviceMesh:
         return {u: UdimElements(self.device, w, p, count) for u, (w, p) in prepared.items()}
 
     def take(self, elements: dict[int, UdimElements], settings: AssetSettings) -> None:
-        """Draw these elements with these settings from now on."""
+        """Draw these elements with these settings from now on; where that fails they are given back
+        and those before stay."""
+        try:
+            self.use(settings)
+        except BaseException:
+            _release(elements)
+            raise
         old, self.elements = self.elements, elements
-        self.use(settings)
-        for before in old.values():
-            before.release()
+        _release(old)
 
     def use(self, settings: AssetSettings) -> None:
         """Take settings that leave the elements as they are; forget what the old ones made."""
@@ -153,6 +157,11 @@ class DeviceMesh:
             return given
         found = locate_points(self.device, self.mesh, uv, settings.resolution, settings.padding)
         return found if given is None else np.where(given >= 0, given, found)
+
+
+def _release(elements: dict[int, UdimElements]) -> None:
+    for of_udim in elements.values():
+        of_udim.release()
 
 
 def _laid_out(shape: ShapeSettings) -> tuple[float | None, ...]:
