@@ -10,7 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rhytid.cli.options import (
+    FRAME_FILES,
+    MESH_FILES,
     Commands,
+    add_caches,
     add_device,
     add_force,
     add_json,
@@ -19,6 +22,7 @@ from rhytid.cli.options import (
     add_stiffness,
     add_strict,
     base_name,
+    cache_clip,
     new_command,
     readable,
 )
@@ -45,8 +49,9 @@ if TYPE_CHECKING:
 
 SUMMARY = "Write the displacement of an animation as EXR files; continues where it was interrupted."
 DETAILS = """
-Files are called NAME.<UDIM>.<FRAME>.exr. Where each frame file holds one frame, FRAME is the number
-at the end of its name, or its name where not all have a number; else frames are counted from 0001.
+Files are called NAME.<UDIM>.<FRAME>.exr. FRAME is the number that a geometry cache gives; else,
+where each frame file holds one frame, the number at the end of its name, or its name where not all
+have a number; else frames are counted from 0001.
 Maps that were baked from the same inputs are skipped. With --method binned the range of the
 precomputed maps comes from the frame that stretches most, unless the settings give bins.r_max."""
 
@@ -59,9 +64,10 @@ def add_command(commands: Commands) -> None:
     parser.description = SUMMARY + DETAILS
     parser.epilog = f"{parser.epilog}, or with: --method convolved --sampling smooth"
     add = parser.add_argument
-    add("--mesh", type=readable, required=True, metavar="NEUTRAL", help="OBJ, PLY, glTF, GLB, npz")
-    frames = "npy, obj, or npz with 'frames'; not needed where NEUTRAL is a npz that holds frames"
+    add("--mesh", type=readable, required=True, metavar="NEUTRAL", help=MESH_FILES)
+    frames = f"{FRAME_FILES}; not needed where NEUTRAL holds frames"
     add_several(parser, "--frames", type=readable, metavar="FILE", help=frames)
+    add_caches(parser)
     add("--out", type=Path, required=True, metavar="DIR", help="folder of the maps")
     add(
         "--name",
@@ -107,8 +113,12 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
 
     given = asset_settings(arguments)
     settings = AssetSettings.parse(given)
-    mesh = mesh_file(arguments.mesh)
-    frames = FrameFiles(mesh, arguments.frames)
+    clip = cache_clip(arguments)
+    mesh = mesh_file(arguments.mesh, clip)
+    if mesh.unit is not None and "unit" not in given:
+        settings = AssetSettings.parse({**given, "unit": mesh.unit})
+    warned.notes(mesh.notes)
+    frames = FrameFiles(mesh, arguments.frames, clip)
     warned.inputs(mesh.mesh, arguments.mesh.name, settings.length_unit, settings.resolution, frames)
     geometry = None
     if arguments.geometry is not None:
@@ -123,7 +133,7 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
         stiffness=stiffness_files(arguments.stiffness, mesh.mesh),
         controls=skin_controls(arguments, mesh.mesh),
         force=arguments.force,
-        shapes=shape_files(arguments.shapes, mesh),
+        shapes=shape_files(arguments.shapes, mesh, clip),
     )
     name = arguments.name or _own_name(arguments.mesh)
     arguments.out.mkdir(parents=True, exist_ok=True)

@@ -7,11 +7,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rhytid.cli.options import (
+    FRAME_FILES,
+    MESH_FILES,
     Commands,
+    add_caches,
     add_json,
     add_several,
     add_strict,
     add_unit,
+    cache_clip,
     new_command,
     readable,
 )
@@ -39,9 +43,10 @@ def add_command(commands: Commands) -> None:
         "rhytid check face.obj --frames shot/*.obj --picture face.check.png",
     )
     add = parser.add_argument
-    add("mesh", type=readable, metavar="MESH", help="OBJ, PLY, glTF, GLB or npz")
-    frames = "frames to check: OBJ, npy or npz (default: those of a .npz mesh)"
+    add("mesh", type=readable, metavar="MESH", help=MESH_FILES)
+    frames = f"frames to check: {FRAME_FILES} (default: those of MESH)"
     add_several(parser, "--frames", type=readable, metavar="FILE", help=frames)
+    add_caches(parser)
     add_unit(parser, "MESH")
     usual = AssetSettings().resolution
     texels = "texels per side that texel sizes are for"
@@ -74,9 +79,11 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
             raise InputError(f"{picture}: the picture is written as {_PNG}")
         make_place(picture)
     AssetSettings.parse({"resolution": arguments.resolution})
-    read = mesh_file(arguments.mesh)
+    read = mesh_file(arguments.mesh, cache_clip(arguments))
+    warned.notes(read.notes)
+    unit = arguments.unit or read.unit or USUAL_UNIT
     with working("checking the mesh"):
-        check = MeshCheck.of(read, arguments.unit or USUAL_UNIT, arguments.resolution)
+        check = MeshCheck.of(read, unit, arguments.resolution)
     figures = check.figures() | _frames(arguments, check, warned)
     figures = {"file": str(arguments.mesh), **figures, "warnings": warned.figures()}
     if picture is not None:
@@ -96,9 +103,10 @@ def _frames(arguments: argparse.Namespace, check: MeshCheck, warned: Warned) -> 
     name, mesh = arguments.mesh.name, check.mesh
     found = mesh_warnings(mesh, check.unit, check.resolution, check.layout.udims)
     warned.tell(replace(warning, where=f"{name}, {warning.where}") for warning in found)
-    if not arguments.frames and check.file.frames is None:
+    if not arguments.frames and check.file.frames is None and check.file.animation is None:
         return {"frames": 0}
-    files, looked = FrameFiles(check.file, arguments.frames), FrameCheck(mesh, check.unit)
+    files = FrameFiles(check.file, arguments.frames, cache_clip(arguments))
+    looked = FrameCheck(mesh, check.unit)
     for place in counted(files.places, "checking", "frame"):
         warned.tell(looked.warnings(files.read(place), f"frame {place.name}"))
     return {"frames": len(files.places)}

@@ -10,10 +10,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.cli.input_files import frame_file
+from rhytid.cli.input_files import frame_set
 from rhytid.cli.options import is_file_name
 from rhytid.domain.frame import NEUTRAL, frame_label
 from rhytid.errors import FrameError
+from rhytid.formats.frame_set import Clip, FrameSet
 from rhytid.formats.meshes import MeshFile
 
 Frames = NDArray[np.float32]
@@ -38,39 +39,59 @@ class FramePlace:
 class FrameFiles:
     """The frames of some files, or of the mesh file where no files are given.
 
-    Frames are read when they are asked for; one file is kept in memory. Raises FrameError naming
-    the file that cannot be used, or where there is no frame at all.
+    Frames are read when they are asked for; one file is kept, of a geometry cache one frame. Raises
+    FrameError naming the file that cannot be used, or where there is no frame at all.
     """
 
-    def __init__(self, mesh: MeshFile, files: Sequence[Path]) -> None:
+    def __init__(self, mesh: MeshFile, files: Sequence[Path], clip: Clip | None = None) -> None:
         self._vertices, self._centre = len(mesh.mesh.positions), mesh.mesh.centre
-        self._kept: tuple[Path | None, Frames | None] = (None, mesh.frames)
+        self._clip = clip
+        nothing = FrameSet.of(np.empty((0, self._vertices, 3), np.float32))
+        own_frames = None if files else mesh.frame_set
+        self._kept: tuple[Path | None, FrameSet] = (None, own_frames or nothing)
         sources: list[Path | None] = [*files] or [None]
-        counts = [self._count(source) for source in sources]
-        labels = frame_labels(sources, counts)
+        counts, own = zip(*[self._facts(source) for source in sources], strict=True)
+        labels = own_labels(sources, own) or frame_labels(sources, counts)
         where = [(f, i) for f, n in zip(sources, counts, strict=True) for i in range(n)]
         self.places = [FramePlace(n, f, i) for n, (f, i) in zip(labels, where, strict=True)]
         if not self.places:
-            raise FrameError("no frames: name files of frames, or a .npz mesh that holds frames")
+            raise FrameError("no frames: name files of frames, or a mesh file that holds frames")
 
     def read(self, place: FramePlace) -> Frames:
         """(V, 3) float32 positions of one frame, less the centre of its mesh."""
-        frame: Frames = self._file(place.file)[place.index]
-        return frame
+        return self._file(place.file).read(place.index)
 
-    def _count(self, file: Path | None) -> int:
-        if file is None:
-            return 0 if self._kept[1] is None else len(self._kept[1])
+    def _facts(self, file: Path | None) -> tuple[int, tuple[int, ...] | None]:
+        """How many frames a file holds, and the numbers that it gives them."""
         # An OBJ is one frame, however long it takes to read.
-        return 1 if file.suffix.lower() == ".obj" else len(self._file(file))
+        if file is not None and file.suffix.lower() == ".obj":
+            return 1, None
+        frames = self._file(file)
+        return len(frames), frames.numbers
 
-    def _file(self, file: Path | None) -> Frames:
+    def _file(self, file: Path | None) -> FrameSet:
         kept, frames = self._kept
-        if frames is None or kept != file:
-            assert file is not None
-            frames = frame_file(file, self._vertices, self._centre)
+        if file is not None and kept != file:
+            frames = frame_set(file, self._vertices, self._centre, self._clip)
             self._kept = (file, frames)
         return frames
+
+
+def own_labels(
+    files: Sequence[Path | None], numbers: Sequence[tuple[int, ...] | None]
+) -> list[str] | None:
+    """The frame numbers that the files themselves give; None where one gives none.
+
+    Raises FrameError where two files have frames of one number.
+    """
+    seen: dict[int, Path | None] = {}
+    for file, own in zip(files, numbers, strict=True):
+        if own is None:
+            return None
+        for number in own:
+            if seen.setdefault(number, file) is not file:
+                raise FrameError(f"{seen[number]} and {file} both hold frame {number}")
+    return [frame_label(number) for number in seen]
 
 
 def frame_labels(files: Sequence[Path | None], counts: Sequence[int]) -> list[str]:

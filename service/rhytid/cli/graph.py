@@ -9,7 +9,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rhytid.cli.graph_output import add_outputs, check_outputs, open_device, write_outputs
-from rhytid.cli.options import Commands, add_force, add_strict, add_unit, new_command, readable
+from rhytid.cli.options import (
+    MESH_FILES,
+    Commands,
+    add_force,
+    add_strict,
+    add_unit,
+    new_command,
+    readable,
+)
 from rhytid.cli.progress import working
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
@@ -30,7 +38,7 @@ def add_command(commands: Commands) -> None:
         "as a picture. Folders that do not exist are created.",
         "rhytid graph face.obj face.safetensors --curves face.usda",
     )
-    parser.add_argument("mesh", type=readable, metavar="MESH", help="OBJ, PLY, glTF, GLB or npz")
+    parser.add_argument("mesh", type=readable, metavar="MESH", help=f"{MESH_FILES} of one mesh")
     parser.add_argument("graph", type=readable, metavar="GRAPH.safetensors", help="its wrinkles")
     add_unit(parser, "MESH")
     add_force(parser)

@@ -12,12 +12,18 @@ from rhytid.domain.lengths import SKIN
 from rhytid.domain.units import MILLIMETRES, millimetres
 from rhytid.domain.warnings import CODES
 from rhytid.engine.messages import SAMPLINGS, STRETCH_MODELS
+from rhytid.formats.frame_set import Clip
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}", re.ASCII)
 STDOUT = Path("-")
 MAX_PORT = 65535
+MOST_FPS = 10_000
 # Of these settings of `graph` one fixes the other.
 DENSITY = ("spacing", "wrinkles")
+
+# What the commands read.
+MESH_FILES = "OBJ, PLY, glTF, GLB, npz or USD"
+FRAME_FILES = "npy, OBJ, npz with 'frames', USD, animated glTF or GLB, MDD or PC2"
 
 Commands = Any  # argparse._SubParsersAction has no public name
 
@@ -93,8 +99,8 @@ def add_lines(parser: argparse.ArgumentParser) -> None:
     lines = "along the folds of expressions, or level (default: auto, by expressions if any)"
     parser.add_argument("--lines", choices=LINES, help=lines)
     shapes = (
-        "expressions: npz with 'shapes' and 'names' or with 'frames', npy, or a folder of OBJ "
-        "(default: those of the mesh file)"
+        "expressions: npz with 'shapes' and 'names' or with 'frames', npy, a geometry cache, or a "
+        "folder of OBJ (default: those of the mesh file)"
     )
     parser.add_argument("--shapes", type=_existing, metavar="FILE|DIR", help=shapes)
 
@@ -108,8 +114,34 @@ def _existing(text: str) -> Path:
 def add_unit(parser: argparse.ArgumentParser, mesh: str) -> None:
     """`--unit U`."""
     known = ", ".join(name for name in MILLIMETRES if name.isascii())
-    unit = f"length unit of {mesh}: {known} (default: that of a graph which names one, else cm)"
+    default = "(default: that of a graph or of a USD file which names one, else cm)"
+    unit = f"length unit of {mesh}: {known} {default}"
     parser.add_argument("--unit", type=_unit, metavar="U", help=unit)
+
+
+def add_caches(parser: argparse.ArgumentParser) -> None:
+    """`--prim`, `--clip` and `--fps`: which animation of a geometry cache is meant."""
+    prim = "path or name of a mesh, where a USD stage has several"
+    parser.add_argument("--prim", metavar="PATH", help=prim)
+    clip = "name or number of an animation, where a glTF has several"
+    parser.add_argument("--clip", metavar="NAME", help=clip)
+    fps = "frames per second that glTF and MDD, which have times, are counted by"
+    parser.add_argument("--fps", type=_rate, default=24.0, metavar="F", help=fps)
+
+
+def cache_clip(arguments: argparse.Namespace) -> Clip:
+    """What they say."""
+    return Clip(arguments.prim, arguments.clip, arguments.fps)
+
+
+def _rate(text: str) -> float:
+    try:
+        rate = float(text)
+    except ValueError:
+        rate = 0.0
+    if not 0.0 < rate <= MOST_FPS:
+        raise argparse.ArgumentTypeError(f"{text!r}: a number above 0, at most {MOST_FPS}")
+    return rate
 
 
 def add_force(parser: argparse.ArgumentParser) -> None:

@@ -18,8 +18,11 @@ from rhytid.cli.graph_output import (
     write_outputs,
 )
 from rhytid.cli.options import (
+    MESH_FILES,
     Commands,
+    add_caches,
     add_strict,
+    cache_clip,
     new_command,
     readable,
 )
@@ -53,10 +56,11 @@ def add_command(commands: Commands) -> None:
         "rhytid synthesize face.obj --out face.safetensors --preview face.png",
         skin_options("MESH"),
     )
-    parser.add_argument("mesh", type=readable, metavar="MESH", help="OBJ, PLY, glTF, GLB or npz")
+    parser.add_argument("mesh", type=readable, metavar="MESH", help=MESH_FILES)
     parser.add_argument(
         "--out", type=Path, required=True, metavar="GRAPH.safetensors", help="the file to write"
     )
+    add_caches(parser)
     add_strict(parser)
     add_outputs(parser)
     ages = (
@@ -86,17 +90,19 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     from rhytid.synthesis.progress import clocked
 
     settings = grown_settings(skin_settings(arguments))
-    unit = arguments.unit or USUAL_UNIT
     if arguments.out.suffix.lower() != GRAPH:
         raise InputError(f"{arguments.out}: the graph is written as {GRAPH}")
     ages = _ages(settings, arguments.ages)
-    read = mesh_file(arguments.mesh)
-    mesh = read.mesh
+    clip = cache_clip(arguments)
+    read = mesh_file(arguments.mesh, clip)
+    mesh, arguments.unit = read.mesh, arguments.unit or read.unit
+    settings, unit = grown_settings(skin_settings(arguments)), arguments.unit or USUAL_UNIT
+    warned.notes(read.notes)
     warned.inputs(mesh, arguments.mesh.name, unit, AssetSettings().resolution)
     check_outputs(arguments)
     make_place(arguments.out)
     controls = skin_controls(arguments, mesh)
-    expressions = grown_from(settings.lines, shape_files(arguments.shapes, read))
+    expressions = grown_from(settings.lines, shape_files(arguments.shapes, read, clip))
     device = open_device(arguments)
     out: Path = arguments.out
     folds = None if expressions is None else _folds(device, mesh, expressions, unit)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rhytid.cli.options import (
+    MESH_FILES,
     Commands,
     add_device,
     add_force,
@@ -42,7 +43,7 @@ def add_command(commands: Commands) -> None:
     )
     add = parser.add_argument
     add("graph", type=readable, metavar="GRAPH.safetensors", help="wrinkles of FROM")
-    add("old", type=readable, metavar="FROM", help="its mesh: OBJ, PLY, glTF, GLB or npz")
+    add("old", type=readable, metavar="FROM", help=f"its mesh: {MESH_FILES} of one mesh")
     add("new", type=readable, metavar="TO", help="the other mesh, in the same place and unit")
     out = "the file to write"
     add("--out", type=Path, required=True, metavar="G.safetensors", help=out)

@@ -89,6 +89,11 @@ class Warned:
             self.notices.append(notice)
             self.note(str(notice))
 
+    def notes(self, lines: Iterable[str]) -> None:
+        """Print what a file says that is worth knowing."""
+        for line in lines:
+            self.note(line)
+
     def lengths(self, settings: AssetSettings, distance: float) -> None:
         """Report the lengths that follow where skin was grown to a number of wrinkles.  settings:
         resolved.  distance: mean, from a pore to the nearest, mesh units."""

@@ -6,8 +6,9 @@ reader is short: see `gltf_document.py` for how they are found.
 
 The vertex order is that of the POSITION accessor. Positions stay in the local space of the mesh:
 transforms of nodes and skins are not applied, since frames are sent in that space and order too;
-morph targets are read as expressions. An exporter has split the vertices along UV seams, and they
-stay split. glTF puts v = 0 at the top of the image; here it is at the bottom.
+morph targets are read as expressions, and what animates their weights by `gltf_animation.py`. An
+exporter has split the vertices along UV seams, and they stay split. glTF puts v = 0 at the top of
+the image; here it is at the bottom.
 """
 
 from __future__ import annotations
@@ -42,11 +43,21 @@ def read_glb(data: bytes) -> Mesh:
 def read_gltf_shapes(data: bytes) -> tuple[Mesh, Expressions | None]:
     """The mesh of a .gltf file and its morph targets; raises MeshError naming the object,
     FrameError over numbers of a target that are not finite, or LimitError."""
-    return _read(data, None)
+    return _read(gltf_document(data))
 
 
 def read_glb_shapes(data: bytes) -> tuple[Mesh, Expressions | None]:
     """The same of a .glb file."""
+    return _read(glb_document(data))
+
+
+def gltf_document(data: bytes) -> Document:
+    """A .gltf file; raises MeshError where it is no glTF 2.0."""
+    return Document(_parse(data), None)
+
+
+def glb_document(data: bytes) -> Document:
+    """A .glb file; raises MeshError where it is no glTF 2.0."""
     if len(data) < 12 or data[:4] != b"glTF":
         raise MeshError("not a GLB file: it must begin with 'glTF'")
     version, length = struct.unpack_from("<II", data, 4)
@@ -58,7 +69,7 @@ def read_glb_shapes(data: bytes) -> tuple[Mesh, Expressions | None]:
     if not chunks or chunks[0][0] != _JSON_CHUNK:
         raise MeshError("the first chunk of the GLB file is not JSON")
     binary = chunks[1][1] if len(chunks) > 1 and chunks[1][0] == _BINARY_CHUNK else None
-    return _read(chunks[0][1], binary)
+    return Document(_parse(chunks[0][1]), binary)
 
 
 def _chunks(data: bytes) -> list[tuple[int, bytes]]:
@@ -77,8 +88,7 @@ def _chunks(data: bytes) -> list[tuple[int, bytes]]:
     return chunks
 
 
-def _read(text: bytes, binary: bytes | None) -> tuple[Mesh, Expressions | None]:
-    document = Document(_parse(text), binary)
+def _read(document: Document) -> tuple[Mesh, Expressions | None]:
     where, primitive = document.primitive()
     mode = primitive.get("mode", _TRIANGLES)
     if type(mode) is not int or mode != _TRIANGLES:

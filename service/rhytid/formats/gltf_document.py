@@ -50,6 +50,15 @@ class Document:
         where, primitive = found[0]
         return where, _dict(primitive, where)
 
+    def objects(self, kind: str) -> list[_Object]:
+        """All nodes, animations, … of the document."""
+        return self.objects_in(self._root, kind, "document")
+
+    def objects_in(self, item: _Object, kind: str, where: str) -> list[_Object]:
+        """All objects of a list within an object; none where there is no such list."""
+        items = _list(item.get(kind, []), f"{where} {kind}")
+        return [_dict(found, f"{where} {kind}[{i}]") for i, found in enumerate(items)]
+
     def attribute(self, where: str, primitive: _Object, name: str, width: int) -> NDArray[Any]:
         """(V, width) float64 of an attribute; normalised integers only as texture coordinates."""
         attributes = _dict(primitive.get("attributes"), f"{where} attributes")
@@ -74,6 +83,17 @@ class Document:
         if array.dtype.kind != "u":
             raise MeshError(f"{where} indices hold {array.dtype.name}: must be unsigned integers")
         return array[:, 0]
+
+    def scalars(self, index: Any, where: str) -> NDArray[np.float64]:
+        """(N,) numbers of an accessor: float32, or normalised integers."""
+        accessor, array = self._accessor(index, where, 1)
+        numbers = array[:, 0].astype(np.float64)
+        if array.dtype.kind == "f":
+            return numbers
+        if array.dtype.itemsize > 2 or accessor.get("normalized") is not True:
+            raise MeshError(f"{where} holds {array.dtype.name} that are not normalized")
+        scaled: NDArray[np.float64] = np.maximum(numbers / np.iinfo(array.dtype).max, -1.0)
+        return scaled
 
     def targets(
         self, where: str, primitive: _Object, vertices: int

@@ -13,6 +13,7 @@ from rhytid.domain.expressions import Expressions
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import MeshError
 from rhytid.formats.expressions import npz_shapes
+from rhytid.formats.frame_set import FrameSet
 from rhytid.formats.gltf import read_glb_shapes, read_gltf_shapes
 from rhytid.formats.npz import read_npz
 from rhytid.formats.obj import read_obj
@@ -22,18 +23,35 @@ from rhytid.formats.ply import read_ply
 @dataclass(frozen=True, eq=False)
 class MeshFile:
     """What a mesh file holds: the neutral mesh, frames (N, V, 3) if it is a .npz with them, and
-    shapes: of a .npz, or the morph targets of a glTF."""
+    shapes: of a .npz, or the morph targets of a glTF.
+
+    animation: makes the frames that a geometry cache holds, which are read one by one.  unit: of
+    its lengths, where the file says it.  notes: what is worth knowing of it.
+    """
 
     mesh: Mesh
     frames: NDArray[np.float32] | None = None
     shapes: Expressions | None = None
+    animation: Callable[[], FrameSet] | None = None
+    unit: str | None = None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def frame_set(self) -> FrameSet | None:
+        """The frames of the file; None where it has none."""
+        if self.frames is not None:
+            return FrameSet.of(self.frames)
+        return None if self.animation is None else self.animation()
 
     @property
     def expressions(self) -> Expressions | None:
         """The shapes, or what the frames do where there are no shapes."""
-        if self.shapes is not None or self.frames is None:
+        if self.shapes is not None:
             return self.shapes
-        return Expressions.checked(self.frames, len(self.mesh.positions))
+        if self.frames is not None:
+            return Expressions.checked(self.frames, len(self.mesh.positions))
+        frames = self.frame_set
+        return None if frames is None else frames.expressions(len(self.mesh.positions))
 
 
 _READERS: dict[str, Callable[[bytes], Mesh]] = {".obj": read_obj, ".ply": read_ply}

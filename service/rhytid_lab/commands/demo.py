@@ -8,13 +8,17 @@ from typing import TYPE_CHECKING, Any
 from warnings import catch_warnings, simplefilter
 
 from rhytid.cli.options import (
+    FRAME_FILES,
+    MESH_FILES,
     Commands,
+    add_caches,
     add_device,
     add_json,
     add_query,
     add_several,
     add_stiffness,
     add_strict,
+    cache_clip,
     new_command,
     readable,
 )
@@ -49,10 +53,10 @@ def add_command(commands: Commands) -> None:
         metavar="DIR",
         help="folder of what is written; maps and sheets of an earlier run there are removed",
     )
-    mesh = "OBJ, PLY, glTF, GLB, or npz, which may hold the frames"
+    mesh = f"{MESH_FILES}, which may hold the frames"
     add("--mesh", type=readable, metavar="NEUTRAL", help=mesh)
-    frames = "npy, obj, or npz with 'frames'"
-    add_several(parser, "--frames", type=readable, metavar="FILE", help=frames)
+    add_several(parser, "--frames", type=readable, metavar="FILE", help=FRAME_FILES)
+    add_caches(parser)
     add(
         "--resolution",
         type=int,
@@ -87,7 +91,10 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     from rhytid_lab.commands.demo_sheets import write_sheets
     from rhytid_lab.server import connected
 
-    face = animation(arguments.mesh, arguments.frames, arguments.shapes)
+    clip = cache_clip(arguments)
+    face = animation(arguments.mesh, arguments.frames, arguments.shapes, clip)
+    arguments.unit = arguments.unit or face.unit
+    warned.notes(face.notes)
     name = arguments.mesh.name if arguments.mesh else "face.npz"
     warned.inputs(face.mesh, name, arguments.unit or USUAL_UNIT, arguments.resolution, face.frames)
     skin_controls(arguments, face.mesh)  # what is wrong with them is said before long work

@@ -13,6 +13,7 @@ from rhytid.cli.frame_files import FrameFiles
 from rhytid.cli.input_files import mesh_file, shape_files
 from rhytid.domain.expressions import Expressions
 from rhytid.domain.mesh import Mesh
+from rhytid.formats.frame_set import Clip
 from rhytid.formats.meshes import MeshFile
 from rhytid.storage.durable import whole
 from rhytid_lab.samples.face import procedural_face
@@ -30,6 +31,8 @@ class Animation:
     mesh: Mesh
     frames: FrameFiles
     expressions: Expressions | None
+    unit: str | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def shapes(self) -> dict[str, NDArray[np.float32]] | None:
@@ -49,7 +52,9 @@ class Animation:
             np.savez(aside, **arrays, frames=frames)
 
 
-def animation(mesh: Path | None, frames: Sequence[Path], shapes: Path | None = None) -> Animation:
+def animation(
+    mesh: Path | None, frames: Sequence[Path], shapes: Path | None = None, clip: Clip | None = None
+) -> Animation:
     """The animation of the user's files, or the built-in one where there is no mesh.
 
     Raises MeshError or FrameError naming what cannot be used.
@@ -60,5 +65,6 @@ def animation(mesh: Path | None, frames: Sequence[Path], shapes: Path | None = N
         own = Expressions.checked(poses, len(sample.mesh.positions), list(sample.expressions))
         found = MeshFile(sample.mesh, sample.animation(KEYS, FRAMES), own)
     else:
-        found = mesh_file(mesh)
-    return Animation(found.mesh, FrameFiles(found, frames), shape_files(shapes, found))
+        found = mesh_file(mesh, clip)
+    files, expressions = FrameFiles(found, frames, clip), shape_files(shapes, found, clip)
+    return Animation(found.mesh, files, expressions, found.unit, found.notes)

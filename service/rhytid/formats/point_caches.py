@@ -1,0 +1,110 @@
+"""Point caches: MDD (LightWave) and PC2 (3ds Max), frames of positions without a mesh.
+
+Both are a header and float32 positions, frame after frame. The header says how many bytes must
+follow, and a file of another size is refused before anything is read. A frame is read when it is
+asked for.
+
+MDD, big-endian: frames, points (int32), a time in seconds for each frame (float32), positions.
+PC2, little-endian: "POINTCACHE2" and a zero, version 1, points (int32), frame number of the first
+sample, frames from one sample to the next (float32), samples (int32), positions.
+"""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.domain.frame import check_positions
+from rhytid.domain.origin import Centre
+from rhytid.errors import FrameError
+from rhytid.formats.frame_set import Clip, Frame, FrameSet, check_frame_count, frames_at
+
+_MDD = struct.Struct(">ii")
+_PC2 = struct.Struct("<12siiffi")
+_MAGIC = b"POINTCACHE2\0"
+
+
+def read_mdd(file: Path, vertices: int, centre: Centre, clip: Clip) -> FrameSet:
+    """The frames of an MDD file; their numbers are its times, at `clip.fps` frames per second.
+
+    Raises FrameError naming counts that do not fit, or times that are no whole frames, and
+    LimitError.
+    """
+    head = _head(file, _MDD.size, "an MDD file")
+    samples, points = _MDD.unpack(head)
+    start = _MDD.size + 4 * samples
+    _check(file, samples, points, vertices, start, "MDD")
+    with file.open("rb") as stream:
+        stream.seek(_MDD.size)
+        seconds = np.frombuffer(stream.read(4 * samples), ">f4")
+    option = f"the times are right for another number of frames per second than {clip.fps:g}"
+    times = seconds.astype(np.float64) * clip.fps
+    return _frames(file, times, option, start, np.dtype(">f4"), vertices, centre)
+
+
+def read_pc2(file: Path, vertices: int, centre: Centre, clip: Clip) -> FrameSet:
+    """The frames of a PC2 file; their numbers are by its first frame and its step.
+
+    Raises FrameError naming counts that do not fit, or samples that are no whole frames, and
+    LimitError.
+    """
+    head = _head(file, _PC2.size, "a PC2 file")
+    magic, version, points, first, step, samples = _PC2.unpack(head)
+    if magic != _MAGIC or version != 1:
+        raise FrameError("not a PC2 file of version 1: it must begin with 'POINTCACHE2'")
+    _check(file, samples, points, vertices, _PC2.size, "PC2")
+    option = f"the file begins at frame {first:g} and steps by {step:g}"
+    times = first + step * np.arange(samples, dtype=np.float64)
+    return _frames(file, times, option, _PC2.size, np.dtype("<f4"), vertices, centre)
+
+
+def _head(file: Path, size: int, what: str) -> bytes:
+    with file.open("rb") as stream:
+        head = stream.read(size)
+    if len(head) < size:
+        raise FrameError(f"{len(head)} bytes are not {what}: its header has {size}")
+    return head
+
+
+def _check(file: Path, samples: int, points: int, vertices: int, start: int, kind: str) -> None:
+    if samples < 1 or points < 1:
+        raise FrameError(f"the {kind} header has {samples} frames of {points} points")
+    promised, size = start + 12 * samples * points, file.stat().st_size
+    if size != promised:
+        raise FrameError(
+            f"the {kind} header promises {promised} bytes ({samples} frames of {points} points), "
+            f"there are {size}"
+        )
+    if points != vertices:
+        raise FrameError(f"{points} points a frame, the neutral mesh has {vertices} vertices")
+    check_frame_count(samples)
+
+
+def _frames(
+    file: Path,
+    times: NDArray[np.float64],
+    option: str,
+    start: int,
+    dtype: np.dtype[np.float32],
+    vertices: int,
+    centre: Centre,
+) -> FrameSet:
+    chosen, numbers = frames_at(times, option)
+    size = 12 * vertices
+
+    def read(index: int) -> Frame:
+        with file.open("rb") as stream:
+            stream.seek(start + chosen[index] * size)
+            data = stream.read(size)
+        try:
+            if len(data) != size:
+                raise FrameError("the file has become shorter")
+            values = np.frombuffer(data, dtype).reshape(vertices, 3).astype(np.float32)
+            return check_positions(values, vertices, centre)
+        except FrameError as exc:
+            raise FrameError(f"frame {numbers[index]}: {exc}") from exc
+
+    return FrameSet(len(chosen), read, numbers)
