@@ -64,6 +64,17 @@ def test_one_frame_is_chosen_by_its_name(tmp_path: Path) -> None:
     assert "timeSamples" not in text
 
 
+def test_other_files_are_left_alone(tmp_path: Path) -> None:
+    maps = write_maps(tmp_path, "face.1001.0001.exr")
+    for name in ("face.mip.1001.0001.exr", "face.1001.0002.png", "face.0001.exr", "notes.txt"):
+        (maps / name).touch()
+
+    assert main(["look", str(maps)]) == 0
+
+    assert "face.1001.0001.exr" in (maps / "face.look.usda").read_text()
+    assert len([*maps.glob("*.usda")]) == 1
+
+
 @pytest.mark.parametrize(
     ("names", "options", "why"),
     [

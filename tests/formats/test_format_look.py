@@ -220,20 +220,15 @@ def test_materialx_finds_nothing_wrong(library: mx.Document, look: Look) -> None
     (material,) = [n for n in document.getMaterialNodes() if not n.getSourceUri()]
     moved = material.getInput("displacementshader").getConnectedNode()
     assert moved.getInputValue("scale") == pytest.approx(look.scale)
-    (output,) = [moved.getInput("displacement").getConnectedOutput()]
-    image = output.getConnectedNode()
+    image = moved.getInput("displacement").getConnectedOutput().getConnectedNode()
     assert image.getNodeDef().getName() == "ND_image_float"
-    file = image.getInput("file")
-    assert file.getColorSpace() == "none"
+    assert image.getInput("file").getColorSpace() == "none"
+    frame = "0008" if "0008" in look.frames else look.frames[0]
     resolver = document.createStringResolver()
-    resolver.setUdimString("1001")
-    for width, token in ((0, "{frame}"), (4, "{04frame}")):
-        resolver.setFilenameSubstitution(token, f"{8:0{width}d}")
-    frame = look.frames[0] if len(look.frames) == 1 else "0008"
-    wanted = f"{look.name}.{1001 if 1001 in look.udims else 1002}.{frame}.exr"
-    if 1001 not in look.udims:
-        resolver.setUdimString("1002")
-    assert file.getResolvedValueString(resolver) == wanted
+    resolver.setUdimString(f"{look.udims[0]}")
+    resolver.setFilenameSubstitution("{04frame}", frame)
+    found = image.getInput("file").getResolvedValueString(resolver)
+    assert found == f"{look.name}.{look.udims[0]}.{frame}.exr"
 
 
 def test_the_checker_of_materialx_sees_a_wrong_connection(library: mx.Document) -> None:

@@ -20,7 +20,8 @@ DETAILS = """
 DIR is a folder of NAME.<UDIM>.<FRAME>.exr, as bake writes it; NAME.look.usda and NAME.mtlx are
 written beside the maps. The layer goes among the sublayers of a scene; at every frame it has the
 map of that number."""
-_FILE = re.compile(r"(.+)\.([0-9]{4})\.([^.]+)\.exr", re.ASCII)
+# Names of a bake have no dots: other files of it do, before the UDIM.
+_FILE = re.compile(r"([^.]+)\.([0-9]{4})\.([^.]+)\.exr", re.ASCII)
 _PRIM = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+", re.ASCII)
 
 
