@@ -17,6 +17,7 @@ from rhytid.cli import (
     completion,
     devices,
     graph,
+    look,
     serve,
     synthesize,
     transfer,
@@ -26,7 +27,7 @@ from rhytid.cli.progress import Voice, speaking
 from rhytid.cli.termination import INTERRUPTED, Interruption
 from rhytid.errors import RhytidError
 
-COMMANDS = (serve, devices, check, synthesize, graph, transfer, bake, warnings, completion)
+COMMANDS = (serve, devices, check, synthesize, graph, transfer, bake, look, warnings, completion)
 # Entry points of other packages: modules with `add_command(commands)`, as those above.
 GROUP = "rhytid.commands"
 

@@ -56,6 +56,17 @@ def read_exr(path: Path) -> tuple[Texels, dict[str, object]]:
     return texels, dict(file.header())
 
 
+def read_attributes(path: Path) -> dict[str, object]:
+    """The attributes of a file, without its texels; raises InputError where it is damaged."""
+    try:
+        file = OpenEXR.File(str(path), header_only=True)
+    except RuntimeError as exc:
+        raise InputError(f"{path.name}: not a readable EXR file") from exc
+    if not file.parts:
+        raise InputError(f"{path.name}: a damaged EXR file")
+    return dict(file.header())
+
+
 def decode_exr(data: bytes) -> tuple[Texels, dict[str, object]]:
     """`read_exr` of a file in memory."""
     with _temporary_folder() as folder:

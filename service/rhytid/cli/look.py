@@ -1,0 +1,152 @@
+"""`rhytid look`: baked maps as a USD layer and a MaterialX document."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rhytid.cli.options import Commands, add_json, base_name, new_command
+from rhytid.cli.reporting import report, table
+from rhytid.domain.units import MILLIMETRES, millimetres
+from rhytid.errors import InputError
+
+if TYPE_CHECKING:
+    from rhytid.formats.look import Look
+
+SUMMARY = "Write a USD layer and a MaterialX document that displace a mesh by baked maps."
+DETAILS = """
+DIR is a folder of NAME.<UDIM>.<FRAME>.exr, as bake writes it; NAME.look.usda and NAME.mtlx are
+written beside the maps. The layer goes among the sublayers of a scene; at every frame it has the
+map of that number."""
+# Names of a bake have no dots: other files of it do, before the UDIM.
+_FILE = re.compile(r"([^.]+)\.([0-9]{4})\.([^.]+)\.exr", re.ASCII)
+_PRIM = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+", re.ASCII)
+
+
+def add_command(commands: Commands) -> None:
+    """Add `look` to the parser."""
+    example = "rhytid look maps --bind /root/face/mesh"
+    parser = new_command(commands, "look", SUMMARY, example)
+    parser.description = SUMMARY + DETAILS
+    add = parser.add_argument
+    add("folder", type=Path, metavar="DIR", help="folder of the maps")
+    named = "first part of the maps' names, where DIR has several (default: the only one)"
+    add("--name", type=base_name, metavar="NAME", help=named)
+    frame = "the look of one frame alone, by its number or name as files have it (default: all)"
+    add("--frame", metavar="FRAME", help=frame)
+    known = ", ".join(name for name in MILLIMETRES if name.isascii())
+    unit = f"length unit of the scene: {known} (default: that of the maps)"
+    add("--unit", type=_unit, metavar="U", help=unit)
+    add("--fps", type=_rate, default=24.0, metavar="F", help="frames a second of the scene")
+    add("--uv", type=_word, default="st", metavar="PRIMVAR", help="texture coordinates of the mesh")
+    bind = "bind the material to this mesh of the scene, and keep its UV linear"
+    add("--bind", type=_prim, metavar="PATH", help=bind)
+    material = "give the displacement to this material of the scene, in place of one of its own"
+    add("--material", type=_prim, metavar="PATH", help=material)
+    add_json(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Look at the names of the maps, write both files and report what they have."""
+    from rhytid.formats.materialx_look import materialx_look
+    from rhytid.formats.usd_look import usd_look
+    from rhytid.storage.durable import whole, write_file
+
+    look = found(arguments)
+    texts = {"look.usda": usd_look(look).encode(), "mtlx": materialx_look(look)}
+    files = [arguments.folder / f"{look.name}.{end}" for end in texts]
+    for file, text in zip(files, texts.values(), strict=True):
+        with whole(file) as aside:
+            write_file(aside, text)
+    figures = {
+        "usd": str(files[0]),
+        "materialx": str(files[1]),
+        "udims": list(look.udims),
+        "frames": len(look.frames),
+        "first": look.frames[0],
+        "last": look.frames[-1],
+        "unit": look.unit,
+        "scale": look.scale,
+    }
+    told = figures | {"udims": ", ".join(map(str, look.udims))}
+    report(figures, table(("figure", "value"), told.items()), arguments.json)
+
+
+def found(arguments: argparse.Namespace) -> Look:
+    """The look of the maps in a folder; raises InputError naming what is missing there."""
+    from rhytid.formats.exr import read_attributes
+    from rhytid.formats.look import Look
+
+    folder: Path = arguments.folder
+    name, maps = _maps(folder, arguments.name)
+    frames = sorted({frame for _, frame in maps}, key=_order)
+    if arguments.frame is not None:
+        if arguments.frame not in frames:
+            raise InputError(f"{folder} has no maps of frame {arguments.frame}")
+        frames = [arguments.frame]
+    udims = sorted({udim for udim, _ in maps})
+    for frame in frames:
+        for udim in udims:
+            if (udim, frame) not in maps:
+                raise InputError(f"{name}.{udim}.{frame}.exr is missing in {folder}")
+    unit = read_attributes(folder / f"{name}.{udims[0]}.{frames[0]}.exr").get("unit", "")
+    return Look(
+        name,
+        tuple(udims),
+        tuple(frames),
+        str(unit),
+        arguments.unit or str(unit),
+        arguments.uv,
+        arguments.fps,
+        arguments.bind,
+        arguments.material,
+    )
+
+
+def _maps(folder: Path, name: str | None) -> tuple[str, set[tuple[int, str]]]:
+    """The name of the maps in a folder, and their UDIMs and frames."""
+    if not folder.is_dir():
+        raise InputError(f"no such folder: {folder}")
+    files = [match for path in folder.glob("*.exr") if (match := _FILE.fullmatch(path.name))]
+    names = sorted({match[1] for match in files})
+    if not names or (name is not None and name not in names):
+        raise InputError(f"{folder} has no files named {name or 'NAME'}.<UDIM>.<FRAME>.exr")
+    if name is None and len(names) > 1:
+        raise InputError(f"{folder} has maps of {', '.join(names)}: --name chooses")
+    name = name or names[0]
+    return name, {(int(match[2]), match[3]) for match in files if match[1] == name}
+
+
+def _order(frame: str) -> tuple[int, str]:
+    return (int(frame) if frame.isdecimal() else 0, frame)
+
+
+def _unit(text: str) -> str:
+    if millimetres(text) is None:
+        raise argparse.ArgumentTypeError(f"{text!r}: one of {', '.join(MILLIMETRES)}")
+    return text
+
+
+def _rate(text: str) -> float:
+    try:
+        rate = float(text)
+    except ValueError:
+        rate = 0.0
+    if not 0 < rate < 1e6:
+        raise argparse.ArgumentTypeError(f"{text!r}: a number above 0")
+    return rate
+
+
+def _word(text: str) -> str:
+    if _PRIM.fullmatch(f"/{text}") is None or "/" in text:
+        raise argparse.ArgumentTypeError(f"{text!r}: letters, digits and '_', no digit first")
+    return text
+
+
+def _prim(text: str) -> str:
+    if _PRIM.fullmatch(text) is None:
+        raise argparse.ArgumentTypeError(f"{text!r}: a path such as /root/face")
+    return text

@@ -1,0 +1,134 @@
+"""`rhytid look` over folders of maps."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pxr import Usd
+
+from rhytid.cli import main
+from rhytid.formats.exr import write_exr
+from rhytid.formats.tile_header import TileHeader
+
+
+def write_maps(folder: Path, *names: str, unit: str = "cm") -> Path:
+    """Small maps of these names."""
+    folder.mkdir(exist_ok=True)
+    for name in names:
+        _, udim, frame, _ = name.split(".")
+        header = TileHeader(
+            unit, frame, "asset", "redraw", "tensor", "nearest", int(udim), 0, 0, 0, 1.0
+        )
+        write_exr(folder / name, np.full((2, 2), -0.01, np.float32), header)
+    return folder
+
+
+def all_maps(folder: Path) -> Path:
+    names = [f"face.{udim}.{n:04d}.exr" for udim in (1001, 1002) for n in (8, 9, 10)]
+    return write_maps(folder, *names)
+
+
+def test_a_folder_gets_both_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    maps = all_maps(tmp_path / "maps")
+
+    assert main(["look", str(maps), "--unit", "m", "--bind", "/root/face", "--json"]) == 0
+
+    assert json.loads(capsys.readouterr().out) == {
+        "usd": str(maps / "face.look.usda"),
+        "materialx": str(maps / "face.mtlx"),
+        "udims": [1001, 1002],
+        "frames": 3,
+        "first": "0008",
+        "last": "0010",
+        "unit": "cm",
+        "scale": 0.01,
+    }
+    stage = Usd.Stage.Open(str(maps / "face.look.usda"))
+    file = stage.GetAttributeAtPath("/Looks/face/rhytidHeights.inputs:file")
+    assert file.GetTimeSamples() == [8, 9, 10]
+    assert file.Get(9).path == "./face.<UDIM>.0009.exr"
+    assert "face.&lt;UDIM&gt;.{04frame}.exr" in (maps / "face.mtlx").read_text()
+
+
+def test_one_frame_is_chosen_by_its_name(tmp_path: Path) -> None:
+    maps = write_maps(tmp_path, "face.1001.smile.exr", "face.1001.frown.exr")
+
+    assert main(["look", str(maps)]) == 1
+    assert main(["look", str(maps), "--frame", "smile"]) == 0
+
+    text = (maps / "face.look.usda").read_text()
+    assert "@./face.1001.smile.exr@" in text
+    assert "timeSamples" not in text
+
+
+def test_other_files_are_left_alone(tmp_path: Path) -> None:
+    maps = write_maps(tmp_path, "face.1001.0001.exr")
+    for name in ("face.mip.1001.0001.exr", "face.1001.0002.png", "face.0001.exr", "notes.txt"):
+        (maps / name).touch()
+
+    assert main(["look", str(maps)]) == 0
+
+    assert "face.1001.0001.exr" in (maps / "face.look.usda").read_text()
+    assert len([*maps.glob("*.usda")]) == 1
+
+
+@pytest.mark.parametrize(
+    ("names", "options", "why"),
+    [
+        ([], [], "has no files named NAME.<UDIM>.<FRAME>.exr"),
+        (["a.1001.0001.exr"], ["--name", "b"], "has no files named b.<UDIM>.<FRAME>.exr"),
+        (["a.1001.0001.exr", "b.1001.0001.exr"], [], "has maps of a, b: --name chooses"),
+        (["a.1001.0001.exr"], ["--frame", "0002"], "has no maps of frame 0002"),
+        (["a.1001.1.exr", "a.1002.2.exr"], [], "a.1002.1.exr is missing in"),
+        (["a.1001.smile.exr", "a.1001.x.exr"], [], "frame smile has no number"),
+        (["a.1101.1.exr"], [], "UDIM 1101: USD reads 1001 to 1100"),
+    ],
+)
+def test_what_is_missing_is_said(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    names: list[str],
+    options: list[str],
+    why: str,
+) -> None:
+    maps = write_maps(tmp_path / "maps", *names)
+
+    assert main(["look", str(maps), *options]) == 1
+
+    assert why in capsys.readouterr().err
+    assert not [*maps.glob("*.usda"), *maps.glob("*.mtlx")]
+
+
+def test_a_damaged_map_and_an_unknown_unit_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    maps = write_maps(tmp_path / "maps", "a.1001.1.exr", unit="span")
+    assert main(["look", str(maps), "--unit", "cm"]) == 1
+    assert "'span' is no known unit of length" in capsys.readouterr().err
+    (maps / "a.1001.1.exr").write_bytes(b"no image")
+    assert main(["look", str(maps)]) == 1
+    assert "a.1001.1.exr: not a readable EXR file" in capsys.readouterr().err
+    assert main(["look", str(tmp_path / "none")]) == 1
+    assert "no such folder" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ["--bind", "root/face"],
+        ["--bind", "/root/../face"],
+        ["--material", "/a b"],
+        ["--uv", "a/b"],
+        ["--uv", "9"],
+        ["--fps", "0"],
+        ["--fps", "nan"],
+        ["--unit", "span"],
+    ],
+)
+def test_paths_and_numbers_are_checked(tmp_path: Path, options: list[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        main(["look", str(tmp_path), *options])
+    assert end.value.code == 2
