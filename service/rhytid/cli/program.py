@@ -19,6 +19,7 @@ from rhytid.cli import (
     graph,
     serve,
     synthesize,
+    template,
     transfer,
     warnings,
 )
@@ -26,7 +27,18 @@ from rhytid.cli.progress import Voice, speaking
 from rhytid.cli.termination import INTERRUPTED, Interruption
 from rhytid.errors import RhytidError
 
-COMMANDS = (serve, devices, check, synthesize, graph, transfer, bake, warnings, completion)
+COMMANDS = (
+    serve,
+    devices,
+    check,
+    synthesize,
+    graph,
+    template,
+    transfer,
+    bake,
+    warnings,
+    completion,
+)
 # Entry points of other packages: modules with `add_command(commands)`, as those above.
 GROUP = "rhytid.commands"
 
