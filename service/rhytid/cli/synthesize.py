@@ -93,7 +93,7 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     read = mesh_file(arguments.mesh)
     mesh = read.mesh
     warned.inputs(mesh, arguments.mesh.name, unit, AssetSettings().resolution)
-    check_outputs(arguments)
+    check_outputs(arguments, mesh)
     make_place(arguments.out)
     controls = skin_controls(arguments, mesh)
     expressions = grown_from(settings.lines, shape_files(arguments.shapes, read))
