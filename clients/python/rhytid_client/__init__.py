@@ -5,6 +5,14 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from rhytid_client.choices import (
+    GraphFormat,
+    MeshFormat,
+    Method,
+    Sampling,
+    StretchModel,
+    TileFormat,
+)
 from rhytid_client.errors import (
     BadAnswer,
     Conflict,
@@ -51,10 +59,13 @@ __all__ = [
     "ConnectionFailed",
     "Device",
     "Frame",
+    "GraphFormat",
     "InputWarning",
     "Job",
     "JobCancelled",
     "JobFailed",
+    "MeshFormat",
+    "Method",
     "NotFound",
     "NotReady",
     "Notice",
@@ -63,10 +74,13 @@ __all__ = [
     "RequestError",
     "RhytidError",
     "RhytidWarning",
+    "Sampling",
     "ServerBusy",
     "ServerError",
     "Stretch",
+    "StretchModel",
     "Tile",
+    "TileFormat",
     "Timeout",
     "TooLarge",
 ]

@@ -62,7 +62,7 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     warned.inputs(
         mesh, arguments.mesh.name, arguments.unit or USUAL_UNIT, AssetSettings().resolution
     )
-    check_outputs(arguments)
+    check_outputs(arguments, mesh)
     device = open_device(arguments)
     graph = placed_graph(lambda: device, mesh, graph_file(arguments.graph), force=arguments.force)
     facts = {"file": str(arguments.graph), "warnings": warned.figures()}

@@ -30,14 +30,22 @@ def add_outputs(parser: argparse.ArgumentParser) -> None:
     add("--curves", type=Path, metavar="FILE.obj|.usda", help=curves)
     picture = "write a picture of the whole maps and of patches 20 mm wide"
     add("--preview", type=Path, metavar="FILE.png", help=picture)
+    patch = (
+        "with --preview: the place of the patch, U and V in UV (1.3 0.5 is in UDIM 1002) or X, Y "
+        "and Z near the surface (default: the two flattest places)"
+    )
+    add("--patch", nargs="+", type=float, default=[], metavar="NUMBER", help=patch)
     add_device(parser)
     add_json(parser)
 
 
-def check_outputs(arguments: argparse.Namespace) -> None:
-    """Refuse, before long work, a file of unknown extension or one that cannot be written;
-    raises InputError. The folders are made."""
+def check_outputs(arguments: argparse.Namespace, mesh: Mesh) -> None:
+    """Refuse, before long work, a file of unknown extension, one that cannot be written, or a patch
+    that is not on the mesh; raises InputError. The folders are made."""
     from rhytid.formats.curves import curve_file
+
+    if arguments.patch:
+        _check_patch(arguments, mesh)
 
     if arguments.curves is not None:
         curve_file(arguments.curves.name)
@@ -46,6 +54,16 @@ def check_outputs(arguments: argparse.Namespace) -> None:
     for file in (arguments.curves, arguments.preview, arguments.json):
         if file not in (None, STDOUT):
             make_place(file)
+
+
+def _check_patch(arguments: argparse.Namespace, mesh: Mesh) -> None:
+    from rhytid.cli.preview_spots import spot_at
+
+    if arguments.preview is None:
+        raise InputError("--patch needs --preview FILE.png: it is drawn in that picture")
+    if len(arguments.patch) not in (2, 3):
+        raise InputError(f"--patch has {len(arguments.patch)} numbers: U V or X Y Z")
+    spot_at(mesh, arguments.patch, 1.0)
 
 
 def make_place(file: Path) -> None:
@@ -87,7 +105,7 @@ def write_outputs(
     if arguments.preview is not None:
         distance = figures["spacing"]["mean"] or lengths.spacing
         drawing = settings.with_lengths(lengths)
-        write_preview(device, mesh, graph, drawing, distance, arguments.preview)
+        write_preview(device, mesh, graph, drawing, distance, arguments.preview, arguments.patch)
     report(figures, table(("figure", "value"), _rows(figures)), arguments.json)
 
 

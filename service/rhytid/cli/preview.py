@@ -4,26 +4,25 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.cli.preview_spots import Spots, flat_spots, spot_at
 from rhytid.cli.progress import share_bar
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.tiles import busiest_udim, mesh_udims, triangles_inside, udim_origin
+from rhytid.domain.tiles import mesh_udims, triangles_inside, udim_origin
 from rhytid.domain.units import MILLIMETRES, USUAL_UNIT, millimetres
 from rhytid.engine.device_asset import DeviceAsset
 from rhytid.engine.frames import NEUTRAL_FRAME
 from rhytid.engine.messages import MapQuery
-from rhytid.errors import MeshError
-from rhytid.pictures.places import Place, flat_places
 from rhytid.pictures.preview import PATCH, WHOLE, Patch, WholeMap, preview
-from rhytid.pictures.surface_patch import Frame, SurfacePatch, surface_patch
+from rhytid.pictures.surface_patch import SurfacePatch, surface_patch
 from rhytid.storage.durable import whole
 from rhytid.synthesis.progress import Progress, part
 
@@ -46,16 +45,18 @@ def write_preview(
     settings: AssetSettings,
     spacing: float,
     file: Path,
+    place: Sequence[float] = (),
 ) -> None:
     """Draw the neutral skin of a graph, which names the triangles of its pores, into a PNG.
 
     settings: unit and lengths that it is drawn with.  spacing: of its pores, as it came out, mesh
-    units.
+    units.  place: u and v, or x, y and z, of the only patch; none: the flattest places.
     """
     unit_mm = millimetres(settings.length_unit) or MILLIMETRES[USUAL_UNIT]
-    udim = busiest_udim(mesh)
-    side, places = _places(mesh, udim, [PATCH_MM / unit_mm * 0.5**n for n in range(8)])
-    scales = [float(np.sqrt(abs(np.linalg.det(place.to_uv)))) for place in places]
+    side = PATCH_MM / unit_mm
+    sides = [side * 0.5**n for n in range(8)]
+    near = spot_at(mesh, place, side) if place else flat_spots(mesh, sides)
+    scales = [spot.scale for spot in near.spots]
     settings = settings.changed({"resolution": resolution_for(scales, spacing)})
     caption = (
         f"{graph.counts()[1]} wrinkles, pores {spacing * unit_mm:.3g} mm apart, drawn at "
@@ -65,26 +66,16 @@ def write_preview(
     )
     with share_bar("preview") as show:
         with resident(device, mesh, graph, settings) as asset:
-            udims = sorted({udim, *mesh_udims(mesh)[:MOST_UDIMS]})[:MOST_UDIMS]
+            others = [udim for udim in mesh_udims(mesh) if udim != near.udim]
+            udims = sorted([near.udim, *others[: MOST_UDIMS - 1]])
             maps = []
             for done, one in enumerate(udims):
                 show(_WHOLE * done / len(udims), f"UDIM {one}")
                 maps.append(_whole(asset, mesh, one))
-            patches = _patches(asset, mesh, udim, places, side, part(show, _WHOLE, _DRAWING))
+            patches = _patches(asset, mesh, near, part(show, _WHOLE, _DRAWING))
         show(_DRAWING, "picture")
         with whole(file) as aside:
             preview(maps, patches, unit_mm, caption).save(aside, format="png")
-
-
-def _places(mesh: Mesh, udim: int, sides: list[float]) -> tuple[float, tuple[Place, ...]]:
-    """Where patches of the first of these sides that fits lie flat; none on a tiny mesh."""
-    inside = triangles_inside(mesh, udim)
-    corners = mesh.positions[mesh.faces[inside]]
-    uv = mesh.triangle_uv()[inside] - udim_origin(udim)
-    for side in sides:
-        with suppress(MeshError):
-            return side, flat_places(corners, uv, side / 2)
-    return sides[-1], ()
 
 
 def resolution_for(scales: Sequence[float], spacing: float) -> int:
@@ -123,25 +114,16 @@ def _area(corners: NDArray[np.float64]) -> float:
     return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
 
 
-def _patches(
-    asset: DeviceAsset,
-    mesh: Mesh,
-    udim: int,
-    places: tuple[Place, ...],
-    side: float,
-    progress: Progress,
-) -> list[Patch]:
-    """What the patches of these places show, on one map that is drawn only where they lie."""
+def _patches(asset: DeviceAsset, mesh: Mesh, near: Spots, progress: Progress) -> list[Patch]:
+    """What patches at these spots show, on one map that is drawn only where they lie."""
+    udim, side = near.udim, near.side
     inside = triangles_inside(mesh, udim)
     corners = mesh.positions[mesh.faces[inside]].astype(np.float64)
     uv = mesh.triangle_uv()[inside] - udim_origin(udim)
-    surfaces = [
-        surface_patch(corners, uv, Frame.of(corners[place.triangle]), side, PATCH)
-        for place in places
-    ]
+    surfaces = [surface_patch(corners, uv, spot.frame, side, PATCH) for spot in near.spots]
     heights = drawn_under(asset, udim, surfaces, progress)
-    named = zip("AB", places, surfaces, strict=False)
-    return [Patch(name, udim, p.uv, side, surface, heights) for name, p, surface in named]
+    named = zip("AB", near.spots, surfaces, strict=False)
+    return [Patch(name, udim, s.uv, side, surface, heights) for name, s, surface in named]
 
 
 def drawn_under(

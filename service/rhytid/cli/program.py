@@ -20,6 +20,7 @@ from rhytid.cli import (
     look,
     serve,
     synthesize,
+    template,
     transfer,
     warnings,
 )
@@ -27,7 +28,19 @@ from rhytid.cli.progress import Voice, speaking
 from rhytid.cli.termination import INTERRUPTED, Interruption
 from rhytid.errors import RhytidError
 
-COMMANDS = (serve, devices, check, synthesize, graph, transfer, bake, look, warnings, completion)
+COMMANDS = (
+    serve,
+    devices,
+    check,
+    synthesize,
+    graph,
+    template,
+    transfer,
+    bake,
+    look,
+    warnings,
+    completion,
+)
 # Entry points of other packages: modules with `add_command(commands)`, as those above.
 GROUP = "rhytid.commands"
 

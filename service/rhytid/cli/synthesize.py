@@ -99,7 +99,7 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     settings, unit = grown_settings(skin_settings(arguments)), arguments.unit or USUAL_UNIT
     warned.notes(read.notes)
     warned.inputs(mesh, arguments.mesh.name, unit, AssetSettings().resolution)
-    check_outputs(arguments)
+    check_outputs(arguments, mesh)
     make_place(arguments.out)
     controls = skin_controls(arguments, mesh)
     expressions = grown_from(settings.lines, shape_files(arguments.shapes, read, clip))

@@ -13,16 +13,19 @@ from rhytid.errors import InputError
 
 REGION_PREFIX = "region_"
 REGION_MAPS = tuple(REGION_PREFIX + name for name in REGIONS if name != WHOLE_FACE)
-CONTROLS = (
-    "density",
-    "strength",
-    "direction",
-    "turn",
-    "anisotropy",
-    "scale",
-    "pore_radius",
-    *REGION_MAPS,
-)
+# The grey of every map that changes nothing, from 0 (black) to 1 (white). A region of which a mask
+# is painted, be it black, is not taken from expressions.
+NEUTRALS = {
+    "density": 0.5,
+    "strength": 0.5,
+    "direction": 0.0,
+    "turn": 0.5,
+    "anisotropy": 0.5,
+    "scale": 0.5,
+    "pore_radius": 0.5,
+    **dict.fromkeys(REGION_MAPS, 0.0),
+}
+CONTROLS = tuple(NEUTRALS)
 # Maps of what is drawn; by all others pores and lines grow.
 _DRAWN = ("strength", "scale", "pore_radius")
 # Both middle codes of 8 bits, and all between them, are the middle: 0 of `signed`.

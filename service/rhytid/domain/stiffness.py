@@ -20,6 +20,9 @@ from rhytid.domain.painted import (
 )
 from rhytid.domain.tiles import texel_centres
 
+# Skin as it is; also where there is no map.
+NEUTRAL = 1.0
+
 
 @dataclass(frozen=True, eq=False)
 class Stiffness:
@@ -61,7 +64,7 @@ class Stiffness:
         """(P,) at points (P, 2) in UV local to the UDIM."""
         map = self.maps.get(udim)
         if map is None:
-            return np.ones(len(local), np.float32)
+            return np.full(len(local), NEUTRAL, np.float32)
         return bilinear(map, local)
 
     def texels(
@@ -78,4 +81,4 @@ class Stiffness:
         top, bottom, y = between(texel_centres(row, count, side), map.shape[0])
         rows = [mix(shares(map[i][:, left]), shares(map[i][:, right]), x) for i in (top, bottom)]
         found = mix(rows[0], rows[1], y[:, None])
-        return None if (found == 1).all() else found
+        return None if (found == NEUTRAL).all() else found

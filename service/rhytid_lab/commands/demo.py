@@ -31,7 +31,7 @@ from rhytid.unfinished import temporary_folder
 
 if TYPE_CHECKING:
     from rhytid.cli.warned import Warned
-    from rhytid_lab.commands.demo_session import Session
+    from rhytid_lab.commands.demo_session import Query, Session
 
 SUMMARY = "Run the service on a face and write EXR sequences, contact sheets and times."
 DETAILS = """
@@ -106,7 +106,7 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
         service = chosen(store, arguments.device)
         with serving(service) as url, connected(url) as client, catch_warnings():
             simplefilter("ignore", RhytidWarning)  # told by the command itself
-            query = {"stretch": arguments.stretch, "sampling": arguments.sampling}
+            query: Query = {"stretch": arguments.stretch, "sampling": arguments.sampling}
             session = Session(client, face, out, query, warned)
             session.build(_settings(arguments), arguments.stiffness, skin_maps(arguments))
             session.send_frames()

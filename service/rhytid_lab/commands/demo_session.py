@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 from rhytid import __version__
 from rhytid.cli.frame_files import FramePlace
@@ -17,12 +17,19 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.notices import Notice
 from rhytid.domain.warnings import InputWarning
 from rhytid.storage.durable import whole
-from rhytid_client import Asset, Client, Job, Tile
+from rhytid_client import Asset, Client, Job, Method, Sampling, StretchModel, Tile, TileFormat
 from rhytid_lab.commands.demo_face import MESH_ARRAYS, Animation
 
-METHODS = ("redraw", "binned")
+METHODS: tuple[Method, ...] = ("redraw", "binned")
 # The stages of a build at which another step of the table begins.
 _STEPS = {"placing pores and wrinkles": "placing", "making bins": "bins"}
+
+
+class Query(TypedDict):
+    """How stretch is measured and taken."""
+
+    stretch: StretchModel
+    sampling: Sampling
 
 
 class Session:
@@ -33,7 +40,7 @@ class Session:
         client: Client,
         face: Animation,
         out: Path,
-        query: Mapping[str, str],
+        query: Query,
         warned: Warned,
     ) -> None:
         self.client, self.face, self.out = client, face, out
@@ -103,7 +110,7 @@ class Session:
                     with whole(folder / f"face.{udim}.{place.label}.exr") as aside:
                         aside.write_bytes(map.content)
 
-    def map(self, place: FramePlace, udim: int, method: str, format: str = "npy") -> Tile:
+    def map(self, place: FramePlace, udim: int, method: Method, format: TileFormat = "npy") -> Tile:
         """A whole map of a frame."""
         stretch, sampling = self.query["stretch"], self.query["sampling"]
         return self.client.map(

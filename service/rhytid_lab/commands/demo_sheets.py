@@ -65,7 +65,7 @@ def write_sheets(session: Session, unit_mm: float) -> list[dict[str, Any]]:
 
 
 def _maps(session: Session, place: FramePlace, udim: int) -> dict[str, NDArray[Any]]:
-    maps = {}
+    maps: dict[str, NDArray[Any]] = {}
     for method in METHODS:
         with session.watch.step(f"{method}, as npy"):
             map = session.map(place, udim, method)

@@ -36,7 +36,7 @@ def contact_sheet(
     corners = np.asarray(frame.neutral)[frame.faces]
     places = find_places(corners, frame.triangle_uv, frame.axes, frame.ratios, side / 2)
     rows = [face_row(frame, places, side)]
-    crops = []
+    crops: list[dict[str, NDArray[Any]]] = []
     for name, place in zip("AB", places, strict=True):
         views = patch_views(frame, place, side)
         crops.append({m: views[m].heights(displacement[m]) for m in METHODS})

@@ -13,10 +13,11 @@ from rhytid.pictures.legends import blank_strip, marked, wheel_legend
 from rhytid.pictures.places import Place
 from rhytid.pictures.shade_mesh import View, shade_mesh
 from rhytid.pictures.sheet import Panel
+from rhytid_client import Method
 from rhytid_lab.sheets.stretch_colours import Performance, axis_colours, stretch_bar, stretch_limit
 
 SIZE = 380
-METHODS = ("neutral", "redraw", "binned")
+METHODS: tuple[Method, ...] = ("neutral", "redraw", "binned")
 _MARKS = ((96, 20, 150), (190, 25, 30))
 
 

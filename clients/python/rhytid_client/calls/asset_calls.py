@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rhytid_client import npy, parse
+from rhytid_client.choices import GraphFormat, MeshFormat
 from rhytid_client.exchange import Flow
 from rhytid_client.from_trimesh import TrimeshLike, arrays
 from rhytid_client.multipart_form import Form, Part
@@ -114,7 +115,7 @@ def delete_asset(asset: Asset | str) -> Flow[None]:
     parse.content((yield request("DELETE", "v1", "assets", asset_id(asset))))
 
 
-def graph(asset: Asset | str, *, format: str = "safetensors") -> Flow[bytes]:
+def graph(asset: Asset | str, *, format: GraphFormat = "safetensors") -> Flow[bytes]:
     """The wrinkle graph of an asset, as a safetensors file that gives the depth, spacing and unit
     it is drawn with; or its wrinkles as lines in space, an
     `obj` or `usda` file."""
@@ -122,7 +123,7 @@ def graph(asset: Asset | str, *, format: str = "safetensors") -> Flow[bytes]:
     return parse.content((yield get("v1", "assets", asset_id(asset), "graph", params=params)))
 
 
-def mesh(asset: Asset | str, *, format: str = "glb") -> Flow[bytes]:
+def mesh(asset: Asset | str, *, format: MeshFormat = "glb") -> Flow[bytes]:
     """The neutral mesh of an asset as a `glb` or `ply` file, with one uv a vertex: first the
     vertices in the order that they were sent in, then those that UV seams need beside them."""
     params = {"format": format}

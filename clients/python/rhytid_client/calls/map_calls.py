@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rhytid_client import npy, parse
 from rhytid_client.calls.asset_calls import asset_id, strictly
+from rhytid_client.choices import Method, Sampling, StretchModel, TileFormat
 from rhytid_client.errors import BadAnswer
 from rhytid_client.exchange import Flow
 from rhytid_client.multipart_mixed import boundary_of, read_mixed
@@ -29,10 +30,10 @@ def tile(
     row: int,
     column: int,
     *,
-    method: str = "redraw",
-    stretch: str = "tensor",
-    sampling: str = "nearest",
-    format: str = "npy",
+    method: Method = "redraw",
+    stretch: StretchModel = "tensor",
+    sampling: Sampling = "nearest",
+    format: TileFormat = "npy",
     if_none_match: Tile | None = None,
 ) -> Flow[Tile]:
     """One tile of displacement, in mesh units; row 0 is at the top.
@@ -45,7 +46,8 @@ def tile(
     query = {"method": method, "stretch": stretch, "sampling": sampling, "format": format}
     place = ("v1", "assets", asset_id(asset), "frames", frame, "tiles", udim, level, row, column)
     wanted = get(*place, params=query, headers=_known(if_none_match))
-    return (yield from _drawn(wanted, if_none_match, format))
+    label = f"{udim}.{frame}.{level}.{row}.{column}"
+    return (yield from _drawn(wanted, if_none_match, format, label))
 
 
 def map(
@@ -54,10 +56,10 @@ def map(
     udim: int,
     *,
     level: int = 0,
-    method: str = "redraw",
-    stretch: str = "tensor",
-    sampling: str = "nearest",
-    format: str = "npy",
+    method: Method = "redraw",
+    stretch: StretchModel = "tensor",
+    sampling: Sampling = "nearest",
+    format: TileFormat = "npy",
     if_none_match: Tile | None = None,
 ) -> Flow[Tile]:
     """The whole map of one UDIM at a level; it equals its tiles bit for bit.
@@ -67,7 +69,8 @@ def map(
     query = {"method": method, "stretch": stretch, "sampling": sampling, "format": format}
     place = ("v1", "assets", asset_id(asset), "frames", frame, "maps", udim)
     wanted = get(*place, params={"level": level, **query}, headers=_known(if_none_match))
-    return (yield from _drawn(wanted, if_none_match, format))
+    label = f"{udim}.{frame}.{level}" if level else f"{udim}.{frame}"
+    return (yield from _drawn(wanted, if_none_match, format, label))
 
 
 def tiles(
@@ -75,10 +78,10 @@ def tiles(
     positions: ArrayLike,
     addresses: Iterable[Address],
     *,
-    method: str = "redraw",
-    stretch: str = "tensor",
-    sampling: str = "nearest",
-    format: str = "npy",
+    method: Method = "redraw",
+    stretch: StretchModel = "tensor",
+    sampling: Sampling = "nearest",
+    format: TileFormat = "npy",
     strict: bool = False,
     allow: str | Iterable[str] = (),
 ) -> Flow[list[Tile]]:
@@ -101,8 +104,9 @@ def tiles(
         raise BadAnswer(f"asked for tiles {names}, answered with {answered}")
     warned = parse.header_warnings(response)
     tell(warned)
-    drawn = (parse.read_tile(part.content, part.headers, format) for part in parts)
-    return [replace(tile, warnings=warned) for tile in drawn]
+    drawn = [parse.read_tile(part.content, part.headers, format) for part in parts]
+    labels = [name.replace("/", ".") for name in names]
+    return [replace(t, warnings=warned, label=n) for t, n in zip(drawn, labels, strict=True)]
 
 
 def bins(asset: Asset | str) -> Flow[Bins]:
@@ -138,8 +142,8 @@ def _known(tile: Tile | None) -> dict[str, str]:
     return {"If-None-Match": tile.etag} if tile is not None and tile.etag else {}
 
 
-def _drawn(wanted: Request, known: Tile | None, format: str) -> Flow[Tile]:
+def _drawn(wanted: Request, known: Tile | None, format: TileFormat, label: str) -> Flow[Tile]:
     response = yield wanted
     if response.status == 304 and known is not None:
         return known
-    return parse.tile(response, format)
+    return replace(parse.tile(response, format), label=label)

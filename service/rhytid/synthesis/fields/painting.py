@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rhytid.domain.ageing import USUAL_AGE, aged
 from rhytid.domain.asset_settings import GraphSettings
-from rhytid.domain.controls import REGION_MAPS, REGION_PREFIX, Controls, signed
+from rhytid.domain.controls import NEUTRALS, REGION_MAPS, REGION_PREFIX, Controls, signed
 from rhytid.domain.painted import Shares
 from rhytid.domain.regions import REGIONS, Region
 from rhytid.synthesis.arrays import row_blocks
@@ -192,7 +192,7 @@ class PaintedFields(Fields):
             return np.repeat(np.asarray(_meant(np.full(1, base, np.float32), name)), len(triangle))
         total, mixed = np.zeros(len(triangle), np.float32), np.zeros(len(triangle), np.float32)
         for region in self._regions:
-            weight = self._maps[region].at(triangle, uv, neutral=0.0)
+            weight = self._maps[region].at(triangle, uv, neutral=NEUTRALS[region])
             skin = self._skin[region.removeprefix(REGION_PREFIX)]
             mixed += weight * np.float32(_value(skin, name))
             total += weight

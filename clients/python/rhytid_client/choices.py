@@ -1,0 +1,14 @@
+"""What may be chosen by name, for type checkers and editors; the server says what it knows."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+# How displacement is drawn, and how the stretch of a frame is measured and taken.
+Method = Literal["neutral", "redraw", "binned", "convolved"]
+StretchModel = Literal["tensor", "tension", "uv"]
+Sampling = Literal["nearest", "smooth"]
+# Files: of tiles and maps, of graphs, of meshes.
+TileFormat = Literal["npy", "f16", "exr", "exr16", "png"]
+GraphFormat = Literal["safetensors", "obj", "usda"]
+MeshFormat = Literal["glb", "ply"]

@@ -1,0 +1,47 @@
+# %% [markdown]
+# # Tiles in a notebook
+# Jupyter (by jupytext), VS Code and Spyder open this file as a notebook: each `# %%` is a cell.
+# A tile that is the last line of a cell shows itself as a shaded relief.
+
+# %%
+import json
+import os
+
+import numpy as np
+
+from rhytid_client import Client
+
+rhytid = Client(os.environ.get("RHYTID_URL", "http://127.0.0.1:8717"))
+file = os.environ.get("RHYTID_MESH", "rhytid-demo/face.npz")
+settings = json.loads(os.environ.get("RHYTID_SETTINGS", '{"resolution": 2048}'))
+
+# %%
+asset = rhytid.wait(rhytid.create_asset(file, settings=settings))
+asset
+
+# %%
+udim = asset.udims[0]
+neutral = rhytid.map(asset, "neutral", udim)
+neutral
+
+# %% [markdown]
+# The same place of the last frame that came with the mesh, and what changed.
+
+# %%
+last = rhytid.frames(asset)[-1].name
+expression = rhytid.map(asset, last, udim)
+expression
+
+# %%
+change = expression.array - neutral.array
+print(
+    f"{last}: from {change.min():.4g} to {change.max():.4g}, rms {np.sqrt(np.mean(change**2)):.4g}"
+)
+
+# %% [markdown]
+# One scale for both files, so that the same grey is the same height in both.
+
+# %%
+scale = float(max(np.abs(tile.array).max() for tile in (neutral, expression)))
+for tile in (neutral, expression):
+    print(tile.save(".", name="notebook"), tile.save(f"notebook.{tile.label}.png", scale=scale))

@@ -1,0 +1,138 @@
+"""`rhytid template`: what to paint over, and masks to begin with."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rhytid.cli.options import Commands, add_json, add_several, add_unit, new_command, readable
+from rhytid.cli.progress import counted, detail, working
+from rhytid.cli.reporting import report, table
+from rhytid.domain.controls import NEUTRALS
+from rhytid.domain.painted import MOST_TEXELS
+from rhytid.domain.stiffness import NEUTRAL
+from rhytid.domain.tiles import mesh_udims
+from rhytid.domain.units import MILLIMETRES, USUAL_UNIT, millimetres
+from rhytid.errors import InputError
+from rhytid.formats.limits import MOST_SIDE
+
+if TYPE_CHECKING:
+    from PIL import Image
+
+    from rhytid.pictures.uv_template import Charts
+
+# Every map that can be painted, and the grey that changes nothing.
+MASKS = {**NEUTRALS, "stiffness": NEUTRAL}
+LEAST_SIDE = 16
+SUMMARY = "Write what to paint over, and masks to begin with: grey images that change nothing yet."
+DETAILS = """
+For each UDIM: template.<UDIM>.png, a layer with the wires and borders of charts and arrows that
+point up; texel_size.<UDIM>.png, how large texels are on the surface; and a 16-bit grey
+NAME.<UDIM>.png of each map, in the grey that leaves skin as it is. guide.png shows the templates
+with their legends. Masks that are there already are kept."""
+
+
+def add_command(commands: Commands) -> None:
+    """Add `template` to the parser."""
+    example = "rhytid template face.obj --out paint --size 4096"
+    parser = new_command(commands, "template", SUMMARY, example)
+    parser.description = SUMMARY + DETAILS
+    add = parser.add_argument
+    add("mesh", type=readable, metavar="MESH", help="OBJ, PLY, glTF, GLB or npz")
+    add("--out", type=Path, required=True, metavar="DIR", help="folder of the images")
+    size = f"texels per side of every image, {LEAST_SIDE} to {MOST_SIDE}"
+    add("--size", type=int, default=2048, metavar="R", help=size)
+    masks = f"masks to write, of {', '.join(MASKS)} (default: all)"
+    add_several(parser, "--masks", choices=MASKS, metavar="NAME", help=masks)
+    add_unit(parser, "MESH")
+    add_json(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Read the mesh, draw its UDIMs, write the masks, and report what was written."""
+    from rhytid.cli.input_files import mesh_file
+    from rhytid.pictures.template_guide import guide
+    from rhytid.pictures.uv_template import Charts
+
+    size, out = arguments.size, arguments.out
+    if not LEAST_SIDE <= size <= MOST_SIDE:
+        raise InputError(f"--size {size}: from {LEAST_SIDE} to {MOST_SIDE}")
+    mesh = mesh_file(arguments.mesh).mesh
+    udims = mesh_udims(mesh)
+    out.mkdir(parents=True, exist_ok=True)
+    with working("measuring texels"):
+        charts = {udim: Charts.of(mesh, udim, size) for udim in udims}
+    unit_mm = millimetres(arguments.unit or USUAL_UNIT) or MILLIMETRES[USUAL_UNIT]
+    usual = charts[max(udims, key=lambda udim: len(charts[udim].uv))].usual
+    files = []
+    for udim in counted(udims, "drawing", "UDIM"):
+        files += _templates(out, udim, charts[udim], usual, size)
+        files += _masks(out, udim, arguments.masks or list(MASKS), size)
+    caption = _caption(arguments.mesh.name, size, usual * unit_mm)
+    _write(out / "guide.png", lambda: guide(charts, usual, unit_mm, caption))
+    files.append({"file": "guide.png", "shows": "the templates with their legends"})
+    facts = {"folder": str(out), "texel_mm": usual * unit_mm, "files": files}
+    told = [(file["file"], file["shows"]) for file in files]
+    report(facts, f"{table(('file', 'shows'), told)}\n{_limit(len(udims), size)}", arguments.json)
+
+
+def _templates(
+    out: Path, udim: int, charts: Charts, usual: float, size: int
+) -> list[dict[str, Any]]:
+    from rhytid.pictures.uv_template import filled, template
+
+    drawn: dict[str, tuple[Callable[[], Image.Image], str]] = {
+        f"template.{udim}.png": (
+            lambda: template(charts, size),
+            "a layer: wires, borders of charts, arrows that point up",
+        ),
+        f"texel_size.{udim}.png": (
+            lambda: filled(charts, charts.texel_colours(usual), size),
+            "red: texels smaller than usual, purple: larger",
+        ),
+    }
+    for name, (draw, _) in drawn.items():
+        _write(out / name, draw)
+    return [{"file": name, "shows": shows} for name, (_, shows) in drawn.items()]
+
+
+def _masks(out: Path, udim: int, names: Sequence[str], size: int) -> list[dict[str, Any]]:
+    """Write the masks that are not there yet: what is painted is never replaced."""
+    from rhytid.pictures.uv_template import starter
+
+    files = []
+    for name in names:
+        file = out / f"{name}.{udim}.png"
+        kept = file.exists()
+        if not kept:
+            _write(file, lambda grey=MASKS[name]: starter(grey, size))  # type: ignore[misc]
+        shows = "kept as it is" if kept else f"a mask, grey {MASKS[name]:g}: changes nothing yet"
+        files.append({"file": file.name, "shows": shows})
+    return files
+
+
+def _write(file: Path, draw: Callable[[], Image.Image]) -> None:
+    from rhytid.storage.durable import whole
+
+    with whole(file) as aside:
+        draw().save(aside, format="png")
+    detail(f"wrote {file.name}")
+
+
+def _caption(name: str, size: int, usual_mm: float) -> str:
+    return (
+        f"{name}: at {size} x {size} a texel is {usual_mm:.3g} mm on the surface, the median of "
+        "triangles. Where texels are coarse, what is painted is coarse. Paint a few texels beyond "
+        "the borders of charts."
+    )
+
+
+def _limit(udims: int, size: int) -> str:
+    """How many of these masks go into one synthesis."""
+    most = MOST_TEXELS // (udims * size * size)
+    if most >= len(NEUTRALS):
+        return "All maps but stiffness go into one synthesis together."
+    return f"At this size {most} maps, each of all UDIMs, go into one synthesis together."
