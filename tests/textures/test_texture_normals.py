@@ -44,8 +44,8 @@ def shaded(map: FloatArray, along: FloatArray, normal: FloatArray, sign: float =
 
 @pytest.mark.parametrize("mirrored", [False, True])
 def test_a_curved_patch_is_shaded_as_the_displaced_mesh(mirrored: bool) -> None:
-    """Within 0.3 degrees where slopes reach 19. What is left out, h over the radius of curvature, is
-    0.8 % of the slopes; differences over two texels and the 48 facets make up the rest."""
+    """Within 0.3 degrees where slopes reach 19. What is left out, h over the radius of curvature,
+    is 0.8 % of the slopes; differences over two texels and the 48 facets make up the rest."""
     mesh = grid_mesh(curved, 48, mirrored=mirrored)
     u, v = centres()
     heights = bumps(u, v)

@@ -12,6 +12,7 @@ from rhytid.formats.exr import write_exr
 from rhytid.formats.png import encode_png
 from rhytid.formats.tiles import quantise
 from rhytid.storage.durable import whole, write_file
+from rhytid.textures.cavity import cavity_map
 from rhytid.textures.frame_map import Facts, FrameMap, attributes
 from rhytid.textures.normals import normal_map
 from rhytid.textures.tiled import levels_of, write_tiled
@@ -44,7 +45,7 @@ def normal_dx_facts(map: FrameMap) -> Facts:
 
 
 def cavity_facts(map: FrameMap) -> Facts:
-    """Displacement below the surface is (value - 1) times `scale`."""
+    """How far a place lies below what is around it is (1 - value) times `scale`."""
     return {"scale": map.depth, "midlevel": 1.0}
 
 
@@ -88,9 +89,9 @@ def write_normals(path: Path, map: FrameMap, facts: Facts) -> None:
 
 
 def write_cavity(path: Path, map: FrameMap, facts: Facts) -> None:
-    """Grey PNG of 8 bits: white is the smooth surface and what rises above it, black what lies as
-    deep below as a furrow of strength 1, or deeper."""
-    values = (1.0 + map.heights() / np.float32(map.depth)).clip(0.0, 1.0)
+    """Grey PNG of 8 bits: white is as high as what is around it or higher, black as much lower as
+    a furrow of strength 1 is deep, or more."""
+    values = cavity_map(map.heights(), map.chart().covered, map.depth)
     _png(path, _bytes(values), map, facts, values)
 
 
