@@ -11,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from rhytid.cli.bake_output import BakeSize, Output
+from rhytid.domain.mesh import Mesh
 from rhytid.errors import InputError, QueryError
 from rhytid.formats.tile_header import TileHeader
 from rhytid.textures import tiled
@@ -226,3 +227,42 @@ def test_beyond_the_padding_nothing_is_dark(tmp_path: Path, drawn: FrameMap) -> 
     assert (texels["normal-gl"][beyond] == [32768, 32768, 65535]).all()
     assert (texels["cavity"][beyond] == 255).all()
     assert texels["weights"][beyond][..., :2].min() > 0
+
+
+def test_displacement_goes_on_outside_of_islands(tmp_path: Path, drawn: FrameMap) -> None:
+    """Two thirds of a map are outside, padding or not, and have what the nearest column inside has,
+    in every level; the same in normals and cavity within the padding."""
+    uv = MESH.uv * (1 / 3, 1.0)
+    mesh = Mesh(MESH.positions, MESH.faces, uv, MESH.face_uv)
+    triangles = all_triangles(mesh, SIDE)
+    last = int(np.flatnonzero((triangles < len(mesh.faces)).all(axis=0)).max())
+    within = np.s_[:, last + 1 : last + 9]
+    triangles[within] = triangles[:, last, None]
+    chart = Chart.of(mesh, 1001, triangles)
+    posed = Posed.of(mesh, mesh.positions)
+    part = FrameMap(HEADER, DEPTH, drawn.heights, lambda: chart, lambda: posed, drawn.weights)
+    assert chart.inside[:, : last + 1].all()
+    assert not chart.inside[:, last + 1 :].any()
+
+    padded = HEIGHTS.copy()
+    padded[:, last + 1 :] = HEIGHTS[:, last, None]
+    for level in (0, 3):
+        texels = part_of("mip", part, tmp_path, level)
+        side = SIDE >> level
+        wanted = padded.astype(np.float64).reshape(side, 1 << level, side, -1).mean(axis=(1, 3))
+        np.testing.assert_allclose(texels[..., 0], wanted, rtol=0, atol=1e-8)
+    codes = part_of("png16", part, tmp_path)[..., 0].astype(np.float64)
+    assert np.abs((codes - 32768) / 32767 * SCALE - padded).max() < SCALE / 60000
+    for name in ("normal-gl", "cavity"):
+        texels = part_of(name, part, tmp_path)
+        edge = texels[:, last, None]
+        assert (texels[within] == edge).all()
+        assert np.ptp(edge) > 100
+        assert (texels[:, last + 9 :] == texels[0, -1]).all()
+
+
+def part_of(name: str, drawn: FrameMap, folder: Path, level: int = 0) -> NDArray[Any]:
+    """Texels of a file in a folder of its own."""
+    own = folder / f"{name}{level}"
+    own.mkdir()
+    return written(name, drawn, own, level).texels

@@ -67,15 +67,15 @@ def write_half(path: Path, map: FrameMap, facts: Facts) -> None:
 
 
 def write_mipmapped(path: Path, map: FrameMap, facts: Facts) -> None:
-    """OpenEXR of floats in tiles, with levels."""
-    heights = map.heights()
+    """OpenEXR of floats in tiles, with levels; padded."""
+    heights = map.padded()
     with whole(path) as aside:
         write_tiled(aside, levels_of(heights), attributes(map.header, facts, heights))
 
 
 def write_png16(path: Path, map: FrameMap, facts: Facts) -> None:
-    """Grey PNG of 16 bits, 0 at code 32768."""
-    heights = map.heights()
+    """Grey PNG of 16 bits, 0 at code 32768; padded."""
+    heights = map.padded()
     _png(path, quantise(heights, map.header.scale), map, facts, heights)
 
 
@@ -91,7 +91,7 @@ def write_normals(path: Path, map: FrameMap, facts: Facts) -> None:
 def write_cavity(path: Path, map: FrameMap, facts: Facts) -> None:
     """Grey PNG of 8 bits: white is as high as what is around it or higher, black as much lower as
     a furrow of strength 1 is deep, or more."""
-    values = cavity_map(map.heights(), map.chart().covered, map.depth)
+    values = cavity_map(map.heights(), map.chart(), map.depth)
     _png(path, _bytes(values), map, facts, values)
 
 

@@ -34,6 +34,10 @@ class FrameMap:
     posed: Callable[[], Posed]
     weights: Callable[[], NDArray[np.float64]]
 
+    def padded(self) -> NDArray[np.float32]:
+        """The displacement, outside of the islands that of the nearest texel inside."""
+        return self.chart().padded(self.heights())
+
 
 def attributes(header: TileHeader, facts: Facts, values: NDArray[Any]) -> Facts:
     """What is written beside the texels. facts: of the profile, `scale` among them; values: what

@@ -11,29 +11,29 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.textures.chart import Chart
+from rhytid.textures.chart import TEXELS, Chart
 from rhytid.textures.tangents import Posed, dot, unit
 
 FloatArray = NDArray[np.float64]
-# Texels that are worked on at once: some 40 doubles each.
-_TEXELS = 1 << 18
+# How much a neighbour outside of the islands counts: where there is no other.
+_OUTSIDE = 1e-9
 
 
 def normal_map(heights: NDArray[np.float32], chart: Chart, posed: Posed) -> NDArray[np.float32]:
     """(R, R, 3) unit vectors (along u, along v, outwards) of a map (R, R), mesh units, row 0 at the
-    top; (0, 0, 1) where no triangle is."""
+    top. In the padding those of the nearest texel inside, beyond it (0, 0, 1)."""
     side = len(heights)
     out = np.zeros((side, side, 3), np.float32)
-    out[..., 2] = 1.0
-    covered, rows = chart.covered, max(_TEXELS // side, 1)
+    rows = max(TEXELS // side, 1)
     for start in range(0, side, rows):
         part = slice(start, min(start + rows, side))
-        found = chart.triangles[part][covered[part]].astype(np.int64)
+        inside = chart.inside[part]
+        found = chart.triangles[part][inside].astype(np.int64)
         if len(found):
-            slopes = _slopes(heights, chart, part)[covered[part]]
-            weights = chart.corner_weights(part, covered[part])
-            out[part][covered[part]] = _normals(slopes, found, weights, posed)
-    return out
+            slopes = _slopes(heights, chart, part)[inside]
+            weights = chart.corner_weights(part, inside)
+            out[part][inside] = _normals(slopes, found, weights, posed)
+    return np.where(chart.covered[..., None], chart.padded(out), np.array([0, 0, 1], np.float32))
 
 
 def _normals(
@@ -65,13 +65,15 @@ def _in_frame(
 
 
 def _slopes(heights: NDArray[np.float32], chart: Chart, rows: slice) -> FloatArray:
-    """(rows, R, 2) of dh/du and dh/dv: differences over two texels, over one where the neighbour is
-    of another island or beyond the border."""
+    """(rows, R, 2) of dh/du and dh/dv: differences over two texels, over one where a neighbour is
+    outside, of another island or beyond the border."""
     side = len(heights)
     index = np.arange(side)
     here = index[rows]
-    island = chart.islands[chart.triangles[max(rows.start - 1, 0) : rows.stop + 1]]
     offset = max(rows.start - 1, 0)
+    near = slice(offset, rows.stop + 1)
+    island = chart.islands[chart.triangles[near]]
+    trust = np.where(chart.inside[near], 1.0, _OUTSIDE)
 
     def step(
         row: NDArray[np.int64], column: NDArray[np.int64]
@@ -80,7 +82,7 @@ def _slopes(heights: NDArray[np.float32], chart: Chart, rows: slice) -> FloatArr
         same = island[np.ix_(row - offset, column)] == island[np.ix_(here - offset, index)]
         higher = heights[np.ix_(row, column)].astype(np.float64) - heights[rows]
         moved = (row != here)[:, None] | (column != index)[None]
-        used = (same & moved).astype(np.float64)
+        used = (same & moved) * trust[np.ix_(row - offset, column)]
         return higher * used, used
 
     right, left = np.minimum(index + 1, side - 1), np.maximum(index - 1, 0)
@@ -88,5 +90,5 @@ def _slopes(heights: NDArray[np.float32], chart: Chart, rows: slice) -> FloatArr
     slopes = []
     for plus, minus in (((here, right), (here, left)), ((above, index), (below, index))):
         (rise, more), (fall, less) = step(*plus), step(*minus)
-        slopes.append((rise - fall) * side / np.maximum(more + less, 1.0))
+        slopes.append((rise - fall) * side / np.maximum(more + less, 1e-3 * _OUTSIDE))
     return np.stack(slopes, axis=-1)

@@ -6,14 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.domain.mesh import Mesh
-from rhytid.textures.chart import Chart
+from rhytid.textures.chart import TEXELS, Chart
 from rhytid.textures.tangents import welded
 
 FloatArray = NDArray[np.float64]
 # |log ratio| of weight 1: twice or half as long.
 FULL = float(np.log(2.0))
-# Texels that are worked on at once.
-_TEXELS = 1 << 18
 
 
 def corner_weights(mesh: Mesh, ratios: NDArray[np.float32]) -> FloatArray:
@@ -39,7 +37,7 @@ def weight_map(chart: Chart, corners: FloatArray) -> NDArray[np.float32]:
     within it has, so that coarser levels do not fade towards the borders of islands."""
     side = len(chart.triangles)
     out = np.zeros((side, side, 2), np.float32)
-    rows = max(_TEXELS // side, 1)
+    rows = max(TEXELS // side, 1)
     for start in range(0, side, rows):
         part = slice(start, min(start + rows, side))
         found = chart.triangles[part].reshape(-1)
