@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from cli.fake_baking import ASSET, FakeEngine
+from rhytid.cli.bake_output import Output
 from rhytid.cli.bake_record import BakeRecord
-from rhytid.cli.baking import Baker, Output
+from rhytid.cli.baking import Baker
 from rhytid.cli.frame_files import FrameFiles
 from rhytid.cli.timing import Stopwatch
 from rhytid.cli.warned import Warned
@@ -19,6 +20,7 @@ from rhytid.engine.messages import MapQuery
 from rhytid.errors import StorageError
 from rhytid.formats.exr import read_exr
 from rhytid.formats.meshes import MeshFile
+from rhytid.textures.profiles import profiles_of
 
 SQUARE = Mesh(
     positions=[[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]],
@@ -33,11 +35,11 @@ QUERY = ("method", "stretch", "sampling")
 def baker(engine: FakeEngine, folder: Path, values: list[float], **changes: Any) -> Baker:
     """A baker of frames full of one value each."""
     frames = np.stack([np.full((4, 3), value, np.float32) for value in values])
-    output = Output(folder, "face", changes.get("half", False))
+    output = Output(folder, "face", profiles_of(changes.get("profiles", ["float"])))
     query = MapQuery(**{key: changes[key] for key in QUERY if key in changes})
     files = FrameFiles(MeshFile(SQUARE, frames), [])
     return Baker(
-        cast("Any", engine), ASSET, query, files, output, Stopwatch(), Warned("bake", False)
+        cast("Any", engine), ASSET, SQUARE, query, files, output, Stopwatch(), Warned("bake", False)
     )
 
 
@@ -107,7 +109,8 @@ def test_another_frame_is_drawn_again(engine: FakeEngine, tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize(
-    "change", [{"method": "neutral"}, {"stretch": "uv"}, {"sampling": "smooth"}, {"half": True}]
+    "change",
+    [{"method": "neutral"}, {"stretch": "uv"}, {"sampling": "smooth"}, {"profiles": ["half"]}],
 )
 def test_other_options_are_drawn_again(
     change: dict[str, Any], engine: FakeEngine, tmp_path: Path
@@ -142,7 +145,7 @@ def test_a_damaged_file_is_drawn_again(damage: str, engine: FakeEngine, tmp_path
 
 
 def test_half_floats(engine: FakeEngine, tmp_path: Path) -> None:
-    bake(engine, tmp_path, [0.5], half=True)
+    bake(engine, tmp_path, [0.5], profiles=["half"])
 
     assert read_exr(tmp_path / "face.1001.0001.exr")[0].dtype == np.float16
 

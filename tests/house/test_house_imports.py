@@ -30,9 +30,10 @@ ALLOWED = {
     "pipeline": _TOOLS,
     "synthesis": _TOOLS,
     "storage": _TOOLS,
+    "textures": _FACTS | {"formats", "storage"},
     "engine": _TOOLS | _WORK | {"settings"},
     "api": _TOOLS | {"engine", "settings", "meshes"},
-    "cli": _TOOLS | _WORK | {"engine", "settings", "api", "pictures", "meshes"},
+    "cli": _TOOLS | _WORK | {"engine", "settings", "api", "pictures", "meshes", "textures"},
 }
 # The only parts that may import a package from outside; other packages are free.
 ONLY_IN = {
@@ -42,6 +43,7 @@ ONLY_IN = {
     "uvicorn": {"cli"},
     "rhytid_kernels": {"device"},
     "trimesh": {"meshes"},
+    "OpenImageIO": {"textures"},
 }
 # The only readers of the environment: the settings, and what OpenCL's loader must find there.
 ENVIRONMENT = ("settings.py", "device/caches.py", "device/loader.py")

@@ -1,4 +1,4 @@
-"""`rhytid bake`: an animation as a sequence of EXR files."""
+"""`rhytid bake`: an animation as sequences of texture files."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import argparse
 import json
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,7 @@ from rhytid.cli.options import (
     add_device,
     add_force,
     add_json,
+    add_profiles,
     add_query,
     add_several,
     add_stiffness,
@@ -26,6 +28,7 @@ from rhytid.cli.options import (
     new_command,
     readable,
 )
+from rhytid.cli.progress import note
 from rhytid.cli.reporting import report
 from rhytid.cli.serve import chosen
 from rhytid.cli.skin_options import (
@@ -37,6 +40,7 @@ from rhytid.cli.skin_options import (
 from rhytid.cli.timing import Stopwatch
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.settings_changes import settings_unused
+from rhytid.domain.tiles import mesh_udims
 from rhytid.domain.wording import plural
 from rhytid.engine.messages import METHODS, MapQuery, NewAsset
 from rhytid.errors import InputError, SettingsError
@@ -44,14 +48,16 @@ from rhytid.settings import ServiceSettings
 from rhytid.unfinished import temporary_folder
 
 if TYPE_CHECKING:
+    from rhytid.cli.bake_output import BakeSize
     from rhytid.cli.baking import Baker
     from rhytid.cli.warned import Warned
 
-SUMMARY = "Write the displacement of an animation as EXR files; continues where it was interrupted."
+SUMMARY = "Write the displacement of an animation as textures; continues where it was interrupted."
 DETAILS = """
-Files are called NAME.<UDIM>.<FRAME>.exr. FRAME is the number that a geometry cache gives; else,
-where each frame file holds one frame, the number at the end of its name, or its name where not all
-have a number; else frames are counted from 0001.
+Files are called NAME.<UDIM>.<FRAME>.exr, those of other profiles than float and half otherwise:
+docs/textures.md has all names. FRAME is the number that a geometry cache gives; else, where each
+frame file holds one frame, the number at the end of its name, or its name where not all have a
+number; else frames are counted from 0001.
 Maps that were baked from the same inputs are skipped. With --method binned the range of the
 precomputed maps comes from the frame that stretches most, unless the settings give bins.r_max."""
 
@@ -82,7 +88,7 @@ def add_command(commands: Commands) -> None:
     add_force(parser)
     add_stiffness(parser)
     add("--settings", type=readable, metavar="FILE", help="asset settings as JSON")
-    add("--half", action="store_true", help="write half floats")
+    add_profiles(parser)
     geometry = "write each frame as a displaced surface, too: NAME.<FRAME>.glb"
     add("--geometry", choices=("glb", "ply"), help=geometry)
     levels = "how many times --geometry cuts each triangle in four, 0 to 8"
@@ -98,6 +104,8 @@ def add_command(commands: Commands) -> None:
 def run(arguments: argparse.Namespace) -> None:
     """Read everything, build the asset, bake, and report the times."""
     refuse_without_effect(arguments)
+    if arguments.half and arguments.profile:
+        arguments.usage_error("--half is --profile half: use one")
     from rhytid.cli.warned import Warned
 
     with Warned("bake", arguments.strict, arguments.allow) as warned:
@@ -106,11 +114,14 @@ def run(arguments: argparse.Namespace) -> None:
 
 def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     # Imported here, so that --help does not wait for OpenCL.
-    from rhytid.cli.baking import Baker, Geometry, Output, build
+    from rhytid.cli.bake_output import BakeSize, Output
+    from rhytid.cli.baking import Baker, Geometry, build
     from rhytid.cli.frame_files import FrameFiles
     from rhytid.cli.input_files import graph_file, mesh_file, shape_files, stiffness_files
     from rhytid.engine.engine import Engine
+    from rhytid.textures.profiles import profiles_of
 
+    profiles = profiles_of(arguments.profile or (["half"] if arguments.half else ["float"]))
     given = asset_settings(arguments)
     settings = AssetSettings.parse(given)
     clip = cache_clip(arguments)
@@ -136,18 +147,22 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
         shapes=shape_files(arguments.shapes, mesh, clip),
     )
     name = arguments.name or _own_name(arguments.mesh)
+    size = BakeSize.of(
+        profiles, settings.resolution, len(mesh_udims(mesh.mesh)), len(frames.places)
+    )
+    note(f"rhytid: {size.told()}")
     arguments.out.mkdir(parents=True, exist_ok=True)
     watch = Stopwatch()
     with _service(arguments) as service, closing(Engine(service)) as engine:
         with watch.step("build"):
             asset = build(engine, new, warned)
-        output = Output(arguments.out, name, arguments.half)
+        output = Output(arguments.out, name, profiles)
         query = MapQuery(arguments.method, arguments.stretch, arguments.sampling)
-        baker = Baker(engine, asset, query, frames, output, watch, warned, geometry)
+        baker = Baker(engine, asset, mesh.mesh, query, frames, output, watch, warned, geometry)
         if arguments.method == "binned" and "r_max" not in given.get("bins", {}):
             baker.calibrate()
         baker.run()
-    _tell(arguments, baker, watch)
+    _tell(arguments, baker, watch, size)
 
 
 def asset_settings(arguments: argparse.Namespace) -> dict[str, Any]:
@@ -182,12 +197,13 @@ def _service(arguments: argparse.Namespace) -> Iterator[ServiceSettings]:
         yield chosen(arguments.store or folder, arguments.device)
 
 
-def _tell(arguments: argparse.Namespace, baker: Baker, watch: Stopwatch) -> None:
+def _tell(arguments: argparse.Namespace, baker: Baker, watch: Stopwatch, size: BakeSize) -> None:
     figures = {
         "asset": baker.asset.id,
         "out": str(arguments.out),
         "written": baker.written,
         "skipped": baker.skipped,
+        "bytes_at_most": asdict(size),
         "steps": watch.figures(),
         **baker.warned.told(),
     }

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.cli.bake_output import Output
 from rhytid.cli.bake_record import BakeRecord
+from rhytid.cli.bake_sources import MapSources
 from rhytid.cli.frame_files import FrameFiles, FramePlace
 from rhytid.cli.progress import counted, detail, share_bar
 from rhytid.cli.timing import Stopwatch
@@ -21,10 +24,11 @@ from rhytid.domain.mesh import Mesh
 from rhytid.engine.jobs import Job
 from rhytid.engine.messages import AssetInfo, JobInfo, MapQuery, NewAsset
 from rhytid.errors import ConflictError
-from rhytid.formats.exr import write_exr
 from rhytid.meshes.displaced import Subdivided
 from rhytid.meshes.export import mesh_format
 from rhytid.storage.durable import whole, write_file
+from rhytid.textures.frame_map import FrameMap
+from rhytid.textures.profiles import Profile
 
 if TYPE_CHECKING:
     from rhytid.engine.engine import Engine
@@ -33,27 +37,6 @@ if TYPE_CHECKING:
 Texels = NDArray[np.float32]
 # Between two looks at how far a job is.
 _SHOWN_SECONDS = 0.2
-
-
-@dataclass(frozen=True)
-class Output:
-    """Where maps go: `folder`/NAME.<UDIM>.<FRAME>.exr, as half or single floats."""
-
-    folder: Path
-    name: str
-    half: bool
-
-    def file(self, udim: int, frame: FramePlace) -> Path:
-        """The file of one map."""
-        return self.folder / f"{self.name}.{udim}.{frame.label}.exr"
-
-    def geometry_file(self, frame: FramePlace, format: str) -> Path:
-        """The file of one displaced surface."""
-        return self.folder / f"{self.name}.{frame.label}.{format}"
-
-    def record(self) -> BakeRecord:
-        """What is done already."""
-        return BakeRecord(self.folder / f"{self.name}.bake.json")
 
 
 class Geometry:
@@ -76,6 +59,7 @@ class Baker:
 
     engine: Engine
     asset: AssetInfo
+    mesh: Mesh
     query: MapQuery
     frames: FrameFiles
     output: Output
@@ -94,38 +78,48 @@ class Baker:
             finish(self.engine, job, "bins")
 
     def run(self) -> None:
-        """Write every map that is not done."""
-        record = self.output.record()
+        """Write every file that is not done."""
+        record, sources = self.output.record(), MapSources(self.engine, self.asset, self.mesh)
         for place in counted(self.frames.places, "baking", "frame"):
             with self.watch.step("stretch"):
                 self._put(place)
-            plans = {udim: self._plan(place, udim) for udim in self.asset.udims}
-            maps = {udim: self._map(record, place, udim, plan) for udim, plan in plans.items()}
+            surface = sources.surface(place.label, partial(self.frames.read, place))
+            plans, heights = {}, {}
+            for udim in self.asset.udims:
+                plan = plans[udim] = self._plan(place, udim)
+                drawn = sources.map(surface, plan, cache(partial(self._draw, plan)))
+                self.output.describe(drawn)
+                for profile in self.output.profiles:
+                    self._map(record, profile, self.output.file(profile, udim, place), plan, drawn)
+                if self.geometry is not None:
+                    heights[udim] = drawn.heights
             if self.geometry is not None:
-                self._surface(self.geometry, record, place, plans, maps)
+                self._surface(self.geometry, record, place, plans, heights)
             self.engine.frames.delete(self.asset.id, place.label)
 
     def _plan(self, place: FramePlace, udim: int) -> TilePlan:
         return self.engine.tiles.plan_map(self.asset.id, place.label, self.query, udim, 0)
 
+    def _draw(self, plan: TilePlan) -> Texels:
+        with self.watch.step(self.query.method):
+            return plan.draw()
+
     def _map(
-        self, record: BakeRecord, place: FramePlace, udim: int, plan: TilePlan
-    ) -> Texels | None:
-        """Write a map; its texels where they had to be drawn and a surface may need them."""
-        file, half = self.output.file(udim, place), self.output.half
-        key = f"{plan.key}-{'half' if half else 'single'}"
+        self, record: BakeRecord, profile: Profile, file: Path, plan: TilePlan, drawn: FrameMap
+    ) -> None:
+        """Write one map in one profile, where it is not done."""
+        key = f"{plan.key}-{profile.key}"
         if record.done(file, key):
             detail(f"{file.name} is already there")
             self.skipped += 1
-            return None
-        with self.watch.step(self.query.method):
-            texels = plan.draw()
+            return
+        if profile.drawn:
+            drawn.heights()
         with self.watch.step("write"):
-            write_exr(file, texels.astype(np.float16) if half else texels, plan.header)
+            profile.write(file, drawn, profile.all_facts(drawn))
             record.add(file, key)
         detail(f"wrote {file.name}")
         self.written += 1
-        return None if self.geometry is None else texels
 
     def _surface(
         self,
@@ -133,7 +127,7 @@ class Baker:
         record: BakeRecord,
         place: FramePlace,
         plans: Mapping[int, TilePlan],
-        maps: Mapping[int, Texels | None],
+        heights: Mapping[int, Callable[[], Texels]],
     ) -> None:
         """Write the surface that the maps of a frame displace, where it is not done."""
         file = self.output.geometry_file(place, geometry.format)
@@ -142,12 +136,9 @@ class Baker:
         if record.done(file, key):
             self.skipped += 1
             return
-        known = {}
-        for udim, texels in maps.items():
-            with self.watch.step(self.query.method):
-                known[udim] = plans[udim].draw() if texels is None else texels
+        maps = {udim: draw() for udim, draw in heights.items()}
         with self.watch.step("geometry"):
-            geometry.write(file, self.frames.read(place), known)
+            geometry.write(file, self.frames.read(place), maps)
             record.add(file, key)
         detail(f"wrote {file.name}")
         self.written += 1

@@ -13,6 +13,7 @@ from rhytid.domain.units import MILLIMETRES, millimetres
 from rhytid.domain.warnings import CODES
 from rhytid.engine.messages import SAMPLINGS, STRETCH_MODELS
 from rhytid.formats.frame_set import Clip
+from rhytid.textures.names import PROFILE_NAMES
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}", re.ASCII)
 STDOUT = Path("-")
@@ -166,6 +167,13 @@ def add_stiffness(parser: argparse.ArgumentParser) -> None:
     """`--stiffness FILE ...`."""
     stiffness = "grey PNG or EXR, one per UDIM, named ANY.<UDIM>.png: white moves, black is rigid"
     add_several(parser, "--stiffness", type=readable, metavar="FILE", help=stiffness)
+
+
+def add_profiles(parser: argparse.ArgumentParser) -> None:
+    """`--profile NAME ...`, and `--half` for one of them."""
+    kinds = f"kinds of files to write, one or several: {', '.join(PROFILE_NAMES)} (default: float)"
+    add_several(parser, "--profile", choices=PROFILE_NAMES, metavar="NAME", help=kinds)
+    parser.add_argument("--half", action="store_true", help="the same as --profile half")
 
 
 def add_strict(parser: argparse.ArgumentParser) -> None:

@@ -97,6 +97,14 @@ class DeviceMesh:
         self._pore_stiffness = of(pores, self.pore_triangle)
         self._wrinkle_stiffness = of(wrinkles, self._wrinkle_triangle)
 
+    def texel_triangles(self, udim: int) -> NDArray[np.int32]:
+        """(R, R) triangle of each texel of level 0; the number of triangles for none."""
+        side = self.settings.resolution
+        found = self.located[udim].texels(side, 0, 0, side)
+        result: NDArray[np.int32] = self.device.read(found, (side, side), np.int32)
+        found.release()
+        return result
+
     def prepare(self, graph: WrinkleGraph, settings: AssetSettings) -> Prepared:
         """The elements of each UDIM as they go to the device; host work, on any thread."""
         wrinkle = self._wrinkle_triangle

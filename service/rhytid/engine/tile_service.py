@@ -98,6 +98,13 @@ class TileService:
             partial(self._maps.square, found, stored, query, udim, level, whole),
         )
 
+    def triangles(self, asset: str, udim: int) -> NDArray[np.int32]:
+        """(R, R) the triangle that each texel of a UDIM shows, padding included, row 0 at the top;
+        the number of triangles for none. Raises what `plan` does."""
+        found = self._assets.get(asset)
+        found.check_address(TileAddress(udim, 0, 0, 0))
+        return self._on_device.use(found, lambda lying: lying.mesh.texel_triangles(udim))
+
     def plans_once(
         self, asset: str, positions: ArrayLike, query: MapQuery, addresses: list[TileAddress]
     ) -> list[TilePlan]:

@@ -6,9 +6,10 @@ before 3.5 writes to paths only, hence the temporary folders.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 import OpenEXR
@@ -21,16 +22,20 @@ from rhytid.unfinished import temporary_folder
 Texels = NDArray[np.float32] | NDArray[np.float16]
 
 _CHANNEL = "Y"
+NOTHING: Mapping[str, str | int | float] = MappingProxyType({})
 
 
-def write_exr(path: Path, texels: Texels, header: TileHeader) -> None:
-    """Write a map (h, w) float32 or float16 to `path`, whole or not at all.
+def write_exr(
+    path: Path, texels: Texels, header: TileHeader, more: Mapping[str, str | int | float] = NOTHING
+) -> None:
+    """Write a map (h, w) float32 or float16 to `path`, whole or not at all, with the attributes of
+    its header and `more`.
 
     It is written aside, in the same folder, and then moved into place. Raises StorageError.
     """
     with _temporary_folder(path.parent) as folder:
         aside = folder / path.name
-        _write(aside, texels, header)
+        _write(aside, texels, {**header.attributes(), **more})
         aside.replace(path)
 
 
@@ -38,7 +43,7 @@ def encode_exr(texels: Texels, header: TileHeader) -> bytes:
     """The bytes of the file that `write_exr` writes; raises StorageError."""
     with _temporary_folder() as folder:
         path = folder / "tile.exr"
-        _write(path, texels, header)
+        _write(path, texels, header.attributes())
         return path.read_bytes()
 
 
@@ -75,10 +80,10 @@ def decode_exr(data: bytes) -> tuple[Texels, dict[str, object]]:
         return read_exr(path)
 
 
-def _write(path: Path, texels: Texels, header: TileHeader) -> None:
+def _write(path: Path, texels: Texels, attributes: Mapping[str, str | int | float]) -> None:
     fixed = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     channels = {_CHANNEL: np.ascontiguousarray(texels)}
-    OpenEXR.File({**header.attributes(), **fixed}, channels).write(str(path))
+    OpenEXR.File({**attributes, **fixed}, channels).write(str(path))
 
 
 @contextmanager

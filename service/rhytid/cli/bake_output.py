@@ -1,0 +1,92 @@
+"""Where a bake writes, in which profiles, and how much that is."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+from rhytid import __version__
+from rhytid.cli.bake_record import BakeRecord
+from rhytid.cli.frame_files import FramePlace
+from rhytid.domain.wording import plural
+from rhytid.storage.durable import whole, write_file
+from rhytid.textures.frame_map import Facts, FrameMap
+from rhytid.textures.profiles import PROFILES, Profile
+
+_UNITS = ("bytes", "kB", "MB", "GB", "TB")
+FLOATS = (PROFILES["float"],)
+
+
+@dataclass(frozen=True)
+class Output:
+    """Files in `folder` whose names begin with NAME, by the profiles."""
+
+    folder: Path
+    name: str
+    profiles: tuple[Profile, ...] = FLOATS
+
+    def file(self, profile: Profile, udim: int, frame: FramePlace) -> Path:
+        """The file of one map."""
+        return self.folder / profile.file_name(self.name, udim, frame.label)
+
+    def geometry_file(self, frame: FramePlace, format: str) -> Path:
+        """The file of one displaced surface."""
+        return self.folder / f"{self.name}.{frame.label}.{format}"
+
+    def record(self) -> BakeRecord:
+        """What is done already."""
+        return BakeRecord(self.folder / f"{self.name}.bake.json")
+
+    def describe(self, drawn: FrameMap) -> None:
+        """Write what a reader must know of PNG files: NAME.<PROFILE>.json, if it is not there."""
+        for profile in self.profiles:
+            if profile.described:
+                facts = {
+                    **profile.all_facts(drawn),
+                    "files": profile.pattern(self.name),
+                    "unit": drawn.header.unit,
+                    "asset": drawn.header.asset,
+                    "colour_space": "raw",
+                    "rhytid_version": __version__,
+                }
+                _write_facts(self.folder / f"{self.name}.{profile.name}.json", facts)
+
+
+@dataclass(frozen=True)
+class BakeSize:
+    """Bytes of the maps of a frame and of all frames, before compression."""
+
+    frame: int
+    all: int
+    frames: int
+
+    @classmethod
+    def of(
+        cls, profiles: tuple[Profile, ...], resolution: int, udims: int, frames: int
+    ) -> BakeSize:
+        """The size of maps of `resolution` texels a side."""
+        texel = sum(profile.texel_bytes for profile in profiles)
+        frame = round(texel * resolution**2) * udims
+        return cls(frame, frame * frames, frames)
+
+    def told(self) -> str:
+        """A line about it."""
+        return (
+            f"maps: up to {_bytes(self.frame)} a frame, {_bytes(self.all)} for "
+            f"{plural(self.frames, 'frame')}, before compression"
+        )
+
+
+def _write_facts(file: Path, facts: Facts) -> None:
+    data = f"{json.dumps(facts, indent=1)}\n".encode()
+    if not (file.is_file() and file.read_bytes() == data):
+        with whole(file) as aside:
+            write_file(aside, data)
+
+
+def _bytes(count: float) -> str:
+    power = 0
+    while count >= 1000 and power < len(_UNITS) - 1:
+        count, power = count / 1000, power + 1
+    return f"{count:.3g} {_UNITS[power]}"

@@ -1,0 +1,67 @@
+"""What the maps of a bake are drawn from, each found when a profile asks for it, and once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.domain.mesh import Mesh
+from rhytid.engine.messages import AssetInfo
+from rhytid.textures.chart import Chart
+from rhytid.textures.frame_map import FrameMap
+from rhytid.textures.tangents import Posed
+from rhytid.textures.weights import corner_weights
+
+if TYPE_CHECKING:
+    from rhytid.engine.engine import Engine
+    from rhytid.engine.tile_service import TilePlan
+
+
+@dataclass(frozen=True, eq=False)
+class FrameSurface:
+    """The surface of one frame: for normal maps, and its stretch as weights."""
+
+    posed: Callable[[], Posed]
+    weights: Callable[[], NDArray[np.float64]]
+
+
+class MapSources:
+    """The maps of an asset. Its charts are kept, 5 bytes a texel of each UDIM."""
+
+    def __init__(self, engine: Engine, asset: AssetInfo, mesh: Mesh) -> None:
+        self._engine, self._asset, self._mesh = engine, asset, mesh
+        self._depth = float(asset.settings["depth"] or 0.0)
+        self._charts: dict[int, Chart] = {}
+
+    def surface(self, frame: str, positions: Callable[[], NDArray[np.float32]]) -> FrameSurface:
+        """Of a frame that the engine holds, and what reads its positions (V, 3)."""
+        engine, asset, mesh = self._engine, self._asset.id, self._mesh
+        return FrameSurface(
+            cache(lambda: Posed.of(mesh, positions())),
+            cache(lambda: corner_weights(mesh, engine.frames.stretch(asset, frame).ratios)),
+        )
+
+    def map(
+        self, surface: FrameSurface, plan: TilePlan, heights: Callable[[], NDArray[np.float32]]
+    ) -> FrameMap:
+        """A planned map, whose displacement `heights` draws."""
+        udim = plan.header.udim
+        return FrameMap(
+            plan.header,
+            self._depth,
+            heights,
+            lambda: self._chart(udim),
+            surface.posed,
+            surface.weights,
+        )
+
+    def _chart(self, udim: int) -> Chart:
+        if udim not in self._charts:
+            found = self._engine.tiles.triangles(self._asset.id, udim)
+            self._charts[udim] = Chart.of(self._mesh, udim, found)
+        return self._charts[udim]

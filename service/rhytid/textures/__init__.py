@@ -1,0 +1,1 @@
+"""Texture files of displacement for the programs that read them: profiles of `rhytid bake`."""

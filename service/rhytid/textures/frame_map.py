@@ -1,0 +1,46 @@
+"""What profiles draw from, and what their files say of themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.formats.tile_header import TileHeader
+from rhytid.textures.chart import Chart
+from rhytid.textures.tangents import Posed
+
+Facts = dict[str, str | int | float]
+# Numbers, not colours: what OpenEXR calls it, and in words.
+_RAW: Facts = {"colour_space": "raw", "colorInteropID": "data"}
+
+
+@dataclass(frozen=True, eq=False)
+class FrameMap:
+    """One UDIM of one frame. What takes work is a call that does it once.
+
+    header: of the map.  depth: of a furrow of strength 1, mesh units.  heights: (R, R) float32
+    displacement, mesh units, row 0 at the top.  chart: its texels on the mesh.  posed: the surface
+    of the frame.  weights: (F, 3, 2) of corners, stretch and compression.
+    """
+
+    header: TileHeader
+    depth: float
+    heights: Callable[[], NDArray[np.float32]]
+    chart: Callable[[], Chart]
+    posed: Callable[[], Posed]
+    weights: Callable[[], NDArray[np.float64]]
+
+    def padded(self) -> NDArray[np.float32]:
+        """The displacement, outside of the islands that of the nearest texel inside."""
+        return self.chart().padded(self.heights())
+
+
+def attributes(header: TileHeader, facts: Facts, values: NDArray[Any]) -> Facts:
+    """What is written beside the texels. facts: of the profile, `scale` among them; values: what
+    the texels stand for, of which `minimum` and `maximum` are taken."""
+    ends = {"minimum": float(values.min()), "maximum": float(values.max())}
+    return {**header.attributes(), **facts, **ends, **_RAW}

@@ -1,0 +1,116 @@
+"""`bake --profile`: several kinds of files of one map."""
+
+from __future__ import annotations
+
+import json
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from cli.running import write_animation
+from meshes import SmallMesh
+from rhytid.cli import main
+from rhytid.engine.engine import Engine
+from rhytid.engine.messages import MapQuery
+from rhytid.formats.meshes import read_mesh
+from rhytid.settings import ServiceSettings
+from rhytid.textures.chart import Chart
+from rhytid.textures.names import PROFILE_NAMES
+from textures.reading import read_texture
+
+SMALL = ("--resolution", "256", "--wrinkles", "400")
+
+
+def test_one_bake_writes_every_profile(
+    tmp_path: Path, small_mesh: SmallMesh, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shot = write_animation(tmp_path / "shot.npz", small_mesh, 1)
+    out, store = tmp_path / "maps", tmp_path / "store"
+    names = [name for name in PROFILE_NAMES if name != "half"]
+    given = ["bake", "--mesh", str(shot), "--out", str(out), "--store", str(store), *SMALL]
+
+    assert main([*given, "--json"]) == 0
+    alone = read_texture(out / "shot.1001.0001.exr")
+    first = json.loads(capsys.readouterr().out)
+    assert main([*given, "--profile", *names, "--json"]) == 0
+    told = capsys.readouterr()
+    figures = json.loads(told.out)
+
+    assert (figures["written"], figures["skipped"]) == (len(names) - 1, 1)
+    assert first["bytes_at_most"] == {"frame": 4 * 256**2, "all": 4 * 256**2, "frames": 1}
+    line = "rhytid: maps: up to 2.14 MB a frame, 2.14 MB for 1 frame, before compression"
+    assert line in told.err
+    heights = alone.texels[..., 0]
+    assert heights.min() < -1e-3
+    for kind in ("normal-gl.1001.0001", "normal-dx.0001.1001", "cavity.0001.1001"):
+        found = read_texture(out / f"shot.{kind}.png")
+        assert np.ptp(found.texels[..., 0]) > 50
+        assert float(found.attributes["maximum"]) <= 1.0
+    weights = read_texture(out / "shot.weights.0001.1001.png").texels
+    assert weights[..., :2].max(axis=(0, 1)).min() > 5
+    levels_are_the_services(out, store, figures["asset"], shot)
+
+
+def levels_are_the_services(out: Path, store: Path, asset: str, shot: Path) -> None:
+    """Bit for bit what a renderer gets as tiles, of texels that lie inside of islands."""
+    with np.load(shot) as arrays:
+        frame = arrays["frames"][0]
+    settings = replace(ServiceSettings.from_environment(), store=store)
+    with closing(Engine(settings)) as engine:
+        engine.frames.put(asset, "0001", frame)
+        mesh = read_mesh(shot.read_bytes(), shot.name).mesh
+        inside = Chart.of(mesh, 1001, engine.tiles.triangles(asset, 1001)).inside
+        heights_of_png16(out, inside)
+        for level in range(5):
+            side = 256 >> level
+            whole = inside.reshape(side, 1 << level, side, -1).all(axis=(1, 3))
+            assert whole.sum() > 20
+            wanted = engine.tiles.plan_map(asset, "0001", MapQuery(), 1001, level).draw()
+            for name in ("shot.mip.1001.0001.exr", "shot.1001.0001.tx"):
+                found = read_texture(out / name, level).texels[..., 0]
+                np.testing.assert_array_equal(found[whole], wanted[whole])
+
+
+def heights_of_png16(out: Path, inside: NDArray[np.bool_]) -> None:
+    heights = read_texture(out / "shot.1001.0001.exr").texels[..., 0]
+    coded = read_texture(out / "shot.png16.1001.0001.png")
+    full = float(coded.attributes["range"])
+    shown = (coded.texels[..., 0] / 65535 - float(coded.attributes["midlevel"])) * full
+    assert np.abs(shown - heights)[inside].max() < full / 65535
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--half", "--profile", "tx"], "--half is --profile half"),
+        (["--profile", "jpeg"], "invalid choice"),
+    ],
+)
+def test_options_that_contradict(
+    options: list[str],
+    message: str,
+    tmp_path: Path,
+    small_mesh: SmallMesh,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    shot = write_animation(tmp_path / "shot.npz", small_mesh, 1)
+    with pytest.raises(SystemExit) as ended:
+        main(["bake", "--mesh", str(shot), "--out", str(tmp_path / "x"), *options])
+
+    assert ended.value.code == 2
+    assert message in capsys.readouterr().err
+
+
+def test_files_of_the_same_name_are_refused(
+    tmp_path: Path, small_mesh: SmallMesh, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shot = write_animation(tmp_path / "shot.npz", small_mesh, 1)
+    given = ["bake", "--mesh", str(shot), "--out", str(tmp_path / "x")]
+
+    assert main([*given, "--profile", "float", "half"]) == 1
+    assert "have the same file names" in capsys.readouterr().err
+    assert not (tmp_path / "x").exists()

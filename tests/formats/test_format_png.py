@@ -1,0 +1,50 @@
+"""PNG of 8 and 16 bits, grey and RGB, as others read it."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from rhytid.errors import InputError
+from rhytid.formats.png import encode_png
+from textures.reading import read_texture
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16])
+@pytest.mark.parametrize("shape", [(1, 1), (5, 3), (7, 2, 3), (64, 64, 3)])
+def test_openimageio_reads_the_same_codes(
+    tmp_path: Path, kind: type[Any], shape: tuple[int, ...]
+) -> None:
+    top = np.iinfo(kind).max
+    texels = np.random.default_rng(1).integers(0, top, shape, kind, endpoint=True)
+    file = tmp_path / "a.png"
+    file.write_bytes(encode_png(texels, {"unit": "cm", "where": "µ, 語"}))
+
+    found = read_texture(file)
+
+    assert found.texels.dtype == kind
+    np.testing.assert_array_equal(found.texels.reshape(shape), texels)
+    assert found.attributes["unit"] == "cm"
+    assert found.attributes["where"] == "µ, 語"
+
+
+def test_pillow_reads_the_same_codes_and_texts() -> None:
+    texels = np.random.default_rng(2).integers(0, 65535, (9, 4), np.uint16)
+
+    with Image.open(io.BytesIO(encode_png(texels, {"scale": "0.5"}))) as image:
+        image.load()
+        np.testing.assert_array_equal(np.asarray(image), texels)
+        assert image.info["scale"] == "0.5"
+
+
+@pytest.mark.parametrize(
+    "texels", [np.zeros((2, 2, 2), np.uint8), np.zeros((2, 2), np.int16), np.zeros(4, np.uint8)]
+)
+def test_what_is_no_picture_is_refused(texels: Any) -> None:
+    with pytest.raises(InputError, match="no PNG of"):
+        encode_png(texels, {})
