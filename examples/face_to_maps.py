@@ -1,7 +1,7 @@
 """A face mesh to displacement maps over HTTP: one EXR per UDIM and frame.
 
 rhytid demo && rhytid serve --store rhytid-store
-python examples/face_to_maps.py rhytid-demo/face.npz --out maps
+python examples/face_to_maps.py rhytid-demo/face.npz --out service-maps
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ def main() -> None:
     """Send the mesh, wait for its skin, and save a map of every frame that came with it."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("mesh", type=Path, help="OBJ, PLY, glTF, GLB or npz")
-    parser.add_argument("--out", type=Path, default=Path("maps"), help="folder of the maps")
+    parser.add_argument("--out", type=Path, default=Path("service-maps"), help="folder of the maps")
     parser.add_argument("--url", default="http://127.0.0.1:8717", help="address of the service")
     parser.add_argument("--resolution", type=int, default=2048, help="texels per side of a map")
     parser.add_argument("--wrinkles", type=int, help="how many to grow, instead of by the unit")
@@ -28,7 +28,8 @@ def main() -> None:
     options.out.mkdir(parents=True, exist_ok=True)
     with Client(options.url) as rhytid:
         asset = rhytid.wait(rhytid.create_asset(options.mesh, settings=settings))
-        for frame in rhytid.frames(asset):  # "neutral", then those of the file
+        # The service counts the frames of a mesh file from 0000; `rhytid bake` counts from 0001.
+        for frame in rhytid.frames(asset)[1:]:  # the first is "neutral"
             for udim in asset.udims:
                 tile = rhytid.map(asset, frame.name, udim, method="redraw", format="exr")
                 print(tile.save(options.out, name=options.mesh.stem))

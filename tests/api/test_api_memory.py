@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import socket
 import time
 from collections.abc import Callable, Iterator
@@ -16,7 +17,7 @@ import pytest
 from api.asking import NPY, built, is_problem, npy
 from api.fake_engine import FakeEngine
 from api.live import serving
-from api.patch import smile, upload
+from api.patch import positions, smile, upload
 from rhytid.api import request_memory
 from rhytid.engine.byte_budget import ByteBudget
 
@@ -221,3 +222,30 @@ def test_an_etag_of_a_body_is_that_of_its_bytes(client: httpx.Client) -> None:
     tags = [client.get(path, params={"layer": "wrinkles", "bin": 0, "sample": s}) for s in (0, 1)]
     assert len({response.headers["etag"] for response in tags}) == 2
     assert all(np.frombuffer(response.content, np.uint8).size for response in tags)
+
+
+def test_frames_that_come_with_a_mesh_fit_beside_their_upload(
+    engine: SmallEngine, client: httpx.Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An upload whose decoding may take all of the memory: its frames do not wait for itself."""
+    frames = np.repeat(smile(0.1)[None], 30 * MIB // smile(0.1).nbytes, axis=0)
+    create = engine.assets.create
+
+    def holding(new: Any, **options: Any) -> Any:
+        """As the engine does, whose job holds the frames."""
+        hold = engine.memory.hold("jobs")
+        hold.grow(new.frames.nbytes)
+        hold.release()
+        return create(new, **options)
+
+    monkeypatch.setattr(engine.assets, "create", holding)
+    file = io.BytesIO()
+    faces = np.array([[0, 1, 6], [0, 6, 5]], np.int32)
+    uv = positions()[:, :2].astype(np.float64)
+    np.savez(file, positions=positions(), faces=faces, uv=uv, face_uv=faces, frames=frames)
+    assert 3 * len(file.getvalue()) + frames.nbytes > 96 * MIB
+
+    answer = client.post("/v1/assets", files=upload(file.getvalue(), "patch.npz"))
+
+    assert answer.status_code in (200, 202), answer.text
+    soon(lambda: engine.memory.used == 0)

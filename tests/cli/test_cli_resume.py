@@ -99,6 +99,18 @@ def test_an_interrupted_bake_goes_on(engine: FakeEngine, tmp_path: Path) -> None
     assert (rest.written, rest.skipped) == (1, 3)
 
 
+def test_what_is_made_of_positions_follows_them(engine: FakeEngine, tmp_path: Path) -> None:
+    """Maps of the neutral are the same in every frame, normals of the surface are not."""
+    profiles = {"method": "neutral", "profiles": ["normal-gl"]}
+    before = baker(engine, tmp_path, [1.0], **profiles)
+    before._put(before.frames.places[0])
+    after = baker(engine, tmp_path, [2.0], **profiles)
+    after._put(after.frames.places[0])
+
+    assert before._positions != after._positions
+    assert [p.posed for p in profiles_of(["float", "normal-dx", "weights"])] == [False, True, True]
+
+
 def test_another_frame_is_drawn_again(engine: FakeEngine, tmp_path: Path) -> None:
     bake(engine, tmp_path, [1.0, 2.0])
     engine.drawn.clear()

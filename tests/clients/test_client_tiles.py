@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 
 from clients.shells import Script
-from rhytid.cli.baking import Output
+from rhytid.cli.bake_output import FLOATS, Output
 from rhytid.cli.frame_files import FramePlace
 from rhytid.formats.grey_png import read_grey_png
 from rhytid_client import Tile, npy, png
@@ -127,7 +127,7 @@ def test_maps_are_called_as_those_of_bake(tmp_path: Path, shell: Any) -> None:
     client = shell(Script(httpx.Response(200, content=npy.encode(HEIGHTS))))
     place = FramePlace("smile", Path("smile.obj"), 0)
     saved = client.map("a", "smile", 1002, format="npy").save(tmp_path, name="cheek")
-    baked = Output(tmp_path, "cheek", half=False).file(1002, place)
+    baked = Output(tmp_path, "cheek").file(FLOATS[0], 1002, place)
     assert saved.stem == baked.stem
     assert client.map("a", "smile", 1002, level=3).label == "1002.smile.3"
     assert client.tile("a", "smile", 1002, 0, 5, 6).label == "1002.smile.0.5.6"

@@ -49,7 +49,7 @@ def drawn(device: Device, mesh: Mesh, graph: WrinkleGraph) -> NDArray[np.float64
     changed = {"resolution": R, "depth": DEPTH, "shape": {"grain": 0, "undulation": 0}}
     settings = AssetSettings().for_graph(graph.origin).changed(changed)
     with resident(device, mesh, graph, settings) as asset:
-        heights = asset.drawn(NEUTRAL_FRAME, MapQuery("neutral"), 1001, 0, 0, 0, R)
+        heights = asset.drawing.to_host(NEUTRAL_FRAME, MapQuery("neutral"), 1001, 0, 0, 0, R)
     return np.asarray(heights, np.float64) / DEPTH
 
 

@@ -132,3 +132,19 @@ def test_tangents_are_shared_where_uv_are_and_apart_over_seams() -> None:
         np.testing.assert_allclose(same, same[:1].repeat(len(same), 0), atol=1e-12)
     lean = np.sum(posed.tangents * posed.normals, axis=-1)
     np.testing.assert_allclose(lean, 0.0, atol=1e-12)
+
+
+def test_a_triangle_without_area_in_a_frame_is_flat() -> None:
+    """As a lid that closes: no slopes, and no texel that is no number."""
+    mesh = grid_mesh(curved, 8)
+    u, v = centres()
+    heights = bumps(u, v)
+    posed = mesh.positions.astype(np.float64)
+    posed[mesh.faces[0]] = posed[mesh.faces[0, 0]]
+
+    found = drawn(mesh, heights, posed)
+
+    inside = all_triangles(mesh, len(heights)) == 0
+    assert inside.any()
+    assert np.isfinite(found).all()
+    assert (found[inside][:, 2] > 0.999).all()

@@ -28,6 +28,8 @@ class RHYTID_OT_bake(Worker, bpy.types.Operator):
             raise Trouble(NOT_SENT)
         folder = folder_of(obj)
         frames = range(max(scene.frame_start, 0), scene.frame_end + 1)
+        if not frames:
+            raise Trouble("The scene has no frames from 0 on")
         shown, name, udims = scene.frame_current, images.slug(obj.name), []
         try:
             for done, frame in enumerate(frames):

@@ -13,13 +13,16 @@ from .words import Trouble
 
 # Maps that were shown before and may still be read by a viewport that renders.
 KEPT = 3
+# Characters of a name: the server takes frames of 64, and some are of the session.
+_LONGEST = 40
 _serial = count(1)
 
 
 def slug(name: str) -> str:
-    """A name of a file, and of a frame of the server; other names have other ones."""
-    plain = re.sub(r"[^A-Za-z0-9_-]+", "_", name)
-    return plain if plain == name else f"{plain}-{crc32(name.encode()):08x}"
+    """A name of a file, and of a frame of the server, of at most 40 characters; other names have
+    other ones."""
+    plain = re.sub(r"[^A-Za-z0-9_-]+", "_", name)[:_LONGEST]
+    return plain if plain == name else f"{plain[: _LONGEST - 9]}-{crc32(name.encode()):08x}"
 
 
 def image_of(obj: bpy.types.Object, path: str, udims: list[int]) -> bpy.types.Image:

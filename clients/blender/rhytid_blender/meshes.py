@@ -13,7 +13,10 @@ from .words import Trouble, changed_count, hidden, no_uv
 Array = np.ndarray
 # A face or a head, in millimetres, and the units that a mesh of it may be in.
 HEAD = 250.0
-MILLIMETRES = {"mm": 1.0, "cm": 10.0, "dm": 100.0, "m": 1000.0, "in": 25.4, "ft": 304.8}
+MILLIMETRES = {
+    **{"um": 0.001, "mm": 1.0, "cm": 10.0, "dm": 100.0, "m": 1000.0},
+    **{"in": 25.4, "ft": 304.8},
+}
 GUESSED = ("mm", "cm", "m")
 # Modifiers that may change the number of vertices.
 COUNT_CHANGING = {

@@ -12,7 +12,7 @@ from . import images, meshes, nodes
 from .exr_header import text_attribute
 from .words import Trouble
 
-_FILE = re.compile(r"(.+)\.(1\d{3})\.(\d+)\.exr")
+_FILE = re.compile(r"([^.]+)\.(1\d{3})\.(\d+)\.exr")
 
 
 @dataclass(frozen=True)
@@ -86,9 +86,14 @@ def _portable(path: str) -> str:
 
 
 def _factor(obj: bpy.types.Object, unit: str) -> float:
-    """Mesh units in one of the map; raises Trouble for no length."""
-    if unit not in meshes.MILLIMETRES:
+    """Mesh units in one of the map, 1 where the map names none; raises Trouble for a unit that is
+    no length known here."""
+    if not unit:
         return 1.0
+    unit = unit.lower().replace("µ", "u")
+    if unit not in meshes.MILLIMETRES:
+        known = ", ".join(meshes.MILLIMETRES)
+        raise Trouble(f"The maps are in {unit!r}: bake them in one of {known}")
     own = obj.rhytid.unit
     if own == "auto":
         own = meshes.guessed_unit(meshes.rest_positions(obj))

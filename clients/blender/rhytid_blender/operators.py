@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import Any
 
 import bpy
@@ -87,7 +88,7 @@ def _built(asset: Any) -> Iterator[Step]:
                 asset = client.asset(asset)
             yield job.progress, job.stage, POLL_SECONDS
     except GeneratorExit:
-        with connection.server() as client:
+        with suppress(Trouble), connection.server() as client:
             client.cancel(asset.job)
         raise
     if asset.state == "failed":

@@ -72,9 +72,11 @@ class Worker:
         return {"RUNNING_MODAL"}
 
     def _end(self, context: bpy.types.Context, result: set[str], told: str) -> set[str]:
-        self._steps.close()
-        context.window_manager.event_timer_remove(self._timer)
-        state.work().running = False
+        try:
+            self._steps.close()
+        finally:
+            context.window_manager.event_timer_remove(self._timer)
+            state.work().running = False
         if told:
             self.report({"INFO"}, told)
         _redraw(context)

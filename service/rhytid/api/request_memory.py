@@ -56,10 +56,12 @@ class RequestMemory:
         hold.grow(nbytes)
         return hold
 
-    def decode(self, nbytes: int) -> None:
+    def decode(self, nbytes: int) -> Hold:
         """What an upload of so many bytes takes while it is decoded and used; all of the memory,
         where it takes more. Waits for it; raises HostBusyError."""
-        self.hold("uploads").grow(min(DECODED * nbytes, self._host.limit))
+        hold = self.hold("uploads")
+        hold.grow(min(DECODED * nbytes, self._host.limit))
+        return hold
 
     def spooled(self) -> Spool:
         """A file for the body."""

@@ -31,7 +31,7 @@ class FrameSurface:
 
 
 class MapSources:
-    """The maps of an asset. Its charts are kept, 5 bytes a texel of each UDIM."""
+    """The maps of an asset. Its charts are kept, 10 bytes per texel of each UDIM."""
 
     def __init__(self, engine: Engine, asset: AssetInfo, mesh: Mesh) -> None:
         self._engine, self._asset, self._mesh = engine, asset, mesh

@@ -68,6 +68,8 @@ class Baker:
     geometry: Geometry | None = None
     written: int = 0
     skipped: int = 0
+    # Digest of the positions of the frame that is baked now.
+    _positions: str = ""
 
     def calibrate(self) -> None:
         """Set the range of the precomputed maps from the frame that stretches most."""
@@ -108,7 +110,8 @@ class Baker:
         self, record: BakeRecord, profile: Profile, file: Path, plan: TilePlan, drawn: FrameMap
     ) -> None:
         """Write one map in one profile, where it is not done."""
-        key = f"{plan.key}-{profile.key}"
+        # A map of the neutral is the same in all frames, what is made of positions is not.
+        key = f"{plan.key}-{profile.key}{self._positions if profile.posed else ''}"
         if record.done(file, key):
             detail(f"{file.name} is already there")
             self.skipped += 1
@@ -131,7 +134,7 @@ class Baker:
     ) -> None:
         """Write the surface that the maps of a frame displace, where it is not done."""
         file = self.output.geometry_file(place, geometry.format)
-        keys = [f"{plan.key}" for plan in plans.values()]
+        keys = [self._positions, *(plan.key for plan in plans.values())]
         key = hashlib.sha256("\n".join([*keys, geometry.told]).encode()).hexdigest()
         if record.done(file, key):
             self.skipped += 1
@@ -151,6 +154,7 @@ class Baker:
 
     def _put(self, place: FramePlace) -> float:
         positions = self.frames.read(place)
+        self._positions = hashlib.sha256(positions.tobytes()).hexdigest()[:16]
         info = self.engine.frames.put(self.asset.id, place.label, positions)
         self.warned.frame(info.warnings, place.name)
         return info.log_stretch["abs_p90"]

@@ -12,7 +12,7 @@ import signal
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from types import FrameType
 from typing import NoReturn
 
@@ -52,7 +52,8 @@ def interruptible() -> Iterator[Interruption]:
     """Within the block SIGINT raises KeyboardInterrupt, and ends the process where the block has
     not ended soon after; SIGTERM raises Terminated. Signals reach the main thread alone."""
     found = Interruption()
-    if threading.current_thread() is not threading.main_thread():
+    here = threading.current_thread() is threading.main_thread()
+    if not here or not hasattr(os, "set_blocking"):  # Windows has it from Python 3.12 on
         yield found
         return
     reading, writing = os.pipe()
@@ -80,7 +81,8 @@ def _watch(reading: int, ended: threading.Event, found: Interruption) -> None:
     try:
         while came := os.read(reading, 1):
             if came[0] == signal.SIGINT and not ended.wait(GRACE):
-                found.say()
+                with suppress(OSError, ValueError):
+                    found.say()
                 end_now(INTERRUPTED)
     finally:
         os.close(reading)
@@ -88,10 +90,14 @@ def _watch(reading: int, ended: threading.Event, found: Interruption) -> None:
 
 def end_now(status: int) -> NoReturn:
     """End the process without waiting for its threads; what is half-written is removed."""
-    remove_unfinished()
-    sys.stdout.flush()
-    sys.stderr.flush()
-    os._exit(status)
+    try:
+        remove_unfinished()
+        sys.stdout.flush()
+        sys.stderr.flush()
+    except (OSError, ValueError):  # whoever read them is gone, too
+        pass
+    finally:
+        os._exit(status)
 
 
 def _terminate(number: int, frame: FrameType | None) -> None:

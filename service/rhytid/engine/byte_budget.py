@@ -64,7 +64,7 @@ class ByteBudget:
         with self._lock:
             if hold.nbytes + more > self.limit:
                 raise HostMemoryError(
-                    f"this takes {hold.nbytes + more} bytes of memory: {self._setting} allows "
+                    f"this takes {hold.nbytes + more} bytes: {self._setting} allows "
                     f"{self.limit} in all; ask for less at once, or send less"
                 )
             if self._used + more <= self.limit:

@@ -44,8 +44,10 @@ def _normals(
     tangent = np.einsum("kc,kcx->kx", weights, posed.tangents[found])
     sign = posed.signs[found][:, None]
     du, across_u, dv = posed.scale[found].T[..., None]
-    along = slopes[:, :1] / du
-    across = (slopes[:, 1:] - across_u * along) / dv
+    # A triangle without area in space has no slopes: it is as flat as it can be told.
+    flat = (du <= 0.0) | (dv <= 0.0)
+    along = np.where(flat, 0.0, slopes[:, :1] / np.where(flat, 1.0, du))
+    across = np.where(flat, 0.0, (slopes[:, 1:] - across_u * along) / np.where(flat, 1.0, dv))
     # The axes of the triangle, turned into the plane of the interpolated normal.
     first = unit(posed.along[found] - dot(posed.along[found], normal) * normal)
     second = sign * np.cross(normal, first)

@@ -22,8 +22,8 @@ class Profile:
     bytes.  extension: with its dot.  middle: between NAME and extension.  texel_bytes: before
     compression.  write: draws and writes one file, whole or not at all.  facts: what a reader must
     know, the same for all files of an asset.  described: whether it is in a file beside them, too.
-    drawn: whether it shows displacement, and not only the stretch of the frame.  tiled: whether it
-    needs OpenImageIO.
+    drawn: whether it shows displacement, and not only the stretch of the frame.  posed: whether it
+    reads the positions of the frame, too.  tiled: whether it needs OpenImageIO.
     """
 
     name: str
@@ -35,6 +35,7 @@ class Profile:
     facts: Callable[[FrameMap], Facts]
     described: bool = True
     drawn: bool = True
+    posed: bool = False
     tiled: bool = False
 
     def file_name(self, name: str, udim: int, frame: str) -> str:
@@ -71,11 +72,11 @@ _ALL = (
     ),
     Profile(
         "normal-gl", "normal-gl-1", ".png", f"normal-gl.{_UDIM_FIRST}", 6.0,
-        drawing.write_normals, drawing.normal_gl_facts,
+        drawing.write_normals, drawing.normal_gl_facts, posed=True,
     ),
     Profile(
         "normal-dx", "normal-dx-1", ".png", f"normal-dx.{_FRAME_FIRST}", 6.0,
-        drawing.write_normals, drawing.normal_dx_facts,
+        drawing.write_normals, drawing.normal_dx_facts, posed=True,
     ),
     Profile(
         "cavity", "cavity-1", ".png", f"cavity.{_FRAME_FIRST}", 1.0,
@@ -83,7 +84,7 @@ _ALL = (
     ),
     Profile(
         "weights", "weights-1", ".png", f"weights.{_FRAME_FIRST}", 3.0,
-        drawing.write_weights, drawing.weight_facts, drawn=False,
+        drawing.write_weights, drawing.weight_facts, drawn=False, posed=True,
     ),
     Profile(
         "mip", "mip-1", ".exr", f"mip.{_UDIM_FIRST}", _MIPMAPPED,

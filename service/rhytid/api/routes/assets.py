@@ -58,8 +58,12 @@ def create(
     strict: Strict = False,
 ) -> Any:
     """Send a mesh; 202 while the build runs, 200 where the same content is already there."""
-    memory.decode(sum(one.size for part in parts.values() for one in (part, *part.again)))
-    asset = engine.assets.create(new_asset(parts), strict=strict, allow=allow)
+    hold = memory.decode(sum(one.size for part in parts.values() for one in (part, *part.again)))
+    new = new_asset(parts)
+    # The frames outlive the request: their job holds them, and both may not fit at a time.
+    frames = 0 if new.frames is None else new.frames.nbytes
+    hold.resize(max(hold.nbytes - frames, 0))
+    asset = engine.assets.create(new, strict=strict, allow=allow)
     response.status_code = 202 if asset.state == "building" else 200
     response.headers["Location"] = f"/v1/assets/{asset.id}"
     return asset
