@@ -224,3 +224,17 @@ def test_the_real_face_as_a_stage_has_the_maps_of_its_npz(tmp_path: Path, face: 
         theirs = read_exr(tmp_path / ".npz" / f"face.1001.{number:04d}.exr")[0]
         np.testing.assert_array_equal(ours, theirs)
         assert np.abs(ours).max() > 0.0
+
+
+def test_a_template_has_the_unit_of_its_stage(
+    tmp_path: Path, small_mesh: SmallMesh, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """metersPerUnit 1 makes texels a hundred times as large as in centimetres."""
+    sizes = []
+    for metres in (0.01, 1.0):
+        file = tmp_path / f"{metres}.usda"
+        write_usd(file, metres, **usd_mesh(small_mesh))
+        options = ["--out", str(tmp_path / f"p{metres}"), "--size", "16", "-q", "--json"]
+        assert main(["template", str(file), *options]) == 0
+        sizes.append(json.loads(capsys.readouterr().out)["texel_mm"])
+    assert sizes[1] == pytest.approx(100 * sizes[0])

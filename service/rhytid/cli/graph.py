@@ -58,10 +58,9 @@ def run(arguments: argparse.Namespace) -> None:
 def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     from rhytid.cli.input_files import graph_file, mesh_file
 
-    mesh = mesh_file(arguments.mesh).mesh
-    warned.inputs(
-        mesh, arguments.mesh.name, arguments.unit or USUAL_UNIT, AssetSettings().resolution
-    )
+    read = mesh_file(arguments.mesh)
+    mesh, unit = read.mesh, arguments.unit or read.unit or USUAL_UNIT
+    warned.inputs(mesh, arguments.mesh.name, unit, AssetSettings().resolution)
     check_outputs(arguments, mesh)
     device = open_device(arguments)
     graph = placed_graph(lambda: device, mesh, graph_file(arguments.graph), force=arguments.force)

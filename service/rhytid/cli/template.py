@@ -7,7 +7,15 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rhytid.cli.options import Commands, add_json, add_several, add_unit, new_command, readable
+from rhytid.cli.options import (
+    MESH_FILES,
+    Commands,
+    add_json,
+    add_several,
+    add_unit,
+    new_command,
+    readable,
+)
 from rhytid.cli.progress import counted, detail, working
 from rhytid.cli.reporting import report, table
 from rhytid.domain.controls import NEUTRALS
@@ -40,7 +48,7 @@ def add_command(commands: Commands) -> None:
     parser = new_command(commands, "template", SUMMARY, example)
     parser.description = SUMMARY + DETAILS
     add = parser.add_argument
-    add("mesh", type=readable, metavar="MESH", help="OBJ, PLY, glTF, GLB or npz")
+    add("mesh", type=readable, metavar="MESH", help=f"{MESH_FILES} of one mesh")
     add("--out", type=Path, required=True, metavar="DIR", help="folder of the images")
     size = f"texels per side of every image, {LEAST_SIDE} to {MOST_SIDE}"
     add("--size", type=int, default=2048, metavar="R", help=size)
@@ -60,12 +68,13 @@ def run(arguments: argparse.Namespace) -> None:
     size, out = arguments.size, arguments.out
     if not LEAST_SIDE <= size <= MOST_SIDE:
         raise InputError(f"--size {size}: from {LEAST_SIDE} to {MOST_SIDE}")
-    mesh = mesh_file(arguments.mesh).mesh
+    read = mesh_file(arguments.mesh)
+    mesh, unit = read.mesh, arguments.unit or read.unit or USUAL_UNIT
     udims = mesh_udims(mesh)
     out.mkdir(parents=True, exist_ok=True)
     with working("measuring texels"):
         charts = {udim: Charts.of(mesh, udim, size) for udim in udims}
-    unit_mm = millimetres(arguments.unit or USUAL_UNIT) or MILLIMETRES[USUAL_UNIT]
+    unit_mm = millimetres(unit) or MILLIMETRES[USUAL_UNIT]
     usual = charts[max(udims, key=lambda udim: len(charts[udim].uv))].usual
     files = []
     for udim in counted(udims, "drawing", "UDIM"):

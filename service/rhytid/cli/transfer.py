@@ -77,8 +77,9 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
         raise InputError(f"{out}: the graph is written as {_GRAPH}")
     if arguments.reach is not None and not arguments.reach > 0:
         raise InputError(f"--reach is {arguments.reach:g}: must be above 0")
-    old, new = (mesh_file(file).mesh for file in (arguments.old, arguments.new))
-    unit, resolution = arguments.unit or USUAL_UNIT, AssetSettings().resolution
+    old, read = mesh_file(arguments.old).mesh, mesh_file(arguments.new)
+    new, resolution = read.mesh, AssetSettings().resolution
+    unit = arguments.unit or read.unit or USUAL_UNIT
     warned.inputs(new, arguments.new.name, unit, resolution)
     make_place(out)
     graph = placed_graph(
