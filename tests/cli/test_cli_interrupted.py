@@ -122,8 +122,8 @@ from rhytid.cli.termination import interruptible
 from rhytid.unfinished import temporary_folder
 with interruptible(), temporary_folder("x", Path(sys.argv[1])) as folder:
     (folder / "part").touch()
-    print("ready", file=sys.stderr, flush=True)
     try:
+        print("ready", file=sys.stderr, flush=True)
         hashlib.pbkdf2_hmac("sha256", b"", b"", 100_000_000)
     except KeyboardInterrupt:  # the signal came before the call
         hashlib.pbkdf2_hmac("sha256", b"", b"", 100_000_000)
