@@ -10,7 +10,7 @@ from PIL import Image
 
 from cli.running import write_neutral
 from meshes import SmallMesh
-from rhytid.cli import main, reporting
+from rhytid.cli import main, progress
 from rhytid.formats.graphs import read_graph
 
 
@@ -95,7 +95,7 @@ def test_the_regions_are_drawn_by_age_beside_a_preview(
     with Image.open(tmp_path / "p.regions.png") as picture:
         width, one = picture.size
     capsys.readouterr()
-    monkeypatch.setattr(reporting, "_EVERY", 0.002)
+    monkeypatch.setattr(progress, "_EVERY", 0.002)
     more = grown(tmp_path, neutral, *files, "--ages", "20", "35", "65")
     monkeypatch.undo()
     told = capsys.readouterr().err

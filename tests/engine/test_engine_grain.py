@@ -82,10 +82,10 @@ def test_grain_is_as_rough_as_pores_say_and_undulation_is_not(device):
     sure = (sure & (index >= 0)).reshape(SIDE, SIDE)
     points = drawing.crop(0, 0, SIDE, SIDE, SIDE)
     asset = asset_of(device, mesh, lines)
-    held = np.flatnonzero(asset.pore_triangle < len(mesh.faces))
+    held = np.flatnonzero(asset.mesh.pore_triangle < len(mesh.faces))
     factor = reference.rough(
         mesh.triangle_uv().astype(float), mesh.faces, points, np.maximum(index, 0),
-        asset.pore_triangle[held], rough[held].astype(float),
+        asset.mesh.pore_triangle[held], rough[held].astype(float),
     ).reshape(SIDE, SIDE)  # fmt: skip
     assert np.abs(noise_of(asset) - factor * noise)[sure].max() <= 0.51 * reference.STEP
     assert factor[sure].std() > 0.05
