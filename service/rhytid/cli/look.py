@@ -7,9 +7,8 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rhytid.cli.options import Commands, add_json, base_name, new_command
+from rhytid.cli.options import Commands, add_json, add_unit, base_name, new_command
 from rhytid.cli.reporting import report, table
-from rhytid.domain.units import MILLIMETRES, millimetres
 from rhytid.errors import InputError
 
 if TYPE_CHECKING:
@@ -36,9 +35,7 @@ def add_command(commands: Commands) -> None:
     add("--name", type=base_name, metavar="NAME", help=named)
     frame = "the look of one frame alone, by its number or name as files have it (default: all)"
     add("--frame", metavar="FRAME", help=frame)
-    known = ", ".join(name for name in MILLIMETRES if name.isascii())
-    unit = f"length unit of the scene: {known} (default: that of the maps)"
-    add("--unit", type=_unit, metavar="U", help=unit)
+    add_unit(parser, "the scene", "that of the maps")
     add("--fps", type=_rate, default=24.0, metavar="F", help="frames a second of the scene")
     add("--uv", type=_word, default="st", metavar="PRIMVAR", help="texture coordinates of the mesh")
     bind = "bind the material to this mesh of the scene, and keep its UV linear"
@@ -122,12 +119,6 @@ def _maps(folder: Path, name: str | None) -> tuple[str, set[tuple[int, str]]]:
 
 def _order(frame: str) -> tuple[int, str]:
     return (int(frame) if frame.isdecimal() else 0, frame)
-
-
-def _unit(text: str) -> str:
-    if millimetres(text) is None:
-        raise argparse.ArgumentTypeError(f"{text!r}: one of {', '.join(MILLIMETRES)}")
-    return text
 
 
 def _rate(text: str) -> float:

@@ -112,11 +112,14 @@ def _existing(text: str) -> Path:
     return Path(text)
 
 
-def add_unit(parser: argparse.ArgumentParser, mesh: str) -> None:
-    """`--unit U`."""
+def add_unit(
+    parser: argparse.ArgumentParser,
+    what: str,
+    default: str = "that of a graph or of a USD file which names one, else cm",
+) -> None:
+    """`--unit U`, the length unit of `what`."""
     known = ", ".join(name for name in MILLIMETRES if name.isascii())
-    default = "(default: that of a graph or of a USD file which names one, else cm)"
-    unit = f"length unit of {mesh}: {known} {default}"
+    unit = f"length unit of {what}: {known} (default: {default})"
     parser.add_argument("--unit", type=_unit, metavar="U", help=unit)
 
 
