@@ -45,18 +45,21 @@ def centres(side: int = SIDE) -> tuple[FloatArray, FloatArray]:
 
 
 def all_triangles(mesh: Mesh, side: int = SIDE) -> NDArray[np.int32]:
-    """(R, R) the triangle that holds each texel's centre, by trying every one."""
+    """(R, R) the triangle that holds each texel's centre, by trying every one near it."""
     u, v = centres(side)
-    points = np.stack([u, v], axis=-1).reshape(-1, 2)
-    found = np.full(len(points), len(mesh.faces), np.int32)
-    for number, (a, b, c) in enumerate(mesh.triangle_uv()):
-        low, high = np.min([a, b, c], axis=0) - 1e-9, np.max([a, b, c], axis=0) + 1e-9
-        some = np.flatnonzero(((points >= low) & (points <= high)).all(axis=1))
-        matrix = np.stack([b - a, c - a], axis=1)
-        weights = np.linalg.solve(matrix, (points[some] - a).T)
+    columns, rows = u[0], v[:, 0]
+    found = np.full((side, side), len(mesh.faces), np.int32)
+    for number, corners in enumerate(mesh.triangle_uv()):
+        low, high = corners.min(axis=0) - 1e-9, corners.max(axis=0) + 1e-9
+        across = np.flatnonzero((columns >= low[0]) & (columns <= high[0]))
+        down = np.flatnonzero((rows >= low[1]) & (rows <= high[1]))
+        near = np.ix_(down, across)
+        points = np.stack([u[near], v[near]], axis=-1).reshape(-1, 2)
+        a, b, c = corners
+        weights = np.linalg.solve(np.stack([b - a, c - a], axis=1), (points - a).T)
         inside = (weights > -1e-9).all(axis=0) & (weights.sum(axis=0) < 1 + 1e-9)
-        found[some[inside]] = number
-    return found.reshape(side, side)
+        found[near] = np.where(inside.reshape(found[near].shape), number, found[near])
+    return found
 
 
 def fine_normals(surface: Surface, height: Surface, side: int = SIDE, cut: int = 8) -> FloatArray:

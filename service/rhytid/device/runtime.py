@@ -22,6 +22,7 @@ from rhytid.device.paces import Paces
 from rhytid.device.select import Candidate
 from rhytid.device.shape import launch_shapes
 from rhytid.device.trial import cl
+from rhytid.device.work_groups import LaunchPiece, launch_pieces
 from rhytid.errors import DeviceError, DeviceMemoryError, KernelBuildError
 
 T = TypeVar("T")
@@ -225,8 +226,14 @@ class Device:
     ) -> None:
         handles = [a.handle if isinstance(a, Buffer) else a for a in arguments]
         compiled = self.kernel(program, kernel, defines)
+        pieces = (
+            launch_pieces(size, self.info.largest_group)
+            if group is None
+            else [LaunchPiece(None, size, group)]
+        )
         with _device_errors():
-            compiled(self._queue, size, group, *handles)
+            for piece in pieces:
+                compiled(self._queue, piece.size, piece.group, *handles, global_offset=piece.offset)
 
     @by_owner
     def finish(self) -> None:
