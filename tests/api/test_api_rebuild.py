@@ -223,6 +223,7 @@ def test_the_page_makes_the_served_tile_of_stiff_skin(
     assert one.worst(sampling, stiff=True) <= 1e-3
 
 
+@pytest.mark.slow
 def test_the_default_has_cushions_and_grain_that_show(
     client: httpx.Client, page: dict[str, Any]
 ) -> None:

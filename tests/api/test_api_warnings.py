@@ -148,6 +148,7 @@ def real(tmp_path_factory: pytest.TempPathFactory) -> Iterator[httpx.Client]:
         yield client
 
 
+@pytest.mark.slow
 def test_doubles_a_million_units_away_are_as_good_as_at_the_origin(real: httpx.Client) -> None:
     where = np.array([1e6, -2e6, 5e5])
     neutral = positions().astype(np.float64) + 1e-9 + where

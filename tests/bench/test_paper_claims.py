@@ -164,6 +164,7 @@ ANISOTROPIC = pytest.mark.parametrize(
 )
 
 
+@pytest.mark.slow
 @ANISOTROPIC
 def test_four_bins_are_several_times_closer_to_redraw_than_one(
     device: Device, a: float, b: float
@@ -174,6 +175,7 @@ def test_four_bins_are_several_times_closer_to_redraw_than_one(
     assert error(skin, a, b, 4) < error(skin, a, b, 1) / 4
 
 
+@pytest.mark.slow
 @ANISOTROPIC
 def test_bins_come_closer_to_redraw_with_their_number(skin: Skin, a: float, b: float) -> None:
     """Where wrinkles run in every direction four bins halve the error and eight do so again."""

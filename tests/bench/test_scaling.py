@@ -27,6 +27,7 @@ def _few(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(scaling, "_SHARES", (0.5, 1))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("series", "places"),
     [

@@ -207,6 +207,7 @@ def test_a_skin_grown_on_a_stage_is_that_of_the_same_npz(
     assert grown[0] == grown[1]
 
 
+@pytest.mark.slow
 @pytest.mark.face
 def test_the_real_face_as_a_stage_has_the_maps_of_its_npz(tmp_path: Path, face: Face) -> None:
     names = list(face.composites)[:5]

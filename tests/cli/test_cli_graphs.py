@@ -35,6 +35,7 @@ def told(capsys: pytest.CaptureFixture[str]) -> Any:
     return json.loads(capsys.readouterr().out)
 
 
+@pytest.mark.slow
 def test_synthesize_tells_what_the_file_holds(
     tmp_path: Path, mesh: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -50,6 +50,7 @@ def lines(capsys: pytest.CaptureFixture[str], code: str) -> list[str]:
     return [line for line in warned if f"warning: {code}: " in line]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["redraw", "binned"])
 def test_bake_tells_what_and_where_once(
     neutral: Path, metres: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], method: str

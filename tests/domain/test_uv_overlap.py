@@ -32,6 +32,7 @@ def test_triangles_side_by_side_do_not_overlap() -> None:
     assert overlap_of(lattice(40)) is None
 
 
+@pytest.mark.slow
 @given(st.integers(1, 10_000))
 def test_shares_are_those_of_points(seed: int) -> None:
     rng = np.random.default_rng(seed)

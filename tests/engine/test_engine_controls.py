@@ -28,6 +28,7 @@ def graph_bytes(engine, asset):
     return {name: array.tobytes() for name, array in engine.assets.graph(asset).arrays().items()}
 
 
+@pytest.mark.slow
 def test_maps_guide_the_build_and_are_part_of_the_id(tmp_path):
     other = Controls({"density": {1001: RAMP[:, ::-1]}, "region_nose": {1001: RAMP.T}})
     moved = Controls({"density": {1001: RAMP}, "region_lip": {1001: RAMP.T}})

@@ -45,6 +45,7 @@ def order(engine, asset) -> complex:
     return complex((weight * (way / abs(way)) ** 2).sum() / weight.sum())
 
 
+@pytest.mark.slow
 def test_expressions_guide_the_build_and_are_part_of_the_id(tmp_path):
     wanted = [None, shapes(), shapes(0.7), shapes(names=("other",))]
     with running(tmp_path) as engine:

@@ -77,6 +77,7 @@ def reports(monkeypatch):
     return found
 
 
+@pytest.mark.slow
 def test_progress_rises_from_nothing_to_the_end(engine, reports):
     small = settings_of(graph={"wrinkles": 300}, depth=None)
     info = engine.assets.create(NewAsset(sheet(), small))

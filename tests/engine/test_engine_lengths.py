@@ -59,6 +59,7 @@ def apart(mesh: Mesh, graph: WrinkleGraph) -> float:
     return float(cKDTree(places).query(places, k=2)[0][:, 1].mean())
 
 
+@pytest.mark.slow
 def test_the_deepest_lines_of_the_old_are_deeper_and_stay_so(tmp_path):
     graph = SPARSE["graph"]
     with running(tmp_path) as engine:
@@ -93,6 +94,7 @@ def test_a_graph_that_is_sent_back_is_drawn_as_before(engine, controls):
     assert read_graph(write_graph(engine.assets.graph(second))).origin == read_graph(data).origin
 
 
+@pytest.mark.slow
 def test_the_command_line_and_the_service_take_the_same_depth(engine, tmp_path, capsys):
     """Painted four times as dense: the pores alone would say half the depth."""
     mesh, out = tmp_path / "mesh.npz", tmp_path / "g.safetensors"
@@ -141,6 +143,7 @@ def test_the_density_of_the_settings_brings_pores_nearer_and_makes_them_shallowe
     assert lengths(engine, asset)[0] == pytest.approx(0.15 * 0.1)
 
 
+@pytest.mark.slow
 def test_the_same_skin_in_another_unit(engine):
     """40 mm are 4 cm: the same pores, and depths that are the same length."""
     centimetres = grown(engine, **SIZE)

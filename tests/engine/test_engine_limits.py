@@ -111,6 +111,7 @@ def test_only_what_the_last_frames_need_stays_on_the_device(stored):
         assert same([engine.tiles.plan(asset, "bent", BINNED, ADDRESS).draw()], [first])
 
 
+@pytest.mark.slow
 def test_bins_made_one_by_one_under_a_small_budget_are_the_same_bits(stored):
     store, asset, resident, plenty = stored
     with running(store, device_memory=resident + 3 * TILE_BYTES + 256 * 256 * 8) as engine:

@@ -114,6 +114,7 @@ def test_tilts_are_a_layer_of_one_sample(engine):
             engine.tiles.bin_tile(asset, ADDRESS, "wrinkle_tilts", bin, sample)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("merge", ["soft", "mellow"])
 def test_pores_have_samples_of_their_own(engine, merge):
     asset = built(engine, new_asset(bins={"pore_samples": 7, "merge": merge}))
@@ -177,6 +178,7 @@ def test_changing_the_merge_gives_the_bits_of_an_asset_made_so(engine, changes):
     assert same([engine.tiles.plan_map(asset, "bent", BINNED, 1001, 0).draw()], [before])
 
 
+@pytest.mark.slow
 def test_a_preset_can_be_changed_like_the_bins(engine):
     asset = built(engine, new_asset(bins={"r_max": 0.1, "count": 8}))
     engine.frames.put(asset, "bent", BENT)

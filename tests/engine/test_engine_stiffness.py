@@ -93,6 +93,7 @@ def test_maps_of_painted_udims_alone_are_larger(made):
     assert painted - plain == len(STIFFNESS.maps) * 256**2 * np.dtype(np.float32).itemsize
 
 
+@pytest.mark.slow
 def test_it_is_part_of_the_id_and_survives_a_restart(tmp_path):
     other = Stiffness({**STIFFNESS.maps, 1001: 1.0 - MAP})
     with running(tmp_path) as engine:
@@ -121,6 +122,7 @@ def test_an_interrupted_build_goes_on_with_it(tmp_path):
         assert same(wanted, maps(engine, asset, "bent"))
 
 
+@pytest.mark.slow
 def test_a_change_of_response_keeps_it(tmp_path):
     with running(tmp_path) as engine:
         one, other = built(engine, stiff()), built(engine, stiff(response={"alpha_d": 2.0}))
@@ -130,6 +132,7 @@ def test_a_change_of_response_keeps_it(tmp_path):
         assert same(*(maps(engine, id, "bent") for id in (one, other)))
 
 
+@pytest.mark.slow
 def test_angles_can_change_and_change_what_is_drawn(tmp_path):
     with running(tmp_path) as engine:
         one, other = (built(engine, stiff(angles=angles)) for angles in ("uv", "surface"))

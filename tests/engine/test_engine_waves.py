@@ -47,6 +47,7 @@ def test_redraw_and_convolved_of_neutral_are_neutral(engine):
         assert same([neutral], [engine.tiles.plan_map(asset, "neutral", query, 1001, 0).draw()])
 
 
+@pytest.mark.slow
 def test_changing_waves_is_making_them_and_changing_back_is_never_having_had_them(engine):
     straight = built(engine, new_asset(MESH))
     engine.frames.put(straight, "bent", BENT)
@@ -90,6 +91,7 @@ def test_bad_waves_are_refused_by_name(engine, bad):
         engine.assets.change(asset, {"shape": {"wave_amplitude": bad}})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("amplitude", [1e-30, 1e3, 1e30])
 def test_the_largest_amplitude_is_a_share_of_the_wrinkle(engine, amplitude):
     found = engine.tiles.plan_map(

@@ -33,6 +33,7 @@ def test_half_a_mesh_is_coloured(small_mesh: SmallMesh) -> None:
     assert more > chart * 1.5, "in UV, and in space at least half as much"
 
 
+@pytest.mark.slow
 def test_udims_have_panels_up_to_a_number(small_mesh: SmallMesh) -> None:
     mask = np.zeros(200, bool)
     heights = [

@@ -95,6 +95,7 @@ def test_mellow_at_a_sample_is_redraw_up_to_quantisation(device, sample, bits, s
     assert np.abs(found - wanted).max() <= bound + 3e-4 * DEPTH
 
 
+@pytest.mark.slow
 def test_merges_come_closer_to_redraw_in_their_order(device):
     """What mellow is there for: the minimum loses what meets and every bulge beside a bin."""
     errors = {}

@@ -92,6 +92,7 @@ def test_what_is_drawn_by_a_map_changes_where_it_is_painted(device: Device, name
     assert 0.0 < reach.anything < 2.5
 
 
+@pytest.mark.slow
 def test_bare_skin_leaves_the_rest_as_it_is(device: Device) -> None:
     before = plain(device)
     after = grow(device, sample().mesh, COUNT, controls(sample(), "density", 0.0, 0.5))

@@ -157,6 +157,7 @@ def some_pairs(position: np.ndarray) -> np.ndarray:
     return np.unique(np.sort(nodes[chosen], axis=1), axis=0).astype(np.int32)
 
 
+@pytest.mark.slow
 def test_launch_shape_changes_no_bit(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = synthesize(sheets.tube(), sheets.wanted(2000), device).graph.arrays()
     for name, items in (("MOST", 192), ("LEAST", 16), ("FIRST", 16)):
