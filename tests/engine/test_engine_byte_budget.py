@@ -1,4 +1,4 @@
-"""Bytes that requests hold at once: who waits, who is refused, and who comes first."""
+"""Bytes that requests hold at once: waiting, refusal and order."""
 
 from __future__ import annotations
 
@@ -73,25 +73,77 @@ def test_what_would_never_fit_is_refused_at_once() -> None:
     assert hold.nbytes == 60
 
 
-def test_little_does_not_wait_behind_much() -> None:
+def test_new_requests_do_not_overtake_one_that_waits() -> None:
     budget = ByteBudget(100, "X", patience=30)
     first = held(budget, 60)
+    with ThreadPoolExecutor(3) as pool:
+        much = pool.submit(held, budget, 90)
+        until(budget, 1)
+        little = pool.submit(held, budget, 30)  # would fit
+        until(budget, 2)
+        less = pool.submit(held, budget, 5)
+        until(budget, 3)
+        first.release()
+        assert much.result(10).nbytes == 90
+        assert budget.waiting == 2
+        much.result().release()
+        assert (little.result(10).nbytes, less.result(10).nbytes) == (30, 5)
+
+
+def test_requests_behind_one_that_gives_up_are_served() -> None:
+    budget = ByteBudget(100, "X", patience=0.5)
+    held(budget, 60)
     with ThreadPoolExecutor(2) as pool:
         much = pool.submit(held, budget, 90)
         until(budget, 1)
-        assert held(budget, 30).nbytes == 30  # at once, on this thread
-        little = pool.submit(held, budget, 40)
-        until(budget, 2)
-        first.resize(0)
-        assert little.result(10).nbytes == 40
-        assert not much.done()
-        little.result().release()
-        budget.give_back(first, 0)
-        assert not much.done()
+        budget.patience = 30
+        little = pool.submit(held, budget, 30)
+        with pytest.raises(HostBusyError):
+            much.result(10)
+        assert little.result(10).nbytes == 30
+
+
+def test_a_hold_that_has_bytes_grows_while_new_ones_wait() -> None:
+    """A new request waits for those bytes: neither would end otherwise."""
+    budget = ByteBudget(100, "X", patience=30)
+    first, second = held(budget, 60), held(budget, 20)
+    with ThreadPoolExecutor(3) as pool:
+        new = pool.submit(held, budget, 90)
         until(budget, 1)
-        budget.limit = 200
-        first.release()  # whoever gives back, if only nothing, lets the others in
-        assert much.result(10).nbytes == 90
+        first.grow(10)  # at once, on this thread
+        large = pool.submit(first.grow, 30)
+        until(budget, 2)
+        newer = pool.submit(held, budget, 1)  # would fit, but large ones wait
+        until(budget, 3)
+        second.grow(5)
+        second.release()
+        large.result(10)
+        assert (first.nbytes, new.done(), newer.done()) == (100, False, False)
+        first.release()
+        assert (new.result(10).nbytes, newer.result(10).nbytes) == (90, 1)
+
+
+def test_nothing_is_held_at_once_though_others_wait() -> None:
+    budget = ByteBudget(100, "X", patience=30)
+    first = held(budget, 60)
+    with ThreadPoolExecutor(1) as pool:
+        much = pool.submit(held, budget, 90)
+        until(budget, 1)
+        assert held(budget, 0).nbytes == 0
+        first.release()
+        much.result(10)
+
+
+def test_a_hold_is_split_without_waiting() -> None:
+    budget = ByteBudget(100, "X", patience=30)
+    whole = held(budget, 90, "uploads")
+    part = whole.split("jobs", 40)
+    assert (whole.nbytes, part.nbytes, budget.used) == (50, 40, 90)
+    assert (budget.used_for("uploads"), budget.used_for("jobs")) == (50, 40)
+    rest = whole.split("jobs", 60)  # it has no more
+    assert (whole.nbytes, rest.nbytes) == (0, 50)
+    part.release()
+    assert (budget.used, budget.used_for("jobs")) == (50, 50)
 
 
 def test_waiting_on_the_event_loop_blocks_nobody_on_it() -> None:

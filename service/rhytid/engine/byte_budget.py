@@ -1,4 +1,4 @@
-"""Bytes that requests and jobs may hold at once: who asks for more than is free waits a while."""
+"""Bytes that requests and jobs may hold at once; a request for more than is free waits a while."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ import asyncio
 import threading
 from collections import Counter
 from concurrent.futures import Future
-from concurrent.futures import TimeoutError as Late
+from concurrent.futures import TimeoutError as FutureTimeoutError
 from contextlib import suppress
 from dataclasses import dataclass, field
+from itertools import takewhile
 
 from rhytid.errors import HostBusyError, HostMemoryError
 
@@ -18,6 +19,8 @@ PATIENCE = 10.0
 
 @dataclass(eq=False)
 class _Waiting:
+    """A request in the queue."""
+
     hold: Hold
     nbytes: int
     granted: Future[None] = field(default_factory=Future)
@@ -27,7 +30,7 @@ class ByteBudget:
     """Counts bytes against a limit, by what they are held for. Safe from any thread.
 
     setting: the environment variable that sets the limit, for messages.  patience: seconds that
-    one waits for bytes.
+    a request waits for bytes.
     """
 
     def __init__(self, limit: int, setting: str, patience: float = PATIENCE) -> None:
@@ -45,7 +48,7 @@ class ByteBudget:
 
     @property
     def waiting(self) -> int:
-        """Who waits for bytes now."""
+        """How many requests wait for bytes now."""
         return len(self._waiting)
 
     def used_for(self, purpose: str) -> int:
@@ -53,13 +56,13 @@ class ByteBudget:
         return self._by_purpose[purpose]
 
     def hold(self, purpose: str) -> Hold:
-        """Nothing yet; it grows."""
+        """A new hold of 0 bytes."""
         return Hold(self, purpose)
 
     def ask(self, hold: Hold, more: int) -> _Waiting | None:
-        """Give a hold `more` bytes at once, or else stand in line: what is answered is waited for.
+        """Give a hold `more` bytes at once, or put it in the queue and return its place there.
 
-        Raises HostMemoryError where they would not fit if nobody else held any.
+        Raises HostMemoryError where the bytes would not fit even if no other hold had any.
         """
         with self._lock:
             if hold.nbytes + more > self.limit:
@@ -67,7 +70,8 @@ class ByteBudget:
                     f"this takes {hold.nbytes + more} bytes: {self._setting} allows "
                     f"{self.limit} in all; ask for less at once, or send less"
                 )
-            if self._used + more <= self.limit:
+            # Waiting requests are served before new ones, so a large one is not overtaken for ever.
+            if self._fits(more) and (hold.nbytes or not more or not self._waiting):
                 self._give(hold, more)
                 return None
             waiting = _Waiting(hold, more)
@@ -75,29 +79,55 @@ class ByteBudget:
             return waiting
 
     def give_up(self, waiting: _Waiting) -> None:
-        """Leave the line; raises HostBusyError where the bytes did not come meanwhile."""
+        """Leave the queue; raises HostBusyError where the bytes did not come meanwhile."""
         with self._lock:
             if waiting not in self._waiting:
                 return
             self._waiting.remove(waiting)
+            used, served = self._used, self._serve()
+        _wake(served)
         raise HostBusyError(
-            f"{self._used} of {self.limit} bytes are held by other requests ({self._setting}), "
+            f"{used} of {self.limit} bytes are held by other requests ({self._setting}), "
             f"and {waiting.nbytes} more did not come free within {self.patience:g} seconds"
         )
 
     def give_back(self, hold: Hold, nbytes: int) -> None:
-        """Take bytes from a hold, and give them to who waits: first come, first served, but who
-        asks for little does not wait behind who asks for more than there is."""
-        granted = []
+        """Take bytes from a hold and serve those that wait, first come, first served.
+
+        Holds that have bytes already and need more are served before those that have none, in any
+        order that fits: others wait for the bytes that they have, and for them to end.
+        """
         with self._lock:
             self._give(hold, -nbytes)
-            for waiting in list(self._waiting):
-                if self._used + waiting.nbytes <= self.limit:
-                    self._give(waiting.hold, waiting.nbytes)
-                    self._waiting.remove(waiting)
-                    granted.append(waiting)
-        for waiting in granted:
-            waiting.granted.set_result(None)
+            served = self._serve()
+        _wake(served)
+
+    def split(self, hold: Hold, nbytes: int, purpose: str) -> Hold:
+        """A new hold with `nbytes` of the bytes of `hold`, at most all of them; it never waits."""
+        with self._lock:
+            part, moved = Hold(self, purpose), min(nbytes, hold.nbytes)
+            self._give(hold, -moved)
+            self._give(part, moved)
+        return part
+
+    def _serve(self) -> list[_Waiting]:
+        """Give bytes to those that wait and take them out of the queue."""
+        growing = [waiting for waiting in self._waiting if waiting.hold.nbytes]
+        new = [waiting for waiting in self._waiting if not waiting.hold.nbytes]
+        served = [waiting for waiting in growing if self._try(waiting)]
+        if len(served) == len(growing):
+            served += takewhile(self._try, new)
+        self._waiting = [waiting for waiting in self._waiting if waiting not in served]
+        return served
+
+    def _try(self, waiting: _Waiting) -> bool:
+        fits = self._fits(waiting.nbytes)
+        if fits:
+            self._give(waiting.hold, waiting.nbytes)
+        return fits
+
+    def _fits(self, more: int) -> bool:
+        return self._used + more <= self.limit
 
     def _give(self, hold: Hold, more: int) -> None:
         hold.nbytes += more
@@ -122,16 +152,16 @@ class Hold:
         if waiting is not None:
             try:
                 waiting.granted.result(self._budget.patience)
-            except Late:
+            except FutureTimeoutError:
                 self._budget.give_up(waiting)
 
     async def grow_async(self, more: int) -> None:
-        """As `grow`; others run on the event loop meanwhile."""
+        """As `grow`, without blocking the event loop."""
         waiting = self._budget.ask(self, more)
         if waiting is None:
             return
         try:
-            # The future is not cancelled with the wait: who grants it must be able to.
+            # Shielded: the thread that grants the bytes sets the future, and a cancelled one raises.
             await asyncio.wait_for(
                 asyncio.shield(asyncio.wrap_future(waiting.granted)), self._budget.patience
             )
@@ -143,12 +173,21 @@ class Hold:
             raise
 
     def resize(self, nbytes: int) -> None:
-        """Hold so many bytes; waits as `grow` does where these are more than now."""
+        """Hold `nbytes` in all; waits as `grow` does where that is more than now."""
         if nbytes > self.nbytes:
             self.grow(nbytes - self.nbytes)
         else:
             self._budget.give_back(self, self.nbytes - nbytes)
 
+    def split(self, purpose: str, nbytes: int) -> Hold:
+        """Move `nbytes` of these, at most all, to a new hold for `purpose`, without waiting."""
+        return self._budget.split(self, nbytes, purpose)
+
     def release(self) -> None:
         """Give everything back; a second call does nothing."""
         self._budget.give_back(self, self.nbytes)
+
+
+def _wake(served: list[_Waiting]) -> None:
+    for waiting in served:
+        waiting.granted.set_result(None)
