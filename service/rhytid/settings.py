@@ -39,7 +39,8 @@ class ServiceSettings:
     def from_environment(cls, environment: Mapping[str, str] = os.environ) -> ServiceSettings:
         """Read RHYTID_STORE, RHYTID_DEVICE, RHYTID_DEVICE_MEMORY_MB, RHYTID_FRAME_MEMORY_MB,
         RHYTID_HOST_MEMORY_MB, RHYTID_UPLOAD_LIMIT_MB, RHYTID_SPOOL_MB, RHYTID_QUEUE, RHYTID_JOBS
-        and RHYTID_CACHE; raises SettingsError naming the variable."""
+        and RHYTID_CACHE; raises SettingsError naming the variable, also where an upload of the
+        largest size allowed would not fit into the spool."""
 
         def count(name: str, default: int) -> int:
             return optional(name) or default
@@ -56,14 +57,21 @@ class ServiceSettings:
                 raise SettingsError(f"{name} is {value!r}: must be a whole number above 0")
             return int(value)
 
+        upload_limit = count("RHYTID_UPLOAD_LIMIT_MB", 1024)
+        spool = count("RHYTID_SPOOL_MB", 4096)
+        if upload_limit > spool:
+            raise SettingsError(
+                f"RHYTID_UPLOAD_LIMIT_MB is {upload_limit}: must be at most RHYTID_SPOOL_MB, "
+                f"which is {spool}; an upload of that size would not fit on the disk allowed"
+            )
         return cls(
             store=Path(environment.get("RHYTID_STORE") or "rhytid-store"),
             device=environment.get("RHYTID_DEVICE") or None,
             device_memory=memory("RHYTID_DEVICE_MEMORY_MB"),
             frame_memory=memory("RHYTID_FRAME_MEMORY_MB"),
             host_memory=memory("RHYTID_HOST_MEMORY_MB"),
-            upload_limit=count("RHYTID_UPLOAD_LIMIT_MB", 1024) * MIB,
-            spool=count("RHYTID_SPOOL_MB", 4096) * MIB,
+            upload_limit=upload_limit * MIB,
+            spool=spool * MIB,
             queue=count("RHYTID_QUEUE", 256),
             jobs=count("RHYTID_JOBS", 256),
             cache=_folder(environment.get("RHYTID_CACHE")),

@@ -11,6 +11,7 @@ from rhytid.device import memory
 from rhytid.device.memory import machine_memory, usual_device_memory, usual_frame_memory
 from rhytid.device.runtime import Device
 from rhytid.device.select import Candidate
+from rhytid.errors import SettingsError
 from rhytid.settings import MIB, ServiceSettings
 
 GIB = 1 << 30
@@ -47,6 +48,17 @@ def test_a_system_that_does_not_tell_is_taken_for_a_small_one(
 ) -> None:
     monkeypatch.setattr(memory.os, "sysconf", lambda name: -1)
     assert machine_memory() == 8 * GIB
+
+
+def test_an_upload_of_the_largest_size_fits_into_the_spool() -> None:
+    given = {"RHYTID_UPLOAD_LIMIT_MB": "512", "RHYTID_SPOOL_MB": "512"}
+    assert ServiceSettings.from_environment(given).upload_limit == 512 * MIB
+    with pytest.raises(SettingsError, match=r"UPLOAD_LIMIT_MB is 513: .* RHYTID_SPOOL_MB, .* 512"):
+        ServiceSettings.from_environment({**given, "RHYTID_UPLOAD_LIMIT_MB": "513"})
+    with pytest.raises(SettingsError, match=r"is 1024: must be at most RHYTID_SPOOL_MB.* is 512;"):
+        ServiceSettings.from_environment({"RHYTID_SPOOL_MB": "512"})
+    with pytest.raises(SettingsError, match=r"is 4097: .* which is 4096"):
+        ServiceSettings.from_environment({"RHYTID_UPLOAD_LIMIT_MB": "4097"})
 
 
 def test_settings_go_before(device: Device) -> None:
