@@ -19,7 +19,7 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import TileAddress, mesh_udims
 from rhytid.domain.warnings import InputWarning, check_codes, refuse
-from rhytid.engine.byte_budget import ByteBudget
+from rhytid.engine.byte_budget import ByteBudget, Hold
 from rhytid.engine.messages import (
     AssetContent,
     AssetInfo,
@@ -106,7 +106,12 @@ class FakeEngine:
     # Assets and jobs
 
     def create_asset(
-        self, new: NewAsset, *, strict: bool = False, allow: Collection[str] = ()
+        self,
+        new: NewAsset,
+        *,
+        strict: bool = False,
+        allow: Collection[str] = (),
+        hold: Hold | None = None,
     ) -> AssetInfo:
         check_codes(allow)
         if strict:

@@ -19,7 +19,7 @@ from api.fake_engine import FakeEngine
 from api.live import serving
 from api.patch import positions, smile, upload
 from rhytid.api import request_memory
-from rhytid.engine.byte_budget import ByteBudget
+from rhytid.engine.byte_budget import ByteBudget, Hold
 
 MIB = 1 << 20
 HEAD = b'--b\r\nContent-Disposition: form-data; name="mesh"; filename="m.obj"\r\n\r\n'
@@ -231,11 +231,11 @@ def test_frames_that_come_with_a_mesh_fit_beside_their_upload(
     frames = np.repeat(smile(0.1)[None], 30 * MIB // smile(0.1).nbytes, axis=0)
     create = engine.assets.create
 
-    def holding(new: Any, **options: Any) -> Any:
+    def holding(new: Any, hold: Hold, **options: Any) -> Any:
         """As the engine does, whose job holds the frames."""
-        hold = engine.memory.hold("jobs")
-        hold.grow(new.frames.nbytes)
-        hold.release()
+        part = hold.split("jobs", new.frames.nbytes)
+        assert part.nbytes == new.frames.nbytes
+        part.release()
         return create(new, **options)
 
     monkeypatch.setattr(engine.assets, "create", holding)

@@ -220,3 +220,22 @@ def test_frames_count_until_their_job_has_stored_them(tmp_path: Path) -> None:
         rest(engine)
         assert engine.memory.used == 0
         assert [frame.name for frame in engine.frames.all(info.id)][1:] == ["0000", "0001", "0002"]
+
+
+def test_frames_of_an_upload_are_counted_once(tmp_path: Path) -> None:
+    """They are moved from the request to the job, which waits for nothing though all is held."""
+    mesh = sheet()
+    frames = np.stack([mesh.positions * np.float32(1.01)] * 3)
+    with running(tmp_path, host_memory=3 * frames.nbytes) as engine:
+        gate = threading.Event()
+        for large in (True, False):
+            engine.jobs.start("build", f"{large}", lambda job: gate.wait(60), small=not large)
+        engine.memory.patience = 0.01
+        upload = held(engine.memory, 3 * frames.nbytes, "uploads")
+        engine.assets.create(replace(new_asset(mesh), frames=frames), hold=upload)
+        assert engine.memory.used_for("jobs") == frames.nbytes
+        assert upload.nbytes == 2 * frames.nbytes
+        upload.release()
+        gate.set()
+        rest(engine)
+        assert engine.memory.used == 0

@@ -161,7 +161,8 @@ class Hold:
         if waiting is None:
             return
         try:
-            # Shielded: the thread that grants the bytes sets the future, and a cancelled one raises.
+            # Shielded: the future is set by the thread that grants the bytes, and must not be
+            # cancelled with the wait.
             await asyncio.wait_for(
                 asyncio.shield(asyncio.wrap_future(waiting.granted)), self._budget.patience
             )

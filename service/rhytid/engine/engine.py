@@ -7,6 +7,7 @@ import numpy as np
 from rhytid.device.memory import usual_frame_memory, usual_host_memory
 from rhytid.device.select import Candidate, candidates
 from rhytid.engine.asset_builder import AssetBuilder
+from rhytid.engine.asset_registration import AssetRegistration
 from rhytid.engine.asset_registry import AssetRegistry
 from rhytid.engine.asset_service import AssetService
 from rhytid.engine.byte_budget import ByteBudget
@@ -15,6 +16,7 @@ from rhytid.engine.frame_service import FrameService
 from rhytid.engine.jobs import Jobs
 from rhytid.engine.messages import DeviceInfo
 from rhytid.engine.opening import open_device
+from rhytid.engine.stored_assets import StoredAssets
 from rhytid.engine.tile_batcher import MOST_TILES, TileBatcher
 from rhytid.engine.tile_service import TileService
 from rhytid.engine.worker import DeviceWorker
@@ -46,11 +48,14 @@ class Engine:
         batcher = TileBatcher(self._worker, self._device.task, most)
         self.frames = FrameService(registry, self._on_device)
         self.tiles = TileService(registry, self._on_device, self._device, batcher, settings.queue)
+        stored = StoredAssets(self._store, self._on_device, registry.frame_memory)
+        registration = AssetRegistration(
+            registry, self._store, stored, builder, self.frames, self.jobs, self.memory
+        )
         self.assets = AssetService(
-            registry, self._device, self._on_device, self._store, builder, self.frames, self.jobs,
-            self.memory,
-        )  # fmt: skip
-        self.assets.open_store()
+            registry, registration, self._device, self._on_device, self._store, builder, self.jobs
+        )
+        registration.open_store()
 
     def close(self) -> None:
         """Stop the jobs, finish what waits for the device, and let go of the store."""

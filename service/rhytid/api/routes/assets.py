@@ -59,11 +59,7 @@ def create(
 ) -> Any:
     """Send a mesh; 202 while the build runs, 200 where the same content is already there."""
     hold = memory.decode(sum(one.size for part in parts.values() for one in (part, *part.again)))
-    new = new_asset(parts)
-    # The frames outlive the request: their job holds them, and both may not fit at a time.
-    frames = 0 if new.frames is None else new.frames.nbytes
-    hold.resize(max(hold.nbytes - frames, 0))
-    asset = engine.assets.create(new, strict=strict, allow=allow)
+    asset = engine.assets.create(new_asset(parts), strict=strict, allow=allow, hold=hold)
     response.status_code = 202 if asset.state == "building" else 200
     response.headers["Location"] = f"/v1/assets/{asset.id}"
     return asset
@@ -127,7 +123,7 @@ def show(asset: AssetId, engine: EngineDep) -> Any:
     "/{asset}",
     operation_id="updateAsset",
     response_model=Asset,
-    responses=problems(404, 409, 413, 415, 422, 503),
+    responses=problems(404, 409, 413, 415, 422, 503, 507),
     openapi_extra=CHANGES,
 )
 def change(asset: AssetId, changes: Json, engine: EngineDep, slot: Slot) -> Any:
