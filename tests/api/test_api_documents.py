@@ -37,6 +37,30 @@ def test_operation_ids_are_names_for_functions(document: dict[str, Any]) -> None
     assert {"listAssets", "createAsset", "getTile", "streamJobEvents"} <= set(ids)
 
 
+def dependencies(route: Any) -> set[str]:
+    """Names of what a route asks for, directly or through others."""
+    found, left = set(), list(route.dependant.dependencies)
+    while left:
+        one = left.pop()
+        found.add(one.call.__name__)
+        left += one.dependencies
+    return found
+
+
+def test_calls_that_take_a_slot_or_memory_may_be_refused_for_either() -> None:
+    engine: Any = None
+    app = create_app(engine, ServiceSettings())
+    wanting = {}
+    for route in app.state.routes:
+        needed = dependencies(route) & {"_slot", "_memory", "_positions", "read_parts"}
+        if route.include_in_schema and needed and route.path != "/readyz":
+            wanting[route.operation_id] = {503, 507} - set(route.responses)
+
+    assert len(wanting) > 12
+    assert {"getBins", "updateAsset", "putFrame", "createAsset", "getTile"} <= set(wanting)
+    assert {name: missing for name, missing in wanting.items() if missing} == {}
+
+
 def test_every_parameter_is_described(document: dict[str, Any]) -> None:
     parameters = [
         (call["operationId"], parameter)

@@ -62,7 +62,7 @@ def crowded() -> Iterator[Crowded]:
 
 
 @pytest.mark.parametrize(
-    "path", ["/v1/assets", "/v1/devices", "{asset}", "{asset}/frames", "{asset}/bins", "{job}"]
+    "path", ["/v1/assets", "/v1/devices", "{asset}", "{asset}/frames", "{job}"]
 )
 def test_what_needs_no_device_is_answered_meanwhile(crowded: Crowded, path: str) -> None:
     path = path.format(asset=crowded.asset, job=f"/v1/jobs/{crowded.job}")
@@ -81,6 +81,7 @@ def test_a_tile_that_has_not_changed_needs_no_place(crowded: Crowded) -> None:
         ("GET", "{asset}/frames/neutral/tiles/1001/0/0/0", None),
         ("GET", "{asset}/frames/neutral/maps/1001", None),
         ("GET", "{asset}/frames/neutral/stretch", None),
+        ("GET", "{asset}/bins", None),
         ("GET", "{asset}/bins/1001/0/0/0?layer=wrinkles&bin=0&sample=0", None),
         ("PUT", "{asset}/frames/smile", npy(smile())),
         ("POST", "{asset}/tiles?tile=1001/0/0/0", npy(smile())),
@@ -96,6 +97,13 @@ def test_one_more_for_the_device_is_sent_away_at_once(
     answer = crowded.client.request(method, path, content=body, headers=headers, timeout=20)
     assert str(PLACES) in is_problem(answer, 503, "busy")
     assert answer.headers["retry-after"] == "1"
+
+
+def test_positions_take_a_place(crowded: Crowded) -> None:
+    path = f"{crowded.asset}/frames/neutral"
+    answer = crowded.client.get(path, headers={"Accept": "application/x-npy"}, timeout=20)
+    assert str(PLACES) in is_problem(answer, 503, "busy")
+    assert crowded.client.get(path, timeout=20).status_code == 200
 
 
 def test_all_that_waited_are_answered_and_their_places_are_free_again() -> None:

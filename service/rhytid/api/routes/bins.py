@@ -32,12 +32,13 @@ router = APIRouter(prefix="/v1/assets/{asset}/bins", tags=["bins"])
     "",
     operation_id="getBins",
     response_model=Bins,
-    responses=problems(404, 409, 422),
+    responses=problems(404, 409, 422, 503, 507),
     dependencies=[NoQuery],
 )
-def manifest(asset: AssetId, engine: EngineDep) -> Any:
+def manifest(asset: AssetId, engine: EngineDep, slot: Slot) -> Any:
     """Angles, samples, steps and layers, and the numbers that blending takes: docs/binned.md."""
-    return engine.tiles.bins(asset)
+    with slot:  # the asset may have to be loaded onto the device
+        return engine.tiles.bins(asset)
 
 
 @router.get(

@@ -76,6 +76,7 @@ def show(
     frame: FrameName,
     request: Request,
     engine: EngineDep,
+    slot: Slot,
     memory: Memory,
     response: Response,
 ) -> Any:
@@ -91,8 +92,9 @@ def show(
         response.headers["Vary"] = "Accept"
         return info
     about = engine.assets.info(asset)
-    memory.answer(WORKING * WIDEST_VERTEX * about.vertices)
-    positions = put_back(engine.frames.positions(asset, frame), np.array(about.centre))
+    with slot:  # the asset may have to be loaded onto the device
+        memory.answer(WORKING * WIDEST_VERTEX * about.vertices)
+        positions = put_back(engine.frames.positions(asset, frame), np.array(about.centre))
     little = positions.astype(positions.dtype.newbyteorder("<"), copy=False)
     body = npy(little) if wanted == NPY else little.astype("<f4", copy=False).tobytes()
     return Response(body, headers={"Vary": "Accept"}, media_type=wanted)
