@@ -40,7 +40,7 @@ def test_a_table_tells_and_the_status_is_0(
     assert main(["check", str(turned(small_mesh, tmp_path / "sheet.npz"))]) == 0
     told = capsys.readouterr()
     row = next(line for line in told.out.splitlines() if line.startswith("wound against"))
-    assert "1 triangles, 3 edges" in row
+    assert "1 triangle, 3 edges" in row
     assert "triangle 70, uv (" in row
     assert "mesh-size" in told.err
 

@@ -86,7 +86,7 @@ def test_the_border_of_a_chart_is_of_its_udim() -> None:
     ("options", "told"),
     [
         (["--patch", "0.5", "0.5"], "--patch needs --preview"),
-        (["--preview", "{out}.png", "--patch", "0.5"], "--patch has 1 numbers: U V or X Y Z"),
+        (["--preview", "{out}.png", "--patch", "0.5"], "--patch has 1 number: U V or X Y Z"),
         (["--preview", "{out}.png", "--patch", "7", "7"], "no triangle"),
     ],
 )

@@ -15,7 +15,7 @@ from rhytid.cli import progress
 from rhytid.cli.progress import Voice, counted, detail, note, share_bar, speaking, working
 from rhytid.cli.reporting import report, table
 from rhytid.cli.timing import Stopwatch
-from rhytid.domain.wording import plural
+from rhytid.domain.wording import plural, waiting
 from rhytid_client import Job
 from rhytid_lab.commands.demo_session import StepClock
 from rhytid_lab.commands.demo_sheets import key_frames
@@ -126,6 +126,8 @@ class Terminal(io.StringIO):
 def test_plurals() -> None:
     assert [plural(n, "map") for n in (0, 1, 2)] == ["0 maps", "1 map", "2 maps"]
     assert plural(2, "entry", "entries") == "2 entries"
+    assert waiting(1) == "1 request waits for the device"
+    assert waiting(64) == "64 requests wait for the device"
 
 
 def test_a_stopwatch_counts_calls() -> None:

@@ -223,7 +223,7 @@ def test_a_full_queue_is_busy_and_recovers(tmp_path):
         try:
             while engine.waiting < 1:
                 threads[1].join(0.001)
-            with pytest.raises(BusyError, match="1 requests wait") as raised:
+            with pytest.raises(BusyError, match="1 request waits") as raised:
                 engine.tiles.plan(asset, "neutral", REDRAW, ADDRESS).draw()
             assert raised.value.retry_after > 0
             assert engine.ready()  # a device at work is ready

@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rhytid.domain.curves import Curves
+from rhytid.domain.wording import plural
 from rhytid.errors import InputError, QueryError
 from rhytid.formats import curves as formats
 from rhytid.formats.curves import CURVE_FORMATS, curve_file, curve_format, obj_curves, usda_curves
@@ -45,7 +46,7 @@ def attribute(written: str, name: str) -> np.ndarray:
 def test_obj_has_every_point_and_line(count: int, seed: int) -> None:
     curves = made(count, seed)
     lines = text(obj_curves(curves, "cm")).splitlines()
-    assert lines[0] == f"# {count} wrinkles, in cm"
+    assert lines[0] == f"# {plural(count, 'wrinkle')}, in cm"
     points = np.array([numbers(line) for line in lines if line.startswith("v ")])
     np.testing.assert_allclose(points, curves.points, rtol=1e-6)
     joined = [numbers(line) for line in lines if line.startswith("l ")]

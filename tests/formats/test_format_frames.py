@@ -89,7 +89,7 @@ def test_files(data: bytes, name: str, wanted: Any) -> None:
         (npz(frames=SQUARE), "a.npz", r"frames have shape \(4, 3\)"),
         (npz(frames=FRAMES.astype(object)), "a.npz", "Python objects"),
         (b"", "a.npz", "not a readable .npz"),
-        (b"v 0 0 0\n", "a.obj", "frame has 1 vertices, the neutral mesh has 4"),
+        (b"v 0 0 0\n", "a.obj", "frame has 1 vertex, the neutral mesh has 4"),
         (b"v 0 0 0\nv 0 nan 0\n", "a.obj", "line 2: v has 'nan'"),
         (b"", "a.obj", "frame has 0 vertices"),
         (b"", "a.ply", "extension '.ply': must be one of .npy, .npz, .obj"),

@@ -105,7 +105,7 @@ def test_stored_and_deflated_members_and_later_header_versions() -> None:
         (changed(faces=SQUARE_FACES - 1), r"faces 0 is \[-1, 0, 1\]"),
         (changed(faces=SQUARE_FACES.astype("i8") + 2**32), "faces 0 is"),
         (changed(face_uv=SQUARE_FACES + 1), "face_uv 1 is"),
-        (changed(face_uv=SQUARE_FACES[:1]), "2 faces but 1 rows of face_uv"),
+        (changed(face_uv=SQUARE_FACES[:1]), "2 faces but 1 row of face_uv"),
         (changed(positions=SQUARE + np.inf), "position 0 is .*not finite"),
         (changed(positions=SQUARE.astype(float) * 1e39), "position 0 is .*not finite"),
         (changed(uv=SQUARE_UV * np.nan), "uv 0 is .*not finite"),

@@ -137,7 +137,7 @@ def test_accepted_spellings_of_one_mesh(data: bytes) -> None:
         (vertex("v 1 0 0 nan"), "'nan'"),
         (vertex("v 1 0 1e39"), r"line 2: vertex 2 is \[1.0, 0.0, inf\]: not finite"),
         (vertex("v 1 0 1e999"), "line 2: vertex 2"),
-        (edited("vt 0.9 0.2", "vt 0.9"), "line 6: vt has 1 numbers: 2 or 3"),
+        (edited("vt 0.9 0.2", "vt 0.9"), "line 6: vt has 1 number: 2 or 3"),
         (edited("vt 0.9 0.2", "vt 0.9 nan"), "line 6: vt has 'nan'"),
         (edited("vt 0.9 0.2", "vt 0.9 1e999"), "line 6: texture coordinate 2"),
         (edited("vt 0.9 0.2", "vt 0.9 100.5"), "uv 1 is .*100.5"),

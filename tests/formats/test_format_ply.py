@@ -98,7 +98,7 @@ def test_accepted_spellings_of_one_mesh(data: bytes) -> None:
         (edited(TEXT, b"element face 2\nproperty list uchar int vertex_indices\n", b""), "'face'"),
         (edited(TEXT, b"element vertex", b"element point"), "no element 'vertex'"),
         (edited(TEXT, b"vertex 4", b"vertex 999999999999999"), "999999999999999 rows promised"),
-        (edited(BINARY, b"vertex 4", b"vertex 999999999999999"), "rows promised, 4 are there"),
+        (edited(BINARY, b"vertex 4", b"vertex 999999999999999"), "rows promised, 4 there"),
         (
             edited(BINARY, b"face 2", b"face 3"),
             "element face, row 2 of 3: the list .* past the end",
@@ -107,7 +107,7 @@ def test_accepted_spellings_of_one_mesh(data: bytes) -> None:
         (BINARY[:-1], "row 1 of 2: the list vertex_indices goes past the end"),
         (BINARY[:-12], "row 1 of 2"),
         (BINARY[:-13], "row 1 of 2"),
-        (BINARY[:-40], "element vertex: 4 rows promised, 3 are there"),
+        (BINARY[:-40], "element vertex: 4 rows promised, 3 there"),
         (BINARY + b"\0", "longer than its header says"),
         (edited(TEXT, b"3 0 1 2", b"-3 0 1 2"), "list vertex_indices 0 has length -3"),
         (edited(TEXT, b"3 0 1 2", b"3.5 0 1 2"), "list vertex_indices 0 has length 3.5"),

@@ -119,7 +119,7 @@ def test_start_and_rate_of_a_pc2(
         (pc2(FRAMES, -2.0), "frame -2: the numbers of frames begin at 0"),
         (pc2(FRAMES, np.nan), "sample 0 has no finite time"),
         (pc2(FRAMES[:0]), "the PC2 header has 0 frames of 5 points"),
-        (pc2(FRAMES[:, :4]), "4 points a frame, the neutral mesh has 5 vertices"),
+        (pc2(FRAMES[:, :4]), "4 points per frame, the neutral mesh has 5 vertices"),
         (pc2(FRAMES)[:31], "31 bytes are not a PC2 file: its header has 32"),
         (pc2(FRAMES)[:-1], r"promises 272 bytes \(4 frames of 5 points\), there are 271"),
         (pc2(FRAMES) + b"\0", "promises 272 bytes .*, there are 273"),
@@ -138,7 +138,7 @@ def test_a_wrong_pc2(tmp_path: Path, data: bytes, told: str) -> None:
     [
         (mdd(FRAMES, seconds([1, 2, 4, 3])), "sample 3 is at frame 3, not after 4"),
         (mdd(FRAMES, [0.0, np.nan, 1.0, 2.0]), "sample 1 has no finite time"),
-        (mdd(FRAMES[:, :4], seconds([1, 2, 3, 4])), "4 points a frame, .* 5 vertices"),
+        (mdd(FRAMES[:, :4], seconds([1, 2, 3, 4])), "4 points per frame, .* 5 vertices"),
         (b"\0" * 7, "7 bytes are not an MDD file: its header has 8"),
         (mdd(FRAMES, seconds([1, 2, 3, 4]))[:-4], "promises 264 bytes .*, there are 260"),
         (mdd(FRAMES[:0], [], (-1, 5)), "-1 frames of 5 points"),

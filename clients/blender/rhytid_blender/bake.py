@@ -42,7 +42,8 @@ class RHYTID_OT_bake(Worker, bpy.types.Operator):
         unit = obj.rhytid.sent_unit
         maps = offline.Sequence(name, pattern, udims, list(frames), DIGITS, unit)
         offline.opened(obj, maps)
-        self.report({"INFO"}, f"{len(frames)} frames in {folder}")
+        count = "1 frame" if len(frames) == 1 else f"{len(frames)} frames"
+        self.report({"INFO"}, f"{count} in {folder}")
 
 
 def _written(obj: bpy.types.Object, scene: bpy.types.Scene, frame: int, start: Path) -> list[int]:

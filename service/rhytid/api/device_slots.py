@@ -9,6 +9,7 @@ from contextlib import asynccontextmanager, contextmanager
 import anyio.to_thread
 from fastapi import FastAPI
 
+from rhytid.domain.wording import waiting
 from rhytid.errors import BusyError
 from rhytid.settings import ServiceSettings
 
@@ -27,7 +28,7 @@ class DeviceSlots:
     def one(self) -> Iterator[None]:
         """Hold a place inside the block; raises BusyError at once where none is free."""
         if not self._free.acquire(blocking=False):
-            raise BusyError(f"{self._count} requests wait for the device already")
+            raise BusyError(f"{waiting(self._count)} already")
         try:
             yield
         finally:

@@ -11,6 +11,7 @@ from starlette.exceptions import HTTPException
 
 from rhytid.api.spool import Spool
 from rhytid.domain.controls import CONTROLS
+from rhytid.domain.wording import plural
 from rhytid.errors import InputError, LimitError
 
 REPEATED = ("stiffness", *CONTROLS)
@@ -49,7 +50,7 @@ def boundary(content_type: str) -> bytes:
     found = options.get(b"boundary", b"")
     if not 0 < len(found) <= LONGEST_BOUNDARY:
         rule = f"1 to {LONGEST_BOUNDARY} characters"
-        raise InputError(f"multipart boundary has {len(found)} characters: {rule}")
+        raise InputError(f"multipart boundary has {plural(len(found), 'character')}: {rule}")
     return found
 
 

@@ -15,6 +15,7 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.lengths import Lengths
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.wording import plural
 from rhytid.errors import InputError
 
 if TYPE_CHECKING:
@@ -62,7 +63,7 @@ def _check_patch(arguments: argparse.Namespace, mesh: Mesh) -> None:
     if arguments.preview is None:
         raise InputError("--patch needs --preview FILE.png: it is drawn in that picture")
     if len(arguments.patch) not in (2, 3):
-        raise InputError(f"--patch has {len(arguments.patch)} numbers: U V or X Y Z")
+        raise InputError(f"--patch has {plural(len(arguments.patch), 'number')}: U V or X Y Z")
     spot_at(mesh, arguments.patch, 1.0)
 
 

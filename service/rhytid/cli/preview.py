@@ -18,6 +18,7 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import mesh_udims, triangles_inside, udim_origin
 from rhytid.domain.units import MILLIMETRES, USUAL_UNIT, millimetres
+from rhytid.domain.wording import plural
 from rhytid.engine.device_asset import DeviceAsset
 from rhytid.engine.frames import NEUTRAL_FRAME
 from rhytid.engine.messages import MapQuery
@@ -59,7 +60,7 @@ def write_preview(
     scales = [spot.scale for spot in near.spots]
     settings = settings.changed({"resolution": resolution_for(scales, spacing)})
     caption = (
-        f"{graph.counts()[1]} wrinkles, pores {spacing * unit_mm:.3g} mm apart, drawn at "
+        f"{plural(graph.counts()[1], 'wrinkle')}, pores {spacing * unit_mm:.3g} mm apart, drawn at "
         f"{settings.resolution} x {settings.resolution} texels. Whole maps are means of many "
         "texels, their relief exaggerated. Patches are seen on the surface, along its normal, true "
         "to scale, 45° and grazing light from the upper left."

@@ -23,6 +23,7 @@ from rhytid.domain.painted import MOST_TEXELS
 from rhytid.domain.stiffness import NEUTRAL
 from rhytid.domain.tiles import mesh_udims
 from rhytid.domain.units import MILLIMETRES, USUAL_UNIT, millimetres
+from rhytid.domain.wording import plural
 from rhytid.errors import InputError
 from rhytid.formats.limits import MOST_SIDE
 
@@ -144,4 +145,5 @@ def _limit(udims: int, size: int) -> str:
     most = MOST_TEXELS // (udims * size * size)
     if most >= len(NEUTRALS):
         return "All maps but stiffness go into one synthesis together."
-    return f"At this size {most} maps, each of all UDIMs, go into one synthesis together."
+    maps = plural(most, "map, of all UDIMs, goes", "maps, each of all UDIMs, go together")
+    return f"At this size {maps} into one synthesis."

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rhytid.domain.origin import ORIGIN, Centre, brought_to
 from rhytid.domain.validation import first_bad_row, fixed_array
+from rhytid.domain.wording import plural
 from rhytid.errors import FrameError
 
 NEUTRAL = "neutral"
@@ -35,7 +36,9 @@ def check_positions(
     if len(shape) != 2 or shape[1] != 3:
         raise FrameError(f"frame has shape {shape}, not ({vertices}, 3)")
     if shape[0] != vertices:
-        raise FrameError(f"frame has {shape[0]} vertices, the neutral mesh has {vertices}")
+        raise FrameError(
+            f"frame has {plural(shape[0], 'vertex', 'vertices')}, the neutral mesh has {vertices}"
+        )
     if centre.any() and np.asarray(values).dtype.kind in "fiu":
         values = brought_to(np.asarray(values), centre)
     with np.errstate(over="ignore"):

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rhytid.domain.graph_origin import GraphOrigin
 from rhytid.domain.mesh import UV_LIMIT
 from rhytid.domain.validation import first_bad_row, fixed_array
+from rhytid.domain.wording import plural
 from rhytid.errors import GraphError
 
 # The least length of a wrinkle, half width and radius, uv units: a 60,000th of the finest texel.
@@ -180,7 +181,7 @@ class WrinkleGraph:
             first = "node_uv" if name.startswith("node") else "edge_nodes"
             wanted = len(getattr(self, first))
             if len(array) != wanted:
-                raise GraphError(f"{name} has {len(array)} rows, {first} has {wanted}")
+                raise GraphError(f"{name} has {plural(len(array), 'row')}, {first} has {wanted}")
 
     def _check_values(self) -> None:
         self._require("node_uv", lambda uv: np.abs(uv) <= UV_LIMIT, f"within ±{UV_LIMIT:g}")

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from rhytid.domain.origin import ORIGIN, Centre, brought_to, centre_for
 from rhytid.domain.validation import first_bad_row, fixed_array
+from rhytid.domain.wording import plural
 from rhytid.errors import MeshError
 
 UV_LIMIT = 100.0
@@ -59,7 +60,8 @@ class Mesh:
 
     def _check(self) -> None:
         if len(self.faces) != len(self.face_uv):
-            raise MeshError(f"{len(self.faces)} faces but {len(self.face_uv)} rows of face_uv")
+            faces, rows = plural(len(self.faces), "face"), plural(len(self.face_uv), "row")
+            raise MeshError(f"{faces} but {rows} of face_uv")
         far = first_bad_row(np.abs(self.uv) <= UV_LIMIT)
         if far is not None:
             raise MeshError(f"uv {far} is {self.uv[far].tolist()}: beyond ±{UV_LIMIT:g}")

@@ -6,3 +6,8 @@ from __future__ import annotations
 def plural(count: int, one: str, several: str = "") -> str:
     """A count and its noun: `1 map`, `2 maps`.  several: where it is not `one` with an s."""
     return f"{count} {one if count == 1 else several or one + 's'}"
+
+
+def waiting(count: int) -> str:
+    """How many requests wait for the device: `1 request waits for the device`."""
+    return f"{plural(count, 'request waits', 'requests wait')} for the device"

@@ -9,6 +9,7 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.graph_origin import GraphOrigin
 from rhytid.domain.lengths import Lengths
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.wording import plural
 from rhytid.errors import GraphError
 
 
@@ -40,6 +41,6 @@ def check_graph(graph: WrinkleGraph, mesh: Mesh, *, force: bool) -> None:
         if index is not None and len(index) and index.max() >= triangles:
             row = int(index.argmax())
             raise GraphError(
-                f"{name}[{row}] is {index[row]}: the mesh has {triangles} triangles; is it a graph "
-                "of another mesh?"
+                f"{name}[{row}] is {index[row]}: the mesh has {plural(triangles, 'triangle')}; "
+                "is it a graph of another mesh?"
             )

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
+from rhytid.domain.wording import plural
 from rhytid.engine.messages import ENDED_STATES, JobInfo
 from rhytid.errors import BusyError, CancelledError, NotFoundError, RhytidError
 
@@ -151,7 +152,9 @@ class Jobs:
             if kind in _SUPERSEDED:
                 self._supersede(kind, asset)
             if len(self._queue) >= self._most and not always:
-                raise BusyError(f"{self._most} jobs wait already (RHYTID_JOBS)")
+                raise BusyError(
+                    f"{plural(self._most, 'job waits', 'jobs wait')} already (RHYTID_JOBS)"
+                )
             self._jobs[job.info.id] = job
             self._put(_Queued(job, work, small))
             self._forget()

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.domain.wording import waiting
 from rhytid.engine.assets import Asset
 from rhytid.engine.device_assets import DeviceAssets
 from rhytid.engine.device_finest import Square
@@ -50,7 +51,7 @@ class MapDrawing:
             if found is None:
                 mine = self._drawing[key] = Future()
             elif self.joined >= self._most:
-                raise BusyError(f"{self._most} requests wait for the device already")
+                raise BusyError(f"{waiting(self._most)} already")
             else:
                 self.joined += 1
         if found is not None:

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.domain.tiles import TileAddress
+from rhytid.domain.wording import waiting
 from rhytid.engine.worker import DeviceWorker
 from rhytid.errors import BusyError, RhytidError
 
@@ -81,7 +82,7 @@ class TileBatcher:
     def _join(self, batch: _Batch, address: TileAddress) -> Future[Tile]:
         size = self._worker.size
         if self._worker.waiting + self._joined >= size:
-            raise BusyError(f"{size} requests wait for the device already")
+            raise BusyError(f"{waiting(size)} already")
         self._joined += 1
         batch.waiting += 1
         return batch.wanted.setdefault(address, Future())

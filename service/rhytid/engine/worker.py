@@ -8,6 +8,7 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from typing import Any, TypeVar
 
+from rhytid.domain.wording import waiting
 from rhytid.errors import BusyError
 
 T = TypeVar("T")
@@ -60,7 +61,7 @@ class DeviceWorker:
         try:
             self._tasks.put((future, task), block=block)
         except queue.Full:
-            raise BusyError(f"{self.size} requests wait for the device already") from None
+            raise BusyError(f"{waiting(self.size)} already") from None
         # Also after the put: nobody takes from the queue any more once the thread has ended.
         if self._closed.is_set() and not self._thread.is_alive():
             self._refuse_waiting()

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from rhytid.domain.curves import Curves
 from rhytid.domain.origin import put_back
 from rhytid.domain.units import millimetres
+from rhytid.domain.wording import plural
 from rhytid.errors import InputError, QueryError
 
 # Rows of an array that become text at once.
@@ -31,7 +32,7 @@ class CurveFormat:
 
 def obj_curves(curves: Curves, unit: str) -> Iterator[bytes]:
     """Vertices and a line element for each wrinkle, in `unit`. Widths have no place in OBJ."""
-    yield f"# {len(curves.lines)} wrinkles, in {unit}\n".encode()
+    yield f"# {plural(len(curves.lines), 'wrinkle')}, in {unit}\n".encode()
     # A float32 has 7 digits; far from the origin they go on behind those of the centre.
     item = "v %.13g %.13g %.13g\n" if curves.centre.any() else "v %.7g %.7g %.7g\n"
     yield from _rows(item, put_back(curves.points, curves.centre))

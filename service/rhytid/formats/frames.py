@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from rhytid.domain.frame import check_positions
 from rhytid.domain.origin import ORIGIN, Centre
+from rhytid.domain.wording import plural
 from rhytid.errors import FrameError, MeshError
 from rhytid.formats.limits import MAX_FRAME_NUMBERS, check_size
 from rhytid.formats.npy import NpyHeader, read_header
@@ -31,8 +32,8 @@ def read_positions(
     kind = media_type.partition(";")[0].strip().lower()
     if kind == RAW:
         if len(body) != 12 * vertices:
-            wanted = f"{vertices} vertices of 3 float32 are {12 * vertices}"
-            raise FrameError(f"frame is {len(body)} bytes: {wanted}")
+            held = plural(vertices, "vertex of 3 float32 is", "vertices of 3 float32 are")
+            raise FrameError(f"frame is {len(body)} bytes: {held} {12 * vertices}")
         return check_positions(np.frombuffer(body, "<f4").reshape(-1, 3), vertices, centre)
     if kind == NPY:
         header = _npy_header(body)

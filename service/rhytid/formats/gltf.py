@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from rhytid.domain.expressions import Expressions
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.wording import plural
 from rhytid.errors import MeshError
 from rhytid.formats.gltf_document import Document
 
@@ -97,7 +98,8 @@ def _read(document: Document) -> tuple[Mesh, Expressions | None]:
     positions = document.attribute(where, primitive, "POSITION", 3)
     uv = document.attribute(where, primitive, "TEXCOORD_0", 2)
     if len(positions) != len(uv):
-        raise MeshError(f"{where}: {len(positions)} positions but {len(uv)} texture coordinates")
+        held = plural(len(uv), "texture coordinate")
+        raise MeshError(f"{where}: {plural(len(positions), 'position')} but {held}")
     faces = _faces(where, document.indices(where, primitive), len(positions))
     mesh = Mesh(positions.astype(np.float32), faces, uv * (1, -1) + (0, 1), faces)
     return mesh, _targets(document, where, primitive, positions)
@@ -116,7 +118,9 @@ def _faces(where: str, indices: NDArray[Any] | None, vertices: int) -> NDArray[n
     if indices is None:
         indices = np.arange(vertices)
     if len(indices) % 3:
-        raise MeshError(f"{where}: {len(indices)} corners do not make whole triangles")
+        raise MeshError(
+            f"{where}: {plural(len(indices), 'corner does', 'corners do')} not make whole triangles"
+        )
     beyond = indices >= vertices
     if beyond.any():
         bad = int(np.argmax(beyond))

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from rhytid.domain.frame import check_positions
 from rhytid.domain.origin import ORIGIN, Centre
+from rhytid.domain.wording import plural
 from rhytid.errors import FrameError, MeshError
 from rhytid.formats.frame_set import Clip, Frame, FrameSet, frames_between
 from rhytid.formats.gltf import glb_document, gltf_document
@@ -79,7 +80,8 @@ def read_gltf_frames(
     where, primitive = document.primitive()
     base = document.attribute(where, primitive, "POSITION", 3)
     if len(base) != vertices:
-        raise FrameError(f"{where} has {len(base)} vertices, the neutral mesh has {vertices}")
+        held = plural(len(base), "vertex", "vertices")
+        raise FrameError(f"{where} has {held}, the neutral mesh has {vertices}")
     clips = _clips(document)
     if not clips and clip.clip is None:
         return FrameSet(1, lambda _: check_positions(base, vertices, centre))
@@ -168,8 +170,8 @@ def _keys(
     rows = (len(times), 3, targets) if mode == "CUBICSPLINE" else (len(times), targets)
     if not len(times) or len(values) != np.prod(rows):
         each = "three values" if mode == "CUBICSPLINE" else "a value"
-        told = f"{each} for each of {len(times)} keys and {targets} targets"
-        raise MeshError(f"{where}: {len(values)} weights, not {told}")
+        told = f"{each} for each of {plural(len(times), 'key')} and {plural(targets, 'target')}"
+        raise MeshError(f"{where}: {plural(len(values), 'weight')}, not {told}")
     if not (np.isfinite(times).all() and np.isfinite(values).all() and (np.diff(times) > 0).all()):
         raise MeshError(f"{where}: times must ascend, and times and weights be finite")
     return Keys(times, values.reshape(rows), mode)

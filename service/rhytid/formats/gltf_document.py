@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.domain.wording import plural
 from rhytid.errors import MeshError
 from rhytid.formats.limits import MAX_FRAME_NUMBERS, check_size
 
@@ -111,7 +112,8 @@ class Document:
                 continue
             offsets = self._sparse(index, f"{place} POSITION")
             if len(offsets) != vertices:
-                raise MeshError(f"{place} has {len(offsets)} vertices, the mesh has {vertices}")
+                held = plural(len(offsets), "vertex", "vertices")
+                raise MeshError(f"{place} has {held}, the mesh has {vertices}")
             named.append(names[i])
             found.append(offsets)
         return named, np.stack(found) if found else np.empty((0, vertices, 3), np.float32)

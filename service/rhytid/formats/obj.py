@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.validation import first_bad_row
+from rhytid.domain.wording import plural
 from rhytid.errors import LimitError, MeshError
 from rhytid.formats.decimals import NUMBER, WHOLE, floats, is_number, show, wholes
 from rhytid.formats.limits import check_size
@@ -74,7 +75,7 @@ def _bad_numbers(line: int, key: str, tokens: list[bytes], rule: str) -> MeshErr
     for token in tokens:
         if not is_number(token):
             return MeshError(f"line {line}: {key} has {show(token)}: not a plain decimal number")
-    return MeshError(f"line {line}: {key} has {len(tokens)} numbers: {rule}")
+    return MeshError(f"line {line}: {key} has {plural(len(tokens), 'number')}: {rule}")
 
 
 def _require_finite(found: Statements, values: NDArray[np.floating], what: str) -> None:
@@ -105,7 +106,7 @@ def _references(found: Statements) -> tuple[NDArray[np.int64], NDArray[np.int64]
 
 def _bad_face(line: int, tokens: list[bytes]) -> MeshError:
     if len(tokens) < 3:
-        return MeshError(f"line {line}: face has {len(tokens)} corners: at least 3")
+        return MeshError(f"line {line}: face has {plural(len(tokens), 'corner')}: at least 3")
     corner, token = next((i, t) for i, t in enumerate(tokens, 1) if not re.fullmatch(_CORNER, t))
     where = f"line {line}: face corner {corner} {show(token)}"
     if _WITHOUT_UV.fullmatch(token):

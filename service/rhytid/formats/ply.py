@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.validation import first_bad_row
+from rhytid.domain.wording import plural
 from rhytid.errors import MeshError
 from rhytid.formats.decimals import is_number, show, strict_floats
 from rhytid.formats.limits import check_size
@@ -86,7 +87,7 @@ def _faces(table: Table, vertices: int) -> NDArray[np.int32]:
     counts, items = next(table.lists[name] for name in _CORNER_LISTS if name in table.lists)
     few = first_bad_row(counts >= 3)
     if few is not None:
-        raise MeshError(f"face {few} has {counts[few]} corners: at least 3")
+        raise MeshError(f"face {few} has {plural(int(counts[few]), 'corner')}: at least 3")
     check_size("element face", 3 * len(items))
     bad = first_bad_row((items >= 0) & (items < vertices) & (items % 1 == 0))
     if bad is not None:

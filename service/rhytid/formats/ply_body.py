@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.domain.wording import plural
 from rhytid.errors import MeshError
 from rhytid.formats.limits import check_size
 from rhytid.formats.ply_header import Element, Header, Property
@@ -46,7 +47,9 @@ def _numbers(element: Element, order: str, data: bytes, start: int) -> tuple[Tab
     end = start + element.rows * row.itemsize
     if end > len(data):
         held = (len(data) - start) // row.itemsize
-        raise MeshError(f"element {element.name}: {element.rows} rows promised, {held} are there")
+        raise MeshError(
+            f"element {element.name}: {plural(element.rows, 'row')} promised, {held} there"
+        )
     if not row.itemsize:
         return Table(element), start
     check_size(f"element {element.name}", element.rows * len(element.properties))

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from rhytid.domain.frame import check_positions
 from rhytid.domain.origin import Centre
+from rhytid.domain.wording import plural
 from rhytid.errors import FrameError
 from rhytid.formats.frame_set import Clip, Frame, FrameSet, check_frame_count, frames_at
 
@@ -71,7 +72,9 @@ def _head(file: Path, size: int, what: str) -> bytes:
 
 def _check(file: Path, samples: int, points: int, vertices: int, start: int, kind: str) -> None:
     if samples < 1 or points < 1:
-        raise FrameError(f"the {kind} header has {samples} frames of {points} points")
+        raise FrameError(
+            f"the {kind} header has {plural(samples, 'frame')} of {plural(points, 'point')}"
+        )
     promised, size = start + 12 * samples * points, file.stat().st_size
     if size != promised:
         raise FrameError(
@@ -79,7 +82,8 @@ def _check(file: Path, samples: int, points: int, vertices: int, start: int, kin
             f"there are {size}"
         )
     if points != vertices:
-        raise FrameError(f"{points} points a frame, the neutral mesh has {vertices} vertices")
+        held = plural(vertices, "vertex", "vertices")
+        raise FrameError(f"{plural(points, 'point')} per frame, the neutral mesh has {held}")
     check_frame_count(samples)
 
 

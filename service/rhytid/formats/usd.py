@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from rhytid.domain.frame import check_positions
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.origin import ORIGIN, Centre
+from rhytid.domain.wording import plural
 from rhytid.errors import FrameError, MeshError
 from rhytid.formats.frame_set import Clip, Frame, FrameSet, checked_numbers, frames_between
 from rhytid.formats.limits import check_size
@@ -143,7 +144,7 @@ class UsdMesh:
             self._check_still(attribute)
         check_size("faceVertexIndices", 3 * len(corners))
         if len(counts) == 0 or counts.min() < 3:
-            told = f"{counts.min()} corners" if len(counts) else "no faces"
+            told = plural(int(counts.min()), "corner") if len(counts) else "no faces"
             raise MeshError(f"faceVertexCounts: {told}; a face has at least 3")
         if counts.sum() != len(corners):
             raise MeshError(f"faceVertexCounts add up to {counts.sum()}, not {len(corners)}")

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from rhytid.domain.units import MILLIMETRES
+from rhytid.domain.wording import plural
 from rhytid.errors import InputError, MeshError
 
 # Named in an error.
@@ -108,5 +109,5 @@ def _list(meshes: Iterable[Any]) -> str:
     told = []
     for mesh in meshes:
         points = mesh.GetPointsAttr().Get(usd_modules()[0].TimeCode.EarliestTime())
-        told.append(f"{mesh.GetPath()} ({0 if points is None else len(points)} points)")
+        told.append(f"{mesh.GetPath()} ({plural(0 if points is None else len(points), 'point')})")
     return ", ".join(told[:_LISTED]) + (", …" if len(told) > _LISTED else "")

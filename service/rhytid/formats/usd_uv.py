@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.domain.wording import plural
 from rhytid.errors import MeshError
 from rhytid.formats.limits import check_size
 from rhytid.formats.usd_stage import usd_modules
@@ -57,11 +58,11 @@ def _places(primvar: Any, time: Any, name: str, values: int, rows: int) -> NDArr
     """(rows,) which value each corner or vertex has."""
     if not primvar.IsIndexed():
         if values != rows:
-            raise MeshError(f"primvar {name} has {values} values, not {rows}")
+            raise MeshError(f"primvar {name} has {plural(values, 'value')}, not {rows}")
         return np.arange(rows)
     places = np.array(primvar.GetIndices(time), np.int64)
     if len(places) != rows:
-        raise MeshError(f"primvar {name} has {len(places)} indices, not {rows}")
+        raise MeshError(f"primvar {name} has {plural(len(places), 'index', 'indices')}, not {rows}")
     wrong = (places < 0) | (places >= values)
     if wrong.any():
         bad = int(np.argmax(wrong))

@@ -18,6 +18,7 @@ from rhytid.domain.graph_origin import GraphOrigin, mesh_digest
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.seams import whole_wrinkles
 from rhytid.domain.surface_points import surface_points
+from rhytid.domain.wording import plural
 from rhytid.errors import GraphError
 from rhytid.meshes.closest import closest
 from rhytid.synthesis.seams.borders import Borders
@@ -76,8 +77,8 @@ def transfer(graph: WrinkleGraph, old: Mesh, new: Mesh, reach: float | None = No
     wrinkles = _Wrinkles(graph, moved, rows[there], ends[there])
     if not len(wrinkles.rows):
         raise GraphError(
-            f"no wrinkle can be carried: of {len(moved.nodes)} pores {moved.far} are more than "
-            f"{reach:.3g} from the other mesh; are both meshes in one place and unit?"
+            f"no wrinkle can be carried: of {plural(len(moved.nodes), 'pore')} {moved.far} are "
+            f"more than {reach:.3g} from the other mesh; are both meshes in one place and unit?"
         )
     carried = _assembled(graph, moved, wrinkles)
     origin = replace(graph.origin or GraphOrigin(), mesh=mesh_digest(new))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+from rhytid.domain.wording import plural
 from rhytid.meshes.check import MeshCheck
 
 HEADER = ("what", "found", "where")
@@ -49,12 +50,14 @@ def _surface(check: MeshCheck, figures: dict[str, Any]) -> Iterator[Row]:
     edges = figures["non_manifold_edges"]
     yield "non-manifold edges", str(edges), _first(check, "non_manifold")
     turned = figures["triangles_with"]["flipped"]["count"]
-    against = f"{turned} triangles, {figures['inconsistent_edges']} edges"
+    against = f"{plural(turned, 'triangle')}, {plural(figures['inconsistent_edges'], 'edge')}"
     if figures["twisted_components"]:
-        against += f"; {figures['twisted_components']} components cannot be wound consistently"
+        against += (
+            f"; {plural(figures['twisted_components'], 'component')} cannot be wound consistently"
+        )
     yield "wound against the rest", against, _first(check, "flipped")
     flat = figures["triangles_with"]["degenerate"]["count"]
-    yield "without area in space", f"{flat} triangles", _first(check, "degenerate")
+    yield "without area in space", plural(flat, "triangle"), _first(check, "degenerate")
 
 
 def _loops(loops: dict[str, Any], unit: str) -> Row:
@@ -70,15 +73,14 @@ def _uv(check: MeshCheck, figures: dict[str, Any]) -> Iterator[Row]:
     uv = figures["uv"]
     yield "UDIMs", " ".join(str(udim) for udim in uv["udims"]) or "none", ""
     yield "UV charts", str(uv["charts"]), ""
-    yield "without area in UV", f"{uv['flat']['count']} triangles", _first(check, "flat_in_uv")
+    yield "without area in UV", plural(uv["flat"]["count"], "triangle"), _first(check, "flat_in_uv")
     for one in uv["overlaps"] or [None]:
         share = "none" if one is None else f"{100 * one['share']:.2g} % of UDIM {one['udim']}"
         many = "" if one is None else f", up to {one['most']} triangles at a point"
         at = "" if one is None else f"uv ({one['uv'][0]:.3f}, {one['uv'][1]:.3f})"
         yield "UV overlap", share + many, at
-    mirrored = (
-        f"{100 * uv['mirrored_share']:.2g} % of the area, {uv['mirrored']['count']} triangles"
-    )
+    count = plural(uv["mirrored"]["count"], "triangle")
+    mirrored = f"{100 * uv['mirrored_share']:.2g} % of the area, {count}"
     yield "UV mirrored", mirrored, _first(check, "uv_mirrored")
 
 

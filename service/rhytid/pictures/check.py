@@ -12,6 +12,7 @@ from PIL import Image, ImageDraw
 
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import udim_origin
+from rhytid.domain.wording import plural
 from rhytid.pictures.images import Picture, to_picture
 from rhytid.pictures.legends import INK, STRIP, font, marked
 from rhytid.pictures.raster import rasterize_uv
@@ -133,7 +134,7 @@ def _legend(problems: Sequence[Problem]) -> Picture:
     for number, problem in enumerate(problems):
         x, y = number % 3 * SIDE + 10, number // 3 * STRIP + 10
         draw.rectangle([x, y, x + 20, y + 20], fill=problem.ink)
-        text = f"{number + 1} {problem.name}: {int(problem.triangles.sum())} triangles"
+        text = f"{number + 1} {problem.name}: {plural(int(problem.triangles.sum()), 'triangle')}"
         draw.text((x + 30, y + 10), text, fill=INK, font=font(15), anchor="lm")
     return np.asarray(image)
 

@@ -28,6 +28,7 @@ from rhytid.api.encoding import WORKING, answer, check_format, scale_header, war
 from rhytid.api.multipart import MixedPart, mixed_response
 from rhytid.api.schemas import TileQuery, TilesQuery, WholeMapQuery
 from rhytid.domain.tiles import TileAddress, TileGrid
+from rhytid.domain.wording import plural
 from rhytid.errors import LimitError
 from rhytid.formats.tile_header import TileHeader
 from rhytid.formats.tiles import encode
@@ -136,7 +137,8 @@ def check_texels(engine: EngineDep, asset: str, addresses: list[TileAddress]) ->
     texels = sum(grid.texels(address.level) ** 2 for address in addresses)
     if texels > TEXELS:
         raise LimitError(
-            f"{len(addresses)} tiles hold {texels} texels: at most {TEXELS} per answer"
+            f"{plural(len(addresses), 'tile holds', 'tiles hold')} {texels} texels: at most "
+            f"{TEXELS} per answer"
         )
 
 

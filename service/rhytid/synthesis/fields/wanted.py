@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rhytid.domain.asset_settings import GraphSettings
+from rhytid.domain.wording import plural
 from rhytid.errors import SettingsError
 from rhytid.synthesis.pores.even_skin import PACKING, SPACING
 
@@ -43,7 +44,9 @@ class Wanted:
         told = f"graph.{self.setting} is {self.value:g}"
         if self.setting == "wrinkles":
             return f"graph.wrinkles is {self.value}"
-        return f"{told} mesh units, which makes {self.wrinkles:.0f} wrinkles on this mesh"
+        return (
+            f"{told} mesh units, which makes {plural(round(self.wrinkles), 'wrinkle')} on this mesh"
+        )
 
     @property
     def hint(self) -> str:
