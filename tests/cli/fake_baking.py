@@ -36,6 +36,7 @@ class FakeEngine:
     def __init__(self) -> None:
         self.held: dict[str, NDArray[Any]] = {}
         self.drawn: list[tuple[str, int]] = []
+        self.digests: list[str] = []
         self.calibrated: list[float] = []
         self.revision = 0
         self.failing_after: int | None = None
@@ -62,6 +63,10 @@ class FakeFrames(Part):
         assert asset == ASSET.id
         self.engine.held[frame] = positions
         return FrameInfo(frame, {"abs_p90": float(positions[0, 0])})
+
+    def digest(self, asset: str, frame: str) -> str:
+        self.engine.digests.append(frame)
+        return f"{float(self.engine.held[frame][0, 0]):032.3f}"
 
     def delete(self, asset: str, frame: str) -> None:
         del self.engine.held[frame]

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cli.running import write_animation
+from cli.running import write_animation, write_neutral
 from meshes import SmallMesh
 from rhytid.cli import main
 from rhytid.formats.exr import read_exr
@@ -24,6 +24,19 @@ def bake(mesh: Path, out: Path, *more: str) -> dict[str, int]:
     assert main([*given, "--json", str(figures)]) == 0
     told = json.loads(figures.read_text())
     return {name: told[name] for name in ("written", "skipped")}
+
+
+def test_what_is_made_of_positions_follows_them(tmp_path: Path, small_mesh: SmallMesh) -> None:
+    """Maps of the neutral are the same in every frame; normals and surfaces are not."""
+    mesh, frame = write_neutral(tmp_path / "mesh.npz", small_mesh), tmp_path / "frame.npy"
+    out, store = tmp_path / "maps", str(tmp_path / "store")
+    more = ("--store", store, "--frames", str(frame), "--method", "neutral", "--subdivide", "0",
+            "--geometry", "glb", "--profile", "float", "normal-gl")  # fmt: skip
+    for stretched in (1.0, 1.01):
+        np.save(frame, small_mesh.positions * np.float32([stretched, 1.0, 1.0]))
+        kept = 1 if stretched != 1.0 else 0
+        assert bake(mesh, out, *more) == {"written": 3 - kept, "skipped": kept}
+        assert bake(mesh, out, *more) == {"written": 0, "skipped": 3}
 
 
 @pytest.mark.parametrize("format", ["glb", "ply"])

@@ -99,15 +99,12 @@ def test_an_interrupted_bake_goes_on(engine: FakeEngine, tmp_path: Path) -> None
     assert (rest.written, rest.skipped) == (1, 3)
 
 
-def test_what_is_made_of_positions_follows_them(engine: FakeEngine, tmp_path: Path) -> None:
-    """Maps of the neutral are the same in every frame, normals of the surface are not."""
-    profiles = {"method": "neutral", "profiles": ["normal-gl"]}
-    before = baker(engine, tmp_path, [1.0], **profiles)
-    before._put(before.frames.places[0])
-    after = baker(engine, tmp_path, [2.0], **profiles)
-    after._put(after.frames.places[0])
+def test_frames_have_no_digest_where_no_profile_is_made_of_positions(
+    engine: FakeEngine, tmp_path: Path
+) -> None:
+    bake(engine, tmp_path, [1.0, 2.0])
 
-    assert before._positions != after._positions
+    assert engine.digests == []
     assert [p.posed for p in profiles_of(["float", "normal-dx", "weights"])] == [False, True, True]
 
 

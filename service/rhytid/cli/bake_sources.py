@@ -21,11 +21,18 @@ if TYPE_CHECKING:
     from rhytid.engine.engine import Engine
     from rhytid.engine.tile_service import TilePlan
 
+# Of the digest of a frame, in keys of files.
+_DIGITS = 16
+
 
 @dataclass(frozen=True, eq=False)
 class FrameSurface:
-    """The surface of one frame: for normal maps, and its stretch as weights."""
+    """The surface of one frame: for normal maps, and its stretch as weights.
 
+    digest: 16 hex digits that name its positions.
+    """
+
+    digest: Callable[[], str]
     posed: Callable[[], Posed]
     weights: Callable[[], NDArray[np.float64]]
 
@@ -42,6 +49,7 @@ class MapSources:
         """Of a frame that the engine holds, and what reads its positions (V, 3)."""
         engine, asset, mesh = self._engine, self._asset.id, self._mesh
         return FrameSurface(
+            cache(lambda: engine.frames.digest(asset, frame)[:_DIGITS]),
             cache(lambda: Posed.of(mesh, positions())),
             cache(lambda: corner_weights(mesh, engine.frames.stretch(asset, frame).ratios)),
         )

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from rhytid.cli.bake_output import Output
 from rhytid.cli.bake_record import BakeRecord
-from rhytid.cli.bake_sources import MapSources
+from rhytid.cli.bake_sources import FrameSurface, MapSources
 from rhytid.cli.frame_files import FrameFiles, FramePlace
 from rhytid.cli.progress import counted, detail, share_bar
 from rhytid.cli.timing import Stopwatch
@@ -68,8 +68,6 @@ class Baker:
     geometry: Geometry | None = None
     written: int = 0
     skipped: int = 0
-    # Digest of the positions of the frame that is baked now.
-    _positions: str = ""
 
     def calibrate(self) -> None:
         """Set the range of the precomputed maps from the frame that stretches most."""
@@ -92,11 +90,12 @@ class Baker:
                 drawn = sources.map(surface, plan, cache(partial(self._draw, plan)))
                 self.output.describe(drawn)
                 for profile in self.output.profiles:
-                    self._map(record, profile, self.output.file(profile, udim, place), plan, drawn)
+                    file = self.output.file(profile, udim, place)
+                    self._map(record, profile, file, plan, drawn, surface)
                 if self.geometry is not None:
                     heights[udim] = drawn.heights
             if self.geometry is not None:
-                self._surface(self.geometry, record, place, plans, heights)
+                self._surface(self.geometry, record, place, plans, heights, surface)
             self.engine.frames.delete(self.asset.id, place.label)
 
     def _plan(self, place: FramePlace, udim: int) -> TilePlan:
@@ -107,11 +106,17 @@ class Baker:
             return plan.draw()
 
     def _map(
-        self, record: BakeRecord, profile: Profile, file: Path, plan: TilePlan, drawn: FrameMap
+        self,
+        record: BakeRecord,
+        profile: Profile,
+        file: Path,
+        plan: TilePlan,
+        drawn: FrameMap,
+        surface: FrameSurface,
     ) -> None:
         """Write one map in one profile, where it is not done."""
         # A map of the neutral is the same in all frames, what is made of positions is not.
-        key = f"{plan.key}-{profile.key}{self._positions if profile.posed else ''}"
+        key = f"{plan.key}-{profile.key}{surface.digest() if profile.posed else ''}"
         if record.done(file, key):
             detail(f"{file.name} is already there")
             self.skipped += 1
@@ -131,10 +136,11 @@ class Baker:
         place: FramePlace,
         plans: Mapping[int, TilePlan],
         heights: Mapping[int, Callable[[], Texels]],
+        surface: FrameSurface,
     ) -> None:
         """Write the surface that the maps of a frame displace, where it is not done."""
         file = self.output.geometry_file(place, geometry.format)
-        keys = [self._positions, *(plan.key for plan in plans.values())]
+        keys = [surface.digest(), *(plan.key for plan in plans.values())]
         key = hashlib.sha256("\n".join([*keys, geometry.told]).encode()).hexdigest()
         if record.done(file, key):
             self.skipped += 1
@@ -154,7 +160,6 @@ class Baker:
 
     def _put(self, place: FramePlace) -> float:
         positions = self.frames.read(place)
-        self._positions = hashlib.sha256(positions.tobytes()).hexdigest()[:16]
         info = self.engine.frames.put(self.asset.id, place.label, positions)
         self.warned.frame(info.warnings, place.name)
         return info.log_stretch["abs_p90"]

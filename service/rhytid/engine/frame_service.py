@@ -100,6 +100,10 @@ class FrameService:
         assert positions is not None
         return positions
 
+    def digest(self, asset: str, frame: str) -> str:
+        """32 hex digits that name the positions of a frame; `neutral` for the neutral mesh."""
+        return self._assets.get(asset).frames.get(frame).digest
+
     def delete(self, asset: str, frame: str) -> None:
         """Forget a frame."""
         found = self._assets.get(asset)
