@@ -12,6 +12,7 @@ import pytest
 
 pytest.importorskip("pxr", reason="usd-core has no wheel for this platform")
 
+import handmade
 from cli.running import write_animation, write_neutral
 from face_data import Face
 from formats.usd_files import add_mesh, new_stage, write_usd
@@ -239,3 +240,36 @@ def test_a_template_has_the_unit_of_its_stage(
         assert main(["template", str(file), *options]) == 0
         sizes.append(json.loads(capsys.readouterr().out)["texel_mm"])
     assert sizes[1] == pytest.approx(100 * sizes[0])
+
+
+def stage_of_two(file: Path, mesh: SmallMesh, name: str) -> str:
+    """A stage with the mesh at a path, and an eye beside it."""
+    stage = new_stage(file)
+    add_mesh(stage, "/eye")
+    add_mesh(stage, name, **usd_mesh(mesh))
+    stage.GetRootLayer().Save()
+    return str(file)
+
+
+def test_one_mesh_of_a_stage_is_chosen(
+    tmp_path: Path, small_mesh: SmallMesh, capsys: pytest.CaptureFixture[str]
+) -> None:
+    old = stage_of_two(tmp_path / "old.usda", small_mesh, "/face")
+    new = stage_of_two(tmp_path / "new.usda", small_mesh, "/film")
+    skin, out = str(handmade.write(tmp_path / "g.safetensors")), tmp_path / "out.safetensors"
+    commands = (
+        ["template", old, "--out", str(tmp_path / "paint"), "--size", "16", "--json"],
+        ["graph", old, skin, "--json"],
+        ["transfer", skin, old, old, "--out", str(out), "--json"],
+    )
+    for command in commands:
+        assert main([*command, "-q"]) == 1
+        assert "has 2 meshes, one must be chosen: /eye" in capsys.readouterr().err
+        assert main([*command, "-q", "--prim", "/face"]) == 0
+        told = json.loads(capsys.readouterr().out)
+    assert told["pores"] == 8
+
+    carried = ["transfer", skin, old, new, "--out", str(out), "--prim", "/face"]
+    assert main(carried) == 1
+    assert "new.usda: no mesh '/face' on the stage" in capsys.readouterr().err
+    assert main([*carried, "--to-prim", "/film"]) == 0

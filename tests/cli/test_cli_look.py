@@ -125,6 +125,7 @@ def test_a_damaged_map_and_an_unknown_unit_are_refused(
         ["--uv", "9"],
         ["--fps", "0"],
         ["--fps", "nan"],
+        ["--fps", "10001"],
         ["--unit", "span"],
     ],
 )

@@ -16,13 +16,13 @@ from rhytid.cli.options import (
     add_strict,
     add_unit,
     cache_clip,
+    length_unit,
     new_command,
     readable,
 )
 from rhytid.cli.progress import counted, working
 from rhytid.cli.reporting import report, table
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.domain.units import USUAL_UNIT
 from rhytid.errors import InputError
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     AssetSettings.parse({"resolution": arguments.resolution})
     read = mesh_file(arguments.mesh, cache_clip(arguments))
     warned.notes(read.notes)
-    unit = arguments.unit or read.unit or USUAL_UNIT
+    unit = length_unit(arguments, read)
     with working("checking the mesh"):
         check = MeshCheck.of(read, unit, arguments.resolution)
     figures = check.figures() | _frames(arguments, check, warned)

@@ -13,16 +13,18 @@ from rhytid.cli.options import (
     MESH_FILES,
     Commands,
     add_force,
+    add_prim,
     add_strict,
     add_unit,
+    length_unit,
     new_command,
+    prim_clip,
     readable,
 )
 from rhytid.cli.progress import working
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.units import USUAL_UNIT
 
 if TYPE_CHECKING:
     from rhytid.cli.warned import Warned
@@ -41,6 +43,7 @@ def add_command(commands: Commands) -> None:
     parser.add_argument("mesh", type=readable, metavar="MESH", help=f"{MESH_FILES} of one mesh")
     parser.add_argument("graph", type=readable, metavar="GRAPH.safetensors", help="its wrinkles")
     add_unit(parser, "MESH")
+    add_prim(parser)
     add_force(parser)
     add_strict(parser)
     add_outputs(parser)
@@ -58,8 +61,8 @@ def run(arguments: argparse.Namespace) -> None:
 def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     from rhytid.cli.input_files import graph_file, mesh_file
 
-    read = mesh_file(arguments.mesh)
-    mesh, unit = read.mesh, arguments.unit or read.unit or USUAL_UNIT
+    read = mesh_file(arguments.mesh, prim_clip(arguments.prim))
+    mesh, unit = read.mesh, length_unit(arguments, read)
     warned.inputs(mesh, arguments.mesh.name, unit, AssetSettings().resolution)
     check_outputs(arguments, mesh)
     device = open_device(arguments)

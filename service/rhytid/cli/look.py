@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rhytid.cli.options import Commands, add_json, add_unit, base_name, new_command
+from rhytid.cli.options import Commands, add_fps, add_json, add_unit, base_name, new_command
 from rhytid.cli.reporting import report, table
 from rhytid.errors import InputError
 
@@ -36,7 +36,7 @@ def add_command(commands: Commands) -> None:
     frame = "the look of one frame alone, by its number or name as files have it (default: all)"
     add("--frame", metavar="FRAME", help=frame)
     add_unit(parser, "the scene", "that of the maps")
-    add("--fps", type=_rate, default=24.0, metavar="F", help="frames a second of the scene")
+    add_fps(parser, "frames per second of the scene")
     add("--uv", type=_word, default="st", metavar="PRIMVAR", help="texture coordinates of the mesh")
     bind = "bind the material to this mesh of the scene, and keep its UV linear"
     add("--bind", type=_prim, metavar="PATH", help=bind)
@@ -119,16 +119,6 @@ def _maps(folder: Path, name: str | None) -> tuple[str, set[tuple[int, str]]]:
 
 def _order(frame: str) -> tuple[int, str]:
     return (int(frame) if frame.isdecimal() else 0, frame)
-
-
-def _rate(text: str) -> float:
-    try:
-        rate = float(text)
-    except ValueError:
-        rate = 0.0
-    if not 0 < rate < 1e6:
-        raise argparse.ArgumentTypeError(f"{text!r}: a number above 0")
-    return rate
 
 
 def _word(text: str) -> str:

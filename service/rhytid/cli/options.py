@@ -5,15 +5,18 @@ from __future__ import annotations
 import argparse
 import re
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rhytid.domain.expressions import LINES
 from rhytid.domain.lengths import SKIN
-from rhytid.domain.units import MILLIMETRES, millimetres
+from rhytid.domain.units import MILLIMETRES, USUAL_UNIT, millimetres
 from rhytid.domain.warnings import CODES
 from rhytid.engine.messages import SAMPLINGS, STRETCH_MODELS
 from rhytid.formats.frame_set import Clip
 from rhytid.textures.names import PROFILE_NAMES
+
+if TYPE_CHECKING:
+    from rhytid.formats.meshes import MeshFile
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}", re.ASCII)
 STDOUT = Path("-")
@@ -123,14 +126,33 @@ def add_unit(
     parser.add_argument("--unit", type=_unit, metavar="U", help=unit)
 
 
-def add_caches(parser: argparse.ArgumentParser) -> None:
-    """`--prim`, `--clip` and `--fps`: which animation of a geometry cache is meant."""
+def add_prim(parser: argparse.ArgumentParser) -> None:
+    """`--prim`: which mesh of a USD stage is meant."""
     prim = "path or name of a mesh, where a USD stage has several"
     parser.add_argument("--prim", metavar="PATH", help=prim)
+
+
+def prim_clip(prim: str | None) -> Clip:
+    """What `--prim` says, for a command that takes no animation."""
+    return Clip(prim=prim)
+
+
+def add_fps(parser: argparse.ArgumentParser, help: str) -> None:
+    """`--fps`: frames per second."""
+    parser.add_argument("--fps", type=_rate, default=24.0, metavar="F", help=help)
+
+
+def length_unit(arguments: argparse.Namespace, file: MeshFile) -> str:
+    """The unit that `--unit` names, else that of the mesh file, else the usual one."""
+    return arguments.unit or file.unit or USUAL_UNIT
+
+
+def add_caches(parser: argparse.ArgumentParser) -> None:
+    """`--prim`, `--clip` and `--fps`: which animation of a geometry cache is meant."""
+    add_prim(parser)
     clip = "name or number of an animation, where a glTF has several"
     parser.add_argument("--clip", metavar="NAME", help=clip)
-    fps = "frames per second that glTF and MDD, which have times, are counted by"
-    parser.add_argument("--fps", type=_rate, default=24.0, metavar="F", help=fps)
+    add_fps(parser, "frames per second that glTF and MDD, which have times, are counted by")
 
 
 def cache_clip(arguments: argparse.Namespace) -> Clip:

@@ -23,6 +23,7 @@ from rhytid.cli.options import (
     add_caches,
     add_strict,
     cache_clip,
+    length_unit,
     new_command,
     readable,
 )
@@ -31,7 +32,6 @@ from rhytid.cli.skin_options import skin_controls, skin_options, skin_settings
 from rhytid.domain.asset_settings import AssetSettings, GraphSettings
 from rhytid.domain.expressions import grown_from
 from rhytid.domain.graph_origin import GraphOrigin
-from rhytid.domain.units import USUAL_UNIT
 from rhytid.errors import InputError
 
 if TYPE_CHECKING:
@@ -95,8 +95,9 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     ages = _ages(settings, arguments.ages)
     clip = cache_clip(arguments)
     read = mesh_file(arguments.mesh, clip)
-    mesh, arguments.unit = read.mesh, arguments.unit or read.unit
-    settings, unit = grown_settings(skin_settings(arguments)), arguments.unit or USUAL_UNIT
+    mesh, unit = read.mesh, length_unit(arguments, read)
+    arguments.unit = arguments.unit or read.unit
+    settings = grown_settings(skin_settings(arguments))
     warned.notes(read.notes)
     warned.inputs(mesh, arguments.mesh.name, unit, AssetSettings().resolution)
     check_outputs(arguments, mesh)

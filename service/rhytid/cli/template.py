@@ -11,9 +11,12 @@ from rhytid.cli.options import (
     MESH_FILES,
     Commands,
     add_json,
+    add_prim,
     add_several,
     add_unit,
+    length_unit,
     new_command,
+    prim_clip,
     readable,
 )
 from rhytid.cli.progress import counted, detail, working
@@ -56,6 +59,7 @@ def add_command(commands: Commands) -> None:
     masks = f"masks to write, of {', '.join(MASKS)} (default: all)"
     add_several(parser, "--masks", choices=MASKS, metavar="NAME", help=masks)
     add_unit(parser, "MESH")
+    add_prim(parser)
     add_json(parser)
     parser.set_defaults(run=run)
 
@@ -69,8 +73,8 @@ def run(arguments: argparse.Namespace) -> None:
     size, out = arguments.size, arguments.out
     if not LEAST_SIDE <= size <= MOST_SIDE:
         raise InputError(f"--size {size}: from {LEAST_SIDE} to {MOST_SIDE}")
-    read = mesh_file(arguments.mesh)
-    mesh, unit = read.mesh, arguments.unit or read.unit or USUAL_UNIT
+    read = mesh_file(arguments.mesh, prim_clip(arguments.prim))
+    mesh, unit = read.mesh, length_unit(arguments, read)
     udims = mesh_udims(mesh)
     out.mkdir(parents=True, exist_ok=True)
     with working("measuring texels"):

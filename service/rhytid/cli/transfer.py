@@ -13,15 +13,17 @@ from rhytid.cli.options import (
     add_device,
     add_force,
     add_json,
+    add_prim,
     add_strict,
     add_unit,
+    length_unit,
     new_command,
+    prim_clip,
     readable,
 )
 from rhytid.cli.progress import working
 from rhytid.cli.reporting import report, table
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.domain.units import USUAL_UNIT
 from rhytid.errors import InputError
 
 if TYPE_CHECKING:
@@ -50,6 +52,9 @@ def add_command(commands: Commands) -> None:
     reach = "how far a pore may be from TO, mesh units (default: 1/50 of the longest side of FROM)"
     add("--reach", type=float, metavar="D", help=reach)
     add_unit(parser, "both meshes")
+    add_prim(parser)
+    to_prim = "the same for TO (default: that of --prim)"
+    add("--to-prim", metavar="PATH", help=to_prim)
     add_device(parser, ", for a graph that does not name the triangles of its pores")
     add_force(parser)
     add_strict(parser)
@@ -77,9 +82,10 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
         raise InputError(f"{out}: the graph is written as {_GRAPH}")
     if arguments.reach is not None and not arguments.reach > 0:
         raise InputError(f"--reach is {arguments.reach:g}: must be above 0")
-    old, read = mesh_file(arguments.old).mesh, mesh_file(arguments.new)
+    old = mesh_file(arguments.old, prim_clip(arguments.prim)).mesh
+    read = mesh_file(arguments.new, prim_clip(arguments.to_prim or arguments.prim))
     new, resolution = read.mesh, AssetSettings().resolution
-    unit = arguments.unit or read.unit or USUAL_UNIT
+    unit = length_unit(arguments, read)
     warned.inputs(new, arguments.new.name, unit, resolution)
     make_place(out)
     graph = placed_graph(
