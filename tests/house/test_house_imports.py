@@ -14,23 +14,24 @@ from house.syntax import PACKAGES, ROOT, Import, imported_room, imports, room, s
 
 # What each part of `rhytid` may import of `rhytid`, beside itself.
 _FACTS = {"errors", "domain"}
-_TOOLS = _FACTS | {"device", "formats", "unfinished"}
+_TOOLS = _FACTS | {"device", "formats", "durable", "unfinished"}
 _WORK = {"pipeline", "synthesis", "storage"}
 ALLOWED = {
     "__init__": set(),
     "__main__": {"cli"},
     "errors": set(),
     "unfinished": set(),
+    "durable": {"errors", "unfinished"},
     "settings": {"errors"},
     "domain": {"errors"},
     "device": _FACTS | {"unfinished"},
-    "formats": _FACTS | {"unfinished"},
+    "formats": _FACTS | {"durable", "unfinished"},
     "pictures": _FACTS,
     "meshes": _FACTS | {"formats", "synthesis"},
     "pipeline": _TOOLS,
     "synthesis": _TOOLS,
     "storage": _TOOLS,
-    "textures": _FACTS | {"formats", "storage"},
+    "textures": _FACTS | {"formats", "durable"},
     "engine": _TOOLS | _WORK | {"settings"},
     "api": _TOOLS | {"engine", "settings", "meshes"},
     "cli": _TOOLS | _WORK | {"engine", "settings", "api", "pictures", "meshes", "textures"},

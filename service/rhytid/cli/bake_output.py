@@ -10,7 +10,7 @@ from rhytid import __version__
 from rhytid.cli.bake_record import BakeRecord
 from rhytid.cli.frame_files import FramePlace
 from rhytid.domain.wording import plural
-from rhytid.storage.durable import whole, write_file
+from rhytid.durable import whole, write_file
 from rhytid.textures.frame_map import Facts, FrameMap
 from rhytid.textures.profiles import PROFILES, Profile
 

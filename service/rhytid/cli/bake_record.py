@@ -7,8 +7,8 @@ import json
 from pathlib import Path
 from typing import Any
 
+from rhytid.durable import whole, write_file
 from rhytid.errors import StorageError
-from rhytid.storage.durable import whole, write_file
 
 
 class BakeRecord:

@@ -21,12 +21,12 @@ from rhytid.cli.timing import Stopwatch
 from rhytid.cli.warned import Warned
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.mesh import Mesh
+from rhytid.durable import whole, write_file
 from rhytid.engine.jobs import Job
 from rhytid.engine.messages import AssetInfo, JobInfo, MapQuery, NewAsset
 from rhytid.errors import ConflictError
 from rhytid.meshes.displaced import Subdivided
 from rhytid.meshes.export import mesh_format
-from rhytid.storage.durable import whole, write_file
 from rhytid.textures.frame_map import FrameMap
 from rhytid.textures.profiles import Profile
 

@@ -113,8 +113,8 @@ def _frames(arguments: argparse.Namespace, check: MeshCheck, warned: Warned) -> 
 
 
 def _draw(check: MeshCheck, name: str, picture: Path) -> None:
+    from rhytid.durable import whole
     from rhytid.pictures.check import check_picture, problems_of
-    from rhytid.storage.durable import whole
 
     masks = check.problems() | check.uneven_texels()
     caption = (

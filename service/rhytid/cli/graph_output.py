@@ -69,7 +69,7 @@ def _check_patch(arguments: argparse.Namespace, mesh: Mesh) -> None:
 
 def make_place(file: Path) -> None:
     """The folder of a file that will be written; raises InputError where that cannot be."""
-    from rhytid.storage.durable import workplace
+    from rhytid.durable import workplace
 
     if file.is_dir():
         raise InputError(f"{file} is a folder, not a file")
@@ -112,7 +112,7 @@ def write_outputs(
 
 def whole_file(file: Path, pieces: Any) -> None:
     """Write pieces of bytes into a file that is there when it is whole; its folder is there."""
-    from rhytid.storage.durable import whole, write_pieces
+    from rhytid.durable import whole, write_pieces
 
     with whole(file) as aside:
         write_pieces(aside, pieces)

@@ -48,9 +48,9 @@ def add_command(commands: Commands) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Look at the names of the maps, write both files and report what they have."""
+    from rhytid.durable import whole, write_file
     from rhytid.formats.materialx_look import materialx_look
     from rhytid.formats.usd_look import usd_look
-    from rhytid.storage.durable import whole, write_file
 
     look = found(arguments)
     texts = {"look.usda": usd_look(look).encode(), "mtlx": materialx_look(look)}

@@ -19,12 +19,12 @@ from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import mesh_udims, triangles_inside, udim_origin
 from rhytid.domain.units import MILLIMETRES, USUAL_UNIT, millimetres
 from rhytid.domain.wording import plural
+from rhytid.durable import whole
 from rhytid.engine.device_asset import DeviceAsset
 from rhytid.engine.frames import NEUTRAL_FRAME
 from rhytid.engine.messages import MapQuery
 from rhytid.pictures.preview import PATCH, WHOLE, Patch, WholeMap, preview
 from rhytid.pictures.surface_patch import SurfacePatch, surface_patch
-from rhytid.storage.durable import whole
 from rhytid.synthesis.progress import Progress, part
 
 PATCH_MM = 20.0

@@ -17,10 +17,10 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import busiest_udim, triangles_inside, udim_origin
 from rhytid.domain.units import MILLIMETRES, USUAL_UNIT, millimetres
+from rhytid.durable import whole
 from rhytid.pictures.preview import LIGHTS, patch_panel
 from rhytid.pictures.region_views import RegionView, region_views
 from rhytid.pictures.sheet import Panel, sheet
-from rhytid.storage.durable import whole
 
 SIDE_MM = 8.0
 _PIXELS = 400

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from rhytid.cli.options import STDOUT
-from rhytid.storage.durable import whole
+from rhytid.durable import whole
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:

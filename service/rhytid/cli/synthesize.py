@@ -135,8 +135,8 @@ def _folds(device: Device, mesh: Mesh, expressions: Expressions, unit: str) -> F
 
 def _draw_lines(mesh: Mesh, folds: Folds, preview: Path) -> None:
     """The preferred lines, beside the preview."""
+    from rhytid.durable import whole
     from rhytid.pictures.folds import fold_picture
-    from rhytid.storage.durable import whole
 
     file = preview.with_suffix(".lines.png")
     with working(f"drawing {file.name}"), whole(file) as aside:

@@ -129,7 +129,7 @@ def _masks(out: Path, udim: int, names: Sequence[str], size: int) -> list[dict[s
 
 
 def _write(file: Path, draw: Callable[[], Image.Image]) -> None:
-    from rhytid.storage.durable import whole
+    from rhytid.durable import whole
 
     with whole(file) as aside:
         draw().save(aside, format="png")

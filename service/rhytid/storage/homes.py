@@ -7,9 +7,9 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
+from rhytid import durable
+from rhytid.durable import is_folder, reported
 from rhytid.errors import StorageError
-from rhytid.storage import durable
-from rhytid.storage.durable import is_folder, reported
 
 ID = re.compile(r"[0-9a-f]{16}", re.ASCII)
 REQUEST, ASSET = "request", "asset"

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from rhytid.durable import reported, sync_folder, write_file
 from rhytid.storage.canonical import canonical, damaged, parse_canonical
-from rhytid.storage.durable import reported, sync_folder, write_file
 
 FORMAT = 1
 MANIFEST = "manifest.json"

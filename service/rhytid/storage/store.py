@@ -20,16 +20,16 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from rhytid import durable
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.controls import Controls
 from rhytid.domain.folds import Folds
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.stiffness import Stiffness
+from rhytid.durable import is_folder, reported
 from rhytid.errors import NotFoundError, StorageError
-from rhytid.storage import durable
 from rhytid.storage.canonical import damaged
-from rhytid.storage.durable import is_folder, reported
 from rhytid.storage.homes import (
     ASSET,
     ID,

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.durable import whole, write_file
 from rhytid.formats.exr import write_exr
 from rhytid.formats.png import encode_png
 from rhytid.formats.tiles import quantise
-from rhytid.storage.durable import whole, write_file
 from rhytid.textures.cavity import cavity_map
 from rhytid.textures.frame_map import Facts, FrameMap, attributes
 from rhytid.textures.normals import normal_map

@@ -16,7 +16,7 @@ from rhytid.cli.warned import Warned
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.notices import Notice
 from rhytid.domain.warnings import InputWarning
-from rhytid.storage.durable import whole
+from rhytid.durable import whole
 from rhytid_client import Asset, Client, Job, Method, Sampling, StretchModel, Tile, TileFormat
 from rhytid_lab.commands.demo_face import MESH_ARRAYS, Animation
 

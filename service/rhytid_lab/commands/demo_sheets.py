@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rhytid.cli.frame_files import FramePlace
 from rhytid.cli.progress import counted
 from rhytid.domain.tiles import busiest_udim, triangles_inside, udim_origin
-from rhytid.storage.durable import whole
+from rhytid.durable import whole
 from rhytid_lab.commands.demo_session import Session
 from rhytid_lab.sheets.contact import contact_sheet, relative_rms
 from rhytid_lab.sheets.contact_rows import METHODS
