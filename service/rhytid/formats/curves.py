@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from rhytid.domain.curves import Curves
 from rhytid.domain.origin import put_back
-from rhytid.domain.units import millimetres
 from rhytid.domain.wording import plural
 from rhytid.errors import InputError, QueryError
+from rhytid.formats.usda import usda_header
 
 # Rows of an array that become text at once.
 _ROWS = 1 << 16
@@ -40,12 +40,10 @@ def obj_curves(curves: Curves, unit: str) -> Iterator[bytes]:
 
 
 def usda_curves(curves: Curves, unit: str) -> Iterator[bytes]:
-    """A linear BasisCurves prim with widths and the primvar `strength`, one value a curve."""
-    length = millimetres(unit)
-    meters = "" if length is None else f"    metersPerUnit = {length / 1000!r}\n"
+    """A linear BasisCurves prim with widths and the primvar `strength`, one value per curve."""
+    head = "\n".join(usda_header(unit, ['defaultPrim = "Wrinkles"']))
     yield (
-        f'#usda 1.0\n(\n    defaultPrim = "Wrinkles"\n{meters}    upAxis = "Y"\n)\n\n'
-        'def BasisCurves "Wrinkles"\n{\n    uniform token type = "linear"\n'
+        f'{head}\n\ndef BasisCurves "Wrinkles"\n{{\n    uniform token type = "linear"\n'
         '    uniform token wrap = "nonperiodic"\n'
     ).encode()
     count, uniform = len(curves.lines), '(\n        interpolation = "uniform"\n    )'

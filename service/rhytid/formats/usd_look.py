@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 
-from rhytid.domain.units import millimetres
 from rhytid.formats.look import Look
+from rhytid.formats.usda import indented, usda_header
 
 _SCOPE = "Looks"
 # Of the names of nodes: a material that is given displacement has nodes of its own.
@@ -26,16 +26,14 @@ def usd_look(look: Look) -> str:
     return "\n".join([*_header(look), "", *_prims(look), ""])
 
 
-def _header(look: Look) -> Lines:
+def _header(look: Look) -> list[str]:
     rows = [f"framesPerSecond = {look.fps:g}", f"timeCodesPerSecond = {look.fps:g}"]
     if look.material is None:
         rows.append(f'defaultPrim = "{_SCOPE}"')
-    if (length := millimetres(look.scene_unit)) is not None:
-        rows.append(f"metersPerUnit = {length / 1000!r}")
     if len(look.frames) > 1:
         rows.append(f"startTimeCode = {int(look.frames[0])}")
         rows.append(f"endTimeCode = {int(look.frames[-1])}")
-    yield from ("#usda 1.0", "(", *_indented([*sorted(rows), 'upAxis = "Y"']), ")")
+    return usda_header(look.scene_unit, rows)
 
 
 def _prims(look: Look) -> Lines:
@@ -153,8 +151,4 @@ def _parts(path: str) -> Path:
 
 def _prim(head: str, rows: Sequence[str]) -> Lines:
     yield from head.split("\n")
-    yield from ("{", *_indented(rows), "}")
-
-
-def _indented(rows: Sequence[str]) -> Lines:
-    yield from (f"    {row}" if row else "" for row in rows)
+    yield from ("{", *indented(rows), "}")
