@@ -238,7 +238,7 @@ def test_what_does_not_fit_the_mesh_is_refused(engine):
 
 
 def test_a_graph_that_covers_too_much_is_refused_at_once(engine, monkeypatch):
-    monkeypatch.setattr("rhytid.pipeline.elements._MOST_COVER", 0.5)
+    monkeypatch.setattr("rhytid.pipeline.reach._MOST_COVER", 0.5)
     with pytest.raises(
         LimitError, match=r"the graph's wrinkles cover \d+ times the map of UDIM 1001"
     ):

@@ -16,7 +16,7 @@ from reference.inputs import Bins, Shape
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.pipeline.blend import MERGES as MERGE_NAMES
 from rhytid.pipeline.blend import unit_of
-from rhytid.pipeline.elements import response_defines
+from rhytid.pipeline.reach import response_defines
 from rhytid.pipeline.vectors import VectorTriangles
 
 ONE_TILE = """

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from kernels.one_line import evaluate
 from reference import response as reference
-from rhytid.pipeline.elements import response_defines
+from rhytid.pipeline.reach import response_defines
 
 OPTIONS = [f"-D{name}={value}" for name, value in response_defines(False).items()]
 

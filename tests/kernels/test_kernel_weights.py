@@ -13,7 +13,7 @@ from reference import bins as reference
 from reference.inputs import Bins
 from reference.response import scales
 from rhytid.pipeline.blend import TILT_NODE
-from rhytid.pipeline.elements import response_defines
+from rhytid.pipeline.reach import response_defines
 
 COUNT = 500
 

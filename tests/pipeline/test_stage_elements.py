@@ -14,16 +14,11 @@ from reference import bins, drawing, redraw
 from reference.response import scales
 from rhytid.domain.tiles import udim_origin
 from rhytid.errors import LimitError
-from rhytid.pipeline import elements
-from rhytid.pipeline.elements import (
-    check_cover,
-    orientation_bins,
-    pore_arrays,
-    widest,
-    wrinkle_arrays,
-)
+from rhytid.pipeline import reach
+from rhytid.pipeline.element_arrays import check_cover, pore_arrays, wrinkle_arrays
+from rhytid.pipeline.elements import orientation_bins
+from rhytid.pipeline.reach import BLOCK, widest
 
-BLOCK = elements.BLOCK
 UDIMS = (1001, 1002, 1011, 1012)
 NARROW = {"alpha_w": 0.5, "beta_w": 0.7}
 
@@ -116,7 +111,7 @@ def test_elements_keep_their_own_triangle_size_and_strength():
 
 
 def test_more_cover_than_the_map_can_hold_is_refused(monkeypatch):
-    monkeypatch.setattr(elements, "_MOST_COVER", 0.5)
+    monkeypatch.setattr(reach, "_MOST_COVER", 0.5)
     graph = random_graph(5)
     with pytest.raises(LimitError, match=r"the wrinkles cover \d+ times the map of UDIM 1001"):
         wrinkle_arrays(graph, np.zeros(80, np.int32), settings_of(), 1001)

@@ -18,8 +18,8 @@ from rhytid.pipeline.bins import (
 )
 from rhytid.pipeline.cushion_bins import cushion_layers, cushion_steps
 from rhytid.pipeline.cushion_elements import APRON
-from rhytid.pipeline.elements import SCALE_LIMIT
 from rhytid.pipeline.grain import GRAIN, grain_amplitude, grain_exponent, relief
+from rhytid.pipeline.reach import SCALE_LIMIT
 
 
 def bin_manifest(settings: AssetSettings, cushion_factor: int | None) -> BinManifest:

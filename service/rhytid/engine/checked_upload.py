@@ -22,7 +22,7 @@ from rhytid.engine.frames import FrameMemory
 from rhytid.engine.given_graphs import check_graph
 from rhytid.engine.messages import NewAsset
 from rhytid.errors import InputError, MeshError
-from rhytid.pipeline.elements import check_cover
+from rhytid.pipeline.element_arrays import check_cover
 from rhytid.storage.contents import asset_id
 from rhytid.synthesis.fields.capacity_check import check_amount
 

@@ -16,7 +16,7 @@ from rhytid.engine.device_levels import DeviceLevels
 from rhytid.engine.device_mesh import DeviceMesh
 from rhytid.engine.frames import NEUTRAL_FRAME
 from rhytid.engine.messages import MapQuery
-from rhytid.pipeline.elements import BLOCK
+from rhytid.pipeline.reach import BLOCK
 
 
 class DeviceAsset:

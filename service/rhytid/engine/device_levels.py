@@ -16,8 +16,8 @@ from rhytid.engine.device_finest import DeviceFinest, Square, Tile, names
 from rhytid.engine.device_mesh import DeviceMesh
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
 from rhytid.engine.messages import MapQuery
-from rhytid.pipeline.elements import BLOCK
 from rhytid.pipeline.levels import Levels, Part, coarser
+from rhytid.pipeline.reach import BLOCK
 
 # Texels a side of the finest level of the crown, at most.
 _CROWN = 512

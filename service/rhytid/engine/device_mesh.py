@@ -17,13 +17,8 @@ from rhytid.engine.kept_entries import KeptEntries
 from rhytid.pipeline.blend import Blend
 from rhytid.pipeline.convolve import Convolve
 from rhytid.pipeline.convolve_smooth import SmoothConvolve
-from rhytid.pipeline.elements import (
-    PoreArrays,
-    UdimElements,
-    WrinkleArrays,
-    pore_arrays,
-    wrinkle_arrays,
-)
+from rhytid.pipeline.element_arrays import PoreArrays, WrinkleArrays, pore_arrays, wrinkle_arrays
+from rhytid.pipeline.elements import UdimElements
 from rhytid.pipeline.grain_shares import grain_shares
 from rhytid.pipeline.locate import UdimTriangles, locate_points
 from rhytid.pipeline.smooth import SmoothStage

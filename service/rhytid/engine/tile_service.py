@@ -26,7 +26,7 @@ from rhytid.errors import NotFoundError, QueryError
 from rhytid.formats.tile_header import TileHeader
 from rhytid.pipeline.bins import HEADROOM
 from rhytid.pipeline.drawing import drawing_version
-from rhytid.pipeline.elements import SCALE_LIMIT
+from rhytid.pipeline.reach import SCALE_LIMIT
 
 Tile = NDArray[np.float32]
 

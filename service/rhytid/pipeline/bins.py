@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.domain.asset_settings import AssetSettings, BinSettings, ResponseSettings
-from rhytid.pipeline.elements import SCALE_LIMIT
+from rhytid.pipeline.reach import SCALE_LIMIT
 
 # What bulges and overlaps may add to the deepest furrow, in units of depth.
 HEADROOM = 0.2

@@ -34,9 +34,9 @@ from rhytid.pipeline.cushion_bins import (
     range_of_codes,
 )
 from rhytid.pipeline.cushion_elements import APRON
-from rhytid.pipeline.elements import SCALE_LIMIT, response_defines
 from rhytid.pipeline.grain import grain_amplitude, grain_gains, relief
 from rhytid.pipeline.locate import UdimTriangles
+from rhytid.pipeline.reach import SCALE_LIMIT, response_defines
 from rhytid.pipeline.smooth import SmoothFields
 from rhytid.pipeline.stretch_buffers import StretchBuffers
 from rhytid.pipeline.vectors import VECTOR, squares

@@ -19,8 +19,8 @@ from rhytid.device.runtime import Buffer, Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.stiffness import Stiffness
-from rhytid.pipeline.elements import response_defines
 from rhytid.pipeline.locate import UdimTriangles
+from rhytid.pipeline.reach import response_defines
 from rhytid.pipeline.smooth import SmoothFields
 from rhytid.pipeline.stiffness import stiffness_of_texels
 from rhytid.pipeline.stretch_buffers import StretchBuffers

@@ -17,8 +17,10 @@ from rhytid.device.shape import LaunchShape
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.errors import DeviceError
 from rhytid.pipeline.cells import CellLists, list_by_cell
-from rhytid.pipeline.elements import BLOCK, PoreArrays, UdimElements, WrinkleArrays
+from rhytid.pipeline.element_arrays import PoreArrays, WrinkleArrays
+from rhytid.pipeline.elements import UdimElements
 from rhytid.pipeline.levels import Draw
+from rhytid.pipeline.reach import BLOCK
 from rhytid.pipeline.redraw import ScaleBuffers, redrawing
 
 _FILE = "launch_shapes.json"

@@ -13,9 +13,9 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.stiffness import Stiffness
 from rhytid.domain.tiles import udim_origin
-from rhytid.pipeline.elements import BLOCK
 from rhytid.pipeline.levels import Draw
 from rhytid.pipeline.locate import UdimTriangles
+from rhytid.pipeline.reach import BLOCK
 from rhytid.pipeline.stiffness import stiffness_of_texels
 from rhytid.pipeline.vectors import VECTOR
 

@@ -15,8 +15,9 @@ from rhytid.device.runtime import NO_DEFINES, Buffer, Device
 from rhytid.domain.asset_settings import AssetSettings, ShapeSettings
 from rhytid.pipeline.copies import OriginBuffers
 from rhytid.pipeline.cushion import draw_cushion
-from rhytid.pipeline.elements import BLOCK, Lists, UdimElements, response_defines
+from rhytid.pipeline.elements import Lists, UdimElements
 from rhytid.pipeline.levels import Draw
+from rhytid.pipeline.reach import BLOCK, response_defines
 from rhytid.pipeline.stretch_buffers import StretchBuffers
 from rhytid.pipeline.vectors import VECTOR
 

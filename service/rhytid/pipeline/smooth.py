@@ -15,8 +15,9 @@ from rhytid.device.buffer_group import BufferGroup
 from rhytid.device.runtime import Buffer, Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.mesh import Mesh
-from rhytid.pipeline.elements import UdimElements, response_defines
+from rhytid.pipeline.elements import UdimElements
 from rhytid.pipeline.locate import UdimTriangles
+from rhytid.pipeline.reach import response_defines
 from rhytid.pipeline.redraw import ScaleBuffers, answer
 from rhytid.pipeline.stretch_buffers import StretchBuffers
 from rhytid.pipeline.uv_vertices import UvVertices, unit_jacobians

@@ -27,7 +27,8 @@ from rhytid.engine.spacing import mean_spacing
 from rhytid.pipeline.bin_maker import BinMaker, BinTile
 from rhytid.pipeline.blend import Blend
 from rhytid.pipeline.convolve import Convolve
-from rhytid.pipeline.elements import UdimElements, pore_arrays, wrinkle_arrays
+from rhytid.pipeline.element_arrays import pore_arrays, wrinkle_arrays
+from rhytid.pipeline.elements import UdimElements
 from rhytid.pipeline.grain_shares import grain_shares
 from rhytid.pipeline.locate import UdimTriangles, locate_points
 from rhytid.pipeline.neutral_tiles import NeutralTile

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rhytid.pipeline.elements import SCALE_LIMIT
+from rhytid.pipeline.reach import SCALE_LIMIT
 from rhytid_lab.bench.scene import Floats, Scene
 
 _EPSILON = np.float32(1e-6)

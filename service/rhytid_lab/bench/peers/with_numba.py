@@ -9,7 +9,7 @@ from typing import Any
 import numba
 import numpy as np
 
-from rhytid.pipeline.elements import BLOCK, SCALE_LIMIT
+from rhytid.pipeline.reach import BLOCK, SCALE_LIMIT
 from rhytid_lab.bench.peers.response import unit_scales
 from rhytid_lab.bench.peers.run import HostRun
 from rhytid_lab.bench.scene import Floats, Scene

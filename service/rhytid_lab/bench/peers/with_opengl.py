@@ -11,7 +11,7 @@ from typing import Any
 import moderngl
 import numpy as np
 
-from rhytid.pipeline.elements import SCALE_LIMIT
+from rhytid.pipeline.reach import SCALE_LIMIT
 from rhytid_lab.bench.peers import shaders
 from rhytid_lab.bench.peers.run import LeftOut
 from rhytid_lab.bench.scene import Floats, Scene

@@ -1,0 +1,161 @@
+"""How far wrinkles and pores reach in UV at any stretch, and how much they may cover."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.graph import WrinkleGraph
+from rhytid.errors import LimitError
+from rhytid.pipeline.bends import Bends, arc_box, straight_box
+from rhytid.pipeline.cells import CellLists, list_by_cell
+from rhytid.pipeline.copies import metric_roots, rim_reach
+
+# Texels per side of the blocks that list what reaches into them.
+BLOCK = 64
+# σ_w and σ_d are kept in [1/SCALE_LIMIT, SCALE_LIMIT].
+SCALE_LIMIT = 4.0
+# Texels that may be covered for each texel of the map, all elements together.
+_MOST_COVER = 4096.0
+_MARGIN = 1.001  # beyond the rounding of the scales on the device
+
+
+def response_defines(soft_limits: bool) -> dict[str, object]:
+    """What response.clh takes."""
+    soft = {"SOFT_LIMITS": 1} if soft_limits else {}
+    return {"SCALE_LIMIT": f"{SCALE_LIMIT}f", **soft}
+
+
+def widest(exponent: float, log_stretch_limit: float) -> float:
+    """The largest width scale that a log stretch within the limit can give."""
+    return _MARGIN * min(math.exp(exponent * log_stretch_limit), SCALE_LIMIT)
+
+
+def around_wrinkles(
+    graph: WrinkleGraph,
+    ends: NDArray[np.float32],
+    settings: AssetSettings,
+    bends: Bends | None,
+    waves: NDArray[np.float32] | None = None,
+    broader: float = 1.0,
+    least: float = 0.0,
+) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+    """Corners (M, 2) and (M, 2) of the boxes around wrinkles of ends (M, 2, 2) at any stretch.
+
+    broader: than the graph has them.  least: half width, in UV.
+    """
+    response = settings.response
+    scale = widest(response.alpha_w, response.log_stretch_limit)
+    half_width = graph.edge_half_width if bends is None else bends.half_widths.max(axis=1)
+    reach = np.maximum(half_width * (scale * broader), max(least, least_half_width(settings)))[
+        :, None
+    ]
+    if waves is not None:
+        reach = reach + np.abs(waves[:, :1])
+    low, high = _boxes(graph, ends, bends)
+    if graph.edge_metric is None:
+        return low - reach, high + reach
+    rows = np.flatnonzero(graph.edge_metric.any(axis=1))
+    wider = reach[rows] / graph.edge_half_width[rows, None]
+    reach = np.repeat(reach, 2, axis=1)
+    reach[rows] = wider * rim_reach(metric_roots(graph.edge_metric[rows]))
+    return low - reach, high + reach
+
+
+def _boxes(
+    graph: WrinkleGraph, ends: NDArray[np.float32], bends: Bends | None
+) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+    """Corners (M, 2) and (M, 2) of the boxes around lines without their width."""
+    if bends is None:
+        return straight_box(ends)
+    low, high = arc_box(ends, bends.slopes)
+    if graph.edge_metric is not None:
+        rows = np.flatnonzero(graph.edge_metric.any(axis=1))
+        roots = metric_roots(graph.edge_metric[rows])
+        low[rows], high[rows] = arc_box(ends[rows], bends.slopes[rows], roots)
+    return low, high
+
+
+def around_pores(
+    centres: NDArray[np.float32], root: NDArray[np.float64], settings: AssetSettings
+) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+    """Corners (N, 2) and (N, 2) of the boxes around pores at any stretch."""
+    response = settings.response
+    reach = rim_reach(root) * widest(response.beta_w, response.log_stretch_limit)
+    if least := least_half_width(settings):  # of an ellipse no axis of which is below it
+        reach = np.hypot(reach, least)
+    return centres - reach, centres + reach
+
+
+def pore_roots(graph: WrinkleGraph) -> NDArray[np.float64]:
+    """(N, 3) Cholesky factors (xx, xy, yy) of the metrics, UV units: rootᵀ·root = metric."""
+    if graph.node_metric is None:
+        across = 1.0 / graph.node_radius.astype(np.float64)
+        return np.stack([across, np.zeros_like(across), across], axis=1)
+    return metric_roots(graph.node_metric)
+
+
+def sizes_of_ends(
+    graph: WrinkleGraph, bends: Bends | None
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Half widths and weights, (M, 1), or (M, 2) at both ends where there are bends."""
+    if bends is None:
+        return graph.edge_half_width[:, None], graph.edge_weight[:, None]
+    return bends.half_widths, bends.weights
+
+
+def least_half_width(settings: AssetSettings) -> float:
+    """The least half width in UV."""
+    return settings.shape.least_half_width / settings.resolution
+
+
+def drawn_rows(
+    weight: NDArray[np.float32], low: NDArray[np.floating], high: NDArray[np.floating]
+) -> NDArray[np.int64]:
+    """Indices of what is drawn, sorted by the block of the centre for locality of memory."""
+    members = np.flatnonzero(reaching_in(weight, low, high))
+    cell = np.clip((low[members] + high[members]) * 128.0, 0, 255).astype(np.int64)
+    return members[np.argsort(cell[:, 1] * 256 + cell[:, 0], kind="stable")]
+
+
+def reaching_in(
+    weight: NDArray[np.float32] | NDArray[np.bool_],
+    low: NDArray[np.floating],
+    high: NDArray[np.floating],
+) -> NDArray[np.bool_]:
+    """(K,) whether elements have a weight above 0 and boxes, corners (K, 2) in UV, that reach into
+    the UDIM."""
+    inside: NDArray[np.bool_] = (weight > 0) & (high > 0).all(axis=1) & (low < 1).all(axis=1)
+    return inside
+
+
+def list_by_block(
+    low: NDArray[np.floating], high: NDArray[np.floating], resolution: int
+) -> CellLists:
+    """Lists of the elements in every block of a map, top row first.  low, high: (K, 2) in UV."""
+    texel = 1.0 / resolution
+    return list_by_cell(low - texel, high + texel, resolution // BLOCK, top_down=True)
+
+
+def limit_cover(
+    low: NDArray[np.floating],
+    high: NDArray[np.floating],
+    resolution: int,
+    what: str,
+    udim: int,
+    factor: int = 1,
+) -> None:
+    """Raise LimitError where boxes (K, 2) in UV cover too many texels of a UDIM in all.
+
+    what: names the elements in the message.  factor: texels per sample of what is drawn.
+    """
+    size = np.maximum(np.minimum(high, 1.0) - np.maximum(low, 0.0), 0.0)
+    cover = float(np.prod(size, axis=1, dtype=np.float64).sum()) / factor**2
+    if cover > _MOST_COVER:
+        raise LimitError(
+            f"the {what} cover {cover:.0f} times the map of UDIM {udim} at their widest: "
+            f"more than {_MOST_COVER:.0f} (at {resolution}² texels)"
+        )
