@@ -29,9 +29,9 @@ _CLOSEST = 8.0**-0.5
 
 
 @dataclass(frozen=True, eq=False)
-class Worn:
+class EdgeStrengths:
     """strength (E,) float32: of all candidate edges.  hubs (H,) int32: the pores where primary
-    lines meet.  usual: what strengths are meant against.
+    lines meet.  usual: what strengths are measured against.
     """
 
     strength: NDArray[np.float32]
@@ -39,63 +39,110 @@ class Worn:
     usual: Usual
 
 
-def assemble(
-    ground: Ground,
-    pores: Points,
-    lines: Lines,
-    borders: Borders,
-    worn: Worn,
-    spacing: float,
-    seed: int,
-    progress: Progress,
-) -> WrinkleGraph:
-    """Pores and lines with what they are drawn with, and copies of what reaches over a seam.
+@dataclass(frozen=True, eq=False)
+class GraphParts:
+    """What a graph is made of: pores, and the lines between them.
 
-    spacing: mean, of pores on even skin.  Nodes beyond a border are as large as their pore and not
-    drawn.
+    spacing: mean, of pores on even skin, in units of the surface.
     """
-    fields = ground.fields
-    weight, factor, half_width, width = _lines(ground, pores, lines, worn, spacing, progress)
-    progress(0.4, "shapes")
-    key = place_keys(pores.uv)
-    size = shapes.pore_sizes(pores.position / spacing, key, seed)
-    size[worn.hubs] *= np.float32(shapes.HUB)
-    size *= fields.pore_radius(pores.triangle, pores.uv)
-    progress(0.6, "shapes")
-    first = lines.copy_of == ORIGINAL
-    usual = np.float32(fields.usual_pore_radius)
-    strengths, meeting = weight[first], worn.usual.meeting
-    depth = shapes.pore_weights(lines.pores[first], strengths, meeting, size / usual, key, seed)
-    size *= np.float32(shapes.PORE_SIZE * spacing)
-    _scale(depth, fields.pore_strength(pores.triangle, pores.uv))
-    _scale(weight, factor)
-    axes = pore_axes(
-        ground.surface, pores.triangle, lines.nodes[first], lines.step[first], strengths, key, seed
-    )
-    metric, radius = pore_ellipses(ground.surface, pores.triangle, size, *axes)
-    progress(0.8, "shapes")
-    none = np.zeros(len(lines.owner), np.float32)
-    ends = ends_of(ground, pores, lines, weight, half_width, width)
-    progress(0.9, "shapes")
-    arrays = {
-        "node_uv": np.concatenate([pores.uv, lines.beyond]),
-        "node_weight": np.concatenate([depth, none]),
-        "node_radius": np.concatenate([radius, radius[lines.owner]]),
-        "node_metric": np.concatenate([metric, metric[lines.owner]]),
-        "node_triangle": np.concatenate([pores.triangle, pores.triangle[lines.owner]]),
-        "node_copy_of": np.concatenate([np.full(len(pores), ORIGINAL), lines.stands_for]),
-        "edge_nodes": lines.nodes,
-        "edge_weight": weight,
-        "edge_half_width": half_width,
-        "edge_triangle": lines.triangle,
-        "edge_copy_of": lines.copy_of,
-        "edge_metric": np.zeros((len(weight), 3), np.float32),
-        **ends.arrays(),
-    }
-    least = spacing * min(fields.least_spacing, _CLOSEST)
-    arrays = with_copies(arrays, ground.surface, borders, least)
-    grain = fields.grain(pores.triangle, pores.uv)
-    return WrinkleGraph(**arrays, **_grain(arrays, grain, lines.owner), origin=None)
+
+    ground: Ground
+    pores: Points
+    lines: Lines
+    borders: Borders
+    strengths: EdgeStrengths
+    spacing: float
+    seed: int
+
+    def graph(self, progress: Progress) -> WrinkleGraph:
+        """Pores and lines with their sizes and weights, and copies of what reaches over a seam.
+
+        Nodes beyond a border are as large as their pore and not drawn.
+        """
+        ground, pores, lines, fields = self.ground, self.pores, self.lines, self.ground.fields
+        weight, factor, half_width, width = self._sizes_of_lines(progress)
+        progress(0.4, "shapes")
+        drawn_strength = weight[lines.copy_of == ORIGINAL]
+        _scale(weight, factor)
+        depth, metric, radius = self._shapes_of_pores(drawn_strength, progress)
+        progress(0.8, "shapes")
+        none = np.zeros(len(lines.owner), np.float32)
+        ends = ends_of(ground, pores, lines, weight, half_width, width)
+        progress(0.9, "shapes")
+        arrays = {
+            "node_uv": np.concatenate([pores.uv, lines.beyond]),
+            "node_weight": np.concatenate([depth, none]),
+            "node_radius": np.concatenate([radius, radius[lines.owner]]),
+            "node_metric": np.concatenate([metric, metric[lines.owner]]),
+            "node_triangle": np.concatenate([pores.triangle, pores.triangle[lines.owner]]),
+            "node_copy_of": np.concatenate([np.full(len(pores), ORIGINAL), lines.stands_for]),
+            "edge_nodes": lines.nodes,
+            "edge_weight": weight,
+            "edge_half_width": half_width,
+            "edge_triangle": lines.triangle,
+            "edge_copy_of": lines.copy_of,
+            "edge_metric": np.zeros((len(weight), 3), np.float32),
+            **ends.arrays(),
+        }
+        least = self.spacing * min(fields.least_spacing, _CLOSEST)
+        arrays = with_copies(arrays, ground.surface, self.borders, least)
+        grain = fields.grain(pores.triangle, pores.uv)
+        return WrinkleGraph(**arrays, **_grain(arrays, grain, lines.owner), origin=None)
+
+    def _shapes_of_pores(
+        self, strengths: NDArray[np.float32], progress: Progress
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+        """(P,) weights, (P, 3) metrics and (P,) radii of pores, from the strengths of the lines
+        that are no copies."""
+        surface, fields, pores, lines = (
+            self.ground.surface,
+            self.ground.fields,
+            self.pores,
+            self.lines,
+        )
+        key = place_keys(pores.uv)
+        size = shapes.pore_sizes(pores.position / self.spacing, key, self.seed)
+        size[self.strengths.hubs] *= np.float32(shapes.HUB)
+        size *= fields.pore_radius(pores.triangle, pores.uv)
+        progress(0.6, "shapes")
+        first = lines.copy_of == ORIGINAL
+        relative = size / np.float32(fields.usual_pore_radius)
+        meeting = self.strengths.usual.meeting
+        depth = shapes.pore_weights(
+            lines.pores[first], strengths, meeting, relative, key, self.seed
+        )
+        size *= np.float32(shapes.PORE_SIZE * self.spacing)
+        _scale(depth, fields.pore_strength(pores.triangle, pores.uv))
+        axes = pore_axes(
+            surface, pores.triangle, lines.nodes[first], lines.step[first], strengths, key,
+            self.seed,
+        )  # fmt: skip
+        return (depth, *pore_ellipses(surface, pores.triangle, size, *axes))
+
+    def _sizes_of_lines(self, progress: Progress) -> tuple[NDArray[np.float32], ...]:
+        """(W,) weights, factors that these still lack, and half widths in UV and on the surface."""
+        ground, lines, spacing, fields = self.ground, self.lines, self.spacing, self.ground.fields
+        chosen = self.strengths.strength[lines.edge]
+        uv = np.concatenate([self.pores.uv, lines.beyond])
+        weight, factor, half_width, wide = (np.empty(len(chosen), np.float32) for _ in range(4))
+        for rows in row_blocks(len(chosen)):
+            progress(0.4 * rows.start / len(chosen), "shapes")
+            triangle, step = lines.triangle[rows], lines.step[rows]
+            middle = uv[lines.nodes[rows, 0]] + np.float32(0.5) * step
+            weight[rows] = shapes.edge_weights(chosen[rows], self.strengths.usual.strength)
+            width = shapes.widths(weight[rows], spacing) * fields.width(triangle, middle)
+            wide[rows] = width
+            half_width[rows] = shapes.half_widths_uv(ground.surface, triangle, step, width)
+            factor[rows] = fields.strength(triangle, middle)
+            if fields.some_bare:
+                factor[rows] *= beside_bare(
+                    ground.surface, ground.across, fields, triangle, middle, spacing
+                )
+            if fields.some_contrast:
+                factor[rows] *= weight[rows] ** (fields.contrast(triangle, middle) - 1.0)
+        second = np.flatnonzero(lines.copy_of != ORIGINAL)
+        factor[second] = factor[lines.copy_of[second]]  # both halves across a seam are one wrinkle
+        return weight, factor, half_width, wide
 
 
 def _grain(arrays: Arrays, grain: NDArray[np.float32], owner: NDArray[np.integer]) -> Arrays:
@@ -107,38 +154,6 @@ def _grain(arrays: Arrays, grain: NDArray[np.float32], owner: NDArray[np.integer
     if len(found) < len(arrays["node_uv"]):
         found = np.concatenate([found, found[arrays["node_copy_of"][len(found) :]]])
     return {"node_grain": found}
-
-
-def _lines(
-    ground: Ground,
-    pores: Points,
-    lines: Lines,
-    worn: Worn,
-    spacing: float,
-    progress: Progress,
-) -> tuple[NDArray[np.float32], ...]:
-    """(W,) weights, factors that these still lack, and half widths in UV and on the surface."""
-    chosen, fields = worn.strength[lines.edge], ground.fields
-    uv = np.concatenate([pores.uv, lines.beyond])
-    weight, factor, half_width, wide = (np.empty(len(chosen), np.float32) for _ in range(4))
-    for rows in row_blocks(len(chosen)):
-        progress(0.4 * rows.start / len(chosen), "shapes")
-        triangle, step = lines.triangle[rows], lines.step[rows]
-        middle = uv[lines.nodes[rows, 0]] + np.float32(0.5) * step
-        weight[rows] = shapes.edge_weights(chosen[rows], worn.usual.strength)
-        width = shapes.widths(weight[rows], spacing) * fields.width(triangle, middle)
-        wide[rows] = width
-        half_width[rows] = shapes.half_widths_uv(ground.surface, triangle, step, width)
-        factor[rows] = fields.strength(triangle, middle)
-        if fields.some_bare:
-            factor[rows] *= beside_bare(
-                ground.surface, ground.across, fields, triangle, middle, spacing
-            )
-        if fields.some_contrast:
-            factor[rows] *= weight[rows] ** (fields.contrast(triangle, middle) - 1.0)
-    second = np.flatnonzero(lines.copy_of != ORIGINAL)
-    factor[second] = factor[lines.copy_of[second]]  # both halves across a seam are one wrinkle
-    return weight, factor, half_width, wide
 
 
 def _scale(weight: NDArray[np.float32], factor: NDArray[np.float32]) -> None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rhytid.domain.asset_settings import GraphSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.errors import MeshError
-from rhytid.synthesis.assembly import Worn, assemble
+from rhytid.synthesis.assembly import EdgeStrengths, GraphParts
 from rhytid.synthesis.drawing import draw
 from rhytid.synthesis.edges.candidate_graph import CandidateGraph, Ground
 from rhytid.synthesis.edges.rounds import independent_set
@@ -35,7 +35,7 @@ class Skin:
 
     net: CandidateGraph
     radius: float
-    worn: Worn
+    strengths: EdgeStrengths
     wish: NDArray[np.float64]
 
     @property
@@ -51,10 +51,10 @@ class Skin:
         progress(0.0, "shapes")
         chosen = np.flatnonzero(cut.draws(self.net.edges, self.wish)).astype(np.int32)
         lines = draw(ground, self.net, borders, chosen, self.spacing)
-        shaping = part(progress, 0.1, 1.0)
-        return assemble(
-            ground, self.net.pores, lines, borders, self.worn, self.spacing, seed, shaping
+        parts = GraphParts(
+            ground, self.net.pores, lines, borders, self.strengths, self.spacing, seed
         )
+        return parts.graph(part(progress, 0.1, 1.0))
 
 
 def counted(
@@ -110,6 +110,6 @@ def _worn(
         progress(0.94, "trails")
         weight, hubs = primary.laid(ground, net, paths, radius)
     usual = WITH_PRIMARY if has_primary(ground.surface, radius) else WITHOUT_PRIMARY
-    found = Worn(deepened(strength, weight), hubs, usual)
+    found = EdgeStrengths(deepened(strength, weight), hubs, usual)
     wish = wishes(ground.work, net, found.strength, part(progress, 0.95, 1.0))
     return Skin(net, radius, found, wish)
