@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from rhytid.cli.bake import asset_settings
+from rhytid.cli.bake_inputs import asset_settings
 from rhytid.cli.serve import chosen
 from rhytid.cli.server import address_of, listen
 from rhytid.cli.synthesize import grown_settings

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from rhytid.cli.options import (
     FRAME_FILES,
@@ -24,7 +23,6 @@ from rhytid.cli.options import (
     add_stiffness,
     add_strict,
     base_name,
-    cache_clip,
     new_command,
     readable,
 )
@@ -33,17 +31,12 @@ from rhytid.cli.reporting import report
 from rhytid.cli.serve import chosen
 from rhytid.cli.skin_options import (
     refuse_without_effect,
-    skin_controls,
     skin_options,
-    skin_settings,
 )
 from rhytid.cli.timing import Stopwatch
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.domain.settings_changes import settings_unused
-from rhytid.domain.tiles import mesh_udims
 from rhytid.domain.wording import plural
-from rhytid.engine.messages import METHODS, MapQuery, NewAsset
-from rhytid.errors import InputError, SettingsError
+from rhytid.engine.messages import METHODS, MapQuery
 from rhytid.settings import ServiceSettings
 from rhytid.unfinished import temporary_folder
 
@@ -114,80 +107,29 @@ def run(arguments: argparse.Namespace) -> None:
 
 def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     # Imported here, so that --help does not wait for OpenCL.
-    from rhytid.cli.bake_output import BakeSize, Output
-    from rhytid.cli.baking import Baker, Geometry, build
-    from rhytid.cli.frame_files import FrameFiles
-    from rhytid.cli.input_files import graph_file, mesh_file, shape_files, stiffness_files
+    from rhytid.cli.bake_inputs import BakeInputs
+    from rhytid.cli.bake_output import Output
+    from rhytid.cli.baking import Baker, build
     from rhytid.engine.engine import Engine
-    from rhytid.textures.profiles import profiles_of
 
-    profiles = profiles_of(arguments.profile or (["half"] if arguments.half else ["float"]))
-    given = asset_settings(arguments)
-    settings = AssetSettings.parse(given)
-    clip = cache_clip(arguments)
-    mesh = mesh_file(arguments.mesh, clip)
-    if mesh.unit is not None and "unit" not in given:
-        settings = AssetSettings.parse({**given, "unit": mesh.unit})
-    warned.notes(mesh.notes)
-    frames = FrameFiles(mesh, arguments.frames, clip)
-    warned.inputs(mesh.mesh, arguments.mesh.name, settings.length_unit, settings.resolution, frames)
-    geometry = None
-    if arguments.geometry is not None:
-        geometry = Geometry(mesh.mesh, arguments.geometry, arguments.subdivide)
-    graph = graph_file(arguments.graph) if arguments.graph else None
-    if graph is not None:
-        warned.settings(settings_unused(settings))
-    new = NewAsset(
-        mesh.mesh,
-        settings,
-        graph,
-        stiffness=stiffness_files(arguments.stiffness, mesh.mesh),
-        controls=skin_controls(arguments, mesh.mesh),
-        force=arguments.force,
-        shapes=shape_files(arguments.shapes, mesh, clip),
-    )
-    name = arguments.name or _own_name(arguments.mesh)
-    size = BakeSize.of(
-        profiles, settings.resolution, len(mesh_udims(mesh.mesh)), len(frames.places)
-    )
+    given = BakeInputs.read(arguments, warned)
+    size = given.size()
     note(f"rhytid: {size.told()}")
     arguments.out.mkdir(parents=True, exist_ok=True)
     watch = Stopwatch()
     with _service(arguments) as service, closing(Engine(service)) as engine:
         with watch.step("build"):
-            asset = build(engine, new, warned)
-        output = Output(arguments.out, name, profiles)
+            asset = build(engine, given.new, warned)
+        output = Output(arguments.out, given.name, given.profiles)
         query = MapQuery(arguments.method, arguments.stretch, arguments.sampling)
-        baker = Baker(engine, asset, mesh.mesh, query, frames, output, watch, warned, geometry)
-        if arguments.method == "binned" and "r_max" not in given.get("bins", {}):
+        baker = Baker(
+            engine, asset, given.new.mesh, query, given.frames, output, watch, warned,
+            given.geometry,
+        )  # fmt: skip
+        if arguments.method == "binned" and not given.range_given:
             baker.calibrate()
         baker.run()
-    _tell(arguments, baker, watch, size)
-
-
-def asset_settings(arguments: argparse.Namespace) -> dict[str, Any]:
-    """The settings file with the options over it; raises SettingsError naming what is wrong."""
-    given: Any = {}
-    if arguments.settings is not None:
-        try:
-            given = json.loads(arguments.settings.read_bytes())
-        except (ValueError, RecursionError) as exc:
-            raise SettingsError(f"{arguments.settings} is not JSON: {exc}") from exc
-        AssetSettings.parse(given)
-    settings: dict[str, Any] = dict(given)
-    if arguments.resolution is not None:
-        settings["resolution"] = arguments.resolution
-        if "tile_size" not in settings and arguments.resolution < AssetSettings().tile_size:
-            settings["tile_size"] = arguments.resolution
-    return skin_settings(arguments, settings)
-
-
-def _own_name(mesh: Path) -> str:
-    """NAME where none is given; raises InputError where the mesh's cannot serve."""
-    try:
-        return base_name(mesh.stem)
-    except argparse.ArgumentTypeError as exc:
-        raise InputError(f"{exc}; --name gives another") from exc
+    _report(arguments, baker, watch, size)
 
 
 @contextmanager
@@ -197,7 +139,7 @@ def _service(arguments: argparse.Namespace) -> Iterator[ServiceSettings]:
         yield chosen(arguments.store or folder, arguments.device)
 
 
-def _tell(arguments: argparse.Namespace, baker: Baker, watch: Stopwatch, size: BakeSize) -> None:
+def _report(arguments: argparse.Namespace, baker: Baker, watch: Stopwatch, size: BakeSize) -> None:
     figures = {
         "asset": baker.asset.id,
         "out": str(arguments.out),

@@ -1,0 +1,113 @@
+"""What `rhytid bake` reads before it builds anything."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rhytid.cli.bake_output import BakeSize
+from rhytid.cli.baking import Geometry
+from rhytid.cli.frame_files import FrameFiles
+from rhytid.cli.input_files import graph_file, mesh_file, shape_files, stiffness_files
+from rhytid.cli.options import base_name, cache_clip
+from rhytid.cli.skin_options import skin_controls, skin_settings
+from rhytid.cli.warned import Warned
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.settings_changes import settings_unused
+from rhytid.domain.tiles import mesh_udims
+from rhytid.engine.messages import NewAsset
+from rhytid.errors import InputError, SettingsError
+from rhytid.formats.frame_set import Clip
+from rhytid.formats.meshes import MeshFile
+from rhytid.textures.profiles import Profile, profiles_of
+
+
+@dataclass(frozen=True)
+class BakeInputs:
+    """What the arguments and the files that they name ask for.
+
+    name: first part of the names of files.  range_given: whether the settings fix the range of the
+    precomputed maps.
+    """
+
+    new: NewAsset
+    frames: FrameFiles
+    profiles: tuple[Profile, ...]
+    geometry: Geometry | None
+    name: str
+    range_given: bool
+
+    @classmethod
+    def read(cls, arguments: argparse.Namespace, warned: Warned) -> BakeInputs:
+        """Read everything, and warn of what is doubtful in it. Raises InputError and LimitError
+        naming the file."""
+        profiles = profiles_of(arguments.profile or (["half"] if arguments.half else ["float"]))
+        given = asset_settings(arguments)
+        settings = AssetSettings.parse(given)
+        clip = cache_clip(arguments)
+        mesh = mesh_file(arguments.mesh, clip)
+        if mesh.unit is not None and "unit" not in given:
+            settings = AssetSettings.parse({**given, "unit": mesh.unit})
+        warned.notes(mesh.notes)
+        frames, name = FrameFiles(mesh, arguments.frames, clip), arguments.mesh.name
+        warned.inputs(mesh.mesh, name, settings.length_unit, settings.resolution, frames)
+        geometry = None
+        if arguments.geometry is not None:
+            geometry = Geometry(mesh.mesh, arguments.geometry, arguments.subdivide)
+        new = _new_asset(arguments, mesh, settings, clip, warned)
+        name = arguments.name or _own_name(arguments.mesh)
+        return cls(new, frames, profiles, geometry, name, "r_max" in given.get("bins", {}))
+
+    def size(self) -> BakeSize:
+        """Bytes that the maps take at most."""
+        udims, frames = len(mesh_udims(self.new.mesh)), len(self.frames.places)
+        return BakeSize.of(self.profiles, self.new.settings.resolution, udims, frames)
+
+
+def _new_asset(
+    arguments: argparse.Namespace,
+    mesh: MeshFile,
+    settings: AssetSettings,
+    clip: Clip,
+    warned: Warned,
+) -> NewAsset:
+    graph = graph_file(arguments.graph) if arguments.graph else None
+    if graph is not None:
+        warned.settings(settings_unused(settings))
+    return NewAsset(
+        mesh.mesh,
+        settings,
+        graph,
+        stiffness=stiffness_files(arguments.stiffness, mesh.mesh),
+        controls=skin_controls(arguments, mesh.mesh),
+        force=arguments.force,
+        shapes=shape_files(arguments.shapes, mesh, clip),
+    )
+
+
+def asset_settings(arguments: argparse.Namespace) -> dict[str, Any]:
+    """The settings file with the options over it; raises SettingsError naming what is wrong."""
+    given: Any = {}
+    if arguments.settings is not None:
+        try:
+            given = json.loads(arguments.settings.read_bytes())
+        except (ValueError, RecursionError) as exc:
+            raise SettingsError(f"{arguments.settings} is not JSON: {exc}") from exc
+        AssetSettings.parse(given)
+    settings: dict[str, Any] = dict(given)
+    if arguments.resolution is not None:
+        settings["resolution"] = arguments.resolution
+        if "tile_size" not in settings and arguments.resolution < AssetSettings().tile_size:
+            settings["tile_size"] = arguments.resolution
+    return skin_settings(arguments, settings)
+
+
+def _own_name(mesh: Path) -> str:
+    """NAME where none is given; raises InputError where the mesh's cannot serve."""
+    try:
+        return base_name(mesh.stem)
+    except argparse.ArgumentTypeError as exc:
+        raise InputError(f"{exc}; --name gives another") from exc
