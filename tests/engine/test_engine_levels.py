@@ -66,10 +66,10 @@ def every_map(engine, asset, query, frame="bent"):
 
 @pytest.fixture
 def small_pieces(monkeypatch):
-    """Maps of 256² texels in 4 or 16 pieces, the crown from level 2 on."""
+    """Maps of 256² texels in 4 or 16 pieces, the mip tail from level 2 on."""
     sides = {"neutral": 128, "redraw": 128, "binned": 64, "convolved": 128}
     monkeypatch.setattr(device_finest, "_PIECE", sides)
-    monkeypatch.setattr(device_levels, "_CROWN", 64)
+    monkeypatch.setattr(device_levels, "_TAIL", 64)
 
 
 @pytest.fixture
@@ -126,7 +126,7 @@ def test_levels_of_a_stiff_face_are_means(engine):
 
 
 @pytest.mark.parametrize("query", [*QUERIES, *SMOOTH], ids=ids)
-def test_pieces_and_crown_are_the_bits_of_one_piece(tmp_path, query, request, monkeypatch):
+def test_pieces_and_tail_are_the_bits_of_one_piece(tmp_path, query, request, monkeypatch):
     def found():
         with running(tmp_path) as engine:
             asset = built(engine, new_asset())
@@ -138,7 +138,7 @@ def test_pieces_and_crown_are_the_bits_of_one_piece(tmp_path, query, request, mo
 
     plain, plain_maps = found()
     assert same(plain, plain_maps)
-    monkeypatch.setattr(device_levels, "_CROWN", 64)  # pieces larger than tiles of level 1
+    monkeypatch.setattr(device_levels, "_TAIL", 64)  # pieces larger than tiles of level 1
     for made in (*found(), *(request.getfixturevalue("small_pieces") or found())):
         assert same(made, plain)
 

@@ -80,9 +80,9 @@ def test_a_map_is_whole_though_its_asset_leaves_the_device(stored, monkeypatch):
         wanted, squares, calls = plan.draw(), DeviceLevels.squares, []
         engine._on_device.drop(engine.assets._assets.get(assets[0]))
 
-        def leaving(lying, *about):
-            calls.append(lying)
-            found = squares(lying, *about)
+        def leaving(resident, *about):
+            calls.append(resident)
+            found = squares(resident, *about)
             if len(calls) == 1:
                 engine._device.budget.new_task()  # out of the hands of this task
                 engine._device.budget.drop(lambda key: key[0] == "asset")
@@ -92,7 +92,7 @@ def test_a_map_is_whole_though_its_asset_leaves_the_device(stored, monkeypatch):
             ("neutral", "redraw", "binned", "convolved"), 64))  # fmt: skip
         monkeypatch.setattr(DeviceLevels, "squares", leaving)
         assert same([plan.draw()], [wanted])
-        assert len({id(lying) for lying in calls}) == 2
+        assert len({id(resident) for resident in calls}) == 2
 
 
 def test_a_change_of_an_asset_that_is_not_on_the_device(stored, tmp_path):

@@ -25,7 +25,7 @@ from rhytid.synthesis.generate import Synthesis, synthesize
 
 # Share of a build's progress at which the synthesis ends.
 _SYNTHESIS = 0.8
-# Bins are made ahead only where they leave room for others in the device memory.
+# Bins are made ahead only if they leave device memory for other assets.
 _BINS_SHARE = 0.6
 
 
@@ -59,12 +59,12 @@ class AssetBuilder:
 
         Its old settings stay where anything fails.
         """
-        old, lying, prepared = asset.settings, asset.lying, None
-        if lying is not None and lying.mesh.prepares(settings):
-            prepared = lying.mesh.prepare(self._store.asset(asset.id).graph, settings)
+        old, resident, prepared = asset.settings, asset.resident, None
+        if resident is not None and resident.mesh.prepares(settings):
+            prepared = resident.mesh.prepare(self._store.asset(asset.id).graph, settings)
 
-        def take() -> None:  # in one task: no tile is drawn between the two
-            if asset.lying is not None:
+        def take() -> None:  # in one task, so that no tile is drawn between the two
+            if asset.resident is not None:
                 mesh = self._on_device.found(asset).mesh  # it stays while memory is short
                 mesh.use(settings) if prepared is None else mesh.install(prepared, settings)
             asset.settings = settings
@@ -84,8 +84,8 @@ class AssetBuilder:
         )
 
     def make_bins(self, job: Job, asset: Asset) -> None:
-        """The work of `prepare_bins`; stops where the settings change meanwhile, and gives way
-        between tiles: those that are there are not made again."""
+        """The work of `prepare_bins`; stops when the settings change, and yields to jobs of higher
+        priority between tiles. Tiles that exist are not made again."""
         size = self._on_device.loaded(asset).bins.size()
         if size > _BINS_SHARE * self._device.budget.limit:
             return
@@ -144,8 +144,8 @@ class AssetBuilder:
         return settings, distance
 
     def _graph(self, job: Job, wanted: StoredRequest) -> tuple[WrinkleGraph, Synthesis | None]:
-        """The graph given, or a new one with what else is known of it; other work goes between its
-        steps."""
+        """The graph that was sent, or a new one with its figures; other tasks of the device run
+        between the steps of its synthesis."""
         if wanted.graph is not None:
             return wanted.graph, None
 
@@ -164,7 +164,7 @@ class AssetBuilder:
 
     @contextmanager
     def _failing(self, job: Job, asset: Asset) -> Iterator[None]:
-        """Whatever goes wrong becomes the asset's reason; a cancelled build is forgotten."""
+        """An error becomes the asset's `reason`; an asset whose build was cancelled is removed."""
         try:
             yield
         except BaseException as error:

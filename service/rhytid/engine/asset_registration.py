@@ -1,4 +1,4 @@
-"""Puts assets into the registry: out of the store, or what was sent, which is then built."""
+"""Registers assets, from the store or from an upload, and starts their builds."""
 
 from __future__ import annotations
 
@@ -111,8 +111,8 @@ class AssetRegistration:
     def _begin(
         self, asset: Asset, before: Asset | None, upload: CheckedUpload, folds: Folds | None
     ) -> None:
-        """Take a built asset out of the store, else keep what was sent and build it. Where that
-        fails, what was known before is known again."""
+        """Restore a built asset from the store, else store what was sent and build it. On failure
+        the asset that was registered before is registered again."""
         new = upload.new
         try:
             if self._stored.restore(asset):

@@ -1,4 +1,4 @@
-"""The assets that a server knows, by id."""
+"""The registered assets by id."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ class AssetRegistry:
             return list(self._assets.values())
 
     def replace(self, old: Asset | None, new: Asset | None) -> bool:
-        """Know `new` in place of `old`, either None for nothing; False, and nothing done, where
-        `old` is not what its id stands for now."""
+        """Register `new` in place of `old`, each of which may be None. Returns False, and changes
+        nothing, if `old` is not what is registered now."""
         id = (new or old).id  # type: ignore[union-attr]
         with self._lock:
             if self._assets.get(id) is not old:

@@ -92,8 +92,8 @@ class AssetService:
         return replace(info, warnings=(*info.warnings, *_changed(asset, upload.settings), *sent))
 
     def _folds(self, upload: CheckedUpload) -> Folds | None:
-        """Where expressions fold the mesh of an asset that is not built yet: other work goes
-        between the steps. Raises what `check_amount` does."""
+        """Where expressions fold the mesh of an asset that is not built yet; other tasks of the
+        device run between the steps. Raises what `check_amount` does."""
         if upload.expressions is None or self._registration.known(upload.id) is not None:
             return None
         mesh, settings = upload.new.mesh, upload.settings
@@ -148,8 +148,8 @@ class AssetService:
         self._on_device.drop(found)
 
     def content(self, asset: str) -> AssetContent:
-        """Names what `graph`, `mesh` and `curves` of a ready asset answer now, and how large that
-        is; reads none of it."""
+        """The key and the size of what `graph`, `mesh` and `curves` of a ready asset return now;
+        reads none of it."""
         found = self._assets.get(asset)
         found.check_ready()
         files = self._store.contents(asset)
@@ -159,7 +159,7 @@ class AssetService:
         return AssetContent(key, sum(file.nbytes for file in files.values()))
 
     def graph(self, asset: str) -> WrinkleGraph:
-        """The wrinkle graph of a ready asset, and with what it is drawn now."""
+        """The wrinkle graph of a ready asset, with the lengths that it is drawn with now."""
         found = self._assets.get(asset)
         found.check_ready()
         stored = self._store.asset(asset)
@@ -175,10 +175,10 @@ class AssetService:
     def curves(self, asset: str) -> Curves:
         """The wrinkles of a ready asset as lines in space; those with an end off the mesh are not
         among them."""
-        lying = self._on_device.loaded(self._assets.get(asset))
+        resident = self._on_device.loaded(self._assets.get(asset))
         stored = self._store.asset(asset)
         triangles = len(stored.mesh.faces)
-        placed = with_triangles(stored.graph, lying.mesh.pore_triangle, triangles)
+        placed = with_triangles(stored.graph, resident.mesh.pore_triangle, triangles)
         return graph_curves(stored.mesh, placed)
 
     def calibrate(
@@ -211,7 +211,7 @@ class AssetService:
         def measure(job: Job) -> None:
             job.progress(0.0, "measuring stretch")
             ratios, _ = self._on_device.use(
-                found, lambda lying: lying.frames.ratios(frame), patiently=True
+                found, lambda resident: resident.frames.ratios(frame), patiently=True
             )
             with found.kept():
                 limit = found.settings.response.log_stretch_limit

@@ -1,4 +1,4 @@
-"""One asset: its facts on the host, and the state that it is in."""
+"""One asset: its data on the host, and its state."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ _SMALL_WRINKLES, _SMALL_RESOLUTION = 50_000, 2048
 class Asset:
     """One asset.
 
-    state: building, then ready or failed; removed at last. A failed one is sent anew as another
-    object. What lies on the device of it comes and goes while it is ready.
+    state: building, then ready or failed; removed at last. A failed asset that is sent again is
+    another object. Its parts on the device may be dropped and loaded again while it is ready.
     """
 
     id: str
@@ -56,16 +56,16 @@ class Asset:
     reason: str | None = None
     pores: int = 0
     wrinkles: int = 0
-    # What settings are resolved with.
+    # The lengths that settings are resolved with.
     lengths: Lengths = field(default_factory=lambda: Lengths.of(1.0))
     statistics: dict[str, Any] | None = None
-    # None until it was first loaded; asked for through DeviceAssets alone.
+    # None until first loaded; used through DeviceAssets only.
     on_device: DeviceAsset | None = None
     warnings: tuple[InputWarning, ...] = ()
     centre: Centre = field(default_factory=lambda: ORIGIN)
-    # Reads its mesh; None of an asset that is known as failed alone.
+    # Reads its mesh; None for an asset of which only the failure is known.
     mesh: Callable[[], Mesh] | None = None
-    # Wrinkles that it is to have.
+    # The number of wrinkles it will have.
     wanted: int = MOST_WRINKLES
     # Held while its state, its settings or its files change, or it is brought to the device.
     lock: threading.RLock = field(default_factory=threading.RLock)
@@ -95,17 +95,17 @@ class Asset:
 
     @classmethod
     def failed(cls, id: str, reason: str, memory: FrameMemory) -> Asset:
-        """An asset of which only the name is left, and why."""
+        """A failed asset of which only the id is known.  reason: why."""
         asset = cls(id, AssetSettings(), 0, 0, (), Frames(memory))
         asset.fail(reason)
         return asset
 
     def fail(self, reason: str) -> None:
-        """It can be used no more; `reason` is for callers."""
+        """Mark it as failed; `reason` is shown to callers."""
         self.state, self.reason = "failed", reason
 
     def built(self, graph: WrinkleGraph, settings: AssetSettings, distance: float) -> None:
-        """It is ready, with resolved settings.
+        """Mark it as ready, with resolved settings.
 
         distance: mean, of neighbouring pores on the surface, in mesh units.
         """
@@ -116,7 +116,7 @@ class Asset:
 
     @property
     def small(self) -> bool:
-        """Whether its jobs take so little that they need not wait for those of larger assets."""
+        """Whether its jobs are short enough to run beside those of larger assets."""
         wrinkles = self.wrinkles if self.state == "ready" else self.wanted
         return wrinkles <= _SMALL_WRINKLES and self.settings.resolution <= _SMALL_RESOLUTION
 
@@ -142,8 +142,8 @@ class Asset:
 
     @contextmanager
     def kept(self) -> Iterator[None]:
-        """Holds the lock: nobody removes it in the block. Raises CancelledError where somebody did
-        before."""
+        """Holds the lock, so that it is not removed within the block. Raises CancelledError if it
+        was removed before."""
         with self.lock:
             if self.state == "removed":
                 raise CancelledError(f"asset {self.id} was removed")
@@ -164,10 +164,10 @@ class Asset:
             raise ConflictError(f"asset {self.id} failed to build: {self.reason}")
 
     @property
-    def lying(self) -> DeviceAsset | None:
-        """What lies on the device of it now, if anything does."""
-        lying = self.on_device
-        return None if lying is None or lying.mesh.kept.released else lying
+    def resident(self) -> DeviceAsset | None:
+        """Its parts on the device now, or None."""
+        resident = self.on_device
+        return None if resident is None or resident.mesh.kept.released else resident
 
     def frame(self, name: str) -> Frame:
         """A stored frame; raises NotFoundError, and what `check_ready` raises."""
@@ -184,7 +184,7 @@ class Asset:
 
     @cached_property
     def frame_check(self) -> FrameCheck | None:
-        """What judges its frames, made on first use; raises StorageError where its mesh cannot be
+        """The check of its frames, made on first use; raises StorageError where its mesh cannot be
         read."""
         return None if self.mesh is None else FrameCheck(self.mesh(), self.settings.length_unit)
 

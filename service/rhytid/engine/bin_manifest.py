@@ -1,4 +1,4 @@
-"""What is told of the precomputed maps: enough to blend them elsewhere (docs/binned.md)."""
+"""The manifest of the precomputed maps: what a client needs to blend them (docs/binned.md)."""
 
 from __future__ import annotations
 

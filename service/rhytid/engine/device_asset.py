@@ -43,16 +43,16 @@ class DeviceAsset:
         self.levels = DeviceLevels(self.mesh, self.finest)
 
     def warm_up(self) -> None:
-        """Draw one block a level up, so that no request waits for a compiler."""
+        """Draw one block of level 1, so that no request waits for the kernels to compile."""
         for udim in self.mesh.udims[:1]:
             self.drawing.to_host(NEUTRAL_FRAME, MapQuery(), udim, 1, 0, 0, BLOCK // 2)
         self.mesh.kept.clear()
 
     def warm_up_blend(self, address: TileAddress) -> None:
-        """Blend one tile, for the same reason."""
+        """Blend one tile, so that no request waits for the kernels to compile."""
         for buffer in self.bins.blended(NEUTRAL_FRAME, MapQuery("binned"), [address]):
             buffer.release()
 
     def release(self) -> None:
-        """Give everything back; what is asked for later raises NotFoundError."""
+        """Free everything; later calls raise NotFoundError."""
         self.mesh.release()

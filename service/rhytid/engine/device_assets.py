@@ -1,4 +1,4 @@
-"""The assets that lie on the device: loaded on first use, dropped when memory is short."""
+"""The assets on the device: loaded on first use, dropped when memory is short."""
 
 from __future__ import annotations
 
@@ -31,15 +31,15 @@ class Evicted(Exception):
 
 
 class DeviceAssets:
-    """Runs tasks on the device thread, those of an asset with what lies on the device of it.
+    """Runs tasks on the device thread, and loads the asset that a task needs.
 
-    An asset on the device is an entry of the memory budget, like what is made of it: the entry that
-    was used longest ago goes first. Safe from any thread but that of the device.
+    An asset on the device is an entry of the memory budget, as are the arrays computed from it: the
+    least recently used entry is dropped first. Safe from any thread but the device thread.
     """
 
     def __init__(self, device: Device, worker: DeviceWorker, store: AssetStore) -> None:
         self._device, self._worker, self._store = device, worker, store
-        # One is loaded after the other: what is half loaded cannot make room.
+        # Assets are loaded one at a time: one that is half loaded cannot be dropped for another.
         self._loading = threading.Lock()
 
     def run(self, task: Callable[..., T], *arguments: Any) -> T:
@@ -59,10 +59,10 @@ class DeviceAssets:
         return self.using(asset, lambda: run(lambda: task(self.found(asset))))
 
     def using(self, asset: Asset, call: Callable[[], T]) -> T:
-        """What `call` returns, whose task on the device starts with `found`: the asset is loaded
-        before, and again where it was dropped before the task ran.
+        """What `call` returns. Its task on the device starts with `found`; the asset is loaded
+        before it, and again if it was dropped before the task ran.
 
-        Raises what `loaded` does, and DeviceMemoryError where it is dropped again and again.
+        Raises what `loaded` does, and DeviceMemoryError if it is dropped too often.
         """
         for _ in range(_ATTEMPTS):
             self.loaded(asset)
@@ -76,52 +76,53 @@ class DeviceAssets:
         )
 
     def found(self, asset: Asset) -> DeviceAsset:
-        """An asset, on the device thread: it stays until the task ends. Raises Evicted."""
+        """The parts of an asset, on the device thread; they stay until the task ends. Raises
+        Evicted."""
         found: DeviceAsset | None = self._device.budget.find(_key(asset))
         if found is None:
             raise Evicted
         return found
 
     def loaded(self, asset: Asset) -> DeviceAsset:
-        """An asset as it lies on the device now, loaded from the store where it does not.
+        """The parts of an asset on the device, loaded from the store if they are not there.
 
-        Whoever asks first loads it; others wait. Raises NotReadyError, ConflictError where it
+        The first caller loads them; others wait. Raises NotReadyError, ConflictError where it
         failed, NotFoundError where it was removed, DeviceMemoryError where it does not fit.
         """
         asset.check_ready()
-        lying = asset.lying
-        if lying is not None:
-            return lying
+        resident = asset.resident
+        if resident is not None:
+            return resident
         with asset.lock:
             asset.check_ready()
-            return asset.lying or self._load(asset)
+            return asset.resident or self._load(asset)
 
     @contextmanager
     def stepwise(self, asset: Asset) -> Iterator[DeviceAsset]:
-        """An asset on the device, for long work of this thread in the block: others get the device
-        between two of its steps.
+        """The parts of an asset on the device, for long work of this thread within the block; other
+        tasks run on the device between its steps.
 
         Raises Evicted from the step before which the asset was dropped or its settings changed, and
         what `loaded` does.
         """
-        lying = self.loaded(asset)
-        settings = lying.mesh.settings
+        resident = self.loaded(asset)
+        settings = resident.mesh.settings
 
         def check() -> None:
-            if self.found(asset) is not lying or lying.mesh.settings is not settings:
+            if self.found(asset) is not resident or resident.mesh.settings is not settings:
                 raise Evicted
 
         with self._device.from_elsewhere(self.run_patiently, check):
-            yield lying
+            yield resident
 
     def make_bins(self, asset: Asset, address: TileAddress) -> None:
         """Make the precomputed maps of one tile where they are not there, step by step; nothing is
         kept where the asset is dropped or its settings change meanwhile."""
-        with suppress(Evicted), self.stepwise(asset) as lying:
-            if self.run_patiently(lying.bins.has, address):
+        with suppress(Evicted), self.stepwise(asset) as resident:
+            if self.run_patiently(resident.bins.has, address):
                 return
-            tile = lying.bins.made(address)
-            self._device.step(partial(lying.bins.keep, address, tile))
+            tile = resident.bins.made(address)
+            self._device.step(partial(resident.bins.keep, address, tile))
 
     def place(
         self, mesh: Mesh, graph: WrinkleGraph, settings: AssetSettings, stiffness: Stiffness | None
@@ -135,7 +136,7 @@ class DeviceAssets:
     def finish(
         self, asset: Asset, made: DeviceAsset, graph: WrinkleGraph, settings: AssetSettings
     ) -> None:
-        """Upload what is drawn of an asset; from then on it may be dropped.
+        """Upload the elements of an asset, which may be dropped from then on.
 
         Raises CancelledError where the asset was removed meanwhile.
         """
@@ -153,12 +154,12 @@ class DeviceAssets:
             raise
 
     def give_up(self, made: DeviceAsset) -> None:
-        """Give back what was placed."""
+        """Free what `place` made."""
         self.run_patiently(made.release)
 
     def drop(self, asset: Asset) -> None:
-        """Give back what an asset has on the device, for good: no more lies spare than is in use,
-        for the sizes of one asset hardly fit another."""
+        """Free the parts of an asset for good, and spare buffers beyond the size of those in use:
+        buffers of one asset rarely fit another."""
 
         def discard() -> None:
             self._device.budget.discard(_key(asset))

@@ -22,8 +22,8 @@ from rhytid.pipeline.vectors import BYTES_A_TEXEL
 
 
 class DeviceBins:
-    """Precomputed maps, kept as long as there is memory (section 2.4). Every method runs on the
-    device thread."""
+    """Precomputed maps, kept while there is memory (section 2.4). Every method runs on the device
+    thread."""
 
     def __init__(self, base: DeviceMesh, frames: DeviceFrames, grain: DeviceGrain) -> None:
         self._base, self._frames, self._grain = base, frames, grain
@@ -42,7 +42,7 @@ class DeviceBins:
         return self._make(address)
 
     def keep(self, address: TileAddress, tile: BinTile) -> None:
-        """Keep maps that were made from elsewhere, unless there are others by now."""
+        """Keep maps that another thread made, unless there are some already."""
         if self._base.kept.keep("bins", address, make=lambda: tile) is not tile:
             tile.release()
 

@@ -38,8 +38,9 @@ class DeviceDrawing:
     def tiles(
         self, frame: Frame, query: MapQuery, addresses: Sequence[TileAddress]
     ) -> list[Buffer]:
-        """float32 of level-0 tiles of one UDIM by any method: all are enqueued before the first
-        is read. What no frame changes is kept: precomputed maps, what `convolved` reads."""
+        """float32 of level-0 tiles of one UDIM by any method: all are enqueued before the first is
+        read. What does not depend on the frame is kept: precomputed maps, and the neutral tiles of
+        `convolved`."""
         if query.method == "binned":
             return self._bins.blended(frame, query, addresses)
         place, side = self._base.settings.grid.first_texel, self._base.settings.tile_size
@@ -104,6 +105,6 @@ class DeviceDrawing:
     def _neutral_tile(
         self, maker: NeutralTiles, udim: int, row: int, column: int, side: int
     ) -> NeutralTile:
-        """What is convolved for `side`² texels of level 0."""
+        """The neutral tile that is convolved for `side`² texels of level 0."""
         base, draw = self._base, self._lines(NEUTRAL_FRAME, MapQuery("neutral"), udim)
         return maker.neutral_tile(draw, base.located[udim], base.settings, udim, row, column, side)

@@ -1,4 +1,4 @@
-"""Level 0 of an asset's maps on the device, kept while there is plenty of memory."""
+"""Level 0 of an asset's maps on the device, kept while memory is free."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ Tile = NDArray[np.float32]
 # (row, column, texels per side) of a square of a level.
 Square = tuple[int, int, int]
 
-# Level-0 texels per side of a piece, the most that one task of the device draws, or a tile where
-# that is larger. Wrinkles are drawn best in large launches; the other methods go tile by tile,
+# Level-0 texels per side of a piece, the most that one task of the device draws, or of a tile if
+# that is larger. Wrinkles are drawn fastest in large launches; the other methods draw tile by tile,
 # and four tiles of the usual size are one launch of the blend.
 _PIECE = {"neutral": 2048, "redraw": 2048, "binned": 1024, "convolved": 1024}
-# They keep something of each tile from one frame to the next.
+# These methods keep arrays of each tile from one frame to the next.
 _BY_TILE = ("binned", "convolved")
-# Level 0 is kept where so many maps of it would fit into the memory that is left.
+# Level 0 is kept if this many of its maps would fit into the free memory.
 _PLENTY = 8
 
 
 class DeviceFinest:
     """Tiles of level 0, and the parts that larger squares of it are made of.
 
-    What was drawn is kept of the frame that was drawn last: the next takes its memory. Every method
+    Squares of the last frame are kept; those of the next frame reuse their memory. Every method
     runs on the device thread.
     """
 
@@ -69,8 +69,8 @@ class DeviceFinest:
         return _PLENTY * 4 * self._base.settings.resolution**2 <= budget.limit - budget.used
 
     def _cut(self, frame: Frame, query: MapQuery, udim: int, place: Square) -> list[Square]:
-        """What a square of level 0 is drawn in: tiles, where what makes a tile is kept for all
-        frames, or the tiles are; else one launch."""
+        """The squares that a square of level 0 is drawn in: tiles, if they or what they are made of
+        are kept; else itself, in one launch."""
         row, column, side = place
         tile = self._base.settings.grid.texels(0)
         if tile > side:
@@ -91,7 +91,7 @@ class DeviceFinest:
     def _drawn_parts(
         self, frame: Frame, query: MapQuery, udim: int, places: Sequence[Square]
     ) -> Iterator[list[Part]]:
-        """Level 0 of some squares, kept or drawn; what was drawn stays where memory is plenty."""
+        """Level 0 of some squares, kept or drawn; what was drawn is kept while memory is free."""
         held = {place: self._find_finest(frame, query, udim, place) for place in places}
         missing = [place for place, buffer in held.items() if buffer is None]
         fresh = dict(zip(missing, self._drawn(frame, query, udim, missing), strict=True))
@@ -143,7 +143,7 @@ class DeviceFinest:
         return found
 
     def joined(self, parts: Sequence[Part], place: Square) -> Tile:
-        """A square out of its parts."""
+        """A square put together from its parts."""
         row, column, side = place
         out = np.empty((side, side), np.float32)
         for part in parts:

@@ -1,4 +1,4 @@
-"""The grain of an asset: what of it belongs to its tiles, and how a frame shows it."""
+"""The grain of an asset: its codes by tile, and its gain in a frame."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """The levels of an asset's maps on the device.
 
 Level 0 is drawn in pieces, and the levels above each piece are kept under the memory budget: a
-third of what level 0 takes. The levels that are small as a whole, the crown, are kept as a whole,
-so that a tile of theirs is not read out of hundreds of pieces.
+third of what level 0 takes. The coarsest levels, the mip tail, are kept as whole maps, so that a
+tile of theirs is not read from hundreds of pieces.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from rhytid.engine.messages import MapQuery
 from rhytid.pipeline.levels import Levels, Part, coarser
 from rhytid.pipeline.reach import BLOCK
 
-# Texels a side of the finest level of the crown, at most.
-_CROWN = 512
+# Texels per side of the finest level of the mip tail, at most.
+_TAIL = 512
 
 
 class DeviceLevels:
@@ -30,25 +30,26 @@ class DeviceLevels:
         self._base, self._finest = base, finest
 
     @property
-    def crown(self) -> int:
-        """The finest level of the crown."""
+    def tail(self) -> int:
+        """The finest level of the mip tail."""
         side = self._base.settings.resolution
-        return max((side // _CROWN).bit_length() - 1, 1)
+        return max((side // _TAIL).bit_length() - 1, 1)
 
     def most(self, query: MapQuery, level: int) -> int:
-        """Texels a side of a level, below the crown or its finest, that one piece has."""
+        """Texels per side that one piece has in a level, below the mip tail or in its finest
+        level."""
         return self._finest.piece(query) >> level
 
     def least(self, query: MapQuery, level: int) -> int:
-        """Texels a side of the smallest square of a level that can be drawn alone."""
+        """Texels per side of the smallest square of a level that can be drawn alone."""
         finest = self._base.settings.grid.texels(0) if query.method == "binned" else BLOCK
         return max(finest >> level, 1)
 
     def squares(
         self, frame: Frame, query: MapQuery, udim: int, level: int, wanted: Sequence[Square]
     ) -> dict[Square, Tile]:
-        """Of some squares of a level, each inside of one piece, those that are kept, and the first
-        that is not, drawn: others get their turn before the next."""
+        """Of some squares of a level, each inside one piece: those that are kept, and the first
+        that is not, which is drawn. Other tasks run before the next."""
         found, drawn = {}, False
         for square in wanted:
             tile = self._kept(frame, query, udim, level, square)
@@ -61,7 +62,8 @@ class DeviceLevels:
     def square_alone(
         self, frame: Frame, query: MapQuery, udim: int, level: int, square: Square
     ) -> Tile:
-        """One square of a level, from as little of level 0 as there is to it; nothing is kept."""
+        """One square of a level, from the smallest part of level 0 that it needs; nothing is
+        kept."""
         frame, place = _frame_of(frame, query), _finer(square, level)
         with self._finest.parts(frame, query, udim, place) as parts:
             if level == 0:
@@ -71,26 +73,26 @@ class DeviceLevels:
         levels.release()
         return tile
 
-    def of_crown(
+    def of_tail(
         self, frame: Frame, query: MapQuery, udim: int, level: int, square: Square,
         finest: Tile | None = None, settings: AssetSettings | None = None,
     ) -> Tile | None:  # fmt: skip
-        """A square of a level of the crown, which is made of its finest level where that is given.
+        """A square of a level of the mip tail, reduced from its finest level if that is given.
 
-        None where it is neither kept nor given, or was drawn with other settings than are now.
+        None if it is neither kept nor given, or was drawn with other settings.
         """
         frame = _frame_of(frame, query)
-        key = ("crown", *names(query), udim)
+        key = ("tail", *names(query), udim)
         levels: Levels | None = self._base.kept.find_of(frame, *key)
         kept = levels is not None
         if levels is None:
             if finest is None or self._base.settings is not settings:
                 return None
-            levels = self._crown_of(finest)
+            levels = self._tail_of(finest)
             if self._keeps:
                 made, kept = levels, True
                 self._base.kept.keep_of(frame, *key, make=lambda: made)
-        n = level - self.crown
+        n = level - self.tail
         tile = self._base.device.read_square(levels.buffers[n], levels.side >> n, *square)
         if not kept:
             levels.release()
@@ -118,12 +120,12 @@ class DeviceLevels:
         with self._finest.parts(frame, query, udim, piece) as parts:
             levels = self._base.kept.keep_of(
                 frame, "levels", *names(query), udim, *piece,
-                make=lambda: self._halved(parts, piece, self.crown),
+                make=lambda: self._halved(parts, piece, self.tail),
             )  # fmt: skip
         return self._of_levels(levels, level, square, piece)
 
     def _of_levels(self, levels: Levels, level: int, square: Square, piece: Square) -> Tile:
-        """A square out of the levels of its piece."""
+        """A square from the levels of its piece."""
         row, column = (square[i] - (piece[i] >> level) for i in (0, 1))
         buffer = levels.buffers[level - 1]
         return self._base.device.read_square(buffer, piece[2] >> level, row, column, square[2])
@@ -133,7 +135,7 @@ class DeviceLevels:
         inside = [Part(p.row - row, p.column - column, p.side, p.buffer) for p in parts]
         return coarser(self._base.device, inside, side, count)
 
-    def _crown_of(self, finest: Tile) -> Levels:
+    def _tail_of(self, finest: Tile) -> Levels:
         side = len(finest)
         first = Part(0, 0, side, self._base.device.upload(finest))
         above = coarser(self._base.device, [first], side, side.bit_length() - 1)

@@ -32,7 +32,7 @@ Prepared = dict[int, tuple[WrinkleArrays, PoreArrays]]
 class DeviceMesh:
     """A mesh, its wrinkles by UDIM, and the stages that work on them, which stay until `release`.
 
-    kept: what is made of them and can be made again.
+    kept: arrays computed from them, which can be computed again.
     """
 
     def __init__(
@@ -72,7 +72,7 @@ class DeviceMesh:
 
     @property
     def blend(self) -> Blend:
-        """The fast method by the settings that are in use."""
+        """The blend of `binned` with the present settings."""
         assert self._blend is not None
         return self._blend
 
@@ -101,7 +101,7 @@ class DeviceMesh:
         return result
 
     def prepare(self, graph: WrinkleGraph, settings: AssetSettings) -> Prepared:
-        """The elements of each UDIM as they go to the device; host work, on any thread."""
+        """The elements of each UDIM as arrays for the device; work of the host, on any thread."""
         wrinkle = self._wrinkle_triangle
         waves = wrinkle_waves(self.mesh, graph, wrinkle, settings.shape)
         return {
@@ -119,17 +119,17 @@ class DeviceMesh:
         return other or _laid_out(settings.shape) != _laid_out(old.shape)
 
     def install(self, prepared: Prepared, settings: AssetSettings) -> None:
-        """Take elements and settings in place of those before, in one step."""
+        """Replace elements and settings in one step."""
         self.take(self.upload(prepared, settings), settings)
 
     def upload(self, prepared: Prepared, settings: AssetSettings) -> dict[int, UdimElements]:
-        """The elements on the device, beside those that are drawn now; `take` them."""
+        """Upload elements beside those that are drawn now; `take` uses them."""
         count = settings.bins.count
         return {u: UdimElements(self.device, w, p, count) for u, (w, p) in prepared.items()}
 
     def take(self, elements: dict[int, UdimElements], settings: AssetSettings) -> None:
-        """Draw these elements with these settings from now on; where that fails they are given back
-        and those before stay."""
+        """Draw these elements with these settings from now on; on failure they are freed and those
+        before stay."""
         try:
             self.use(settings)
         except BaseException:
@@ -139,7 +139,8 @@ class DeviceMesh:
         _release(old)
 
     def use(self, settings: AssetSettings) -> None:
-        """Take settings that leave the elements as they are; forget what the old ones made."""
+        """Take settings that leave the elements as they are, and drop what depends on the old
+        ones."""
         self.kept.clear()
         blend = Blend(self.device, settings, self.stretch.triangles)
         if self._blend is not None:
@@ -147,7 +148,7 @@ class DeviceMesh:
         self.settings, self._blend = settings, blend
 
     def release(self) -> None:
-        """Give everything back; every later call raises NotFoundError."""
+        """Free everything; later calls raise NotFoundError."""
         self.kept.release()
         held = (self.stretch, self.smooth, self._blend, self.convolve)
         for part in (*held, *self.located.values(), *self.elements.values()):
@@ -168,7 +169,7 @@ def _release(elements: dict[int, UdimElements]) -> None:
 
 
 def _laid_out(shape: ShapeSettings) -> tuple[float | None, ...]:
-    """What of a shape is in the elements, or in the boxes around them."""
+    """The fields of a shape that the elements, or the boxes around them, depend on."""
     waves = (shape.wave_amplitude, shape.wave_frequency)
     cushion = (shape.cushion, shape.cushion_width)
     return (*waves, *cushion, shape.curvature, shape.taper, shape.least_half_width)

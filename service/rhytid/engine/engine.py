@@ -58,13 +58,13 @@ class Engine:
         registration.open_store()
 
     def close(self) -> None:
-        """Stop the jobs, finish what waits for the device, and let go of the store."""
+        """Stop the jobs, finish the tasks that wait for the device, and close the store."""
         self.jobs.close()
         self._worker.close()
         self._store.close()
 
     def ready(self) -> bool:
-        """Whether the device computes; a full queue is a device at work."""
+        """Whether the device computes; true if its queue is full."""
         try:
             return self._on_device.run(self._probe)
         except BusyError:

@@ -1,4 +1,4 @@
-"""Frames: put, list, read, forget, and their stretch."""
+"""Frames: store, list, read, delete, and their stretch."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class FrameService:
     ) -> FrameInfo:
         """Measure a checked frame and store it. patiently: as `DeviceAssets.run_patiently`."""
         ratios, _ = self._on_device.use(
-            asset, lambda lying: lying.frames.ratios(frame), patiently=patiently
+            asset, lambda resident: resident.frames.ratios(frame), patiently=patiently
         )
         measured = LogStretch.of(ratios)
         asset.frames.put(name, frame, measured, warnings)
@@ -86,7 +86,7 @@ class FrameService:
         return found.frames.infos(_limit(found))
 
     def info(self, asset: str, frame: str) -> FrameInfo:
-        """What is known of a frame."""
+        """The stretch and the warnings of a frame."""
         found = self._assets.get(asset)
         found.check_ready()
         return found.frames.info(frame, _limit(found))
@@ -105,7 +105,7 @@ class FrameService:
         return self._assets.get(asset).frames.get(frame).digest
 
     def delete(self, asset: str, frame: str) -> None:
-        """Forget a frame."""
+        """Delete a frame."""
         found = self._assets.get(asset)
         found.check_ready()
         found.frames.delete(frame)
@@ -114,7 +114,7 @@ class FrameService:
         """Axes and unclamped ratios of every triangle in a frame (section 2.2)."""
         found = self._assets.get(asset)
         stored = found.frame(frame)
-        ratios, axes = self._on_device.use(found, lambda lying: lying.frames.ratios(stored))
+        ratios, axes = self._on_device.use(found, lambda resident: resident.frames.ratios(stored))
         return FrameStretch(axes, ratios)
 
 

@@ -93,7 +93,7 @@ class Frames:
         return NEUTRAL_FRAME if name == NEUTRAL else self._entry(name).frame
 
     def info(self, name: str, limit: float) -> FrameInfo:
-        """What is known of a frame, its log stretch clamped to ± `limit`; raises NotFoundError."""
+        """The figures of a frame, its log stretch clamped to ± `limit`; raises NotFoundError."""
         if name == NEUTRAL:
             return _neutral_info()
         return self._entry(name).info(name, limit)
@@ -105,7 +105,7 @@ class Frames:
         return [_neutral_info(), *(stored.info(name, limit) for name, stored in known)]
 
     def delete(self, name: str) -> None:
-        """Forget a frame; raises NotFoundError, and ReadOnlyError for the neutral."""
+        """Delete a frame; raises NotFoundError, and ReadOnlyError for the neutral."""
         refuse_neutral(name)
         self._entry(name)
         with self._lock:
@@ -113,7 +113,7 @@ class Frames:
             self._frames.pop(name, None)
 
     def close(self) -> None:
-        """Forget every frame, and take no more: the asset was removed."""
+        """Delete every frame and store no more: the asset was removed."""
         with self._lock:
             self._closed = True
             self._memory.change(-sum(self._bytes(name) for name in self._frames))

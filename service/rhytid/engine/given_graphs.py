@@ -1,4 +1,4 @@
-"""Graphs from elsewhere: whether they fit a mesh, and the lengths that they are drawn with."""
+"""Graphs that were sent: whether they fit a mesh, and the lengths that they are drawn with."""
 
 from __future__ import annotations
 

@@ -15,22 +15,22 @@ from rhytid.domain.wording import plural
 from rhytid.engine.messages import ENDED_STATES, JobInfo
 from rhytid.errors import BusyError, CancelledError, NotFoundError, RhytidError
 
-# Kinds of jobs; what comes first here runs first.
+# Kinds of jobs by priority, highest first.
 KINDS = ("frames", "build", "calibration", "bins")
-# Of these the last that was asked for an asset makes those that still wait pointless.
+# A new job of these kinds replaces those of the same asset that still wait.
 _SUPERSEDED = ("calibration", "bins")
 _REMEMBERED = 1000
 _log = logging.getLogger(__name__)
 
 
 class GaveWay(Exception):
-    """A job stopped for one that goes first; its work runs again from the start."""
+    """A job stopped for one of higher priority; its work runs again from the start."""
 
 
 class Job:
-    """One piece of long work, as the thread that does it sees it.
+    """One piece of long work, as seen by the thread that does it.
 
-    waits: whether another job waits that goes first.
+    waits: whether a job of higher priority waits.
     """
 
     def __init__(self, info: JobInfo, waits: Callable[[Job], bool] = lambda job: False) -> None:
@@ -48,20 +48,20 @@ class Job:
             return self._info
 
     def progress(self, share: float, stage: str, detail: str = "") -> None:
-        """Report how far the job is; raises CancelledError where it is no longer wanted."""
+        """Report how far the job is; raises CancelledError if it was cancelled."""
         if self._cancelled.is_set():
             raise CancelledError(f"job {self._info.id} was cancelled")
         share = min(max(share, self.info.progress), 1.0)
         self.update(progress=share, stage=stage, detail=detail)
 
     def give_way(self) -> None:
-        """Raise GaveWay where a job waits that goes first, of another asset: this one is queued
-        again, and its work called once more. For work that finds what it has done already."""
+        """Raise GaveWay if a job of higher priority, of another asset, waits: this one is queued
+        again, and its work is called once more. For work that skips what it has done already."""
         if self._waits(self):
             raise GaveWay
 
     def cancel(self, *, resumes: bool = False) -> None:
-        """Ask the job to stop at its next step; `resumes` when its work shall be done later."""
+        """Ask the job to stop at its next step.  resumes: its work will be done later."""
         if not self._cancelled.is_set():
             self.resumes = resumes
             self._cancelled.set()
@@ -93,7 +93,7 @@ class Job:
 
     @property
     def ended(self) -> bool:
-        """Whether nothing more will happen."""
+        """Whether the job is done, failed or cancelled."""
         return self.info.state in ENDED_STATES
 
 
@@ -111,16 +111,16 @@ class _Queued:
 class Jobs:
     """Runs jobs by the priority of their kind, then in the order in which they came.
 
-    Two threads take from the queue, one of them small jobs alone: these never wait for a large one
-    of another asset. Jobs of one asset run one after the other. One that gives way is queued again,
-    behind what goes first.  most: jobs that may wait.
+    Two threads take jobs from the queue, one of them small jobs only, so that these never wait for
+    a large job of another asset. Jobs of one asset run one after the other. A job that gives way is
+    queued again, behind those of higher priority.  most: jobs that may wait.
     """
 
     def __init__(self, most: int) -> None:
         self._most = most
         self._jobs: OrderedDict[str, Job] = OrderedDict()
         self._queue: list[_Queued] = []
-        # Whether the thread that is at work for an asset takes small jobs alone.
+        # Per asset at work: whether its thread takes small jobs only.
         self._at_work: dict[str, bool] = {}
         self._closed = False
         self._changed = threading.Condition()
@@ -238,7 +238,7 @@ class Jobs:
                     if again:
                         self._put(queued)
                     self._changed.notify_all()
-            del queued  # while this thread waits, nobody holds what the work was given
+            del queued  # lets go of the work's data while this thread waits
 
     def _take(self, small: bool) -> _Queued | None:
         """The next job of this thread; None once the queue is closed and empty."""

@@ -1,4 +1,5 @@
-"""What is made of one asset on the device and can be made again, under the memory budget."""
+"""Arrays computed from one asset on the device, which can be computed again, under the memory
+budget."""
 
 from __future__ import annotations
 
@@ -28,15 +29,14 @@ class KeptEntries:
         self.released = False
 
     def keep(self, *key: Hashable, make: Callable[[], T]) -> T:
-        """What is kept under a key, made where it is not there. Raises NotFoundError after
-        `release`."""
+        """The entry of a key, made if there is none. Raises NotFoundError after `release`."""
         if self.released:
             raise NotFoundError("the asset was removed")
         return self._budget.keep((id(self), *key), make)
 
     def keep_of(self, frame: Frame, *key: Hashable, make: Callable[[], T]) -> T:
-        """As `keep`, for a frame of the few used last: the next takes the memory of the one that
-        was used longest ago, for fresh memory costs more than what is drawn in it."""
+        """As `keep`, for one of the frames used last. A new frame reuses the memory of the least
+        recently used one: fresh memory costs more time than drawing."""
         self._recent[frame.digest] = None
         self._recent.move_to_end(frame.digest)
         if len(self._recent) > RECENT_FRAMES:

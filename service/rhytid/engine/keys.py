@@ -14,8 +14,8 @@ from rhytid.domain.lengths import Lengths
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
 from rhytid.engine.messages import MapQuery
 
-# Settings that a method does not read: a tile stays the same where they change. `preset` is a name
-# for what stands in `bins`. Whatever is not named here changes the keys.
+# Settings that a method does not read: its tiles stay the same when they change. `preset` only
+# names values of `bins`. Every other setting changes the keys.
 _UNREAD: dict[str, tuple[str, ...]] = {
     "neutral": ("preset", "bins", "convolve", "response", "angles"),
     "redraw": ("preset", "bins", "convolve"),

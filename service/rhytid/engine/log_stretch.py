@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 _PERCENTILES = (1, 10, 50, 90, 99)
-# What is answered: percentiles of the clamped log stretch, and one of its size.
+# Names of the percentiles: of the clamped log stretch, and one of its absolute value.
 NAMES = (*(f"p{p}" for p in _PERCENTILES), "abs_p90")
 
 

@@ -1,5 +1,5 @@
-"""Squares of any level, put together from bounded pieces of work: between two of them the device is
-free for others."""
+"""Squares of any level, put together from bounded pieces of work; other tasks run on the device
+between two pieces."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ _ATTEMPTS = 3
 class MapDrawing:
     """Draws squares of maps.
 
-    The first task of a square raises BusyError where too many wait; those that follow wait for a
-    place, so that nobody is refused half-way.  most: callers that may wait for what another draws.
+    The first task of a square raises BusyError where too many wait; later ones wait for a place, so
+    that no request is refused half-way.  most: callers that may wait for what another draws.
     """
 
     def __init__(self, on_device: DeviceAssets, most: int) -> None:
@@ -41,7 +41,7 @@ class MapDrawing:
     def shared(
         self, asset: Asset, frame: Frame, query: MapQuery, udim: int, level: int, square: Square
     ) -> Tile:
-        """As `square`, read-only; who wants the same at the same time gets the same array.
+        """As `square`, read-only; concurrent calls for the same square share one array.
 
         Raises BusyError where too many wait already.
         """
@@ -80,8 +80,8 @@ class MapDrawing:
     ) -> Tile:
         """(side, side) float32 displacement of a square of a level, all with the same settings.
 
-        Raises ConflictError where these change again and again meanwhile, DeviceMemoryError where
-        even a single tile cannot be drawn.
+        Raises ConflictError if these change too often meanwhile, DeviceMemoryError where even a
+        single tile cannot be drawn.
         """
         for _ in range(_ATTEMPTS):
             settings = asset.settings
@@ -92,35 +92,35 @@ class MapDrawing:
 
 
 class _Square:
-    """One square of one frame on its way."""
+    """One square of one frame that is being drawn."""
 
     def __init__(
         self, on_device: DeviceAssets, asset: Asset, frame: Frame, query: MapQuery, udim: int
     ) -> None:
         self._on_device, self._asset = on_device, asset
-        # It may leave the device meanwhile: only what follows from its settings is used.
-        self._lying = on_device.loaded(asset)
-        self._settings = self._lying.mesh.settings
+        # The asset may be dropped meanwhile: only what follows from its settings is used.
+        self._resident = on_device.loaded(asset)
+        self._settings = self._resident.mesh.settings
         self._query, self._about = query, (frame, query, udim)
         self._waits = False
 
     def draw(self, level: int, square: Square) -> Tile | None:
         """A square of a level; None where the settings changed meanwhile."""
-        crown = self._lying.levels.crown
-        if level < crown:
+        tail = self._resident.levels.tail
+        if level < tail:
             return self._of_pieces(level, square)
-        tile: Tile | None = self._run(DeviceLevels.of_crown, *self._about, level, square)
+        tile: Tile | None = self._run(DeviceLevels.of_tail, *self._about, level, square)
         if tile is None:
-            whole = (0, 0, self._settings.grid.side(crown))
-            finest = self._of_pieces(crown, whole)
+            whole = (0, 0, self._settings.grid.side(tail))
+            finest = self._of_pieces(tail, whole)
             tile = self._run(
-                DeviceLevels.of_crown, *self._about, level, square, finest, self._settings
+                DeviceLevels.of_tail, *self._about, level, square, finest, self._settings
             )
         return tile
 
     def _of_pieces(self, level: int, square: Square) -> Tile:
         """A square that no level above was made from, piece by piece."""
-        side = min(self._lying.levels.most(self._query, level), square[2])
+        side = min(self._resident.levels.most(self._query, level), square[2])
         if side == square[2]:
             return self._pieces(level, [square])[square]
         out = np.empty((square[2], square[2]), np.float32)
@@ -153,7 +153,7 @@ class _Square:
             return tile
         except DeviceMemoryError:
             half = square[2] // 2
-            if half < self._lying.levels.least(self._query, level):
+            if half < self._resident.levels.least(self._query, level):
                 raise
         quarters = [self._alone(level, quarter) for quarter in _cut(square, half)]
         return np.block([quarters[:2], quarters[2:]])
@@ -162,7 +162,7 @@ class _Square:
         """Run a method of the levels of the asset on the device."""
         waits, self._waits = self._waits, True
         return self._on_device.use(
-            self._asset, lambda lying: task(lying.levels, *arguments), patiently=waits
+            self._asset, lambda resident: task(resident.levels, *arguments), patiently=waits
         )
 
 

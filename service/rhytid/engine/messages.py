@@ -1,4 +1,4 @@
-"""What goes in and out of the engine: settings, ids and arrays, nothing that lives on a device.
+"""Arguments and results of the engine: settings, ids and arrays, nothing on a device.
 
 Because these are plain values, an engine can live in another process or on another machine
 without its callers noticing.
@@ -162,7 +162,7 @@ class FrameStretch:
 
 @dataclass(frozen=True)
 class TiltLine:
-    """How a bin's depth goes over its tilts (docs/binned.md).
+    """How the depth of a bin depends on its tilts (docs/binned.md).
 
     node: how far from the middle of a bin, as a share of the way to its edge, σ_d is taken.
     share: depths were scaled by 1 ± this from edge to edge in the two drawings that tilts are made
@@ -176,7 +176,7 @@ class TiltLine:
 
 @dataclass(frozen=True)
 class CushionLayer:
-    """How the maps of the cushions lie under texels, and meet (docs/binned.md).
+    """How the samples of the cushions are placed under texels, and merged (docs/binned.md).
 
     factor: texels to a sample.  apron: samples more on every side of a tile.  sharpness: β.
     """

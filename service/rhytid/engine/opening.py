@@ -9,7 +9,7 @@ from rhytid.settings import ServiceSettings
 
 
 def open_device(settings: ServiceSettings, wanted: str | None = None) -> Device:
-    """A device with the memory of the settings. wanted: overrules their choice of it.
+    """A device with the memory of the settings. wanted: overrides their choice of it.
 
     Raises NoDeviceError where none computes.
     """

@@ -1,4 +1,4 @@
-"""Assets out of the store: at startup, and where what is sent was built before."""
+"""Assets from the store: at startup, and when content is sent that was built before."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ class StoredAssets:
         return mean_spacing(stored.mesh, stored.graph, made.mesh.pore_triangle)
 
     def _damaged(self, id: str, error: StorageError) -> Asset:
-        """A failed asset; the log has the file, callers need not."""
+        """A failed asset; the log names the damaged file, the reason for callers does not."""
         _log.error("asset %s: %s", id, error)
         return Asset.failed(id, DAMAGED, self._memory)
 

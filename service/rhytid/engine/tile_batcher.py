@@ -1,9 +1,9 @@
-"""Tiles of the same frame that are asked for at the same time, drawn in one task of the device.
+"""Concurrent requests for tiles of one frame, drawn in one task of the device.
 
-While a task waits for its turn, who wants the same tile joins it and gets the same array. On a GPU
-whoever wants another tile of the same frame, method and level joins it too, and all are enqueued
-before the first is read: between two tasks such a device waits for the host. A processor does not,
-and sixteen answers that come at once were slower there than one after the other.
+While a task waits for its turn, requests for the same tile join it and share its array. On a GPU,
+requests for other tiles of the same frame, method and level join it too, and all are enqueued
+before the first is read: between two tasks a GPU waits for the host. A processor does not wait, and
+there sixteen answers at once were slower than one after the other.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from rhytid.errors import BusyError, RhytidError
 
 Tile = NDArray[np.float32]
 DrawTiles = Callable[[list[TileAddress]], list[Tile]]
-# Others want the device, too.
+# The most tiles that one task draws: other tasks wait for the device, too.
 MOST_TILES = 16
 _MOST_TEXELS = 4096**2
 
 
 @dataclass(eq=False)
 class _Batch:
-    """Tiles that one task will draw, and those who wait for each."""
+    """Tiles that one task will draw, and the requests that wait for each."""
 
     draw: DrawTiles
     wanted: dict[TileAddress, Future[Tile]] = field(default_factory=dict)
@@ -39,7 +39,7 @@ class _Batch:
 
 
 class TileBatcher:
-    """Gathers what waits for the device at the same time.
+    """Gathers requests that wait for the device at the same time.
 
     task: what one piece of work runs in.  most: different tiles that one task draws.
     """
@@ -88,7 +88,8 @@ class TileBatcher:
         return batch.wanted.setdefault(address, Future())
 
     def _lead(self, key: Hashable, batch: _Batch) -> None:
-        """Have the batch drawn; nobody who joined may be left waiting, whatever happens."""
+        """Have the batch drawn; every request that joined is answered, with the exception if there
+        is one."""
         try:
             self._worker.call(lambda: self._draw(key, batch))
         except BaseException as error:  # noqa: BLE001 handed to those who wait for it
@@ -98,7 +99,7 @@ class TileBatcher:
                     future.set_exception(error)
 
     def _close(self, key: Hashable, batch: _Batch) -> list[TileAddress]:
-        """Let nobody join any more."""
+        """Close the batch to further requests."""
         with self._lock:
             if self._open.get(key) is batch:
                 del self._open[key]

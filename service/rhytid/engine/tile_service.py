@@ -103,7 +103,7 @@ class TileService:
         the number of triangles for none. Raises what `plan` does."""
         found = self._assets.get(asset)
         found.check_address(TileAddress(udim, 0, 0, 0))
-        return self._on_device.use(found, lambda lying: lying.mesh.texel_triangles(udim))
+        return self._on_device.use(found, lambda resident: resident.mesh.texel_triangles(udim))
 
     def plans_once(
         self, asset: str, positions: ArrayLike, query: MapQuery, addresses: list[TileAddress]
@@ -126,8 +126,8 @@ class TileService:
     def bins(self, asset: str) -> BinManifest:
         """The precomputed maps of an asset (section 2.4)."""
         found = self._assets.get(asset)
-        lying = self._on_device.loaded(found)
-        return bin_manifest(lying.mesh.settings, lying.mesh.cushion_factor)
+        resident = self._on_device.loaded(found)
+        return bin_manifest(resident.mesh.settings, resident.mesh.cushion_factor)
 
     def bin_tile(
         self,
@@ -153,10 +153,10 @@ class TileService:
                 "binned are means of its level 0"
             )
 
-        def codes(lying: DeviceAsset) -> NDArray[np.integer]:
+        def codes(resident: DeviceAsset) -> NDArray[np.integer]:
             # On the device thread, where settings do not change meanwhile.
-            manifest = bin_manifest(lying.mesh.settings, lying.mesh.cushion_factor)
-            return lying.bins.layer_codes(address, layer, *of_map(manifest, layer, bin, sample))
+            manifest = bin_manifest(resident.mesh.settings, resident.mesh.cushion_factor)
+            return resident.bins.layer_codes(address, layer, *of_map(manifest, layer, bin, sample))
 
         return self._on_device.use(found, codes)
 

@@ -1,4 +1,4 @@
-"""One thread owns the device; everybody else waits in a bounded queue."""
+"""One thread owns the device; calls from other threads wait in a bounded queue."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class DeviceWorker:
         return self._run(task, block=True)
 
     def close(self) -> None:
-        """Let the call at work finish, refuse those that wait, and end the thread."""
+        """Finish the running call, refuse those that wait, and end the thread."""
         if not self._closed.is_set():
             self._closed.set()
             self._tasks.put(None)
@@ -62,7 +62,7 @@ class DeviceWorker:
             self._tasks.put((future, task), block=block)
         except queue.Full:
             raise BusyError(f"{waiting(self.size)} already") from None
-        # Also after the put: nobody takes from the queue any more once the thread has ended.
+        # Also after the put: once the thread has ended, the queue is not read any more.
         if self._closed.is_set() and not self._thread.is_alive():
             self._refuse_waiting()
         return future.result()
@@ -73,7 +73,7 @@ class DeviceWorker:
                 _refuse(item[0])
             else:
                 _perform(*item)
-            del item  # while the thread waits, nobody holds what the task answered
+            del item  # lets go of the result while the thread waits
 
     def _refuse_waiting(self) -> None:
         while True:
