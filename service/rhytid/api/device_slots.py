@@ -1,4 +1,4 @@
-"""Places for the requests that wait for the device, so that all others still find a thread."""
+"""Slots for requests that wait for the device, so that threads are left for all others."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rhytid.domain.wording import waiting
 from rhytid.errors import BusyError
 from rhytid.settings import ServiceSettings
 
-# Threads for what does not wait for the device: as many more as there are places.
+# Threads for requests that need no slot, beside one per slot.
 LIGHT_THREADS = 32
 
 
@@ -26,7 +26,7 @@ class DeviceSlots:
 
     @contextmanager
     def one(self) -> Iterator[None]:
-        """Hold a place inside the block; raises BusyError at once where none is free."""
+        """Hold a slot within the block; raises BusyError at once if none is free."""
         if not self._free.acquire(blocking=False):
             raise BusyError(f"{waiting(self._count)} already")
         try:
@@ -37,7 +37,7 @@ class DeviceSlots:
 
 @asynccontextmanager
 async def threads(app: FastAPI) -> AsyncIterator[None]:
-    """The lifespan of the app: a thread for every place, and some for the light requests."""
+    """The lifespan of the app: a thread per slot, and LIGHT_THREADS more."""
     settings: ServiceSettings = app.state.settings
     anyio.to_thread.current_default_thread_limiter().total_tokens = settings.queue + LIGHT_THREADS
     yield

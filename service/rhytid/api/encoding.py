@@ -44,7 +44,7 @@ def check_format(format: str) -> str:
 
 
 def etag(*parts: object) -> str:
-    """A strong entity tag over everything that decides the bytes, none of it long."""
+    """A strong entity tag over short values that determine the bytes."""
     return _quoted(hashlib.sha256(repr(parts).encode()))
 
 
@@ -69,8 +69,8 @@ def answer(
     """The encoded displacement, 304 where the client has it, headers alone for HEAD.
 
     plan: what the address stands for now.  drawn: counts what is drawn.  memory: holds the bytes of
-    the answer until they are sent. Only drawing takes a place among those who wait for the device;
-    raises BusyError, and what `RequestMemory.answer` does.
+    the answer until they are sent. Only drawing takes a slot; raises BusyError, and what
+    `RequestMemory.answer` does.
     """
     check_format(format)
     wanted = plan()
@@ -145,8 +145,7 @@ def answer_stored(
     """What is stored of an asset, written as `kind`; 304 where the client has it.
 
     content: what there is now.  write: the file, or its lines one after the other. Only writing
-    takes a place among those who wait for the device; raises BusyError, and what
-    `RequestMemory.answer` does.
+    takes a slot; raises BusyError, and what `RequestMemory.answer` does.
     """
     wanted = content()
     headers = {"ETag": etag(wanted.key, kind, __version__), "Cache-Control": "no-cache"}

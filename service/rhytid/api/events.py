@@ -1,4 +1,4 @@
-"""A job as server-sent events: `progress` whenever it moves, one `end` at the end."""
+"""A job as server-sent events: `progress` at every change, then one `end`."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ async def job_events(
 
 
 def _poll(poll: Callable[[str], JobInfo], job: JobInfo) -> JobInfo:
-    """The job now; one that has gone with its asset counts as cancelled."""
+    """The job now; one that was removed with its asset counts as cancelled."""
     try:
         return poll(job.id)
     except NotFoundError as error:

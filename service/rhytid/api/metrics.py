@@ -79,7 +79,7 @@ class Metrics:
         yield from (used, limit, waiting)
 
     def describe(self) -> list[GaugeMetricFamily]:
-        """Nothing: budgets are looked at when they are asked for."""
+        """No description: the budgets are read by `collect`."""
         return []
 
     def tiles_of(self, method: str) -> Counter:

@@ -97,7 +97,7 @@ async def _deliberate(request: Request, error: Exception) -> Response:
     assert isinstance(error, errors.RhytidError)
     kind = kind_of(error)
     if kind.status == HTTPStatus.INTERNAL_SERVER_ERROR:
-        # Such a message may hold paths and build logs of this server: it goes to the log alone.
+        # Such a message may hold paths and build logs of this server: it is only logged.
         logger.error("%s failed", _call(request), exc_info=error)
         return problem(kind.status, "the server's log has the reason", kind.title, kind.type)
     retry = getattr(error, "retry_after", None)

@@ -15,12 +15,12 @@ from rhytid.engine.byte_budget import ByteBudget, Hold
 
 logger = logging.getLogger(__name__)
 _KEY = "rhytid.held"
-# Bytes that are handed to the server at a time: so much of an answer may be in its buffers when
-# nobody counts it any more.
+# Bytes that are passed to the server at a time. So much of an answer may still be in its buffers
+# after its memory was given back.
 PIECE = 1 << 18
 # What is decoded of an upload, and the bytes that it is decoded from, over these bytes.
 DECODED = 3
-# Seconds without progress after which a client that does not read is dropped.
+# Seconds without progress after which a client that does not read is disconnected.
 STALLED = 60.0
 
 
@@ -45,7 +45,7 @@ class RequestMemory:
         return cls(request.scope[_KEY], state.engine.memory, state.spool, folder)
 
     def hold(self, purpose: str) -> Hold:
-        """Nothing yet of the memory, for `answers` or `uploads`."""
+        """A hold of 0 bytes of memory, for `answers` or `uploads`."""
         hold = self._host.hold(purpose)
         self._held.callback(hold.release)
         return hold

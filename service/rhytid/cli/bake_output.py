@@ -65,7 +65,7 @@ class BakeSize:
     def of(
         cls, profiles: tuple[Profile, ...], resolution: int, udims: int, frames: int
     ) -> BakeSize:
-        """The size of maps of `resolution` texels a side."""
+        """The size of maps of `resolution` texels per side."""
         texel = sum(profile.texel_bytes for profile in profiles)
         frame = round(texel * resolution**2) * udims
         return cls(frame, frame * frames, frames)

@@ -23,7 +23,7 @@ _NUMBER = re.compile(r"[0-9]+$", re.ASCII)
 
 @dataclass(frozen=True)
 class FramePlace:
-    """The name of a frame, and where it lies: the `index`-th of a file, None for the file of the
+    """The name of a frame, and its place: the `index`-th of a file, None for the file of the
     mesh."""
 
     label: str
@@ -32,7 +32,7 @@ class FramePlace:
 
     @property
     def name(self) -> str:
-        """Its label, and the file that the frame lies in."""
+        """Its label, and the file that holds the frame."""
         return self.label if self.file is None else f"{self.label} of {self.file.name}"
 
 

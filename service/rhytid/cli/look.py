@@ -47,7 +47,7 @@ def add_command(commands: Commands) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Look at the names of the maps, write both files and report what they have."""
+    """Read the names of the maps, write both files and report their figures."""
     from rhytid.durable import whole, write_file
     from rhytid.formats.materialx_look import materialx_look
     from rhytid.formats.usd_look import usd_look

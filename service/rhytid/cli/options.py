@@ -22,7 +22,7 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}", re.ASCII)
 STDOUT = Path("-")
 MAX_PORT = 65535
 MOST_FPS = 10_000
-# Of these settings of `graph` one fixes the other.
+# Settings of `graph` of which each determines the other.
 DENSITY = ("spacing", "wrinkles")
 
 # What the commands read.
@@ -156,7 +156,7 @@ def add_caches(parser: argparse.ArgumentParser) -> None:
 
 
 def cache_clip(arguments: argparse.Namespace) -> Clip:
-    """What they say."""
+    """The clip that these options choose."""
     return Clip(arguments.prim, arguments.clip, arguments.fps)
 
 

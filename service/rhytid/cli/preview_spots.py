@@ -1,4 +1,4 @@
-"""Where the patches of a preview lie: at the flattest places, or where the user says."""
+"""The places of the patches of a preview: the flattest ones, or the one that the user names."""
 
 from __future__ import annotations
 

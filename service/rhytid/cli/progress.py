@@ -82,7 +82,7 @@ def share_bar(what: str) -> Iterator[Callable[[float, str], None]]:
 
 
 def counted(things: Sequence[Any], what: str, unit: str) -> Iterable[Any]:
-    """The things themselves, while it is shown which of them is worked on."""
+    """Yields the items, and shows which of them is worked on."""
     done, many, pace = 0, len(things), _Pace()
 
     def line(seconds: float) -> str:
@@ -132,7 +132,7 @@ def _shown(line: Callable[[float], str], **bar: Any) -> Iterator[tqdm]:
 
 
 class _Pace:
-    """How long work will take, by how long its last step came after the start."""
+    """Estimates how long work will take, from the time of its last step."""
 
     def __init__(self) -> None:
         self._start, self._all = time.monotonic(), 0.0
@@ -142,7 +142,7 @@ class _Pace:
         return time.monotonic() - self._start
 
     def reached(self, share: float) -> None:
-        """So much is done, from 0 to 1."""
+        """Record the share that is done, from 0 to 1."""
         if share > 0:
             self._all = self.seconds() / share
 

@@ -45,7 +45,7 @@ def run(arguments: argparse.Namespace) -> None:
         device = next(d for d in engine.devices() if d.selected)
         where = f"{device.name} ({device.platform}), store {settings.store}"
         print(f"rhytid {__version__} on {address_of(listening)}, {where}", flush=True)
-        with suppress(Terminated):  # SIGTERM is how a server ends
+        with suppress(Terminated):  # SIGTERM ends a server
             server_of(engine, settings, _log_level()).run(sockets=[listening])
 
 

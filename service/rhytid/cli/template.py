@@ -1,4 +1,4 @@
-"""`rhytid template`: what to paint over, and masks to begin with."""
+"""`rhytid template`: templates to paint over, and masks that change nothing yet."""
 
 from __future__ import annotations
 

@@ -94,7 +94,7 @@ def end_now(status: int) -> NoReturn:
         remove_unfinished()
         sys.stdout.flush()
         sys.stderr.flush()
-    except (OSError, ValueError):  # whoever read them is gone, too
+    except (OSError, ValueError):  # the reader is closed, too
         pass
     finally:
         os._exit(status)

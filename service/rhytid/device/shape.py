@@ -29,7 +29,7 @@ class LaunchShape:
 
 def launch_shapes(kind: str, local_memory: int, largest_group: int) -> list[LaunchShape]:
     """Shapes that fit into the local memory and the work-groups of a device, the usual one first:
-    as many rows as fit, one work-item on a CPU, where that is a vector loop, else one a row.
+    as many rows as fit, one work-item on a CPU, where that is a vector loop, else one per row.
 
     Raises DeviceError where none fits: OpenCL promises 32 KiB of local memory.
     """

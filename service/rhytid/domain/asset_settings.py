@@ -306,7 +306,7 @@ class AssetSettings:
 
     @property
     def last_sample(self) -> float:
-        """Log stretch of the outer samples of the bins: no more than the response can ask for."""
+        """Log stretch of the outer samples of the bins: at most the limit of the response."""
         return min(self.bins.reach * self.bins.r_max, self.response.log_stretch_limit)
 
     @property

@@ -53,7 +53,7 @@ class Controls:
 
     @property
     def grow(self) -> bool:
-        """Whether pores and lines come to lie elsewhere by these maps."""
+        """Whether these maps move pores and lines."""
         return not set(self.maps) <= set(_DRAWN)
 
     def arrays(self) -> dict[str, Map]:

@@ -1,7 +1,7 @@
 """What is probably wrong with a frame; `warnings.py` has the limits and their reasons.
 
-A frame is judged by some of its triangles, on the host and in double: it costs the same for a mesh
-of any size, and nobody waits for the device.
+A frame is judged by a sample of its triangles, on the host and in double: the cost is the same for
+a mesh of any size, and the device is not needed.
 """
 
 from __future__ import annotations

@@ -28,8 +28,8 @@ _SEPARATED = re.compile(r"[.:|/]")
 def region_of(name: str) -> str | None:
     """The region that an expression of that name shows best; None where it shows none.
 
-    What stands before a dot, a colon, a bar or a slash is passed over, as in `face|eyeBlink_L`.
-    A sneer shows the nose and an open jaw the neck by what they move around these.
+    A prefix that ends in a dot, a colon, a bar or a slash is ignored, as in `face|eyeBlink_L`. A
+    sneer shows the nose and an open jaw the neck by what they move around these.
     """
     plain = re.sub(r"[^a-z]", "", _SEPARATED.split(name)[-1].lower())
     for region, beginnings in _BEGINNINGS.items():

@@ -1,7 +1,7 @@
 """Positions far from the origin: how coarse float32 is there, and the centre that is subtracted.
 
-Stretch does not depend on where a face stands. What comes in double is brought to the origin in
-double before it is rounded; what was rounded before cannot be helped.
+Stretch does not depend on where a face stands. Doubles are moved to the origin before they are
+rounded; what was rounded before stays rounded.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What is stored more than once because of UV seams: which of it is one (see WrinkleGraph).
+"""Which pores and wrinkles are stored more than once because of UV seams (see WrinkleGraph).
 
 Graphs say so in `node_copy_of` and `edge_copy_of`; older ones hold two halves of each wrinkle
 across a seam instead, which are found by how they lie.

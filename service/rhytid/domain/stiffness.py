@@ -20,7 +20,7 @@ from rhytid.domain.painted import (
 )
 from rhytid.domain.tiles import texel_centres
 
-# Skin as it is; also where there is no map.
+# Plain skin; also the value where there is no map.
 NEUTRAL = 1.0
 
 

@@ -1,4 +1,4 @@
-"""How much of a UV layout lies under more than one triangle: counted at the points of a grid."""
+"""How much of a UV layout is covered by more than one triangle: counted at the points of a grid."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ PartSpans = tuple[slice, IntArray, IntArray, IntArray, IntArray]
 
 @dataclass(frozen=True)
 class Overlap:
-    """share: of the covered area, what lies under two triangles or more.  uv: the middle of the
-    busiest such place.  most: triangles that lie on one point."""
+    """share: of the covered area, what two or more triangles cover.  uv: the middle of the busiest
+    such place.  most: triangles that cover one point."""
 
     share: float
     uv: tuple[float, float]

@@ -1,4 +1,4 @@
-"""Checked, read-only arrays: the ground that every domain type stands on."""
+"""Checked, read-only arrays, which all domain types are made of."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""What is probably wrong with a mesh or a frame that can be used all the same: the codes, and from
-where on each is told. `warning_meanings.py` says what to do about them."""
+"""What is probably wrong with a mesh or a frame that can be used all the same: the codes, and the
+limits beyond which each is reported. `warning_meanings.py` says what to do about them."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Numbers in text files: plain ASCII decimals, parsed in double, and nothing else.
 
 `float` and `int` read far more than a mesh file may hold: "1_0", "nan", "infinity", the digits of
-every script. What goes to the fast parsers here has passed a grammar first.
+every script. Text is checked against a grammar before it goes to numpy's fast parsers.
 """
 
 from __future__ import annotations

@@ -2,9 +2,9 @@
 
 Crafted files have made decoders of the OpenEXR library write beyond their memory, so it meets
 uploads only here. This is no jail: what is kept from the server is a crash, a loop without end and
-a want of memory. It imports only what it needs, as it starts once an image. Arguments: path, width,
-height. Standard output: READY once everything is imported, then a line of JSON, null or a Wrong,
-then the codes. How it ends is 0 only where all of that was written.
+a want of memory. It imports only what it needs, as it starts once per image. Arguments: path,
+width, height. Standard output: READY once everything is imported, then a line of JSON, null or a
+Wrong, then the codes. How it ends is 0 only where all of that was written.
 """
 
 from __future__ import annotations

@@ -65,7 +65,7 @@ def _check_flags(flags: int, name: str) -> None:
     if flags & _PARTS:
         raise InputError(f"{name} has several parts: must have one")
     if flags & _DEEP:
-        raise InputError(f"{name} has deep texels: must have one value a texel")
+        raise InputError(f"{name} has deep texels: must have one value per texel")
     if flags & ~(_TILED | _LONG_NAMES) != _VERSION:
         raise InputError(f"{name} is of an unknown version of OpenEXR")
 

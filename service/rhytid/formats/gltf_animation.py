@@ -1,7 +1,7 @@
 """Animation of a glTF file: weights of its morph targets over time, as frames.
 
-Channels of rotation, translation and scale are passed over, as transforms of nodes and skins are
-(`gltf.py`). Before the first key and behind the last a weight stays as it is there.
+Channels of rotation, translation and scale are ignored, as transforms of nodes and skins are
+(`gltf.py`). Before the first key and after the last a weight is constant.
 """
 
 from __future__ import annotations

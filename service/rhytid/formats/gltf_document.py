@@ -1,4 +1,4 @@
-"""A glTF document: its one primitive, and the arrays that an accessor stands for.
+"""A glTF document: its one primitive, and the arrays of its accessors.
 
 Indices into the document, offsets and lengths come from the file and are never trusted: each is
 checked to be a whole number in range before it is used.
@@ -39,7 +39,7 @@ class Document:
                 raise MeshError(f"the file requires the extension {name!r}, not read here")
 
     def primitive(self) -> tuple[str, _Object]:
-        """The only primitive of all meshes, and where it stands."""
+        """The only primitive of all meshes, and its path in the document."""
         found = []
         for m, mesh in enumerate(_list(self._root.get("meshes", []), "meshes")):
             where = f"mesh {m}"

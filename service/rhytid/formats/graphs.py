@@ -68,7 +68,7 @@ def read_graph(data: bytes) -> WrinkleGraph:
 
 
 def _metadata(data: bytes) -> dict[str, str]:
-    """Of a file that the library has read: its reader of bytes does not tell them."""
+    """The metadata of a file: the library's reader of bytes does not return them."""
     header = json.loads(data[8 : 8 + int.from_bytes(data[:8], "little")])
     found: dict[str, str] = header.get("__metadata__") or {}
     return found

@@ -12,7 +12,7 @@ from rhytid.errors import InputError, LimitError
 MAX_NUMBERS = 50_000_000
 # All frames of one animation together: 400 frames of a mesh of 160,000 vertices.
 MAX_FRAME_NUMBERS = 200_000_000
-# Texels a side of a painted map.
+# Texels per side of a painted map.
 MOST_SIDE = 8192
 
 
@@ -23,7 +23,7 @@ def check_size(what: str, numbers: int, limit: int = MAX_NUMBERS) -> None:
 
 
 def check_sides(name: str, width: int, height: int) -> None:
-    """Raise InputError where the image `name` has no texel, LimitError above MOST_SIDE a side."""
+    """Raise InputError where the image `name` has no texel, LimitError above MOST_SIDE per side."""
     if min(width, height) <= 0:
         raise InputError(f"{name} has {width} x {height} texels")
     if max(width, height) > MOST_SIDE:

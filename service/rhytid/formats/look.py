@@ -16,11 +16,11 @@ _NUMBER = re.compile(r"[0-9]+", re.ASCII)
 class Look:
     """Maps called NAME.<UDIM>.<FRAME>.exr, beside the files that are written of them.
 
-    udims: ascending.  frames: what names have for FRAME: numbers, ascending, or one name.
-    unit, scene_unit: of length, of the maps and of the scene.  uv: the primvar of texture
-    coordinates.  fps: frames a second of the scene.  bind: the path of a mesh that gets the
-    material, or None.  material: the path of a material that gets the displacement in place of
-    one that is made, or None.
+    udims: ascending.  frames: what names have for FRAME: numbers, ascending, or one name. unit,
+    scene_unit: of length, of the maps and of the scene.  uv: the primvar of texture coordinates.
+    fps: frames per second of the scene.  bind: the path of a mesh that gets the material, or None.
+    material: the path of a material that gets the displacement in place of one that is made, or
+    None.
     """
 
     name: str

@@ -133,7 +133,7 @@ def _resolve(
 
 
 def _corner(faces: Statements, counts: NDArray[np.int64], corner: int) -> str:
-    """Where the corner of this place in the flat list stands."""
+    """The line, the face and the corner of an index in the flat list."""
     face = int(np.searchsorted(np.cumsum(counts), corner, side="right"))
     place = corner - int(counts[:face].sum())
     token = show(faces.texts[face].split()[place])

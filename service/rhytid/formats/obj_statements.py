@@ -1,4 +1,4 @@
-"""An OBJ file taken apart: which statement stands on which line."""
+"""The statements of an OBJ file, and the lines that they are on."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def split_statements(data: bytes) -> dict[bytes, Statements]:
 
 
 def _plain_lines(data: bytes) -> list[bytes]:
-    """Lines without comments and tabs; a continued one stands whole where it begins."""
+    """Lines without comments and tabs; continued lines are joined at the first."""
     text = data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     text = text.replace(b"\t", b" ")
     if b"#" in text:

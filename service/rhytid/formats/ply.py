@@ -3,7 +3,7 @@
 Read here rather than by trimesh, which renumbers vertices that carry texture coordinates, takes
 text that holds other things than numbers and no binary file that mixes triangles with quads.
 
-The file keeps one texture coordinate a vertex: a writer has split vertices along UV seams, and
+The file keeps one texture coordinate per vertex: a writer has split vertices along UV seams, and
 they stay as they are. An ASCII body becomes an array of doubles and is then read as a binary one.
 """
 

@@ -70,7 +70,7 @@ def _lists(element: Element, order: str, data: bytes, start: int) -> tuple[Table
 
 
 class _ListColumn:
-    """Walks over one property of a table with lists, and remembers where its lists lie."""
+    """Reads one property of a table with lists row by row, and records where its lists are."""
 
     def __init__(self, declared: Property, order: str) -> None:
         self.name = declared.name

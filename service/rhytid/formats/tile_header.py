@@ -9,9 +9,10 @@ from rhytid import __version__
 
 @dataclass(frozen=True)
 class TileHeader:
-    """Where a tile belongs. A whole map is row 0, column 0 of its level.
+    """The attributes of a tile or map: what it shows, and where. A whole map is row 0, column 0 of
+    its level.
 
-    unit: of length.  stretch, sampling: how the method was told of stretch.  scale: the
+    unit: of length.  stretch, sampling: the model and the sampling of stretch.  scale: the
     displacement, in that unit, that png stores as its largest value.
     """
 

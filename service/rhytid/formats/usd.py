@@ -173,7 +173,7 @@ class UsdMesh:
         return left != bool(np.linalg.det(matrix[:3, :3]) < 0.0)
 
     def _moves(self) -> bool:
-        """Whether a transform of the mesh, or of what it lies in, changes over time."""
+        """Whether a transform of the mesh, or of a prim above it, changes over time."""
         prim = self._mesh.GetPrim()
         while prim and not prim.IsPseudoRoot():
             form = self._geom.Xformable(prim)

@@ -76,7 +76,7 @@ def _preview(look: Look, nodes: str) -> Lines:
         "Heights",
         "UsdUVTexture",
         [
-            # A missing file must not move the surface, nor must what lies outside of it.
+            # A missing file must not move the surface, and neither must UV outside of the map.
             "float4 inputs:bias = (0, 0, 0, 0)",
             "float4 inputs:fallback = (0, 0, 0, 0)",
             *_files(look),

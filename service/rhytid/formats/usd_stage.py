@@ -86,10 +86,10 @@ def find_mesh(stage: Any, wanted: str | None) -> Any:
 
 
 def bake_skin(stage: Any, prim: Any) -> None:
-    """Have USD turn blend shapes and joints that move a mesh into samples of its points.
+    """Have USD bake blend shapes and joints that move a mesh into samples of its points.
 
-    They are held in memory, all frames of all meshes of that skeleton; the file stays as it is.
-    Nothing happens to a mesh without a skeleton.
+    They are held in memory, all frames of all meshes of that skeleton; the file is not changed. A
+    mesh without a skeleton is left as it is.
     """
     from pxr import Gf, UsdSkel
 

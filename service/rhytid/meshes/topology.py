@@ -116,7 +116,7 @@ class _Edges:
     def winding(self) -> tuple[Mask, int]:
         """(F,) triangles against most of their part, by area; how many parts are twisted.
 
-        Each triangle has two nodes, one a side; neighbours join sides, crosswise where they are
+        Each triangle has two nodes, one per side; neighbours join sides, crosswise where they are
         wound against one another. A part with both sides in one is twisted.
         """
         twice = np.flatnonzero(self.count[self.of] == 2)

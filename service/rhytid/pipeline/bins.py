@@ -82,7 +82,7 @@ def layers(bins: BinSettings) -> dict[str, tuple[int, ...]]:
 
     `wrinkles` and `pores`; of `mellow` these are the valleys, and `wrinkle_bulges` and
     `pore_bulges` are the bulges. Each has the maps of all samples. With tilts `wrinkle_tilts`, one
-    map a bin.
+    map per bin.
     """
     count, samples = len(parts(bins)), bins.samples
     first = range(0, map_count(bins), count * samples + bins.tilt)[: bins.count + 1]  # of layers

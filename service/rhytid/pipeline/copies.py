@@ -1,5 +1,5 @@
-"""Copies at UV seams: they are drawn in the UV of another chart than that of what they copy, and
-answer to stretch as that does. Kernels: copies.cl, line.clh.
+"""Copies at UV seams: they are drawn in the UV of another chart than their originals, and respond
+to stretch as these do. Kernels: copies.cl, line.clh.
 """
 
 from __future__ import annotations
@@ -19,9 +19,8 @@ Floats = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Origins:
-    """What C elements of a UDIM, one after the other, answer to stretch with, as if they were where
-    their originals are: places (C, 4) segments or (C, 2) centres in texels, triangle (C,),
-    stiffness (C,) or None."""
+    """Where C consecutive elements of a UDIM sample stretch, which is where their originals are:
+    places (C, 4) segments or (C, 2) centres in texels, triangle (C,), stiffness (C,) or None."""
 
     places: Floats
     triangle: NDArray[np.int32]
@@ -47,8 +46,8 @@ class Origins:
 
 @dataclass(frozen=True)
 class OriginBuffers:
-    """Origins on the device. first: the element that the first of them belongs to.  scales: room
-    for what each answers, (sigma_w, sigma_d), or r."""
+    """Origins on the device. first: the element that the first of them belongs to.  scales: a
+    buffer for the result of each, (sigma_w, sigma_d), or r."""
 
     count: int
     first: int

@@ -1,4 +1,4 @@
-"""Precomputed maps of the broad layer: bins of its own, coarse, merged as its lines meet (2.4).
+"""Precomputed maps of the broad layer: bins of its own, coarse, merged as its lines are (2.4).
 Kernels: cushion.cl, quantise.cl."""
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from rhytid.pipeline.vectors import VECTOR, squares
 
 # How the layers of its maps are called.
 CUSHIONS = "cushions"
-# Lines of full depth that may meet at a sample before a code of it saturates.
+# Lines of full depth that may overlap at a sample before its code saturates.
 _MEETING = 8
 
 
 def cushion_settings(settings: AssetSettings) -> AssetSettings:
-    """Those that the maps of the layer are made and blended with: heights of one sign, which meet
-    across bins as within."""
+    """The settings that the maps of the layer are made and blended with: heights of one sign,
+    merged across bins as within."""
     sharpness = settings.shape.cushion_sharpness
     shape = replace(settings.shape, sharpness=sharpness, slots=1, grain=0.0, undulation=0.0)
     return replace(settings, bins=replace(settings.bins, merge="signed"), shape=shape)

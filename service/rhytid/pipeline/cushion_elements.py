@@ -1,7 +1,8 @@
-"""Which wrinkles swell the skin between them, how broadly, and at which resolution: once an asset.
+"""Which wrinkles swell the skin between them, how broadly, and at which resolution: found once per
+asset.
 
-The same wrinkles are drawn a second time, broad and soft, so that what lies between furrows is a
-cushion. That layer is smooth, so it is drawn coarse and brought up by a cubic B-spline.
+The same wrinkles are drawn a second time, broad and soft, so that the skin between furrows swells.
+That layer is smooth: it is drawn coarse and upsampled by a cubic B-spline.
 """
 
 from __future__ import annotations

@@ -39,8 +39,7 @@ class WrinkleArrays:
     no list.
 
     Before these may come copies, and wrinkles with a metric: skews (S, 4) are theirs as in
-    line.clh, origins what they answer to stretch with, and even how many wrinkles come before
-    them.
+    line.clh, origins where they sample stretch, and even how many wrinkles come before them.
 
     cushion: the arrays of the broad layer, or None where there is none."""
 
@@ -61,9 +60,9 @@ class WrinkleArrays:
 @dataclass(frozen=True)
 class PoreArrays:
     """K pores of a UDIM in texels, v up: centres (K, 2), roots (K, 4) = (xx, xy, yy, weight),
-    triangle (K,) that each samples, lists by block. The rim is where |root·d| = 1 with
-    root = [[xx, xy], [0, yy]]. stiffness (K,) or None: 1 throughout. The last of them may be
-    copies; origins is what these answer to stretch with."""
+    triangle (K,) that each samples, lists by block. The rim is where |root·d| = 1 with root = [[xx,
+    xy], [0, yy]]. stiffness (K,) or None: 1 throughout. The last of them may be copies; origins is
+    where these sample stretch."""
 
     centres: NDArray[np.float32]
     roots: NDArray[np.float32]

@@ -1,5 +1,5 @@
-"""Where a face folds: how far its skin is compressed again and again, and along what. Wrinkles run
-across that. Kernel: fold.cl.
+"""Where a face folds: how far its skin is compressed in expressions, and along which axis. Wrinkles
+run across that axis. Kernel: fold.cl.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ from rhytid.pipeline.stretch import Rest
 FloatArray = NDArray[np.float64]
 Caller = Callable[..., Any]
 Report = Callable[[float, str], None]
-# Deviation of the Gaussian that smooths the field: about what lies between two lines of a brow.
+# Standard deviation of the Gaussian that smooths the field: about the distance of two lines of a
+# brow.
 SIGMA_MM = 3.5
 # The same where the unit is not known: its share of the root of the area, on a face.
 _SIGMA_OF_ROOT = 0.012

@@ -2,7 +2,7 @@
 on both sides of a seam.
 Kernels: grain_codes.cl, grain.cl, grain_smooth.cl.
 
-Its codes are made once for a tile and kept; a frame only says how much of it shows.
+Its codes are made once per tile and kept; a frame only scales them.
 """
 
 from __future__ import annotations
@@ -144,7 +144,7 @@ def grain_gains(device: Device, settings: AssetSettings, stretch: StretchBuffers
 
 
 def tiles_of_square(row: int, column: int, side: int, tile: int) -> list[tuple[int, int]]:
-    """(row, column) of the tiles of `tile`² texels that a square of level 0 lies in."""
+    """(row, column) of the tiles of `tile`² texels that a square of level 0 overlaps."""
     rows, columns = (range(at // tile * tile, at + side, tile) for at in (row, column))
     return list(product(rows, columns))
 

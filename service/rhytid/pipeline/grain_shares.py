@@ -1,4 +1,4 @@
-"""How rough the skin of each place is, from what a graph says at its pores: once an asset."""
+"""Roughness of the skin at each texel, from the values at a graph's pores: found once per asset."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Which triangle holds a texel or a point in UV. Kernels: locate.cl, locate_texels.cl.
 
-Texture coordinates never move, so this is done once an asset, never per frame.
+Texture coordinates never move, so this is done once per asset, never per frame.
 """
 
 from __future__ import annotations

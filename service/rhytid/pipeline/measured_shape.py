@@ -57,7 +57,7 @@ def remembered_shape(
 
 
 def shape_seconds(device: Device) -> dict[LaunchShape, float]:
-    """Seconds of a patch of skin by every shape, the least of a few in turn."""
+    """Seconds of a patch of skin by every shape, each the least of several runs."""
     usual, shapes = device.shape, device.shapes
     try:
         with device.task():

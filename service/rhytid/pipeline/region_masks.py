@@ -1,4 +1,5 @@
-"""Soft masks of regions of the skin, from where expressions of known names move and fold it."""
+"""Soft masks of regions of the skin, from the places that expressions of known names move and
+fold."""
 
 from __future__ import annotations
 

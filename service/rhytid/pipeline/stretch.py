@@ -91,12 +91,12 @@ class StretchStage:
     ) -> StretchBuffers:
         """Stretch of deformed positions (V, 3); of the neutral by definition where None.
 
-        angles: whether those who take it compare directions in `uv` or on the `surface`.
-        soft: log stretch goes to its limit by a knee.
+        angles: whether directions are compared in `uv` or on the `surface`. soft: log stretch goes
+        to its limit by a knee.
         """
         log_limit = LogLimit(limit, soft)
         jacobians = self._jacobians if angles == "surface" else None
-        # Nothing is stretched in the neutral frame: not by any model, whatever rounding would say.
+        # The neutral frame is unstretched by definition, in every model, without rounding errors.
         if positions is None:
             return self._measure(self._neutral, 0, log_limit, "tensor", jacobians)
         return self._measure(positions, self.triangles, log_limit, model, jacobians)

@@ -1,6 +1,6 @@
-"""Which triangles the texels of each vector of a tile lie in. Kernel: vectors.cl.
+"""The triangles under the texels of each vector of a tile. Kernel: vectors.cl.
 
-Texture coordinates never move, so this is found once a tile; a frame then blends each vector once
+Texture coordinates never move, so this is found once per tile; a frame then blends each vector once
 for each of its triangles.
 """
 

@@ -1,4 +1,4 @@
-"""How wrinkles run to and fro across their segments: the numbers of wave.clh, once an asset."""
+"""How wrinkles wave across their segments: the parameters of wave.clh, found once per asset."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The folders of a store, one an asset: which there are, what they hold, what is swept out."""
+"""The folders of a store, one per asset: their names, their contents, and which are removed."""
 
 from __future__ import annotations
 

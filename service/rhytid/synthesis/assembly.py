@@ -1,4 +1,4 @@
-"""The graph from its parts: weights and sizes of wrinkles and pores."""
+"""Puts a graph together: weights and sizes of wrinkles and pores."""
 
 from __future__ import annotations
 

@@ -16,14 +16,14 @@ Singles = NDArray[np.float32]
 
 # Half width of a wrinkle in pore spacings: of the faintest, and of one of strength 1.
 NARROW, WIDE = 0.20, 0.46
-# The weight of an edge that nobody walked, and of one that is worn without end. Half worn is
-# HALF times the mean strength; CONTRAST parts the strong from the weak.
+# The weight of an edge that no walker used, and the limit for one of unbounded strength. Half worn
+# is HALF times the mean strength; CONTRAST parts the strong from the weak.
 FAINTEST, STRONGEST = 0.03, 0.985
 HALF, CONTRAST = 1.3, 1.5
 # Typical radius of a pore in pore spacings; deviation of its logarithm from one pore to the next
 # and by regions of REGION spacings.
 PORE_SIZE, PORE_VARIATION = 0.38, 0.22
-# How much larger a pore is where primary lines meet.
+# Factor of the size of a pore where primary lines meet.
 HUB = 1.5
 REGION, REGION_VARIATION = 40.0, 0.12
 # So that random numbers for one purpose are others than for another.

@@ -1,4 +1,5 @@
-"""Where the texels of one UDIM lie on the mesh: found once an asset, the same for every frame."""
+"""The points of the mesh under the texels of one UDIM: found once per asset, the same in every
+frame."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ NAMES = (OURS, *peers.PEERS)
 _LONG = 5.0
 # Seconds up to which waking up counts.
 _SHORT = 0.5
-# What is made once an asset is timed once.
+# What is made once per asset is timed once.
 _ONCE = ("precompute",)
 
 

@@ -131,7 +131,7 @@ class FrameBench:
 
     def tile_seconds(self, case: str) -> float:
         """The mean time of one tile of `redraw` or `binned`, drawn one after the other, with what
-        is made once a frame at hand."""
+        is made once per frame."""
         self.ready(case)
         if case == "binned":
             held: Any = self._blend.coefficients(self._frame)

@@ -83,7 +83,7 @@ class ServiceBench:
     def latency(self, method: str, clients: int) -> Latency:
         """Every tile of level 0 in turn, as npy."""
         paths = [f"{path}?method={method}" for path in self._paths]
-        load(self._url, paths, 1, len(paths))  # whatever is made once a frame or once a tile
+        load(self._url, paths, 1, len(paths))  # what is made once per frame or per tile
         found, kernels = [], []
         for _ in range(_ROUNDS):  # in turn: what else the machine does meets both
             kernels.append(self._bench.tile_seconds(method))

@@ -47,8 +47,8 @@ class SampleFace:
     def animation(self, keys: Sequence[str | Pose], frames: int) -> NDArray[np.float32]:
         """(frames, V, 3): neutral to the first key and back, then the next, eased by a quintic.
 
-        A key is the name of an expression or a pose. The first and last frame are neutral.
-        Raises FrameError without keys, or with fewer than two frames a key.
+        A key is the name of an expression or a pose. The first and last frame are neutral. Raises
+        FrameError without keys, or with fewer than two frames per key.
         """
         if not keys or frames < 2 * len(keys):
             raise FrameError(

@@ -61,10 +61,10 @@ def tile(
     query: Annotated[BinQuery, Query()],
 ) -> Response:
     """One tile of codes, int8 or int16, as .npy; times the manifest's step they are displacement,
-    furrows negative; those of tilts are places in the bin, from -1 to 1.
+    furrows negative; those of tilts are positions in the bin, from -1 to 1.
 
-    A tile of T texels per side has T² codes; of `cushions` it has
-    (T / factor + 2 apron)²: `apron` samples more on every side than lie under it.
+    A tile of T texels per side has T² codes; of `cushions` it has (T / factor + 2 apron)²: `apron`
+    more samples on every side than the tile covers.
 
     Level 0 only: a coarser level is 404, for those of `binned` are means of its level 0.
     """

@@ -108,7 +108,7 @@ def show(
     responses=problems(404, 409, 422),
 )
 def delete(asset: AssetId, frame: FrameName, engine: EngineDep) -> None:
-    """Forget a frame; `neutral` stays."""
+    """Delete a frame; `neutral` cannot be deleted."""
     engine.frames.delete(asset, frame)
 
 

@@ -1,4 +1,4 @@
-"""Is it alive, does it compute, how is it doing."""
+"""Liveness, readiness, metrics, devices and memory."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where to go from `/`, and the pages of `/docs`, which load nothing from elsewhere."""
+"""The start page `/`, and the pages of `/docs`, which load nothing from other hosts."""
 
 from __future__ import annotations
 

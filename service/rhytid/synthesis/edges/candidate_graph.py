@@ -1,4 +1,4 @@
-"""Pores, the edges that may become wrinkles, and how strong walkers make these."""
+"""Pores, the edges that may become wrinkles, and the strengths that walkers give them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ from rhytid.synthesis.workspace import Workspace
 
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """What nets are spun on.  across: (F, 3) neighbours of the triangles."""
+    """The surface that candidate graphs are made on.  across: (F, 3) neighbours of the
+    triangles."""
 
     work: Workspace
     surface: Surface
@@ -50,7 +51,7 @@ class CandidateGraph:
     def spun(
         cls, ground: Ground, radius: float, count: int, seed: int, progress: Progress
     ) -> CandidateGraph:
-        """Pores at least `radius` apart, joined each to its `count` nearest."""
+        """Pores at least `radius` apart, each joined to its `count` nearest."""
         work, surface, fields = ground.work, ground.surface, ground.fields
         pores = scatter_pores(work, surface, radius, seed, part(progress, 0.0, 0.64), fields)
         joining, crossing = part(progress, 0.64, 0.79), part(progress, 0.79, 0.97)
@@ -73,6 +74,6 @@ class CandidateGraph:
     def worn(
         self, work: Workspace, paths: Paths, seed: int, walks: Walks, progress: Progress
     ) -> NDArray[np.float32]:
-        """(E,) how strong walkers make the edges; the mean is near 1 on even skin."""
+        """(E,) the strengths that walkers give the edges; the mean is near 1 on even skin."""
         progress(0.0, "trails")
         return wear(work, paths, self.crossings, seed, self.degree, walks, progress)

@@ -98,8 +98,8 @@ def check_extent(surface: Surface, settings: GraphSettings, radius: float) -> No
 
 
 def check_drawn(surface: Surface, settings: GraphSettings, drawn: int) -> None:
-    """Raise MeshError where pores and lines found less room than the area promised."""
-    if drawn < FEWEST // 2:  # the area tells the number of so few to some tens of per cent
+    """Raise MeshError where fewer pores and lines fit than the area suggests."""
+    if drawn < FEWEST // 2:  # for so few, the area gives the number only to some tens of per cent
         wanted = _wanted(surface, settings)
         raise MeshError(
             f"{wanted}: only {drawn} can be drawn between pores so far apart, for the UV of the "

@@ -1,4 +1,5 @@
-"""Where skin lines like to run: a smooth field of directions, and smooth noise on the surface."""
+"""Preferred directions of skin lines: a smooth field of directions, and smooth noise on the
+surface."""
 
 from __future__ import annotations
 

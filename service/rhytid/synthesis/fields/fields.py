@@ -1,4 +1,4 @@
-"""What of the skin differs from place to place: where synthesis asks for it. Here: nothing does."""
+"""Properties of the skin by place, as synthesis uses them; here the same everywhere."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Factors = NDArray[np.float32]
 
 
 class Fields:
-    """Even skin; derive from it for skin that is not.
+    """Even skin; subclasses vary it by place.
 
     Every method takes the triangle (N,) and uv (N, 2) of points and answers (N,) float32. Methods
     are called with some millions of points at a time, always the same in the same order.
@@ -52,7 +52,7 @@ class Fields:
         return np.ones(len(triangle), np.float32)
 
     def primary(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
-        """Factor of how much primary lines are worn: where there are some, and how deep."""
+        """Factor of the strength of primary lines."""
         return np.ones(len(triangle), np.float32)
 
     def turn(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
@@ -64,8 +64,8 @@ class Fields:
         return np.ones(len(triangle), np.float32)
 
     def anisotropy(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
-        """How far walkers keep to preferred directions: 1 as they do, 0 not at all; above 1
-        the second family of lines turns towards the first, until at 2 both are one."""
+        """How far walkers follow preferred directions: 1 as usual, 0 not at all; above 1 the second
+        family of lines turns towards the first, until at 2 both are one."""
         return np.ones(len(triangle), np.float32)
 
     def width(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:

@@ -27,14 +27,15 @@ ComplexArray = NDArray[np.complex128]
 # (F, 5): what a value at the corners of a triangle is at (u, v), as slopes along both and at the
 # origin; and the least and the most at its corners.
 Planes = NDArray[np.float64]
-# Root mean square log compression that wears skin much: three quarters of what can be.
+# Root mean square log compression that counts as strong folding: three quarters of the largest
+# possible.
 FOLDED = 0.10
 # Shares of what can be, and eccentricities, from which on the direction of the field counts fully.
 _SURE, _ECCENTRIC = 0.16, 0.2
 # Strength of lines where skin never folds, and where it folds most; the same of primary lines.
 _FAINT, _DEEP, _POWER = 0.62, 1.5, 0.8
 _FAINT_PRIMARY, _DEEP_PRIMARY = 0.55, 1.6
-# What age changes the more the more skin folds.
+# How much age changes skin that folds.
 AGEING = ("strength", "width", "primary")
 # How far lines keep to a direction that nothing folds: a criss-cross.
 _LOOSE = 0.44

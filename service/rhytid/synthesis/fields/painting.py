@@ -34,10 +34,10 @@ _FACTORS = ("density", "strength", "anisotropy", "scale", "pore_radius")
 class PaintedFields(Fields):
     """Fields from the settings, the regions, the maps and the folds of a surface.
 
-    Factors of a setting, of the region, of a map and of folds are multiplied; what is painted goes
-    before folds, the more the farther it is from mid grey. Where pores are closer, all
-    that is drawn is as much smaller, and shallower. `density` of the settings is not a field: it
-    makes for more wrinkles everywhere.
+    Factors of a setting, of the region, of a map and of folds are multiplied; painted values
+    override folds, the more the farther they are from mid grey. Where pores are closer, all that is
+    drawn is as much smaller, and shallower. `density` of the settings is not a field: it makes for
+    more wrinkles everywhere.
     """
 
     def __init__(
@@ -218,7 +218,7 @@ class PaintedFields(Fields):
         return float(density_of(np.float32(self._maps["density"].least)))
 
     def _densities(self) -> tuple[float, float]:
-        """The least and the most that density can be, of what is not bare."""
+        """The least and the largest density of skin that is not bare."""
         names = [name.removeprefix(REGION_PREFIX) for name in self._regions] + self._masks
         regional = [REGIONS[name].density for name in (self._settings.region, *names)]
         low, high = min(regional), max(regional)
@@ -237,7 +237,7 @@ def fields_of(
     controls: Controls | None,
     folds: FoldField | None = None,
 ) -> Fields:
-    """Even skin where nothing says otherwise."""
+    """The fields of a surface; even skin without settings, maps and folds."""
     plain = GraphSettings()
     even = all(
         getattr(settings, n) == getattr(plain, n) for n in ("region", "age", "turn", *_FACTORS[1:])

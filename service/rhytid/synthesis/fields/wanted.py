@@ -1,5 +1,4 @@
-"""How dense pores shall be: the spacing or the number of wrinkles, and what the one makes of the
-other."""
+"""How dense pores are to be: the spacing or the number of wrinkles, and each from the other."""
 
 from __future__ import annotations
 

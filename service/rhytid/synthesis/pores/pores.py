@@ -28,7 +28,7 @@ def scatter_pores(
     progress: Progress,
     fields: Fields | None = None,
 ) -> Points:
-    """Pores of one sheet at least `radius` apart, with next to no room for more.
+    """Pores of one sheet at least `radius` apart, so that hardly any more would fit.
 
     Times the mean of their spacing factors, where `fields` has such. Dart throwing, many at a time:
     those of a batch that no older pore is too close to are kept in the order of their priorities,

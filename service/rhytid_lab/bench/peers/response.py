@@ -1,4 +1,4 @@
-"""From stretch to scales and weights (Alg. 1 to 3) in numpy: float32, once a frame."""
+"""From stretch to scales and weights (Alg. 1 to 3) in numpy: float32, once per frame."""
 
 from __future__ import annotations
 

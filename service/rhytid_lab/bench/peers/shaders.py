@@ -129,7 +129,7 @@ void main() // section 6: depth (mm(bulges) - mm(valleys)) as one logarithm
 }
 """
 
-# Alg. 3, lines 6 to 10, once a triangle.
+# Alg. 3, lines 6 to 10, once per triangle.
 WEIGHTS_COMPUTE = """
 layout(local_size_x = 64) in;
 layout(std430, binding = 0) readonly buffer Axes { vec4 axes[]; };
