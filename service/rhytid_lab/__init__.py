@@ -1,4 +1,4 @@
-"""What is built on rhytid: the demo, benchmarks, the reproduction of the paper, sample faces.
+"""The demo, benchmarks, the reproduction of the paper, and sample faces, built on rhytid.
 
 The service never imports this package.
 """

@@ -1,4 +1,4 @@
-"""A memory budget of our own: drivers promise more than there is."""
+"""A memory budget of our own: drivers allocate more than the device has."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from rhytid.errors import DeviceMemoryError
 
 
 class Releasable(Protocol):
-    """Something on the device that can be given back."""
+    """Something on the device that can be freed."""
 
     def release(self) -> None:
         """Give the memory back."""

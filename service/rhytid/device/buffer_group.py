@@ -1,4 +1,4 @@
-"""Things made of buffers."""
+"""Objects that own buffers."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Released memory, kept for the next buffer of the same size.
 
-A driver hands out fresh pages, and touching each for the first time costs as much as copying it:
-for a map that is drawn and given back every frame, a second map copy.
+A driver allocates fresh pages, and the first write to each costs as much as a copy: a second map
+copy for a map that is drawn and released in every frame.
 """
 
 from __future__ import annotations
@@ -9,13 +9,13 @@ from __future__ import annotations
 from collections import OrderedDict
 from typing import Any
 
-# Bytes that may lie spare, all sizes together; together with what is in use never over the budget.
+# Bytes of spare buffers of all sizes; with those in use they never exceed the budget.
 MOST_SPARE = 256 << 20
 
 
 class BufferPool:
-    """Handles by size, `held` bytes in all. Safe on an in-order queue: who takes one is enqueued
-    behind who left it."""
+    """Handles by size, `held` bytes in all. Safe on an in-order queue: work on a reused buffer is
+    enqueued after the work before its release."""
 
     def __init__(self, limit: int = MOST_SPARE) -> None:
         self._limit = limit
@@ -31,7 +31,7 @@ class BufferPool:
         return handles.pop()
 
     def leave(self, handle: Any, nbytes: int) -> None:
-        """Keep a handle, in place of those of the sizes that were left longest ago."""
+        """Keep a handle; the sizes released longest ago are freed for it."""
         self._handles.setdefault(nbytes, []).append(handle)
         self._handles.move_to_end(nbytes)
         self.held += nbytes

@@ -29,12 +29,14 @@ def provide_cache_folder() -> None:
     folder = usual if usual is not None and _keeps(usual) else _own_folder()
     if folder is None:
         os.environ.setdefault("PYOPENCL_NO_CACHE", "1")
-    elif folder != usual or "HOME" not in os.environ:  # PoCL looks up no home by itself
+    elif (
+        folder != usual or "HOME" not in os.environ
+    ):  # PoCL does not look up the home folder by itself
         os.environ["XDG_CACHE_HOME"] = str(folder)
 
 
 def _usual_folder() -> Path | None:
-    """Where caches go by custom; None for a user without a home."""
+    """The usual folder of caches; None for a user without a home."""
     try:
         folder = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser()
     except RuntimeError:
@@ -69,7 +71,7 @@ def _own_folder() -> Path | None:
 
 
 def _is_private(folder: Path) -> bool:
-    """Whether nobody else can put compiled code there."""
+    """Whether no other user can write compiled code there."""
     found = folder.lstat()
     mine = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid()
     return mine and not stat.S_IMODE(found.st_mode) & 0o077

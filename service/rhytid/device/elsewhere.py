@@ -1,4 +1,4 @@
-"""A device used from another thread than its own, step by step: others get it in between."""
+"""A device used from another thread than its own, step by step; other tasks run in between."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ Method = TypeVar("Method", bound=Callable[..., Any])
 
 
 class Elsewhere:
-    """What one thread asks of a device that another thread owns.
+    """Calls of one thread to a device that another thread owns.
 
     call: runs one step on the device's thread, which begins with `check`. Launches gather until
     something else is asked for, and run in the same step.
@@ -26,7 +26,7 @@ class Elsewhere:
         self._launches.append(launch)
 
     def step(self, task: Callable[[], Any]) -> Any:
-        """What a task answers that comes after all launches so far."""
+        """The result of a task that runs after all launches so far."""
         launches, self._launches = self._launches, []
         return self._call(_in_order, [*self._checks, *launches], task)
 
@@ -75,4 +75,4 @@ def _in_order(tasks: list[Callable[[], None]], last: Callable[[], Any]) -> Any:
 
 
 def _nothing() -> None:
-    """The end of a step that answers nothing."""
+    """A task without a result."""

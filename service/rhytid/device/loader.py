@@ -18,12 +18,12 @@ from rhytid.device.caches import provide_cache_folder
 from rhytid.unfinished import until_exit
 
 SYSTEM_VENDORS = Path("/etc/OpenCL/vendors")
-# A pip driver for FPGA emulation comes along with the one for CPUs: it is not wanted here.
+# A pip driver for FPGA emulation is installed with the one for CPUs; it is ignored.
 _CPU_DRIVER = "intel-cpu.icd"
 
 
 def load_pyopencl() -> ModuleType:
-    """Import pyopencl with pip's drivers in sight and a folder that drivers can write to."""
+    """Import pyopencl so that it finds pip's drivers, with a folder that drivers can write to."""
     prefix = Path(sys.prefix)
     driver = pip_driver(prefix)
     if driver is not None and sys.platform == "linux" and "OCL_ICD_VENDORS" not in os.environ:

@@ -1,4 +1,4 @@
-"""How much memory there is, and the share of it that is taken where nothing else is said."""
+"""The memory of the machine, and the shares of it that are used by default."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ DEVICE_SHARE, CPU_SHARE = 0.8, 0.5
 FRAME_SHARE = 0.125
 # What requests hold on the host, and the least of it.
 HOST_SHARE, LEAST_HOST = 0.25, 512 << 20
-# Where the system does not tell.
+# If the system does not report it.
 _FALLBACK = 8 << 30
 # What a container may use, of either version of control groups.
 _LIMITS = (

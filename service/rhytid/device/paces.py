@@ -1,4 +1,4 @@
-"""How much work a launch takes on, so that none keeps the device long."""
+"""How many work-items a launch has, so that none occupies the device for long."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Paces:
         """A launch of so many took so long."""
         planned = self.items(program, kernel)
         if items < planned and seconds < SECONDS:
-            return  # the end of a run: so few that they say nothing of more
+            return  # the end of a run: too few work-items to predict the time of more
         wanted = int(items * SECONDS / max(seconds, 1e-6))
         most = min(MOST, planned * _GROWTH)
         size = 1 << max(min(wanted, most).bit_length() - 1, 0)

@@ -1,4 +1,4 @@
-"""What was measured of devices once, in a file of JSON by key."""
+"""Measurements of devices, stored in a JSON file by key."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ NO_DEFINES: Mapping[str, object] = MappingProxyType({})
 
 @contextmanager
 def _device_errors() -> Iterator[None]:
-    """The one border where errors of the OpenCL runtime become ours."""
+    """The one place where errors of the OpenCL runtime become ours."""
     try:
         yield
     except cl.MemoryError as error:
@@ -121,12 +121,12 @@ class Device:
 
     @by_owner
     def step(self, task: Callable[[], T]) -> T:
-        """What a task answers on the thread of the device, after all launches so far."""
+        """The result of a task on the thread of the device, after all launches so far."""
         return task()
 
     @contextmanager
     def task(self) -> Iterator[None]:
-        """One piece of work: where it fails, every buffer that it made is given back."""
+        """One piece of work: if it fails, every buffer that it made is released."""
         self.budget.new_task()
         self.born.clear()
         try:
@@ -138,7 +138,7 @@ class Device:
             raise
 
     def allocate(self, nbytes: int, host: NDArray[Any] | None) -> Any:
-        """Memory of the driver with the bytes of `host`, or with anything in it.
+        """Memory of the driver with the bytes of `host`, or uninitialised.
 
         Raises DeviceMemoryError where one buffer of the device cannot be so large.
         """

@@ -1,4 +1,4 @@
-"""Choosing an OpenCL device: one that is only listed is not yet one that computes."""
+"""Choosing an OpenCL device: a driver may list a device that does not compute."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Candidate:
 
     @property
     def identity(self) -> str:
-        """What stays the same while the machine and its drivers do."""
+        """Identifies the device while the machine and its drivers stay the same."""
         return f"{self.platform} | {self.name} | {self.version}"
 
     def matches(self, wanted: str) -> bool:

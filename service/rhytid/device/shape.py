@@ -13,7 +13,7 @@ _ROW_BYTES = 2 * 72 * 4
 # On a processor a work-group is a loop on one core: long ones cost less, until at the end of a tile
 # one core waits for another.
 _VECTORS_CPU, _VECTORS = 1024, 64
-# Beside the sums, for what a driver keeps in local memory itself.
+# Local memory that a driver uses itself, beside the sums.
 _LEFT = 4 << 10
 
 

@@ -43,8 +43,8 @@ def open_context(handle: Any) -> Any:
 
 
 def compile_program(context: Any, text: str, options: list[str]) -> Any:
-    """Build a program; raises the runtime's own error. Drivers that chat while they compile
-    would each time raise a warning, so that one is left out."""
+    """Build a program; raises the runtime's own error. The warning that pyopencl raises for output
+    of the compiler is suppressed."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", cl.CompilerWarning)
         return cl.Program(context, text).build(options)

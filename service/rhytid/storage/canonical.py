@@ -1,4 +1,4 @@
-"""One JSON text a value, so that a changed byte shows."""
+"""One JSON text per value, so that a changed byte is detected."""
 
 from __future__ import annotations
 

@@ -34,8 +34,8 @@ _LATER = (
     "scale",
     "pore_radius",
 )
-# What stood for these where nothing was said, before they could be left open. Where a graph is
-# given the number of wrinkles makes no difference.
+# The defaults of these before they could be left open. With a given graph the number of wrinkles
+# makes no difference.
 _WRINKLES_BEFORE = 300_000
 _MESH_ARRAYS = ("positions", "faces", "uv", "face_uv")
 

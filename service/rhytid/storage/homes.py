@@ -48,8 +48,8 @@ def is_readable(home: Path) -> bool:
 
 
 def sweep(assets: Path, partial: Path) -> None:
-    """Remove what interrupted changes left behind. A folder that resists, or cannot be read, is
-    left as it is: it must not keep the others from being served."""
+    """Remove what interrupted changes left behind. A folder that cannot be removed or read is left
+    as it is, so that the others can be served."""
     for leftover in partial.iterdir():
         durable.remove_tree(leftover)
     for home in homes(assets):

@@ -1,4 +1,4 @@
-"""One process a store: a lock that the system frees when its holder dies."""
+"""One process per store: a lock that the system releases when its holder ends."""
 
 from __future__ import annotations
 

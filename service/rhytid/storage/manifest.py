@@ -30,7 +30,7 @@ class StoredFile:
 def write_with_manifest(folder: Path, label: str, files: Mapping[str, bytes]) -> None:
     """Write `files` and their manifest into the new folder `folder` and sync all of it.
 
-    `label` says what the folder is, so that a folder moved to a wrong place is seen.
+    `label` names the folder, so that one that was moved to a wrong place is detected.
     """
     folder.mkdir()
     for name, data in files.items():

@@ -1,4 +1,4 @@
-"""What the store keeps of an asset, to files and back: a request, a built asset, an overlay."""
+"""Records of an asset as files: a request, a built asset, an overlay of settings."""
 
 from __future__ import annotations
 

@@ -89,7 +89,7 @@ class AssetStore:
                 raise
 
     def close(self) -> None:
-        """Let another process have the store."""
+        """Release the lock of the store."""
         self._lock.release()
 
     def __enter__(self) -> AssetStore:
@@ -120,7 +120,8 @@ class AssetStore:
         controls: Controls | None = None,
         folds: Folds | None = None,
     ) -> None:
-        """Keep what a caller sent until the asset is built; a known id is left as it is."""
+        """Store what a caller sent until the asset is built; nothing is changed for an id that is
+        there."""
         home = self._home(id)
         if not holds_something(home):
             request = StoredRequest(mesh, settings, graph, stiffness, controls, folds)
@@ -140,7 +141,7 @@ class AssetStore:
         extra: Mapping[str, Any],
         stiffness: Stiffness | None = None,
     ) -> None:
-        """Keep a built asset, for good, with an overlay of its settings, and drop its request.
+        """Store a built asset with an overlay of its settings, and remove its request.
 
         `settings` are resolved; `extra` is a JSON object. Raises StorageError where the asset is
         there already: it does not change, only `delete` removes it.

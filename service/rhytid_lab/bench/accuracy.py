@@ -29,7 +29,7 @@ def choice(**changes: Any) -> BinSettings:
 
 _FINE = {"merge": "mellow", "depth_factored": True}
 _TILTED = {"depth_factored": True, "tilt": True}
-# The paper's choice, one step away from it each way, and what is worth its price together.
+# The paper's choice, its neighbours in every setting, and combinations that are worth their cost.
 CHOICES: tuple[BinSettings, ...] = (
     PAPER,
     *(choice(count=n) for n in (1, 2, 8, 16)),
@@ -130,7 +130,7 @@ def worst_mean(values: Map, reference: Map) -> float:
 
 
 def memory(bins: BinSettings) -> float:
-    """Bytes a texel of the precomputed maps and of the triangle index beside them."""
+    """Bytes per texel of the precomputed maps and of the triangle index beside them."""
     return map_count(bins) * bins.bits / 8 + BYTES_A_TEXEL
 
 

@@ -1,4 +1,5 @@
-"""How long blending takes for a choice of bins. It depends on no code, so none is drawn."""
+"""How long blending takes for a choice of bins. The time does not depend on the codes, so none are
+drawn."""
 
 from __future__ import annotations
 

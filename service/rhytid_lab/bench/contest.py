@@ -1,4 +1,4 @@
-"""Implementations of the same cases beside each other: compared first, then timed in turn."""
+"""Implementations of the same cases, compared first and then timed in turn."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class Contest:
     def __init__(self, bench: FrameBench, names: Sequence[str], repeats: int) -> None:
         self._bench, self._names, self._repeats = bench, names, repeats
         self._scene = bench.scene()
-        # By whether it is the host's beside another device.
+        # By whether it is a copy on the host, where the device is another.
         self._copies: dict[bool, list[float]] = {False: [], True: []}
         self._host = None if self._scene.on_cpu else HostCopy(self._scene.size)
         self._timed: list[tuple[str, list[_Rival]]] = []
@@ -164,4 +164,4 @@ class Contest:
 
 
 def _nothing() -> None:
-    """What stays on the device stays there."""
+    """Does nothing: the result stays on the device."""

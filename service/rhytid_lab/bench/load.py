@@ -30,7 +30,7 @@ class Load:
 
     @property
     def per_second(self) -> float:
-        """Answers a second."""
+        """Answers per second."""
         return len(self.seconds) / self.span
 
     def percentile(self, share: float) -> float:
@@ -46,8 +46,8 @@ def merged(parts: Sequence[Load]) -> Load:
 def load(
     url: str, paths: Sequence[str], clients: int, requests: int, seconds: float = math.inf
 ) -> Load:
-    """So many requests by so many clients, who take the paths in turn; fewer where they take
-    longer than so many seconds.
+    """Send requests by several clients, which take the paths in turn; fewer if they take longer
+    than the given seconds.
 
     Raises RhytidError where an answer is not 200, and where the last does not come in a minute.
     """

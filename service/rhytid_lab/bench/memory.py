@@ -1,4 +1,4 @@
-"""How much memory a bench needs, told before it starts: at 16384² it is many GiB."""
+"""How much memory a bench needs, printed before it starts: at 16384² it is many GiB."""
 
 from __future__ import annotations
 

@@ -68,7 +68,7 @@ class Report:
 
     @property
     def study_resolution(self) -> int:
-        """Texels a side at which errors are measured."""
+        """Texels per side at which errors are measured."""
         return max(self.resolution // 4, _SMALLEST)
 
     def face_figures(self, progress: Progress) -> None:

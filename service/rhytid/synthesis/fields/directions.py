@@ -55,10 +55,10 @@ def level_directions(normal: FloatArray) -> FloatArray:
 
 
 class Directions:
-    """A smooth field of directions, the same for everyone who asks.
+    """A smooth field of directions, the same in every call.
 
-    A plain stand-in for relaxed skin tension lines: level around the vertical axis (y), as on
-    the forehead, the eyelids and the neck, bent by smooth noise at two sizes.
+    It approximates relaxed skin tension lines: level around the vertical axis (y), as on the
+    forehead, the eyelids and the neck, bent by smooth noise at two sizes.
     """
 
     def __init__(self, spacing: float, rng: np.random.Generator, fields: Fields) -> None:

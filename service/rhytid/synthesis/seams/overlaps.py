@@ -1,4 +1,4 @@
-"""Where charts lie on top of one another, as those of mirrored halves do."""
+"""Where charts overlap, as those of mirrored halves do."""
 
 from __future__ import annotations
 

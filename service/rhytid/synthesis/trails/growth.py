@@ -1,4 +1,4 @@
-"""Skin that grows: pores, what walkers wear between them, and which edges are drawn."""
+"""Grows skin: pores, strengths of the edges between them by walkers, and which edges are drawn."""
 
 from __future__ import annotations
 
@@ -25,13 +25,14 @@ from rhytid.synthesis.trails.primary import Primary, deepened, has_primary
 from rhytid.synthesis.trails.selection import Cut, wishes
 from rhytid.synthesis.trails.trails import FINE
 
-# How often the pores are scattered anew, at most twice as many, where that gives too few.
+# How often pores are scattered again, at most twice as many each time, where there are too few.
 ATTEMPTS = 4
 
 
 @dataclass(frozen=True, eq=False)
 class Skin:
-    """What has grown from pores `radius` apart.  wish (E,): of the edges of the net."""
+    """Pores `radius` apart and the strengths of their edges.  wish (E,): by which edges are
+    chosen."""
 
     net: CandidateGraph
     radius: float
@@ -62,8 +63,8 @@ def counted(
 ) -> tuple[Skin, Cut]:
     """Skin with as many pores as it takes for exactly the wanted wrinkles, and the cut at these.
 
-    The first guess holds but for a mesh in shreds, where many edges end at a border: there are
-    fewer wrinkles then, if it is the spacing that is set.
+    The first guess is right unless the UV is in small parts, where many edges end at a border:
+    there are fewer wrinkles then, if the spacing is set.
     """
     radius = packed_radius(ground.surface, ground.fields, wanted / EDGES_PER_PORE)
     check_uv(ground.surface, settings, radius, ground.fields.least_spacing)
@@ -87,7 +88,7 @@ def counted(
 
 
 def grown(ground: Ground, radius: float, settings: GraphSettings, progress: Progress) -> Skin:
-    """Skin with pores `radius` apart, in units of the surface, times what its fields say."""
+    """Skin with pores `radius` apart, in units of the surface, times the spacing of its fields."""
     check_uv(ground.surface, settings, radius, ground.fields.least_spacing)
     check_extent(ground.surface, settings, radius * ground.fields.least_spacing)
     net = CandidateGraph.spun(
@@ -99,7 +100,7 @@ def grown(ground: Ground, radius: float, settings: GraphSettings, progress: Prog
 def _worn(
     ground: Ground, net: CandidateGraph, radius: float, settings: GraphSettings, progress: Progress
 ) -> Skin:
-    """How strong walkers and primary lines make the edges."""
+    """Strengths of the edges, by walkers and primary lines."""
     rng = np.random.Generator(np.random.PCG64(settings.seed))
     directions = Directions(SPACING * radius, rng, ground.fields)
     spinning = part(progress, 0.0, 0.07)

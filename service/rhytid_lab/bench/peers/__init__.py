@@ -1,6 +1,6 @@
 """Other ways to do the same: what rhytid is timed beside.
 
-One module an implementation; each has CASES, from the name of a case to what prepares it.
+One module per implementation; each has CASES, from the name of a case to what prepares it.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from rhytid_lab.bench.scene import Scene
 
 __all__ = ["PEERS", "LeftOut", "Run", "cases_of", "prepare", "runs_on_host"]
 
-# Texels a side from which on the precomputed maps are too much for a host that holds them twice.
+# Texels per side from which on the precomputed maps are too large for a host that holds them twice.
 _LARGEST_BINNED = 8192
 # By name: the package that it needs, and the cases that it does.
 PEERS = {

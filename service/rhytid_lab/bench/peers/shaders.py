@@ -13,7 +13,7 @@ float across(vec2 theta, vec4 axes, vec2 logs) // Alg. 1, lines 4 and 5
 }
 """
 
-# What every element samples, in the vertex shader: four corners an element, which costs little
+# What every element samples, in the vertex shader: four corners per element, which costs little
 # beside its texels.
 STRETCH = """
 layout(std430, binding = 0) readonly buffer Axes { vec4 axes[]; };

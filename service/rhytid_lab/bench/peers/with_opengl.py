@@ -1,4 +1,4 @@
-"""The paper's own road: graphics shaders.
+"""The paper's own way: graphics shaders.
 
 `redraw`: a rectangle for each element, added up by blending into a float target, then a pass that
 takes the logarithm. `binned`: a fragment shader over the precomputed maps.
