@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
 from typing import Any
 
 import httpx
@@ -12,6 +13,7 @@ import pytest
 
 from api.asking import NPY, built, is_problem, npy
 from api.fake_engine import FakeEngine
+from api.fake_tiles import FakeTiles
 from api.live import serving
 from api.patch import smile, upload
 from rhytid.api.device_slots import DeviceSlots
@@ -28,10 +30,18 @@ class SlowEngine(FakeEngine):
         super().__init__()
         self.came = threading.Semaphore(0)
         self.go = threading.Event()
+        self.tiles = SlowTiles(self.state, self)
+
+
+@dataclass
+class SlowTiles(FakeTiles):
+    """Tiles that wait for `engine.go`."""
+
+    engine: SlowEngine
 
     def tile(self, *arguments: Any) -> Any:
-        self.came.release()
-        assert self.go.wait(60)
+        self.engine.came.release()
+        assert self.engine.go.wait(60)
         return super().tile(*arguments)
 
 

@@ -7,12 +7,14 @@ import json
 import logging
 import socket
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import httpx
 import pytest
 
 from api.asking import NPY, is_problem
+from api.fake_assets import FakeAssets
 from api.fake_engine import FakeEngine
 from api.live import serving
 from api.patch import smile, upload
@@ -83,8 +85,19 @@ class FailingEngine(FakeEngine):
 
     error: Exception
 
-    def all_assets(self) -> Any:
-        raise self.error
+    def __init__(self) -> None:
+        super().__init__()
+        self.assets = FailingAssets(self.state, self)
+
+
+@dataclass
+class FailingAssets(FakeAssets):
+    """Raises the error of its engine from every list."""
+
+    engine: FailingEngine
+
+    def all(self) -> Any:
+        raise self.engine.error
 
 
 @pytest.fixture(scope="module")

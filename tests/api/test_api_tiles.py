@@ -12,6 +12,8 @@ import pytest
 
 from api.asking import NPY, array_of, is_problem, npy
 from api.fake_engine import FakeEngine
+from api.fake_frames import FakeFrames
+from api.fake_tiles import FakeTiles
 from api.live import serving
 from api.patch import smile, upload
 from rhytid.domain.tiles import TileAddress
@@ -96,13 +98,21 @@ def test_every_stretch_model_answers_under_a_tag_of_its_own(
     assert len(tags) == 3
 
 
-class RacingEngine(FakeEngine):
-    """Somebody replaces the frame whenever a tile is drawn."""
+class RacingTiles(FakeTiles):
+    """Another client replaces the frame whenever a tile is drawn."""
 
     def tile(self, asset: str, frame: str, query: MapQuery, address: TileAddress) -> Any:
         drawn = super().tile(asset, frame, query, address)
-        self.put_frame(asset, frame, smile(0.01 * len(self.drawn)))
+        FakeFrames(self.state).put(asset, frame, smile(0.01 * len(self.state.drawn)))
         return drawn
+
+
+class RacingEngine(FakeEngine):
+    """Draws `RacingTiles`."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.tiles = RacingTiles(self.state)
 
 
 def test_a_tile_whose_frame_was_replaced_meanwhile_has_no_tag() -> None:

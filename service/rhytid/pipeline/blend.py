@@ -48,7 +48,7 @@ TILES_A_LAUNCH = 4
 
 
 def unit_of(settings: AssetSettings) -> float:
-    """In which merge.clh lets heights meet, mesh units."""
+    """The unit in which merge.clh merges heights, mesh units."""
     assert settings.depth is not None
     twice = math.log(2.0) * settings.depth / settings.shape.sharpness
     return {"MIN": 1.0, "SOFT": 4.0 * twice, "MELLOW": twice}[MERGES[settings.bins.merge]]
