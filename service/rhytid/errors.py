@@ -19,12 +19,19 @@
     │   └── HostMemoryError      one request needs more memory than all may hold together
     ├── BusyError                the queue of the device is full (``retry_after`` seconds)
     │   └── HostBusyError        other requests hold the memory (``retry_after`` seconds)
+    ├── AccessError              the caller may not do this
+    │   ├── ApiKeyError          it shows no key, or none that is valid
+    │   └── ScopeError           its key is for other things
+    ├── QuotaError               more than one caller may ask for (``retry_after`` seconds)
     ├── CancelledError           the caller cancelled the job
     ├── StorageError             the store is damaged or cannot be written
     └── DeviceError
         ├── NoDeviceError        no OpenCL device computes here; the message names ways to get one
         ├── KernelBuildError     a kernel does not compile; carries the build log
         └── DeviceMemoryError    the request does not fit the device memory budget
+
+What `StorageError`, `DeviceError` and `KernelBuildError` say may hold paths and build logs of this
+machine. `told` is what callers in another place may know.
 """
 
 from __future__ import annotations
@@ -32,6 +39,16 @@ from __future__ import annotations
 
 class RhytidError(Exception):
     """Base of every deliberate error."""
+
+    # What callers in another place are told instead of the message; None = the message itself.
+    public: str | None = None
+
+
+def told(error: BaseException) -> str:
+    """What callers in another place may know of an error."""
+    if not isinstance(error, RhytidError):
+        return f"internal error: {type(error).__name__}"
+    return str(error) if error.public is None else error.public
 
 
 class InputError(RhytidError):
@@ -108,6 +125,26 @@ class HostBusyError(BusyError):
     retry_after = 5
 
 
+class AccessError(RhytidError):
+    """The caller may not do this."""
+
+
+class ApiKeyError(AccessError):
+    """No API key was shown, or none that is valid."""
+
+
+class ScopeError(AccessError):
+    """The API key that was shown does not allow this; names the scope that does."""
+
+
+class QuotaError(RhytidError):
+    """More than one caller may ask for."""
+
+    def __init__(self, message: str, retry_after: int = 1) -> None:
+        super().__init__(message)
+        self.retry_after = retry_after
+
+
 class CancelledError(RhytidError):
     """The caller cancelled the job."""
 
@@ -115,13 +152,19 @@ class CancelledError(RhytidError):
 class StorageError(RhytidError):
     """The store is damaged or cannot be written."""
 
+    public = "the store failed: the server's log has the reason"
+
 
 class DeviceError(RhytidError):
     """The OpenCL runtime failed."""
 
+    public: str | None = "the device failed: the server's log has the reason"
+
 
 class NoDeviceError(DeviceError):
     """No OpenCL device computes here."""
+
+    public = None
 
 
 class KernelBuildError(DeviceError):
@@ -130,3 +173,5 @@ class KernelBuildError(DeviceError):
 
 class DeviceMemoryError(DeviceError):
     """The request does not fit the device memory budget."""
+
+    public = None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +11,9 @@ from pathlib import Path
 from rhytid.errors import SettingsError
 
 MIB = 1 << 20
+# A name, all names below one, or all. No port: they are allowed with any.
+_HOST = re.compile(r"\*|(?:\*\.)?[a-z0-9_-]+(?:\.[a-z0-9_-]+)*")
+_ORIGIN = re.compile(r"\*|https?://(?:[a-z0-9._-]+|\[[0-9a-f:.]+\])(?::[0-9]{1,5})?")
 
 
 @dataclass(frozen=True)
@@ -22,6 +26,10 @@ class ServiceSettings:
     device or the machine has.  host_memory: that answers and uploads hold at once.  spool: of
     uploads on disk at once.  queue: waiting device requests at most.  jobs: waiting jobs at most.
     cache: folder for what is measured of the device once; None = nothing is measured.
+    keys: file of the API keys; None = `keys.json` in the store.  ask_keys: None = once there is
+    such a file.  hosts: names that the server may be called by, beside `localhost` and addresses.
+    origins: of web pages from elsewhere that may use it.  key_rate: requests per second, key_jobs:
+    unfinished jobs, of one key, or of one address where no key is asked for.
     """
 
     store: Path = Path("rhytid-store")
@@ -34,12 +42,24 @@ class ServiceSettings:
     queue: int = 256
     jobs: int = 256
     cache: Path | None = None
+    keys: Path | None = None
+    ask_keys: bool | None = None
+    hosts: tuple[str, ...] = ()
+    origins: tuple[str, ...] = ()
+    key_rate: int = 1000
+    key_jobs: int = 64
+
+    @property
+    def key_file(self) -> Path:
+        """Where the API keys are, if there are any."""
+        return self.keys or self.store / "keys.json"
 
     @classmethod
     def from_environment(cls, environment: Mapping[str, str] = os.environ) -> ServiceSettings:
         """Read RHYTID_STORE, RHYTID_DEVICE, RHYTID_DEVICE_MEMORY_MB, RHYTID_FRAME_MEMORY_MB,
-        RHYTID_HOST_MEMORY_MB, RHYTID_UPLOAD_LIMIT_MB, RHYTID_SPOOL_MB, RHYTID_QUEUE, RHYTID_JOBS
-        and RHYTID_CACHE; raises SettingsError naming the variable, also where an upload of the
+        RHYTID_HOST_MEMORY_MB, RHYTID_UPLOAD_LIMIT_MB, RHYTID_SPOOL_MB, RHYTID_QUEUE, RHYTID_JOBS,
+        RHYTID_CACHE, RHYTID_KEYS_FILE, RHYTID_ALLOWED_HOSTS, RHYTID_CORS_ORIGINS, RHYTID_KEY_RATE
+        and RHYTID_KEY_JOBS; raises SettingsError naming the variable, also where an upload of the
         largest size allowed would not fit into the spool."""
 
         def count(name: str, default: int) -> int:
@@ -64,6 +84,15 @@ class ServiceSettings:
                 f"RHYTID_UPLOAD_LIMIT_MB is {upload_limit}: must be at most RHYTID_SPOOL_MB, "
                 f"which is {spool}; an upload of that size would not fit on the disk allowed"
             )
+
+        def several(name: str, form: re.Pattern[str]) -> tuple[str, ...]:
+            given = [one.strip().lower() for one in (environment.get(name) or "").split(",")]
+            wrong = [one for one in given if one and not form.fullmatch(one)]
+            if wrong:
+                example = "http://localhost:5173" if form is _ORIGIN else "skin.studio.example"
+                raise SettingsError(f"{name} has {wrong[0]!r}: must be like {example}, or *")
+            return tuple(one for one in given if one)
+
         return cls(
             store=Path(environment.get("RHYTID_STORE") or "rhytid-store"),
             device=environment.get("RHYTID_DEVICE") or None,
@@ -75,6 +104,11 @@ class ServiceSettings:
             queue=count("RHYTID_QUEUE", 256),
             jobs=count("RHYTID_JOBS", 256),
             cache=_folder(environment.get("RHYTID_CACHE")),
+            keys=Path(keys) if (keys := environment.get("RHYTID_KEYS_FILE")) else None,
+            hosts=several("RHYTID_ALLOWED_HOSTS", _HOST),
+            origins=several("RHYTID_CORS_ORIGINS", _ORIGIN),
+            key_rate=count("RHYTID_KEY_RATE", 1000),
+            key_jobs=count("RHYTID_KEY_JOBS", 64),
         )
 
 

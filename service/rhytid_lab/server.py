@@ -27,7 +27,7 @@ def served(store: Path, device: str) -> Iterator[str]:
     Raises RhytidError with what the server said where it does not start.
     """
     command = [sys.executable, "-m", "rhytid", "serve", "--port", "0"]
-    command += ["--store", str(store), "--device", device]
+    command += ["--store", str(store), "--device", device, "--without-keys"]
     log = store.parent / "server.log"  # not a pipe: nobody would read what a server has to say
     with (
         log.open("w") as told,

@@ -25,6 +25,9 @@ TREE = [e for _, e in inspect.getmembers(errors, inspect.isclass)]
 STATUSES = {
     "MeshError": 422,
     "QueryError": 422,
+    "ApiKeyError": 401,
+    "ScopeError": 403,
+    "QuotaError": 429,
     "NotFoundError": 404,
     "NotReadyError": 409,
     "ReadOnlyError": 409,
@@ -41,6 +44,11 @@ def test_every_deliberate_error_has_a_status_and_no_two_kinds_share_a_name() -> 
     found = {error.__name__: kind_of(error("x")).status for error in TREE}
     assert STATUSES.items() <= found.items()
     assert len({kind.type for kind in KINDS.values()}) == len(KINDS)
+
+
+def test_what_is_kept_to_the_log_is_what_500_is_answered_for() -> None:
+    secret = {e for e in TREE if errors.told(e("/srv/secret")) != "/srv/secret"}
+    assert secret | {errors.RhytidError} == {e for e in TREE if kind_of(e("x")).status == 500}
 
 
 def test_a_long_detail_is_cut() -> None:
@@ -178,8 +186,9 @@ def test_an_upload_above_the_limit_is_413(client: httpx.Client) -> None:
 
 def begun(client: httpx.Client, call: str, length: int, *headers: str) -> socket.socket:
     """A connection on which only the head of a request was sent."""
-    lines = [f"{call} HTTP/1.1", "Host: h", f"Content-Length: {length}", *headers, "", ""]
     address = (client.base_url.host, client.base_url.port or 0)
+    lines = [f"{call} HTTP/1.1", f"Host: {address[0]}", f"Content-Length: {length}", *headers]
+    lines += ["", ""]
     raw = socket.create_connection(address, timeout=30)
     raw.sendall("\r\n".join(lines).encode())
     return raw

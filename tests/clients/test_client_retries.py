@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from clients.shells import Clock, Script, Shell, problem
-from rhytid_client import Conflict, NotReady, ProblemError, ServerBusy, ServerError
+from rhytid_client import Conflict, NotReady, ProblemError, ServerBusy, ServerError, TooMany
 
 ASSET = {"id": "a", "state": "building", "job": "j"}
 
 
-@pytest.mark.parametrize("status", [409, 503])
+@pytest.mark.parametrize("status", [409, 429, 503])
 def test_asks_again_when_told(shell: Callable[..., Shell], clock: Clock, status: int) -> None:
     first, second = problem(status, Retry_After="1"), problem(status, Retry_After="3")
     script = Script(first, second, httpx.Response(200, json=ASSET))
@@ -25,7 +25,7 @@ def test_asks_again_when_told(shell: Callable[..., Shell], clock: Clock, status:
     assert len(script.seen) == 3
 
 
-@pytest.mark.parametrize(("status", "error"), [(409, NotReady), (503, ServerBusy)])
+@pytest.mark.parametrize(("status", "error"), [(409, NotReady), (429, TooMany), (503, ServerBusy)])
 def test_waiting_is_bounded(
     shell: Callable[..., Shell], clock: Clock, status: int, error: type[ProblemError]
 ) -> None:
@@ -68,7 +68,7 @@ def test_not_told_not_asked_again(
     assert clock.pauses == []
 
 
-@pytest.mark.parametrize("status", [404, 429, 500])
+@pytest.mark.parametrize("status", [401, 404, 500])
 def test_other_refusals_stand_even_with_a_time(
     shell: Callable[..., Shell], clock: Clock, status: int
 ) -> None:

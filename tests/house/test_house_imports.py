@@ -28,13 +28,16 @@ ALLOWED = {
     "formats": _FACTS | {"durable", "unfinished"},
     "pictures": _FACTS,
     "meshes": _FACTS | {"formats", "synthesis"},
+    "access": {"durable", "errors", "storage"},
     "pipeline": _TOOLS,
     "synthesis": _TOOLS,
     "storage": _TOOLS,
     "textures": _FACTS | {"formats", "durable"},
     "engine": _TOOLS | _WORK | {"settings"},
-    "api": _TOOLS | {"engine", "settings", "meshes"},
-    "cli": _TOOLS | _WORK | {"engine", "settings", "api", "pictures", "meshes", "textures"},
+    "api": _TOOLS | {"access", "engine", "settings", "meshes"},
+    "cli": (
+        _TOOLS | _WORK | {"access", "engine", "settings", "api", "pictures", "meshes", "textures"}
+    ),
 }
 # The only parts that may import a package from outside; other packages are free.
 ONLY_IN = {

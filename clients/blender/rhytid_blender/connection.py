@@ -13,6 +13,7 @@ import numpy as np
 from rhytid_client import (
     BadAnswer,
     ConnectionFailed,
+    NotAllowed,
     NotFound,
     PlainClient,
     ProblemError,
@@ -32,11 +33,10 @@ _LOOPBACK = ("127.0.0.1", "localhost", "::1")
 @contextmanager
 def server() -> Iterator[PlainClient]:
     """A client; what goes wrong with it is raised as Trouble."""
-    url, key = preferences().server.strip(), preferences().key
+    url, key = preferences().server.strip(), preferences().key.strip()
     try:
         _permitted(url)
-        headers = {"Authorization": f"Bearer {key}"} if key else {}
-        client = PlainClient(url, headers=headers, connect=CONNECT_SECONDS, max_wait=WAIT_SECONDS)
+        client = PlainClient(url, key=key, connect=CONNECT_SECONDS, max_wait=WAIT_SECONDS)
         with warnings.catch_warnings():
             # They come with the results, too, from where the panel shows them.
             warnings.simplefilter("ignore", RhytidWarning)
@@ -60,9 +60,10 @@ def _words(exc: Exception, url: str) -> str:
         return f"{url} answers, but not as a rhytid server does: {exc}"
     if isinstance(exc, NotFound):
         return f"The server does not have it: {exc.detail}. Send the mesh again"
+    if isinstance(exc, NotAllowed):
+        return f"The server refuses the key ({exc.status}): {exc.detail}"
     if isinstance(exc, ProblemError):
-        refused = exc.status in (401, 403)
-        return f"The server refuses the key ({exc.status})" if refused else exc.detail or str(exc)
+        return exc.detail or str(exc)
     return str(exc)
 
 

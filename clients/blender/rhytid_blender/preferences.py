@@ -16,8 +16,8 @@ class RhytidPreferences(bpy.types.AddonPreferences):
     )
     key: StringProperty(
         name="Key",
-        description="Sent as 'Authorization: Bearer KEY', for a proxy in front of the service; "
-        "the service itself asks for none",
+        description="API key of the service, as 'rhytid keys create' prints it; empty where the "
+        "service asks for none",
         subtype="PASSWORD",
     )
 

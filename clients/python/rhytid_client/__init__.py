@@ -19,6 +19,7 @@ from rhytid_client.errors import (
     ConnectionFailed,
     JobCancelled,
     JobFailed,
+    NotAllowed,
     NotFound,
     NotReady,
     ProblemError,
@@ -29,6 +30,7 @@ from rhytid_client.errors import (
     ServerError,
     Timeout,
     TooLarge,
+    TooMany,
 )
 from rhytid_client.plain_client import PlainClient
 from rhytid_client.results import (
@@ -66,6 +68,7 @@ __all__ = [
     "JobFailed",
     "MeshFormat",
     "Method",
+    "NotAllowed",
     "NotFound",
     "NotReady",
     "Notice",
@@ -83,6 +86,7 @@ __all__ = [
     "TileFormat",
     "Timeout",
     "TooLarge",
+    "TooMany",
 ]
 
 # These two need httpx, the rest of the package does not: it is imported with them.

@@ -14,7 +14,7 @@ from rhytid_client.exchange import Flow, Listen, Step, patient
 from rhytid_client.methods import ANSWER_SECONDS, CONNECT_SECONDS, described
 from rhytid_client.multipart_form import Form
 from rhytid_client.parse import Response
-from rhytid_client.requests import Request
+from rhytid_client.requests import Request, with_key
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -33,8 +33,8 @@ class AsyncClient:
     """A rhytid server, asked without blocking; the methods of `Client`, to be awaited.
 
     url: the server's address.  max_wait: seconds that a call may spend asking again while the
-    server is busy or the asset is building.  http: an httpx client of your own, for proxies,
-    certificates or headers; it stays yours to close.
+    server is busy or the asset is building.  key: an API key of the server.  http: an httpx client
+    of your own, for proxies, certificates or headers; it stays yours to close.
     """
 
     def __init__(
@@ -42,10 +42,12 @@ class AsyncClient:
         url: str = "http://127.0.0.1:8717",
         *,
         max_wait: float = 60.0,
+        key: str | None = None,
         http: httpx.AsyncClient | None = None,
     ) -> None:
         self._url = url.rstrip("/")
         self._max_wait = max_wait
+        self._headers = with_key(key)
         self._owned = http is None
         timeout = httpx.Timeout(ANSWER_SECONDS, connect=CONNECT_SECONDS)
         self._http = httpx.AsyncClient(timeout=timeout) if http is None else http
@@ -120,7 +122,7 @@ class AsyncClient:
                 request.method,
                 self._url + request.path,
                 params=request.params,
-                headers=request.headers,
+                headers={**self._headers, **request.headers},
                 content=content,
             )
         except httpx.RequestError as exc:
@@ -130,7 +132,9 @@ class AsyncClient:
     async def _listen(self, step: Listen) -> None:
         url, timeout = self._url + step.request.path, httpx.Timeout(step.timeout)
         try:
-            async with self._http.stream("GET", url, timeout=timeout) as response:
+            async with self._http.stream(
+                "GET", url, headers=self._headers, timeout=timeout
+            ) as response:
                 if response.status_code != 200:
                     return
                 async for chunk in response.aiter_bytes():

@@ -12,15 +12,15 @@ from rhytid_client.exchange import Listen
 from rhytid_client.methods import ANSWER_SECONDS, CONNECT_SECONDS
 from rhytid_client.multipart_form import Form
 from rhytid_client.parse import Response
-from rhytid_client.requests import Request
+from rhytid_client.requests import Request, with_key
 
 
 class Client(BlockingClient):
     """A rhytid server, asked and waited for.
 
     url: the server's address.  max_wait: seconds that a call may spend asking again while the
-    server is busy or the asset is building.  http: an httpx client of your own, for proxies,
-    certificates or headers; it stays yours to close.
+    server is busy or the asset is building.  key: an API key of the server.  http: an httpx client
+    of your own, for proxies, certificates or headers; it stays yours to close.
     """
 
     def __init__(
@@ -28,9 +28,11 @@ class Client(BlockingClient):
         url: str = "http://127.0.0.1:8717",
         *,
         max_wait: float = 60.0,
+        key: str | None = None,
         http: httpx.Client | None = None,
     ) -> None:
         super().__init__(url, max_wait)
+        self._headers = with_key(key)
         self._owned = http is None
         timeout = httpx.Timeout(ANSWER_SECONDS, connect=CONNECT_SECONDS)
         self._http = httpx.Client(timeout=timeout) if http is None else http
@@ -54,7 +56,7 @@ class Client(BlockingClient):
                 request.method,
                 self._url + request.path,
                 params=request.params,
-                headers=request.headers,
+                headers={**self._headers, **request.headers},
                 content=content,
             )
         except httpx.RequestError as exc:
@@ -64,7 +66,7 @@ class Client(BlockingClient):
     def _listen(self, step: Listen) -> None:
         url, timeout = self._url + step.request.path, httpx.Timeout(step.timeout)
         try:
-            with self._http.stream("GET", url, timeout=timeout) as response:
+            with self._http.stream("GET", url, headers=self._headers, timeout=timeout) as response:
                 if response.status_code != 200:
                     return
                 for chunk in response.iter_bytes():

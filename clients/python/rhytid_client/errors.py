@@ -8,7 +8,9 @@
     │   │   ├── NotFound      404
     │   │   ├── Conflict      409
     │   │   │   └── NotReady  409 with Retry-After: the asset is still building
-    │   │   └── TooLarge      413
+    │   │   ├── TooLarge      413
+    │   │   ├── NotAllowed    401, 403: no valid API key, or one for other things
+    │   │   └── TooMany       429: more than one caller may ask for
     │   └── ServerError       5xx
     │       └── ServerBusy    503 with Retry-After: the queue is full
     ├── ConnectionFailed      no answer; the error of the transport is its __cause__
@@ -86,6 +88,14 @@ class NotReady(Conflict):
 
 class TooLarge(RequestError):
     """Larger than the server allows."""
+
+
+class NotAllowed(RequestError):
+    """No API key that is valid (401), or one without the scope that this needs (403)."""
+
+
+class TooMany(RequestError):
+    """More than one caller may ask for; nothing was done; `retry_after` says when to ask again."""
 
 
 class ServerError(ProblemError):

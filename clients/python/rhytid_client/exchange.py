@@ -44,7 +44,8 @@ Flow = Generator[Step, Any, T]
 
 
 def patient(flow: Flow[T], max_wait: float) -> Flow[T]:
-    """`flow`, whose requests are repeated while the server is busy or the asset is building.
+    """`flow`, whose requests are repeated while the server is busy, the asset is building or the
+    caller asks too often.
 
     Only where the server refused with Retry-After, which says that it did nothing, and for at
     most `max_wait` seconds of pauses per request: repeating is safe for every method.
@@ -66,6 +67,6 @@ def patient(flow: Flow[T], max_wait: float) -> Flow[T]:
 
 def _pause(response: Response) -> float:
     """Seconds to wait before asking again; infinity for an answer that stands."""
-    if response.status not in (409, 503) or response.retry_after is None:
+    if response.status not in (409, 429, 503) or response.retry_after is None:
         return float("inf")
     return max(response.retry_after, LEAST_PAUSE)

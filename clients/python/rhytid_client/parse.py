@@ -17,6 +17,7 @@ from rhytid_client import npy
 from rhytid_client.errors import (
     BadAnswer,
     Conflict,
+    NotAllowed,
     NotFound,
     NotReady,
     ProblemError,
@@ -24,6 +25,7 @@ from rhytid_client.errors import (
     ServerBusy,
     ServerError,
     TooLarge,
+    TooMany,
 )
 from rhytid_client.requests import Request
 from rhytid_client.results import InputWarning, Notice, Tile
@@ -31,6 +33,15 @@ from rhytid_client.results import InputWarning, Notice, Tile
 T = TypeVar("T")
 SCALE = "x-rhytid-scale"
 WARNINGS = "x-rhytid-warnings"
+
+_KNOWN: dict[int, type[ProblemError]] = {
+    401: NotAllowed,
+    403: NotAllowed,
+    404: NotFound,
+    409: Conflict,
+    413: TooLarge,
+    429: TooMany,
+}
 
 
 @dataclass(frozen=True)
@@ -84,9 +95,8 @@ def _kind(status: int, comes_back: bool) -> type[ProblemError] | None:
         return NotReady
     if status == 503 and comes_back:
         return ServerBusy
-    known: dict[int, type[ProblemError]] = {404: NotFound, 409: Conflict, 413: TooLarge}
     classes: dict[int, type[ProblemError]] = {4: RequestError, 5: ServerError}
-    return known.get(status, classes.get(status // 100))
+    return _KNOWN.get(status, classes.get(status // 100))
 
 
 def _problem(response: Response) -> Mapping[str, Any]:

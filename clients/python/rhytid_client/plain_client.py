@@ -14,7 +14,7 @@ from rhytid_client.exchange import Listen
 from rhytid_client.methods import ANSWER_SECONDS, CONNECT_SECONDS
 from rhytid_client.multipart_form import Form
 from rhytid_client.parse import Response
-from rhytid_client.requests import Request
+from rhytid_client.requests import Request, with_key
 
 _CHUNK = 1 << 16
 
@@ -22,8 +22,8 @@ _CHUNK = 1 << 16
 class PlainClient(BlockingClient):
     """A rhytid server, asked and waited for, with the methods of `Client` and without httpx.
 
-    url: the server's address, http or https.  headers: sent with every request, as
-    {"Authorization": "Bearer …"}.  connect: seconds that a connection may take.  Proxies are not
+    url: the server's address, http or https.  key: an API key of the server.  headers: sent with
+    every request.  connect: seconds that a connection may take.  Proxies are not
     used and redirections are not followed, so that headers go to this server alone. Every request
     has a connection of its own: there is nothing to close, and threads may share a client. Raises
     ValueError for another kind of address.
@@ -34,12 +34,13 @@ class PlainClient(BlockingClient):
         url: str = "http://127.0.0.1:8717",
         *,
         max_wait: float = 60.0,
+        key: str | None = None,
         headers: Mapping[str, str] | None = None,
         connect: float = CONNECT_SECONDS,
     ) -> None:
         super().__init__(url, max_wait)
         self._address = _checked(self._url)
-        self._headers = dict(headers or {})
+        self._headers = {**with_key(key), **(headers or {})}
         self._connect = connect
 
     def _send(self, request: Request) -> Response:

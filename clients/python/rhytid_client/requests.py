@@ -35,6 +35,11 @@ class Request:
         return f"{self.method} {self.path}"
 
 
+def with_key(key: str | None) -> dict[str, str]:
+    """The header that shows an API key; a file that it was read from may end in a new line."""
+    return {} if not key else {"Authorization": f"Bearer {key.strip()}"}
+
+
 def request(
     method: str,
     *segments: str | int,

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from fastapi import FastAPI
+from fastapi import Depends, FastAPI
+from starlette.middleware.cors import CORSMiddleware
 
 from rhytid import __version__
 from rhytid.api import problems
+from rhytid.api.access import Access, guard
 from rhytid.api.device_slots import DeviceSlots, threads
 from rhytid.api.documentation import describe
+from rhytid.api.encoding import SCALE, WARNINGS
+from rhytid.api.job_shares import JobShares
 from rhytid.api.metrics import Metrics, Observe
+from rhytid.api.request_head import CheckHead
 from rhytid.api.request_memory import HoldUntilSent
 from rhytid.api.routes import assets, bins, frames, graphs, health, jobs, meshes, root, tiles
 from rhytid.engine.byte_budget import ByteBudget
@@ -32,6 +37,14 @@ ROUTERS = (
     root.router,
 )
 
+# What web pages of allowed origins may send and read. No cookies: keys are in a header.
+SHARED: dict[str, Any] = {
+    "allow_methods": ("GET", "HEAD", "PUT", "POST", "PATCH", "DELETE"),
+    "allow_headers": ("Authorization", "Content-Type", "If-None-Match"),
+    "expose_headers": ("ETag", "Location", "Retry-After", SCALE, WARNINGS),
+    "max_age": 600,
+}
+
 
 def create_app(engine: Engine, settings: ServiceSettings) -> FastAPI:
     """An application over `engine`, which stays the caller's to close."""
@@ -40,12 +53,15 @@ def create_app(engine: Engine, settings: ServiceSettings) -> FastAPI:
         version=__version__,
         redirect_slashes=False,
         lifespan=threads,
+        dependencies=[Depends(guard)],
         # `routes.root` has pages that need no internet.
         docs_url=None,
         redoc_url=None,
     )
     app.state.engine = engine
     app.state.settings = settings
+    app.state.access = Access(settings)
+    app.state.job_shares = JobShares(lambda job: engine.jobs.info(job))
     app.state.slots = DeviceSlots(settings.queue)
     app.state.spool = ByteBudget(settings.spool, "RHYTID_SPOOL_MB")
     app.state.metrics = Metrics(
@@ -55,6 +71,9 @@ def create_app(engine: Engine, settings: ServiceSettings) -> FastAPI:
     for router in ROUTERS:
         app.include_router(router)
     app.add_middleware(HoldUntilSent)
+    if settings.origins:
+        app.add_middleware(CORSMiddleware, allow_origins=settings.origins, **SHARED)
+    app.add_middleware(CheckHead, hosts=settings.hosts, origins=settings.origins)
     app.add_middleware(Observe, metrics=app.state.metrics)
     problems.install(app)
     app.openapi = partial(describe, app)  # type: ignore[method-assign]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import AsyncIterator
 from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,6 +12,8 @@ from numpy.typing import NDArray
 from starlette.concurrency import run_in_threadpool
 
 from rhytid.api import uploads
+from rhytid.api.access import Caller
+from rhytid.api.job_shares import JobShare
 from rhytid.api.metrics import Metrics
 from rhytid.api.parts import Part
 from rhytid.api.request_memory import RequestMemory
@@ -42,6 +45,11 @@ async def _slot(request: Request) -> Any:
 
 async def _memory(request: Request) -> RequestMemory:
     return RequestMemory.of(request)
+
+
+async def _job_share(request: Request) -> AsyncIterator[JobShare]:
+    with request.app.state.job_shares.one(Caller.of(request.scope)) as share:
+        yield share
 
 
 async def _metrics(request: Request) -> Any:
@@ -88,6 +96,9 @@ NoRepeats = Depends(no_repeats)
 Slot = Annotated[AbstractContextManager[None], Depends(_slot)]
 # What the request holds of the host's memory until its answer is sent.
 Memory = Annotated[RequestMemory, Depends(_memory)]
+# A place among the unfinished jobs of the caller. It comes before the body in a signature, so that
+# who has too many is refused before it is read; raises QuotaError.
+JobPlace = Annotated[JobShare, Depends(_job_share)]
 MetricsDep = Annotated[Metrics, Depends(_metrics)]
 Strict = Annotated[bool, Query(description=STRICT)]
 Allow = Annotated[

@@ -10,6 +10,7 @@ from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 
 from rhytid import __version__
+from rhytid.api.access_documentation import document_access
 from rhytid.api.encoding import WARNINGS
 from rhytid.api.events import EVENT_STREAM
 from rhytid.api.problems import MEDIA_TYPE
@@ -214,5 +215,6 @@ def describe(app: FastAPI) -> dict[str, Any]:
         schemas["Asset"]["properties"]["settings"] = reference(
             "AssetSettings", "all of them, resolved once the asset is ready"
         )
+        document_access(document)
         app.openapi_schema = document
     return app.openapi_schema

@@ -10,6 +10,7 @@ from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, gene
 from prometheus_client.core import GaugeMetricFamily
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from rhytid.api.access import CALLER
 from rhytid.engine.byte_budget import ByteBudget
 
 logger = logging.getLogger(__name__)
@@ -124,4 +125,5 @@ class Observe:
         self.metrics.requests.labels(method, route, status).inc()
         self.metrics.seconds.labels(route).observe(seconds)
         path = scope["path"].encode("unicode_escape").decode("ascii")
-        logger.info("%s %s %d %.1f ms", method, path, status, 1000 * seconds)
+        who = f" {caller.name}" if (caller := scope.get(CALLER)) else ""
+        logger.info("%s %s %d %.1f ms%s", method, path, status, 1000 * seconds, who)

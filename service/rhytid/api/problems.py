@@ -49,6 +49,10 @@ KINDS: dict[type[BaseException], Kind] = {
     errors.NotReadyError: Kind(409, "not-ready", "The asset is not ready"),
     errors.ReadOnlyError: Kind(409, "read-only", "Cannot be written"),
     errors.ConflictError: Kind(409, "conflict", "Not possible in the present state"),
+    errors.ApiKeyError: Kind(401, "key", "An API key is needed"),
+    errors.ScopeError: Kind(403, "scope", "The API key does not allow this"),
+    errors.AccessError: Kind(403, "access", "Not allowed"),
+    errors.QuotaError: Kind(429, "quota", "More than one caller may ask for"),
     errors.CancelledError: Kind(409, "cancelled", "The job was cancelled"),
     errors.FrameMemoryError: Kind(507, "frame-memory", "The memory for frames is full"),
     errors.HostMemoryError: Kind(507, "host-memory", "Beyond the memory for requests"),
@@ -102,6 +106,8 @@ async def _deliberate(request: Request, error: Exception) -> Response:
         return problem(kind.status, "the server's log has the reason", kind.title, kind.type)
     retry = getattr(error, "retry_after", None)
     headers = {} if retry is None else {"Retry-After": str(retry)}
+    if kind.status == HTTPStatus.UNAUTHORIZED:
+        headers["WWW-Authenticate"] = 'Bearer realm="rhytid"'
     extra = {}
     if isinstance(error, errors.StrictError):
         extra["warnings"] = [asdict(w) for w in error.warnings if isinstance(w, InputWarning)]

@@ -169,11 +169,13 @@ def build(engine: Engine, new: NewAsset, warned: Warned) -> AssetInfo:
     """Have an asset built and return it ready; raises ConflictError with the reason if it fails."""
     asset = engine.assets.create(new)
     warned.settings(asset.warnings)
+    job = None
     if asset.job is not None:
-        _wait(engine.jobs.get(asset.job), "building")
+        job = _wait(engine.jobs.get(asset.job), "building")
         asset = engine.assets.info(asset.id)
     if asset.state == "failed":
-        raise ConflictError(f"the asset could not be built: {asset.reason}")
+        reason = asset.reason if job is None else _reason(job)
+        raise ConflictError(f"the asset could not be built: {reason}")
     # Maps that are made ahead would be for a range that is not calibrated yet.
     engine.jobs.cancel_all(asset.id)
     if new.graph is None and asset.statistics is not None:
@@ -186,13 +188,18 @@ def build(engine: Engine, new: NewAsset, warned: Warned) -> AssetInfo:
 def finish(engine: Engine, job: JobInfo, what: str) -> None:
     """Wait until a job is done; raises ConflictError with the reason if it fails."""
     ended = _wait(engine.jobs.get(job.id), what)
-    if ended.state != "done":
-        raise ConflictError(f"{what}: {ended.detail or ended.state}")
+    if ended.info.state != "done":
+        raise ConflictError(f"{what}: {_reason(ended)}")
 
 
-def _wait(job: Job, what: str) -> JobInfo:
-    """How a job ended; shows how far it is."""
+def _reason(job: Job) -> str:
+    """Why a job was not done, in full: a command tells its user what a server keeps to its log."""
+    return job.reason or job.info.detail or job.info.state
+
+
+def _wait(job: Job, what: str) -> Job:
+    """A job that has ended; shows how far it is until then."""
     with share_bar(what) as show:
         while not job.wait(_SHOWN_SECONDS):
             show(job.info.progress, job.info.stage)
-    return job.info
+    return job

@@ -17,6 +17,7 @@ from rhytid.cli import (
     completion,
     devices,
     graph,
+    keys,
     look,
     serve,
     synthesize,
@@ -30,6 +31,7 @@ from rhytid.errors import RhytidError
 
 COMMANDS = (
     serve,
+    keys,
     devices,
     check,
     synthesize,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import socket
 from contextlib import closing, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -29,6 +30,8 @@ def add_command(commands: Commands) -> None:
     parser.add_argument("--port", type=port_number, default=PORT, metavar="PORT", help=port)
     store = "folder of the assets (default: of RHYTID_STORE, else rhytid-store)"
     parser.add_argument("--store", type=Path, metavar="DIR", help=store)
+    without = "ask for no API keys: for a server behind a proxy that knows who may use it"
+    parser.add_argument("--without-keys", action="store_true", help=without)
     add_device(parser)
     parser.set_defaults(run=run)
 
@@ -36,12 +39,20 @@ def add_command(commands: Commands) -> None:
 def run(arguments: argparse.Namespace) -> None:
     """Listen, print the address, and serve."""
     # Imported here, so that --help does not wait for OpenCL and the web framework.
-    from rhytid.cli.server import address_of, listen, server_of
-    from rhytid.engine.engine import Engine
+    from rhytid.cli.server import asks_keys, listen
 
     settings = chosen(arguments.store, arguments.device)
     listening = listen(arguments.host, arguments.port)
-    with closing(listening), closing(Engine(settings)) as engine:
+    with closing(listening):
+        ask = asks_keys(listening, settings.key_file, without=arguments.without_keys)
+        _serve(listening, replace(settings, ask_keys=ask))
+
+
+def _serve(listening: socket.socket, settings: ServiceSettings) -> None:
+    from rhytid.cli.server import address_of, server_of
+    from rhytid.engine.engine import Engine
+
+    with closing(Engine(settings)) as engine:
         device = next(d for d in engine.devices() if d.selected)
         where = f"{device.name} ({device.platform}), store {settings.store}"
         print(f"rhytid {__version__} on {address_of(listening)}, {where}", flush=True)

@@ -5,12 +5,17 @@ from __future__ import annotations
 import socket
 import threading
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
+from dataclasses import replace
+from ipaddress import ip_address
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import uvicorn
 
-from rhytid.errors import InputError
+from rhytid.access.api_key import ApiKey, utc_now
+from rhytid.access.key_file import read_keys
+from rhytid.errors import AccessError, InputError
 from rhytid.settings import ServiceSettings
 
 if TYPE_CHECKING:
@@ -42,6 +47,28 @@ def address_of(listening: socket.socket) -> str:
     return f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
 
 
+def asks_keys(listening: socket.socket, keys: Path, *, without: bool) -> bool | None:
+    """What the setting `ask_keys` is for a server on a socket, whose keys are in a file.
+
+    without: nobody is asked for a key. Raises AccessError where others than this machine reach the
+    socket, a key is asked for and none is valid; StorageError where the file cannot be read.
+    """
+    if without:
+        return False
+    found: list[ApiKey] = []
+    with suppress(FileNotFoundError):
+        found = read_keys(keys)
+    if ip_address(listening.getsockname()[0]).is_loopback:
+        return None
+    if not any(key.valid(utc_now()) for key in found):
+        raise AccessError(
+            f"{address_of(listening)} can be reached from other machines, and {keys} has no valid "
+            "API key: make one with `rhytid keys create NAME`, listen on 127.0.0.1, or give "
+            "--without-keys where a proxy in front of the server knows who may use it"
+        )
+    return True
+
+
 def server_of(engine: Engine, settings: ServiceSettings, log_level: str) -> uvicorn.Server:
     """The application over an engine, ready to run on sockets."""
     from rhytid.api.app import create_app
@@ -56,10 +83,12 @@ def server_of(engine: Engine, settings: ServiceSettings, log_level: str) -> uvic
 def serving(settings: ServiceSettings) -> Iterator[str]:
     """The URL of a real server on a free loopback port.
 
-    It runs in a thread of this process, so it ends with the block, and with the process at last.
+    It runs in a thread of this process, so it ends with the block, and with the process at last. It
+    asks for no API keys.
     """
     from rhytid.engine.engine import Engine
 
+    settings = replace(settings, ask_keys=False)
     with closing(listen(LOOPBACK, 0)) as listening, closing(Engine(settings)) as engine:
         server = server_of(engine, settings, "warning")
         options = {"sockets": [listening]}

@@ -18,7 +18,7 @@ from rhytid.engine.device_assets import DeviceAssets
 from rhytid.engine.given_graphs import graph_lengths
 from rhytid.engine.jobs import Job, Jobs
 from rhytid.engine.spacing import mean_spacing
-from rhytid.errors import CancelledError, NotFoundError, RhytidError
+from rhytid.errors import CancelledError, NotFoundError, told
 from rhytid.storage.records import StoredRequest
 from rhytid.storage.store import AssetStore
 from rhytid.synthesis.generate import Synthesis, synthesize
@@ -168,11 +168,9 @@ class AssetBuilder:
         try:
             yield
         except BaseException as error:
-            known = isinstance(error, RhytidError)
-            reason = str(error) if known else f"internal error: {type(error).__name__}"
             with asset.lock:
                 if asset.state != "removed":
-                    asset.fail(reason)
+                    asset.fail(told(error))
                     if isinstance(error, CancelledError) and not job.resumes:
                         with suppress(NotFoundError):
                             self._store.delete(asset.id)

@@ -13,7 +13,7 @@ from typing import Any
 
 from rhytid.domain.wording import plural
 from rhytid.engine.messages import ENDED_STATES, JobInfo
-from rhytid.errors import BusyError, CancelledError, NotFoundError, RhytidError
+from rhytid.errors import BusyError, CancelledError, NotFoundError, RhytidError, told
 
 # Kinds of jobs by priority, highest first.
 KINDS = ("frames", "build", "calibration", "bins")
@@ -30,7 +30,8 @@ class GaveWay(Exception):
 class Job:
     """One piece of long work, as seen by the thread that does it.
 
-    waits: whether a job of higher priority waits.
+    waits: whether a job of higher priority waits.  reason: why it failed, for callers in this
+    process; `info` has what others may know.
     """
 
     def __init__(self, info: JobInfo, waits: Callable[[Job], bool] = lambda job: False) -> None:
@@ -40,6 +41,7 @@ class Job:
         self._ended = threading.Event()
         self._at_end: list[Callable[[], None]] = []
         self.resumes = False
+        self.reason = ""
 
     @property
     def info(self) -> JobInfo:
@@ -73,6 +75,15 @@ class Job:
         if self.ended:
             self._ended.set()
             self._call_back()
+
+    def fail(self, error: BaseException) -> None:
+        """End as failed; the log has what callers are not told."""
+        public = told(error)
+        # Text alone: the error would keep what the work held in memory.
+        self.reason = str(error) if isinstance(error, RhytidError) else public
+        if self.reason != public or not isinstance(error, RhytidError):
+            _log.error("job %s failed", self._info.id, exc_info=error)
+        self.update(state="failed", detail=public)
 
     def when_ended(self, call: Callable[[], None]) -> None:
         """Have `call` called once the job has ended, at once where it has; it must not block."""
@@ -270,11 +281,8 @@ def _run(queued: _Queued) -> bool:
         return True
     except CancelledError as error:
         job.update(state="cancelled", detail=str(error))
-    except RhytidError as error:
-        job.update(state="failed", detail=str(error))
     except BaseException as error:  # noqa: BLE001 the thread goes on with the next job
-        _log.exception("job %s failed", job.info.id)
-        job.update(state="failed", detail=f"internal error: {type(error).__name__}")
+        job.fail(error)
     else:
         job.update(state="done", progress=1.0, stage="done", detail="")
     return False

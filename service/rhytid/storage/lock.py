@@ -1,4 +1,4 @@
-"""One process per store: a lock that the system releases when its holder ends."""
+"""One process per store, or per file: a lock that the system releases when its holder ends."""
 
 from __future__ import annotations
 
@@ -21,24 +21,30 @@ else:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
-class FolderLock:
-    """An exclusive hold on `folder` through the file `lock` in it, until `release`.
+class FileLock:
+    """An exclusive hold on a file, which is made where it is not there, until `release`.
 
     The file stays: removing it would let two holders lock two files of the same name.
-    Raises StorageError naming the folder where another holder, in this process or in another,
-    has it.
+    Raises StorageError with `refusal` where another holder, in this process or in another, has it.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self._descriptor = os.open(folder / "lock", os.O_RDWR | os.O_CREAT, 0o644)
+    def __init__(self, path: Path, refusal: str) -> None:
+        self._descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
         try:
             _claim(self._descriptor)
         except OSError as exc:
             self.release()
-            raise StorageError(f"store {folder} is in use by another rhytid server") from exc
+            raise StorageError(refusal) from exc
 
     def release(self) -> None:
         """Let go; a second call does nothing."""
         if self._descriptor >= 0:
             os.close(self._descriptor)
             self._descriptor = -1
+
+
+class FolderLock(FileLock):
+    """The same on the file `lock` of a store's `folder`; the error names the folder."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(folder / "lock", f"store {folder} is in use by another rhytid server")

@@ -11,6 +11,7 @@ from rhytid.api.dependencies import (
     Allow,
     AssetId,
     EngineDep,
+    JobPlace,
     Json,
     Memory,
     NoQuery,
@@ -50,6 +51,7 @@ router = APIRouter(prefix="/v1/assets", tags=["assets"], dependencies=[NoQuery])
     openapi_extra=ASSET_FORM,
 )
 def create(
+    place: JobPlace,
     parts: Parts,
     engine: EngineDep,
     memory: Memory,
@@ -60,6 +62,7 @@ def create(
     """Send a mesh; 202 while the build runs, 200 where the same content is already there."""
     hold = memory.decode(sum(one.size for part in parts.values() for one in (part, *part.again)))
     asset = engine.assets.create(new_asset(parts), strict=strict, allow=allow, hold=hold)
+    place.take(asset.job)
     response.status_code = 202 if asset.state == "building" else 200
     response.headers["Location"] = f"/v1/assets/{asset.id}"
     return asset

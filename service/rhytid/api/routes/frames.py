@@ -13,6 +13,7 @@ from rhytid.api.dependencies import (
     AssetId,
     EngineDep,
     FrameName,
+    JobPlace,
     Memory,
     NoQuery,
     Positions,
@@ -138,6 +139,7 @@ def stretch(
     openapi_extra=POSITIONS,
 )
 def calibrate(
+    place: JobPlace,
     asset: AssetId,
     positions: Positions,
     engine: EngineDep,
@@ -147,5 +149,6 @@ def calibrate(
 ) -> Any:
     """Set `bins.r_max` from the stretch of the positions sent; answers with a job."""
     job = engine.assets.calibrate(asset, positions, strict=strict, allow=allow)
+    place.take(job.id)
     response.headers["Location"] = f"/v1/jobs/{job.id}"
     return job

@@ -1,0 +1,154 @@
+"""The file of the API keys: JSON, read and written whole.
+
+Only digests are in it, so who reads it gains no key; who can write it makes keys. It is written for
+its owner alone, and refused where others may write it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import stat
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from rhytid.access.api_key import SCOPES, ApiKey
+from rhytid.durable import install, reported
+from rhytid.errors import StorageError
+from rhytid.storage.lock import FileLock
+
+FORMAT = 1
+# Bytes: some 40,000 keys.
+LARGEST = 1 << 24
+
+
+def read_keys(path: Path) -> list[ApiKey]:
+    """The keys of a file, by the time at which they were made.
+
+    Raises FileNotFoundError where there is none, StorageError where it cannot be read, is not what
+    `write_keys` writes, or may be written by others than its owner.
+    """
+    try:
+        with path.open("rb") as file:
+            _check_mode(path, os.fstat(file.fileno()))
+            data = file.read(LARGEST + 1)
+    except FileNotFoundError:
+        raise
+    except OSError as exc:
+        raise StorageError(f"the API keys cannot be read: {exc}") from exc
+    if len(data) > LARGEST:
+        raise StorageError(f"{path} has more than {LARGEST} bytes: not a file of API keys")
+    try:
+        return _parsed(json.loads(data))
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as exc:
+        raise StorageError(
+            f"{path} is not a file of API keys: {type(exc).__name__}: {exc}"
+        ) from exc
+
+
+def write_keys(path: Path, keys: list[ApiKey]) -> None:
+    """Put these keys in place of those in the file, at one rename; raises StorageError."""
+    text = json.dumps({"format": FORMAT, "keys": [_as_json(key) for key in keys]}, indent=2) + "\n"
+    with reported("the API keys cannot be written"):
+        # Such a file is its owner's alone from the start.
+        descriptor, aside = tempfile.mkstemp(prefix=".keys-", dir=path.parent)
+        try:
+            with open(descriptor, "wb") as file:
+                file.write(text.encode())
+                file.flush()
+                os.fsync(descriptor)
+            _give_away(Path(aside), path.parent)
+            install(Path(aside), path)
+        except BaseException:
+            with suppress(OSError):
+                Path(aside).unlink()
+            raise
+
+
+@contextmanager
+def changing(path: Path) -> Iterator[list[ApiKey]]:
+    """The keys of a file, none where there is none; what the block makes of the list is written.
+
+    Raises StorageError where another process changes them at the same time, and what `read_keys`
+    and `write_keys` do.
+    """
+    with reported("the API keys cannot be written"):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        lock = FileLock(path.with_name(f"{path.name}.lock"), f"{path} is being changed: try again")
+    try:
+        keys: list[ApiKey] = []
+        with suppress(FileNotFoundError):
+            keys = read_keys(path)
+        yield keys
+        write_keys(path, keys)
+    finally:
+        lock.release()
+
+
+def _check_mode(path: Path, found: os.stat_result) -> None:
+    others = stat.S_IWGRP | stat.S_IWOTH
+    if os.name != "nt" and stat.S_IMODE(found.st_mode) & others:
+        raise StorageError(f"{path} may be written by others than its owner: chmod 600 {path}")
+
+
+def _give_away(file: Path, folder: Path) -> None:
+    """Where root makes keys for a server that runs as somebody else: to who has the folder."""
+    if os.name != "nt" and os.geteuid() == 0:
+        owner = folder.stat()
+        os.chown(file, owner.st_uid, owner.st_gid)
+
+
+def _parsed(document: Any) -> list[ApiKey]:
+    if document["format"] != FORMAT:
+        raise ValueError(f"format {document['format']!r}: {FORMAT} is known here")
+    keys = [_key(row) for row in document["keys"]]
+    if len({key.id for key in keys}) < len(keys) or len({key.name for key in keys}) < len(keys):
+        raise ValueError("two keys have the same name or id")
+    return keys
+
+
+def _key(row: dict[str, Any]) -> ApiKey:
+    key = ApiKey(
+        str(row["id"]),
+        str(row["name"]),
+        frozenset(row["scopes"]),
+        str(row["sha256"]),
+        _time(row["created"]),
+        None if row.get("expires") is None else _time(row["expires"]),
+        _count(row, "rate"),
+        _count(row, "jobs"),
+    )
+    if not key.scopes <= set(SCOPES):
+        raise ValueError(f"key {key.name!r} has scopes {sorted(key.scopes)}: of {SCOPES}")
+    return key
+
+
+def _time(text: str) -> datetime:
+    found = datetime.fromisoformat(text)
+    if found.tzinfo is None:
+        raise ValueError(f"{text!r} names no time zone")
+    return found
+
+
+def _count(row: dict[str, Any], name: str) -> int | None:
+    value = row.get(name)
+    if value is not None and (not isinstance(value, int) or value < 1):
+        raise ValueError(f"{name} is {value!r}: must be a whole number above 0")
+    return value
+
+
+def _as_json(key: ApiKey) -> dict[str, Any]:
+    return {
+        "id": key.id,
+        "name": key.name,
+        "scopes": [scope for scope in SCOPES if scope in key.scopes],
+        "sha256": key.sha256,
+        "created": key.created.isoformat(),
+        "expires": None if key.expires is None else key.expires.isoformat(),
+        "rate": key.rate,
+        "jobs": key.jobs,
+    }

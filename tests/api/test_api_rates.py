@@ -1,0 +1,139 @@
+"""How often one caller may ask, and how many jobs it may have."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from api.asking import NPY, built, is_problem, npy
+from api.fake_engine import FakeEngine
+from api.live import serving
+from api.patch import obj, smile, upload
+from rhytid.api.access import Caller
+from rhytid.api.job_shares import JobShares
+from rhytid.api.rates import REMEMBERED, SAVED, Rates
+from rhytid.engine.messages import JobInfo
+from rhytid.errors import NotFoundError, QuotaError
+
+
+class Clock:
+    now = 50.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def test_a_caller_has_its_rate_and_what_it_saved() -> None:
+    clock = Clock()
+    rates = Rates(clock)
+    assert [rates.take("a", 4) for _ in range(int(SAVED * 4))] == [0] * 8
+    assert rates.take("a", 4) == 1
+    assert rates.take("b", 4) == 0  # another's is its own
+    clock.now += 0.5
+    assert [rates.take("a", 4) for _ in range(3)] == [0, 0, 1]
+    clock.now += 1000
+    assert [rates.take("a", 4) for _ in range(9)] == [0] * 8 + [1]
+
+
+def test_it_is_told_when_to_come_again() -> None:
+    clock = Clock()
+    rates = Rates(clock)
+    slow = 0.25
+    assert rates.take("a", slow) == 0
+    assert rates.take("a", slow) == 4
+    clock.now += 4
+    assert rates.take("a", slow) == 0
+
+
+def test_callers_that_are_remembered_are_bounded() -> None:
+    rates = Rates(Clock())
+    for i in range(REMEMBERED + 10):
+        rates.take(f"address {i}", 1)
+    assert len(rates) == REMEMBERED
+    last = f"address {REMEMBERED + 9}"
+    assert [rates.take(last, 1), rates.take(last, 1)] == [0, 1]  # the newest is not forgotten
+
+
+def test_who_asks_too_often_is_told_when_to_come_again() -> None:
+    with serving(FakeEngine(), key_rate=1) as client:
+        answers = [client.get("/v1/assets") for _ in range(20)]
+        refused = [answer for answer in answers if answer.status_code != 200]
+        assert answers[0].status_code == answers[1].status_code == 200
+        assert len(refused) >= 10
+        for answer in refused:
+            detail = is_problem(answer, 429, "quota")
+            assert detail == "address 127.0.0.1 sends more than 1 requests a second"
+            assert answer.headers["retry-after"] == "1"
+        for _ in range(20):  # who watches whether the server lives is never refused
+            assert client.get("/healthz").status_code == 200
+
+
+CALLER = Caller("key a", 10, 2)
+INFO = JobInfo("j", "asset", "build", "running", 0.0, "", "")
+
+
+@pytest.fixture
+def jobs() -> dict[str, JobInfo]:
+    return {}
+
+
+@pytest.fixture
+def shares(jobs: dict[str, JobInfo]) -> JobShares:
+    def info(id: str) -> JobInfo:
+        if id not in jobs:
+            raise NotFoundError(id)
+        return jobs[id]
+
+    return JobShares(info)
+
+
+def start(shares: JobShares, jobs: dict[str, JobInfo], name: str, caller: Caller = CALLER) -> None:
+    with shares.one(caller) as share:
+        jobs[name] = INFO
+        share.take(name)
+
+
+def test_a_place_is_free_again_when_its_job_has_ended(
+    shares: JobShares, jobs: dict[str, JobInfo]
+) -> None:
+    start(shares, jobs, "one")
+    start(shares, jobs, "two")
+    with pytest.raises(QuotaError, match="key a has 2 unfinished jobs: at most 2"):
+        start(shares, jobs, "three")
+    start(shares, jobs, "four", replace(CALLER, name="key b"))
+    jobs["one"] = replace(INFO, state="failed")
+    start(shares, jobs, "five")
+    del jobs["two"]  # its asset was removed
+    start(shares, jobs, "six")
+
+
+def test_a_place_is_free_again_where_no_job_came_of_it(
+    shares: JobShares, jobs: dict[str, JobInfo]
+) -> None:
+    for _ in range(5):
+        with pytest.raises(ZeroDivisionError), shares.one(CALLER):
+            raise ZeroDivisionError
+        with shares.one(CALLER) as share:
+            share.take(None)
+    with shares.one(CALLER), shares.one(CALLER), pytest.raises(QuotaError):
+        start(shares, jobs, "beside two that are on their way")
+
+
+def test_who_has_too_many_jobs_is_refused_before_its_upload_is_read() -> None:
+    with serving(FakeEngine(polls=1000), key_jobs=2) as client:
+        for scale in (1.0, 2.0):
+            assert client.post("/v1/assets", files=upload(obj(scale))).status_code == 202
+        answer = client.post("/v1/assets", content=b"no form at all")
+        assert "2 unfinished jobs: at most 2" in is_problem(answer, 429, "quota")
+        assert answer.headers["retry-after"] == "1"
+
+
+def test_a_calibration_counts_among_the_jobs() -> None:
+    engine = FakeEngine()
+    with serving(engine, key_jobs=1) as client:
+        path = f"/v1/assets/{built(client, upload())}"
+        engine.polls = 1000
+        send = {"content": npy(smile()), "headers": NPY}
+        assert client.put(f"{path}/calibration", **send).status_code == 202
+        is_problem(client.put(f"{path}/calibration", **send), 429, "quota")
