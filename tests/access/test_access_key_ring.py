@@ -98,6 +98,13 @@ def test_a_folder_that_cannot_be_looked_into_lets_nobody_in(tmp_path: Path) -> N
         found(ring, farm()[0])
 
 
+def test_a_folder_that_turns_bad_lets_nobody_in(tmp_path: Path) -> None:
+    ring = KeyRing(tmp_path / "folder" / "keys.json", every=0.0)
+    assert not ring.asked
+    (tmp_path / "folder").touch()
+    assert ring.asked
+
+
 def test_the_file_is_not_looked_at_for_every_request(
     file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import asyncio
 import gzip
 import json
 import socket
 from collections.abc import Iterator
+from typing import Any
 
 import httpx
 import pytest
@@ -14,6 +16,7 @@ from api.asking import NPY, is_problem, npy
 from api.fake_engine import FakeEngine
 from api.live import serving
 from api.patch import smile
+from rhytid.api.request_head import CheckHead
 from rhytid.errors import SettingsError
 from rhytid.settings import ServiceSettings
 
@@ -64,6 +67,29 @@ def test_a_page_whose_name_leads_here_is_refused(
 def test_a_request_without_one_host_is_refused(client: httpx.Client, head: str) -> None:
     status, _ = sent(client, f"GET /healthz {head}Connection: close\r\n\r\n".encode())
     assert status == 400
+
+
+@pytest.mark.parametrize("kind", ["http", "websocket"])
+def test_two_hosts_are_refused_whatever_server_lets_them_through(kind: str) -> None:
+    reached: list[str] = []
+    told: list[Any] = []
+
+    async def app(*args: Any) -> None:
+        reached.append(kind)
+
+    async def send(message: Any) -> None:
+        told.append(message)
+
+    async def ask(*hosts: bytes) -> None:
+        scope = {"type": kind, "headers": [(b"host", host) for host in hosts]}
+        await CheckHead(app, (), ())(scope, app, send)
+
+    asyncio.run(ask(b"localhost"))
+    assert reached == [kind]
+    asyncio.run(ask(b"localhost", b"localhost"))
+    asyncio.run(ask())
+    assert reached == [kind]
+    assert [m["status"] for m in told if "status" in m] == [400, 400]
 
 
 @pytest.fixture(scope="module")

@@ -10,6 +10,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 # Blender reads it when it is imported: nothing of the user's is read or written.
@@ -58,12 +59,22 @@ def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """The address of a service run by the command of RHYTID_SERVE."""
-    command = shlex.split(os.environ.get("RHYTID_SERVE", "rhytid serve"))
+    with served(tmp_path_factory.mktemp("store")) as url:
+        yield url
+
+
+def command() -> list[str]:
+    """That of RHYTID_SERVE."""
+    return shlex.split(os.environ.get("RHYTID_SERVE", "rhytid serve"))
+
+
+@contextmanager
+def served(store: Path) -> Iterator[str]:
+    """The address of a service over a store; it ends with the block."""
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
-    store = tmp_path_factory.mktemp("store")
     place = ["--host", "127.0.0.1", "--port", str(port), "--store", str(store)]
-    with subprocess.Popen([*command, *place], stderr=subprocess.DEVNULL) as process:
+    with subprocess.Popen([*command(), *place], stderr=subprocess.DEVNULL) as process:
         try:
             _await(port, process)
             yield f"http://127.0.0.1:{port}"
