@@ -13,6 +13,7 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Any, cast
 
+from rhytid.api.access_documentation import SCHEME
 from rhytid.api.app import create_app
 from rhytid.api.documentation import TAGS
 from rhytid.api.problems import KINDS
@@ -135,7 +136,8 @@ def http_page() -> str:
     text = (
         f"{NOTE}\n# HTTP\n\n"
         "`/docs` on a running server describes the same, and `/openapi.json` is the document.\n"
-        "`/` leads to both. Numbers in the path are whole numbers from 0 up.\n"
+        "`/` leads to both. Numbers in the path are whole numbers from 0 up. Where the server\n"
+        "asks for [keys](../pipelines.md#access), a call needs a key with its scope.\n"
     )
     for tag in TAGS:
         text += f"\n## {tag['name'].capitalize()}\n\n{tag['description']}\n"
@@ -148,6 +150,8 @@ def http_page() -> str:
 
 def _call(method: str, path: str, call: Mapping[str, Any]) -> str:
     text = f"\n### {method.upper()} {path}\n\n`{call['operationId']}`: {call['description']}\n"
+    scopes = [scope for needed in call.get("security", []) for scope in needed[SCHEME]]
+    text += f"\nScope: {', '.join(f'`{scope}`' for scope in scopes) or 'none, it is open'}.\n"
     query = [p for p in call.get("parameters", []) if p["in"] != "path"]
     if query:
         text += "\n| query | values | default | meaning |\n|---|---|---|---|\n"

@@ -7,6 +7,7 @@ python examples/face_to_maps.py rhytid-demo/face.npz --out service-maps
 from __future__ import annotations
 
 import argparse
+import os
 from pathlib import Path
 
 from rhytid_client import Client
@@ -18,6 +19,8 @@ def main() -> None:
     parser.add_argument("mesh", type=Path, help="OBJ, PLY, glTF, GLB or npz")
     parser.add_argument("--out", type=Path, default=Path("service-maps"), help="folder of the maps")
     parser.add_argument("--url", default="http://127.0.0.1:8717", help="address of the service")
+    key = os.environ.get("RHYTID_KEY")
+    parser.add_argument("--key", default=key, help="its API key (default: RHYTID_KEY, if any)")
     parser.add_argument("--resolution", type=int, default=2048, help="texels per side of a map")
     parser.add_argument("--wrinkles", type=int, help="how many to grow, instead of by the unit")
     options = parser.parse_args()
@@ -26,7 +29,7 @@ def main() -> None:
     if options.wrinkles:
         settings["graph"] = {"wrinkles": options.wrinkles}
     options.out.mkdir(parents=True, exist_ok=True)
-    with Client(options.url) as rhytid:
+    with Client(options.url, key=options.key) as rhytid:
         asset = rhytid.wait(rhytid.create_asset(options.mesh, settings=settings))
         # The service counts the frames of a mesh file from 0000; `rhytid bake` counts from 0001.
         for frame in rhytid.frames(asset)[1:]:  # the first is "neutral"

@@ -6,6 +6,7 @@ python examples/live_loop.py rhytid-demo/face.npz --frames 60
 from __future__ import annotations
 
 import argparse
+import os
 import time
 
 import numpy as np
@@ -18,6 +19,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("mesh", help="npz with a mesh and its 'frames'")
     parser.add_argument("--url", default="http://127.0.0.1:8717", help="address of the service")
+    key = os.environ.get("RHYTID_KEY")
+    parser.add_argument("--key", default=key, help="its API key (default: RHYTID_KEY, if any)")
     parser.add_argument("--frames", type=int, default=60, help="how many frames to play")
     parser.add_argument("--resolution", type=int, default=2048, help="texels per side of a map")
     parser.add_argument("--wrinkles", type=int, help="how many to grow, instead of by the unit")
@@ -29,7 +32,7 @@ def main() -> None:
     with np.load(options.mesh) as file:
         arrays = {name: file[name] for name in ("positions", "faces", "uv", "face_uv")}
         animation = file["frames"]
-    with Client(options.url) as rhytid:
+    with Client(options.url, key=options.key) as rhytid:
         asset = rhytid.wait(rhytid.create_asset(arrays, settings=settings))
         # The maps of `binned` are made for stretch up to that of this frame.
         rhytid.wait(rhytid.calibrate(asset, animation[len(animation) // 2]))

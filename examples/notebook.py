@@ -11,7 +11,8 @@ import numpy as np
 
 from rhytid_client import Client
 
-rhytid = Client(os.environ.get("RHYTID_URL", "http://127.0.0.1:8717"))
+url = os.environ.get("RHYTID_URL", "http://127.0.0.1:8717")
+rhytid = Client(url, key=os.environ.get("RHYTID_KEY"))
 file = os.environ.get("RHYTID_MESH", "rhytid-demo/face.npz")
 settings = json.loads(os.environ.get("RHYTID_SETTINGS", '{"resolution": 2048}'))
 

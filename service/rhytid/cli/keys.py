@@ -27,9 +27,7 @@ MOST = 10**6
 
 def add_command(commands: Commands) -> None:
     """Add `keys` to the parser."""
-    summary = (
-        "Make, list and revoke the API keys of a server, which need not be running or stopped."
-    )
+    summary = "Make, list and revoke the API keys of a server, whether it runs or not."
     example = "rhytid keys create farm --scopes read --expires 90"
     parser = new_command(commands, "keys", summary, example)
     add = parser.add_argument
@@ -37,10 +35,8 @@ def add_command(commands: Commands) -> None:
     add("action", choices=ACTIONS, help=action)
     name = "whose key it is, to create or revoke: a person, a program, a farm"
     add("name", nargs="?", type=base_name, metavar="NAME", help=name)
-    scopes = (
-        "what a new key allows: read asks, compute sends meshes and frames, admin removes assets"
-    )
-    scopes += f" (default: {' '.join(USUAL)})"
+    scopes = "what a new key allows: read asks, compute sends meshes and frames, admin removes "
+    scopes += f"assets (default: {' '.join(USUAL)})"
     add_several(parser, "--scopes", choices=SCOPES, help=scopes)
     days = "days after which a new key is not valid any more"
     add("--expires", type=_days, metavar="DAYS", help=days)
