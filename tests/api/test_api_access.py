@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import socket
 from collections.abc import Iterable, Iterator
@@ -12,6 +13,7 @@ from typing import Any, NamedTuple
 
 import httpx
 import pytest
+from fastapi import WebSocket
 
 from api.asking import NPY, is_problem, npy
 from api.fake_engine import FakeEngine
@@ -320,6 +322,41 @@ def test_the_document_says_which_key_a_call_needs() -> None:
             assert ("401" in call["responses"]) == (scope != OPEN)
             assert {"400", "403"} <= set(call["responses"])
             assert ("429" in call["responses"]) == (path != "/healthz")
+
+
+def test_a_websocket_is_guarded_as_a_route_is(
+    keyed: Keyed, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    engine: Any = FakeEngine()
+    app = create_app(engine, ServiceSettings(keys=keyed.file))
+
+    @app.websocket("/live")
+    async def live(socket: WebSocket) -> None:
+        await socket.accept()
+        await socket.close()
+
+    def told(key: str) -> tuple[str, int | None]:
+        messages: list[Any] = []
+
+        async def send(message: Any) -> None:
+            messages.append(message)
+
+        async def receive() -> Any:
+            return {"type": "websocket.connect"}
+
+        headers = {"host": "localhost", **bearer(key)}
+        scope = {"type": "websocket", "path": "/live", "query_string": b"", "state": {},
+                 "headers": [(n.lower().encode(), v.encode()) for n, v in headers.items()],
+                 "extensions": {"websocket.http.response": {}}}  # fmt: skip
+        asyncio.run(app(scope, receive, send))
+        return messages[0]["type"], messages[0].get("status")
+
+    refused = "websocket.http.response.start"
+    assert told(keyed.keys["read"]) == (refused, 500)  # it has no row yet
+    monkeypatch.setitem(ROUTES, "WS /live", "read")
+    assert told(keyed.keys["read"]) == ("websocket.accept", None)
+    assert told(keyed.keys["admin"]) == (refused, 403)
+    assert told("wrong") == (refused, 401)
 
 
 def test_a_route_without_a_scope_answers_nobody(

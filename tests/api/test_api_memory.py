@@ -53,7 +53,8 @@ def uploading(client: httpx.Client, sent: int, declared: int) -> socket.socket:
     """A connection on which so many bytes of an upload were sent."""
     connection = connected(client)
     head = (
-        "POST /v1/assets HTTP/1.1\r\nHost: x\r\nContent-Type: multipart/form-data; boundary=b\r\n"
+        "POST /v1/assets HTTP/1.1\r\nHost: localhost\r\n"
+        "Content-Type: multipart/form-data; boundary=b\r\n"
         f"Content-Length: {declared}\r\n\r\n"
     )
     connection.sendall(head.encode() + HEAD + bytes(sent))
@@ -127,7 +128,8 @@ def test_an_answer_counts_until_it_is_read(client: httpx.Client) -> None:
     path = map_path(client, 2048)
     with connected(client) as reader:
         reader.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 16)
-        reader.sendall(f"GET {path} HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n".encode())
+        head = f"GET {path} HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n"
+        reader.sendall(head.encode())
         assert reader.recv(4) == b"HTTP"
         time.sleep(0.3)
         held = use(client, "host")["purposes"]["answers"]
@@ -144,7 +146,7 @@ def test_a_client_that_takes_nothing_is_dropped(
     path = map_path(client, 2048)
     with connected(client) as reader:
         reader.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 16)
-        reader.sendall(f"GET {path} HTTP/1.1\r\nHost: x\r\n\r\n".encode())
+        reader.sendall(f"GET {path} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode())
         assert reader.recv(4) == b"HTTP"
         soon(lambda: use(client, "host")["used"] == 0)
         total = 4

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import httpx
 import pytest
 
 from api.asking import NPY, built, is_problem, npy
@@ -67,6 +68,19 @@ def test_who_asks_too_often_is_told_when_to_come_again() -> None:
             assert answer.headers["retry-after"] == "1"
         for _ in range(20):  # who watches whether the server lives is never refused
             assert client.get("/healthz").status_code == 200
+
+
+def test_behind_a_proxy_on_this_machine_callers_are_told_apart() -> None:
+    """uvicorn believes what 127.0.0.1 says of who asked it."""
+    with serving(FakeEngine(), key_rate=1) as client:
+
+        def answers(address: str) -> list[httpx.Response]:
+            headers = {"X-Forwarded-For": f"198.51.100.7, {address}"}
+            return [client.get("/v1/assets", headers=headers) for _ in range(10)]
+
+        first, second = answers("203.0.113.9"), answers("203.0.113.10")
+        assert first[0].status_code == second[0].status_code == 200
+        assert "address 203.0.113.9 sends more" in is_problem(first[-1], 429, "quota")
 
 
 CALLER = Caller("key a", 10, 2)
@@ -133,7 +147,7 @@ def test_a_calibration_counts_among_the_jobs() -> None:
     engine = FakeEngine()
     with serving(engine, key_jobs=1) as client:
         path = f"/v1/assets/{built(client, upload())}"
-        engine.polls = 1000
+        engine.state.polls = 1000
         send = {"content": npy(smile()), "headers": NPY}
         assert client.put(f"{path}/calibration", **send).status_code == 202
         is_problem(client.put(f"{path}/calibration", **send), 429, "quota")

@@ -160,4 +160,4 @@ async def _unexpected(request: Request, error: Exception) -> Response:
 
 
 def _call(request: Request) -> str:
-    return f"{request.method} {request.url.path!r}"
+    return f"{request.scope.get('method', 'WS')} {request.url.path!r}"
