@@ -25,6 +25,7 @@ class ServiceSettings:
     device_memory, frame_memory, host_memory, upload_limit, spool: bytes; None = a share of what the
     device or the machine has.  host_memory: that answers and uploads hold at once.  spool: of
     uploads on disk at once.  queue: waiting device requests at most.  jobs: waiting jobs at most.
+    draw_seconds: that the map of a UDIM may take, by an estimate; graphs beyond it are refused.
     cache: folder for what is measured of the device once; None = nothing is measured.
     keys: file of the API keys; None = `keys.json` in the store.  ask_keys: None = once there is
     such a file.  hosts: names that the server may be called by, beside `localhost` and addresses.
@@ -41,6 +42,7 @@ class ServiceSettings:
     spool: int = 4096 * MIB
     queue: int = 256
     jobs: int = 256
+    draw_seconds: int = 60
     cache: Path | None = None
     keys: Path | None = None
     ask_keys: bool | None = None
@@ -58,9 +60,9 @@ class ServiceSettings:
     def from_environment(cls, environment: Mapping[str, str] = os.environ) -> ServiceSettings:
         """Read RHYTID_STORE, RHYTID_DEVICE, RHYTID_DEVICE_MEMORY_MB, RHYTID_FRAME_MEMORY_MB,
         RHYTID_HOST_MEMORY_MB, RHYTID_UPLOAD_LIMIT_MB, RHYTID_SPOOL_MB, RHYTID_QUEUE, RHYTID_JOBS,
-        RHYTID_CACHE, RHYTID_KEYS_FILE, RHYTID_ALLOWED_HOSTS, RHYTID_CORS_ORIGINS, RHYTID_KEY_RATE
-        and RHYTID_KEY_JOBS; raises SettingsError naming the variable, also where an upload of the
-        largest size allowed would not fit into the spool."""
+        RHYTID_DRAW_SECONDS, RHYTID_CACHE, RHYTID_KEYS_FILE, RHYTID_ALLOWED_HOSTS,
+        RHYTID_CORS_ORIGINS, RHYTID_KEY_RATE and RHYTID_KEY_JOBS; raises SettingsError naming the
+        variable, also where an upload of the largest size allowed would not fit into the spool."""
 
         def count(name: str, default: int) -> int:
             return optional(name) or default
@@ -103,6 +105,7 @@ class ServiceSettings:
             spool=spool * MIB,
             queue=count("RHYTID_QUEUE", 256),
             jobs=count("RHYTID_JOBS", 256),
+            draw_seconds=count("RHYTID_DRAW_SECONDS", 60),
             cache=_folder(environment.get("RHYTID_CACHE")),
             keys=Path(keys) if (keys := environment.get("RHYTID_KEYS_FILE")) else None,
             hosts=several("RHYTID_ALLOWED_HOSTS", _HOST),

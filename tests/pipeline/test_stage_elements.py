@@ -17,7 +17,8 @@ from rhytid.errors import LimitError
 from rhytid.pipeline import reach
 from rhytid.pipeline.element_arrays import check_cover, pore_arrays, wrinkle_arrays
 from rhytid.pipeline.elements import orientation_bins
-from rhytid.pipeline.reach import BLOCK, widest
+from rhytid.pipeline.reach import widest
+from rhytid.pipeline.work import BLOCK
 
 UDIMS = (1001, 1002, 1011, 1012)
 NARROW = {"alpha_w": 0.5, "beta_w": 0.7}

@@ -15,7 +15,7 @@ from rhytid.device.runtime import BUILD_OPTIONS, Device
 from rhytid.device.shape import launch_shapes
 from rhytid.device.trial import cl
 from rhytid.errors import DeviceError
-from rhytid.pipeline.reach import BLOCK
+from rhytid.pipeline.work import BLOCK
 
 PROMISED = 32 << 10
 

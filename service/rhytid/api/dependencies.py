@@ -13,6 +13,7 @@ from starlette.concurrency import run_in_threadpool
 
 from rhytid.api import uploads
 from rhytid.api.access import Caller
+from rhytid.api.client_gone import ClientGone
 from rhytid.api.job_shares import JobShare
 from rhytid.api.metrics import Metrics
 from rhytid.api.parts import Part
@@ -40,7 +41,7 @@ EngineDep = Annotated[Engine, Depends(_engine)]
 
 
 async def _slot(request: Request) -> Any:
-    return request.app.state.slots.one()
+    return request.app.state.slots.one(ClientGone(request))
 
 
 async def _memory(request: Request) -> RequestMemory:
@@ -92,7 +93,8 @@ async def _positions(request: Request, asset: AssetId, engine: EngineDep) -> NDA
 Positions = Annotated[NDArray[np.float32], Depends(_positions)]
 NoQuery = Depends(no_query)
 NoRepeats = Depends(no_repeats)
-# Held by `with` for as long as a request waits for the device; raises BusyError on entry.
+# Held by `with` for as long as a request waits for the device; raises BusyError on entry. What is
+# drawn meanwhile stops where the client is gone.
 Slot = Annotated[AbstractContextManager[None], Depends(_slot)]
 # What the request holds of the host's memory until its answer is sent.
 Memory = Annotated[RequestMemory, Depends(_memory)]

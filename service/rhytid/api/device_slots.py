@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager
 
 import anyio.to_thread
 from fastapi import FastAPI
 
 from rhytid.domain.wording import waiting
+from rhytid.engine import wanted
 from rhytid.errors import BusyError
 from rhytid.settings import ServiceSettings
 
@@ -25,12 +26,17 @@ class DeviceSlots:
         self._free = threading.BoundedSemaphore(count)
 
     @contextmanager
-    def one(self) -> Iterator[None]:
-        """Hold a slot within the block; raises BusyError at once if none is free."""
+    def one(self, gone: Callable[[], bool] = lambda: False) -> Iterator[None]:
+        """Hold a slot within the block; raises BusyError at once if none is free.
+
+        gone: whether the client is; the engine then stops what it draws in the block and raises
+        CancelledError.
+        """
         if not self._free.acquire(blocking=False):
             raise BusyError(f"{waiting(self._count)} already")
         try:
-            yield
+            with wanted.unless(gone):
+                yield
         finally:
             self._free.release()
 

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 # Work-items of a launch: the most, the least, and of a kernel that nobody has measured yet.
 MOST, LEAST, FIRST = 1 << 18, 1 << 10, 1 << 12
 # What a launch should take. Its items may be several times as much work as those before.
@@ -29,3 +33,42 @@ class Paces:
         most = min(MOST, planned * _GROWTH)
         size = 1 << max(min(wanted, most).bit_length() - 1, 0)
         self._items[program, kernel] = max(size, LEAST)
+
+
+# What one launch, or one piece, of drawing should take.
+DRAWING = 0.05
+# Work a second (see pipeline/work.py) that is taken for granted until something was measured: what
+# a processor with two cores does while it is busy with other things, too.
+FIRST_WORK = 5e8
+# A pace is lowered where a piece takes so many times as long as it should, raised where the pace is
+# so many times as high, and else left, so that pieces stay the same from one frame to the next.
+_OFF = 2.0
+# By no more than this at once: a kernel may be compiled first, or the machine have been busy.
+_STEP = 4.0
+
+
+class WorkPace:
+    """Work a second, by how long pieces took."""
+
+    def __init__(self, per_second: float) -> None:
+        self.per_second = per_second
+
+    @property
+    def most(self) -> float:
+        """Work that takes about DRAWING seconds."""
+        return DRAWING * self.per_second
+
+    @contextmanager
+    def timing(self, work: float) -> Iterator[None]:
+        """The block does so much work, and waits until it is done."""
+        start = time.perf_counter()
+        yield
+        self.took(work, time.perf_counter() - start)
+
+    def took(self, work: float, seconds: float) -> None:
+        """So much work took so long."""
+        found = work / max(seconds, 1e-6)
+        if seconds > _OFF * DRAWING and found < self.per_second:
+            self.per_second = max(found, self.per_second / _STEP)
+        elif found > _OFF * self.per_second:
+            self.per_second *= _OFF

@@ -18,7 +18,7 @@ from rhytid.device.budget import MemoryBudget
 from rhytid.device.buffer_pool import BufferPool
 from rhytid.device.elsewhere import Elsewhere, by_owner, making
 from rhytid.device.memory import usual_device_memory
-from rhytid.device.paces import Paces
+from rhytid.device.paces import FIRST_WORK, Paces
 from rhytid.device.select import Candidate
 from rhytid.device.shape import launch_shapes
 from rhytid.device.trial import cl
@@ -77,6 +77,7 @@ class Device:
 
     memory: bytes that may be taken; None = a share of what it has.
     shapes: how drawing can be cut.  shape: how it is; the usual one, until a faster one is set.
+    work_pace: work a second of drawing, see `WorkPace`; a guess until it is measured.
     """
 
     def __init__(self, candidate: Candidate, memory: int | None) -> None:
@@ -84,7 +85,7 @@ class Device:
         self.pool = BufferPool()
         self.budget = MemoryBudget(memory or usual_device_memory(candidate), self.pool)
         self.born: list[Buffer] = []
-        self.paces = Paces()
+        self.paces, self.work_pace = Paces(), FIRST_WORK
         self._others = threading.local()
         self.shapes = launch_shapes(candidate.kind, candidate.local_memory, candidate.largest_group)
         self.shape = self.shapes[0]
@@ -197,6 +198,28 @@ class Device:
             )  # fmt: skip
         return host
 
+    def copy_square(
+        self, source: Buffer, target: Buffer, to: tuple[int, int], side: int, item: int
+    ) -> None:
+        """Copy rows, `side` of as many items of so many bytes, into a larger square, of `to[1]`
+        items a row, from item `to[0]` on."""
+        if self.elsewhere is None:
+            self._copy_square(source, target, to, side, item)
+        else:
+            self.elsewhere.later(partial(self._copy_square, source, target, to, side, item))
+
+    def _copy_square(
+        self, source: Buffer, target: Buffer, to: tuple[int, int], side: int, item: int
+    ) -> None:
+        first, stride = to
+        row, column = divmod(first, stride)
+        with _device_errors():
+            cl.enqueue_copy(
+                self._queue, target.handle, source.handle, region=(item * side, side, 1),
+                src_origin=(0, 0, 0), dst_origin=(item * column, row, 0),
+                src_pitches=(item * side,), dst_pitches=(item * stride,),
+            )  # fmt: skip
+
     def launch(
         self,
         program: str,
@@ -212,6 +235,7 @@ class Device:
         if self.elsewhere is None:
             self._launch(program, kernel, size, arguments, group, defines)
         else:
+            self.kernel(program, kernel, defines)  # compiled here, while others use the device
             launch = partial(self._launch, program, kernel, size, arguments, group, defines)
             self.elsewhere.later(launch)
 

@@ -19,6 +19,8 @@ from rhytid.engine.given_graphs import graph_lengths
 from rhytid.engine.jobs import Job, Jobs
 from rhytid.engine.spacing import mean_spacing
 from rhytid.errors import CancelledError, NotFoundError, told
+from rhytid.pipeline.draw_limit import DrawLimit
+from rhytid.pipeline.element_arrays import check_cover
 from rhytid.storage.records import StoredRequest
 from rhytid.storage.store import AssetStore
 from rhytid.synthesis.generate import Synthesis, synthesize
@@ -33,10 +35,15 @@ class AssetBuilder:
     """Runs builds as jobs: synthesis, storing, upload. Bins follow as a job of their own."""
 
     def __init__(
-        self, device: Device, on_device: DeviceAssets, store: AssetStore, jobs: Jobs
+        self,
+        device: Device,
+        on_device: DeviceAssets,
+        store: AssetStore,
+        jobs: Jobs,
+        limit: DrawLimit,
     ) -> None:
         self._device, self._on_device = device, on_device
-        self._store, self._jobs = store, jobs
+        self._store, self._jobs, self._limit = store, jobs, limit
 
     def start(
         self, asset: Asset, afterwards: Callable[[Job], None] | None = None, *, always: bool = False
@@ -57,11 +64,15 @@ class AssetBuilder:
     def change(self, asset: Asset, settings: AssetSettings) -> None:
         """Give a ready asset, whose lock is held, other settings, on the device and in the store.
 
-        Its old settings stay where anything fails.
+        Its old settings stay where anything fails. Raises LimitError where its maps would cover too
+        many texels or take too long to draw.
         """
         old, resident, prepared = asset.settings, asset.resident, None
         if resident is not None and resident.mesh.prepares(settings):
-            prepared = resident.mesh.prepare(self._store.asset(asset.id).graph, settings)
+            graph = self._store.asset(asset.id).graph
+            for udim in asset.udims:
+                check_cover(graph, settings, udim, self._limit)
+            prepared = resident.mesh.prepare(graph, settings)
 
         def take() -> None:  # in one task, so that no tile is drawn between the two
             if asset.resident is not None:

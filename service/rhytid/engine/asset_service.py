@@ -32,6 +32,7 @@ from rhytid.engine.jobs import Job, Jobs
 from rhytid.engine.keys import content_key
 from rhytid.engine.messages import AssetContent, AssetInfo, JobInfo, NewAsset
 from rhytid.errors import NotFoundError, SettingsError
+from rhytid.pipeline.draw_limit import DrawLimit
 from rhytid.pipeline.folds import measured_folds
 from rhytid.pipeline.stretch import r_max_of
 from rhytid.storage.store import AssetStore
@@ -50,10 +51,12 @@ class AssetService:
         store: AssetStore,
         builder: AssetBuilder,
         jobs: Jobs,
+        limit: DrawLimit,
     ) -> None:
         self._assets, self._registration = registry, registration
         self._device, self._on_device = device, on_device
         self._store, self._builder, self._jobs = store, builder, jobs
+        self._limit = limit
 
     def create(
         self,
@@ -72,13 +75,14 @@ class AssetService:
 
         Raises GraphError where a given graph does not fit the mesh or was made for another, unless
         `force`; SettingsError where its lengths are of a unit that cannot be converted, or a graph
-        is to be grown in one that is not known; LimitError where it covers too many texels,
-        QueryError for a code of `allow` that there is not, MeshError where the mesh has no UV
-        inside the range of UDIMs, InputError where a painted map is of a UDIM without mesh or
-        `graph.lines` asks for expressions and none came, what `check_amount` does.
+        is to be grown in one that is not known; LimitError where it covers too many texels or its
+        maps take too long to draw, QueryError for a code of `allow` that there is not, MeshError
+        where the mesh has no UV inside the range of UDIMs, InputError where a painted map is of a
+        UDIM without mesh or `graph.lines` asks for expressions and none came, what `check_amount`
+        does.
         """
         check_codes(allow)
-        upload = CheckedUpload.of(new, self._device.budget.limit)
+        upload = CheckedUpload.of(new, self._device.budget.limit, self._limit)
         made = cache(partial(upload.asset, self._assets.frame_memory))
         sent = upload.unused
         if upload.frames:

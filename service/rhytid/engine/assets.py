@@ -69,6 +69,8 @@ class Asset:
     wanted: int = MOST_WRINKLES
     # Held while its state, its settings or its files change, or it is brought to the device.
     lock: threading.RLock = field(default_factory=threading.RLock)
+    # Held while something of it is made step by step that tasks lack.
+    making: threading.Lock = field(default_factory=threading.Lock)
 
     @classmethod
     def of(

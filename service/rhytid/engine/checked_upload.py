@@ -22,6 +22,7 @@ from rhytid.engine.frames import FrameMemory
 from rhytid.engine.given_graphs import check_graph
 from rhytid.engine.messages import NewAsset
 from rhytid.errors import InputError, MeshError
+from rhytid.pipeline.draw_limit import DrawLimit
 from rhytid.pipeline.element_arrays import check_cover
 from rhytid.storage.contents import asset_id
 from rhytid.synthesis.fields.capacity_check import check_amount
@@ -45,10 +46,11 @@ class CheckedUpload:
     unused: tuple[InputWarning, ...]
 
     @classmethod
-    def of(cls, new: NewAsset, memory: int) -> CheckedUpload:
+    def of(cls, new: NewAsset, memory: int, limit: DrawLimit) -> CheckedUpload:
         """Check what was sent; raises what `AssetService.create` says of it.
 
-        memory: bytes that a synthesis may use on the device.
+        memory: bytes that a synthesis may use on the device.  limit: of how long the maps of a
+        given graph take.
         """
         udims = mesh_udims(new.mesh)
         if not udims:
@@ -57,7 +59,7 @@ class CheckedUpload:
             new, expressions, wrinkles = _to_grow(new, memory)
         else:
             expressions, wrinkles = None, new.graph.wrinkles
-            new = replace(new, settings=_settings_of(new, new.graph, udims))
+            new = replace(new, settings=_settings_of(new, new.graph, udims, limit))
         _check_painted(new, udims)
         settings = new.settings
         return cls(
@@ -83,12 +85,14 @@ class CheckedUpload:
         return made
 
 
-def _settings_of(new: NewAsset, graph: WrinkleGraph, udims: Iterable[int]) -> AssetSettings:
+def _settings_of(
+    new: NewAsset, graph: WrinkleGraph, udims: Iterable[int], limit: DrawLimit
+) -> AssetSettings:
     """Settings for a graph that was sent and fits its mesh."""
     settings = new.settings.for_graph(graph.origin)
     check_graph(graph, new.mesh, force=new.force)
     for udim in udims:
-        check_cover(graph, settings, udim)
+        check_cover(graph, settings, udim, limit)
     return settings
 
 

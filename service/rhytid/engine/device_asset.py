@@ -14,17 +14,19 @@ from rhytid.engine.device_frames import DeviceFrames
 from rhytid.engine.device_grain import DeviceGrain
 from rhytid.engine.device_levels import DeviceLevels
 from rhytid.engine.device_mesh import DeviceMesh
+from rhytid.engine.device_neutral import DeviceNeutral
 from rhytid.engine.frames import NEUTRAL_FRAME
 from rhytid.engine.messages import MapQuery
-from rhytid.pipeline.reach import BLOCK
+from rhytid.pipeline.work import BLOCK
 
 
 class DeviceAsset:
     """The parts of an asset on the device; each uses those before it. Every method, and those of
     the parts, runs on the device thread.
 
-    mesh: the mesh and its wrinkles.  frames: stretch of frames.  bins: precomputed maps.  drawing:
-    level 0 by every method.  finest: level 0, kept.  levels: squares of every level.
+    mesh: the mesh and its wrinkles.  frames: stretch of frames.  bins: precomputed maps.  neutral:
+    what `convolved` reads.  drawing: level 0 by every method.  finest: level 0, kept.  levels:
+    squares of every level.
     """
 
     def __init__(
@@ -38,7 +40,8 @@ class DeviceAsset:
         self.frames = DeviceFrames(self.mesh)
         grain = DeviceGrain(self.mesh, self.frames)
         self.bins = DeviceBins(self.mesh, self.frames, grain)
-        self.drawing = DeviceDrawing(self.mesh, self.frames, grain, self.bins)
+        self.neutral = DeviceNeutral(self.mesh, self.frames)
+        self.drawing = DeviceDrawing(self.mesh, self.frames, grain, self.bins, self.neutral)
         self.finest = DeviceFinest(self.mesh, self.drawing)
         self.levels = DeviceLevels(self.mesh, self.finest)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager, suppress
-from functools import partial
 from typing import Any, TypeVar
 
 from rhytid.device.runtime import Device
@@ -14,8 +13,10 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.stiffness import Stiffness
 from rhytid.domain.tiles import TileAddress
+from rhytid.engine import wanted
 from rhytid.engine.assets import Asset
 from rhytid.engine.device_asset import DeviceAsset
+from rhytid.engine.unmade import Unmade
 from rhytid.engine.worker import DeviceWorker
 from rhytid.errors import DeviceMemoryError, StorageError
 from rhytid.storage.store import AssetStore
@@ -24,6 +25,12 @@ T = TypeVar("T")
 # How often an asset is loaded for one task, when others take its memory before the task runs.
 _ATTEMPTS = 5
 DAMAGED = "damaged in the store: send it again"
+
+
+# How often what a task lacks is made for it, when it is dropped before the task runs.
+_MADE = 2
+# Seconds after which who waits for what another makes looks whether it is still wanted.
+_PATIENCE = 0.25
 
 
 class Evicted(Exception):
@@ -55,21 +62,32 @@ class DeviceAssets:
 
         Raises what `loaded` and `run` do.
         """
-        run = self.run_patiently if patiently else self.run
-        return self.using(asset, lambda: run(lambda: task(self.found(asset))))
+        call = self._worker.call_patiently if patiently else self._worker.call
+
+        def whole() -> T:
+            return self._whole(lambda: task(self.found(asset)), ())
+
+        return self.using(asset, lambda: call(whole, turn=asset.id))
 
     def using(self, asset: Asset, call: Callable[[], T]) -> T:
-        """What `call` returns. Its task on the device starts with `found`; the asset is loaded
-        before it, and again if it was dropped before the task ran.
+        """What `call` returns, whose task on the device starts with `found`: the asset is loaded
+        before, and again where it was dropped before the task ran. What the task lacks and takes
+        long to make is made step by step before the task is run again.
 
-        Raises what `loaded` does, and DeviceMemoryError if it is dropped too often.
+        Raises what `loaded` does, DeviceMemoryError where it is dropped again and again, and
+        CancelledError where nobody wants what is made any more.
         """
+        made = 0
         for _ in range(_ATTEMPTS):
             self.loaded(asset)
             try:
                 return call()
             except Evicted:
                 continue
+            except Unmade as lacking:
+                if (made := made + 1) > _MADE:
+                    break
+                self._make(asset, lacking)
         raise DeviceMemoryError(
             f"asset {asset.id} left the device {_ATTEMPTS} times before it could be drawn: more "
             "assets are in use than RHYTID_DEVICE_MEMORY_MB holds"
@@ -112,17 +130,38 @@ class DeviceAssets:
             if self.found(asset) is not resident or resident.mesh.settings is not settings:
                 raise Evicted
 
-        with self._device.from_elsewhere(self.run_patiently, check):
+        with self._device.from_elsewhere(self._steps(asset), check):
             yield resident
+
+    def _steps(self, asset: Asset) -> Callable[..., Any]:
+        """Runs steps in the turn of an asset, until nobody wants what this thread makes any more:
+        then it raises CancelledError once, and what follows are steps that give back."""
+        leaving = False
+
+        def step(task: Callable[..., T], *arguments: Any) -> T:
+            nonlocal leaving
+            if not leaving and wanted.is_gone():
+                leaving = True
+                wanted.check()
+            return self._worker.call_patiently(lambda: self._whole(task, arguments), turn=asset.id)
+
+        return step
 
     def make_bins(self, asset: Asset, address: TileAddress) -> None:
         """Make the precomputed maps of one tile where they are not there, step by step; nothing is
         kept where the asset is dropped or its settings change meanwhile."""
-        with suppress(Evicted), self.stepwise(asset) as resident:
-            if self.run_patiently(resident.bins.has, address):
-                return
-            tile = resident.bins.made(address)
-            self._device.step(partial(resident.bins.keep, address, tile))
+        self._make(asset, Unmade(lambda resident: resident.bins.make(address)))
+
+    def _make(self, asset: Asset, lacking: Unmade) -> None:
+        """Make what a task lacks, one thing of an asset after the other: who wants the same finds
+        it made."""
+        while not asset.making.acquire(timeout=_PATIENCE):
+            wanted.check()
+        try:
+            with suppress(Evicted), self.stepwise(asset) as resident:
+                lacking.make(resident)
+        finally:
+            asset.making.release()
 
     def place(
         self, mesh: Mesh, graph: WrinkleGraph, settings: AssetSettings, stiffness: Stiffness | None
@@ -131,6 +170,7 @@ class DeviceAssets:
         with self._device.from_elsewhere(self.run_patiently):
             made = DeviceAsset(self._device, mesh, settings, stiffness)
             made.mesh.locate(graph)
+            made.mesh.bounded = True
         return made
 
     def finish(

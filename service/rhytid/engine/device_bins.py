@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.device.paces import WorkPace
 from rhytid.device.runtime import Buffer
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.device_frames import DeviceFrames
@@ -14,6 +16,7 @@ from rhytid.engine.device_grain import DeviceGrain
 from rhytid.engine.device_mesh import DeviceMesh
 from rhytid.engine.frames import Frame
 from rhytid.engine.messages import MapQuery
+from rhytid.engine.unmade import Unmade
 from rhytid.pipeline.bin_maker import BinMaker, BinTile
 from rhytid.pipeline.bins import layers, map_count
 from rhytid.pipeline.cushion_bins import cushion_layers, cushion_map_count
@@ -29,22 +32,42 @@ class DeviceBins:
         self._base, self._frames, self._grain = base, frames, grain
 
     def tile(self, address: TileAddress) -> BinTile:
-        """The precomputed maps of one tile; made where they are not there."""
-        return self._base.kept.keep("bins", address, make=lambda: self._make(address))
+        """The precomputed maps of one tile; made where they are not there. Raises Unmade where that
+        takes long and the asset is `bounded`."""
+        return self._tiles([address])[0]
+
+    def _tiles(self, addresses: Sequence[TileAddress]) -> list[BinTile]:
+        lacking = [address for address in addresses if not self.has(address)]
+        if self._base.bounded and sum(map(self._work, lacking)) > self._pace(addresses[0]).most:
+            raise Unmade(lambda resident: resident.bins.make(*lacking))
+        keep = self._base.kept.keep
+        return [keep("bins", a, make=partial(self._make, a)) for a in addresses]
 
     def has(self, address: TileAddress) -> bool:
         """Whether the maps of a tile are there; they stay until the task ends."""
         return self._base.kept.find("bins", address) is not None
 
-    def made(self, address: TileAddress) -> BinTile:
-        """The maps of one tile, made anew and not kept; from any thread, see
+    def make(self, *addresses: TileAddress) -> None:
+        """Make and keep the maps of tiles that are not there; from any thread, see
         `Device.from_elsewhere`."""
-        return self._make(address)
+        step = self._base.device.step
+        for address in addresses:
+            if not step(partial(self.has, address)):
+                step(partial(self._keep, address, self._make(address)))
 
-    def keep(self, address: TileAddress, tile: BinTile) -> None:
-        """Keep maps that another thread made, unless there are some already."""
+    def _keep(self, address: TileAddress, tile: BinTile) -> None:
+        """Keep maps that were made from elsewhere, unless there are others by now."""
         if self._base.kept.keep("bins", address, make=lambda: tile) is not tile:
             tile.release()
+
+    def _work(self, address: TileAddress) -> float:
+        """Of making the maps of a tile, at most: as if each had all wrinkles and pores."""
+        settings = self._base.settings
+        square = (*settings.grid.first_texel(address), settings.tile_size)
+        return map_count(settings.bins) * self._base.elements[address.udim].work.of(*square)
+
+    def _pace(self, address: TileAddress) -> WorkPace:
+        return self._base.elements[address.udim].bins_pace
 
     def codes(self, address: TileAddress, index: int) -> NDArray[np.integer]:
         """Codes (n, n) of one precomputed map; `index` counts samples within layers."""
@@ -85,7 +108,7 @@ class DeviceBins:
     ) -> list[Buffer]:
         """float32 of level-0 tiles of one UDIM."""
         blend, model, udim = self._base.blend, query.stretch, addresses[0].udim
-        tiles = [self.tile(address) for address in addresses]
+        tiles = self._tiles(addresses)
         if query.sampling == "smooth":
             fields, located = self._frames.fields(frame, model), self._base.located[udim]
             made = [blend.smooth_tile(maps, fields, located) for maps in tiles]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,10 +13,11 @@ from rhytid.engine.device_bins import DeviceBins
 from rhytid.engine.device_frames import DeviceFrames
 from rhytid.engine.device_grain import DeviceGrain
 from rhytid.engine.device_mesh import DeviceMesh
+from rhytid.engine.device_neutral import DeviceNeutral
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
 from rhytid.engine.messages import MapQuery
 from rhytid.pipeline.levels import Draw, render_to_host
-from rhytid.pipeline.neutral_tiles import NeutralTile, NeutralTiles
+from rhytid.pipeline.neutral_tiles import NeutralTile
 from rhytid.pipeline.redraw import redrawing
 
 
@@ -24,9 +25,15 @@ class DeviceDrawing:
     """Draws tiles and squares of level 0. Every method runs on the device thread."""
 
     def __init__(
-        self, base: DeviceMesh, frames: DeviceFrames, grain: DeviceGrain, bins: DeviceBins
+        self,
+        base: DeviceMesh,
+        frames: DeviceFrames,
+        grain: DeviceGrain,
+        bins: DeviceBins,
+        neutral: DeviceNeutral,
     ) -> None:
         self._base, self._frames, self._grain, self._bins = base, frames, grain, bins
+        self._neutral = neutral
 
     def to_host(
         self, frame: Frame, query: MapQuery, udim: int, level: int, row: int, column: int, side: int
@@ -44,29 +51,20 @@ class DeviceDrawing:
         if query.method == "binned":
             return self._bins.blended(frame, query, addresses)
         place, side = self._base.settings.grid.first_texel, self._base.settings.tile_size
-        return [self._draw(frame, query, a)(*place(a), side) for a in addresses]
+        return [self._draw(frame, query, a.udim)(*place(a), side) for a in addresses]
 
     def square(
         self, frame: Frame, query: MapQuery, udim: int, row: int, column: int, side: int
     ) -> Buffer:
-        """float32 of `side`² texels of level 0 by any method but `binned`; nothing is kept."""
-        if query.method != "convolved":
-            return self._redrawn(frame, query, udim)(row, column, side)
-        maker, convolve = self._convolving(frame, query, udim)
+        """float32 of `side`² texels of level 0 by any method but `binned`. What `convolved` reads
+        is kept; raises Unmade where it is not there and takes long."""
+        return self._draw(frame, query, udim)(row, column, side)
 
-        def draw(row: int, column: int, side: int) -> Buffer:
-            neutral = self._neutral_tile(maker, udim, row, column, side)
-            out = convolve(neutral)
-            neutral.release()
-            return out
-
-        return self._grain.added(draw, frame, query, udim)(row, column, side)
-
-    def _draw(self, frame: Frame, query: MapQuery, address: TileAddress) -> Draw:
-        """What draws a tile of any method but `binned`."""
+    def _draw(self, frame: Frame, query: MapQuery, udim: int) -> Draw:
+        """What draws squares by any method but `binned`."""
         if query.method == "convolved":
-            return self._convolved(frame, query, address)
-        return self._redrawn(frame, query, address.udim)
+            return self._convolved(frame, query, udim)
+        return self._redrawn(frame, query, udim)
 
     def _redrawn(self, frame: Frame, query: MapQuery, udim: int) -> Draw:
         """What draws `redraw` of the frame, or `neutral`."""
@@ -79,32 +77,17 @@ class DeviceDrawing:
         base, scales = self._base, self._frames.scales(frame, query, udim)
         return redrawing(base.device, base.elements[udim], base.settings, scales)
 
-    def _convolved(self, frame: Frame, query: MapQuery, address: TileAddress) -> Draw:
-        maker, convolve = self._convolving(frame, query, address.udim)
-
+    def _convolved(self, frame: Frame, query: MapQuery, udim: int) -> Draw:
         def draw(row: int, column: int, side: int) -> Buffer:
-            def make() -> NeutralTile:
-                return self._neutral_tile(maker, address.udim, row, column, side)
+            neutral = self._neutral.tile(query, udim, (row, column, side))
+            return self._convolve(neutral, frame, query, udim)
 
-            return convolve(self._base.kept.keep("neutral", query.sampling, address, make=make))
+        return self._grain.added(draw, frame, query, udim)
 
-        return self._grain.added(draw, frame, query, address.udim)
-
-    def _convolving(
-        self, frame: Frame, query: MapQuery, udim: int
-    ) -> tuple[NeutralTiles, Callable[[NeutralTile], Buffer]]:
-        """What makes the neutral tiles of a sampling, and what convolves them in a frame."""
+    def _convolve(self, tile: NeutralTile, frame: Frame, query: MapQuery, udim: int) -> Buffer:
         base, model = self._base, query.stretch
         if query.sampling == "nearest":
-            kernels, plain = self._frames.kernels(frame, model), base.convolve
-            return plain, lambda tile: plain.tile(tile, kernels, base.settings)
-        smooth, located = base.smooth_convolve, base.located[udim]
-        fields = self._frames.fields(frame, model)
-        return smooth, lambda tile: smooth.tile(tile, fields, located, base.settings)
-
-    def _neutral_tile(
-        self, maker: NeutralTiles, udim: int, row: int, column: int, side: int
-    ) -> NeutralTile:
-        """The neutral tile that is convolved for `side`² texels of level 0."""
-        base, draw = self._base, self._lines(NEUTRAL_FRAME, MapQuery("neutral"), udim)
-        return maker.neutral_tile(draw, base.located[udim], base.settings, udim, row, column, side)
+            kernels = self._frames.kernels(frame, model)
+            return base.convolve.tile(tile, kernels, base.settings)
+        fields, located = self._frames.fields(frame, model), base.located[udim]
+        return base.smooth_convolve.tile(tile, fields, located, base.settings)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Hashable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 
@@ -15,18 +17,19 @@ from rhytid.engine.device_mesh import DeviceMesh
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
 from rhytid.engine.messages import MapQuery
 from rhytid.pipeline.levels import Part
+from rhytid.pipeline.work import Square
 
 Tile = NDArray[np.float32]
-# (row, column, texels per side) of a square of a level.
-Square = tuple[int, int, int]
 
-# Level-0 texels per side of a piece, the most that one task of the device draws, or of a tile if
-# that is larger. Wrinkles are drawn fastest in large launches; the other methods draw tile by tile,
-# and four tiles of the usual size are one launch of the blend.
+# Level-0 texels per side of a piece, the most that one task of the device draws. Wrinkles are drawn
+# best in large launches; the other methods go tile by tile, and four tiles of the usual size are
+# one launch of the blend. A piece of `binned` is a tile where that is larger.
 _PIECE = {"neutral": 2048, "redraw": 2048, "binned": 1024, "convolved": 1024}
 # These methods keep arrays of each tile from one frame to the next.
 _BY_TILE = ("binned", "convolved")
-# Level 0 is kept if this many of its maps would fit into the free memory.
+# Those of which a piece is smaller where drawing it would take long.
+_BY_WORK = ("neutral", "redraw")
+# Level 0 is kept where so many maps of it would fit into the memory that is left.
 _PLENTY = 8
 
 
@@ -53,15 +56,29 @@ class DeviceFinest:
             read = iter([self._read(part) for part in parts])
         return [next(read) if tile is None else tile for tile in found]
 
-    def piece(self, query: MapQuery) -> int:
-        """Level-0 texels per side of a piece."""
-        side = min(_PIECE[query.method], self._base.settings.resolution)
-        return max(side, self._base.settings.grid.texels(0)) if query.method in _BY_TILE else side
+    def pieces(self, query: MapQuery, udim: int, place: Square) -> list[Square]:
+        """What a square of level 0 is drawn in, each in a task of its own. Safe from any thread."""
+        work, most = self._base.elements[udim].work, self._most(query, udim)
+        return work.cut(place, most, self._largest(query))
 
-    def piece_of(self, query: MapQuery, place: Square) -> Square:
+    def is_piece(self, query: MapQuery, udim: int, place: Square) -> bool:
+        """Whether a square of level 0 is drawn in one task. Safe from any thread."""
+        work, most = self._base.elements[udim].work, self._most(query, udim)
+        return work.is_piece(place, most, self._largest(query))
+
+    def piece_of(self, query: MapQuery, udim: int, place: Square) -> Square:
         """The piece that a square of level 0 lies in."""
-        side = self.piece(query)
-        return place[0] // side * side, place[1] // side * side, side
+        work, most = self._base.elements[udim].work, self._most(query, udim)
+        return work.around(place, most, self._largest(query))
+
+    def _largest(self, query: MapQuery) -> int:
+        """Level-0 texels per side of the largest piece."""
+        side = min(_PIECE[query.method], self._base.settings.resolution)
+        return max(side, self._base.settings.grid.texels(0)) if query.method == "binned" else side
+
+    def _most(self, query: MapQuery, udim: int) -> float:
+        """The work of a piece, at most."""
+        return self._base.elements[udim].pace.most if query.method in _BY_WORK else math.inf
 
     @property
     def _plenty(self) -> bool:
@@ -91,11 +108,17 @@ class DeviceFinest:
     def _drawn_parts(
         self, frame: Frame, query: MapQuery, udim: int, places: Sequence[Square]
     ) -> Iterator[list[Part]]:
-        """Level 0 of some squares, kept or drawn; what was drawn is kept while memory is free."""
+        """Level 0 of some squares, kept or drawn; what was drawn stays where memory is plenty. What
+        is read of them is read in the block: it tells how long they took."""
         held = {place: self._find_finest(frame, query, udim, place) for place in places}
         missing = [place for place, buffer in held.items() if buffer is None]
+        start = time.perf_counter()
         fresh = dict(zip(missing, self._drawn(frame, query, udim, missing), strict=True))
         yield [Part(*place, held[place] or fresh[place]) for place in places]
+        if missing and query.method in _BY_WORK:
+            elements = self._base.elements[udim]
+            work = sum(elements.work.of(*place) for place in missing)
+            elements.pace.took(work, time.perf_counter() - start)
         for place, buffer in fresh.items():
             if self._plenty:
                 self._keep_finest(frame, query, udim, place, buffer)
@@ -114,7 +137,7 @@ class DeviceFinest:
 
     def cropped(self, frame: Frame, query: MapQuery, udim: int, place: Square) -> Tile | None:
         """A square of level 0 out of what is kept of it, alone or with its piece."""
-        for larger in (place, self.piece_of(query, place)):
+        for larger in (place, self.piece_of(query, udim, place)):
             buffer = self._find_finest(frame, query, udim, larger)
             if buffer is not None:
                 row, column = (place[i] - larger[i] for i in (0, 1))

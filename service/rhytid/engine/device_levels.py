@@ -12,12 +12,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.engine.device_finest import DeviceFinest, Square, Tile, names
+from rhytid.engine.device_finest import DeviceFinest, Tile, names
 from rhytid.engine.device_mesh import DeviceMesh
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
 from rhytid.engine.messages import MapQuery
 from rhytid.pipeline.levels import Levels, Part, coarser
-from rhytid.pipeline.reach import BLOCK
+from rhytid.pipeline.work import BLOCK, Square
 
 # Texels per side of the finest level of the mip tail, at most.
 _TAIL = 512
@@ -35,10 +35,15 @@ class DeviceLevels:
         side = self._base.settings.resolution
         return max((side // _TAIL).bit_length() - 1, 1)
 
-    def most(self, query: MapQuery, level: int) -> int:
-        """Texels per side that one piece has in a level, below the mip tail or in its finest
-        level."""
-        return self._finest.piece(query) >> level
+    def pieces(self, query: MapQuery, udim: int, level: int, square: Square) -> list[Square]:
+        """What a square of a level, below the crown or its finest, is drawn in, each in a task of
+        its own. Safe from any thread."""
+        found = self._finest.pieces(query, udim, _finer(square, level))
+        return [(row >> level, column >> level, side >> level) for row, column, side in found]
+
+    def is_long(self, query: MapQuery, udim: int, square: Square) -> bool:
+        """Whether a square of level 0 is more than one piece. Safe from any thread."""
+        return not self._finest.is_piece(query, udim, square)
 
     def least(self, query: MapQuery, level: int) -> int:
         """Texels per side of the smallest square of a level that can be drawn alone."""
@@ -69,7 +74,7 @@ class DeviceLevels:
             if level == 0:
                 return self._finest.joined(parts, place)
             levels = self._halved(parts, place, level)
-        tile = self._base.device.read(levels.buffers[-1], (square[2],) * 2, np.float32)
+            tile: Tile = self._base.device.read(levels.buffers[-1], (square[2],) * 2, np.float32)
         levels.release()
         return tile
 
@@ -109,20 +114,21 @@ class DeviceLevels:
         frame, place = _frame_of(frame, query), _finer(square, level)
         if level == 0:
             return self._finest.cropped(frame, query, udim, place)
-        piece = self._finest.piece_of(query, place)
+        piece = self._finest.piece_of(query, udim, place)
         levels = self._base.kept.find_of(frame, "levels", *names(query), udim, *piece)
         return None if levels is None else self._of_levels(levels, level, square, piece)
 
     def _made(self, frame: Frame, query: MapQuery, udim: int, level: int, square: Square) -> Tile:
         if level == 0 or not self._keeps:
             return self.square_alone(frame, query, udim, level, square)
-        frame, piece = _frame_of(frame, query), self._finest.piece_of(query, _finer(square, level))
+        frame, place = _frame_of(frame, query), _finer(square, level)
+        piece = self._finest.piece_of(query, udim, place)
         with self._finest.parts(frame, query, udim, piece) as parts:
             levels = self._base.kept.keep_of(
                 frame, "levels", *names(query), udim, *piece,
                 make=lambda: self._halved(parts, piece, self.tail),
             )  # fmt: skip
-        return self._of_levels(levels, level, square, piece)
+            return self._of_levels(levels, level, square, piece)
 
     def _of_levels(self, levels: Levels, level: int, square: Square, piece: Square) -> Tile:
         """A square from the levels of its piece."""

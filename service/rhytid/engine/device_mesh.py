@@ -32,7 +32,8 @@ Prepared = dict[int, tuple[WrinkleArrays, PoreArrays]]
 class DeviceMesh:
     """A mesh, its wrinkles by UDIM, and the stages that work on them, which stay until `release`.
 
-    kept: arrays computed from them, which can be computed again.
+    kept: what is made of them and can be made again.  bounded: whether a task that would take long
+    to make it raises Unmade instead.
     """
 
     def __init__(
@@ -59,6 +60,7 @@ class DeviceMesh:
         self.convolve = Convolve(device, mesh, stiffness)
         self.smooth_convolve = SmoothConvolve(device, mesh, self.smooth, stiffness)
         self.kept = KeptEntries(device.budget)
+        self.bounded = False
 
     @property
     def neutral(self) -> NDArray[np.float32]:

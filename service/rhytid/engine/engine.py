@@ -21,6 +21,7 @@ from rhytid.engine.tile_batcher import MOST_TILES, TileBatcher
 from rhytid.engine.tile_service import TileService
 from rhytid.engine.worker import DeviceWorker
 from rhytid.errors import BusyError, DeviceError
+from rhytid.pipeline.draw_limit import DrawLimit
 from rhytid.settings import ServiceSettings
 from rhytid.storage.store import AssetStore
 
@@ -42,7 +43,8 @@ class Engine:
         self.memory = ByteBudget(host_memory, "RHYTID_HOST_MEMORY_MB")
         self.jobs = Jobs(settings.jobs)
         registry = AssetRegistry(settings.frame_memory or usual_frame_memory())
-        builder = AssetBuilder(self._device, self._on_device, self._store, self.jobs)
+        limit = DrawLimit(settings.draw_seconds, self._device.work_pace)
+        builder = AssetBuilder(self._device, self._on_device, self._store, self.jobs, limit)
         # Between two tasks a GPU waits for the host, a processor does not.
         most = 1 if self._device.info.kind == "cpu" else MOST_TILES
         batcher = TileBatcher(self._worker, self._device.task, most)
@@ -53,7 +55,14 @@ class Engine:
             registry, self._store, stored, builder, self.frames, self.jobs, self.memory
         )
         self.assets = AssetService(
-            registry, registration, self._device, self._on_device, self._store, builder, self.jobs
+            registry,
+            registration,
+            self._device,
+            self._on_device,
+            self._store,
+            builder,
+            self.jobs,
+            limit,
         )
         registration.open_store()
 

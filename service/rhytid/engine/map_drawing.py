@@ -5,24 +5,38 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Hashable
-from concurrent.futures import Future
+from concurrent.futures import Future, wait
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.domain.wording import waiting
+from rhytid.engine import wanted
 from rhytid.engine.assets import Asset
 from rhytid.engine.device_assets import DeviceAssets
-from rhytid.engine.device_finest import Square
 from rhytid.engine.device_levels import DeviceLevels
 from rhytid.engine.frames import Frame
 from rhytid.engine.messages import MapQuery
-from rhytid.errors import BusyError, ConflictError, DeviceMemoryError
+from rhytid.errors import BusyError, CancelledError, ConflictError, DeviceMemoryError
+from rhytid.pipeline.work import Square
 
 Tile = NDArray[np.float32]
+# Seconds after which who waits for what another draws looks whether it is still wanted.
+_PATIENCE = 0.25
+# Pieces of which those that are kept are looked for in one task.
+_AT_ONCE = 64
 # How often a square is drawn anew because the settings changed meanwhile.
 _ATTEMPTS = 3
+
+
+class _Drawing:
+    """A square that one caller draws, and how many others wait for it."""
+
+    def __init__(self) -> None:
+        self.tile: Future[Tile] = Future()
+        self.joined = 0
 
 
 class MapDrawing:
@@ -35,7 +49,7 @@ class MapDrawing:
     def __init__(self, on_device: DeviceAssets, most: int) -> None:
         self._on_device, self._most = on_device, most
         self._lock = threading.Lock()
-        self._drawing: dict[Hashable, Future[Tile]] = {}
+        self._drawing: dict[Hashable, _Drawing] = {}
         self.joined = 0
 
     def shared(
@@ -43,45 +57,64 @@ class MapDrawing:
     ) -> Tile:
         """As `square`, read-only; concurrent calls for the same square share one array.
 
-        Raises BusyError where too many wait already.
+        Raises BusyError where too many wait already, CancelledError where the caller is gone.
         """
         key = (asset, asset.settings, frame.digest, query, udim, level, square)
-        with self._lock:
-            found = self._drawing.get(key)
-            if found is None:
-                mine = self._drawing[key] = Future()
-            elif self.joined >= self._most:
-                raise BusyError(f"{waiting(self._most)} already")
-            else:
-                self.joined += 1
-        if found is not None:
-            return self._joining(found)
-        try:
-            tile = self.square(asset, frame, query, udim, level, square)
-            tile.setflags(write=False)
-            mine.set_result(tile)
-            return tile
-        except BaseException as error:
-            mine.set_exception(error)
-            raise
-        finally:
+        while True:
             with self._lock:
-                del self._drawing[key]
+                drawing = self._drawing.get(key)
+                if drawing is None:
+                    mine = self._drawing[key] = _Drawing()
+                elif self.joined >= self._most:
+                    raise BusyError(f"{waiting(self._most)} already")
+                else:
+                    self.joined += 1
+                    drawing.joined += 1
+            if drawing is None:
+                return self._draw(
+                    key, mine, lambda: self.square(asset, frame, query, udim, level, square)
+                )
+            with suppress(CancelledError):
+                return self._joining(drawing)
+            wanted.check()  # else whoever drew it was gone before this caller joined
 
-    def _joining(self, found: Future[Tile]) -> Tile:
+    def _draw(self, key: Hashable, mine: _Drawing, draw: Callable[[], Tile]) -> Tile:
+        """Draw for all who join; stops where all of them are gone, and this caller too."""
         try:
-            return found.result()
+            with wanted.also(lambda: mine.joined > 0):
+                tile = draw()
+            tile.setflags(write=False)
+        except BaseException as error:
+            self._forget(key)
+            mine.tile.set_exception(error)
+            raise
+        self._forget(key)
+        mine.tile.set_result(tile)
+        return tile
+
+    def _forget(self, key: Hashable) -> None:
+        """Let nobody join any more."""
+        with self._lock:
+            del self._drawing[key]
+
+    def _joining(self, drawing: _Drawing) -> Tile:
+        """What another draws; raises CancelledError where this caller is gone, or that one was."""
+        try:
+            while not wait([drawing.tile], _PATIENCE).done:
+                wanted.check()
+            return drawing.tile.result()
         finally:
             with self._lock:
                 self.joined -= 1
+                drawing.joined -= 1
 
     def square(
         self, asset: Asset, frame: Frame, query: MapQuery, udim: int, level: int, square: Square
     ) -> Tile:
         """(side, side) float32 displacement of a square of a level, all with the same settings.
 
-        Raises ConflictError if these change too often meanwhile, DeviceMemoryError where even a
-        single tile cannot be drawn.
+        Raises ConflictError where these change again and again meanwhile, DeviceMemoryError where
+        even a single tile cannot be drawn, CancelledError where nobody waits for it any more.
         """
         for _ in range(_ATTEMPTS):
             settings = asset.settings
@@ -120,21 +153,18 @@ class _Square:
 
     def _of_pieces(self, level: int, square: Square) -> Tile:
         """A square that no level above was made from, piece by piece."""
-        side = min(self._resident.levels.most(self._query, level), square[2])
-        if side == square[2]:
-            return self._pieces(level, [square])[square]
+        pieces = self._resident.levels.pieces(self._query, self._about[2], level, square)
+        if len(pieces) == 1:
+            return self._some(level, pieces)[square]
         out = np.empty((square[2], square[2]), np.float32)
-        wanted = _cut(square, side)
-        for (row, column, _), tile in self._pieces(level, wanted).items():
-            y, x = row - square[0], column - square[1]
-            out[y : y + side, x : x + side] = tile
+        while pieces:
+            some, others = pieces[:_AT_ONCE], pieces[_AT_ONCE:]
+            found = self._some(level, some)
+            for (row, column, side), tile in found.items():
+                y, x = row - square[0], column - square[1]
+                out[y : y + side, x : x + side] = tile
+            pieces = [piece for piece in some if piece not in found] + others
         return out
-
-    def _pieces(self, level: int, wanted: list[Square]) -> dict[Square, Tile]:
-        found: dict[Square, Tile] = {}
-        while missing := [square for square in wanted if square not in found]:
-            found |= self._some(level, missing)
-        return found
 
     def _some(self, level: int, missing: list[Square]) -> dict[Square, Tile]:
         """At least the first of some squares that are inside of a piece each."""
@@ -160,6 +190,7 @@ class _Square:
 
     def _run(self, task: Callable[..., Any], *arguments: Any) -> Any:
         """Run a method of the levels of the asset on the device."""
+        wanted.check()
         waits, self._waits = self._waits, True
         return self._on_device.use(
             self._asset, lambda resident: task(resident.levels, *arguments), patiently=waits

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rhytid.device.runtime import Device
 from rhytid.device.select import choose
-from rhytid.pipeline.measured_shape import remembered_shape
+from rhytid.pipeline.measured_shape import remembered_pace, remembered_shape
 from rhytid.settings import ServiceSettings
 
 
@@ -16,4 +16,5 @@ def open_device(settings: ServiceSettings, wanted: str | None = None) -> Device:
     device = Device(choose(wanted or settings.device, settings.cache), settings.device_memory)
     if settings.cache is not None:
         device.shape = remembered_shape(device, settings.cache)
+        device.work_pace = remembered_pace(device, settings.cache)
     return device

@@ -60,8 +60,16 @@ class TileBatcher:
         """Requests that wait for a task that another one queued."""
         return self._joined
 
-    def tile(self, key: Hashable, address: TileAddress, texels: int, draw: DrawTiles) -> Tile:
-        """One tile (texels, texels) of what `key` names, read-only; `draw` draws several.
+    def tile(
+        self,
+        key: Hashable,
+        address: TileAddress,
+        texels: int,
+        draw: DrawTiles,
+        turn: Hashable = None,
+    ) -> Tile:
+        """One tile (texels, texels) of what `key` names, read-only; `draw` draws several.  turn: in
+        which the device draws it, see `DeviceWorker`.
 
         Raises BusyError where too many wait already, and whatever drawing this tile raises.
         """
@@ -76,7 +84,7 @@ class TileBatcher:
                 future = batch.wanted[address] = Future()
                 leads = True
         if leads:
-            self._lead(key, batch)
+            self._lead(key, batch, turn)
         return future.result()
 
     def _join(self, batch: _Batch, address: TileAddress) -> Future[Tile]:
@@ -87,11 +95,10 @@ class TileBatcher:
         batch.waiting += 1
         return batch.wanted.setdefault(address, Future())
 
-    def _lead(self, key: Hashable, batch: _Batch) -> None:
-        """Have the batch drawn; every request that joined is answered, with the exception if there
-        is one."""
+    def _lead(self, key: Hashable, batch: _Batch, turn: Hashable) -> None:
+        """Have the batch drawn; nobody who joined may be left waiting, whatever happens."""
         try:
-            self._worker.call(lambda: self._draw(key, batch))
+            self._worker.call(lambda: self._draw(key, batch), turn)
         except BaseException as error:  # noqa: BLE001 handed to those who wait for it
             self._close(key, batch)
             for future in batch.wanted.values():

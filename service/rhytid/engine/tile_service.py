@@ -167,15 +167,16 @@ class TileService:
     def _tile(self, asset: Asset, frame: Frame, query: MapQuery, address: TileAddress) -> Tile:
         udim, level = address.udim, address.level
         texels = asset.settings.grid.texels(level)
-        if level > 0:
-            square = (address.row * texels, address.column * texels, texels)
+        square = (address.row * texels, address.column * texels, texels)
+        if level > 0 or self._on_device.loaded(asset).levels.is_long(query, udim, square):
             return self._maps.shared(asset, frame, query, udim, level, square)
         key = (asset, frame.digest, query, udim)
 
         def draw(addresses: list[TileAddress]) -> list[Tile]:
             return self._on_device.found(asset).finest.tiles(frame, query, addresses)
 
-        return self._on_device.using(asset, lambda: self._batcher.tile(key, address, texels, draw))
+        tile = self._batcher.tile
+        return self._on_device.using(asset, lambda: tile(key, address, texels, draw, asset.id))
 
 
 def displacement_scale(asset: Asset) -> float:

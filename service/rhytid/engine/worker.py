@@ -1,10 +1,10 @@
-"""One thread owns the device; calls from other threads wait in a bounded queue."""
+"""One thread owns the device; others wait in a bounded queue, where assets take turns."""
 
 from __future__ import annotations
 
-import queue
 import threading
-from collections.abc import Callable
+from collections import OrderedDict, deque
+from collections.abc import Callable, Hashable
 from concurrent.futures import Future
 from typing import Any, TypeVar
 
@@ -18,71 +18,84 @@ _Task = tuple["Future[Any]", Callable[[], Any]]
 class DeviceWorker:
     """Runs calls one after the other on a thread of its own.
 
+    Each call belongs to a turn, such as the asset that it draws. Turns with calls in the queue are
+    served in rotation, one call each; calls of one turn are served in the order in which they came.
+    So a call waits for at most one call of every other turn, however many of those wait.
+
     `size` is the number of calls that may wait.
     """
 
     def __init__(self, size: int) -> None:
-        self._tasks: queue.Queue[_Task | None] = queue.Queue(size)
-        self._closed = threading.Event()
+        self.size = size
+        self._turns: OrderedDict[Hashable, deque[_Task]] = OrderedDict()
+        self._waiting = 0
+        self._closed = False
+        self._changed = threading.Condition()
         self._thread = threading.Thread(target=self._work, name="rhytid-device", daemon=True)
         self._thread.start()
 
     @property
-    def size(self) -> int:
-        """Calls that may wait."""
-        return self._tasks.maxsize
-
-    @property
     def waiting(self) -> int:
         """Calls in the queue."""
-        return self._tasks.qsize()
+        return self._waiting
 
-    def call(self, task: Callable[[], T]) -> T:
+    def call(self, task: Callable[[], T], turn: Hashable = None) -> T:
         """Run `task` on the device thread and return what it returns.
 
         Raises BusyError at once where the queue is full, and whatever the task raises.
         """
-        return self._run(task, block=False)
+        return self._run(task, turn, block=False)
 
-    def call_patiently(self, task: Callable[[], T]) -> T:
+    def call_patiently(self, task: Callable[[], T], turn: Hashable = None) -> T:
         """As `call`, for long work: waits for a place in the queue."""
-        return self._run(task, block=True)
+        return self._run(task, turn, block=True)
 
     def close(self) -> None:
-        """Finish the running call, refuse those that wait, and end the thread."""
-        if not self._closed.is_set():
-            self._closed.set()
-            self._tasks.put(None)
-            self._thread.join()
-            self._refuse_waiting()
+        """Let the call at work finish, refuse those that wait, and end the thread."""
+        with self._changed:
+            self._closed = True
+            refused = [item for tasks in self._turns.values() for item in tasks]
+            self._turns.clear()
+            self._waiting = 0
+            self._changed.notify_all()
+        for future, _ in refused:
+            _refuse(future)
+        self._thread.join()
 
-    def _run(self, task: Callable[[], T], *, block: bool) -> T:
+    def _run(self, task: Callable[[], T], turn: Hashable, *, block: bool) -> T:
         future: Future[T] = Future()
-        try:
-            self._tasks.put((future, task), block=block)
-        except queue.Full:
-            raise BusyError(f"{waiting(self.size)} already") from None
-        # Also after the put: once the thread has ended, the queue is not read any more.
-        if self._closed.is_set() and not self._thread.is_alive():
-            self._refuse_waiting()
+        with self._changed:
+            while block and self._waiting >= self.size and not self._closed:
+                self._changed.wait()
+            if self._closed:
+                _refuse(future)
+            elif self._waiting >= self.size:
+                raise BusyError(f"{waiting(self.size)} already")
+            else:
+                self._turns.setdefault(turn, deque()).append((future, task))
+                self._waiting += 1
+                self._changed.notify_all()
         return future.result()
 
     def _work(self) -> None:
-        while (item := self._tasks.get()) is not None:
-            if self._closed.is_set():
-                _refuse(item[0])
-            else:
-                _perform(*item)
-            del item  # lets go of the result while the thread waits
+        while (item := self._take()) is not None:
+            _perform(*item)
+            del item  # while the thread waits, nobody holds what the task answered
 
-    def _refuse_waiting(self) -> None:
-        while True:
-            try:
-                item = self._tasks.get_nowait()
-            except queue.Empty:
-                return
-            if item is not None:
-                _refuse(item[0])
+    def _take(self) -> _Task | None:
+        """The next call; None once the queue is closed."""
+        with self._changed:
+            while not self._turns and not self._closed:
+                self._changed.wait()
+            if self._closed:
+                return None
+            turn, tasks = self._turns.popitem(last=False)
+            item = tasks.popleft()
+            if tasks:
+                self._turns[turn] = tasks  # at the end: the others come first
+            self._waiting -= 1
+            self._changed.notify_all()
+            return item
 
 
 def _perform(future: Future[T], task: Callable[[], T]) -> None:

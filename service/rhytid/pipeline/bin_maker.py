@@ -41,6 +41,7 @@ from rhytid.pipeline.locate import UdimTriangles
 from rhytid.pipeline.redraw import launch_blocks
 from rhytid.pipeline.stiffness import stiffness_of_texels
 from rhytid.pipeline.vectors import VECTOR, VectorTriangles, in_rows, squares
+from rhytid.pipeline.work import BLOCK, Square
 
 # Runs the kernel of a map over a square of level 0: (square, into, defines).
 _Launch = Callable[..., None]
@@ -99,17 +100,46 @@ class BinMaker:
 
     def tile(self, row: int, column: int, texels: int) -> BinTile:
         """All layers and samples of `texels`² texels, from texel (row, column) on."""
-        bins, square = self._settings.bins, (row, column, texels)
+        square = (row, column, texels)
+        least = BLOCK if self._elements.cushion is None else BLOCK * self._elements.cushion.factor
+        pieces = self._elements.work.cut(square, self._elements.bins_pace.most, texels, least)
+        if len(pieces) == 1:
+            return self._tile(square, self._codes(square))
+        bins = self._settings.bins
         codes = self._device.empty(map_count(bins) * texels * texels, f"i{bins.bits // 8}")
+        item = map_count(bins) * bins.bits // 8
+        for top, left, side in pieces:
+            piece = self._codes((top, left, side))
+            to = ((top - row) * texels + left - column, texels)
+            self._device.copy_square(piece, codes, to, side, item)
+            self._device.finish()
+            piece.release()
+        return self._tile(square, codes)
+
+    def _codes(self, square: Square) -> Buffer:
+        """Codes of every map of a square, map by map."""
+        bins, texels = self._settings.bins, square[2] ** 2
+        codes = self._device.empty(map_count(bins) * texels, f"i{bins.bits // 8}")
         at = counter()
         for layer, samples in enumerate(bins.layer_samples):
             for part, sample in product(parts(bins), range(samples)):
                 coded = (self._per_step[layer, sample], np.int32(next(at)), codes)
-                self._map(layer, part, sample)(square, coded, self._code_defines)
-                self._device.finish()
+                self._timed(self._map(layer, part, sample), square, coded, self._code_defines)
             if bins.tilt and layer < bins.count:
                 self._tilt(layer, square, next(at), codes)
-        return self._tile(square, codes)
+        return codes
+
+    def _timed(
+        self, launch: _Launch, square: Square, into: tuple[Any, ...], defines: Mapping[str, object]
+    ) -> None:
+        """Launch one map of a square and wait for it, as one step."""
+
+        def run() -> None:
+            with self._elements.bins_pace.timing(self._elements.work.of(*square)):
+                launch(square, into, defines)
+                self._device.finish()
+
+        self._device.step(run)
 
     def _tile(self, square: tuple[int, int, int], codes: Buffer) -> BinTile:
         """With what is known of the triangles of its texels."""
@@ -177,7 +207,7 @@ class BinMaker:
     def _drawn(self, launch: _Launch, square: tuple[int, int, int]) -> Buffer:
         """A map as displacement."""
         out = self._device.empty(square[2] ** 2, np.float32)
-        launch(square, (out,), NO_DEFINES)
+        self._timed(launch, square, (out,), NO_DEFINES)
         return out
 
     def _map(self, layer: int, part: int, sample: int) -> _Launch:

@@ -18,6 +18,7 @@ from rhytid.pipeline.cushion_elements import (
     coarse_factor,
     cushion_lists,
 )
+from rhytid.pipeline.draw_limit import DrawLimit
 from rhytid.pipeline.reach import around_wrinkles, limit_cover, sizes_of_ends
 
 
@@ -71,10 +72,19 @@ class BroadLayer:
             np.where(swells, np.maximum(self.high + margin, high), high),
         )
 
-    def check(self, inside: NDArray[np.integer] | NDArray[np.bool_], udim: int) -> None:
-        """Raise LimitError where those of these indices cover too much."""
+    def check(
+        self,
+        inside: NDArray[np.integer] | NDArray[np.bool_],
+        udim: int,
+        limit: DrawLimit | None = None,
+    ) -> None:
+        """Raise LimitError where those of these indices cover too much, or take longer than
+        `limit` to draw."""
         texels = self.settings.resolution // self.factor
-        limit_cover(self.low[inside], self.high[inside], texels, "cushions", udim, self.factor)
+        low, high = self.low[inside], self.high[inside]
+        limit_cover(low, high, texels, "cushions", udim, self.factor)
+        if limit is not None:
+            limit.check(low, high, texels, "cushion", udim)
 
     def arrays(self, chosen: NDArray[np.int64], drawn: int, udim: int) -> CushionArrays:
         """Those of the wrinkles with these indices, of which the first `drawn` are listed."""

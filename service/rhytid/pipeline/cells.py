@@ -15,11 +15,14 @@ MOST_ENTRIES = 2**26
 
 @dataclass(frozen=True)
 class CellLists:
-    """offsets (cells² + 1,) int32 into members, int32; the members of a cell ascend."""
+    """offsets (cells² + 1,) int32 into members, int32; the members of a cell ascend.
+
+    work: (cells, cells) of drawing the members of each cell, see `work.py`, where it is known."""
 
     cells: int
     offsets: NDArray[np.int32]
     members: NDArray[np.int32]
+    work: NDArray[np.float32] | None = None
 
 
 def list_by_cell(

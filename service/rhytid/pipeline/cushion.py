@@ -15,8 +15,8 @@ from rhytid.pipeline.elements import UdimElements
 
 # Texels a side of what a work-group draws.
 _BLOCK = COARSE_BLOCK + 2 * APRON
-# What spline.clh reads at once.
-_VECTOR = 8
+# Values beyond a coarse map that its buffer has: spline.clh reads a vector at once.
+MORE = 8
 
 
 def coarse_side(side: int, factor: int) -> int:
@@ -51,7 +51,7 @@ def launch_cushion(
     factor, assets = cushion.factor, settings.resolution
     row, column, texels = (at // factor for at in square)
     side = coarse_side(square[2], factor)
-    out = device.empty(side * side + _VECTOR, np.float32)
+    out = device.empty(side * side + MORE, np.float32)
     parts = max(COARSE_BLOCK // device.shape.rows, 1)
     across, down = (
         (at + texels - 1) // COARSE_BLOCK - at // COARSE_BLOCK + 1 for at in (column, row)

@@ -20,9 +20,10 @@ from rhytid.pipeline.bins import (
     sample_stretches,
     scale,
 )
-from rhytid.pipeline.cushion import coarse_side, launch_cushion
+from rhytid.pipeline.cushion import MORE, coarse_side, launch_cushion
 from rhytid.pipeline.elements import UdimElements
 from rhytid.pipeline.vectors import VECTOR, squares
+from rhytid.pipeline.work import BLOCK, Square
 
 # How the layers of its maps are called.
 CUSHIONS = "cushions"
@@ -72,6 +73,8 @@ class CushionBins:
 
     def __init__(self, device: Device, elements: UdimElements, settings: AssetSettings) -> None:
         self._device, self._elements, self._settings = device, elements, settings
+        assert elements.cushion is not None
+        self._factor = elements.cushion.factor
         self._per_step = 1.0 / np.maximum(cushion_steps(settings), 1e-30)
         bins = settings.bins
         self._defines: dict[str, object] = {
@@ -83,9 +86,8 @@ class CushionBins:
     def codes(self, square: tuple[int, int, int]) -> Buffer:
         """(samples / VECTOR, maps, VECTOR) around a square (row, column, texels per side) of level
         0, in squares of samples: of each bin the maps of its samples."""
-        bins, cushion = self._settings.bins, self._elements.cushion
-        assert cushion is not None
-        side = coarse_side(square[2], cushion.factor)
+        bins = self._settings.bins
+        side = coarse_side(square[2], self._factor)
         maps = cushion_map_count(self._settings)
         codes = self._device.empty(maps * side**2, f"i{bins.bits // 8}")
         for at, (index, sample) in enumerate(product(range(bins.count), range(bins.samples))):
@@ -104,7 +106,27 @@ class CushionBins:
         r = float(sample_stretches(settings)[sample])
         depth = scale(response, r, -drawn_depth_exponents(settings)[index])
         scales = np.array([scale(response, r, response.alpha_w), depth], np.float32)
+        pieces = self._pieces(square)
+        if len(pieces) == 1:
+            return self._drawn(square, index, scales)
+        side = coarse_side(square[2], self._factor)
+        heights = self._device.empty(side * side + MORE, np.float32)
+        for piece in pieces:
+            part = self._drawn(piece, index, scales)
+            down, across = ((piece[i] - square[i]) // self._factor for i in (0, 1))
+            part_side = coarse_side(piece[2], self._factor)
+            self._device.copy_square(part, heights, (down * side + across, side), part_side, 4)
+            self._device.finish()
+            part.release()
+        return heights
+
+    def _pieces(self, square: Square) -> list[Square]:
+        """What is drawn of one map of a square at a time: whole blocks of samples."""
+        elements, least = self._elements, BLOCK * self._factor
+        return elements.work.cut(square, elements.bins_pace.most, square[2], least)
+
+    def _drawn(self, square: Square, index: int, scales: NDArray[np.float32]) -> Buffer:
         return launch_cushion(
-            self._device, "cushion_bin", self._elements, settings, square,
+            self._device, "cushion_bin", self._elements, self._settings, square,
             self._elements.bins, np.int32(index), scales,
         )  # fmt: skip

@@ -7,7 +7,7 @@ That layer is smooth: it is drawn coarse and upsampled by a cubic B-spline.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from rhytid.domain.asset_settings import CUSHION_THRESHOLD, AssetSettings, ShapeSettings
 from rhytid.domain.graph import ORIGINAL, WrinkleGraph
 from rhytid.pipeline.cells import CellLists, list_by_cell
+from rhytid.pipeline.work import work_by_cell
 
 # Coarse texels per side of a block of the layer, and around it what the spline reads of others.
 COARSE_BLOCK, APRON = 64, 2
@@ -92,4 +93,5 @@ def cushion_lists(
     texel = factor / settings.resolution
     margin = (APRON + 1) * texel
     cells = settings.resolution // (factor * COARSE_BLOCK)
-    return list_by_cell(low - margin, high + margin, cells, top_down=True)
+    lists = list_by_cell(low - margin, high + margin, cells, top_down=True)
+    return replace(lists, work=work_by_cell(lists, low, high))

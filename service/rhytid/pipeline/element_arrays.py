@@ -15,6 +15,7 @@ from rhytid.pipeline.broad_layer import BroadLayer
 from rhytid.pipeline.cells import CellLists
 from rhytid.pipeline.copies import Origins, copied, copies_last, skews_of
 from rhytid.pipeline.cushion_elements import CushionArrays, narrow_weight
+from rhytid.pipeline.draw_limit import DrawLimit
 from rhytid.pipeline.reach import (
     around_pores,
     around_wrinkles,
@@ -159,21 +160,27 @@ def pore_arrays(
     )
 
 
-def check_cover(graph: WrinkleGraph, settings: AssetSettings, udim: int) -> None:
-    """Raise LimitError where `wrinkle_arrays` or `pore_arrays` would, for what they cover; of
-    straight wrinkles, for how far waves reach is known only where the wrinkles are located."""
+def check_cover(
+    graph: WrinkleGraph, settings: AssetSettings, udim: int, limit: DrawLimit | None = None
+) -> None:
+    """Raise LimitError where `wrinkle_arrays` or `pore_arrays` would, for what they cover, and
+    where drawing takes longer than `limit`; of straight wrinkles, for how far waves reach is known
+    only where the wrinkles are located."""
     local = graph.node_uv - np.array(udim_origin(udim), np.float32)
     ends = local[graph.edge_nodes]
     bends = bends_of(graph, settings)
     if (broad := BroadLayer.of(graph, ends, settings, bends)) is not None:
-        broad.check(reaching_in(broad.swells, broad.low, broad.high), udim)
+        broad.check(reaching_in(broad.swells, broad.low, broad.high), udim, limit)
     around = (
-        ("wrinkles", graph.edge_weight, around_wrinkles(graph, ends, settings, bends)),
-        ("pores", graph.node_weight, around_pores(local, pore_roots(graph), settings)),
+        ("wrinkle", graph.edge_weight, around_wrinkles(graph, ends, settings, bends)),
+        ("pore", graph.node_weight, around_pores(local, pore_roots(graph), settings)),
     )
     for what, weight, (low, high) in around:
         inside = reaching_in(weight, low, high)
-        limit_cover(low[inside], high[inside], settings.resolution, f"graph's {what}", udim)
+        low, high = low[inside], high[inside]
+        limit_cover(low, high, settings.resolution, f"graph's {what}s", udim)
+        if limit is not None:
+            limit.check(low, high, settings.resolution, what, udim)
 
 
 def _sizes(

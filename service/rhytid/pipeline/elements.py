@@ -8,11 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.device.paces import WorkPace
 from rhytid.device.runtime import Buffer, Device
 from rhytid.pipeline.cells import CellLists
 from rhytid.pipeline.copies import OriginBuffers
 from rhytid.pipeline.cushion_elements import CushionArrays
 from rhytid.pipeline.element_arrays import PoreArrays, WrinkleArrays
+from rhytid.pipeline.work import MapWork
 
 
 def orientation_bins(segments: NDArray[np.float32], count: int) -> NDArray[np.uint8]:
@@ -61,12 +63,17 @@ class CushionElements:
 
 
 class UdimElements:
-    """The wrinkles and pores of one UDIM on the device."""
+    """The wrinkles and pores of one UDIM on the device.
+
+    work: of drawing any square of them.  pace, bins_pace: at which that goes, of what a frame shows
+    and of one precomputed map."""
 
     def __init__(
         self, device: Device, wrinkles: WrinkleArrays, pores: PoreArrays, bin_count: int
     ) -> None:
         self.wrinkles, self.pores = len(wrinkles.segments), len(pores.centres)
+        self.work = work_of(wrinkles, pores)
+        self.pace, self.bins_pace = WorkPace(device.work_pace), WorkPace(device.work_pace)
         self.segments = device.upload(wrinkles.segments)
         self.sizes = device.upload(wrinkles.sizes)
         self.bins = device.upload(orientation_bins(wrinkles.segments, bin_count))
@@ -115,6 +122,12 @@ class UdimElements:
         for value in vars(self).values():
             if isinstance(value, Lists | CushionElements | Buffer | OriginBuffers):
                 value.release()
+
+
+def work_of(wrinkles: WrinkleArrays, pores: PoreArrays) -> MapWork:
+    """What drawing the wrinkles and pores of a UDIM takes."""
+    broad = None if wrinkles.cushion is None else (wrinkles.cushion.lists, wrinkles.cushion.factor)
+    return MapWork(wrinkles.lists, pores.lists, cushion=broad)
 
 
 def _upload(device: Device, array: NDArray[Any] | None) -> Buffer | None:

@@ -16,14 +16,14 @@ from rhytid.device.runtime import Device
 from rhytid.device.shape import LaunchShape
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.errors import DeviceError
-from rhytid.pipeline.cells import CellLists, list_by_cell
+from rhytid.pipeline.cells import CellLists
 from rhytid.pipeline.element_arrays import PoreArrays, WrinkleArrays
 from rhytid.pipeline.elements import UdimElements
 from rhytid.pipeline.levels import Draw
-from rhytid.pipeline.reach import BLOCK
+from rhytid.pipeline.reach import list_by_block
 from rhytid.pipeline.redraw import ScaleBuffers, redrawing
 
-_FILE = "launch_shapes.json"
+_FILE, _PACE_FILE = "launch_shapes.json", "draw_paces.json"
 # A patch of skin as dense as a face at 4096² with 1.25 million wrinkles.
 _SIDE, _WRINKLES, _PORES = 512, 20_000, 9_000
 _LENGTH, _HALF_WIDTH, _PORE_RADIUS = 6.5, 1.3, 1.5  # texels
@@ -54,6 +54,30 @@ def remembered_shape(
         return device.shape
     remember(file, key, asdict(shape))
     return shape
+
+
+def remembered_pace(device: Device, folder: Path) -> float:
+    """The work a second of drawing skin on this device in its shape, remembered as shapes are."""
+    file, key = folder / _PACE_FILE, f"{_key(device)} | {device.shape}"
+    known = recall(file).get(key)
+    if isinstance(known, float) and known > 0.0:
+        return known
+    try:
+        pace = patch_pace(device)
+    except DeviceError:
+        return device.work_pace
+    remember(file, key, pace)
+    return pace
+
+
+def patch_pace(device: Device) -> float:
+    """The work a second of a patch of skin, the most of a few."""
+    with device.task():
+        elements, scales, draw = _patch(device)
+        seconds = [_seconds(device, device.shape, draw) for _ in range(1 + _ROUNDS)]
+        elements.release()
+        scales.release()
+    return elements.work.total / min(seconds[1:])
 
 
 def shape_seconds(device: Device) -> dict[LaunchShape, float]:
@@ -114,6 +138,5 @@ def _patch(device: Device) -> tuple[UdimElements, ScaleBuffers, Draw]:
 
 
 def _lists(low: Any, high: Any) -> CellLists:
-    reach = max(_HALF_WIDTH, _PORE_RADIUS) + 1.0
-    cells = _SIDE // BLOCK
-    return list_by_cell((low - reach) / _SIDE, (high + reach) / _SIDE, cells, top_down=True)
+    reach = max(_HALF_WIDTH, _PORE_RADIUS)
+    return list_by_block((low - reach) / _SIDE, (high + reach) / _SIDE, _SIDE)

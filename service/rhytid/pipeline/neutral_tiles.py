@@ -15,9 +15,9 @@ from rhytid.domain.stiffness import Stiffness
 from rhytid.domain.tiles import udim_origin
 from rhytid.pipeline.levels import Draw
 from rhytid.pipeline.locate import UdimTriangles
-from rhytid.pipeline.reach import BLOCK
 from rhytid.pipeline.stiffness import stiffness_of_texels
 from rhytid.pipeline.vectors import VECTOR
+from rhytid.pipeline.work import BLOCK
 
 # Taps on either side of a texel, at most: 3 sigma, so that sigma is 21 texels at most.
 MOST_TAPS = 63

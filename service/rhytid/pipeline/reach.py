@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +14,8 @@ from rhytid.errors import LimitError
 from rhytid.pipeline.bends import Bends, arc_box, straight_box
 from rhytid.pipeline.cells import CellLists, list_by_cell
 from rhytid.pipeline.copies import metric_roots, rim_reach
+from rhytid.pipeline.work import BLOCK, work_by_cell
 
-# Texels per side of the blocks that list what reaches into them.
-BLOCK = 64
 # σ_w and σ_d are kept in [1/SCALE_LIMIT, SCALE_LIMIT].
 SCALE_LIMIT = 4.0
 # Texels that may be covered for each texel of the map, all elements together.
@@ -135,9 +135,11 @@ def reaching_in(
 def list_by_block(
     low: NDArray[np.floating], high: NDArray[np.floating], resolution: int
 ) -> CellLists:
-    """Lists of the elements in every block of a map, top row first.  low, high: (K, 2) in UV."""
+    """Lists of the elements in every block of a map, top row first, and how much work they are.
+    low, high: (K, 2) in UV."""
     texel = 1.0 / resolution
-    return list_by_cell(low - texel, high + texel, resolution // BLOCK, top_down=True)
+    lists = list_by_cell(low - texel, high + texel, resolution // BLOCK, top_down=True)
+    return replace(lists, work=work_by_cell(lists, low, high))
 
 
 def limit_cover(

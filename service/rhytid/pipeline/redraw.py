@@ -17,9 +17,10 @@ from rhytid.pipeline.copies import OriginBuffers
 from rhytid.pipeline.cushion import draw_cushion
 from rhytid.pipeline.elements import Lists, UdimElements
 from rhytid.pipeline.levels import Draw
-from rhytid.pipeline.reach import BLOCK, response_defines
+from rhytid.pipeline.reach import response_defines
 from rhytid.pipeline.stretch_buffers import StretchBuffers
 from rhytid.pipeline.vectors import VECTOR
+from rhytid.pipeline.work import BLOCK
 
 # Fills scales, or r, of so many elements from their places, triangles and stiffness.
 Answer = Callable[[int, Buffer, Buffer, Buffer | None, Buffer], None]

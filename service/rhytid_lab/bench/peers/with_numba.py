@@ -9,7 +9,8 @@ from typing import Any
 import numba
 import numpy as np
 
-from rhytid.pipeline.reach import BLOCK, SCALE_LIMIT
+from rhytid.pipeline.reach import SCALE_LIMIT
+from rhytid.pipeline.work import BLOCK
 from rhytid_lab.bench.peers.response import unit_scales
 from rhytid_lab.bench.peers.run import HostRun
 from rhytid_lab.bench.scene import Floats, Scene

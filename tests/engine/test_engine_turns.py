@@ -1,0 +1,178 @@
+"""Nobody blocks anybody: assets take turns, and what is heavy is drawn in bounded steps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from engine.engines import QUERIES, REDRAW, built, draw, new_asset, running
+from engine.test_engine_together import occupied, until
+from rhytid.device.paces import WorkPace
+from rhytid.domain.tiles import TileAddress
+from rhytid.engine.engine import Engine
+from rhytid.engine.messages import MapQuery
+from rhytid.engine.worker import DeviceWorker
+from rhytid.errors import LimitError
+from rhytid.pipeline.redraw import launch_blocks
+from rhytid.pipeline.work import BLOCK
+
+WHOLE = TileAddress(1001, 0, 0, 0)
+HEAVY = {"tile_size": 256}
+
+
+def test_turns_are_served_in_rotation() -> None:
+    order: list[str] = []
+    with closing(DeviceWorker(16)) as worker, ThreadPoolExecutor(16) as pool, occupied(worker):
+        for count, turn in enumerate(["heavy"] * 4 + ["light"] * 2 + ["other"], 1):
+            pool.submit(worker.call, lambda t=turn, n=count: order.append(f"{t} {n}"), turn)
+            until(lambda n=count: worker.waiting == n)  # type: ignore[misc]
+    assert order == ["heavy 1", "light 5", "other 7", "heavy 2", "light 6", "heavy 3", "heavy 4"]
+
+
+def test_who_waits_when_the_worker_ends_is_refused() -> None:
+    worker = DeviceWorker(1)
+    with ThreadPoolExecutor(3) as pool:
+        with occupied(worker):
+            asked = [pool.submit(worker.call, lambda: 1)]
+            until(lambda: worker.waiting == 1)
+            asked.append(pool.submit(worker.call_patiently, lambda: 2))
+            closing_it = pool.submit(worker.close)
+            for future in asked:
+                with pytest.raises(Exception, match="shutting down"):
+                    future.result(60)
+        closing_it.result(60)
+
+
+@pytest.fixture
+def launches(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """The work of every launch over blocks, where a block is more than a piece should be."""
+    found: list[float] = []
+    monkeypatch.setattr("rhytid.device.paces.DRAWING", 1e-6)
+    monkeypatch.setattr(WorkPace, "took", lambda *_: None)
+
+    def spy(device: Any, program: str, kernel: str, settings: Any, elements: Any, square: Any,
+            *arguments: Any, **named: Any) -> None:  # fmt: skip
+        found.append(square[2])
+        launch_blocks(device, program, kernel, settings, elements, square, *arguments, **named)
+
+    for module in ("redraw", "bin_maker"):
+        monkeypatch.setattr(f"rhytid.pipeline.{module}.launch_blocks", spy)
+    return found
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> dict[MapQuery, bytes]:
+    """The tiles of a heavy asset, each drawn at once."""
+    with running(tmp_path_factory.mktemp("plain")) as engine:
+        asset = built(engine, new_asset(**HEAVY))
+        return {query: draw(engine, asset, "neutral", query, WHOLE).tobytes() for query in QUERIES}
+
+
+@pytest.mark.parametrize("query", QUERIES, ids=lambda query: query.method)
+def test_a_heavy_tile_is_drawn_block_by_block_with_the_same_bits(
+    engine: Engine, launches: list[float], plain: dict[MapQuery, bytes], query: MapQuery
+) -> None:
+    asset = built(engine, new_asset(**HEAVY))
+    assert launches
+    launches.clear()
+    assert draw(engine, asset, "neutral", query, WHOLE).tobytes() == plain[query]
+    assert set(launches) <= {BLOCK}
+    assert query.method == "binned" or len(launches) >= 16  # maps of bins were made ahead
+
+
+@pytest.mark.parametrize("shape", [{}, {"cushion": 0.5}], ids=["plain", "cushion"])
+def test_heavy_bins_are_the_same_bits(
+    tmp_path: Path, request: pytest.FixtureRequest, shape: dict[str, float]
+) -> None:
+    def codes(folder: str) -> list[bytes]:
+        with running(tmp_path / folder) as engine:
+            asset = built(engine, new_asset(**HEAVY, shape=shape))
+            query = MapQuery("binned")
+            return [draw(engine, asset, "neutral", query, WHOLE).tobytes()]
+
+    at_once = codes("one")
+    request.getfixturevalue("launches")
+    assert codes("other") == at_once
+
+
+@pytest.mark.parametrize("query", QUERIES, ids=lambda query: query.method)
+def test_another_asset_is_drawn_between_any_two_steps(
+    engine: Engine, launches: list[float], query: MapQuery, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whenever the other asset asks, it waits for one step of the heavy one."""
+    light = built(engine, new_asset(seed=2))
+    heavy = built(engine, new_asset(**HEAVY))
+    engine._on_device.run(engine._on_device.loaded(_asset(engine, heavy)).mesh.kept.clear)
+    draw(engine, light, "neutral", REDRAW, WHOLE)
+    turns = _turns(engine, monkeypatch)
+    with ThreadPoolExecutor(2) as pool:
+        with occupied(engine._worker):
+            first = pool.submit(draw, engine, heavy, "neutral", query, WHOLE)
+            until(lambda: engine._worker.waiting == 1)
+            asking = pool.submit(_ask, engine, light, 5)
+            until(lambda: engine._worker.waiting == 2)
+        asking.result(60)
+        first.result(60)
+    waits = [waited for turn, waited in turns if turn == light]
+    assert len(waits) == 5
+    assert [turn for turn, _ in turns].count(heavy) >= 16
+    assert max(waits) <= 2  # one, and one that begins while the call is put into the queue
+
+
+def _ask(engine: Engine, asset: str, times: int) -> None:
+    for _ in range(times):
+        draw(engine, asset, "neutral", REDRAW, WHOLE)
+
+
+def _asset(engine: Engine, asset: str) -> Any:
+    return engine.assets._assets.get(asset)
+
+
+def _turns(engine: Engine, monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, int]]:
+    """Whose calls the device runs from now on, in order, and how many it ran before each while that
+    waited."""
+    turns: list[tuple[Any, int]] = []
+    run = engine._worker._run
+
+    def spy(task: Callable[[], Any], turn: Any, *, block: bool) -> Any:
+        before = len(turns)
+
+        def told() -> Any:
+            turns.append((turn, len(turns) - before))
+            return task()
+
+        return run(told, turn, block=block)
+
+    monkeypatch.setattr(engine._worker, "_run", spy)
+    return turns
+
+
+def test_what_would_take_too_long_is_refused_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with running(tmp_path / "fast") as engine:
+        work = engine._on_device.loaded(_asset(engine, built(engine, new_asset()))).mesh.elements
+    monkeypatch.setattr("rhytid.pipeline.draw_limit._BLOCK_SECONDS", 1e9)
+    pace = work[1001].work.total / 10
+    monkeypatch.setattr("rhytid.engine.opening.remembered_pace", lambda *_: pace)
+    with running(tmp_path / "slow", cache=tmp_path, draw_seconds=1) as engine:
+        with pytest.raises(LimitError, match=r"more than 1 s \(RHYTID_DRAW_SECONDS\)"):
+            engine.assets.create(new_asset())
+        assert engine.assets.all() == []
+    with running(tmp_path / "slow", cache=tmp_path, draw_seconds=20) as engine:
+        asset = built(engine, new_asset())
+        before = draw(engine, asset, "neutral", REDRAW, WHOLE).tobytes()
+        builder = engine.assets._builder
+        builder._limit = replace(builder._limit, seconds=1)
+        with pytest.raises(LimitError, match=r"more than 1 s \(RHYTID_DRAW_SECONDS\)"):
+            engine.assets.change(asset, {"shape": {"least_half_width": 4.0}})
+        assert draw(engine, asset, "neutral", REDRAW, WHOLE).tobytes() == before
+    # What is stored is drawn, whatever the limit is by then.
+    with running(tmp_path / "slow", cache=tmp_path, draw_seconds=1) as engine:
+        assert draw(engine, asset, "neutral", REDRAW, WHOLE).tobytes() == before
