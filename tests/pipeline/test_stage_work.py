@@ -11,10 +11,11 @@ import pytest
 from pipeline.scenes import random_graph, settings_of
 from rhytid.device.paces import DRAWING, WorkPace
 from rhytid.errors import LimitError
-from rhytid.pipeline import work
+from rhytid.pipeline import measured_shape, work
 from rhytid.pipeline.cells import list_by_cell
 from rhytid.pipeline.draw_limit import DrawLimit
 from rhytid.pipeline.element_arrays import check_cover, wrinkle_arrays
+from rhytid.pipeline.measured_shape import remembered_pace
 from rhytid.pipeline.work import BLOCK, MapWork, work_around, work_by_cell
 
 CELLS = 8
@@ -143,3 +144,12 @@ def test_graphs_that_take_too_long_are_refused():
     with pytest.raises(LimitError, match=r"where they are densest, in 64² of 256² texels: more"):
         check_cover(graph, settings, 1001, DrawLimit(600, 1e5))
     check_cover(graph, settings, 1003, DrawLimit(0.01, 1e5))  # of which the graph has no part
+
+
+def test_a_pace_is_measured_once_and_remembered(device, tmp_path, monkeypatch):
+    pace = remembered_pace(device, tmp_path)
+    assert pace > 0
+    monkeypatch.setattr(measured_shape, "patch_pace", lambda device: 7.0)
+    assert remembered_pace(device, tmp_path) == pace
+    (tmp_path / "draw_paces.json").write_text("{")
+    assert remembered_pace(device, tmp_path) == remembered_pace(device, tmp_path) == 7.0
