@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import socket
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -104,6 +104,14 @@ def test_baked_files_are_the_maps_of_the_frames(server: Server, tmp_path: Path) 
         assert np.abs(found).max() <= maps.bound
     assert np.abs(drawn[0] - drawn[2]).max() > 0
     assert sorted(frame.name for frame in client.frames(skin.asset)) == ["neutral", "test"]
+
+
+def test_a_mesh_may_be_a_file(server: Server, tmp_path: Path) -> None:
+    host = Host()
+    file = tmp_path / "sheet.npz"
+    np.savez(file, **MESH._asdict())
+    host.rest = lambda: file  # type: ignore[method-assign,assignment,return-value]
+    assert sent(host, server).asset.id == sent(Host(), server).asset.id
 
 
 def test_expressions_of_the_scene_lead_lines(server: Server) -> None:
@@ -223,9 +231,24 @@ def test_the_key_is_in_no_message() -> None:
     assert "secret" not in repr(Server("http://a", "secret"))
 
 
+def test_work_that_is_cancelled_is_closed_at_once() -> None:
+    ended = []
+
+    def steps() -> Generator[tuple[float, str, float], None, None]:
+        try:
+            yield 0.5, "half", 0.0
+        finally:
+            ended.append(True)
+
+    work = steps()
+    with pytest.raises(Cancelled, match="half"):
+        finish(work, lambda share, text: False)
+    assert ended == [True]
+
+
 def test_steps_give_their_result() -> None:
-    def steps() -> Iterator[tuple[float, str, float]]:
+    def steps() -> Generator[tuple[float, str, float], None, int]:
         yield 0.5, "half", 0.0
-        return 7  # type: ignore[return-value]
+        return 7
 
     assert finish(steps(), lambda share, text: True) == 7
