@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import cast
+from typing import TYPE_CHECKING, cast
 
 import hou
 import numpy as np
@@ -30,6 +30,7 @@ from rhytid_client.hosts import (
     MapSequence,
     MeshArrays,
     Progress,
+    Scene,
     Trouble,
     polygons,
     welded,
@@ -57,13 +58,14 @@ class HoudiniMesh:
     def rest(self) -> MeshArrays:
         """The polygons of the SOP that is not animated."""
         geometry = _geometry(self._rest.geometry(), self._rest)
-        counts, vertices = [], []
+        counts, corners = [], []
         for prim in geometry.prims():
             if prim.type() != hou.primType.Polygon:
                 raise Trouble(f"{self._rest.path()} has primitives that are no polygons")
             counts.append(prim.numVertices())
-            vertices += [vertex.point().number() for vertex in prim.vertices()]
-        uv, rows = _uv(geometry, np.array(vertices, np.int32), self.name)
+            corners += [(v.point().number(), v.linearNumber()) for v in prim.vertices()]
+        vertices, linear = np.array(corners, np.int32).reshape(-1, 2).T
+        uv, rows = _uv(geometry, vertices, linear, self.name)
         return polygons(self.name, _points(geometry), counts, vertices, uv, rows, clockwise=True)
 
     def positions(self, frame: int) -> Floats:
@@ -146,12 +148,16 @@ def _points(geometry: hou.Geometry) -> Floats:
 
 
 def _uv(
-    geometry: hou.Geometry, vertices: NDArray[np.int32], name: str
+    geometry: hou.Geometry, vertices: NDArray[np.int32], linear: NDArray[np.int32], name: str
 ) -> tuple[Floats, NDArray[np.int32]]:
-    """uv (T, 2) and the row of each corner, from `uv` of vertices, else of points."""
+    """uv (T, 2) and the row of each corner, from `uv` of vertices, else of points.
+
+    vertices: (C,) points of corners.  linear: (C,) their numbers in the whole geometry, which often
+    are not in the order of the polygons.
+    """
     if attribute := geometry.findVertexAttrib("uv"):
         values = geometry.vertexFloatAttribValuesAsString("uv")
-        corners = np.frombuffer(values, np.float32).reshape(-1, attribute.size())[:, :2]
+        corners = np.frombuffer(values, np.float32).reshape(-1, attribute.size())[linear, :2]
         return welded(vertices, corners)
     if attribute := geometry.findPointAttrib("uv"):
         values = geometry.pointFloatAttribValuesAsString("uv")
@@ -197,3 +203,8 @@ def _set(node: hou.OpNode, **values: float | str) -> None:
         if parm is None:
             raise Trouble(f"{node.path()} has no '{name}': this version of Houdini is another one")
         parm.set(value)
+
+
+if TYPE_CHECKING:
+    # What `Skin` asks of a host.
+    _scene: type[Scene] = HoudiniMesh

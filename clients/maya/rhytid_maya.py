@@ -16,14 +16,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import maya.api.OpenMaya as om
 import numpy as np
 from numpy.typing import NDArray
 
 from maya import cmds
-from rhytid_client.hosts import Display, MapSequence, MeshArrays, Progress, Trouble, polygons
+from rhytid_client.hosts import Display, MapSequence, MeshArrays, Progress, Scene, Trouble, polygons
 from rhytid_client.hosts.sequences import STANDARD, UNPADDED, Style
 
 # Entries of Arnold's and Maya's menus, as attributes have them.
@@ -93,11 +93,14 @@ class MayaMesh:
         """A file node, a displacement shader, and the attributes of Arnold on the shape."""
         if not cmds.attributeQuery("aiDispHeight", node=self.shape, exists=True):
             raise Trouble("Arnold is not there: load its plug-in 'mtoa', then show the maps again")
-        group = _shading_group(self.shape)
+        groups = _shading_groups(self.shape, f"rhytid_{self.name}_height")
         texture = _file(f"rhytid_{self.name}_map", display)
         height = _node(f"rhytid_{self.name}_height", "displacementShader")
-        _displace(group, texture, height)
-        done = [f"'{texture}' and '{height}' displace '{group}'"]
+        # A number displaces along the normal, a colour along itself.
+        cmds.connectAttr(f"{texture}.outColorR", f"{height}.displacement", force=True)
+        for group in groups:
+            cmds.connectAttr(f"{height}.displacement", f"{group}.displacementShader", force=True)
+        done = [f"'{texture}' and '{height}' displace {', '.join(groups)}"]
         bound = display.bound
         if bound is None:
             done.append("Left for you: Bounds Padding of the shape, the largest height of the maps")
@@ -149,11 +152,18 @@ def _told(share: float, text: str) -> bool:
     return not cmds.progressWindow(query=True, isCancelled=True)
 
 
-def _shading_group(shape: str) -> str:
-    groups = cmds.listConnections(shape, type="shadingEngine") or []
-    if not groups or groups[0] == "initialShadingGroup":
+def _shading_groups(shape: str, height: str) -> list[str]:
+    """Those of the shape, which may differ by face; raises Trouble where one of them is that of all
+    meshes, or has another displacement than the node `height`."""
+    groups = list(dict.fromkeys(cmds.listConnections(shape, type="shadingEngine") or []))
+    if not groups or "initialShadingGroup" in groups:
         raise Trouble("Give the mesh a material of its own: the first one is that of all meshes")
-    return groups[0]
+    for group in groups:
+        plug = f"{group}.displacementShader"
+        present = cmds.listConnections(plug, source=True, destination=False) or []
+        if present and present != [height]:
+            raise Trouble(f"'{group}' has a displacement of its own, '{present[0]}': disconnect it")
+    return groups
 
 
 def _node(name: str, kind: Literal["file", "displacementShader"]) -> str:
@@ -189,18 +199,8 @@ def _play(texture: str, maps: MapSequence, start: int) -> None:
     if maps.tiled:
         frame = "<f>" if several else str(maps.frames[0])
         _set_text(texture, fileTextureNamePattern=maps.tokens(frame).replace("\\", "/"))
-    if several and not cmds.listConnections(f"{texture}.frameExtension", source=True):
+    if several and not cmds.listConnections(f"{texture}.frameExtension", destination=False):
         cmds.expression(string=f"{texture}.frameExtension = frame", name=f"{texture}_frame")
-
-
-def _displace(group: str, texture: str, height: str) -> None:
-    """File into displacement into shading group; raises Trouble where another one is there."""
-    present = cmds.listConnections(f"{group}.displacementShader", source=True) or []
-    if present and present != [height]:
-        raise Trouble(f"'{group}' has a displacement of its own, '{present[0]}': disconnect it")
-    # A number displaces along the normal, a colour along itself.
-    cmds.connectAttr(f"{texture}.outColorR", f"{height}.displacement", force=True)
-    cmds.connectAttr(f"{height}.displacement", f"{group}.displacementShader", force=True)
 
 
 def _set(node: str, **values: float) -> None:
@@ -211,3 +211,8 @@ def _set(node: str, **values: float) -> None:
 def _set_text(node: str, **values: str) -> None:
     for name, value in values.items():
         cmds.setAttr(f"{node}.{name}", value, type="string")
+
+
+if TYPE_CHECKING:
+    # What `Skin` asks of a host.
+    _scene: type[Scene] = MayaMesh

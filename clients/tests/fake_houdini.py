@@ -29,6 +29,8 @@ INPUTS = {
     "suboutput": ("surface", "displacement"),
     "subnetconnector": ("suboutput",),
 }
+# Numbers of vertices in the whole geometry: not in the order of the polygons.
+ORDER = np.random.default_rng(1).permutation(4 * len(FACES))
 
 
 class Interrupted(Exception):
@@ -46,17 +48,20 @@ class Point:
 
 @STUB.like("Vertex")
 class Vertex:
-    def __init__(self, point: int) -> None:
-        self._point = point
+    def __init__(self, point: int, linear: int) -> None:
+        self._point, self._linear = point, linear
 
     def point(self) -> Point:
         return Point(self._point)
 
+    def linearNumber(self) -> int:
+        return self._linear
+
 
 @STUB.like("Polygon")
 class Polygon:
-    def __init__(self, points: tuple[int, ...], kind: object) -> None:
-        self._points, self._kind = points, kind
+    def __init__(self, points: tuple[int, ...], linear: list[int], kind: object) -> None:
+        self._points, self._linear, self._kind = points, linear, kind
 
     def type(self) -> object:
         return self._kind
@@ -65,7 +70,7 @@ class Polygon:
         return len(self._points)
 
     def vertices(self) -> list[Vertex]:
-        return [Vertex(point) for point in self._points]
+        return [Vertex(*both) for both in zip(self._points, self._linear, strict=True)]
 
 
 @STUB.like("Attrib")
@@ -86,7 +91,11 @@ class Geometry:
         self._uv, self._kind = uv, kind
 
     def prims(self) -> tuple[Polygon, ...]:
-        return tuple(Polygon(face[::-1], self._kind) for face in FACES)
+        numbers = ORDER.reshape(len(FACES), 4).tolist()
+        return tuple(
+            Polygon(face[::-1], linear, self._kind)
+            for face, linear in zip(FACES, numbers, strict=True)
+        )
 
     def pointFloatAttribValuesAsString(self, name: str) -> bytes:
         if name == "uv":
@@ -94,8 +103,10 @@ class Geometry:
         return self._points.astype(np.float32).tobytes()
 
     def vertexFloatAttribValuesAsString(self, name: str) -> bytes:
-        corners = [(*uv, 0.0) for _ in FACES for uv in UV[::-1]]
-        return np.array(corners, np.float32).tobytes()
+        corners = np.array([(*uv, 0.0) for _ in FACES for uv in UV[::-1]], np.float32)
+        values = np.empty_like(corners)
+        values[ORDER] = corners
+        return values.tobytes()
 
     def findVertexAttrib(self, name: str) -> Attrib | None:
         return Attrib(3) if self._uv == "vertex" else None

@@ -111,6 +111,15 @@ def test_displacement_has_its_true_size(maya: Maya) -> None:
     assert maya.values[f"{HEIGHT}.aiDisplacementZeroValue"] == 0.0
 
 
+def test_every_material_of_the_mesh_is_displaced(maya: Maya) -> None:
+    maya.kinds["lipsSG"] = "shadingEngine"
+    maya.groups = ["skinSG", "lipsSG", "skinSG"]
+    told = mesh().show(display())
+    assert told[0].endswith("displace skinSG, lipsSG")
+    for group in ("skinSG", "lipsSG"):
+        assert maya.links[f"{group}.displacementShader"] == f"{HEIGHT}.displacement"
+
+
 def test_tiles_have_tokens_and_frames_without_zeros(maya: Maya) -> None:
     face = mesh()
     assert face.style((1001, 1002)) == UNPADDED

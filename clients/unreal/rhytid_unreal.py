@@ -20,13 +20,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 import unreal
-from rhytid_client.hosts import Display, MapSequence, Progress, Trouble
+from rhytid_client.hosts import Display, MapSequence, Progress, Scene, Trouble
 from rhytid_client.hosts.sequences import NO_UDIM, UDIM_LAST, Style
 from rhytid_client.hosts.units import factor
 
@@ -185,3 +185,8 @@ def _asset(folder: str, name: str) -> tuple[unreal.Material, bool]:
 def _set(thing: unreal.Object, **values: object) -> None:
     for name, value in values.items():
         thing.set_editor_property(name, value)
+
+
+if TYPE_CHECKING:
+    # What `Skin` asks of a host.
+    _scene: type[Scene] = UnrealMesh
