@@ -12,7 +12,8 @@ def register() -> None:
     for module in MODULES:
         for kind in module.CLASSES:
             bpy.utils.register_class(kind)
-    bpy.types.Object.rhytid = bpy.props.PointerProperty(type=properties.RhytidProperties)
+    pointer = bpy.props.PointerProperty(type=properties.RhytidProperties)  # type: ignore[func-returns-value]
+    bpy.types.Object.rhytid = pointer  # type: ignore[attr-defined]
     handlers.add()
 
 
@@ -20,7 +21,7 @@ def unregister() -> None:
     """Take back what `register` did; maps and materials of a file stay as they are."""
     handlers.remove()
     state.forget()
-    del bpy.types.Object.rhytid
+    del bpy.types.Object.rhytid  # type: ignore[attr-defined]
     for module in reversed(MODULES):
         for kind in reversed(module.CLASSES):
             bpy.utils.unregister_class(kind)

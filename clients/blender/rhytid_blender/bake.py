@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator
+from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import bpy
 from bpy.props import IntProperty, StringProperty
 
-from . import connection, images, offline, rendering, state, updating
-from .operators import Simple, active
-from .words import NOT_SENT, Trouble
-from .working import Step, Worker
+from rhytid_client.hosts import MapSequence, Trouble, found
+from rhytid_client.hosts.baking import baking
+from rhytid_client.hosts.files import folder_at, slug
+from rhytid_client.hosts.sequences import STANDARD
+from rhytid_client.hosts.trouble import NOT_SENT
+from rhytid_client.hosts.work import Step
 
-DIGITS = 4
+from . import connection, meshes, offline, rendering, state, updating
+from .operators import Simple, active
+from .typed import Result, ours, scene_of, window_manager_of
+from .working import Worker
 
 
 class RHYTID_OT_bake(Worker, bpy.types.Operator):
@@ -21,56 +28,48 @@ class RHYTID_OT_bake(Worker, bpy.types.Operator):
 
     bl_idname, bl_label = "rhytid.bake", "Bake the Frames"
 
-    def steps(self, context: bpy.types.Context) -> Iterator[Step]:
+    def steps(self, context: bpy.types.Context) -> Generator[Step, None, None]:
         """A frame a step; the frame that was shown comes back, whatever happens."""
-        obj, scene = active(context), context.scene
-        if not obj.rhytid.asset:
+        obj, scene = active(context), scene_of(context)
+        if not ours(obj).asset:
             raise Trouble(NOT_SENT)
-        folder = folder_of(obj)
-        frames = range(max(scene.frame_start, 0), scene.frame_end + 1)
-        if not frames:
-            raise Trouble("The scene has no frames from 0 on")
-        shown, name, udims = scene.frame_current, images.slug(obj.name), []
+        maps = _sequence(obj, scene)
+        drawing = updating.drawing(obj, "exr16" if ours(obj).half else "exr")
+        shown = scene.frame_current
+
+        def positions(frame: int) -> meshes.Array:
+            with state.quiet():
+                scene.frame_set(frame)
+            return updating.positions(obj, updating.graph_of(scene, obj))
+
         try:
-            for done, frame in enumerate(frames):
-                yield done / len(frames), f"frame {frame} of {frames[-1]}", 0.0
-                udims = _written(obj, scene, frame, folder / name)
+            yield from baking(connection.server(), ours(obj).asset, maps, positions, drawing)
         finally:
             with state.quiet():
                 scene.frame_set(shown)
-        pattern = str(folder / f"{name}.<UDIM>.<FRAME>.exr")
-        unit = obj.rhytid.sent_unit
-        maps = offline.Sequence(name, pattern, udims, list(frames), DIGITS, unit)
         offline.opened(obj, maps)
-        count = "1 frame" if len(frames) == 1 else f"{len(frames)} frames"
-        self.report({"INFO"}, f"{count} in {folder}")
+        count = "1 frame" if len(maps.frames) == 1 else f"{len(maps.frames)} frames"
+        self.report({"INFO"}, f"{count} in {Path(maps.pattern).parent}")
 
 
-def _written(obj: bpy.types.Object, scene: bpy.types.Scene, frame: int, start: Path) -> list[int]:
-    """Draw a frame and write its files; their UDIMs."""
-    with state.quiet():
-        scene.frame_set(frame)
-    now = updating.positions(obj, updating.graph_of(scene, obj))
-    asked = updating.query(obj, "exr16" if obj.rhytid.half else "exr")
-    with connection.server() as client:
-        udims = list(client.asset(obj.rhytid.asset).udims)
-    maps, _ = connection.drawn(obj.rhytid.asset, f"bake-{start.name}", now, udims, asked)
-    for udim, data in maps.items():
-        images.replaced(start.with_name(f"{start.name}.{udim}.{frame:0{DIGITS}d}.exr"), data)
-    return udims
+def _sequence(obj: bpy.types.Object, scene: bpy.types.Scene) -> MapSequence:
+    """The maps of the scene's frames, which are to be made; raises Trouble."""
+    folder = folder_of(obj)
+    frames = range(max(scene.frame_start, 0), scene.frame_end + 1)
+    if not frames:
+        raise Trouble("The scene has no frames from 0 on")
+    with connection.server().client() as client:
+        udims = client.asset(ours(obj).asset).udims
+    maps = MapSequence.of(folder, slug(obj.name), STANDARD, udims, frames)
+    return replace(maps, unit=ours(obj).sent_unit)
 
 
 def folder_of(obj: bpy.types.Object) -> Path:
     """Where maps of the object are baked to, made where it is not there; raises Trouble."""
-    given = obj.rhytid.folder
+    given = ours(obj).folder
     if given.startswith("//") and not bpy.data.filepath:
         raise Trouble("Save the .blend first, or choose a folder that is not beside it")
-    folder = Path(bpy.path.abspath(given))
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as exc:
-        raise Trouble(f"Maps cannot be written to {folder}: {exc}") from exc
-    return folder
+    return folder_at(Path(bpy.path.abspath(given)))
 
 
 class RHYTID_OT_open(Simple, bpy.types.Operator):
@@ -79,26 +78,33 @@ class RHYTID_OT_open(Simple, bpy.types.Operator):
     bl_idname, bl_label = "rhytid.open", "Open Baked Maps"
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  as Blender wants it
 
-    directory: StringProperty(subtype="DIR_PATH")
-    name: StringProperty(name="Name", description="NAME of NAME.<UDIM>.<FRAME>.exr; empty for any")
-    start: IntProperty(
-        name="First frame at",
-        description="The frame of the scene that plays the first file; -1 for the file's number",
-        default=-1,
-    )
+    if TYPE_CHECKING:
+        directory: str
+        name: str
+        start: int
+    else:  # Blender reads annotations, which hold calls
+        directory: StringProperty(subtype="DIR_PATH")
+        name: StringProperty(
+            name="Name", description="NAME of NAME.<UDIM>.<FRAME>.exr; empty for any"
+        )
+        start: IntProperty(
+            name="First frame at",
+            description="The frame of the scene that plays the first file; -1 for its number",
+            default=-1,
+        )
 
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> Result:
         """Let the folder be chosen."""
-        context.window_manager.fileselect_add(self)
+        window_manager_of(context).fileselect_add(self)
         return {"RUNNING_MODAL"}
 
     def done(self, context: bpy.types.Context) -> str:
         """Open it."""
         obj = active(context)
         folder = Path(bpy.path.abspath(self.directory))
-        maps = offline.found(folder, self.name)
+        maps = found(folder, self.name)
         offline.opened(obj, maps, None if self.start < 0 else self.start)
-        done = rendering.set_up(obj, context.scene)
+        done = rendering.set_up(obj, scene_of(context))
         first, last = maps.frames[0], maps.frames[-1]
         return "; ".join([f"Files {first} to {last} of {maps.name}", *done])
 

@@ -8,11 +8,12 @@ import sys
 import bpy
 from bpy.app.handlers import persistent
 
+from rhytid_client.hosts import Trouble
+
 from . import offline, state, updating
-from .words import Trouble
 
 
-@persistent
+@persistent  # type: ignore[untyped-decorator]
 def after_frame_change(scene: bpy.types.Scene, graph: bpy.types.Depsgraph) -> None:
     """A new frame of the viewport. Those of renders come with `before_render`."""
     if state.is_quiet() or graph.mode == "RENDER":
@@ -22,7 +23,7 @@ def after_frame_change(scene: bpy.types.Scene, graph: bpy.types.Depsgraph) -> No
     offline.show_frame(scene)
 
 
-@persistent
+@persistent  # type: ignore[untyped-decorator]
 def before_render(scene: bpy.types.Scene, *_: object) -> None:
     """The map of the frame that is about to be rendered.
 

@@ -2,36 +2,28 @@
 
 from __future__ import annotations
 
-import re
 from itertools import count
 from pathlib import Path
-from zlib import crc32
+from typing import Literal
 
 import bpy
 
-from .words import Trouble
+from rhytid_client.hosts.files import replaced, slug
+
+from .typed import ours, there
 
 # Maps that were shown before and may still be read by a viewport that renders.
 KEPT = 3
-# Characters of a name: the server takes frames of 64, and some are of the session.
-_LONGEST = 40
 _serial = count(1)
-
-
-def slug(name: str) -> str:
-    """A name of a file, and of a frame of the server, of at most 40 characters; other names have
-    other ones."""
-    plain = re.sub(r"[^A-Za-z0-9_-]+", "_", name)[:_LONGEST]
-    return plain if plain == name else f"{plain[: _LONGEST - 9]}-{crc32(name.encode()):08x}"
 
 
 def image_of(obj: bpy.types.Object, path: str, udims: list[int]) -> bpy.types.Image:
     """The image of the object, made where there is none, showing `path`."""
-    image = obj.rhytid.image
+    image = ours(obj).image
     if image is None:
         image = bpy.data.images.load(path.replace("<UDIM>", str(udims[0])))
         image.name = f"rhytid {obj.name}"
-        obj.rhytid.image = image
+        ours(obj).image = image
     show(image, path, udims)
     return image
 
@@ -41,13 +33,14 @@ def show(image: bpy.types.Image, path: str, udims: list[int]) -> None:
 
     A new path each time: Cycles and the viewport would go on with what they read under an old one.
     """
-    source = "TILED" if udims != [1001] else "FILE"
+    source: Literal["TILED", "FILE"] = "TILED" if udims != [1001] else "FILE"
     if image.source != source:
         image.source = source
     image.filepath = path if source == "TILED" else path.replace("<UDIM>", "1001")
     if source == "TILED":
         _tiles(image, udims)
-    image.colorspace_settings.name = "Non-Color"
+    # The stubs know no colour spaces, which come from a file of Blender's.
+    there(image.colorspace_settings, "a colour space").name = "Non-Color"  # type: ignore[assignment]
     image.alpha_mode = "NONE"
     image.reload()
 
@@ -72,13 +65,3 @@ def written(name: str, maps: dict[int, bytes]) -> str:
         for old in of_tile[:-KEPT]:
             old.unlink(missing_ok=True)
     return str(folder / f"{start}.<UDIM>.{serial}.exr")
-
-
-def replaced(path: Path, data: bytes) -> None:
-    """Write a file that is there when it is whole; raises Trouble."""
-    aside = path.with_suffix(".part")
-    try:
-        aside.write_bytes(data)
-        aside.replace(path)
-    except OSError as exc:
-        raise Trouble(f"{path} cannot be written: {exc}") from exc

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from math import log
 from typing import Any
 
 import bpy
 import numpy as np
 
-from .words import Trouble, changed_count, hidden, no_uv
+from rhytid_client.hosts import Trouble, welded
+from rhytid_client.hosts.trouble import no_uv
+
+from .typed import mesh_of
+from .words import count_changed, hidden
 
 Array = np.ndarray
-# A face or a head, in millimetres, and the units that a mesh of it may be in.
-HEAD = 250.0
-MILLIMETRES = {
-    **{"um": 0.001, "mm": 1.0, "cm": 10.0, "dm": 100.0, "m": 1000.0},
-    **{"in": 25.4, "ft": 304.8},
-}
-GUESSED = ("mm", "cm", "m")
 # Modifiers that may change the number of vertices.
 COUNT_CHANGING = {
     *(
@@ -41,7 +37,7 @@ def rest(obj: bpy.types.Object) -> dict[str, Array]:
     In the object's own space; faces are Blender's triangles. Raises Trouble without faces or UV.
     """
     obj.update_from_editmode()
-    mesh = obj.data
+    mesh = mesh_of(obj)
     layer = _uv_layer(mesh)
     if layer is None:
         raise Trouble(no_uv(obj.name))
@@ -57,18 +53,18 @@ def rest(obj: bpy.types.Object) -> dict[str, Array]:
 
 def uv_map(obj: bpy.types.Object) -> str:
     """The name of the UV map that is sent, the one that renders."""
-    layer = _uv_layer(obj.data)
+    layer = _uv_layer(mesh_of(obj))
     return "" if layer is None else layer.name
 
 
 def shapes(obj: bpy.types.Object) -> dict[str, Array] | None:
     """Positions (V, 3) of each shape key by name, as if it alone were on; None where there are
     none."""
-    keys = obj.data.shape_keys
+    keys = mesh_of(obj).shape_keys
     if keys is None or len(keys.key_blocks) < 2:
         return None
     found = {}
-    reference = _rest(obj.data)
+    reference = _rest(mesh_of(obj))
     for key in keys.key_blocks:
         if key != keys.reference_key:
             offset = _of_key(key) - _of_key(key.relative_key)
@@ -84,19 +80,12 @@ def evaluated(obj: bpy.types.Object, graph: bpy.types.Depsgraph, vertices: int) 
     made = obj.evaluated_get(graph)
     if not made.is_evaluated:
         raise Trouble(hidden(obj.name))
-    count = len(made.data.vertices)
+    mesh = mesh_of(made)
+    count = len(mesh.vertices)
     if count != vertices:
         shown = [m.name for m in obj.modifiers if m.show_viewport and m.type in COUNT_CHANGING]
-        raise Trouble(changed_count(obj.name, vertices, count, shown))
-    return _floats(made.data.vertices, "co", 3 * count).reshape(-1, 3)
-
-
-def guessed_unit(positions: Array) -> str:
-    """The unit, of mm, cm and m, in which the longest side is nearest to that of a head."""
-    longest = float((positions.max(axis=0) - positions.min(axis=0)).max())
-    if not longest > 0:
-        raise Trouble("All vertices are at one place")
-    return min(GUESSED, key=lambda unit: abs(log(longest * MILLIMETRES[unit] / HEAD)))
+        raise Trouble(count_changed(obj.name, vertices, count, shown))
+    return _floats(mesh.vertices, "co", 3 * count).reshape(-1, 3)
 
 
 def _uv_layer(mesh: bpy.types.Mesh) -> Any:
@@ -105,7 +94,7 @@ def _uv_layer(mesh: bpy.types.Mesh) -> Any:
 
 def rest_positions(obj: bpy.types.Object) -> Array:
     """Positions (V, 3) of the shape without modifiers and with no shape key on."""
-    return _rest(obj.data)
+    return _rest(mesh_of(obj))
 
 
 def _rest(mesh: bpy.types.Mesh) -> Array:
@@ -119,13 +108,10 @@ def _of_key(key: bpy.types.ShapeKey) -> Array:
 
 
 def _welded(mesh: bpy.types.Mesh, layer: Any) -> tuple[Array, Array]:
-    """uv (T, 2) and the row of each corner: corners at one vertex with one uv share a row."""
+    """uv (T, 2) and the row of each corner."""
     count = len(mesh.loops)
-    uv = _floats(layer.uv, "vector", 2 * count).reshape(-1, 2)
     vertices = _ints(mesh.loops, "vertex_index", count)
-    rows = np.column_stack([vertices, np.ascontiguousarray(uv).view(np.int32)])
-    _, first, row = np.unique(rows, axis=0, return_index=True, return_inverse=True)
-    return uv[first], row.reshape(-1).astype(np.int32)
+    return welded(vertices, _floats(layer.uv, "vector", 2 * count))
 
 
 def _floats(items: Any, name: str, count: int) -> Array:

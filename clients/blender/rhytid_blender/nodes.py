@@ -6,7 +6,10 @@ from typing import Any
 
 import bpy
 
-from .words import Trouble, shared
+from rhytid_client.hosts import Trouble
+
+from .typed import mesh_of, ours, tree_of
+from .words import shared
 
 # By these names they are found again.
 UV, TEXTURE, HEIGHT, SUM = "rhytid uv", "rhytid map", "rhytid height", "rhytid sum"
@@ -20,7 +23,7 @@ def set_up(obj: bpy.types.Object) -> list[str]:
     """
     done = []
     if not any(slot.material for slot in obj.material_slots):
-        obj.data.materials.append(bpy.data.materials.new("Skin"))
+        mesh_of(obj).materials.append(bpy.data.materials.new("Skin"))
         done.append("a material 'Skin'")
     for material in {slot.material for slot in obj.material_slots if slot.material}:
         _displace(material, obj)
@@ -32,7 +35,7 @@ def set_up(obj: bpy.types.Object) -> list[str]:
 def scale(obj: bpy.types.Object) -> None:
     """Strength, in the unit of the mesh, to the nodes of the object."""
     for tree in trees(obj):
-        tree.nodes[HEIGHT].inputs["Scale"].default_value = obj.rhytid.strength * obj.rhytid.factor
+        tree.nodes[HEIGHT].inputs["Scale"].default_value = ours(obj).strength * ours(obj).factor
 
 
 def trees(obj: bpy.types.Object) -> list[Any]:
@@ -53,17 +56,15 @@ def play(obj: bpy.types.Object, count: int, start: int, first: int) -> None:
 
 
 def _displace(material: bpy.types.Material, obj: bpy.types.Object) -> None:
-    if material.node_tree is None:
-        material.use_nodes = True
-    tree = material.node_tree
+    tree = tree_of(material)
     output = _output(tree)
     uv = _node(tree, UV, "ShaderNodeUVMap", output, -800)
     texture = _node(tree, TEXTURE, "ShaderNodeTexImage", output, -600)
     height = _node(tree, HEIGHT, "ShaderNodeDisplacement", output, -300)
-    uv.uv_map = obj.rhytid.uv_map
+    uv.uv_map = ours(obj).uv_map
     if _of_another(material, texture.image, obj):
         raise Trouble(shared(material.name))
-    texture.image = obj.rhytid.image
+    texture.image = ours(obj).image
     # Cubic of Cycles is a B-spline: it flattens what is a few texels wide.
     texture.interpolation, texture.extension = "Linear", "EXTEND"
     height.space, height.inputs["Midlevel"].default_value = "OBJECT", 0.0
@@ -75,9 +76,9 @@ def _displace(material: bpy.types.Material, obj: bpy.types.Object) -> None:
 
 def _of_another(material: bpy.types.Material, image: Any, obj: bpy.types.Object) -> bool:
     """Whether the image that the material shows is the map of another object that has it."""
-    if image is None or image == obj.rhytid.image:
+    if image is None or image == ours(obj).image:
         return False
-    others = [other for other in bpy.data.objects if other.rhytid.image == image]
+    others = [other for other in bpy.data.objects if ours(other).image == image]
     return any(slot.material == material for other in others for slot in other.material_slots)
 
 

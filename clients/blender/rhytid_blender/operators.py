@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import suppress
+from collections.abc import Generator
 from typing import Any
 
 import bpy
 
-from . import connection, meshes, nodes, rendering, state, updating
-from .words import NO_MESH, NOT_SENT, Trouble
-from .working import Step, Worker
+from rhytid_client import Asset
+from rhytid_client.hosts import Trouble
+from rhytid_client.hosts.trouble import NOT_SENT
+from rhytid_client.hosts.units import guessed_unit
+from rhytid_client.hosts.work import Step
 
-POLL_SECONDS = 0.2
+from . import connection, meshes, nodes, rendering, state, updating
+from .typed import OperatorPart, Result, ours, scene_of
+from .words import NO_MESH
+from .working import Worker
 
 
 def active(context: bpy.types.Context) -> bpy.types.Object:
@@ -23,10 +27,10 @@ def active(context: bpy.types.Context) -> bpy.types.Object:
     return obj
 
 
-class Simple:
+class Simple(OperatorPart):
     """A part of an operator that does one thing and says what it did."""
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def execute(self, context: bpy.types.Context) -> Result:
         """Do it."""
         try:
             self.report({"INFO"}, self.done(context))
@@ -47,7 +51,7 @@ class RHYTID_OT_connect(Simple, bpy.types.Operator):
 
     def done(self, context: bpy.types.Context) -> str:
         """Ask it."""
-        return connection.tested()
+        return connection.server().tested()
 
 
 class RHYTID_OT_send(Worker, bpy.types.Operator):
@@ -57,15 +61,12 @@ class RHYTID_OT_send(Worker, bpy.types.Operator):
     bl_idname, bl_label = "rhytid.send", "Send the Mesh"
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  as Blender wants it
 
-    def steps(self, context: bpy.types.Context) -> Iterator[Step]:
+    def steps(self, context: bpy.types.Context) -> Generator[Step, None, None]:
         """Send, wait, set up, draw."""
-        obj, scene = active(context), context.scene
+        obj, scene = active(context), scene_of(context)
         mesh = meshes.rest(obj)
         settings = _settings(obj, mesh["positions"])
-        yield 0.0, "sending", 0.0
-        with connection.server() as client:
-            asset = client.create_asset(mesh, settings=settings, shapes=meshes.shapes(obj))
-        asset = yield from _built(asset)
+        asset = yield from connection.server().sending(mesh, settings, meshes.shapes(obj))
         _sent(obj, asset, settings["unit"])
         updating.update(obj, updating.graph_of(scene, obj))
         done = [*nodes.set_up(obj), *rendering.set_up(obj, scene)]
@@ -73,33 +74,16 @@ class RHYTID_OT_send(Worker, bpy.types.Operator):
 
 
 def _settings(obj: bpy.types.Object, positions: meshes.Array) -> dict[str, Any]:
-    resolution, unit = int(obj.rhytid.resolution), obj.rhytid.unit
+    resolution, unit = int(ours(obj).resolution), ours(obj).unit
     if unit == "auto":
-        unit = meshes.guessed_unit(positions)
+        unit = guessed_unit(positions)
     return {"resolution": resolution, "tile_size": min(resolution, 512), "unit": unit}
 
 
-def _built(asset: Any) -> Iterator[Step]:
-    """Follow the build of an asset and return it; ends the job where the work is closed."""
-    try:
-        while asset.state == "building":
-            with connection.server() as client:
-                job = client.job(asset.job)
-                asset = client.asset(asset)
-            yield job.progress, job.stage, POLL_SECONDS
-    except GeneratorExit:
-        with suppress(Trouble), connection.server() as client:
-            client.cancel(asset.job)
-        raise
-    if asset.state == "failed":
-        raise Trouble(f"The server cannot grow wrinkles on this mesh: {asset.reason}")
-    return asset
-
-
-def _sent(obj: bpy.types.Object, asset: Any, unit: str) -> None:
-    given, status = obj.rhytid, state.status(obj.name)
+def _sent(obj: bpy.types.Object, asset: Asset, unit: str) -> None:
+    given, status = ours(obj), state.status(obj.name)
     given.asset, given.vertices, given.sent_unit = asset.id, asset.vertices, unit
-    if any(other.rhytid.image == given.image for other in bpy.data.objects if other != obj):
+    if any(ours(other).image == given.image for other in bpy.data.objects if other != obj):
         given.image = None  # a copy of another object has a map of its own
     given.udims = ",".join(str(udim) for udim in asset.udims)
     given.uv_map, given.factor, given.baked = meshes.uv_map(obj), 1.0, False
@@ -114,15 +98,15 @@ class RHYTID_OT_update(Simple, bpy.types.Operator):
     def done(self, context: bpy.types.Context) -> str:
         """Draw it, live."""
         obj = active(context)
-        if not obj.rhytid.asset:
+        if not ours(obj).asset:
             raise Trouble(NOT_SENT)
-        if obj.rhytid.baked:
-            obj.rhytid.baked, obj.rhytid.factor = False, 1.0
+        if ours(obj).baked:
+            ours(obj).baked, ours(obj).factor = False, 1.0
             state.status(obj.name).digest = ""
-            with connection.server() as client:
-                udims = client.asset(obj.rhytid.asset).udims
-            obj.rhytid.udims = ",".join(str(udim) for udim in udims)
-        updating.update(obj, updating.graph_of(context.scene, obj))
+            with connection.server().client() as client:
+                udims = client.asset(ours(obj).asset).udims
+            ours(obj).udims = ",".join(str(udim) for udim in udims)
+        updating.update(obj, updating.graph_of(scene_of(context), obj))
         nodes.scale(obj)
         return "The map is that of the present shape"
 
@@ -136,9 +120,9 @@ class RHYTID_OT_set_up(Simple, bpy.types.Operator):
     def done(self, context: bpy.types.Context) -> str:
         """Set it up."""
         obj = active(context)
-        if obj.rhytid.image is None:
+        if ours(obj).image is None:
             raise Trouble(NOT_SENT)
-        return "; ".join([*nodes.set_up(obj), *rendering.set_up(obj, context.scene)])
+        return "; ".join([*nodes.set_up(obj), *rendering.set_up(obj, scene_of(context))])
 
 
 class RHYTID_OT_calibrate(Simple, bpy.types.Operator):
@@ -149,9 +133,9 @@ class RHYTID_OT_calibrate(Simple, bpy.types.Operator):
     def done(self, context: bpy.types.Context) -> str:
         """Send the frame and wait for the maps."""
         obj = active(context)
-        now = updating.positions(obj, updating.graph_of(context.scene, obj))
-        with connection.server() as client:
-            client.wait(client.calibrate(obj.rhytid.asset, now))
+        now = updating.positions(obj, updating.graph_of(scene_of(context), obj))
+        with connection.server().client() as client:
+            client.wait(client.calibrate(ours(obj).asset, now))
         state.status(obj.name).digest = ""
         return "Precomputed maps are made for this stretch"
 
@@ -161,7 +145,7 @@ class RHYTID_OT_cancel(bpy.types.Operator):
 
     bl_idname, bl_label = "rhytid.cancel", "Cancel"
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def execute(self, context: bpy.types.Context) -> Result:
         """Have it end at its next step."""
         state.work().cancelled = True
         return {"FINISHED"}

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import textwrap
+from typing import Literal
 
 import bpy
 
 from . import state
 from .preferences import preferences
+from .typed import ours, there
 
 _WIDTH = 44
+Icon = Literal["ERROR", "CHECKMARK", "INFO"]
 
 
 class RHYTID_PT_main(bpy.types.Panel):
@@ -20,7 +23,7 @@ class RHYTID_PT_main(bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         """From the server down to the files."""
-        layout = self.layout
+        layout = there(self.layout, "a layout")
         layout.use_property_split, layout.use_property_decorate = True, False
         layout.prop(preferences(), "server")
         layout.prop(preferences(), "key")
@@ -32,7 +35,7 @@ class RHYTID_PT_main(bpy.types.Panel):
             layout.label(text="Select a mesh", icon="INFO")
             return
         _mesh(layout, obj)
-        if obj.rhytid.image is not None:
+        if ours(obj).image is not None:
             _look(layout, obj)
         _files(layout, obj)
         _status(layout, obj)
@@ -47,33 +50,33 @@ def _progress(layout: bpy.types.UILayout) -> None:
 
 def _mesh(layout: bpy.types.UILayout, obj: bpy.types.Object) -> None:
     column = layout.column()
-    column.prop(obj.rhytid, "resolution")
-    column.prop(obj.rhytid, "unit")
-    again = "Send the Mesh Again" if obj.rhytid.asset else "Send the Mesh"
+    column.prop(ours(obj), "resolution")
+    column.prop(ours(obj), "unit")
+    again = "Send the Mesh Again" if ours(obj).asset else "Send the Mesh"
     column.operator("rhytid.send", text=again, icon="EXPORT")
-    if obj.rhytid.sent_unit:
-        column.label(text=f"{obj.rhytid.vertices} vertices, in {obj.rhytid.sent_unit}")
+    if ours(obj).sent_unit:
+        column.label(text=f"{ours(obj).vertices} vertices, in {ours(obj).sent_unit}")
 
 
 def _look(layout: bpy.types.UILayout, obj: bpy.types.Object) -> None:
     column = layout.column()
-    column.prop(obj.rhytid, "strength")
-    if obj.rhytid.asset:
-        column.prop(obj.rhytid, "method")
-        column.prop(obj.rhytid, "smooth")
-        column.prop(obj.rhytid, "live")
-        if obj.rhytid.method == "binned":
+    column.prop(ours(obj), "strength")
+    if ours(obj).asset:
+        column.prop(ours(obj), "method")
+        column.prop(ours(obj), "smooth")
+        column.prop(ours(obj), "live")
+        if ours(obj).method == "binned":
             column.operator("rhytid.calibrate")
-        text = "Draw Live Again" if obj.rhytid.baked else "Draw Now"
+        text = "Draw Live Again" if ours(obj).baked else "Draw Now"
         column.operator("rhytid.update", text=text, icon="FILE_REFRESH")
     column.operator("rhytid.set_up", icon="NODETREE")
 
 
 def _files(layout: bpy.types.UILayout, obj: bpy.types.Object) -> None:
     column = layout.column()
-    if obj.rhytid.asset:
-        column.prop(obj.rhytid, "folder")
-        column.prop(obj.rhytid, "half")
+    if ours(obj).asset:
+        column.prop(ours(obj), "folder")
+        column.prop(ours(obj), "half")
         column.operator("rhytid.bake", icon="RENDER_ANIMATION")
     column.operator("rhytid.open", icon="FILE_FOLDER")
 
@@ -86,7 +89,7 @@ def _status(layout: bpy.types.UILayout, obj: bpy.types.Object) -> None:
         _text(layout, warning, "INFO")
 
 
-def _text(layout: bpy.types.UILayout, text: str, icon: str) -> None:
+def _text(layout: bpy.types.UILayout, text: str, icon: Icon) -> None:
     box = layout.box().column(align=True)
     for at, line in enumerate(textwrap.wrap(text, _WIDTH)):
         row = box.row()

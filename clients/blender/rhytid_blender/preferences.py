@@ -1,7 +1,11 @@
 """Where the server is. The key is kept with the user's preferences, never in a .blend file."""
 
+from typing import TYPE_CHECKING
+
 import bpy
 from bpy.props import StringProperty
+
+from rhytid_client.hosts import Trouble
 
 
 class RhytidPreferences(bpy.types.AddonPreferences):
@@ -9,17 +13,21 @@ class RhytidPreferences(bpy.types.AddonPreferences):
 
     bl_idname = __package__
 
-    server: StringProperty(
-        name="Server",
-        description="Address of the rhytid service",
-        default="http://127.0.0.1:8717",
-    )
-    key: StringProperty(
-        name="Key",
-        description="API key of the service, as 'rhytid keys create' prints it; empty where the "
-        "service asks for none",
-        subtype="PASSWORD",
-    )
+    if TYPE_CHECKING:
+        server: str
+        key: str
+    else:  # Blender reads annotations, which hold calls
+        server: StringProperty(
+            name="Server",
+            description="Address of the rhytid service",
+            default="http://127.0.0.1:8717",
+        )
+        key: StringProperty(
+            name="Key",
+            description="API key of the service, as 'rhytid keys create' prints it; empty where "
+            "the service asks for none",
+            subtype="PASSWORD",
+        )
 
     def draw(self, context: bpy.types.Context) -> None:
         """The two fields."""
@@ -29,7 +37,11 @@ class RhytidPreferences(bpy.types.AddonPreferences):
 
 def preferences() -> RhytidPreferences:
     """Those of this extension."""
-    return bpy.context.preferences.addons[__package__].preferences
+    given = bpy.context.preferences
+    kept = given.addons[__package__].preferences if given is not None else None
+    if not isinstance(kept, RhytidPreferences):
+        raise Trouble("Enable the extension 'Rhytid' in Preferences first")
+    return kept
 
 
 CLASSES = (RhytidPreferences,)

@@ -1,5 +1,7 @@
 """What is saved with an object: how it was sent, and how its wrinkles are drawn."""
 
+from typing import TYPE_CHECKING
+
 import bpy
 from bpy.props import (
     BoolProperty,
@@ -11,6 +13,9 @@ from bpy.props import (
 )
 
 from . import nodes
+
+if TYPE_CHECKING:
+    from rhytid_client import Method
 
 METHODS = (
     ("redraw", "Redraw", "Every wrinkle drawn anew: exact"),
@@ -39,55 +44,78 @@ class RhytidProperties(bpy.types.PropertyGroup):
     of the map.  first, last: numbers of the files of an opened folder.
     """
 
-    strength: FloatProperty(
-        name="Strength",
-        description="Factor of the displacement",
-        default=1.0,
-        soft_min=0.0,
-        soft_max=3.0,
-        update=_strength,
-    )
-    method: EnumProperty(name="Method", items=METHODS)
-    resolution: EnumProperty(
-        name="Resolution",
-        description="Texels per side; counts when the mesh is sent",
-        items=RESOLUTIONS,
-        default="2048",
-    )
-    unit: EnumProperty(
-        name="Unit",
-        description="What one unit of the mesh is, without the object's scale; "
-        "pores are half a millimetre apart in it",
-        items=UNITS,
-    )
-    smooth: BoolProperty(
-        name="Smooth stretch",
-        description="Interpolate stretch, so that no edge of a triangle shows",
-        default=True,
-    )
-    live: BoolProperty(
-        name="Update with the frame",
-        description="Draw the map again when the frame changes, and before a frame is rendered",
-        default=True,
-    )
-    folder: StringProperty(name="Folder", subtype="DIR_PATH", default="//rhytid/")
-    start: IntProperty(name="First frame at", description="The frame that plays the first file")
-    half: BoolProperty(
-        name="Half floats", description="Half the size, within 0.05 % of each height"
-    )
+    if TYPE_CHECKING:
+        strength: float
+        method: Method
+        resolution: str
+        unit: str
+        smooth: bool
+        live: bool
+        folder: str
+        start: int
+        half: bool
+        asset: str
+        vertices: int
+        udims: str
+        sent_unit: str
+        uv_map: str
+        factor: float
+        baked: bool
+        pattern: str
+        digits: int
+        first: int
+        last: int
+        image: bpy.types.Image | None
+    else:  # Blender reads annotations, which hold calls
+        strength: FloatProperty(
+            name="Strength",
+            description="Factor of the displacement",
+            default=1.0,
+            soft_min=0.0,
+            soft_max=3.0,
+            update=_strength,
+        )
+        method: EnumProperty(name="Method", items=METHODS)
+        resolution: EnumProperty(
+            name="Resolution",
+            description="Texels per side; counts when the mesh is sent",
+            items=RESOLUTIONS,
+            default="2048",
+        )
+        unit: EnumProperty(
+            name="Unit",
+            description="What one unit of the mesh is, without the object's scale; "
+            "pores are half a millimetre apart in it",
+            items=UNITS,
+        )
+        smooth: BoolProperty(
+            name="Smooth stretch",
+            description="Interpolate stretch, so that no edge of a triangle shows",
+            default=True,
+        )
+        live: BoolProperty(
+            name="Update with the frame",
+            description="Draw the map again when the frame changes, and before a frame is rendered",
+            default=True,
+        )
+        folder: StringProperty(name="Folder", subtype="DIR_PATH", default="//rhytid/")
+        start: IntProperty(name="First frame at", description="The frame that plays the first file")
+        half: BoolProperty(
+            name="Half floats", description="Half the size, within 0.05 % of each height"
+        )
 
-    asset: StringProperty()
-    vertices: IntProperty()
-    udims: StringProperty()
-    sent_unit: StringProperty()
-    uv_map: StringProperty()
-    factor: FloatProperty(default=1.0)
-    baked: BoolProperty()
-    pattern: StringProperty()
-    digits: IntProperty()
-    first: IntProperty()
-    last: IntProperty()
-    image: PointerProperty(type=bpy.types.Image)
+        asset: StringProperty()
+        vertices: IntProperty()
+        udims: StringProperty()
+        sent_unit: StringProperty()
+        uv_map: StringProperty()
+        factor: FloatProperty(default=1.0)
+        baked: BoolProperty()
+        pattern: StringProperty()
+        digits: IntProperty()
+        first: IntProperty()
+        last: IntProperty()
+        image: PointerProperty(type=bpy.types.Image)
 
     def udim_list(self) -> list[int]:
         """The UDIMs of the map."""

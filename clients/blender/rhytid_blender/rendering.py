@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, cast
 
 import bpy
+
+from .typed import mesh_of, there
 
 SUBDIVISION = "Rhytid subdivision"
 
@@ -15,10 +17,11 @@ def set_up(obj: bpy.types.Object, scene: bpy.types.Scene) -> list[str]:
 
 
 def _engine(scene: bpy.types.Scene) -> list[str]:
-    scene.render.engine = "CYCLES"
+    # The stubs know only the engine that Blender starts with.
+    scene.render.engine = "CYCLES"  # type: ignore[assignment]
     # Maps are changed while Blender renders: the viewport must not read them meanwhile.
     scene.render.use_lock_interface = True
-    cycles = scene.cycles
+    cycles = there(scene.cycles, "the settings of Cycles")
     if bpy.app.version < (5, 0, 0):
         # Before 5.0 adaptive subdivision is there with experimental features alone.
         cycles.feature_set = "EXPERIMENTAL"
@@ -27,9 +30,9 @@ def _engine(scene: bpy.types.Scene) -> list[str]:
 
 def _subdivision(obj: bpy.types.Object) -> list[str]:
     modifier = obj.modifiers[-1] if obj.modifiers else None
-    if modifier is None or modifier.type != "SUBSURF":
-        modifier = obj.modifiers.new(SUBDIVISION, "SUBSURF")
-        modifier.subdivision_type = "CATMULL_CLARK" if _mostly_quads(obj.data) else "SIMPLE"
+    if not isinstance(modifier, bpy.types.SubsurfModifier):
+        modifier = cast("bpy.types.SubsurfModifier", obj.modifiers.new(SUBDIVISION, "SUBSURF"))
+        modifier.subdivision_type = "CATMULL_CLARK" if _mostly_quads(mesh_of(obj)) else "SIMPLE"
     # The map is drawn for UV that are linear on each face.
     modifier.uv_smooth = "NONE"
     # Where it shows in the viewport, vertices are no longer those that were sent.
@@ -43,11 +46,11 @@ def _adaptive(obj: bpy.types.Object, modifier: Any) -> None:
     if hasattr(modifier, "use_adaptive_subdivision"):
         modifier.use_adaptive_subdivision = True
     else:
-        obj.cycles.use_adaptive_subdivision = True
+        there(obj.cycles, "the settings of Cycles").use_adaptive_subdivision = True
 
 
 def _smooth(obj: bpy.types.Object) -> list[str]:
-    mesh = obj.data
+    mesh = mesh_of(obj)
     if all(polygon.use_smooth for polygon in mesh.polygons):
         return []
     mesh.polygons.foreach_set("use_smooth", [True] * len(mesh.polygons))

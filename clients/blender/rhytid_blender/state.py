@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-
-# Part of the names of frames on the server, so that two Blenders with one mesh do not meet.
-SESSION = secrets.token_hex(4)
 
 
 @dataclass

@@ -7,8 +7,13 @@ from time import monotonic
 
 import bpy
 
+from rhytid_client import Sampling, TileFormat
+from rhytid_client.hosts import Drawing, Trouble
+from rhytid_client.hosts.files import slug
+from rhytid_client.hosts.trouble import NOT_SENT
+
 from . import connection, images, meshes, state
-from .words import NOT_SENT, Trouble
+from .typed import ours, there
 
 # After a failure live updates leave the server alone that long.
 SILENCE_SECONDS = 5.0
@@ -16,11 +21,11 @@ SILENCE_SECONDS = 5.0
 
 def live(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     """The objects of the scene whose map follows the frame."""
-    return [obj for obj in scene.objects if _has_map(obj) and obj.rhytid.live]
+    return [obj for obj in scene.objects if _has_map(obj) and ours(obj).live]
 
 
 def _has_map(obj: bpy.types.Object) -> bool:
-    return obj.type == "MESH" and obj.rhytid.asset != "" and not obj.rhytid.baked
+    return obj.type == "MESH" and ours(obj).asset != "" and not ours(obj).baked
 
 
 def graph_of(scene: bpy.types.Scene, obj: bpy.types.Object) -> bpy.types.Depsgraph:
@@ -28,21 +33,21 @@ def graph_of(scene: bpy.types.Scene, obj: bpy.types.Object) -> bpy.types.Depsgra
     for layer in scene.view_layers:
         if obj.name in layer.objects:
             layer.update()
-            return layer.depsgraph
+            return there(layer.depsgraph, "a dependency graph")
     raise Trouble(f"'{obj.name}' is in no view layer of the scene")
 
 
-def query(obj: bpy.types.Object, format: str = "exr") -> dict[str, str]:
+def drawing(obj: bpy.types.Object, format: TileFormat = "exr") -> Drawing:
     """How maps of the object are asked for."""
-    sampling = "smooth" if obj.rhytid.smooth else "nearest"
-    return {"method": obj.rhytid.method, "sampling": sampling, "format": format}
+    sampling: Sampling = "smooth" if ours(obj).smooth else "nearest"
+    return Drawing(ours(obj).method, sampling, format)
 
 
 def positions(obj: bpy.types.Object, graph: bpy.types.Depsgraph) -> meshes.Array:
     """Where its vertices are now; raises Trouble."""
-    if not obj.rhytid.asset:
+    if not ours(obj).asset:
         raise Trouble(NOT_SENT)
-    return meshes.evaluated(obj, graph, obj.rhytid.vertices)
+    return meshes.evaluated(obj, graph, ours(obj).vertices)
 
 
 def update(obj: bpy.types.Object, graph: bpy.types.Depsgraph) -> None:
@@ -50,16 +55,16 @@ def update(obj: bpy.types.Object, graph: bpy.types.Depsgraph) -> None:
 
     Where shape and settings are those of the map that is shown, nothing is asked.
     """
-    status, given = state.status(obj.name), obj.rhytid
+    status, given = state.status(obj.name), ours(obj)
     try:
-        now, asked = positions(obj, graph), query(obj)
+        now, asked = positions(obj, graph), drawing(obj)
         digest = sha256(now.tobytes() + f"{given.asset} {asked}".encode()).hexdigest()
         if digest == status.digest and given.image is not None:
             status.text, status.failed = "Up to date", False
             return
         udims = given.udim_list()
-        who = images.slug(obj.name)
-        maps, status.of_frame = connection.drawn(given.asset, who, now, udims, asked)
+        server, who = connection.server(), slug(obj.name)
+        maps, status.of_frame = server.drawn(given.asset, who, now, udims, asked)
         images.image_of(obj, images.written(obj.name, maps), udims)
     except Trouble as trouble:
         status.text, status.failed, status.digest = str(trouble), True, ""

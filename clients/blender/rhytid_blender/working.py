@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator
 from time import sleep
 
 import bpy
 
-from . import state
-from .words import Trouble
+from rhytid_client.hosts import Trouble
+from rhytid_client.hosts.work import Step
 
-# Share that is done, what is done now, and seconds until the next step makes sense.
-Step = tuple[float, str, float]
+from . import state
+from .typed import OperatorPart, Result, window_manager_of
+
 TICK_SECONDS = 0.1
 
 
@@ -20,14 +21,14 @@ def windowed(context: bpy.types.Context) -> bool:
     return context.window is not None and not bpy.app.background
 
 
-class Worker:
+class Worker(OperatorPart):
     """A part of an operator: `steps` does the work, and leaves things sound where it is closed."""
 
-    def steps(self, context: bpy.types.Context) -> Iterator[Step]:
+    def steps(self, context: bpy.types.Context) -> Generator[Step, None, None]:
         """The work; raises Trouble."""
         raise NotImplementedError
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def execute(self, context: bpy.types.Context) -> Result:
         """All of it, before anything else happens."""
         try:
             for _, _, seconds in self.steps(context):
@@ -37,7 +38,7 @@ class Worker:
             return {"CANCELLED"}
         return {"FINISHED"}
 
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> Result:
         """Step by step, Esc ends it."""
         work = state.work()
         if not windowed(context):
@@ -46,12 +47,12 @@ class Worker:
             self.report({"ERROR"}, f"Wait until this is done: {work.text}")
             return {"CANCELLED"}
         work.running, work.cancelled, work.share, work.text = True, False, 0.0, self.bl_label
-        self._steps = self.steps(context)
-        self._timer = context.window_manager.event_timer_add(TICK_SECONDS, window=context.window)
-        context.window_manager.modal_handler_add(self)
+        self._steps, manager = self.steps(context), window_manager_of(context)
+        self._timer = manager.event_timer_add(TICK_SECONDS, window=context.window)
+        manager.modal_handler_add(self)
         return {"RUNNING_MODAL"}
 
-    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> Result:
         """One step a tick of the timer."""
         work = state.work()
         if event.type == "ESC" or work.cancelled:
@@ -71,11 +72,11 @@ class Worker:
         _redraw(context)
         return {"RUNNING_MODAL"}
 
-    def _end(self, context: bpy.types.Context, result: set[str], told: str) -> set[str]:
+    def _end(self, context: bpy.types.Context, result: Result, told: str) -> Result:
         try:
             self._steps.close()
         finally:
-            context.window_manager.event_timer_remove(self._timer)
+            window_manager_of(context).event_timer_remove(self._timer)
             state.work().running = False
         if told:
             self.report({"INFO"}, told)

@@ -49,26 +49,26 @@ def connection(blender: bpy.types.Scene, keyed: Keyed) -> Iterator[Any]:
 def test_the_service_answers_to_its_key(connection: Any, keyed: Keyed) -> None:
     for key in (keyed.key, keyed.reads, f" {keyed.key} "):
         preferences().key = key
-        assert connection.tested().startswith("Connected: ")
+        assert connection.server().tested().startswith("Connected: ")
 
 
 @pytest.mark.parametrize("key", ["", "wrong"])
 def test_the_panel_says_that_a_key_is_needed(connection: Any, key: str) -> None:
-    from bl_ext.user_default.rhytid.words import Trouble
+    from rhytid_client.hosts import Trouble
 
     preferences().key = key
     with pytest.raises(Trouble, match=r"refuses the key \(401\): .*API key"):
-        connection.tested()
+        connection.server().tested()
 
 
 def test_the_panel_says_what_a_key_is_not_for(connection: Any, keyed: Keyed) -> None:
-    from bl_ext.user_default.rhytid.words import Trouble
+    from rhytid_client.hosts import Trouble
 
     preferences().key = keyed.reads
     flat = {"positions": [[0, 0, 0], [1, 0, 0], [0, 1, 0]], "faces": [[0, 1, 2]]}
     mesh = {**flat, "uv": [[0, 0], [1, 0], [0, 1]], "face_uv": [[0, 1, 2]]}
     with (
         pytest.raises(Trouble, match=r"refuses the key \(403\): .*scope compute"),
-        connection.server() as client,
+        connection.server().client() as client,
     ):
         client.create_asset(mesh)

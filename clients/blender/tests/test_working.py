@@ -32,7 +32,9 @@ def context(blender: Any, monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
 @pytest.fixture
 def job(context: SimpleNamespace) -> Any:
     """Work of two steps, `fails` at the second where it is told to, that notes its end."""
-    from bl_ext.user_default.rhytid import words, working
+    from bl_ext.user_default.rhytid import working
+
+    from rhytid_client.hosts import Trouble
 
     class Job(working.Worker):
         bl_label = "Job"
@@ -47,7 +49,7 @@ def job(context: SimpleNamespace) -> Any:
             try:
                 yield 0.0, "first", 0.0
                 if self.fails:
-                    raise words.Trouble("broken")
+                    raise Trouble("broken")
                 yield 0.5, "second", 0.0
             finally:
                 self.ended = True

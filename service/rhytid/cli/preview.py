@@ -16,12 +16,13 @@ from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.stiffness import Stiffness
 from rhytid.domain.tiles import mesh_udims, triangles_inside, udim_origin
 from rhytid.domain.units import MILLIMETRES, USUAL_UNIT, millimetres
 from rhytid.domain.wording import plural
 from rhytid.durable import whole
 from rhytid.engine.device_asset import DeviceAsset
-from rhytid.engine.frames import NEUTRAL_FRAME
+from rhytid.engine.frames import NEUTRAL_FRAME, Frame
 from rhytid.engine.messages import MapQuery
 from rhytid.pictures.preview import PATCH, WHOLE, Patch, WholeMap, preview
 from rhytid.pictures.surface_patch import SurfacePatch, surface_patch
@@ -88,11 +89,15 @@ def resolution_for(scales: Sequence[float], spacing: float) -> int:
 
 @contextmanager
 def resident(
-    device: Device, mesh: Mesh, graph: WrinkleGraph, settings: AssetSettings
+    device: Device,
+    mesh: Mesh,
+    graph: WrinkleGraph,
+    settings: AssetSettings,
+    stiffness: Stiffness | None = None,
 ) -> Iterator[DeviceAsset]:
     """The skin of a graph on a device, ready to be drawn; given back at the end."""
     with device.task():
-        asset = DeviceAsset(device, mesh, settings)
+        asset = DeviceAsset(device, mesh, settings, stiffness)
         try:
             asset.mesh.locate(graph)
             asset.mesh.install(asset.mesh.prepare(graph, settings), settings)
@@ -128,9 +133,14 @@ def _patches(asset: DeviceAsset, mesh: Mesh, near: Spots, progress: Progress) ->
 
 
 def drawn_under(
-    asset: DeviceAsset, udim: int, surfaces: Sequence[SurfacePatch], progress: Progress
+    asset: DeviceAsset,
+    udim: int,
+    surfaces: Sequence[SurfacePatch],
+    progress: Progress,
+    frame: Frame = NEUTRAL_FRAME,
 ) -> NDArray[np.float32]:
-    """(R, R) the neutral map of a UDIM, drawn only where patches read it."""
+    """(R, R) the map of a UDIM in a frame, drawn only where patches read it."""
+    query = _NEUTRAL if frame is NEUTRAL_FRAME else MapQuery("redraw")
     resolution = asset.mesh.settings.resolution
     # Memory is taken by the squares that are written, not by the whole map.
     heights = np.zeros((resolution, resolution), np.float32)
@@ -138,7 +148,7 @@ def drawn_under(
     squares = touched_squares(surfaces, resolution, drawn)
     for done, (row, column) in enumerate(squares):
         progress(done / len(squares), "patches")
-        square = asset.drawing.to_host(NEUTRAL_FRAME, _NEUTRAL, udim, 0, row, column, drawn)
+        square = asset.drawing.to_host(frame, query, udim, 0, row, column, drawn)
         heights[row : row + drawn, column : column + drawn] = square
     return heights
 

@@ -1,0 +1,140 @@
+"""The service as host applications talk to it: what goes wrong is Trouble, and calls that are more
+than one request."""
+
+from __future__ import annotations
+
+import secrets
+import warnings
+from collections.abc import Generator, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import ArrayLike, NDArray
+
+from rhytid_client.choices import Method, Sampling, TileFormat
+from rhytid_client.errors import RhytidError, RhytidWarning
+from rhytid_client.hosts.meshes import MeshArrays
+from rhytid_client.hosts.trouble import Trouble, told
+from rhytid_client.hosts.work import Step
+from rhytid_client.plain_client import PlainClient
+from rhytid_client.results import Asset
+
+CONNECT_SECONDS = 3.0
+WAIT_SECONDS = 30.0
+POLL_SECONDS = 0.2
+# Part of the names of frames on the server, so that two hosts with one mesh do not meet.
+SESSION = secrets.token_hex(4)
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """How maps are asked for."""
+
+    method: Method = "redraw"
+    sampling: Sampling = "smooth"
+    format: TileFormat = "exr"
+
+
+@dataclass(frozen=True)
+class Server:
+    """The address of a service.  key: of its API, as `rhytid keys create` prints it; empty where the
+    service asks for none."""
+
+    url: str = "http://127.0.0.1:8717"
+    key: str = field(default="", repr=False)
+
+    @contextmanager
+    def client(self) -> Iterator[PlainClient]:
+        """A client; what goes wrong with it is raised as Trouble."""
+        try:
+            with warnings.catch_warnings():
+                # They come with the results, too, from where hosts show them.
+                warnings.simplefilter("ignore", RhytidWarning)
+                yield PlainClient(
+                    self.url, key=self.key, connect=CONNECT_SECONDS, max_wait=WAIT_SECONDS
+                )
+        except (RhytidError, ValueError) as exc:
+            raise Trouble(told(exc, self.url)) from exc
+
+    def tested(self) -> str:
+        """What the service computes on, in words; raises Trouble."""
+        with self.client() as client:
+            if not client.ready():
+                raise Trouble("The server answers, but its device does not compute")
+            used = [device.name for device in client.devices() if device.selected]
+        return f"Connected: {used[0] if used else 'device unknown'}"
+
+    def sending(
+        self,
+        mesh: MeshArrays | Path,
+        settings: Mapping[str, Any],
+        shapes: Mapping[str, NDArray[Any]] | None = None,
+    ) -> Generator[Step, None, Asset]:
+        """Send a mesh, arrays or the path of a file, and wait until its skin is grown.
+
+        shapes: expressions, positions (V, 3) by name. Closed, it ends the job. Raises Trouble.
+        """
+        yield 0.0, "sending", 0.0
+        with self.client() as client:
+            made = client.create_asset(mesh, settings=settings, shapes=shapes)
+        asset = yield from self._built(made)
+        if asset.state == "failed":
+            raise Trouble(f"The server cannot grow wrinkles on this mesh: {asset.reason}")
+        return replace(asset, warnings=tuple(dict.fromkeys((*made.warnings, *asset.warnings))))
+
+    def _built(self, asset: Asset) -> Generator[Step, None, Asset]:
+        job = asset.job or ""
+        try:
+            while asset.state == "building":
+                with self.client() as client:
+                    now = client.job(job)
+                    asset = client.asset(asset)
+                yield now.progress, now.stage, POLL_SECONDS
+        except GeneratorExit:
+            with suppress(Trouble), self.client() as client:
+                client.cancel(job)
+            raise
+        return asset
+
+    def drawn(
+        self,
+        asset: Asset | str,
+        who: str,
+        positions: ArrayLike,
+        udims: Iterable[int],
+        drawing: Drawing,
+    ) -> tuple[dict[int, bytes], tuple[str, ...]]:
+        """The maps of positions (V, 3) as files by UDIM, and warnings; raises Trouble.
+
+        who: names the mesh among those of this session.
+        """
+        frame = f"host-{SESSION}-{who}"
+        with self.client() as client:
+            stored = client.put_frame(asset, frame, positions)
+            try:
+                maps = {udim: _map(client, asset, frame, udim, drawing) for udim in udims}
+            finally:
+                with suppress(RhytidError):
+                    client.delete_frame(asset, frame)
+        return maps, tuple(str(warning) for warning in stored.warnings)
+
+    def bound(self, asset: Asset) -> float:
+        """How far heights of an asset may be from 0, in its unit; raises Trouble.
+
+        It is what white of a 16-bit PNG stands for, one number for all frames: 4.8 times the depth
+        of a wrinkle of strength 1.
+        """
+        with self.client() as client:
+            tile = client.tile(asset, "neutral", asset.udims[0], 0, 0, 0, format="png")
+        if tile.scale is None:
+            raise Trouble(f"{self.url} does not say how high its maps are")
+        return tile.scale
+
+
+def _map(client: PlainClient, asset: Asset | str, frame: str, udim: int, how: Drawing) -> bytes:
+    tile = client.map(
+        asset, frame, udim, method=how.method, sampling=how.sampling, format=how.format
+    )
+    return bytes(tile.content)
