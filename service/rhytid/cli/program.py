@@ -19,7 +19,9 @@ from rhytid.cli import (
     graph,
     keys,
     look,
+    restore,
     serve,
+    snapshot,
     synthesize,
     template,
     transfer,
@@ -32,6 +34,8 @@ from rhytid.errors import RhytidError
 COMMANDS = (
     serve,
     keys,
+    snapshot,
+    restore,
     devices,
     check,
     synthesize,
