@@ -101,8 +101,12 @@ def discard(path: Path, partial: Path) -> None:
 
 
 def remove_tree(folder: Path) -> None:
-    """Free the space of a folder nobody sees; what resists is swept when the store opens next."""
+    """Free the space of a folder or a file that nobody sees; what resists is swept when the store
+    opens next."""
     try:
-        shutil.rmtree(folder)
+        if folder.is_file():
+            folder.unlink()
+        else:
+            shutil.rmtree(folder)
     except OSError as exc:
         _log.warning("cannot remove %s now: %s", folder, exc)

@@ -49,10 +49,12 @@ class StoredAssets:
     def restore(self, asset: Asset) -> bool:
         """Make an asset that is sent again ready, where the store has it built.
 
-        A damaged one is removed from the store; damaged settings of an intact one become those that
-        it was built with. One of another version is left as it is: raises StoreFormatError.
+        A damaged one is removed from the store, and so is a damaged request; damaged settings of
+        an intact one become those that it was built with. One of another version is left as it is:
+        raises StoreFormatError.
         """
         if asset.id not in self._store.ids():
+            self._check_request(asset.id)
             return False
         try:
             stored = self._store.asset(asset.id)
@@ -71,6 +73,18 @@ class StoredAssets:
             self._store.put_overlay(asset.id, stored.settings)
         self.fill(asset, stored)
         return True
+
+    def _check_request(self, id: str) -> None:
+        """Remove a request that is damaged, so that another can take its place."""
+        if id not in self._store.pending():
+            return
+        try:
+            self._store.request(id)
+        except StoreFormatError:
+            raise
+        except StorageError as error:
+            _log.error("asset %s is asked for anew: %s", id, error)
+            self._store.delete(id)
 
     def _opened(self, id: str) -> Asset:
         try:

@@ -5,6 +5,7 @@
     store/
     ├── lock                       held while a server uses the store
     ├── format.json                of which version of rhytid the store is
+    ├── cache/                     compiled kernels, where `serve` has no other place for them
     ├── partial/                   changes being prepared or thrown away; emptied on opening
     └── assets/<id>/
         ├── request/               what a caller sent, until the asset is built: a sealed folder
@@ -229,6 +230,8 @@ class AssetStore:
             durable.workplace(self._partial) as place,
         ):
             durable.write_file(place / OVERLAY, write_overlay(f"asset {id}", settings))
+            if is_folder(path):  # nothing of ours, and in the way
+                durable.discard(path, self._partial)
             durable.install(place / OVERLAY, path)
 
     def overlay(self, id: str) -> AssetSettings | None:
