@@ -100,9 +100,9 @@ def test_a_full_disk_is_told_and_keeps_nothing(
             assert not any((disk.store / "partial").iterdir())
             assert [home.name for home in (disk.store / "assets").iterdir()] == [asset.id]
 
-        # An upload that is larger than the disk, in its body and then in what is stored of it.
+        # Uploads whose bodies are larger than the disk.
         np.savez(tmp_path / "large.npz", **small_mesh._asdict(), frames=np.zeros((1, 2**21), "f4"))
-        for file in ((tmp_path / "large.npz").read_bytes(), bytes(SIZE)):
+        for file in ((tmp_path / "large.npz").read_bytes(), bytes(2 * SIZE)):
             refused(plain.post("/v1/assets", files={"mesh": ("mesh.npz", file)}))
             unchanged()
         moved = {**small_mesh._asdict(), "positions": small_mesh.positions * 2}
