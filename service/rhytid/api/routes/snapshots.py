@@ -9,7 +9,8 @@ from fastapi.responses import StreamingResponse
 
 from rhytid.api.dependencies import AssetId, EngineDep, Memory, NoQuery, Slot, SnapshotBody
 from rhytid.api.documentation import SNAPSHOT, UNCHANGED, binary, problems
-from rhytid.api.encoding import etag, matches
+from rhytid.api.encoding import WORKING, etag, matches
+from rhytid.api.request_memory import PIECE
 from rhytid.api.schemas import Asset
 from rhytid.api.uploads import TAR
 
@@ -20,7 +21,7 @@ router = APIRouter(prefix="/v1", tags=["assets"], dependencies=[NoQuery])
     "/assets/{asset}/snapshot",
     operation_id="getSnapshot",
     response_class=Response,
-    responses={**binary(TAR), **UNCHANGED, **problems(404, 409, 422, 503)},
+    responses={**binary(TAR), **UNCHANGED, **problems(404, 409, 422, 503, 507)},
 )
 def snapshot(
     request: Request, asset: AssetId, engine: EngineDep, slot: Slot, memory: Memory
@@ -28,6 +29,7 @@ def snapshot(
     """A built asset as one file, which `POST /v1/snapshots` of any server takes: mesh, wrinkles,
     settings, stiffness maps, what was found in the build and the present settings, each with its
     SHA-256. The same asset gives the same bytes. Frames are not in it."""
+    memory.answer(WORKING * PIECE)
     with slot:
         made = memory.closing(engine.snapshots.of(asset))
     headers = {"ETag": etag(made.index.encode()), "Cache-Control": "no-cache"}
