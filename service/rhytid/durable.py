@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import logging
 import os
 import shutil
@@ -11,19 +12,22 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from uuid import uuid4
 
-from rhytid.errors import StorageError
+from rhytid.errors import DiskFullError, StorageError
 from rhytid.unfinished import unfinished
 
 _log = logging.getLogger(__name__)
+# A full disk; a quota that is used up; a file beyond the largest that the system or a limit allows.
+_FULL = {errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC)}
 
 
 @contextmanager
 def reported(doing: str) -> Iterator[None]:
-    """The border where an OSError (disk full, no permission) becomes a StorageError."""
+    """The border where an OSError becomes a StorageError, on a full disk a DiskFullError."""
     try:
         yield
     except OSError as exc:
-        raise StorageError(f"{doing}: {exc}") from exc
+        kind = DiskFullError if exc.errno in _FULL else StorageError
+        raise kind(f"{doing}: {exc}") from exc
 
 
 def is_folder(path: Path) -> bool:
@@ -97,8 +101,12 @@ def discard(path: Path, partial: Path) -> None:
 
 
 def remove_tree(folder: Path) -> None:
-    """Free the space of a folder nobody sees; what resists is swept when the store opens next."""
+    """Free the space of a folder or a file that nobody sees; what resists is swept when the store
+    opens next."""
     try:
-        shutil.rmtree(folder)
+        if folder.is_file():
+            folder.unlink()
+        else:
+            shutil.rmtree(folder)
     except OSError as exc:
         _log.warning("cannot remove %s now: %s", folder, exc)

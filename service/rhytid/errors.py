@@ -8,6 +8,7 @@
     │   ├── GraphError
     │   ├── FrameError
     │   ├── SettingsError
+    │   ├── SnapshotError        a file that is no snapshot of an asset, or a damaged one
     │   ├── StrictError          something is probably wrong, and the caller asked to be strict
     │   └── QueryError           an address, a method or a format that does not exist
     ├── NotFoundError            no such asset, frame, job, UDIM or tile
@@ -25,6 +26,8 @@
     ├── QuotaError               more than one caller may ask for (``retry_after`` seconds)
     ├── CancelledError           the caller cancelled the job
     ├── StorageError             the store is damaged or cannot be written
+    │   ├── DiskFullError        there is no room left for what was to be written
+    │   └── StoreFormatError     another version of rhytid wrote this
     └── DeviceError
         ├── NoDeviceError        no OpenCL device computes here; the message names ways to get one
         ├── KernelBuildError     a kernel does not compile; carries the build log
@@ -69,6 +72,10 @@ class FrameError(InputError):
 
 class SettingsError(InputError):
     """A setting that is unknown, of the wrong type or out of range; names its path."""
+
+
+class SnapshotError(InputError):
+    """A file that is no snapshot of an asset, or a damaged one; names the place in it."""
 
 
 class StrictError(InputError):
@@ -153,6 +160,24 @@ class StorageError(RhytidError):
     """The store is damaged or cannot be written."""
 
     public = "the store failed: the server's log has the reason"
+
+
+class DiskFullError(StorageError):
+    """There is no room left for what was to be written; none of it is kept."""
+
+    public = (
+        "the disk of the server is full, and nothing of this was kept: "
+        "free some of it, or delete assets"
+    )
+
+
+class StoreFormatError(StorageError):
+    """Another version of rhytid wrote this, and this one cannot read it."""
+
+    public = (
+        "another version of rhytid stored this, and this one cannot read it: "
+        "update the server, or delete the asset"
+    )
 
 
 class DeviceError(RhytidError):

@@ -48,7 +48,28 @@ def test_every_deliberate_error_has_a_status_and_no_two_kinds_share_a_name() -> 
 
 def test_what_is_kept_to_the_log_is_what_500_is_answered_for() -> None:
     secret = {e for e in TREE if errors.told(e("/srv/secret")) != "/srv/secret"}
-    assert secret | {errors.RhytidError} == {e for e in TREE if kind_of(e("x")).status == 500}
+    # These have a reason that callers may know, in words of their own.
+    told = {errors.DiskFullError, errors.StoreFormatError}
+    failed = {e for e in TREE if kind_of(e("x")).status == 500}
+    assert secret | {errors.RhytidError} == failed | told
+    assert not failed & told
+
+
+@pytest.mark.parametrize("kind", [errors.DiskFullError, errors.StoreFormatError])
+def test_reasons_in_other_words_name_no_path(
+    kind: type[errors.StorageError], caplog: pytest.LogCaptureFixture
+) -> None:
+    engine = FakeEngine()
+
+    def fails(asset: str) -> None:
+        raise kind("/srv/secret")
+
+    engine.snapshots.of = fails  # type: ignore[method-assign]
+    with serving(engine) as client:
+        answer = client.get("/v1/assets/a/snapshot")
+    assert "secret" not in answer.text
+    assert answer.json()["detail"] == kind.public
+    assert "/srv/secret" in caplog.text
 
 
 def test_a_long_detail_is_cut() -> None:

@@ -18,9 +18,9 @@ from rhytid import durable
 from rhytid.cli.baking import build
 from rhytid.cli.warned import Warned
 from rhytid.engine.engine import Engine
-from rhytid.errors import ConflictError, KernelBuildError, StorageError
+from rhytid.errors import ConflictError, DiskFullError, KernelBuildError, StorageError
 
-WORDS = "the store failed: the server's log has the reason"
+WORDS = DiskFullError.public
 
 
 class FullDisk:
@@ -88,7 +88,7 @@ def test_a_calibration_that_the_store_fails_names_no_path(tmp_path: Path, disk: 
         ended = finish(engine, job["id"])
         assert (ended.state, ended.detail) == ("failed", WORDS)
         patched = client.patch(path, json={"depth": 0.5})
-        assert patched.status_code == 500
+        assert patched.status_code == 507
         sent = patched.text + everything(client, engine, asset)
         disk.full = False
         rest(engine)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from asyncio import sleep
 from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
+from pathlib import Path
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import httpx
@@ -11,6 +12,7 @@ import httpx
 from rhytid_client import calls
 from rhytid_client.errors import ConnectionFailed
 from rhytid_client.exchange import Flow, Listen, Step, patient
+from rhytid_client.file_body import Arriving, FileBody
 from rhytid_client.methods import ANSWER_SECONDS, CONNECT_SECONDS, described
 from rhytid_client.multipart_form import Form
 from rhytid_client.parse import Response
@@ -75,6 +77,8 @@ class AsyncClient:
     delete_asset = _method(calls.delete_asset)
     graph = _method(calls.graph)
     mesh = _method(calls.mesh)
+    snapshot = _method(calls.snapshot)
+    restore = _method(calls.restore)
 
     job = _method(calls.job)
     cancel = _method(calls.cancel)
@@ -116,18 +120,22 @@ class AsyncClient:
 
     async def _send(self, request: Request) -> Response:
         body: Any = request.content
-        content = _awaited(body.chunks()) if isinstance(body, Form) else body
+        content = _awaited(body.chunks()) if isinstance(body, Form | FileBody) else body
         try:
-            response = await self._http.request(
+            async with self._http.stream(
                 request.method,
                 self._url + request.path,
                 params=request.params,
                 headers={**self._headers, **request.headers},
                 content=content,
-            )
-        except httpx.RequestError as exc:
+            ) as response:
+                if request.into is None or response.status_code != 200:
+                    came = await response.aread()
+                else:
+                    came = await _kept(request.into, response)
+        except (httpx.RequestError, EOFError) as exc:
             raise ConnectionFailed(f"{type(exc).__name__}: {exc} [{request}]") from exc
-        return Response(request, response.status_code, dict(response.headers), response.content)
+        return Response(request, response.status_code, dict(response.headers), came)
 
     async def _listen(self, step: Listen) -> None:
         url, timeout = self._url + step.request.path, httpx.Timeout(step.timeout)
@@ -149,3 +157,13 @@ async def _awaited(chunks: Iterator[bytes]) -> AsyncIterator[bytes]:
     """The form httpx wants; a chunk of a file is read in less time than it takes to send."""
     for chunk in chunks:
         yield chunk
+
+
+async def _kept(path: Path, response: httpx.Response) -> bytes:
+    """No bytes: those of the answer are in the file. Each is written in less time than it takes to
+    come."""
+    with Arriving(path) as file:
+        async for chunk in response.aiter_bytes():
+            file.write(chunk)
+        file.done(response.headers.get("content-length"))
+    return b""

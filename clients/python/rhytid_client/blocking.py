@@ -46,6 +46,8 @@ class BlockingClient:
     delete_asset = _method(calls.delete_asset)
     graph = _method(calls.graph)
     mesh = _method(calls.mesh)
+    snapshot = _method(calls.snapshot)
+    restore = _method(calls.restore)
 
     job = _method(calls.job)
     cancel = _method(calls.cancel)

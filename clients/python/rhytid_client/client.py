@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import httpx
@@ -9,6 +10,7 @@ import httpx
 from rhytid_client.blocking import BlockingClient
 from rhytid_client.errors import ConnectionFailed
 from rhytid_client.exchange import Listen
+from rhytid_client.file_body import Arriving, FileBody
 from rhytid_client.methods import ANSWER_SECONDS, CONNECT_SECONDS
 from rhytid_client.multipart_form import Form
 from rhytid_client.parse import Response
@@ -50,18 +52,22 @@ class Client(BlockingClient):
 
     def _send(self, request: Request) -> Response:
         body: Any = request.content
-        content = body.chunks() if isinstance(body, Form) else body
+        content = body.chunks() if isinstance(body, Form | FileBody) else body
         try:
-            response = self._http.request(
+            with self._http.stream(
                 request.method,
                 self._url + request.path,
                 params=request.params,
                 headers={**self._headers, **request.headers},
                 content=content,
-            )
-        except httpx.RequestError as exc:
+            ) as response:
+                if request.into is None or response.status_code != 200:
+                    came = response.read()
+                else:
+                    came = _kept(request.into, response)
+        except (httpx.RequestError, EOFError) as exc:
             raise ConnectionFailed(f"{type(exc).__name__}: {exc} [{request}]") from exc
-        return Response(request, response.status_code, dict(response.headers), response.content)
+        return Response(request, response.status_code, dict(response.headers), came)
 
     def _listen(self, step: Listen) -> None:
         url, timeout = self._url + step.request.path, httpx.Timeout(step.timeout)
@@ -75,3 +81,12 @@ class Client(BlockingClient):
         except httpx.RequestError:
             # Listening is a convenience: the flow asks again, and a dead server shows then.
             return
+
+
+def _kept(path: Path, response: httpx.Response) -> bytes:
+    """No bytes: those of the answer are in the file."""
+    with Arriving(path) as file:
+        for chunk in response.iter_bytes():
+            file.write(chunk)
+        file.done(response.headers.get("content-length"))
+    return b""

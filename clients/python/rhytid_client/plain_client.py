@@ -6,11 +6,13 @@ import ssl
 from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
 from http.client import HTTPConnection, HTTPException, HTTPResponse, HTTPSConnection
+from pathlib import Path
 from urllib.parse import SplitResult, urlencode, urlsplit
 
 from rhytid_client.blocking import BlockingClient
 from rhytid_client.errors import ConnectionFailed
 from rhytid_client.exchange import Listen
+from rhytid_client.file_body import Arriving, FileBody
 from rhytid_client.methods import ANSWER_SECONDS, CONNECT_SECONDS
 from rhytid_client.multipart_form import Form
 from rhytid_client.parse import Response
@@ -47,8 +49,12 @@ class PlainClient(BlockingClient):
         try:
             with self._asked(request, ANSWER_SECONDS) as answer:
                 headers = {name.lower(): value for name, value in answer.getheaders()}
-                return Response(request, answer.status, headers, answer.read())
-        except (OSError, HTTPException) as exc:
+                if request.into is None or answer.status != 200:
+                    came = answer.read()
+                else:
+                    came = _kept(request.into, answer)
+                return Response(request, answer.status, headers, came)
+        except (OSError, HTTPException, EOFError) as exc:
             raise ConnectionFailed(f"{type(exc).__name__}: {exc} [{request}]") from exc
 
     def _listen(self, step: Listen) -> None:
@@ -75,7 +81,7 @@ class PlainClient(BlockingClient):
                 connection.request(
                     request.method,
                     self._address.path + request.path + query,
-                    body.chunks() if isinstance(body, Form) else body,
+                    body.chunks() if isinstance(body, Form | FileBody) else body,
                     {"Connection": "close", **self._headers, **request.headers},
                 )
             yield connection.getresponse()
@@ -94,3 +100,12 @@ def _checked(url: str) -> SplitResult:
         raise ValueError(f"{url!r} is not the address of a server, as http://127.0.0.1:8717 is")
     address.port  # noqa: B018  raises ValueError for a port that is none
     return address
+
+
+def _kept(path: Path, answer: HTTPResponse) -> bytes:
+    """No bytes: those of the answer are in the file."""
+    with Arriving(path) as file:
+        while chunk := answer.read(_CHUNK):
+            file.write(chunk)
+        file.done(answer.getheader("content-length"))
+    return b""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
@@ -12,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rhytid_client import npy
+from rhytid_client.file_body import FileBody
 from rhytid_client.multipart_form import Form
 
 NPY = "application/x-npy"
@@ -23,13 +25,17 @@ Params = tuple[tuple[str, str], ...]
 
 @dataclass(frozen=True)
 class Request:
-    """What to send; `path` starts with a slash and goes behind the server's address."""
+    """What to send; `path` starts with a slash and goes behind the server's address.
+
+    into: where the body of a success is written, piece by piece, in place of the answer.
+    """
 
     method: str
     path: str
     params: Params = ()
     headers: Mapping[str, str] = field(default_factory=dict)
-    content: bytes | Form | None = None
+    content: bytes | Form | FileBody | None = None
+    into: Path | None = None
 
     def __str__(self) -> str:
         return f"{self.method} {self.path}"
@@ -45,12 +51,12 @@ def request(
     *segments: str | int,
     params: Mapping[str, str | int] | Params = (),
     headers: Mapping[str, str] | None = None,
-    content: bytes | Form | None = None,
+    content: bytes | Form | FileBody | None = None,
 ) -> Request:
     """A request of a path made of `segments`; none of them can leave its place in the path."""
     pairs = params.items() if isinstance(params, Mapping) else params
     sent = dict(headers or {})
-    if isinstance(content, Form):
+    if isinstance(content, Form | FileBody):
         sent.update(content.headers())
     strings = tuple((name, str(value)) for name, value in pairs)
     return Request(method, path(*segments), strings, sent, content)

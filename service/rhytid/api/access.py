@@ -19,7 +19,8 @@ OPEN = "open"
 ALIVE = "/healthz"
 # The scope that a caller needs, by method and path. HEAD is as GET. A route that is not here
 # answers nobody. read: asks for what is known and for drawings of it. compute: sends what is to be
-# used. admin: removes what others use.
+# used. admin: removes what others use, or vouches for it: nobody can check that the wrinkles of a
+# snapshot are those that its mesh grows.
 ROUTES = {
     "GET /": OPEN,
     "GET /healthz": OPEN,
@@ -36,6 +37,8 @@ ROUTES = {
     "DELETE /v1/assets/{asset}": ADMIN,
     "GET /v1/assets/{asset}/graph": READ,
     "GET /v1/assets/{asset}/mesh": READ,
+    "GET /v1/assets/{asset}/snapshot": READ,
+    "POST /v1/snapshots": ADMIN,
     "GET /v1/assets/{asset}/frames": READ,
     "GET /v1/assets/{asset}/frames/{frame}": READ,
     "PUT /v1/assets/{asset}/frames/{frame}": COMPUTE,

@@ -18,7 +18,18 @@ from rhytid.api.job_shares import JobShares
 from rhytid.api.metrics import Metrics, Observe
 from rhytid.api.request_head import CheckHead
 from rhytid.api.request_memory import HoldUntilSent
-from rhytid.api.routes import assets, bins, frames, graphs, health, jobs, meshes, root, tiles
+from rhytid.api.routes import (
+    assets,
+    bins,
+    frames,
+    graphs,
+    health,
+    jobs,
+    meshes,
+    root,
+    snapshots,
+    tiles,
+)
 from rhytid.engine.byte_budget import ByteBudget
 from rhytid.settings import ServiceSettings
 
@@ -29,6 +40,7 @@ ROUTERS = (
     assets.router,
     graphs.router,
     meshes.router,
+    snapshots.router,
     frames.router,
     tiles.router,
     bins.router,

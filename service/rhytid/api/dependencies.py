@@ -19,6 +19,7 @@ from rhytid.api.metrics import Metrics
 from rhytid.api.parts import Part
 from rhytid.api.request_memory import RequestMemory
 from rhytid.api.schemas import ALLOW, CODE, STRICT
+from rhytid.api.spool import Spool
 from rhytid.errors import QueryError
 from rhytid.formats.frames import read_positions
 
@@ -109,6 +110,7 @@ Allow = Annotated[
 ]
 Json = Annotated[Any, Depends(uploads.read_json)]
 Parts = Annotated[dict[str, Part], Depends(uploads.read_parts)]
+SnapshotBody = Annotated[Spool, Depends(uploads.read_snapshot)]
 FrameName = Annotated[str, Path(description="name of a frame; `neutral` is always there")]
 JobId = Annotated[str, Path(description="id of a job")]
 _MOST = 2**31

@@ -15,6 +15,7 @@ from rhytid.api.encoding import WARNINGS
 from rhytid.api.events import EVENT_STREAM
 from rhytid.api.problems import MEDIA_TYPE
 from rhytid.api.schemas import Problem
+from rhytid.api.uploads import TAR
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.controls import CONTROLS, REGION_PREFIX
 from rhytid.domain.expressions import MOST_EXPRESSIONS
@@ -153,6 +154,7 @@ ASSET_FORM = body(
         }
     }
 )
+SNAPSHOT = body({TAR: {"schema": {**BINARY, "description": "a file of `getSnapshot`, as it is"}}})
 EVENTS: Responses = {
     200: {
         "description": "Server-sent events until the job ends",

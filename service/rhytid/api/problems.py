@@ -43,6 +43,7 @@ KINDS: dict[type[BaseException], Kind] = {
     errors.FrameError: Kind(422, "frame", "The frame cannot be used"),
     errors.SettingsError: Kind(422, "settings", "The settings cannot be used"),
     errors.QueryError: Kind(422, "query", "The query cannot be answered"),
+    errors.SnapshotError: Kind(422, "snapshot", "The snapshot cannot be used"),
     errors.StrictError: Kind(422, "warnings", "There are warnings, and strict was asked for"),
     errors.InputError: Kind(422, "input", "The request cannot be used"),
     errors.NotFoundError: Kind(404, "not-found", "Not found"),
@@ -62,6 +63,8 @@ KINDS: dict[type[BaseException], Kind] = {
     errors.NoDeviceError: Kind(503, "no-device", "No OpenCL device computes"),
     errors.DeviceMemoryError: Kind(507, "device-memory", "Beyond the device memory budget"),
     errors.DeviceError: Kind(500, "device", "The device failed"),
+    errors.DiskFullError: Kind(507, "disk-full", "The disk is full"),
+    errors.StoreFormatError: Kind(409, "store-format", "Of another version of rhytid"),
     errors.StorageError: Kind(500, "storage", "The store failed"),
     errors.RhytidError: Kind(500, "internal", "Internal error"),
 }
@@ -100,8 +103,10 @@ def install(app: FastAPI) -> None:
 async def _deliberate(request: Request, error: Exception) -> Response:
     assert isinstance(error, errors.RhytidError)
     kind = kind_of(error)
+    if isinstance(error, errors.StorageError) and kind.status != HTTPStatus.INTERNAL_SERVER_ERROR:
+        logger.error("%s: %s", _call(request), error)
+    # A message may hold paths and build logs of this server: it is only logged.
     if kind.status == HTTPStatus.INTERNAL_SERVER_ERROR:
-        # Such a message may hold paths and build logs of this server: it is only logged.
         logger.error("%s failed", _call(request), exc_info=error)
         return problem(kind.status, "the server's log has the reason", kind.title, kind.type)
     retry = getattr(error, "retry_after", None)
@@ -111,7 +116,7 @@ async def _deliberate(request: Request, error: Exception) -> Response:
     extra = {}
     if isinstance(error, errors.StrictError):
         extra["warnings"] = [asdict(w) for w in error.warnings if isinstance(w, InputWarning)]
-    return problem(kind.status, str(error), kind.title, kind.type, headers, **extra)
+    return problem(kind.status, errors.told(error), kind.title, kind.type, headers, **extra)
 
 
 async def _invalid(request: Request, error: Exception) -> Response:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Protocol, TypeVar
 
 import anyio
 from fastapi import Request
@@ -22,6 +23,13 @@ PIECE = 1 << 18
 DECODED = 3
 # Seconds without progress after which a client that does not read is disconnected.
 STALLED = 60.0
+
+
+class _Closable(Protocol):
+    def close(self) -> None: ...
+
+
+Closed = TypeVar("Closed", bound=_Closable)
 
 
 class RequestMemory:
@@ -62,6 +70,11 @@ class RequestMemory:
         hold = self.hold("uploads")
         hold.grow(min(DECODED * nbytes, self._host.limit))
         return hold
+
+    def closing(self, thing: Closed) -> Closed:
+        """The thing itself, which is closed with the request."""
+        self._held.callback(thing.close)
+        return thing
 
     def spooled(self) -> Spool:
         """A file for the body."""

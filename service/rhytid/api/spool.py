@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 import tempfile
+from io import FileIO
 from pathlib import Path
-from typing import BinaryIO
 
 from starlette.concurrency import run_in_threadpool
 
+from rhytid.durable import reported
 from rhytid.engine.byte_budget import Hold
-from rhytid.errors import StorageError
 
 # Bytes that are gathered in memory before they are written; what is smaller needs no file.
 PIECE = 1 << 20
@@ -26,7 +26,7 @@ class Spool:
     def __init__(self, room: Hold | None = None, folder: Path | None = None) -> None:
         self.size = 0
         self._room, self._folder = room, folder
-        self._file: BinaryIO | None = None
+        self._file: FileIO | None = None
         self._written, self._pending = 0, bytearray()
 
     def write(self, data: bytes | memoryview) -> None:
@@ -55,6 +55,10 @@ class Spool:
             at += len(parts[-1])
         return b"".join((*parts, pending)) if pending or len(parts) > 1 else parts[0]
 
+    def reader(self) -> SpoolReader:
+        """Reads it from the start."""
+        return SpoolReader(self)
+
     def close(self) -> None:
         """Give disk and memory back."""
         self._pending = bytearray()
@@ -64,11 +68,24 @@ class Spool:
             self._room.release()
 
     def _append(self, data: bytearray) -> None:
-        try:
+        with reported("an upload cannot be written to disk"):
             if self._file is None:
-                self._file = tempfile.TemporaryFile(dir=self._folder)  # noqa: SIM115 see close
-            self._file.write(data)
-            self._file.flush()
-        except OSError as exc:
-            raise StorageError(f"an upload cannot be written to disk: {exc}") from exc
+                # Without a buffer of Python's, which would be written once more on closing.
+                self._file = tempfile.TemporaryFile("w+b", 0, dir=self._folder)  # noqa: SIM115
+            view = memoryview(data)
+            while view:  # one call writes 2 GiB at most, or what is left of the disk
+                view = view[self._file.write(view) :]
         self._written += len(data)
+
+
+class SpoolReader:
+    """A spool as a file that is read from its start."""
+
+    def __init__(self, spool: Spool) -> None:
+        self._spool, self._at = spool, 0
+
+    def read(self, size: int) -> bytes:
+        """The next bytes, at most `size`; empty at the end."""
+        data = self._spool.read(self._at, size)
+        self._at += len(data)
+        return data

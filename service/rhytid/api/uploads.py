@@ -12,6 +12,7 @@ from starlette.exceptions import HTTPException
 
 from rhytid.api.parts import Part, PartReader, boundary
 from rhytid.api.request_memory import DECODED, RequestMemory
+from rhytid.api.spool import Spool
 from rhytid.engine.byte_budget import Hold
 from rhytid.errors import InputError, LimitError, SettingsError
 from rhytid.settings import ServiceSettings
@@ -20,6 +21,7 @@ JSON_LIMIT = 1 << 16
 # A frame in its widest form: three float64 per vertex after the header of a .npy file.
 WIDEST_VERTEX = 24
 HEADER_ROOM = 1 << 16
+TAR = "application/x-tar"
 JSON_TYPES = ("application/json", "application/merge-patch+json")
 
 
@@ -43,6 +45,21 @@ async def read_parts(request: Request) -> dict[str, Part]:
         reader.feed(chunk)
         await spool.settle()
     return reader.finish()
+
+
+async def read_snapshot(request: Request) -> Spool:
+    """The body with a snapshot, on disk until the request ends; 415 for any other media type.
+
+    Raises LimitError above `upload_limit`, and what `Spool.settle` does.
+    """
+    media_type = media_type_of(request)
+    if media_type != TAR:
+        raise HTTPException(415, f"Content-Type is {media_type!r}: must be {TAR}")
+    spool = RequestMemory.of(request).spooled()
+    async for chunk in _chunks(request, _limit(request)):
+        spool.write(chunk)
+        await spool.settle()
+    return spool
 
 
 async def read_json(request: Request) -> Any:

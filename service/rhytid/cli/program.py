@@ -20,7 +20,9 @@ from rhytid.cli import (
     graph,
     keys,
     look,
+    restore,
     serve,
+    snapshot,
     synthesize,
     template,
     transfer,
@@ -33,6 +35,8 @@ from rhytid.errors import RhytidError
 COMMANDS = (
     serve,
     keys,
+    snapshot,
+    restore,
     devices,
     check,
     synthesize,

@@ -41,7 +41,7 @@ def run(arguments: argparse.Namespace) -> None:
     # Imported here, so that --help does not wait for OpenCL and the web framework.
     from rhytid.cli.server import asks_keys, listen
 
-    settings = chosen(arguments.store, arguments.device)
+    settings = _with_places(chosen(arguments.store, arguments.device))
     listening = listen(arguments.host, arguments.port)
     with closing(listening):
         ask = asks_keys(listening, settings.key_file, without=arguments.without_keys)
@@ -58,6 +58,16 @@ def _serve(listening: socket.socket, settings: ServiceSettings) -> None:
         print(f"rhytid {__version__} on {address_of(listening)}, {where}", flush=True)
         with suppress(Terminated):  # SIGTERM ends a server
             server_of(engine, settings, _log_level()).run(sockets=[listening])
+
+
+def _with_places(settings: ServiceSettings) -> ServiceSettings:
+    """The settings; where nothing but the store can be written, what is kept goes there."""
+    from rhytid.device.caches import provide_places, writable
+
+    place = provide_places(settings.store / "cache")
+    if place is None or (settings.cache is not None and writable(settings.cache)):
+        return settings
+    return replace(settings, cache=place / "rhytid")
 
 
 def _log_level() -> str:

@@ -35,6 +35,25 @@ def provide_cache_folder() -> None:
         os.environ["XDG_CACHE_HOME"] = str(folder)
 
 
+def provide_places(folder: Path) -> Path | None:
+    """Have compiled kernels, and temporary files, go into `folder` where the usual places for them
+    cannot be written: a container with a read-only root and no home.
+
+    Call it before OpenCL is loaded. Returns the folder where kernels are kept instead, else None.
+    """
+    try:
+        tempfile.gettempdir()
+    except FileNotFoundError:
+        place = folder / "tmp"
+        if writable(place):
+            tempfile.tempdir = os.environ["TMPDIR"] = str(place.absolute())
+    usual = _usual_folder()
+    if sys.platform != "linux" or (usual is not None and _keeps(usual)) or not _keeps(folder):
+        return None
+    os.environ["XDG_CACHE_HOME"] = str(folder.absolute())
+    return folder
+
+
 def _usual_folder() -> Path | None:
     """The usual folder of caches; None for a user without a home."""
     try:
@@ -46,10 +65,11 @@ def _usual_folder() -> Path | None:
 
 def _keeps(folder: Path) -> bool:
     made = (folder / name for name in _MADE)
-    return _writable(folder) and all(_writable(path) for path in made if os.path.lexists(path))
+    return writable(folder) and all(writable(path) for path in made if os.path.lexists(path))
 
 
-def _writable(folder: Path) -> bool:
+def writable(folder: Path) -> bool:
+    """Whether files can be made in a folder, which is made where it is not there."""
     try:
         folder.mkdir(0o700, parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -63,7 +83,7 @@ def _own_folder() -> Path | None:
     user's is in its place, one that goes with the process."""
     try:
         folder = Path(tempfile.gettempdir()) / f"rhytid-cache-{os.getuid()}"
-        if _writable(folder) and _is_private(folder) and _keeps(folder):
+        if writable(folder) and _is_private(folder) and _keeps(folder):
             return folder
         return until_exit(Path(tempfile.mkdtemp(prefix="rhytid-cache-")))
     except OSError:

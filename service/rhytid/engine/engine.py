@@ -16,6 +16,7 @@ from rhytid.engine.frame_service import FrameService
 from rhytid.engine.jobs import Jobs
 from rhytid.engine.messages import DeviceInfo
 from rhytid.engine.opening import open_device
+from rhytid.engine.snapshots import SnapshotService
 from rhytid.engine.stored_assets import StoredAssets
 from rhytid.engine.tile_batcher import MOST_TILES, TileBatcher
 from rhytid.engine.tile_service import TileService
@@ -29,9 +30,9 @@ from rhytid.storage.store import AssetStore
 class Engine:
     """Holds assets on one device and answers for their frames. Blocking; safe from any thread.
 
-    memory: bytes that requests and jobs hold on the host.  assets, frames, tiles, jobs: the calls.
-    Every one raises NotFoundError for an unknown id, NotReadyError while the asset builds,
-    ConflictError where it failed to build, and BusyError where too many calls wait already.
+    memory: bytes that requests and jobs hold on the host.  assets, frames, tiles, jobs, snapshots:
+    the calls. Every one raises NotFoundError for an unknown id, NotReadyError while the asset
+    builds, ConflictError where it failed to build, and BusyError where too many calls wait already.
     """
 
     def __init__(self, settings: ServiceSettings) -> None:
@@ -64,6 +65,7 @@ class Engine:
             self.jobs,
             limit,
         )
+        self.snapshots = SnapshotService(registry, self._store, stored)
         registration.open_store()
 
     def close(self) -> None:

@@ -13,7 +13,8 @@ from rhytid.engine.device_assets import DAMAGED, DeviceAssets
 from rhytid.engine.frames import FrameMemory
 from rhytid.engine.given_graphs import graph_lengths
 from rhytid.engine.spacing import mean_spacing
-from rhytid.errors import StorageError
+from rhytid.errors import SettingsError, StorageError, StoreFormatError, told
+from rhytid.storage.build_facts import BuildFacts
 from rhytid.storage.records import StoredAsset
 from rhytid.storage.store import AssetStore
 
@@ -48,45 +49,66 @@ class StoredAssets:
     def restore(self, asset: Asset) -> bool:
         """Make an asset that is sent again ready, where the store has it built.
 
-        A damaged one is removed from the store; damaged settings of an intact one become those that
-        it was built with.
+        A damaged one is removed from the store, and so is a damaged request; damaged settings of
+        an intact one become those that it was built with. One of another version is left as it is:
+        raises StoreFormatError.
         """
         if asset.id not in self._store.ids():
+            self._check_request(asset.id)
             return False
         try:
             stored = self._store.asset(asset.id)
+        except StoreFormatError:
+            raise
         except StorageError as error:
             _log.error("asset %s is built anew: %s", asset.id, error)
             self._store.delete(asset.id)
             return False
         try:
             self._store.overlay(asset.id)
+        except StoreFormatError:
+            raise
         except StorageError as error:
             _log.error("asset %s has the settings that it was built with: %s", asset.id, error)
             self._store.put_overlay(asset.id, stored.settings)
-        self._fill(asset, stored)
+        self.fill(asset, stored)
         return True
+
+    def _check_request(self, id: str) -> None:
+        """Remove a request that is damaged, so that another can take its place."""
+        if id not in self._store.pending():
+            return
+        try:
+            self._store.request(id)
+        except StoreFormatError:
+            raise
+        except StorageError as error:
+            _log.error("asset %s is asked for anew: %s", id, error)
+            self._store.delete(id)
 
     def _opened(self, id: str) -> Asset:
         try:
             stored = self._store.asset(id)
             read = partial(self._store.mesh, id)
             asset = Asset.of(id, stored.mesh, stored.settings, (), self._memory, read)
-            self._fill(asset, stored)
+            self.fill(asset, stored)
         except StorageError as error:
             return self._damaged(id, error)
         return asset
 
-    def _fill(self, asset: Asset, stored: StoredAsset) -> None:
-        """Give an asset what is known of it once it is built."""
-        spacing = float(stored.extra["spacing"])
+    def fill(self, asset: Asset, stored: StoredAsset) -> None:
+        """Give an asset of the store what is known of it once it is built; raises StorageError
+        where that cannot be read."""
+        facts = BuildFacts.of(stored)
         settings = self._store.overlay(asset.id) or stored.settings
-        asset.lengths = graph_lengths(stored.graph, settings, spacing, spacing)
-        asset.warnings = _kept_warnings(stored)
-        if (length := stored.extra.get("uv_length")) is not None:
-            asset.uv_length = float(length)
-        known = stored.extra.get("distance")
-        distance = self._measured(stored) if known is None else float(known)
+        try:
+            asset.lengths = graph_lengths(stored.graph, settings, facts.spacing, facts.spacing)
+        except SettingsError as error:
+            raise StoreFormatError(f"asset {asset.id}: {error}") from error
+        asset.warnings = _kept_warnings(stored, facts)
+        if facts.uv_length is not None:
+            asset.uv_length = facts.uv_length
+        distance = self._measured(stored) if facts.distance is None else facts.distance
         asset.built(stored.graph, settings.with_lengths(asset.lengths), distance)
 
     def _measured(self, stored: StoredAsset) -> float:
@@ -98,12 +120,12 @@ class StoredAssets:
     def _damaged(self, id: str, error: StorageError) -> Asset:
         """A failed asset; the log names the damaged file, the reason for callers does not."""
         _log.error("asset %s: %s", id, error)
-        return Asset.failed(id, DAMAGED, self._memory)
+        reason = told(error) if isinstance(error, StoreFormatError) else DAMAGED
+        return Asset.failed(id, reason, self._memory)
 
 
-def _kept_warnings(stored: StoredAsset) -> tuple[InputWarning, ...]:
+def _kept_warnings(stored: StoredAsset, facts: BuildFacts) -> tuple[InputWarning, ...]:
     """Those of a stored asset; found anew for one of a version that kept none."""
-    kept = stored.extra.get("warnings")
-    if kept is None:
-        return mesh_warnings(stored.mesh, stored.settings.length_unit, stored.settings.resolution)
-    return tuple(InputWarning(**warning) for warning in kept)
+    if facts.warnings is not None:
+        return facts.warnings
+    return mesh_warnings(stored.mesh, stored.settings.length_unit, stored.settings.resolution)

@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from rhytid.errors import StorageError
+from rhytid.errors import StorageError, StoreFormatError
 
 
 def canonical(value: Any) -> bytes:
@@ -44,6 +44,17 @@ def parse_hashed(data: bytes, path: Path) -> Any:
 def damaged(path: Path, why: str) -> StorageError:
     """The error for a file that is not what was written."""
     return StorageError(f"{path} is damaged: {why}")
+
+
+def check_format(value: Any, known: int, path: Path) -> None:
+    """Raise StoreFormatError where a file names a format above `known`, as a newer version writes
+    it. Any other value is left to the caller."""
+    named = value.get("format") if isinstance(value, dict) else None
+    if type(named) is int and named > known:
+        raise StoreFormatError(
+            f"{path} is of format {named}, and this version of rhytid reads up to {known}: "
+            "a newer version wrote it"
+        )
 
 
 def _digest(value: Any) -> str:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from rhytid.durable import reported, sync_folder, write_file
-from rhytid.storage.canonical import canonical, damaged, parse_canonical
+from rhytid.storage.canonical import canonical, check_format, damaged, parse_canonical
 
 FORMAT = 1
 MANIFEST = "manifest.json"
@@ -26,6 +26,20 @@ class StoredFile:
     nbytes: int
     sha256: str
 
+    @classmethod
+    def of(cls, data: bytes) -> StoredFile:
+        """Of a file with these bytes."""
+        return cls(len(data), hashlib.sha256(data).hexdigest())
+
+    def as_json(self) -> dict[str, Any]:
+        """As manifests have it."""
+        return {"bytes": self.nbytes, "sha256": self.sha256}
+
+    @classmethod
+    def parse(cls, fact: Any) -> StoredFile:
+        """The inverse of `as_json`; raises KeyError, TypeError or ValueError."""
+        return cls(int(fact["bytes"]), str(fact["sha256"]))
+
 
 def write_with_manifest(folder: Path, label: str, files: Mapping[str, bytes]) -> None:
     """Write `files` and their manifest into the new folder `folder` and sync all of it.
@@ -35,7 +49,12 @@ def write_with_manifest(folder: Path, label: str, files: Mapping[str, bytes]) ->
     folder.mkdir()
     for name, data in files.items():
         write_file(folder / name, data)
-    facts = {name: _facts(data) for name, data in files.items()}
+    seal(folder, label, {name: StoredFile.of(data) for name, data in files.items()})
+
+
+def seal(folder: Path, label: str, files: Mapping[str, StoredFile]) -> None:
+    """Write the manifest of `files`, which are in `folder` already, and sync their names."""
+    facts = {name: file.as_json() for name, file in files.items()}
     write_file(folder / MANIFEST, canonical({"format": FORMAT, "label": label, "files": facts}))
     sync_folder(folder)
 
@@ -61,10 +80,7 @@ def read_manifest(folder: Path, label: str) -> dict[str, StoredFile]:
     manifest is damaged."""
     path = folder / MANIFEST
     try:
-        return {
-            name: StoredFile(int(fact["bytes"]), str(fact["sha256"]))
-            for name, fact in _manifest(folder, label).items()
-        }
+        return {name: StoredFile.parse(fact) for name, fact in _manifest(folder, label).items()}
     except (KeyError, TypeError, ValueError) as exc:
         raise damaged(path, f"not a manifest of {label}: {exc}") from exc
 
@@ -73,14 +89,11 @@ def _manifest(folder: Path, label: str) -> dict[str, Any]:
     path = folder / MANIFEST
     manifest = parse_canonical(_bytes(path), path)
     facts = manifest.get("files") if isinstance(manifest, dict) else None
+    check_format(manifest, FORMAT, path)
     wanted = {"format": FORMAT, "label": label, "files": facts}
     if manifest != wanted or not isinstance(facts, dict):
         raise damaged(path, f"not a manifest of {label}, format {FORMAT}")
     return facts
-
-
-def _facts(data: bytes) -> dict[str, Any]:
-    return {"bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
 
 
 def _check_names(folder: Path, named: set[str]) -> None:
@@ -94,7 +107,7 @@ def _check_names(folder: Path, named: set[str]) -> None:
 
 def _verified(path: Path, expected: Any) -> bytes:
     data = _bytes(path)
-    found = _facts(data)
+    found = StoredFile.of(data).as_json()
     if found != expected:
         raise damaged(path, f"it has {found}, the manifest says {expected}")
     return data

@@ -15,7 +15,7 @@ from rhytid.domain.folds import Folds
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.stiffness import Stiffness
-from rhytid.errors import InputError, LimitError
+from rhytid.errors import InputError, LimitError, StoreFormatError
 from rhytid.formats.graphs import read_graph, write_graph
 from rhytid.storage.canonical import canonical, damaged, hashed, parse_canonical, parse_hashed
 from rhytid.storage.contents import (
@@ -104,6 +104,12 @@ def decode_mesh(data: bytes, path: Path) -> Mesh:
     return _decode({path.name: data}, path, read_mesh)
 
 
+def decode_settings(facts: bytes, path: Path) -> AssetSettings:
+    """The settings that an asset was built with, of its facts, which were verified; raises
+    StorageError naming `path`."""
+    return _settings(_facts({path.name: facts}, path.parent), path.parent)
+
+
 def write_overlay(label: str, settings: AssetSettings) -> bytes:
     """Settings that were changed since the asset `label` was built, as a file of their own."""
     return hashed({"label": label, "settings": settings.as_json()})
@@ -149,14 +155,19 @@ def _decode(files: Files, path: Path, read: Callable[[bytes], T]) -> T:
     try:
         return read(files[path.name])
     except (SafetensorError, InputError, LimitError, TypeError, ValueError, KeyError) as exc:
-        raise damaged(path, str(exc)) from exc
+        raise _foreign(path, exc) from exc
+
+
+def _foreign(path: Path, why: object) -> StoreFormatError:
+    """The error for a file that is what was written, and means nothing here."""
+    return StoreFormatError(f"{path} is of another version of rhytid: {why}")
 
 
 def _facts(files: Files, folder: Path) -> dict[str, Any]:
     path = folder / FACTS
     facts: Any = _decode(files, path, lambda data: parse_canonical(data, path))
     if not isinstance(facts, dict) or not isinstance(facts.get("extra", {}), dict):
-        raise damaged(path, "not an object of facts")
+        raise _foreign(path, "not an object of facts")
     return {"extra": {}, **facts}
 
 
@@ -168,7 +179,7 @@ def _parse_settings(value: Any, path: Path) -> AssetSettings:
     try:
         return AssetSettings.parse(_drawn_as_before(value))
     except InputError as exc:
-        raise damaged(path, str(exc)) from exc
+        raise _foreign(path, exc) from exc
 
 
 def _drawn_as_before(value: Any) -> Any:

@@ -4,6 +4,8 @@
 
     store/
     ├── lock                       held while a server uses the store
+    ├── format.json                of which version of rhytid the store is
+    ├── cache/                     compiled kernels, where `serve` has no other place for them
     ├── partial/                   changes being prepared or thrown away; emptied on opening
     └── assets/<id>/
         ├── request/               what a caller sent, until the asset is built: a sealed folder
@@ -13,9 +15,10 @@
 
 from __future__ import annotations
 
+import json
 import threading
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -28,8 +31,8 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.stiffness import Stiffness
 from rhytid.durable import is_folder, reported
-from rhytid.errors import NotFoundError, StorageError
-from rhytid.storage.canonical import damaged
+from rhytid.errors import NotFoundError, StorageError, StoreFormatError
+from rhytid.storage.canonical import canonical, check_format, damaged
 from rhytid.storage.homes import (
     ASSET,
     ID,
@@ -55,12 +58,18 @@ from rhytid.storage.records import (
     StoredAsset,
     StoredRequest,
     decode_mesh,
+    decode_settings,
     must_have_overlay,
     read_overlay,
     write_overlay,
 )
+from rhytid.storage.snapshot_index import OVERLAY, SnapshotIndex
+from rhytid.storage.snapshots import Readable, Snapshot, unpack
+from rhytid.storage.unpacked import UnpackedAsset
 
-_OVERLAY = "overlay.json"
+# Of the store as a whole: raise it when an older version must not open a new store.
+FORMAT = 1
+_FORMAT = "format.json"
 _NOTHING: Mapping[str, bytes] = MappingProxyType({})
 
 
@@ -83,6 +92,7 @@ class AssetStore:
             self._partial.mkdir(exist_ok=True)
             self._lock = FolderLock(folder)
             try:
+                _check_format(folder / _FORMAT, self._partial)
                 sweep(self._assets, self._partial)
             except BaseException:
                 self.close()
@@ -149,7 +159,7 @@ class AssetStore:
         home = self._home(id)
         asset = StoredAsset(mesh, graph, settings, dict(extra), stiffness)
         overlay = write_overlay(f"asset {id}", settings)
-        if not self._put(home, ASSET, asset.files(), {_OVERLAY: overlay}):
+        if not self._put(home, ASSET, asset.files(), {OVERLAY: overlay}):
             raise StorageError(f"asset {id} is stored already, and stored assets do not change")
         with self._changing, reported(f"the request of asset {id} cannot be removed"):
             if is_requested(home):
@@ -171,20 +181,63 @@ class AssetStore:
         is read."""
         return read_manifest(self._existing(id, ASSET), f"{ASSET} {id}")
 
+    def snapshot(self, id: str) -> Snapshot:
+        """A built asset with its present settings as one file, every byte of it verified; close
+        it."""
+        folder = self._existing(id, ASSET)
+        files = read_manifest(folder, f"{ASSET} {id}")
+        overlay = write_overlay(f"{ASSET} {id}", self.overlay(id) or self._settings(folder, id))
+        named = {f"{ASSET}/{name}": file for name, file in files.items()}
+        index = SnapshotIndex.of(id, {**named, OVERLAY: StoredFile.of(overlay)})
+        made = Snapshot(index, {f"{ASSET}/{name}": folder / name for name in files}, overlay)
+        try:
+            made.check()
+        except BaseException:
+            made.close()
+            raise
+        return made
+
+    @contextmanager
+    def unpacked(self, stream: Readable, nbytes: int) -> Iterator[UnpackedAsset]:
+        """The asset of a snapshot of so many bytes, checked in full and stored nowhere yet; see
+        `install`. Raises SnapshotError naming what is wrong with it, and where."""
+        with (
+            reported("a snapshot cannot be unpacked"),
+            durable.workplace(self._partial) as place,
+        ):
+            index = unpack(stream, nbytes, place)
+            yield UnpackedAsset.read(index.asset, place)
+
+    def install(self, unpacked: UnpackedAsset) -> bool:
+        """Store the asset of a snapshot; False, and nothing is changed, where it is there intact.
+
+        One that is damaged is replaced, a request for it is removed. Raises StoreFormatError where
+        another version of rhytid stored it.
+        """
+        if self._is_intact(unpacked.id):
+            return False
+        home = self._home(unpacked.id)
+        with reported(f"{ASSET} {unpacked.id} cannot be written"):
+            if holds_something(home):
+                self.delete(unpacked.id)
+            return self._install(unpacked.place, home, ASSET, [OVERLAY])
+
     def put_overlay(self, id: str, settings: AssetSettings) -> None:
         """Replace the present settings of a built asset."""
-        path = self._existing(id, ASSET).parent / _OVERLAY
+        path = self._existing(id, ASSET).parent / OVERLAY
         with (
             reported(f"{path} cannot be written"),
             durable.workplace(self._partial) as place,
         ):
-            durable.write_file(place / _OVERLAY, write_overlay(f"asset {id}", settings))
-            durable.install(place / _OVERLAY, path)
+            durable.write_file(place / OVERLAY, write_overlay(f"asset {id}", settings))
+            if is_folder(path):  # nothing of ours, and in the way
+                durable.discard(path, self._partial)
+            durable.install(place / OVERLAY, path)
 
     def overlay(self, id: str) -> AssetSettings | None:
         """The present settings, or None of an asset of an older version that never changed."""
         folder = self._existing(id, ASSET)
-        path = folder.parent / _OVERLAY
+        path = folder.parent / OVERLAY
         with reported(f"{path} cannot be read"), suppress(FileNotFoundError):
             return read_overlay(f"asset {id}", path.read_bytes(), path)
         facts = folder / FACTS
@@ -219,15 +272,45 @@ class AssetStore:
             write_with_manifest(place / kind, f"{kind} {home.name}", files)
             for name, data in before.items():
                 durable.write_file(place / name, data)
-            with self._changing:
-                if is_folder(home / kind):
-                    return False
+            return self._install(place, home, kind, before)
+
+    def _install(self, place: Path, home: Path, kind: str, before: Iterable[str]) -> bool:
+        """Make place/kind visible as home/kind, after the files `before`; False, and nothing done,
+        where that is there already."""
+        with self._changing:
+            if is_folder(home / kind):
+                return False
+            try:
                 home.mkdir(exist_ok=True)
                 durable.sync_folder(self._assets)
                 for name in before:
                     durable.install(place / name, home / name)
                 durable.install(place / kind, home / kind)
+            except OSError:
+                self._abandon(home)
+                raise
         return True
+
+    def _abandon(self, home: Path) -> None:
+        """Remove a home that a change which failed left without an asset."""
+        with suppress(OSError, StorageError):
+            if not holds_something(home):
+                durable.discard(home, self._partial)
+
+    def _is_intact(self, id: str) -> bool:
+        """Whether a built asset can be read, with its settings."""
+        try:
+            self.asset(id)
+            self.overlay(id)
+        except StoreFormatError:
+            raise
+        except (StorageError, NotFoundError):
+            return False
+        return True
+
+    def _settings(self, folder: Path, id: str) -> AssetSettings:
+        facts = read_file(folder, f"{ASSET} {id}", FACTS)
+        return decode_settings(facts, folder / FACTS)
 
     def _home(self, id: str) -> Path:
         if not ID.fullmatch(id):
@@ -239,3 +322,17 @@ class AssetStore:
         if not is_folder(folder):
             raise NotFoundError(f"no {kind} {id} in the store")
         return folder
+
+
+def _check_format(path: Path, partial: Path) -> None:
+    """Raise StoreFormatError for a store of a newer version. One of a version that wrote no format
+    is of format 1, and is marked so."""
+    with suppress(FileNotFoundError):
+        try:
+            check_format(json.loads(path.read_bytes()), FORMAT, path)
+        except (ValueError, RecursionError) as exc:
+            raise damaged(path, f"not JSON ({exc})") from exc
+        return
+    with durable.workplace(partial) as place:
+        durable.write_file(place / _FORMAT, canonical({"format": FORMAT}))
+        durable.install(place / _FORMAT, path)

@@ -21,6 +21,7 @@ from rhytid_client.calls.frame_calls import (
 from rhytid_client.calls.job_calls import cancel, job, wait
 from rhytid_client.calls.map_calls import bin_tile, bins, map, tile, tiles
 from rhytid_client.calls.service_calls import devices, health, metrics, ready
+from rhytid_client.calls.snapshot_calls import restore, snapshot
 
 __all__ = [
     "asset",
@@ -45,6 +46,8 @@ __all__ = [
     "positions",
     "put_frame",
     "ready",
+    "restore",
+    "snapshot",
     "stretch",
     "tile",
     "tiles",

@@ -46,7 +46,7 @@ router = APIRouter(prefix="/v1/assets", tags=["assets"], dependencies=[NoQuery])
     response_model=Asset,
     responses={
         200: {"model": Asset, "description": "Known and built"},
-        **problems(413, 415, 422, 503, 507),
+        **problems(409, 413, 415, 422, 503, 507),
     },
     openapi_extra=ASSET_FORM,
 )

@@ -1,0 +1,52 @@
+"""`rhytid restore`: assets from files of `rhytid snapshot`."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rhytid.cli.options import Commands, add_json, new_command, readable
+from rhytid.cli.progress import working
+from rhytid.cli.reporting import report
+from rhytid.cli.snapshot import RUNNING, SUFFIX, add_store, opened
+from rhytid.errors import SnapshotError
+
+if TYPE_CHECKING:
+    from rhytid.storage.store import AssetStore
+
+
+def add_command(commands: Commands) -> None:
+    """Add `restore` to the parser."""
+    summary = "Put assets from snapshots into a store, under their ids; nothing is synthesised."
+    example = f"rhytid restore face{SUFFIX} --store assets"
+    parser = new_command(commands, "restore", summary, example)
+    parser.description = (
+        f"{summary} Every byte is checked first. What is there already stays as it is; what is "
+        f"damaged there is replaced. {RUNNING}"
+    )
+    what = "files of `rhytid snapshot`, or of a server"
+    parser.add_argument("files", nargs="+", type=readable, metavar="FILE", help=what)
+    add_store(parser)
+    add_json(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Take in every file; ends at the first that cannot be used."""
+    with opened(arguments.store, new=True) as store:
+        found = [_restored(store, file) for file in arguments.files]
+    lines = [f"{one['asset']}: {'restored' if one['new'] else 'there already'}" for one in found]
+    report({"restored": found}, "\n".join(lines), arguments.json)
+
+
+def _restored(store: AssetStore, path: Path) -> dict[str, object]:
+    try:
+        with (
+            working(f"reading {path}"),
+            path.open("rb") as file,
+            store.unpacked(file, path.stat().st_size) as unpacked,
+        ):
+            return {"file": str(path), "asset": unpacked.id, "new": store.install(unpacked)}
+    except SnapshotError as error:
+        raise SnapshotError(f"{path}: {error}") from error

@@ -1,0 +1,163 @@
+"""Snapshots: an asset as one file, written and read piece by piece (`snapshot_index` has the
+format)."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack
+from pathlib import Path
+from typing import BinaryIO, Protocol
+
+from rhytid.durable import reported, sync_folder, write_pieces
+from rhytid.errors import SnapshotError
+from rhytid.storage.canonical import damaged
+from rhytid.storage.homes import ASSET
+from rhytid.storage.manifest import StoredFile, seal
+from rhytid.storage.snapshot_index import (
+    BLOCK,
+    END,
+    INDEX,
+    SnapshotIndex,
+    header,
+    index_size,
+    padding,
+)
+
+# Bytes that are in memory at a time.
+PIECE = 1 << 18
+
+
+class Readable(Protocol):
+    """A stream of bytes."""
+
+    def read(self, size: int, /) -> bytes:
+        """The next bytes, at most `size`; empty at the end."""
+        ...
+
+
+class Snapshot:
+    """An asset to be written as one file.
+
+    It holds the files of the asset open, so that it stays whole when the asset is removed; close
+    it.  index: what the file begins with.  nbytes: of the whole file.
+    """
+
+    def __init__(self, index: SnapshotIndex, paths: Mapping[str, Path], overlay: bytes) -> None:
+        self.index, self.nbytes = index, index.nbytes
+        self._paths, self._overlay = paths, overlay
+        self._files: dict[str, BinaryIO] = {}
+        with ExitStack() as opened:
+            for name, path in paths.items():
+                with reported(f"{path} cannot be read"):
+                    self._files[name] = opened.enter_context(path.open("rb"))
+            self._opened = opened.pop_all()
+
+    def check(self) -> None:
+        """Read all of it; raises StorageError where a file is not what was written."""
+        for _ in self.pieces():
+            pass
+
+    def pieces(self) -> Iterator[bytes]:
+        """The bytes of the file; raises StorageError as `check` does, before the last of them."""
+        yield from _member(INDEX, [self.index.encode()])
+        for name, file in self.index.files.items():
+            yield header(name, file.nbytes)
+            yield from [self._overlay] if name not in self._paths else self._content(name, file)
+            yield bytes(padding(file.nbytes))
+        yield END
+
+    def close(self) -> None:
+        """Close the files; a second call does nothing."""
+        self._opened.close()
+
+    def __enter__(self) -> Snapshot:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
+    def _content(self, name: str, wanted: StoredFile) -> Iterator[bytes]:
+        file, path = self._files[name], self._paths[name]
+        digest, size = hashlib.sha256(), 0
+        with reported(f"{path} cannot be read"):
+            file.seek(0)
+            while piece := file.read(PIECE):
+                digest.update(piece)
+                size += len(piece)
+                if size > wanted.nbytes:
+                    break
+                yield piece
+        if StoredFile(size, digest.hexdigest()) != wanted:
+            raise damaged(path, "it is not what the manifest says")
+
+
+def unpack(stream: Readable, nbytes: int, place: Path) -> SnapshotIndex:
+    """Write the files of a snapshot into the folder `place`, as a sealed folder and an overlay.
+
+    nbytes: of the snapshot. No more than that is written. Raises SnapshotError naming the byte
+    where a snapshot is damaged, cut off, of a newer format or none; what is written by then is left
+    in `place`. The bytes are those that were written; what they mean is not looked at.
+    """
+    source = _Source(stream)
+    size = index_size(source.exactly(BLOCK, "its first block"))
+    index = SnapshotIndex.decode(source.exactly(size, INDEX))
+    if index.nbytes != nbytes:
+        more = "is cut off" if nbytes < index.nbytes else "goes on after its end"
+        raise SnapshotError(f"it {more}: it has {nbytes} bytes, {INDEX} says {index.nbytes}")
+    source.expect(bytes(padding(size)), INDEX)
+    (place / ASSET).mkdir()
+    for name, file in index.files.items():
+        source.expect(header(name, file.nbytes), f"the header of {name}")
+        write_pieces(place / name, source.content(name, file))
+        source.expect(bytes(padding(file.nbytes)), f"the end of {name}")
+    source.expect(END, "the end")
+    files = {Path(name).name: f for name, f in index.files.items() if name.startswith(ASSET)}
+    seal(place / ASSET, f"{ASSET} {index.asset}", files)
+    sync_folder(place)
+    return index
+
+
+class _Source:
+    """A stream that knows where it is."""
+
+    def __init__(self, stream: Readable) -> None:
+        self._stream, self._at = stream, 0
+
+    def exactly(self, size: int, what: str) -> bytes:
+        """So many bytes, fewer than a piece."""
+        return b"".join(self._pieces(size, what))
+
+    def expect(self, wanted: bytes, what: str) -> None:
+        """Pass by bytes that can only be these."""
+        at = self._at
+        if self.exactly(len(wanted), what) != wanted:
+            raise SnapshotError(f"it is damaged from byte {at} on: that is not {what}")
+
+    def content(self, name: str, file: StoredFile) -> Iterator[bytes]:
+        """The bytes of a file, piece by piece; raises SnapshotError after the last of them where
+        they are not those that were written."""
+        at, digest = self._at, hashlib.sha256()
+        for piece in self._pieces(file.nbytes, name):
+            digest.update(piece)
+            yield piece
+        if digest.hexdigest() != file.sha256:
+            end = self._at - 1
+            raise SnapshotError(f"{name} is damaged, bytes {at} to {end}: not the SHA-256 it had")
+
+    def _pieces(self, size: int, what: str) -> Iterator[bytes]:
+        left = size
+        while left:
+            piece = self._stream.read(min(left, PIECE))
+            if not piece:
+                raise SnapshotError(f"it is cut off at byte {self._at}, within {what}")
+            self._at += len(piece)
+            left -= len(piece)
+            yield piece
+
+
+def _member(name: str, pieces: list[bytes]) -> Iterator[bytes]:
+    size = sum(map(len, pieces))
+    yield header(name, size)
+    yield from pieces
+    yield bytes(padding(size))

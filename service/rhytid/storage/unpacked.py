@@ -1,0 +1,53 @@
+"""The asset of a snapshot, read and checked, before it is stored."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.tiles import mesh_udims
+from rhytid.durable import reported
+from rhytid.errors import SnapshotError, StorageError
+from rhytid.storage.build_facts import BuildFacts
+from rhytid.storage.homes import ASSET
+from rhytid.storage.manifest import read_verified
+from rhytid.storage.records import StoredAsset, read_overlay
+from rhytid.storage.snapshot_index import OVERLAY
+
+
+@dataclass(frozen=True, eq=False)
+class UnpackedAsset:
+    """A built asset with its present settings, whose files are in the folder `place`."""
+
+    id: str
+    asset: StoredAsset
+    settings: AssetSettings
+    place: Path
+
+    @classmethod
+    def read(cls, id: str, place: Path) -> UnpackedAsset:
+        """Read what `unpack` wrote; raises SnapshotError where it is no asset that can be drawn."""
+        files = read_verified(place / ASSET, f"{ASSET} {id}")
+        with reported("a snapshot cannot be read"):
+            overlay = (place / OVERLAY).read_bytes()
+        try:
+            # Places in the snapshot, not on this machine, are what errors name.
+            asset = StoredAsset.read(files, Path(ASSET))
+            settings = read_overlay(f"{ASSET} {id}", overlay, Path(OVERLAY))
+            _check(asset)
+        except (StorageError, SnapshotError) as exc:
+            raise SnapshotError(f"what it holds cannot be used: {exc}") from exc
+        return cls(id, asset, settings, place)
+
+
+def _check(asset: StoredAsset) -> None:
+    """Raise SnapshotError where the parts do not fit each other."""
+    if not mesh_udims(asset.mesh):
+        raise SnapshotError("no triangle of the mesh lies in a UDIM")
+    triangles = len(asset.mesh.faces)
+    for name in ("node_triangle", "edge_triangle"):
+        index = getattr(asset.graph, name)
+        if index is not None and len(index) and index.max() >= triangles:
+            raise SnapshotError(f"{name} of the graph names a triangle that the mesh does not have")
+    BuildFacts.of(asset)
