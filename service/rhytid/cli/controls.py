@@ -52,7 +52,7 @@ def run(arguments: argparse.Namespace) -> None:
     from rhytid.cli.graph_output import PNG, make_place, open_device
     from rhytid.cli.input_files import mesh_file
     from rhytid.pictures.control_sheet import control_sheet
-    from rhytid.storage.durable import whole
+    from rhytid.durable import whole
 
     out: Path = arguments.out
     if out.suffix.lower() != PNG:
