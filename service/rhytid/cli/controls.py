@@ -51,8 +51,8 @@ def run(arguments: argparse.Namespace) -> None:
     from rhytid.cli.control_skins import ControlSkins
     from rhytid.cli.graph_output import PNG, make_place, open_device
     from rhytid.cli.input_files import mesh_file
-    from rhytid.pictures.control_sheet import control_sheet
     from rhytid.durable import whole
+    from rhytid.pictures.control_sheet import control_sheet
 
     out: Path = arguments.out
     if out.suffix.lower() != PNG:
