@@ -39,8 +39,8 @@ class Drawing:
 
 @dataclass(frozen=True)
 class Server:
-    """The address of a service.  key: of its API, as `rhytid keys create` prints it; empty where the
-    service asks for none."""
+    """The address of a service.  key: of its API, as `rhytid keys create` prints it; empty where
+    the service asks for none."""
 
     url: str = "http://127.0.0.1:8717"
     key: str = field(default="", repr=False)
