@@ -9,16 +9,14 @@ from rhytid.cli.options import (
     MESH_FILES,
     Commands,
     add_device,
-    add_prim,
     add_several,
     add_unit,
-    length_unit,
     new_command,
-    prim_clip,
     readable,
 )
 from rhytid.cli.progress import counted, note
 from rhytid.domain.control_samples import NAMES, samples, title
+from rhytid.domain.units import USUAL_UNIT
 from rhytid.errors import InputError
 
 SUMMARY = "Draw one patch of skin with every mask and setting of the look at three values each."
@@ -44,7 +42,6 @@ def add_command(commands: Commands) -> None:
     )
     add("--patch", nargs="+", type=float, default=[], metavar="NUMBER", help=patch)
     add_unit(parser, "MESH")
-    add_prim(parser)
     add_device(parser)
     parser.set_defaults(run=run)
 
@@ -62,8 +59,8 @@ def run(arguments: argparse.Namespace) -> None:
         raise InputError(f"{out}: the picture is written as {PNG}")
     if len(arguments.patch) not in (0, 2, 3):
         raise InputError(f"--patch has {len(arguments.patch)} numbers: U V or X Y Z")
-    read = mesh_file(arguments.mesh, prim_clip(arguments.prim))
-    unit = length_unit(arguments, read)
+    read = mesh_file(arguments.mesh)
+    unit = arguments.unit or read.unit or USUAL_UNIT
     make_place(out)
     skins = ControlSkins(open_device(arguments), read.mesh, unit, arguments.patch)
     names = [name for name in NAMES if not arguments.only or name in arguments.only]
