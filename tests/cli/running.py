@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -14,14 +12,6 @@ from typing import Any
 import numpy as np
 
 from meshes import SmallMesh, deform
-
-# Begins a command that has its own mounts; empty where this system does not let us.
-OWN_MOUNTS: tuple[str, ...] = ()
-if sys.platform == "linux" and shutil.which("unshare"):
-    _mapped = () if os.geteuid() == 0 else ("--map-root-user",)
-    _command = ("unshare", "--mount", *_mapped)
-    if subprocess.run([*_command, "true"], capture_output=True).returncode == 0:
-        OWN_MOUNTS = _command
 
 
 def write_animation(file: Path, mesh: SmallMesh, count: int) -> Path:

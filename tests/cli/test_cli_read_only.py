@@ -13,7 +13,6 @@ import httpx
 import numpy as np
 import pytest
 
-from cli.running import OWN_MOUNTS
 from exr_images import exr
 from meshes import SmallMesh
 from rhytid_client import Client
@@ -41,7 +40,8 @@ def read_only(store: Path, **changes: str) -> Iterator[str]:
     kept = ("PATH", "PYTHONPATH", "RHYTID_DEVICE", "OCL_ICD_VENDORS", "LD_LIBRARY_PATH")
     environment = {name: os.environ[name] for name in kept if name in os.environ}
     environment |= {"STORE": str(store), "PYTHON": sys.executable, **changes}
-    command = [*OWN_MOUNTS, "bash", "-c", SCRIPT]
+    as_root = [] if os.geteuid() == 0 else ["--map-root-user"]
+    command = ["unshare", "--mount", *as_root, "bash", "-c", SCRIPT]
     pipe = subprocess.PIPE
     with subprocess.Popen(
         command, env=environment, text=True, stdout=pipe, stderr=subprocess.STDOUT
@@ -55,7 +55,10 @@ def read_only(store: Path, **changes: str) -> Iterator[str]:
             running.kill()
 
 
-@pytest.mark.skipif(not OWN_MOUNTS, reason="needs a mount namespace of its own")
+@pytest.mark.skipif(
+    sys.platform != "linux" or subprocess.run(["unshare", "--mount", "true"]).returncode != 0,
+    reason="needs a mount namespace of its own",
+)
 @pytest.mark.parametrize(
     "changes",
     [{}, {"HOME": "/nonexistent", "TMPDIR": "/nowhere", "XDG_CACHE_HOME": "/proc/none"}],
