@@ -31,7 +31,9 @@
     └── DeviceError
         ├── NoDeviceError        no OpenCL device computes here; the message names ways to get one
         ├── KernelBuildError     a kernel does not compile; carries the build log
-        └── DeviceMemoryError    the request does not fit the device memory budget
+        ├── DeviceMemoryError    the request does not fit the device memory budget
+        ├── DeviceLostError      the process of the device restarts (``retry_after`` seconds)
+        └── FatalRequestError    the process of the device ended twice at this request
 
 What `StorageError`, `DeviceError` and `KernelBuildError` say may hold paths and build logs of this
 machine. `told` is what callers in another place may know.
@@ -198,5 +200,18 @@ class KernelBuildError(DeviceError):
 
 class DeviceMemoryError(DeviceError):
     """The request does not fit the device memory budget."""
+
+    public = None
+
+
+class DeviceLostError(DeviceError):
+    """The process of the device has ended, or is starting."""
+
+    retry_after = 5
+    public = None
+
+
+class FatalRequestError(DeviceError):
+    """The process of the device ended twice while it worked on this; it is not tried again."""
 
     public = None

@@ -31,6 +31,8 @@ class ServiceSettings:
     such a file.  hosts: names that the server may be called by, beside `localhost` and addresses.
     origins: of web pages from elsewhere that may use it.  key_rate: requests per second, key_jobs:
     unfinished jobs, of one key, or of one address where no key is asked for.
+    launch_seconds: that one call of the OpenCL driver may take before `rhytid serve` ends the
+    process of the device.
     """
 
     store: Path = Path("rhytid-store")
@@ -44,6 +46,7 @@ class ServiceSettings:
     jobs: int = 256
     draw_seconds: int = 60
     cache: Path | None = None
+    launch_seconds: int = 60
     keys: Path | None = None
     ask_keys: bool | None = None
     hosts: tuple[str, ...] = ()
@@ -60,9 +63,10 @@ class ServiceSettings:
     def from_environment(cls, environment: Mapping[str, str] = os.environ) -> ServiceSettings:
         """Read RHYTID_STORE, RHYTID_DEVICE, RHYTID_DEVICE_MEMORY_MB, RHYTID_FRAME_MEMORY_MB,
         RHYTID_HOST_MEMORY_MB, RHYTID_UPLOAD_LIMIT_MB, RHYTID_SPOOL_MB, RHYTID_QUEUE, RHYTID_JOBS,
-        RHYTID_DRAW_SECONDS, RHYTID_CACHE, RHYTID_KEYS_FILE, RHYTID_ALLOWED_HOSTS,
-        RHYTID_CORS_ORIGINS, RHYTID_KEY_RATE and RHYTID_KEY_JOBS; raises SettingsError naming the
-        variable, also where an upload of the largest size allowed would not fit into the spool."""
+        RHYTID_DRAW_SECONDS, RHYTID_CACHE, RHYTID_LAUNCH_SECONDS, RHYTID_KEYS_FILE,
+        RHYTID_ALLOWED_HOSTS, RHYTID_CORS_ORIGINS, RHYTID_KEY_RATE and RHYTID_KEY_JOBS; raises
+        SettingsError naming the variable, also where an upload of the largest size allowed would
+        not fit into the spool."""
 
         def count(name: str, default: int) -> int:
             return optional(name) or default
@@ -107,6 +111,7 @@ class ServiceSettings:
             jobs=count("RHYTID_JOBS", 256),
             draw_seconds=count("RHYTID_DRAW_SECONDS", 60),
             cache=_folder(environment.get("RHYTID_CACHE")),
+            launch_seconds=count("RHYTID_LAUNCH_SECONDS", 60),
             keys=Path(keys) if (keys := environment.get("RHYTID_KEYS_FILE")) else None,
             hosts=several("RHYTID_ALLOWED_HOSTS", _HOST),
             origins=several("RHYTID_CORS_ORIGINS", _ORIGIN),

@@ -19,15 +19,15 @@ _LISTENS = re.compile(r"^rhytid \S+ on (http://[^,\s]+),", re.MULTILINE)
 
 
 @contextmanager
-def served(store: Path, device: str) -> Iterator[str]:
+def served(store: Path, device: str, *options: str) -> Iterator[str]:
     """The URL of `rhytid serve` on a free loopback port; it ends with the block.
 
-    device: its number.
+    device: its number.  options: further ones of the command.
 
     Raises RhytidError with what the server said where it does not start.
     """
     command = [sys.executable, "-m", "rhytid", "serve", "--port", "0"]
-    command += ["--store", str(store), "--device", device, "--without-keys"]
+    command += ["--store", str(store), "--device", device, "--without-keys", *options]
     log = store.parent / "server.log"  # not a pipe: nobody would read what a server has to say
     with (
         log.open("w") as told,

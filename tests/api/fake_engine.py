@@ -37,5 +37,9 @@ class FakeEngine:
     def waiting(self) -> int:
         return 3
 
+    @property
+    def restarts(self) -> dict[str, int]:
+        return {"late": 2}
+
     def devices(self) -> list[DeviceInfo]:
         return [DeviceInfo("fake", "none", "CPU", "OpenCL 1.2", 2, 1 << 30, 1 << 29, 0, True)]

@@ -16,7 +16,8 @@ from rhytid.engine.messages import (
     GrainLayer,
     MapQuery,
 )
-from rhytid.engine.tile_service import TilePlan, of_map
+from rhytid.engine.tile_plan import TilePlan
+from rhytid.engine.tile_service import of_map
 from rhytid.errors import NotFoundError
 from rhytid.formats.tile_header import TileHeader
 

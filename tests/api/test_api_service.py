@@ -108,6 +108,8 @@ CALLS = {
     "/v1/assets/{asset}/bins/{udim}/{level}/{row}/{column}": {"get"},
     "/v1/assets/{asset}/tiles": {"post"},
     "/v1/memory": {"get"},
+    "/v1/assets/{asset}/snapshot": {"get"},
+    "/v1/snapshots": {"post"},
 }
 
 

@@ -34,10 +34,11 @@ ALLOWED = {
     "storage": _TOOLS,
     "textures": _FACTS | {"formats", "durable"},
     "engine": _TOOLS | _WORK | {"settings"},
-    "api": _TOOLS | {"access", "engine", "settings", "meshes"},
-    "cli": (
-        _TOOLS | _WORK | {"access", "engine", "settings", "api", "pictures", "meshes", "textures"}
-    ),
+    "engine_process": _TOOLS | {"engine", "settings", "storage"},
+    "api": _TOOLS | {"access", "engine", "engine_process", "settings", "meshes"},
+    "cli": _TOOLS
+    | _WORK
+    | {"access", "engine", "engine_process", "settings", "api", "pictures", "meshes", "textures"},
 }
 # The only parts that may import a package from outside; other packages are free.
 ONLY_IN = {

@@ -34,7 +34,7 @@ from rhytid.engine.byte_budget import ByteBudget
 from rhytid.settings import ServiceSettings
 
 if TYPE_CHECKING:
-    from rhytid.engine.engine import Engine
+    from rhytid.engine_process.any_engine import AnyEngine
 
 ROUTERS = (
     assets.router,
@@ -58,7 +58,7 @@ SHARED: dict[str, Any] = {
 }
 
 
-def create_app(engine: Engine, settings: ServiceSettings) -> FastAPI:
+def create_app(engine: AnyEngine, settings: ServiceSettings) -> FastAPI:
     """An application over `engine`, which stays the caller's to close."""
     app = FastAPI(
         title="rhytid",
@@ -77,7 +77,7 @@ def create_app(engine: Engine, settings: ServiceSettings) -> FastAPI:
     app.state.slots = DeviceSlots(settings.queue)
     app.state.spool = ByteBudget(settings.spool, "RHYTID_SPOOL_MB")
     app.state.metrics = Metrics(
-        lambda: engine.waiting, {"host": lambda: engine.memory, "spool": lambda: app.state.spool}
+        engine, {"host": lambda: engine.memory, "spool": lambda: app.state.spool}
     )
     app.state.routes = [route for router in ROUTERS for route in router.routes]
     for router in ROUTERS:

@@ -24,7 +24,7 @@ from rhytid.errors import QueryError
 from rhytid.formats.frames import read_positions
 
 if TYPE_CHECKING:
-    from rhytid.engine.engine import Engine
+    from rhytid.engine_process.any_engine import AnyEngine as Engine
 else:
     # FastAPI resolves annotations at run time; the transport loads no OpenCL for a name.
     Engine = object

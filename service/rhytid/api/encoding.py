@@ -26,7 +26,7 @@ from rhytid.formats.tiles import FORMATS, encode
 if TYPE_CHECKING:
     from prometheus_client import Counter
 
-    from rhytid.engine.tile_service import TilePlan
+    from rhytid.engine.tile_plan import TilePlan
 
 NPY = "application/x-npy"
 RAW = "application/octet-stream"
@@ -74,23 +74,30 @@ def answer(
     """
     check_format(format)
     wanted = plan()
-    header = wanted.header
-    tag = etag(wanted.key, format, header, __version__)
-    validators = {"ETag": tag, "Cache-Control": "no-cache"}
-    if matches(request.headers.get("if-none-match"), tag):
-        return Response(status_code=304, headers=validators)
-    about = {**validators, **scale_header(format, header)}
-    if request.method == "HEAD":
-        return bodiless(about, FORMATS[format].media_type)
+    asked, headers_alone = request.headers.get("if-none-match"), request.method == "HEAD"
+    # Otherwise the key is asked for after drawing, when it costs nothing.
+    if asked is not None or headers_alone:
+        validators = _validators(wanted, format)
+        if matches(asked, validators["ETag"]):
+            return Response(status_code=304, headers=validators)
+        if headers_alone:
+            about = {**validators, **scale_header(format, wanted.header)}
+            return bodiless(about, FORMATS[format].media_type)
     with slot:
         hold = memory.answer(WORKING * wanted.nbytes)
-        encoded = encode(wanted.draw(), format, header)
+        encoded = encode(wanted.draw(), format, wanted.header)
         hold.resize(len(encoded.body))
     drawn.inc()
-    if plan().key != wanted.key:
-        # Replaced while it was drawn: these bytes may belong to either content.
-        about = {**scale_header(format, header), "Cache-Control": "no-store"}
+    now = plan().key if wanted.key_now is None else wanted.key_now()
+    # Where it was replaced while it was drawn, these bytes may belong to either content.
+    tags = _validators(wanted, format) if now == wanted.key else {"Cache-Control": "no-store"}
+    about = {**tags, **scale_header(format, wanted.header)}
     return Response(encoded.body, headers=about, media_type=encoded.media_type)
+
+
+def _validators(plan: TilePlan, format: str) -> dict[str, str]:
+    tag = etag(plan.key, format, plan.header, __version__)
+    return {"ETag": tag, "Cache-Control": "no-cache"}
 
 
 def bodiless(headers: Mapping[str, str], media_type: str) -> Response:

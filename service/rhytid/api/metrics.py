@@ -5,29 +5,34 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Iterator, Mapping
+from typing import TYPE_CHECKING
 
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
-from prometheus_client.core import GaugeMetricFamily
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from rhytid.api.access import CALLER
 from rhytid.engine.byte_budget import ByteBudget
 
+if TYPE_CHECKING:
+    from rhytid.engine_process.any_engine import AnyEngine
+
 logger = logging.getLogger(__name__)
 # What the bytes of each budget are held for.
 PURPOSES = {"host": ("answers", "uploads", "jobs"), "spool": ("uploads",)}
+# What can end the process of the device: a fault of its own, a call of the driver that takes too
+# long, somebody else; or it does not start.
+CAUSES = ("fault", "late", "killed", "start")
 METHODS = frozenset({"GET", "HEAD", "PUT", "POST", "PATCH", "DELETE", "OPTIONS"})
 
 
 class Metrics:
     """The figures of one app, in a registry of its own.
 
-    waiting: counts device requests.  budgets: of bytes, by name.
+    engine: tells what waits, and restarts.  budgets: of bytes, by name.
     """
 
-    def __init__(
-        self, waiting: Callable[[], float], budgets: Mapping[str, Callable[[], ByteBudget]]
-    ) -> None:
+    def __init__(self, engine: AnyEngine, budgets: Mapping[str, Callable[[], ByteBudget]]) -> None:
         self.registry = CollectorRegistry()
         self.requests = Counter(
             "rhytid_requests",
@@ -48,8 +53,8 @@ class Metrics:
             registry=self.registry,
         )
         queue = Gauge("rhytid_device_queue", "Waiting device requests", registry=self.registry)
-        queue.set_function(waiting)
-        self._budgets = budgets
+        queue.set_function(lambda: engine.waiting)
+        self._engine, self._budgets = engine, budgets
         self.registry.register(self)
 
     def bytes_held(self) -> dict[str, dict[str, object]]:
@@ -64,8 +69,16 @@ class Metrics:
             for name, budget in ((name, find()) for name, find in self._budgets.items())
         }
 
-    def collect(self) -> Iterator[GaugeMetricFamily]:
-        """What the budgets of bytes hold, as Prometheus asks for it."""
+    def collect(self) -> Iterator[Metric]:
+        """What the budgets of bytes hold, and restarts, as Prometheus asks for it."""
+        restarts = CounterMetricFamily(
+            "rhytid_device_restarts",
+            "Starts of the device's process after the first, by what had ended it",
+            labels=("cause",),
+        )
+        for cause in CAUSES:
+            restarts.add_metric((cause,), self._engine.restarts.get(cause, 0))
+        yield restarts
         used = GaugeMetricFamily("rhytid_bytes", "Bytes held", labels=("budget", "purpose"))
         limit = GaugeMetricFamily("rhytid_bytes_limit", "Most bytes held", labels=("budget",))
         waiting = GaugeMetricFamily(
@@ -79,7 +92,7 @@ class Metrics:
             waiting.add_metric((name,), budget.waiting)
         yield from (used, limit, waiting)
 
-    def describe(self) -> list[GaugeMetricFamily]:
+    def describe(self) -> list[Metric]:
         """No description: the budgets are read by `collect`."""
         return []
 

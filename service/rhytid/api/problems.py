@@ -62,6 +62,8 @@ KINDS: dict[type[BaseException], Kind] = {
     errors.BusyError: Kind(503, "busy", "The queue of the device is full"),
     errors.NoDeviceError: Kind(503, "no-device", "No OpenCL device computes"),
     errors.DeviceMemoryError: Kind(507, "device-memory", "Beyond the device memory budget"),
+    errors.DeviceLostError: Kind(503, "device-lost", "The process of the device restarts"),
+    errors.FatalRequestError: Kind(422, "fatal-request", "The device failed twice at this"),
     errors.DeviceError: Kind(500, "device", "The device failed"),
     errors.DiskFullError: Kind(507, "disk-full", "The disk is full"),
     errors.StoreFormatError: Kind(409, "store-format", "Of another version of rhytid"),

@@ -171,6 +171,7 @@ class Device(_Answer):
     budget: int = Field(description="what this server allows itself; 0 where not selected")
     used: int = Field(description="what this server has allocated")
     selected: bool = Field(description="whether this server computes on it")
+    restarts: int = Field(description="how often its process was started again")
 
 
 class Bytes(_Answer):

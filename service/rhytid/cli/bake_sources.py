@@ -19,7 +19,7 @@ from rhytid.textures.weights import corner_weights
 
 if TYPE_CHECKING:
     from rhytid.engine.engine import Engine
-    from rhytid.engine.tile_service import TilePlan
+    from rhytid.engine.tile_plan import TilePlan
 
 # Of the digest of a frame, in keys of files.
 _DIGITS = 16

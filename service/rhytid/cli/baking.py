@@ -32,7 +32,7 @@ from rhytid.textures.profiles import Profile
 
 if TYPE_CHECKING:
     from rhytid.engine.engine import Engine
-    from rhytid.engine.tile_service import TilePlan
+    from rhytid.engine.tile_plan import TilePlan
 
 Texels = NDArray[np.float32]
 # Between two looks at how far a job is.

@@ -33,6 +33,10 @@ def add_command(commands: Commands) -> None:
     without = "ask for no API keys: for a server behind a proxy that knows who may use it"
     parser.add_argument("--without-keys", action="store_true", help=without)
     add_device(parser)
+    inside = (
+        "compute in the process of the server; otherwise the device has one, which is restarted"
+    )
+    parser.add_argument("--in-process", action="store_true", help=inside)
     parser.set_defaults(run=run)
 
 
@@ -45,14 +49,13 @@ def run(arguments: argparse.Namespace) -> None:
     listening = listen(arguments.host, arguments.port)
     with closing(listening):
         ask = asks_keys(listening, settings.key_file, without=arguments.without_keys)
-        _serve(listening, replace(settings, ask_keys=ask))
+        _serve(listening, replace(settings, ask_keys=ask), in_process=arguments.in_process)
 
 
-def _serve(listening: socket.socket, settings: ServiceSettings) -> None:
-    from rhytid.cli.server import address_of, server_of
-    from rhytid.engine.engine import Engine
+def _serve(listening: socket.socket, settings: ServiceSettings, *, in_process: bool) -> None:
+    from rhytid.cli.server import address_of, engine_of, server_of
 
-    with closing(Engine(settings)) as engine:
+    with closing(engine_of(settings, in_process=in_process)) as engine:
         device = next(d for d in engine.devices() if d.selected)
         where = f"{device.name} ({device.platform}), store {settings.store}"
         print(f"rhytid {__version__} on {address_of(listening)}, {where}", flush=True)

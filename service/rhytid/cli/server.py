@@ -19,7 +19,7 @@ from rhytid.errors import AccessError, InputError
 from rhytid.settings import ServiceSettings
 
 if TYPE_CHECKING:
-    from rhytid.engine.engine import Engine
+    from rhytid.engine_process.any_engine import AnyEngine
 
 LOOPBACK = "127.0.0.1"
 # Seconds that open requests get to finish; a stream of events would never end by itself.
@@ -69,7 +69,23 @@ def asks_keys(listening: socket.socket, keys: Path, *, without: bool) -> bool | 
     return True
 
 
-def server_of(engine: Engine, settings: ServiceSettings, log_level: str) -> uvicorn.Server:
+def engine_of(settings: ServiceSettings, *, in_process: bool) -> AnyEngine:
+    """An engine in a process of its own, or in this one: where that is asked for, and on Windows.
+
+    Raises what `Engine` does.
+    """
+    from rhytid.engine_process.device_process import possible
+
+    if in_process or not possible():
+        from rhytid.engine.engine import Engine
+
+        return Engine(settings)
+    from rhytid.engine_process.remote_engine import RemoteEngine
+
+    return RemoteEngine(settings)
+
+
+def server_of(engine: AnyEngine, settings: ServiceSettings, log_level: str) -> uvicorn.Server:
     """The application over an engine, ready to run on sockets."""
     from rhytid.api.app import create_app
 

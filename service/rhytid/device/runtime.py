@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 import rhytid_kernels
-from rhytid.device import trial
+from rhytid.device import trial, watch
 from rhytid.device.budget import MemoryBudget
 from rhytid.device.buffer_pool import BufferPool
 from rhytid.device.elsewhere import Elsewhere, by_owner, making
@@ -34,12 +34,15 @@ NO_DEFINES: Mapping[str, object] = MappingProxyType({})
 @contextmanager
 def _device_errors() -> Iterator[None]:
     """The one place where errors of the OpenCL runtime become ours."""
+    watch.begin_call()
     try:
         yield
     except cl.MemoryError as error:
         raise DeviceMemoryError(f"the OpenCL driver is out of memory: {error}") from error
     except cl.Error as error:
         raise DeviceError(f"the OpenCL driver failed: {error}") from error
+    finally:
+        watch.end_call()
 
 
 class Buffer:

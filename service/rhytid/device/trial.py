@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 import rhytid_kernels
+from rhytid.device import watch
 from rhytid.device.loader import load_pyopencl
 
 cl: Any = load_pyopencl()
@@ -45,9 +46,13 @@ def open_context(handle: Any) -> Any:
 def compile_program(context: Any, text: str, options: list[str]) -> Any:
     """Build a program; raises the runtime's own error. The warning that pyopencl raises for output
     of the compiler is suppressed."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", cl.CompilerWarning)
-        return cl.Program(context, text).build(options)
+    watch.begin_compiling()
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", cl.CompilerWarning)
+            return cl.Program(context, text).build(options)
+    finally:
+        watch.end_call()
 
 
 class _Trial:
@@ -63,8 +68,9 @@ class _Trial:
 
 def _probed(handle: Any) -> Any:
     trial, host = _Trial(handle, _ITEMS), np.empty(_ITEMS, np.float32)
-    cl.Kernel(trial.program, "probe")(trial.queue, host.shape, None, trial.buffer)
-    cl.enqueue_copy(trial.queue, host, trial.buffer)
+    with watch.driver_call():
+        cl.Kernel(trial.program, "probe")(trial.queue, host.shape, None, trial.buffer)
+        cl.enqueue_copy(trial.queue, host, trial.buffer)
     return host
 
 
@@ -73,7 +79,8 @@ def _paced(handle: Any) -> float:
     kernel = cl.Kernel(trial.program, "pace")
     for _ in range(1 + _ROUNDS):
         start = time.perf_counter()
-        kernel(trial.queue, (_GROUPS,), (1,), trial.buffer)
-        trial.queue.finish()
+        with watch.driver_call():
+            kernel(trial.queue, (_GROUPS,), (1,), trial.buffer)
+            trial.queue.finish()
         seconds.append(time.perf_counter() - start)
     return min(seconds[1:])  # the first compiles

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, replace
 from functools import partial
@@ -18,7 +18,7 @@ from rhytid.engine.device_assets import DeviceAssets
 from rhytid.engine.given_graphs import graph_lengths
 from rhytid.engine.jobs import Job, Jobs
 from rhytid.engine.spacing import mean_spacing
-from rhytid.errors import CancelledError, NotFoundError, told
+from rhytid.errors import CancelledError, FatalRequestError, NotFoundError, told
 from rhytid.pipeline.draw_limit import DrawLimit
 from rhytid.pipeline.element_arrays import check_cover
 from rhytid.storage.records import StoredRequest
@@ -41,17 +41,22 @@ class AssetBuilder:
         store: AssetStore,
         jobs: Jobs,
         limit: DrawLimit,
+        refused: Mapping[str, str],
     ) -> None:
         self._device, self._on_device = device, on_device
-        self._store, self._jobs, self._limit = store, jobs, limit
+        self._store, self._jobs = store, jobs
+        self._limit, self._refused = limit, refused
 
     def start(
         self, asset: Asset, afterwards: Callable[[Job], None] | None = None, *, always: bool = False
     ) -> None:
         """Build an asset whose request is stored, as a job. afterwards: runs once it is ready.
 
-        Raises BusyError where too many jobs wait, unless `always`.
+        Raises BusyError where too many jobs wait, unless `always`, and FatalRequestError where the
+        asset is not to be built.
         """
+        if asset.id in self._refused:
+            raise FatalRequestError(self._refused[asset.id])
 
         def work(job: Job) -> None:
             self._build(job, asset)

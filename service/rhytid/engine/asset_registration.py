@@ -20,6 +20,7 @@ from rhytid.engine.frame_service import FrameService
 from rhytid.engine.frames import Frame
 from rhytid.engine.jobs import Job, Jobs
 from rhytid.engine.stored_assets import StoredAssets
+from rhytid.errors import FatalRequestError
 from rhytid.storage.store import AssetStore
 
 Positions = Sequence[NDArray[np.float32]]
@@ -51,7 +52,10 @@ class AssetRegistration:
         for asset in self._stored.pending():
             self._assets.replace(None, asset)
             if asset.state == "building":
-                self._builder.start(asset, always=True)
+                try:
+                    self._builder.start(asset, always=True)
+                except FatalRequestError as error:
+                    asset.fail(str(error))
 
     def known(self, id: str) -> Asset | None:
         """The asset of that id, if there is one that did not fail."""

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
+
 import numpy as np
 
 from rhytid.device.memory import usual_frame_memory, usual_host_memory
@@ -26,16 +29,23 @@ from rhytid.pipeline.draw_limit import DrawLimit
 from rhytid.settings import ServiceSettings
 from rhytid.storage.store import AssetStore
 
+# Work-items of the kernel that tells whether the device computes.
+_PROBED = 64
+
 
 class Engine:
     """Holds assets on one device and answers for their frames. Blocking; safe from any thread.
+
+    refused: ids of assets that are not built, and why.
 
     memory: bytes that requests and jobs hold on the host.  assets, frames, tiles, jobs, snapshots:
     the calls. Every one raises NotFoundError for an unknown id, NotReadyError while the asset
     builds, ConflictError where it failed to build, and BusyError where too many calls wait already.
     """
 
-    def __init__(self, settings: ServiceSettings) -> None:
+    def __init__(
+        self, settings: ServiceSettings, refused: Mapping[str, str] = MappingProxyType({})
+    ) -> None:
         self._device = open_device(settings)
         self._store = AssetStore(settings.store)
         self._worker = DeviceWorker(settings.queue)
@@ -45,7 +55,9 @@ class Engine:
         self.jobs = Jobs(settings.jobs)
         registry = AssetRegistry(settings.frame_memory or usual_frame_memory())
         limit = DrawLimit(settings.draw_seconds, self._device.work_pace)
-        builder = AssetBuilder(self._device, self._on_device, self._store, self.jobs, limit)
+        builder = AssetBuilder(
+            self._device, self._on_device, self._store, self.jobs, limit, refused
+        )
         # Between two tasks a GPU waits for the host, a processor does not.
         most = 1 if self._device.info.kind == "cpu" else MOST_TILES
         batcher = TileBatcher(self._worker, self._device.task, most)
@@ -75,7 +87,7 @@ class Engine:
         self._store.close()
 
     def ready(self) -> bool:
-        """Whether the device computes; true if its queue is full."""
+        """Whether a kernel computes on the device; true if its queue is full."""
         try:
             return self._on_device.run(self._probe)
         except BusyError:
@@ -92,11 +104,20 @@ class Engine:
         """Calls that wait for the device."""
         return self._worker.waiting + self.tiles.joined
 
+    @property
+    def restarts(self) -> dict[str, int]:
+        """None: this engine is part of the process that asks. As `RemoteEngine.restarts`."""
+        return {}
+
     def _probe(self) -> bool:
-        buffer = self._device.full(1, np.float32(1.0))
-        value = self._device.read(buffer, (1,), np.float32)
-        buffer.release()
-        return bool(value[0] == 1.0)
+        """Launch the kernel that devices are tried with, and check what it wrote."""
+        buffer = self._device.empty(_PROBED, np.float32)
+        try:
+            self._device.launch("trial", "probe", (_PROBED,), buffer)
+            values = self._device.read(buffer, (_PROBED,), np.float32)
+        finally:
+            buffer.release()
+        return bool(np.array_equal(values, 2.0 * np.arange(_PROBED)))
 
     def _device_info(self, candidate: Candidate) -> DeviceInfo:
         selected = candidate.index == self._device.info.index

@@ -4,6 +4,7 @@ cancelled."""
 from __future__ import annotations
 
 import logging
+import re
 import secrets
 import threading
 from collections import OrderedDict
@@ -11,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
+from rhytid.device import watch
 from rhytid.domain.wording import plural
 from rhytid.engine.messages import ENDED_STATES, JobInfo
 from rhytid.errors import BusyError, CancelledError, NotFoundError, RhytidError, told
@@ -269,13 +271,19 @@ def _rank(job: Job) -> int:
     return KINDS.index(job.info.kind)
 
 
+def asset_number(asset: str) -> int:
+    """What `device.watch` calls an asset: its id, 16 hexadecimal digits, as a number."""
+    return int(asset, 16) if re.fullmatch("[0-9a-f]{16}", asset) else 0
+
+
 def _run(queued: _Queued) -> bool:
     """Do the work of a job; whether it is to be queued again."""
     job = queued.job
     try:
         job.update(state="running")
         job.progress(0.0, "starting")
-        queued.work(job)
+        with watch.used_for(watch.Purpose(asset=asset_number(queued.asset))):
+            queued.work(job)
     except GaveWay:
         job.update(state="queued")
         return True

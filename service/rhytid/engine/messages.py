@@ -139,7 +139,10 @@ _QUERY = {"method": METHODS, "stretch": STRETCH_MODELS, "sampling": SAMPLINGS}
 
 @dataclass(frozen=True)
 class DeviceInfo:
-    """An OpenCL device; memory in bytes. `used` and `budget` are ours, not the driver's."""
+    """An OpenCL device; memory in bytes. `used` and `budget` are ours, not the driver's.
+
+    restarts: of the process that computes on it, where it has one of its own.
+    """
 
     name: str
     platform: str
@@ -150,6 +153,7 @@ class DeviceInfo:
     budget: int
     used: int
     selected: bool
+    restarts: int = 0
 
 
 @dataclass(frozen=True, eq=False)

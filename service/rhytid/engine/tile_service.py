@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -22,33 +20,12 @@ from rhytid.engine.keys import map_key, settings_key
 from rhytid.engine.map_drawing import MapDrawing
 from rhytid.engine.messages import BinManifest, MapQuery
 from rhytid.engine.tile_batcher import TileBatcher
+from rhytid.engine.tile_plan import Tile, TilePlan
 from rhytid.errors import NotFoundError, QueryError
 from rhytid.formats.tile_header import TileHeader
 from rhytid.pipeline.bins import HEADROOM
 from rhytid.pipeline.drawing import drawing_version
 from rhytid.pipeline.reach import SCALE_LIMIT
-
-Tile = NDArray[np.float32]
-
-
-@dataclass(frozen=True, eq=False)
-class TilePlan:
-    """A tile or a map that is named and not drawn yet.
-
-    key: names its content; two plans with the same key draw the same bytes.  header: what a file of
-    it says of itself.  draw: its displacement (n, n) float32, mesh units, row 0 at the top; raises
-    BusyError where too many wait for the device.  side: n.
-    """
-
-    key: str
-    header: TileHeader
-    side: int
-    draw: Callable[[], Tile]
-
-    @property
-    def nbytes(self) -> int:
-        """Of its displacement."""
-        return 4 * self.side**2
 
 
 class TileService:

@@ -6,6 +6,8 @@ import threading
 from collections import OrderedDict, deque
 from collections.abc import Callable, Hashable
 from concurrent.futures import Future
+from contextvars import copy_context
+from functools import partial
 from typing import Any, TypeVar
 
 from rhytid.domain.wording import waiting
@@ -64,6 +66,8 @@ class DeviceWorker:
 
     def _run(self, task: Callable[[], T], turn: Hashable, *, block: bool) -> T:
         future: Future[T] = Future()
+        # In the context of the caller: `device.watch` tells for whom the device works.
+        run = partial(copy_context().run, task)
         with self._changed:
             while block and self._waiting >= self.size and not self._closed:
                 self._changed.wait()
@@ -72,7 +76,7 @@ class DeviceWorker:
             elif self._waiting >= self.size:
                 raise BusyError(f"{waiting(self.size)} already")
             else:
-                self._turns.setdefault(turn, deque()).append((future, task))
+                self._turns.setdefault(turn, deque()).append((future, run))
                 self._waiting += 1
                 self._changed.notify_all()
         return future.result()

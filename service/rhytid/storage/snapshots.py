@@ -53,6 +53,11 @@ class Snapshot:
                     self._files[name] = opened.enter_context(path.open("rb"))
             self._opened = opened.pop_all()
 
+    @property
+    def parts(self) -> tuple[SnapshotIndex, Mapping[str, Path], bytes]:
+        """What it is made of: its index, the paths of its files and its overlay."""
+        return self.index, self._paths, self._overlay
+
     def check(self) -> None:
         """Read all of it; raises StorageError where a file is not what was written."""
         for _ in self.pieces():

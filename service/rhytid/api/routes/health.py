@@ -23,7 +23,8 @@ async def healthz() -> Any:
 
 @router.get("/readyz", operation_id="getReadiness", response_model=Status, responses=problems(503))
 def readyz(engine: EngineDep, slot: Slot) -> Any:
-    """A small kernel computes on the device; 503 too where no more requests may wait for it."""
+    """A small kernel computes on the device; 503 too where no more requests may wait for it, and
+    while its process restarts or nothing comes back from its driver."""
     with slot:
         if not engine.ready():
             raise NoDeviceError("the device does not compute")

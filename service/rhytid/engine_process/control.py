@@ -1,0 +1,68 @@
+"""What a server and the process of its device tell each other beside calls."""
+
+from __future__ import annotations
+
+import pickle
+import socket
+import threading
+from dataclasses import dataclass
+from typing import Any
+
+from rhytid.engine_process.packing import pack
+from rhytid.engine_process.wire import Message, receive, send
+from rhytid.settings import ServiceSettings
+
+
+@dataclass(frozen=True)
+class Start:
+    """The first that a process is told.
+
+    refused: ids of assets that are not to be built, and why.  verbose: whether it logs everything.
+    """
+
+    settings: ServiceSettings
+    refused: dict[str, str]
+    verbose: bool
+
+
+@dataclass(frozen=True)
+class OpenLine:
+    """A line, whose other end comes along."""
+
+
+@dataclass(frozen=True)
+class Close:
+    """The process shall end."""
+
+
+@dataclass(frozen=True)
+class Started:
+    """The engine is there, or else the error that it ended with."""
+
+    error: Exception | None
+
+
+@dataclass(frozen=True)
+class FramesStored:
+    """The job that stored the frames of an upload has ended; `token` is that of the upload."""
+
+    token: int
+
+
+class Control:
+    """The socket between the two. Any thread may send, one receives."""
+
+    def __init__(self, line: socket.socket) -> None:
+        self.line = line
+        self._sending = threading.Lock()
+
+    def send(self, word: Any, *descriptors: int) -> None:
+        """Tell the other side; raises OSError where it is gone."""
+        with self._sending:
+            send(self.line, Message(pack(word).body, descriptors=descriptors))
+
+    def receive(self) -> tuple[Any, tuple[int, ...]] | None:
+        """What the other side tells next, and descriptors, which are the caller's to close; None
+        where it is gone."""
+        found = receive(self.line, descriptors=True)
+        return None if found is None else (pickle.loads(found.body), found.descriptors)

@@ -1,0 +1,136 @@
+"""One process of a device, as the server sees it: from its start to its end."""
+
+from __future__ import annotations
+
+import mmap
+import os
+import select
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from concurrent.futures import Future
+from contextlib import suppress
+from typing import Any
+
+from rhytid.device.watch import SIZE, Report
+from rhytid.engine_process.control import Close, Control, OpenLine, Start, Started
+from rhytid.engine_process.ending import Ending, ending_of
+from rhytid.engine_process.line import Line, Lines
+from rhytid.engine_process.shared import mapped, shared_file
+from rhytid.engine_process.wire import close_all
+
+# Seconds between two looks at what the process does.
+LOOK = 0.1
+# Seconds that it has to end by itself once it is told to.
+CLOSING = 4.0
+# It gets the path of this process, not what lies in the folder that it is started in.
+_CODE = (
+    "import sys; sys.path[:] = sys.argv[1].split(sys.argv[2]); "
+    "from rhytid.engine_process.child import main; main(*map(int, sys.argv[3:]))"
+)
+
+
+class DeviceProcess:
+    """A process with an engine, and the lines to it.
+
+    told: takes what it tells beside answers.  answers: called once it answers calls.
+    started: done then; has the error where it does not start.  ending: set by whoever
+    called `watch`, after it returned. `watch` must run for as long as the process lives, on the
+    thread that made it: the system ends the process together with that thread.
+    """
+
+    def __init__(
+        self,
+        start: Start,
+        told: Callable[[Any], None],
+        answers: Callable[[DeviceProcess], None],
+    ) -> None:
+        self.started: Future[None] = Future()
+        self.ending: Future[Ending] = Future()
+        self._limit, self._told = start.settings.launch_seconds, told
+        self._answers = answers
+        near, far = socket.socketpair()
+        self._control = Control(near)
+        memory = shared_file(mmap.PAGESIZE)
+        self.report = Report(mapped(memory, mmap.PAGESIZE).data[:SIZE])
+        with far:
+            self._process = _spawned(far.fileno(), memory)
+        os.close(memory)
+        self.lines = Lines(self._new_line)
+        self._late: float | None = None
+        self._close_by: float | None = None
+        with suppress(OSError):  # it has ended already: `watch` tells
+            self._control.send(start)
+
+    @property
+    def pid(self) -> int:
+        """Its number in the system."""
+        return self._process.pid
+
+    def close(self) -> None:
+        """Ask it to end; it is killed where that takes too long."""
+        if self._close_by is None:
+            self._close_by = time.monotonic() + CLOSING
+            with suppress(OSError):
+                self._control.send(Close())
+
+    def kill(self) -> None:
+        """End it now."""
+        self._process.kill()
+
+    def watch(self) -> Ending:
+        """Wait for its end, and end it where a call of the driver takes too long."""
+        while self._hears():
+            if self._late is None and self.report.late:
+                self._late = self._limit
+                self.kill()
+            if self._close_by is not None and time.monotonic() > self._close_by:
+                self.kill()
+        self.kill()  # it has closed its control socket, so that nothing can be asked of it
+        ending = ending_of(self._process.wait(), self._late, self.report.purpose)
+        self._control.line.close()
+        self.lines.close()
+        return ending
+
+    def _hears(self) -> bool:
+        """Take in what the process tells within a moment; False where it is gone."""
+        readable, _, _ = select.select([self._control.line], [], [], LOOK)
+        if not readable:
+            return True
+        heard = self._control.receive()
+        if heard is None:
+            return False
+        word, descriptors = heard
+        close_all(descriptors)
+        if isinstance(word, Started):
+            if word.error is None:
+                self.started.set_result(None)
+                self._answers(self)
+            else:
+                self.started.set_exception(word.error)
+        else:
+            self._told(word)
+        return True
+
+    def _new_line(self) -> Line:
+        near, far = socket.socketpair()
+        with far, suppress(OSError):  # else the line is broken, which its user finds
+            self._control.send(OpenLine(), far.fileno())
+        return Line(near)
+
+
+def _spawned(control: int, report: int) -> subprocess.Popen[bytes]:
+    numbers = [str(number) for number in (control, report, os.getpid())]
+    command = [sys.executable, "-c", _CODE, os.pathsep.join(sys.path), os.pathsep, *numbers]
+    # A session of its own: an interrupt at the terminal is for the server, which ends it.
+    return subprocess.Popen(
+        command, stdin=subprocess.DEVNULL, pass_fds=(control, report), start_new_session=True
+    )
+
+
+def possible() -> bool:
+    """Whether this system passes descriptors between processes; Windows does not."""
+    return hasattr(socket, "send_fds") and hasattr(signal, "SIGKILL")

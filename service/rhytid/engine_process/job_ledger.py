@@ -1,0 +1,79 @@
+"""Jobs that callers were told of, kept by the server: they outlive the process that ran them."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from rhytid.engine.messages import ENDED_STATES, AssetInfo, JobInfo
+from rhytid.errors import NotFoundError
+
+_REMEMBERED = 1000
+_LOST = "the process of the device was restarted"
+
+
+@dataclass
+class _Known:
+    info: JobInfo
+    # Whether the process that ran it has ended.
+    lost: bool = False
+
+
+class JobLedger:
+    """Jobs by id, as they were when somebody asked last."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._jobs: OrderedDict[str, _Known] = OrderedDict()
+
+    def keep(self, info: JobInfo) -> JobInfo:
+        """Remember a job as it is; the job itself."""
+        with self._lock:
+            self._jobs[info.id] = _Known(info)
+            self._jobs.move_to_end(info.id)
+            while len(self._jobs) > _REMEMBERED:
+                self._jobs.popitem(last=False)
+        return info
+
+    def knows(self, id: str) -> bool:
+        """Whether a job is remembered."""
+        with self._lock:
+            return id in self._jobs
+
+    def lose(self) -> None:
+        """The process has ended."""
+        with self._lock:
+            for known in self._jobs.values():
+                known.lost = True
+
+    def lost(self, id: str) -> JobInfo | None:
+        """A job of a process that has ended, as it was then."""
+        with self._lock:
+            known = self._jobs.get(id)
+        return known.info if known is not None and known.lost else None
+
+
+def resumed(
+    job: JobInfo, asset: Callable[[str], AssetInfo], info: Callable[[str], JobInfo]
+) -> JobInfo:
+    """What has become of a job whose process has ended: a build goes on, under its old id; frames
+    are sent again when they are asked for; others have failed.
+
+    asset, info: of the engine, as it is now.
+    """
+    if job.state in ENDED_STATES:
+        return job
+    failed = replace(job, state="failed", detail=_LOST)
+    try:
+        now = asset(job.asset)
+    except NotFoundError:
+        return failed
+    if now.state == "failed":
+        return replace(failed, detail=now.reason or _LOST)
+    if now.state == "building" and now.job is not None:
+        return replace(info(now.job), id=job.id)
+    if job.kind in ("build", "frames"):
+        return replace(job, state="done", progress=1.0, stage="done", detail="")
+    return failed

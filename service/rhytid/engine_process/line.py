@@ -1,0 +1,158 @@
+"""The server's side of lines to the process of the device: each carries one call at a time."""
+
+from __future__ import annotations
+
+import select
+import socket
+import threading
+import weakref
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from rhytid.engine import wanted
+from rhytid.engine_process.packing import Packed, room_for, unpack
+from rhytid.engine_process.shared import Bytes, mapped, shared_file
+from rhytid.engine_process.wire import Message, close_all, receive, send
+
+# Bytes of room for answers that idle lines keep in all.
+MOST_IDLE = 64 << 20
+# Milliseconds between two looks whether somebody still waits for an answer.
+_LOOK = 200
+
+
+class LineBroken(Exception):
+    """The process has ended, or was ended, before it answered."""
+
+
+class Line:
+    """A connection, and the shared memory that its answers are written to."""
+
+    def __init__(self, near: socket.socket) -> None:
+        self._socket = near
+        self._room: Bytes | None = None
+
+    @property
+    def room(self) -> int:
+        """Bytes of shared memory for answers."""
+        return 0 if self._room is None else len(self._room)
+
+    def ask(self, request: Packed, room: int, seconds: float | None) -> tuple[Any, Any]:
+        """The answer, and what holds the shared memory that it lies in, None where it lies in none.
+
+        room: bytes of arrays that the answer is expected to have.  seconds: to wait for it.
+
+        Raises LineBroken, TimeoutError, and CancelledError where `engine.wanted` says so.
+        """
+        self._socket.settimeout(seconds)
+        try:
+            self._send(request, room)
+            self._wait(seconds)
+            answer = receive(self._socket)
+            if answer is not None and answer.room:
+                self._offer(answer.room)
+                answer = receive(self._socket)
+        except ConnectionError as exc:
+            raise LineBroken from exc
+        if answer is None:
+            raise LineBroken
+        raw = None
+        if self._room is not None and answer.sizes:
+            # Over a memoryview: arrays of the answer hold the first array that has none below it.
+            raw = np.frombuffer(self._room.data, np.uint8)
+        return unpack(answer.body, answer.sizes, raw), raw
+
+    def _wait(self, seconds: float | None) -> None:
+        """Until something comes; raises CancelledError where nobody waits for it any more."""
+        if seconds is None:
+            poll = select.poll()
+            poll.register(self._socket, select.POLLIN)
+            while not poll.poll(_LOOK):
+                wanted.check()
+
+    def close(self) -> None:
+        """End it; the process lets go of the shared memory."""
+        self._socket.close()
+
+    def _send(self, request: Packed, room: int) -> None:
+        shared, wanted, descriptors = request.nbytes, room_for((room,)), []
+        try:
+            if shared:
+                descriptors.append(shared_file(shared))
+                request.write(mapped(descriptors[0], shared))
+            new = wanted if wanted > self.room else 0
+            if new:
+                descriptors.append(self._new_room(new))
+            head = Message(request.body, request.sizes, shared, new, tuple(descriptors))
+            send(self._socket, head)
+        finally:
+            close_all(descriptors)
+
+    def _offer(self, nbytes: int) -> None:
+        descriptor = self._new_room(nbytes)
+        try:
+            send(self._socket, Message(room=nbytes, descriptors=(descriptor,)))
+        finally:
+            close_all([descriptor])
+
+    def _new_room(self, nbytes: int) -> int:
+        descriptor = shared_file(nbytes)
+        self._room = mapped(descriptor, nbytes)
+        return descriptor
+
+
+def _no_line() -> Line:
+    raise LineBroken
+
+
+class Lines:
+    """Lines to one process: as many as there are calls at a time.
+
+    A line whose answer lies in its shared memory is free again when the answer is forgotten.
+    """
+
+    def __init__(self, connect: Callable[[], Line]) -> None:
+        self._connect = connect
+        # Answers are forgotten wherever Python collects garbage, in the block of this lock too.
+        self._lock = threading.RLock()
+        self._free: list[Line] = []
+        self._closed = False
+
+    def ask(self, request: Packed, room: int = 0, seconds: float | None = None) -> Any:
+        """As `Line.ask`, on a line that is free; the answer alone."""
+        line = self._take()
+        try:
+            answer, holds = line.ask(request, room, seconds)
+        except BaseException:
+            line.close()
+            raise
+        if holds is None:
+            self._give_back(line)
+        else:
+            weakref.finalize(holds, self._give_back, line).atexit = False
+        return answer
+
+    def close(self) -> None:
+        """Close every line that is free, and the others when they come free; no more are made."""
+        with self._lock:
+            free, self._free, self._closed = self._free, [], True
+            # The process, which this belongs to, is forgotten without waiting for the collector.
+            self._connect = _no_line
+        for line in free:
+            line.close()
+
+    def _take(self) -> Line:
+        with self._lock:
+            if self._free:
+                return self._free.pop()
+        return self._connect()
+
+    def _give_back(self, line: Line) -> None:
+        with self._lock:
+            idle = sum(free.room for free in self._free)
+            kept = not self._closed and idle + line.room <= MOST_IDLE
+            if kept:
+                self._free.append(line)
+        if not kept:
+            line.close()

@@ -1,0 +1,115 @@
+"""Plain values as bytes: pickles, of which the bytes of large arrays lie apart.
+
+Only for messages between a server and the process that it started: a pickle can run any code.
+"""
+
+from __future__ import annotations
+
+import copyreg
+import io
+import pickle
+from collections import ChainMap
+from collections.abc import Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from rhytid.engine_process.shared import Bytes
+
+# Bytes from which on those of an array lie apart.
+APART = 8192
+# Where arrays begin in shared memory.
+_STEP = 64
+
+
+@dataclass
+class Packed:
+    """A value as a pickle, and the bytes of its large arrays.
+
+    memory: shared memory that these were written to last, None where they were not.
+    """
+
+    body: bytes
+    arrays: tuple[memoryview, ...]
+    memory: Bytes | None = None
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """Bytes of each array."""
+        return tuple(array.nbytes for array in self.arrays)
+
+    @property
+    def nbytes(self) -> int:
+        """What the arrays take in shared memory."""
+        return room_for(self.sizes)
+
+    def write(self, memory: Bytes) -> None:
+        """Put the arrays into shared memory."""
+        self.memory = memory
+        for array, start in zip(self.arrays, _starts(self.sizes), strict=True):
+            memory[start : start + array.nbytes] = np.frombuffer(array, np.uint8)
+
+    def shared(self) -> Any:
+        """The value once more, its large arrays in the shared memory that they were written to."""
+        return unpack(self.body, self.sizes, self.memory)
+
+
+def pack(value: Any) -> Packed:
+    """A value of plain classes. Equal values have equal pickles."""
+    arrays: list[memoryview] = []
+
+    def aside(buffer: pickle.PickleBuffer) -> bool:
+        raw = buffer.raw()
+        if raw.nbytes < APART:
+            return True
+        arrays.append(raw)
+        return False
+
+    file = io.BytesIO()
+    pickler = pickle.Pickler(file, 5, buffer_callback=aside)
+    # No references to what came before: else two equal values differ by which parts are the same
+    # object.
+    pickler.fast = True
+    pickler.dispatch_table = _REDUCERS
+    pickler.dump(value)
+    return Packed(file.getvalue(), tuple(arrays))
+
+
+def unpack(body: bytes | memoryview, sizes: Sequence[int], memory: Bytes | None) -> Any:
+    """The value; its large arrays lie in `memory`, and hold it."""
+    raw = np.empty(0, np.uint8) if memory is None else memory
+    parts = [
+        raw[start : start + size].data for start, size in zip(_starts(sizes), sizes, strict=True)
+    ]
+    return pickle.loads(body, buffers=parts)
+
+
+def _read_only(content: dict[Any, Any]) -> MappingProxyType[Any, Any]:
+    return MappingProxyType(content)
+
+
+def _reduced(mapping: MappingProxyType[Any, Any]) -> tuple[Any, ...]:
+    return _read_only, (dict(mapping),)
+
+
+# What pickles cannot hold by themselves.
+_REDUCERS: ChainMap[Any, Any] = ChainMap({MappingProxyType: _reduced}, copyreg.dispatch_table)
+
+
+def room_for(sizes: Sequence[int]) -> int:
+    """What arrays of these sizes take in shared memory."""
+    return sum(_rounded(size) for size in sizes)
+
+
+def _starts(sizes: Sequence[int]) -> list[int]:
+    starts, at = [], 0
+    for size in sizes:
+        starts.append(at)
+        at += _rounded(size)
+    return starts
+
+
+def _rounded(size: int) -> int:
+    return -(-size // _STEP) * _STEP

@@ -1,0 +1,82 @@
+"""What ended the process of the device, so that it does not do so again and again."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from dataclasses import dataclass
+
+from rhytid.engine_process.ending import Ending
+from rhytid.engine_process.requests import Request
+from rhytid.errors import FatalRequestError
+
+# Endings after which the same is refused.
+STRIKES = 2
+_REMEMBERED = 1000
+
+
+@dataclass
+class _Record:
+    asset: str
+    reason: str = ""
+    strikes: int = 0
+
+    def strike(self, what: str, ending: Ending) -> None:
+        self.strikes += 1
+        self.reason = (
+            f"the process of the device ended {STRIKES} times while it worked on {what}: "
+            f"{ending.reason}"
+        )
+
+
+class Refusals:
+    """Counts, by what was asked for, how often the process ended meanwhile."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        # Names of calls that the process ended at: of others no digest has to be made.
+        self._names: set[str] = set()
+        self._requests: OrderedDict[str, _Record] = OrderedDict()
+        self._builds: dict[str, _Record] = {}
+
+    def check(self, request: Request) -> None:
+        """Raise FatalRequestError where the process ended twice at such a request."""
+        if request.name not in self._names:
+            return
+        with self._lock:
+            record = self._requests.get(request.digest)
+        if record is not None and record.strikes >= STRIKES:
+            raise FatalRequestError(record.reason)
+
+    def strike(self, request: Request, ending: Ending) -> None:
+        """The process ended at this request."""
+        with self._lock:
+            self._names.add(request.name)
+            record = self._requests.setdefault(request.digest, _Record(request.asset))
+            record.strike("this request", ending)
+            self._requests.move_to_end(request.digest)
+            while len(self._requests) > _REMEMBERED:
+                self._requests.popitem(last=False)
+
+    def strike_build(self, asset: str, ending: Ending) -> None:
+        """The process ended at a job of an asset."""
+        with self._lock:
+            self._builds.setdefault(asset, _Record(asset)).strike("its build", ending)
+
+    def absolve(self, request: Request) -> None:
+        """The request was answered."""
+        if request.name in self._names:
+            with self._lock:
+                self._requests.pop(request.digest, None)
+
+    def forget(self, asset: str) -> None:
+        """The asset was changed or removed: what is asked of it may be tried again."""
+        with self._lock:
+            for digest in [d for d, record in self._requests.items() if record.asset == asset]:
+                del self._requests[digest]
+
+    def builds(self) -> dict[str, str]:
+        """Ids of assets that are not to be built, and why."""
+        with self._lock:
+            refused = [record for record in self._builds.values() if record.strikes >= STRIKES]
+            return {record.asset: record.reason for record in refused}

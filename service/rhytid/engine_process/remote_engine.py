@@ -1,0 +1,110 @@
+"""An engine in a process of its own: the same calls, and the same errors."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from rhytid.device.memory import usual_frame_memory, usual_host_memory
+from rhytid.engine.byte_budget import ByteBudget
+from rhytid.engine.messages import DeviceInfo
+from rhytid.engine_process.control import FramesStored
+from rhytid.engine_process.device_process import DeviceProcess
+from rhytid.engine_process.frame_ledger import FrameLedger, Positions
+from rhytid.engine_process.job_ledger import JobLedger
+from rhytid.engine_process.line import LineBroken
+from rhytid.engine_process.remote_assets import RemoteAssets
+from rhytid.engine_process.remote_frames import RemoteFrames
+from rhytid.engine_process.remote_jobs import RemoteJobs
+from rhytid.engine_process.remote_snapshots import RemoteSnapshots
+from rhytid.engine_process.remote_tiles import RemoteTiles
+from rhytid.engine_process.requests import Request
+from rhytid.engine_process.supervisor import Supervisor
+from rhytid.engine_process.upload_holds import UploadHolds
+from rhytid.settings import ServiceSettings
+
+# Seconds in which a device that computes answers, or ends a call of its driver.
+READY = 5.0
+
+
+class RemoteEngine:
+    """What `Engine` is, in another process, which is started again when it ends.
+
+    Blocking; safe from any thread.
+
+    Calls raise what those of `Engine` do; DeviceLostError where the process ended and no other
+    answers in time, and FatalRequestError where it ended twice while it worked on the call. Stored
+    frames survive it: they are kept here, too.
+
+    Raises what `Engine` raises where the process does not start.
+    """
+
+    def __init__(self, settings: ServiceSettings) -> None:
+        host_memory = settings.host_memory or usual_host_memory()
+        self.memory = ByteBudget(host_memory, "RHYTID_HOST_MEMORY_MB")
+        self._uploads = UploadHolds(self.memory)
+        jobs = JobLedger()
+        self._supervisor = Supervisor(settings, self._told, lambda: self._lost(jobs))
+        frames = FrameLedger(settings.frame_memory or usual_frame_memory(), self._put)
+        self.frames = RemoteFrames(self._supervisor, frames)
+        self.tiles = RemoteTiles(self._supervisor, frames)
+        self.jobs = RemoteJobs(self._supervisor, jobs)
+        self.assets = RemoteAssets(self._supervisor, frames, self.jobs, self._uploads)
+        self.snapshots = RemoteSnapshots(self._supervisor)
+        self._devices: list[DeviceInfo] = []
+        try:
+            self._supervisor.start()
+            self.devices()
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """End the process: within a few seconds, whatever the device does. Calls that wait raise
+        DeviceLostError."""
+        self._supervisor.close()
+
+    def ready(self) -> bool:
+        """Whether a kernel computes on the device. Not where nothing came back from its driver for
+        five seconds, and not while the process restarts."""
+        process = self._supervisor.ready
+        if process is None:
+            return False
+        ended = process.report.ended
+        try:
+            good, computes = process.lines.ask(Request("ready").packed, seconds=READY)
+        except LineBroken:
+            return False
+        except TimeoutError:  # others go first, where something ended meanwhile
+            return process.report.ended > ended
+        return bool(good and computes)
+
+    def devices(self) -> list[DeviceInfo]:
+        """As `Engine.devices`; while the process restarts, what was known before."""
+        if self._supervisor.ready is not None or not self._devices:
+            self._devices = self._supervisor.call(Request("devices"))
+        restarts = sum(self._supervisor.restarts.values())
+        return [
+            replace(device, restarts=restarts if device.selected else 0) for device in self._devices
+        ]
+
+    @property
+    def waiting(self) -> int:
+        """Calls that the process has not answered yet."""
+        return self._supervisor.waiting
+
+    @property
+    def restarts(self) -> dict[str, int]:
+        """How often the process was started again, by what had ended it."""
+        return dict(self._supervisor.restarts)
+
+    def _put(self, process: DeviceProcess, asset: str, name: str, positions: Positions) -> None:
+        self._supervisor.ask(process, Request("frames.put", (asset, name, positions)))
+
+    def _told(self, word: Any) -> None:
+        if isinstance(word, FramesStored):
+            self._uploads.release(word.token)
+
+    def _lost(self, jobs: JobLedger) -> None:
+        jobs.lose()
+        self._uploads.release_all()

@@ -1,0 +1,221 @@
+"""Keeps a process of the device running: starts it, and starts it again when it has ended."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from concurrent.futures import TimeoutError as FutureTimeoutError
+from contextlib import contextmanager
+from typing import Any
+
+from rhytid.engine_process.control import Start
+from rhytid.engine_process.device_process import DeviceProcess
+from rhytid.engine_process.ending import Ending
+from rhytid.engine_process.line import LineBroken
+from rhytid.engine_process.refusals import Refusals
+from rhytid.engine_process.requests import Request
+from rhytid.errors import DeviceError, DeviceLostError
+from rhytid.settings import ServiceSettings
+
+# Seconds that a call waits for a process that starts, and for the end of one that broke its line.
+PATIENCE, ENDING_PATIENCE = 15.0, 10.0
+# How often one call is sent, where the process ends each time without that call being to blame.
+_SENT = 4
+# Seconds between an end and the next start: none the first time, then growing; a process that ran
+# for so long counts as a good one.
+_FIRST_PAUSE, _LONGEST_PAUSE, _GOOD = 0.5, 30.0, 60.0
+_log = logging.getLogger(__name__)
+
+
+class Supervisor:
+    """One device's process, whichever it is now.
+
+    told: takes what a process tells beside answers.  ended: called when one has ended, before the
+    next starts.
+    """
+
+    def __init__(
+        self, settings: ServiceSettings, told: Callable[[Any], None], ended: Callable[[], None]
+    ) -> None:
+        self.restarts: Counter[str] = Counter()
+        self._settings, self._told, self._ended = settings, told, ended
+        self._refusals = Refusals()
+        # Who is blamed, by the number of what is asked.
+        self._asked: dict[int, Request] = {}
+        self._local = threading.local()
+        self._changed = threading.Condition()
+        self._made: DeviceProcess | None = None
+        self._ready: DeviceProcess | None = None
+        self._failed: BaseException | None = None
+        self._closing = False
+        self._thread = threading.Thread(target=self._run, name="rhytid-supervisor", daemon=True)
+        self._thread.start()
+
+    @property
+    def waiting(self) -> int:
+        """Calls that are not answered yet."""
+        return len(self._asked)
+
+    @property
+    def ready(self) -> DeviceProcess | None:
+        """The process that answers now, if there is one."""
+        return self._ready
+
+    def start(self) -> None:
+        """Wait until the first process answers; raises what it ended with, else."""
+        with self._changed:
+            while self._ready is None and self._failed is None:
+                # In turns: a signal is handled between two of them.
+                self._changed.wait(1.0)
+        if self._failed is not None:
+            raise self._failed
+
+    def close(self) -> None:
+        """End the process, in bounded time; calls that wait for it raise DeviceLostError."""
+        with self._changed:
+            self._closing = True
+            self._changed.notify_all()
+            if self._made is not None:
+                self._made.close()
+        self._thread.join()
+
+    def call(self, request: Request, prepare: Callable[[DeviceProcess], None] | None = None) -> Any:
+        """The answer to a request; sent again where the process ends meanwhile.
+
+        prepare: called with each process that is asked, before.
+
+        Raises what the engine raises; DeviceLostError where no process answers in time, and
+        FatalRequestError where the process ended twice at this request.
+        """
+        self._refusals.check(request)
+        for _ in range(_SENT):
+            process = self.process()
+            try:
+                if prepare is not None:
+                    with self._instead(request):
+                        prepare(process)
+                return self.ask(process, request)
+            except LineBroken:
+                self._refusals.check(request)
+        raise DeviceLostError("the process of the device ended again and again; try later")
+
+    def forget(self, asset: str) -> None:
+        """An asset was changed or removed: what is asked of it may be tried again."""
+        self._refusals.forget(asset)
+
+    def ask(self, process: DeviceProcess, request: Request) -> Any:
+        """The answer of one process; raises LineBroken where it has ended."""
+        self._asked[request.number] = getattr(self._local, "blamed", None) or request
+        request.sent += 1
+        try:
+            good, answer = process.lines.ask(request.packed, request.room)
+        except LineBroken:
+            # Until it is known who is to blame, this is among those who were at work.
+            self._await_end(process)
+            raise
+        finally:
+            self._asked.pop(request.number, None)
+        self._refusals.absolve(request)
+        if not good:
+            raise answer
+        return answer
+
+    @contextmanager
+    def _instead(self, request: Request) -> Iterator[None]:
+        """What this thread asks in the block is for the sake of a request, which is blamed."""
+        self._local.blamed = request
+        try:
+            yield
+        finally:
+            self._local.blamed = None
+
+    def process(self) -> DeviceProcess:
+        """A process that answers; raises DeviceLostError where there is none in time."""
+        found = self._ready
+        if found is not None and not self._closing:
+            return found
+        with self._changed:
+            self._changed.wait_for(lambda: self._ready or self._closing, PATIENCE)
+            if self._closing:
+                raise DeviceLostError("the server is shutting down")
+            if self._ready is None:
+                raise DeviceLostError("the process of the device is not running; it is restarted")
+            return self._ready
+
+    def _await_end(self, process: DeviceProcess) -> None:
+        try:
+            process.ending.result(ENDING_PATIENCE)
+        except FutureTimeoutError:
+            raise DeviceLostError("the process of the device does not answer") from None
+
+    def _run(self) -> None:
+        failures, first = 0, True
+        while not self._closing:
+            began = time.monotonic()
+            process = self._make()
+            ending = process.watch()
+            good = time.monotonic() - began > _GOOD
+            if first and self._ready_never(process, ending):
+                return
+            self._settle(process, ending)
+            first = False
+            failures = 1 if good else failures + 1
+            pause = 0.0 if failures == 1 else _FIRST_PAUSE * 2 ** (failures - 2)
+            with self._changed:
+                self._changed.wait_for(lambda: self._closing, min(pause, _LONGEST_PAUSE))
+
+    def _make(self) -> DeviceProcess:
+        verbose = logging.getLogger("rhytid").isEnabledFor(logging.DEBUG)
+        start = Start(self._settings, self._refusals.builds(), verbose)
+        process = DeviceProcess(start, self._told, self._publish)
+        with self._changed:
+            self._made = process
+            if self._closing:
+                process.close()
+        return process
+
+    def _publish(self, process: DeviceProcess) -> None:
+        with self._changed:
+            self._ready = process
+            self._changed.notify_all()
+
+    def _settle(self, process: DeviceProcess, ending: Ending) -> None:
+        """Find who is to blame, and let those go on who wait for the end of the process."""
+        with self._changed:
+            self._ready = self._made = None
+        if not self._closing:
+            began = process.started.done() and process.started.exception() is None
+            self.restarts[ending.kind if began else "start"] += 1
+            _log.error(
+                "the process of the device (%d) is restarted: %s", process.pid, ending.reason
+            )
+            if ending.blames:
+                self._blame(ending)
+        self._ended()
+        process.ending.set_result(ending)
+
+    def _blame(self, ending: Ending) -> None:
+        request = self._asked.get(ending.purpose.request)
+        if request is not None:
+            _log.error("it worked on %s", request)
+            self._refusals.strike(request, ending)
+        elif ending.purpose.asset:
+            asset = f"{ending.purpose.asset:016x}"
+            _log.error("it worked on a job of asset %s", asset)
+            self._refusals.strike_build(asset, ending)
+
+    def _ready_never(self, process: DeviceProcess, ending: Ending) -> bool:
+        """Whether the first process did not start: then there is no service."""
+        if process.started.done() and process.started.exception() is None:
+            return False
+        with self._changed:
+            self._made = None
+            self._failed = (
+                process.started.exception() if process.started.done()
+                else DeviceError(f"the process of the device did not start: {ending.reason}")
+            )  # fmt: skip
+            self._changed.notify_all()
+        return True

@@ -1,0 +1,156 @@
+"""What the server keeps of frames, jobs and refusals while processes come and go."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from rhytid.device.watch import Purpose, Report
+from rhytid.engine.byte_budget import ByteBudget
+from rhytid.engine.messages import AssetInfo, JobInfo
+from rhytid.engine_process.ending import Ending, ending_of
+from rhytid.engine_process.frame_ledger import FrameLedger
+from rhytid.engine_process.job_ledger import JobLedger, resumed
+from rhytid.engine_process.refusals import Refusals
+from rhytid.engine_process.requests import Request
+from rhytid.engine_process.upload_holds import UploadHolds
+from rhytid.errors import FatalRequestError, NotFoundError
+
+ONE, OTHER = cast(Any, "process 1"), cast(Any, "process 2")
+FRAME = np.ones((10, 3), np.float32)
+JOB = JobInfo("j", "a", "build", "running", 0.5, "trails", "")
+ASSET = AssetInfo("a", "ready", None, None, {}, (), 1, 3, 1, 0, 0)
+SEGV = Ending("fault", "it ended by SIGSEGV", Purpose())
+
+
+def test_frames_are_sent_once_to_every_new_process() -> None:
+    sent: list[tuple[Any, ...]] = []
+    ledger = FrameLedger(1000, lambda *put: sent.append(put[:3]))
+    ledger.keep("a", "smile", FRAME, ONE)
+    ledger.bring(ONE, "a", ["smile", "unknown"])
+    assert sent == []
+    for _ in range(2):
+        ledger.bring(OTHER, "a", ["smile"])
+    assert sent == [(OTHER, "a", "smile")]
+    version = ledger.version("a", "smile")
+    ledger.keep("a", "smile", 2 * FRAME, OTHER)
+    assert ledger.version("a", "smile") != version
+    ledger.forget("a")
+    assert (ledger.names("a"), ledger.version("a", "smile")) == ([], 0)
+
+
+def test_frames_beyond_the_limit_are_not_kept() -> None:
+    ledger = FrameLedger(FRAME.nbytes, lambda *_: None)
+    ledger.keep("a", "one", FRAME, ONE)
+    ledger.keep("a", "two", FRAME, ONE)
+    assert ledger.names("a") == ["one"]
+    ledger.keep("a", "one", FRAME, ONE)
+    ledger.forget("a", "one")
+    ledger.keep("a", "two", FRAME, ONE)
+    assert ledger.names("a") == ["two"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "asset", "state"),
+    [
+        ("build", ASSET, "done"),
+        ("frames", ASSET, "done"),
+        ("calibration", ASSET, "failed"),
+        ("bins", ASSET, "failed"),
+        ("build", replace(ASSET, state="failed", reason="why"), "failed"),
+        ("build", replace(ASSET, state="building", job="new"), "queued"),
+        ("build", None, "failed"),
+    ],
+)
+def test_a_job_of_an_ended_process_is_what_became_of_it(
+    kind: str, asset: AssetInfo | None, state: str
+) -> None:
+    def find(id: str) -> AssetInfo:
+        if asset is None:
+            raise NotFoundError
+        return asset
+
+    ledger = JobLedger()
+    ledger.keep(replace(JOB, kind=kind))
+    assert ledger.lost("j") is None
+    ledger.lose()
+    lost = ledger.lost("j")
+    assert lost is not None
+    now = resumed(lost, find, lambda id: replace(JOB, id=id, state="queued"))
+    assert (now.id, now.state) == ("j", state)
+
+
+def test_the_second_strike_refuses_until_an_answer_or_a_change() -> None:
+    refusals = Refusals()
+
+    def draw() -> Request:
+        return Request("draw_tile", ("a", "smile", 3))
+
+    refusals.strike(draw(), SEGV)
+    refusals.check(draw())
+    refusals.absolve(draw())
+    refusals.strike(draw(), SEGV)
+    refusals.check(draw())
+    refusals.strike(draw(), SEGV)
+    with pytest.raises(FatalRequestError, match=r"2 times.*SIGSEGV"):
+        refusals.check(draw())
+    refusals.check(Request("draw_tile", ("a", "smile", 4)))
+    refusals.forget("a")
+    refusals.check(draw())
+
+
+def test_builds_are_refused_after_two_strikes() -> None:
+    refusals = Refusals()
+    refusals.strike_build("a", SEGV)
+    assert refusals.builds() == {}
+    refusals.strike_build("a", SEGV)
+    assert "its build" in refusals.builds()["a"]
+
+
+@pytest.mark.parametrize(
+    ("status", "late", "kind", "blames"),
+    [
+        (-11, None, "fault", True),
+        (-6, None, "fault", True),
+        (1, None, "fault", True),
+        (-9, None, "killed", False),
+        (-15, None, "killed", False),
+        (-9, 60.0, "late", True),
+    ],
+)
+def test_only_faults_and_late_calls_blame_what_was_worked_on(
+    status: int, late: float | None, kind: str, blames: bool
+) -> None:
+    ending = ending_of(status, late, Purpose())
+    assert (ending.kind, ending.blames) == (kind, blames)
+
+
+def test_a_report_tells_what_the_driver_works_for_and_when_it_is_late() -> None:
+    memory = memoryview(bytearray(64))
+    told, seen = Report(memory), Report(memory)
+    told.begin(Purpose(request=7), 3600.0)
+    assert (seen.purpose, seen.late, seen.ended) == (Purpose(request=7), False, 0)
+    told.end()
+    told.begin(Purpose(asset=2**64 - 1), 0.0)
+    assert (seen.purpose.asset, seen.ended) == (2**64 - 1, 1)
+    assert seen.late
+    told.end()
+    assert not seen.late
+
+
+def test_bytes_of_uploads_come_free_with_their_job_or_their_process() -> None:
+    memory = ByteBudget(100, "RHYTID_HOST_MEMORY_MB")
+    uploads = UploadHolds(memory)
+    request = memory.hold("uploads")
+    request.grow(60)
+    one, other = uploads.take(40, request), uploads.take(30, None)
+    assert (memory.used, memory.used_for("jobs")) == (90, 70)
+    uploads.release(one)
+    uploads.release(one)
+    assert memory.used_for("jobs") == 30
+    uploads.release_all()
+    uploads.release(other)
+    assert memory.used_for("jobs") == 0
