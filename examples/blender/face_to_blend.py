@@ -95,6 +95,7 @@ def made(scene: bpy.types.Scene, face: Face) -> bpy.types.Object:
     for name, shape in face.shapes.items():
         key = obj.shape_key_add(name=name, from_mix=False)
         key.data.foreach_set("co", shape.ravel())
+        key.value = 0.0  # Blender 5.0 begins with 1
     return obj
 
 
