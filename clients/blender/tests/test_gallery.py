@@ -20,7 +20,7 @@ pytestmark = pytest.mark.face
 
 TEXELS = 256
 VIEW = shots.View((3.3, 4.6, 9.4), 8.0, 18, (0.7, 0.6, 0.2), (96, 72))
-SHOT = shots.Shot("trial", VIEW, range(1, 3), samples=2)
+SHOT = shots.Shot("trial", VIEW, range(1, 3), samples=16)
 
 
 @pytest.fixture(scope="module")
@@ -58,8 +58,9 @@ def test_frames_show_their_maps(shown: tuple, tmp_path: Path) -> None:
     given = [pixels(path) for path in rendering.rendered(obj, tmp_path, SHOT, "with")]
 
     assert np.array_equal(plain[0], plain[1])
-    assert np.abs(given[0] - plain[0]).mean() < 0.5
-    assert np.abs(given[1] - plain[1]).mean() > 5.0
+    # What is left of a flat map is noise: sides differ in samples and in dicing.
+    flat, ridged = (np.abs(a - b).mean() for a, b in zip(given, plain, strict=True))
+    assert ridged > 5 * flat
 
 
 def test_only_what_is_missing_is_rendered(
