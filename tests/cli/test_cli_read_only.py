@@ -55,6 +55,7 @@ def read_only(store: Path, **changes: str) -> Iterator[str]:
             running.kill()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not OWN_MOUNTS, reason="needs a mount namespace of its own")
 @pytest.mark.parametrize(
     "changes",
