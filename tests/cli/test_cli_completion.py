@@ -39,7 +39,7 @@ def completed(script: Path, *words: str) -> set[str]:
 
 
 def test_commands_are_completed(script: Path) -> None:
-    assert completed(script, "rhytid", "s") == {"serve", "synthesize"}
+    assert completed(script, "rhytid", "s") == {"serve", "snapshot", "synthesize"}
     assert {"bake", "demo", "completion"} <= completed(script, "rhytid", "")
 
 

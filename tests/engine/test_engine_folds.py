@@ -9,9 +9,10 @@ import pytest
 
 from engine.engines import built, finish, running, settle
 from pipeline.scenes import random_graph, settings_of, sheet
-from rhytid.domain.expressions import Expressions
+from rhytid.domain.expressions import Expressions, grown_from
 from rhytid.engine.messages import NewAsset
 from rhytid.errors import InputError
+from rhytid.pipeline.folds import measured_folds
 from rhytid.storage.contents import asset_id
 from rhytid.storage.store import AssetStore
 from rhytid.synthesis.surface import Surface
@@ -115,7 +116,12 @@ def test_an_interrupted_build_goes_on_with_what_expressions_left(tmp_path):
     with running(tmp_path / "one") as engine:
         asset = built(engine, new)
         wanted = graph_bytes(engine, asset)
-        folds = engine.assets._folds("", new, new.shapes)
+        settings = new.settings
+        folds = measured_folds(
+            engine._device, new.mesh, grown_from(settings.graph.lines, new.shapes),
+            settings.response.log_stretch_limit, settings.length_unit, lambda *_: None,
+            engine._on_device.run_patiently,
+        )  # fmt: skip
     assert folds.tensor.nbytes < 30 * len(MESH.positions)
     with AssetStore(tmp_path / "two") as store:
         store.put_request(asset, new.mesh, new.settings, None, folds=folds)

@@ -18,6 +18,7 @@ from rhytid.engine import stored_assets
 from rhytid.engine.messages import MapQuery
 from rhytid.errors import QueryError, StrictError
 from rhytid.formats.graphs import write_graph
+from rhytid.storage.build_facts import BuildFacts
 from rhytid_client import Client, Notice, RhytidWarning
 
 # The sheet is 2 units wide: in feet it could be a face.
@@ -53,7 +54,7 @@ def test_an_asset_of_a_store_without_warnings_is_looked_at(tmp_path, monkeypatch
         asset = built(engine, new_asset(unit="cm"))
         stored = engine._store.asset(asset)
     del stored.extra["warnings"]
-    assert told(stored_assets._kept_warnings(stored)) == SMALL
+    assert told(stored_assets._kept_warnings(stored, BuildFacts.of(stored))) == SMALL
 
 
 def test_a_strict_asset_leaves_nothing(engine):

@@ -70,7 +70,7 @@ def _faces(obj: bpy.types.Object, out: Path) -> None:
 
 
 def _film(obj: bpy.types.Object, out: Path) -> None:
-    """With displacement alone: each frame of a side takes Blender half a minute to dice."""
+    """With displacement alone: a frame of one side takes half a minute of processor time."""
     paths = rendering.rendered(obj, out / "renders", FILM, "with")
     frames = [sheets.row([path], [""]) for path in paths]
     sheets.film(frames, out / "film.webp", FPS, FILM_QUALITY)

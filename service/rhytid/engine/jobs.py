@@ -83,8 +83,10 @@ class Job:
         public = told(error)
         # Text alone: the error would keep what the work held in memory.
         self.reason = str(error) if isinstance(error, RhytidError) else public
-        if self.reason != public or not isinstance(error, RhytidError):
+        if not isinstance(error, RhytidError):
             _log.error("job %s failed", self._info.id, exc_info=error)
+        elif self.reason != public:
+            _log.error("job %s failed: %s", self._info.id, self.reason)
         self.update(state="failed", detail=public)
 
     def when_ended(self, call: Callable[[], None]) -> None:
