@@ -120,7 +120,8 @@ import hashlib, sys
 from pathlib import Path
 from rhytid.cli.termination import interruptible
 from rhytid.unfinished import temporary_folder
-with interruptible(), temporary_folder("x", Path(sys.argv[1])) as folder:
+with interruptible() as interruption, temporary_folder("x", Path(sys.argv[1])) as folder:
+    interruption.command = "bake"
     (folder / "part").touch()
     try:
         print("ready", file=sys.stderr, flush=True)
@@ -136,6 +137,6 @@ def test_a_call_that_does_not_return_is_ended_too(tmp_path: Path) -> None:
     running = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
     seconds, rest = interrupted(running, lambda line: line == "ready\n")
 
-    assert (running.returncode, rest) == (130, "rhytid: interrupted\n")
+    assert (running.returncode, rest) == (130, "rhytid bake: interrupted\n")
     assert seconds < 1
     assert list(tmp_path.iterdir()) == []

@@ -56,16 +56,17 @@ GROUP = "rhytid.commands"
 def run(argv: Sequence[str] | None, interruption: Interruption) -> int:
     """Run one command and return its exit status, as `main` has it."""
     arguments = build_parser().parse_args(argv)
+    interruption.command = arguments.command
     voice = Voice(arguments.quiet, arguments.verbose)
     try:
         with speaking(voice), _logging(voice):
             arguments.run(arguments)
     except KeyboardInterrupt:
-        interruption.say(arguments.command)
+        interruption.say()
         return INTERRUPTED
     except Exception as error:
         if interruption.came:  # it came of the interruption
-            interruption.say(arguments.command)
+            interruption.say()
             return INTERRUPTED
         if not isinstance(error, RhytidError | OSError):
             raise

@@ -33,12 +33,15 @@ class Interruption:
 
     def __init__(self) -> None:
         self.came = False
+        # The name of the command, once the arguments have been read.
+        self.command = ""
         self._said = threading.Lock()
 
-    def say(self, command: str = "") -> None:
+    def say(self) -> None:
         """Print one line on stderr, the first time."""
         if self._said.acquire(blocking=False):
-            print(f"rhytid{command and f' {command}'}: interrupted", file=sys.stderr, flush=True)
+            program = f"rhytid {self.command}".rstrip()
+            print(f"{program}: interrupted", file=sys.stderr, flush=True)
 
     def interrupt(self, number: int, frame: FrameType | None) -> None:
         """The handler of SIGINT: raises KeyboardInterrupt, once."""
