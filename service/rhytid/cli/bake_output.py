@@ -73,7 +73,7 @@ class BakeSize:
     def text(self) -> str:
         """A line about it."""
         return (
-            f"maps: up to {_bytes(self.frame)} a frame, {_bytes(self.all)} for "
+            f"maps: up to {_bytes(self.frame)} per frame, {_bytes(self.all)} for "
             f"{plural(self.frames, 'frame')}, before compression"
         )
 
