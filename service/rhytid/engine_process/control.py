@@ -17,12 +17,13 @@ from rhytid.settings import ServiceSettings
 class Start:
     """The first that a process is told.
 
-    refused: ids of assets that are not to be built, and why.  verbose: whether it logs everything.
+    refused: ids of assets that are not to be built, and why.  log_level: of what it logs; 0 = only
+    what Python writes by itself, warnings.
     """
 
     settings: ServiceSettings
     refused: dict[str, str]
-    verbose: bool
+    log_level: int
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+from rhytid.device.figures import Figures
 from rhytid.device.memory import usual_frame_memory, usual_host_memory
 from rhytid.engine.byte_budget import ByteBudget
 from rhytid.engine.messages import DeviceInfo
@@ -52,9 +53,11 @@ class RemoteEngine:
         self.assets = RemoteAssets(self._supervisor, frames, self.jobs, self._uploads)
         self.snapshots = RemoteSnapshots(self._supervisor)
         self._devices: list[DeviceInfo] = []
+        self.figures: dict[str, Figures] = {}
         try:
             self._supervisor.start()
-            self.devices()
+            found = [number for number, one in enumerate(self.devices()) if one.selected]
+            self.figures = {str(number): self._supervisor.figures for number in found}
         except BaseException:
             self.close()
             raise
@@ -72,7 +75,7 @@ class RemoteEngine:
             return False
         ended = process.report.ended
         try:
-            good, computes = process.lines.ask(Request("ready").packed, seconds=READY)
+            good, computes, _ = process.lines.ask(Request("ready").packed, seconds=READY)
         except LineBroken:
             return False
         except TimeoutError:  # others go first, where something ended meanwhile
