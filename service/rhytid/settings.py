@@ -121,7 +121,7 @@ class ServiceSettings:
             launch_seconds=count("RHYTID_LAUNCH_SECONDS", 60),
             drain_seconds=count("RHYTID_DRAIN_SECONDS", 20),
             log_format=_log_format(environment.get("RHYTID_LOG_FORMAT") or "text"),
-            traces=_traces(environment),
+            traces=environment.get("OTEL_EXPORTER_OTLP_ENDPOINT") or None,
             keys=Path(keys) if (keys := environment.get("RHYTID_KEYS_FILE")) else None,
             hosts=several("RHYTID_ALLOWED_HOSTS", _HOST),
             origins=several("RHYTID_CORS_ORIGINS", _ORIGIN),
@@ -134,14 +134,6 @@ def _log_format(named: str) -> str:
     if named not in LOG_FORMATS:
         raise SettingsError(f"RHYTID_LOG_FORMAT is {named!r}: one of {', '.join(LOG_FORMATS)}")
     return named
-
-
-def _traces(environment: Mapping[str, str]) -> str | None:
-    """Where OpenTelemetry's own variables have spans sent, as its exporter reads them."""
-    names = ("OTEL_EXPORTER_OTLP_TRACES_ENDPOINT", "OTEL_EXPORTER_OTLP_ENDPOINT")
-    if (environment.get("OTEL_SDK_DISABLED") or "").lower() == "true":
-        return None
-    return next((found for name in names if (found := environment.get(name))), None)
 
 
 def _folder(named: str | None) -> Path | None:
