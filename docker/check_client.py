@@ -1,4 +1,4 @@
-"""Asks a server for an asset and tiles of every method: run by `docker/check` inside of the image."""
+"""Asks a server for an asset and tiles by every method: run by `docker/check` in the image."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import sys
 import time
 
 import numpy as np
+
 from rhytid_client import Client, ConnectionFailed, ServerError
 
 SIDE = 5

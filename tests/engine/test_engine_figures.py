@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 
 from engine.engines import BINNED, REDRAW, built, draw, new_asset, running
+from rhytid.device.budget import MemoryBudget
+from rhytid.device.buffer_pool import BufferPool
 from rhytid.device.figures import (
     BOUNDS,
     DROPPED,
@@ -137,9 +139,6 @@ def test_an_engine_counts_what_it_does(tmp_path: Path) -> None:
 
 
 def test_what_a_short_memory_drops_is_counted(figures: Figures) -> None:
-    from rhytid.device.buffer_pool import BufferPool
-    from rhytid.device.budget import MemoryBudget
-
     class Thing:
         def release(self) -> None:
             budget.free(10)
