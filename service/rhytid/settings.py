@@ -32,14 +32,16 @@ class ServiceSettings:
     such a file.  hosts: names that the server may be called by, beside `localhost` and addresses.
     origins: of web pages from elsewhere that may use it.  key_rate: requests per second, key_jobs:
     unfinished jobs, of one key, or of one address where no key is asked for.
-    launch_seconds: that one call of the OpenCL driver may take before `rhytid serve` ends the
-    process of the device.  drain_seconds: that requests have to finish once the server is told to
-    end.  log_format: of the log of `rhytid serve`, text or json.  traces: where OpenTelemetry sends
+    devices: numbers of devices that `rhytid serve` uses at once, or `all`; none = the one that
+    `device` says.  launch_seconds: that one call of the OpenCL driver may take before `rhytid
+    serve` ends the process of the device.  drain_seconds: that requests have to finish once the
+    server is told to end.  log_format: of the log of `rhytid serve`, text or json.  traces: where OpenTelemetry sends
     spans; None = nowhere.
     """
 
     store: Path = Path("rhytid-store")
     device: str | None = None
+    devices: tuple[str, ...] = ()
     device_memory: int | None = None
     frame_memory: int | None = None
     host_memory: int | None = None

@@ -73,7 +73,7 @@ class _Process:
     def run(self, start: Start, written: Figures) -> NoReturn:
         threading.Thread(target=self._listen, name="rhytid-control", daemon=True).start()
         try:
-            engine = Engine(start.settings, start.refused, written)
+            engine = Engine(start.settings, start.refused, written, start.assets)
         except Exception as error:  # noqa: BLE001 the server raises it
             if not isinstance(error, RhytidError | OSError):
                 _log.exception("the engine does not start")

@@ -38,16 +38,22 @@ class Supervisor:
     """One device's process, whichever it is now.
 
     told: takes what a process tells beside answers.  ended: called when one has ended, before the
-    next starts.  figures: what the device has done, in all of its processes.
+    next starts.  assets: those of the store that are this device's; None = all.  figures: what the
+    device has done, in all of its processes.
     """
 
     def __init__(
-        self, settings: ServiceSettings, told: Callable[[Any], None], ended: Callable[[], None]
+        self,
+        settings: ServiceSettings,
+        told: Callable[[Any], None],
+        ended: Callable[[DeviceProcess], None],
+        assets: Callable[[], frozenset[str]] | None = None,
     ) -> None:
         self.restarts: Counter[str] = Counter()
         self._counted = shared_file(figures.SIZE)
         self.figures = Figures(mapped(self._counted, figures.SIZE).data)
         self._settings, self._told, self._ended = settings, told, ended
+        self._assets = assets
         self._refusals = Refusals()
         # Who is blamed, by the number of what is asked.
         self._asked: dict[int, Request] = {}
@@ -179,7 +185,8 @@ class Supervisor:
                 self._changed.wait_for(lambda: self._closing, min(pause, _LONGEST_PAUSE))
 
     def _make(self) -> DeviceProcess:
-        start = Start(self._settings, self._refusals.builds(), logging.getLogger("rhytid").level)
+        level, assets = logging.getLogger("rhytid").level, self._assets and self._assets()
+        start = Start(self._settings, self._refusals.builds(), level, assets)
         process = DeviceProcess(start, self._told, self._publish, self._counted)
         with self._changed:
             self._made = process
@@ -204,7 +211,7 @@ class Supervisor:
             )
             if ending.blames:
                 self._blame(ending)
-        self._ended()
+        self._ended(process)
         process.ending.set_result(ending)
 
     def _blame(self, ending: Ending) -> None:
