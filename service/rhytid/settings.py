@@ -35,8 +35,8 @@ class ServiceSettings:
     devices: numbers of devices that `rhytid serve` uses at once, or `all`; none = the one that
     `device` says.  launch_seconds: that one call of the OpenCL driver may take before `rhytid
     serve` ends the process of the device.  drain_seconds: that requests have to finish once the
-    server is told to end.  log_format: of the log of `rhytid serve`, text or json.  traces: where OpenTelemetry sends
-    spans; None = nowhere.
+    server is told to end.  log_format: of the log of `rhytid serve`, text or json.  traces: where
+    OpenTelemetry sends spans; None = nowhere.
     """
 
     store: Path = Path("rhytid-store")
