@@ -43,7 +43,7 @@ def add_command(commands: Commands) -> None:
     add_device(parser)
     several = (
         "compute on several devices: `all` that compute, or their numbers with commas; each asset "
-        "is on one"
+        "is on one of them (default: one device)"
     )
     parser.add_argument("--devices", type=device_numbers, metavar="LIST", help=several)
     inside = (
