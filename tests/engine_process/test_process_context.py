@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextvars import Context
 from typing import Any, cast
 
 import pytest
@@ -32,7 +33,9 @@ def performed(name: str) -> tuple[bool, Any, Any]:
     process._calls = cast(Any, Told())
     request = Request(name)
     packed = request.packed
-    answer = process._performed(Message(packed.body, packed.sizes), None)
+    # As in another process, where nothing of this context is known.
+    message = Message(packed.body, packed.sizes)
+    answer = Context().run(process._performed, message, None)
     found: tuple[bool, Any, Any] = unpack(answer.body, answer.sizes, None)
     return found
 
