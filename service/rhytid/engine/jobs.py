@@ -17,7 +17,7 @@ from rhytid.device import watch
 from rhytid.device.figures import JOB_KINDS, Figures, working_on
 from rhytid.domain.wording import plural
 from rhytid.engine.messages import ENDED_STATES, JobInfo
-from rhytid.errors import BusyError, CancelledError, NotFoundError, RhytidError, told
+from rhytid.errors import BusyError, CancelledError, NotFoundError, RhytidError, public_message
 
 # Kinds of jobs by priority, highest first.
 KINDS = JOB_KINDS
@@ -81,8 +81,8 @@ class Job:
             self._call_back()
 
     def fail(self, error: BaseException) -> None:
-        """End as failed; the log has what callers are not told."""
-        public = told(error)
+        """End as failed; the log has what callers do not read."""
+        public = public_message(error)
         # Text alone: the error would keep what the work held in memory.
         self.reason = str(error) if isinstance(error, RhytidError) else public
         if not isinstance(error, RhytidError):
