@@ -29,7 +29,7 @@ class MemoryBudget:
 
     Things kept under a key are dropped least recently used first, but never in the task that
     used them: `new_task` says when what was used before is no longer in anybody's hands.
-    dropped: told the key of each.
+    dropped: called with the key of each.
     """
 
     def __init__(
