@@ -19,7 +19,8 @@
     │   ├── FrameMemoryError     the memory for frames is full
     │   └── HostMemoryError      one request needs more memory than all may hold together
     ├── BusyError                the queue of the device is full (``retry_after`` seconds)
-    │   └── HostBusyError        other requests hold the memory (``retry_after`` seconds)
+    │   ├── HostBusyError        other requests hold the memory (``retry_after`` seconds)
+    │   └── DrainingError        the server is shutting down (``retry_after`` seconds)
     ├── AccessError              the caller may not do this
     │   ├── ApiKeyError          it shows no key, or none that is valid
     │   └── ScopeError           its key is for other things
@@ -130,6 +131,12 @@ class BusyError(RhytidError):
 
 class HostBusyError(BusyError):
     """Other requests hold the memory, and it did not come free in time."""
+
+    retry_after = 5
+
+
+class DrainingError(BusyError):
+    """The server is shutting down: what comes now is for the next one."""
 
     retry_after = 5
 

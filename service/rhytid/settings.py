@@ -11,6 +11,7 @@ from pathlib import Path
 from rhytid.errors import SettingsError
 
 MIB = 1 << 20
+LOG_FORMATS = ("text", "json")
 # A name, all names below one, or all. No port: they are allowed with any.
 _HOST = re.compile(r"\*|(?:\*\.)?[a-z0-9_-]+(?:\.[a-z0-9_-]+)*")
 _ORIGIN = re.compile(r"\*|https?://(?:[a-z0-9._-]+|\[[0-9a-f:.]+\])(?::[0-9]{1,5})?")
@@ -31,12 +32,16 @@ class ServiceSettings:
     such a file.  hosts: names that the server may be called by, beside `localhost` and addresses.
     origins: of web pages from elsewhere that may use it.  key_rate: requests per second, key_jobs:
     unfinished jobs, of one key, or of one address where no key is asked for.
-    launch_seconds: that one call of the OpenCL driver may take before `rhytid serve` ends the
-    process of the device.
+    devices: numbers of devices that `rhytid serve` uses at once, or `all`; none = the one that
+    `device` says.  launch_seconds: that one call of the OpenCL driver may take before `rhytid
+    serve` ends the process of the device.  drain_seconds: that requests have to finish once the
+    server is told to end.  log_format: of the log of `rhytid serve`, text or json.  traces: where
+    OpenTelemetry sends spans; None = nowhere.
     """
 
     store: Path = Path("rhytid-store")
     device: str | None = None
+    devices: tuple[str, ...] = ()
     device_memory: int | None = None
     frame_memory: int | None = None
     host_memory: int | None = None
@@ -47,6 +52,9 @@ class ServiceSettings:
     draw_seconds: int = 60
     cache: Path | None = None
     launch_seconds: int = 60
+    drain_seconds: int = 20
+    log_format: str = "text"
+    traces: str | None = None
     keys: Path | None = None
     ask_keys: bool | None = None
     hosts: tuple[str, ...] = ()
@@ -63,8 +71,9 @@ class ServiceSettings:
     def from_environment(cls, environment: Mapping[str, str] = os.environ) -> ServiceSettings:
         """Read RHYTID_STORE, RHYTID_DEVICE, RHYTID_DEVICE_MEMORY_MB, RHYTID_FRAME_MEMORY_MB,
         RHYTID_HOST_MEMORY_MB, RHYTID_UPLOAD_LIMIT_MB, RHYTID_SPOOL_MB, RHYTID_QUEUE, RHYTID_JOBS,
-        RHYTID_DRAW_SECONDS, RHYTID_CACHE, RHYTID_LAUNCH_SECONDS, RHYTID_KEYS_FILE,
-        RHYTID_ALLOWED_HOSTS, RHYTID_CORS_ORIGINS, RHYTID_KEY_RATE and RHYTID_KEY_JOBS; raises
+        RHYTID_DRAW_SECONDS, RHYTID_CACHE, RHYTID_LAUNCH_SECONDS, RHYTID_DRAIN_SECONDS,
+        RHYTID_LOG_FORMAT, RHYTID_KEYS_FILE, RHYTID_ALLOWED_HOSTS, RHYTID_CORS_ORIGINS,
+        RHYTID_KEY_RATE, RHYTID_KEY_JOBS and OTEL_EXPORTER_OTLP_ENDPOINT; raises
         SettingsError naming the variable, also where an upload of the largest size allowed would
         not fit into the spool."""
 
@@ -112,12 +121,21 @@ class ServiceSettings:
             draw_seconds=count("RHYTID_DRAW_SECONDS", 60),
             cache=_folder(environment.get("RHYTID_CACHE")),
             launch_seconds=count("RHYTID_LAUNCH_SECONDS", 60),
+            drain_seconds=count("RHYTID_DRAIN_SECONDS", 20),
+            log_format=_log_format(environment.get("RHYTID_LOG_FORMAT") or "text"),
+            traces=environment.get("OTEL_EXPORTER_OTLP_ENDPOINT") or None,
             keys=Path(keys) if (keys := environment.get("RHYTID_KEYS_FILE")) else None,
             hosts=several("RHYTID_ALLOWED_HOSTS", _HOST),
             origins=several("RHYTID_CORS_ORIGINS", _ORIGIN),
             key_rate=count("RHYTID_KEY_RATE", 1000),
             key_jobs=count("RHYTID_KEY_JOBS", 64),
         )
+
+
+def _log_format(named: str) -> str:
+    if named not in LOG_FORMATS:
+        raise SettingsError(f"RHYTID_LOG_FORMAT is {named!r}: one of {', '.join(LOG_FORMATS)}")
+    return named
 
 
 def _folder(named: str | None) -> Path | None:

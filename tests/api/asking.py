@@ -38,7 +38,8 @@ def is_problem(response: httpx.Response, status: int, kind: str | None = None) -
     assert response.status_code == status, response.text
     assert response.headers["content-type"] == "application/problem+json"
     body = response.json()
-    assert body.keys() == {"type", "title", "status", "detail"}
+    assert body.keys() == {"type", "title", "status", "detail", "request_id"}
+    assert body["request_id"] == response.headers["x-request-id"]
     assert body["status"] == status
     assert body["title"]
     assert body["type"] == (f"urn:rhytid:problem:{kind}" if kind else "about:blank")

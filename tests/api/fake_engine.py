@@ -9,6 +9,7 @@ from api.fake_frames import FakeFrames
 from api.fake_snapshots import FakeSnapshots
 from api.fake_state import FakeState
 from api.fake_tiles import FakeTiles
+from rhytid.device.figures import Figures
 from rhytid.engine.byte_budget import ByteBudget
 from rhytid.engine.messages import (
     DeviceInfo,
@@ -20,6 +21,7 @@ class FakeEngine:
 
     def __init__(self, polls: int = 0) -> None:
         self.computes = True
+        self.figures = {"0": Figures()}
         self.memory = ByteBudget(1 << 30, "RHYTID_HOST_MEMORY_MB")
         self.state = FakeState(polls)
         self.assets, self.jobs = FakeAssets(self.state), FakeJobs(self.state)

@@ -57,6 +57,7 @@ class Script:
 def problem(status: int, kind: str = "", **headers: str) -> httpx.Response:
     """A refusal with problem details; an underscore in the name of a header is a dash."""
     body = {"type": f"urn:{kind}", "title": "No", "status": status, "detail": "because"}
+    body["request_id"] = "shot-7"
     named = {name.replace("_", "-"): value for name, value in headers.items()}
     return httpx.Response(status, json=body, headers=named)
 

@@ -50,6 +50,7 @@ def test_refusal(
     assert isinstance(exc, errors.RequestError if status < 500 else errors.ServerError)
     assert (exc.status, exc.title, exc.detail, exc.type) == (status, "No", "because", "urn:kind")
     assert exc.retry_after == (2.0 if headers else None)
+    assert exc.request_id == "shot-7"
     assert str(exc) == f"{status} No: because [GET /v1/assets/a]"
 
 

@@ -138,7 +138,8 @@ def test_a_server_ends_while_its_device_hangs(served: Served) -> None:
     child = served.child
     time.sleep(1)
     served.process.send_signal(signal.SIGTERM)
-    assert served.process.wait(30) == 0
+    # Twenty for requests to finish, five for the process of the device to end.
+    assert served.process.wait(40) == 0
     asking.join()
     assert not alive(child)
 

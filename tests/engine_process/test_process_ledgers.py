@@ -151,6 +151,9 @@ def test_bytes_of_uploads_come_free_with_their_job_or_their_process() -> None:
     uploads.release(one)
     uploads.release(one)
     assert memory.used_for("jobs") == 30
-    uploads.release_all()
+    uploads.sent(other, "process")
+    uploads.release_of("another")
+    assert memory.used_for("jobs") == 30
+    uploads.release_of("process")
     uploads.release(other)
     assert memory.used_for("jobs") == 0

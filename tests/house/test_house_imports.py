@@ -23,6 +23,7 @@ ALLOWED = {
     "unfinished": set(),
     "durable": {"errors", "unfinished"},
     "settings": {"errors"},
+    "logs": set(),
     "domain": {"errors"},
     "device": _FACTS | {"unfinished"},
     "formats": _FACTS | {"durable", "unfinished"},
@@ -34,11 +35,12 @@ ALLOWED = {
     "storage": _TOOLS,
     "textures": _FACTS | {"formats", "durable"},
     "engine": _TOOLS | _WORK | {"settings"},
-    "engine_process": _TOOLS | {"engine", "settings", "storage"},
-    "api": _TOOLS | {"access", "engine", "engine_process", "settings", "meshes"},
+    "engine_process": _TOOLS | {"engine", "logs", "settings", "storage"},
+    "api": _TOOLS | {"access", "engine", "engine_process", "logs", "settings", "meshes"},
     "cli": _TOOLS
     | _WORK
-    | {"access", "engine", "engine_process", "settings", "api", "pictures", "meshes", "textures"},
+    | {"access", "engine", "engine_process", "logs", "settings", "api"}
+    | {"pictures", "meshes", "textures"},
 }
 # The only parts that may import a package from outside; other packages are free.
 ONLY_IN = {

@@ -47,7 +47,7 @@ class ProblemError(RhytidError):
 
     `detail` says what is wrong and where; `type` is the kind as a URI; `call` is the method and
     path that were asked; `retry_after` is in seconds, where the server gave it; `warnings` is what
-    `strict` refused.
+    `strict` refused; `request_id` is what the server's log calls the request.
     """
 
     def __init__(
@@ -59,6 +59,7 @@ class ProblemError(RhytidError):
         call: str = "",
         retry_after: float | None = None,
         warnings: tuple[InputWarning, ...] = (),
+        request_id: str = "",
     ) -> None:
         super().__init__(f"{status} {title}: {detail} [{call}]")
         self.status = status
@@ -68,6 +69,7 @@ class ProblemError(RhytidError):
         self.call = call
         self.retry_after = retry_after
         self.warnings = warnings
+        self.request_id = request_id
 
 
 class RequestError(ProblemError):

@@ -87,6 +87,7 @@ def failure(response: Response) -> ProblemError | BadAnswer:
         str(response.request),
         response.retry_after,
         input_warnings(warned) if isinstance(warned, list) else (),
+        str(problem.get("request_id", "")),
     )
 
 

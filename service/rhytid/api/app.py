@@ -13,10 +13,12 @@ from rhytid.api import problems
 from rhytid.api.access import Access, guard
 from rhytid.api.device_slots import DeviceSlots, threads
 from rhytid.api.documentation import describe
+from rhytid.api.draining import Drain, Draining
 from rhytid.api.encoding import SCALE, WARNINGS
 from rhytid.api.job_shares import JobShares
 from rhytid.api.metrics import Metrics, Observe
 from rhytid.api.request_head import CheckHead
+from rhytid.api.request_ids import HEADER, RequestIds
 from rhytid.api.request_memory import HoldUntilSent
 from rhytid.api.routes import (
     assets,
@@ -30,6 +32,7 @@ from rhytid.api.routes import (
     snapshots,
     tiles,
 )
+from rhytid.api.tracing import tracer
 from rhytid.engine.byte_budget import ByteBudget
 from rhytid.settings import ServiceSettings
 
@@ -52,8 +55,8 @@ ROUTERS = (
 # What web pages of allowed origins may send and read. No cookies: keys are in a header.
 SHARED: dict[str, Any] = {
     "allow_methods": ("GET", "HEAD", "PUT", "POST", "PATCH", "DELETE"),
-    "allow_headers": ("Authorization", "Content-Type", "If-None-Match"),
-    "expose_headers": ("ETag", "Location", "Retry-After", SCALE, WARNINGS),
+    "allow_headers": ("Authorization", "Content-Type", "If-None-Match", HEADER),
+    "expose_headers": ("ETag", "Location", "Retry-After", HEADER, SCALE, WARNINGS),
     "max_age": 600,
 }
 
@@ -75,9 +78,12 @@ def create_app(engine: AnyEngine, settings: ServiceSettings) -> FastAPI:
     app.state.access = Access(settings)
     app.state.job_shares = JobShares(lambda job: engine.jobs.info(job))
     app.state.slots = DeviceSlots(settings.queue)
+    app.state.drain = Drain(settings.drain_seconds)
     app.state.spool = ByteBudget(settings.spool, "RHYTID_SPOOL_MB")
     app.state.metrics = Metrics(
-        engine, {"host": lambda: engine.memory, "spool": lambda: app.state.spool}
+        engine,
+        {"host": lambda: engine.memory, "spool": lambda: app.state.spool},
+        app.state.drain,
     )
     app.state.routes = [route for router in ROUTERS for route in router.routes]
     for router in ROUTERS:
@@ -86,7 +92,9 @@ def create_app(engine: AnyEngine, settings: ServiceSettings) -> FastAPI:
     if settings.origins:
         app.add_middleware(CORSMiddleware, allow_origins=settings.origins, **SHARED)
     app.add_middleware(CheckHead, hosts=settings.hosts, origins=settings.origins)
-    app.add_middleware(Observe, metrics=app.state.metrics)
+    app.add_middleware(Draining, drain=app.state.drain)
+    app.add_middleware(Observe, metrics=app.state.metrics, tracer=tracer())
+    app.add_middleware(RequestIds)
     problems.install(app)
     app.openapi = partial(describe, app)  # type: ignore[method-assign]
     return app

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -20,6 +20,7 @@ from rhytid.api.parts import Part
 from rhytid.api.request_memory import RequestMemory
 from rhytid.api.schemas import ALLOW, CODE, STRICT
 from rhytid.api.spool import Spool
+from rhytid.device.figures import Figures
 from rhytid.errors import QueryError
 from rhytid.formats.frames import read_positions
 
@@ -83,10 +84,23 @@ async def no_repeats(request: Request) -> None:
 async def _positions(request: Request, asset: AssetId, engine: EngineDep) -> NDArray[np.float32]:
     # The asset comes first: it says how much of a body is worth reading.
     found = await run_in_threadpool(engine.assets.info, asset)
-    body = await uploads.read_frame(request, found.vertices)
+    figures: Figures = request.app.state.metrics.figures
+    with figures.stage("upload"):
+        body = await uploads.read_frame(request, found.vertices)
     media_type = uploads.media_type_of(request)
     centre = np.array(found.centre)
-    return await run_in_threadpool(read_positions, body, media_type, found.vertices, centre)
+    with figures.stage("decode"):
+        return await run_in_threadpool(read_positions, body, media_type, found.vertices, centre)
+
+
+def _uploaded(read: Callable[[Request], Awaitable[Any]]) -> Callable[[Request], Awaitable[Any]]:
+    """Reads a body, which is timed."""
+
+    async def timed(request: Request) -> Any:
+        with request.app.state.metrics.figures.stage("upload"):
+            return await read(request)
+
+    return timed
 
 
 # The body as positions (V, 3) of the asset in the path, less its centre; raises FrameError or
@@ -109,8 +123,8 @@ Allow = Annotated[
     Query(default_factory=list, description=ALLOW, json_schema_extra={"items": CODE}),
 ]
 Json = Annotated[Any, Depends(uploads.read_json)]
-Parts = Annotated[dict[str, Part], Depends(uploads.read_parts)]
-SnapshotBody = Annotated[Spool, Depends(uploads.read_snapshot)]
+Parts = Annotated[dict[str, Part], Depends(_uploaded(uploads.read_parts))]
+SnapshotBody = Annotated[Spool, Depends(_uploaded(uploads.read_snapshot))]
 FrameName = Annotated[str, Path(description="name of a frame; `neutral` is always there")]
 JobId = Annotated[str, Path(description="id of a job")]
 _MOST = 2**31

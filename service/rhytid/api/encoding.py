@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from rhytid import __version__
 from rhytid.api.request_memory import RequestMemory
+from rhytid.device.figures import Figures, working_on
 from rhytid.domain.warnings import InputWarning
 from rhytid.engine.messages import AssetContent, FrameStretch
 from rhytid.errors import QueryError
@@ -85,7 +86,11 @@ def answer(
             return bodiless(about, FORMATS[format].media_type)
     with slot:
         hold = memory.answer(WORKING * wanted.nbytes)
-        encoded = encode(wanted.draw(), format, wanted.header)
+        tile = wanted.draw()
+        figures: Figures = request.app.state.metrics.figures
+        with working_on(wanted.header.method), figures.stage("encode"):
+            encoded = encode(tile, format, wanted.header)
+        del tile
         hold.resize(len(encoded.body))
     drawn.inc()
     now = plan().key if wanted.key_now is None else wanted.key_now()

@@ -26,9 +26,10 @@ def event(name: str, job: JobInfo) -> bytes:
 async def job_events(
     job: JobInfo,
     poll: Callable[[str], JobInfo],
-    disconnected: Callable[[], Awaitable[bool]],
+    over: Callable[[], Awaitable[bool]],
 ) -> AsyncIterator[bytes]:
-    """`progress` at once and after every change, then `end`; nothing once the client is gone.
+    """`progress` at once and after every change, then `end`; nothing once the stream is over:
+    the client is gone, or the server ends.
 
     `poll` may block: it runs in the thread pool.
     """
@@ -36,7 +37,7 @@ async def job_events(
     quiet = 0
     while job.state not in ENDED_STATES:
         await asyncio.sleep(POLL_SECONDS)
-        if await disconnected():
+        if await over():
             return
         before, job = job, await run_in_threadpool(_poll, poll, job)
         quiet = 0 if job != before else quiet + 1

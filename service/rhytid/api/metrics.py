@@ -1,20 +1,35 @@
-"""Prometheus figures of one app, and the middleware that counts and logs its requests."""
+"""Prometheus metrics of one app, and the middleware that counts and logs its requests."""
 
 from __future__ import annotations
 
 import logging
 import time
 from collections.abc import Callable, Iterator, Mapping
-from typing import TYPE_CHECKING
+from contextlib import nullcontext
+from typing import TYPE_CHECKING, Any
 
-from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
+from prometheus_client import (
+    CollectorRegistry,
+    Counter,
+    Gauge,
+    Histogram,
+    ProcessCollector,
+    generate_latest,
+)
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from rhytid import __version__
 from rhytid.api.access import CALLER
+from rhytid.api.draining import Drain
+from rhytid.api.figure_metrics import FigureMetrics
+from rhytid.api.tracing import traced
+from rhytid.device.figures import Figures
 from rhytid.engine.byte_budget import ByteBudget
 
 if TYPE_CHECKING:
+    from opentelemetry.trace import Tracer
+
     from rhytid.engine_process.any_engine import AnyEngine
 
 logger = logging.getLogger(__name__)
@@ -29,11 +44,18 @@ METHODS = frozenset({"GET", "HEAD", "PUT", "POST", "PATCH", "DELETE", "OPTIONS"}
 class Metrics:
     """The figures of one app, in a registry of its own.
 
-    engine: tells what waits, and restarts.  budgets: of bytes, by name.
+    engine: tells what waits, restarts, and what its devices do.  budgets: of bytes, by name.
+    drain: tells what runs.  figures: the stages that the server itself goes through.
     """
 
-    def __init__(self, engine: AnyEngine, budgets: Mapping[str, Callable[[], ByteBudget]]) -> None:
+    def __init__(
+        self,
+        engine: AnyEngine,
+        budgets: Mapping[str, Callable[[], ByteBudget]],
+        drain: Drain,
+    ) -> None:
         self.registry = CollectorRegistry()
+        self.figures = Figures()
         self.requests = Counter(
             "rhytid_requests",
             "HTTP requests by method, route and status",
@@ -52,10 +74,18 @@ class Metrics:
             ("method",),
             registry=self.registry,
         )
-        queue = Gauge("rhytid_device_queue", "Waiting device requests", registry=self.registry)
-        queue.set_function(lambda: engine.waiting)
+        self._gauge("device_queue", "Waiting device requests", lambda: engine.waiting)
+        self._gauge("requests_running", "Requests that are answered now", lambda: drain.running)
+        self._gauge("draining", "1 while the server shuts down", lambda: drain.begun)
+        about = Gauge("rhytid_build_info", "1", ("version",), registry=self.registry)
+        about.labels(__version__).set(1)
         self._engine, self._budgets = engine, budgets
         self.registry.register(self)
+        self.registry.register(FigureMetrics(lambda: engine.figures, self.figures))
+        ProcessCollector(registry=self.registry)
+
+    def _gauge(self, name: str, about: str, find: Callable[[], float]) -> None:
+        Gauge(f"rhytid_{name}", about, registry=self.registry).set_function(find)
 
     def bytes_held(self) -> dict[str, dict[str, object]]:
         """What the budgets of bytes hold, by name."""
@@ -108,9 +138,9 @@ class Metrics:
 class Observe:
     """ASGI middleware: one count, one time and one log line per request."""
 
-    def __init__(self, app: ASGIApp, metrics: Metrics) -> None:
+    def __init__(self, app: ASGIApp, metrics: Metrics, tracer: Tracer | None = None) -> None:
         self.app = app
-        self.metrics = metrics
+        self.metrics, self._tracer = metrics, tracer
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass the request on and note its status, 500 where it raised."""
@@ -126,17 +156,24 @@ class Observe:
                 status = message["status"]
             await send(message)
 
-        try:
-            await self.app(scope, receive, noting)
-        finally:
-            self._note(scope, status, time.perf_counter() - start)
+        with nullcontext() if self._tracer is None else traced(self._tracer, scope) as span:
+            try:
+                await self.app(scope, receive, noting)
+            finally:
+                self._note(scope, status, time.perf_counter() - start, span)
 
-    def _note(self, scope: Scope, status: int, seconds: float) -> None:
+    def _note(self, scope: Scope, status: int, seconds: float, span: Any) -> None:
         # Labels come from the program, never from the client: their number stays bounded.
         method = scope["method"] if scope["method"] in METHODS else "other"
         route = getattr(scope.get("route"), "path", "none")
         self.metrics.requests.labels(method, route, status).inc()
         self.metrics.seconds.labels(route).observe(seconds)
         path = scope["path"].encode("unicode_escape").decode("ascii")
-        who = f" {caller.name}" if (caller := scope.get(CALLER)) else ""
-        logger.info("%s %s %d %.1f ms%s", method, path, status, 1000 * seconds, who)
+        who = caller.name if (caller := scope.get(CALLER)) else ""
+        fields = {"method": method, "path": path, "route": route, "status": status}
+        fields |= {"milliseconds": round(1000 * seconds, 3), "caller": who}
+        text = f"%s %s %d %.1f ms{' %s' if who else '%s'}"
+        extra = {"fields": fields}
+        logger.info(text, method, path, status, 1000 * seconds, who, extra=extra)
+        if span is not None:
+            span(status, route)

@@ -16,6 +16,7 @@ from starlette.requests import ClientDisconnect
 
 from rhytid import errors
 from rhytid.domain.warnings import InputWarning
+from rhytid.logs import request_id
 
 MEDIA_TYPE = "application/problem+json"
 LONGEST_DETAIL = 2000
@@ -59,6 +60,7 @@ KINDS: dict[type[BaseException], Kind] = {
     errors.HostMemoryError: Kind(507, "host-memory", "Beyond the memory for requests"),
     errors.LimitError: Kind(413, "limit", "Larger than this server allows"),
     errors.HostBusyError: Kind(503, "host-busy", "The memory for requests is in use"),
+    errors.DrainingError: Kind(503, "draining", "The server is shutting down"),
     errors.BusyError: Kind(503, "busy", "The queue of the device is full"),
     errors.NoDeviceError: Kind(503, "no-device", "No OpenCL device computes"),
     errors.DeviceMemoryError: Kind(507, "device-memory", "Beyond the device memory budget"),
@@ -89,6 +91,8 @@ def problem(
     clipped = detail if len(detail) <= LONGEST_DETAIL else detail[: LONGEST_DETAIL - 1] + "…"
     title = title or HTTPStatus(status).phrase
     body = {"type": type, "title": title, "status": status, "detail": clipped, **extra}
+    if wanted := request_id.get():
+        body["request_id"] = wanted
     # ASCII escapes: a detail may quote a lone surrogate from the client's JSON.
     return Response(json.dumps(body), status, headers, media_type=MEDIA_TYPE)
 
@@ -165,7 +169,9 @@ async def _unexpected(request: Request, error: Exception) -> Response:
     # The exception goes on to the ASGI server, which logs its trace and ends the connection:
     # without the header a client would ask again on a connection that is about to break.
     logger.error("%s failed: %s", _call(request), type(error).__name__)
-    return problem(500, "the server's log has the reason", headers={"Connection": "close"})
+    # This is answered outside of what adds the id to the other answers.
+    headers = {"Connection": "close", "X-Request-Id": request_id.get()}
+    return problem(500, "the server's log has the reason", headers=headers)
 
 
 def _call(request: Request) -> str:

@@ -138,6 +138,9 @@ class Problem(BaseModel):
     warnings: list[InputWarning] | None = Field(
         None, description="those that `strict=true` turned into a problem; of `allow` none"
     )
+    request_id: str = Field(
+        description="as `X-Request-Id` of the answer: that of the request, where it was well formed"
+    )
 
 
 class Status(BaseModel):

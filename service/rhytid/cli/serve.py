@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 import argparse
+import logging
 import socket
+import threading
 from contextlib import closing, suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from rhytid import __version__
 from rhytid.cli.options import Commands, add_device, new_command, port_number
 from rhytid.cli.progress import voice
-from rhytid.cli.termination import Terminated
-from rhytid.settings import ServiceSettings
+from rhytid.cli.termination import TERMINATED, Terminated, end_now
+from rhytid.errors import InputError
+from rhytid.logs import log_to_stderr
+from rhytid.settings import LOG_FORMATS, ServiceSettings
 
 PORT = 8717
+ALL = "all"
+# Seconds after a drain in which the process has to end.
+LAST = 10.0
 
 
 def add_command(commands: Commands) -> None:
@@ -33,11 +41,26 @@ def add_command(commands: Commands) -> None:
     without = "ask for no API keys: for a server behind a proxy that knows who may use it"
     parser.add_argument("--without-keys", action="store_true", help=without)
     add_device(parser)
+    several = (
+        "compute on several devices: `all` that compute, or their numbers with commas; each asset "
+        "is on one of them (default: one device)"
+    )
+    parser.add_argument("--devices", type=device_numbers, metavar="LIST", help=several)
     inside = (
         "compute in the process of the server; otherwise the device has one, which is restarted"
     )
     parser.add_argument("--in-process", action="store_true", help=inside)
+    form = "lines of the log on stderr (default: of RHYTID_LOG_FORMAT, else text)"
+    parser.add_argument("--log-format", choices=LOG_FORMATS, help=form)
     parser.set_defaults(run=run)
+
+
+def device_numbers(text: str) -> tuple[str, ...]:
+    """`all`, or numbers with commas between them."""
+    numbers = tuple(text.split(","))
+    if text != ALL and not all(number.isascii() and number.isdigit() for number in numbers):
+        raise argparse.ArgumentTypeError(f"{text!r}: must be {ALL}, or numbers such as 0,2")
+    return numbers
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -46,6 +69,14 @@ def run(arguments: argparse.Namespace) -> None:
     from rhytid.cli.server import asks_keys, listen
 
     settings = _with_places(chosen(arguments.store, arguments.device))
+    settings = replace(
+        settings,
+        log_format=arguments.log_format or settings.log_format,
+        devices=arguments.devices or (),
+    )
+    if settings.devices and (arguments.device or arguments.in_process):
+        other = "--device" if arguments.device else "--in-process"
+        raise InputError(f"--devices and {other} cannot be given together")
     listening = listen(arguments.host, arguments.port)
     with closing(listening):
         ask = asks_keys(listening, settings.key_file, without=arguments.without_keys)
@@ -53,14 +84,27 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def _serve(listening: socket.socket, settings: ServiceSettings, *, in_process: bool) -> None:
+    from rhytid.api.tracing import send_spans
     from rhytid.cli.server import address_of, engine_of, server_of
 
+    log_to_stderr(settings.log_format, logging.getLevelName(_log_level().upper()), "server")
+    if settings.traces:
+        send_spans()
     with closing(engine_of(settings, in_process=in_process)) as engine:
-        device = next(d for d in engine.devices() if d.selected)
-        where = f"{device.name} ({device.platform}), store {settings.store}"
+        used = [f"{d.name} ({d.platform})" for d in engine.devices() if d.selected]
+        where = f"{' and '.join(used)}, store {settings.store}"
         print(f"rhytid {__version__} on {address_of(listening)}, {where}", flush=True)
         with suppress(Terminated):  # SIGTERM ends a server
-            server_of(engine, settings, _log_level()).run(sockets=[listening])
+            by = settings.drain_seconds + LAST
+            server = server_of(engine, settings, _log_level(), partial(_end_by, by))
+            server.run(sockets=[listening])
+
+
+def _end_by(seconds: float) -> None:
+    """End this process after so long, whatever hangs in it."""
+    last = threading.Timer(seconds, end_now, (TERMINATED,))
+    last.daemon = True
+    last.start()
 
 
 def _with_places(settings: ServiceSettings) -> ServiceSettings:

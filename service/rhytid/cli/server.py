@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import signal
 import socket
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
 from ipaddress import ip_address
 from pathlib import Path
+from types import FrameType
 from typing import TYPE_CHECKING
 
 import uvicorn
@@ -19,10 +21,11 @@ from rhytid.errors import AccessError, InputError
 from rhytid.settings import ServiceSettings
 
 if TYPE_CHECKING:
+    from rhytid.api.draining import Drain
     from rhytid.engine_process.any_engine import AnyEngine
 
 LOOPBACK = "127.0.0.1"
-# Seconds that open requests get to finish; a stream of events would never end by itself.
+# Seconds that open requests get to finish after an interrupt.
 GRACE = 5
 
 
@@ -85,14 +88,54 @@ def engine_of(settings: ServiceSettings, *, in_process: bool) -> AnyEngine:
     return RemoteEngine(settings)
 
 
-def server_of(engine: AnyEngine, settings: ServiceSettings, log_level: str) -> uvicorn.Server:
-    """The application over an engine, ready to run on sockets."""
+class DrainingServer(uvicorn.Server):
+    """Drains when SIGTERM comes: listens on while requests finish, and answers all others with 503.
+
+    begun: called when it begins to.
+    """
+
+    def __init__(self, config: uvicorn.Config, drain: Drain, begun: Callable[[], None]) -> None:
+        super().__init__(config)
+        self._drain, self._begun = drain, begun
+        self._signal: int | None = None
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """Begin to drain; at a second signal, or another than SIGTERM, end at once."""
+        if sig != signal.SIGTERM or self._drain.begun:
+            super().handle_exit(sig, frame)
+            return
+        self._signal = sig
+        self._drain.begin()
+        self._begun()
+
+    async def on_tick(self, counter: int) -> bool:
+        """Ten times a second: whether to end."""
+        if self._signal is not None and self._drain.over and not self.should_exit:
+            # Who has not finished by now does not.
+            self.config.timeout_graceful_shutdown = 1
+            super().handle_exit(self._signal, None)
+        return await super().on_tick(counter)
+
+
+def server_of(
+    engine: AnyEngine,
+    settings: ServiceSettings,
+    log_level: str,
+    draining: Callable[[], None] = lambda: None,
+) -> uvicorn.Server:
+    """The application over an engine, ready to run on sockets. The caller sets the log up.
+
+    draining: called when the server begins to end.
+    """
     from rhytid.api.app import create_app
 
     app = create_app(engine, settings)
-    return uvicorn.Server(
-        uvicorn.Config(app, log_level=log_level, ws="none", timeout_graceful_shutdown=GRACE)
-    )
+    # Each request is logged by the application, with its id.
+    config = uvicorn.Config(
+        app, log_level=log_level, log_config=None, access_log=False, ws="none",
+        timeout_graceful_shutdown=GRACE,
+    )  # fmt: skip
+    return DrainingServer(config, app.state.drain, draining)
 
 
 @contextmanager

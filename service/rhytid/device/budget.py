@@ -29,12 +29,15 @@ class MemoryBudget:
 
     Things kept under a key are dropped least recently used first, but never in the task that
     used them: `new_task` says when what was used before is no longer in anybody's hands.
+    dropped: called with the key of each.
     """
 
-    def __init__(self, limit: int, spares: BufferPool) -> None:
+    def __init__(
+        self, limit: int, spares: BufferPool, dropped: Callable[[Hashable], None] | None = None
+    ) -> None:
         self.limit = limit
         self.used = 0
-        self._pool = spares
+        self._pool, self._dropped = spares, dropped
         self._kept: OrderedDict[Hashable, Releasable] = OrderedDict()
         self._in_hands: set[Hashable] = set()
         self._made: set[Hashable] = set()
@@ -107,3 +110,5 @@ class MemoryBudget:
             if self.used + nbytes <= self.limit:
                 return
             self.discard(key)
+            if self._dropped is not None:
+                self._dropped(key)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator, Mapping
+import time
+from collections.abc import Callable, Hashable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 from types import MappingProxyType
@@ -17,6 +18,7 @@ from rhytid.device import trial, watch
 from rhytid.device.budget import MemoryBudget
 from rhytid.device.buffer_pool import BufferPool
 from rhytid.device.elsewhere import Elsewhere, by_owner, making
+from rhytid.device.figures import DROPPED, Figures
 from rhytid.device.memory import usual_device_memory
 from rhytid.device.paces import FIRST_WORK, Paces
 from rhytid.device.select import Candidate
@@ -81,12 +83,17 @@ class Device:
     memory: bytes that may be taken; None = a share of what it has.
     shapes: how drawing can be cut.  shape: how it is; the usual one, until a faster one is set.
     work_pace: work a second of drawing, see `WorkPace`; a guess until it is measured.
+    figures: what it does; of this process alone where none are given.
     """
 
-    def __init__(self, candidate: Candidate, memory: int | None) -> None:
+    def __init__(
+        self, candidate: Candidate, memory: int | None, figures: Figures | None = None
+    ) -> None:
         self.info = candidate
+        self.figures = figures or Figures()
         self.pool = BufferPool()
-        self.budget = MemoryBudget(memory or usual_device_memory(candidate), self.pool)
+        limit = memory or usual_device_memory(candidate)
+        self.budget = MemoryBudget(limit, self.pool, self._dropped)
         self.born: list[Buffer] = []
         self.paces, self.work_pace = Paces(), FIRST_WORK
         self._others = threading.local()
@@ -140,6 +147,18 @@ class Device:
             for buffer in self.born:
                 buffer.release()
             raise
+        finally:
+            self._note_memory()
+
+    def _note_memory(self) -> None:
+        self.figures.set(self.budget.limit, "limit")
+        self.figures.set(self.budget.used, "used")
+        self.figures.set(self.pool.held, "spare")
+
+    def _dropped(self, key: Hashable) -> None:
+        """Count what the budget dropped: an asset, or what was made of one."""
+        names = key if isinstance(key, tuple) else ()
+        self.figures.count("dropped", next((n for n in names[:2] if n in DROPPED), "other"))
 
     def allocate(self, nbytes: int, host: NDArray[Any] | None) -> Any:
         """Memory of the driver with the bytes of `host`, or uninitialised.
@@ -181,9 +200,18 @@ class Device:
         """The first values of a buffer; waits for all launches before."""
         host = np.empty(shape, dtype)
         if host.size:
-            with _device_errors():
+            with self._reading():
                 cl.enqueue_copy(self._queue, host, buffer.handle, is_blocking=True)
         return host
+
+    @contextmanager
+    def _reading(self) -> Iterator[None]:
+        """Waits for all launches, so that the copy to the host in the block is timed alone."""
+        with _device_errors():
+            self._queue.finish()
+            start = time.perf_counter_ns()
+            yield
+            self.figures.read_back(time.perf_counter_ns() - start)
 
     @by_owner
     def read_square(
@@ -192,7 +220,7 @@ class Device:
         """(side, side) float32 from (row, column) on, of rows of `stride` values; waits as `read`
         does."""
         host = np.empty((side, side), np.float32)
-        with _device_errors():
+        with self._reading():
             cl.enqueue_copy(
                 self._queue, host, buffer.handle, is_blocking=True,
                 buffer_origin=(4 * column, row, 0), host_origin=(0, 0, 0),

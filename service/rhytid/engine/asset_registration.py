@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 
@@ -45,11 +45,12 @@ class AssetRegistration:
         self._assets, self._store, self._stored = registry, store, stored
         self._builder, self._frames, self._jobs, self._memory = builder, frames, jobs, memory
 
-    def open_store(self) -> None:
-        """Register what the store holds, and go on with builds that were interrupted."""
-        for asset in self._stored.built():
+    def open_store(self, only: Collection[str] | None = None) -> None:
+        """Register what the store holds, or those of `only`, and go on with builds that were
+        interrupted."""
+        for asset in self._stored.built(only):
             self._assets.replace(None, asset)
-        for asset in self._stored.pending():
+        for asset in self._stored.pending(only):
             self._assets.replace(None, asset)
             if asset.state == "building":
                 try:

@@ -85,6 +85,16 @@ class CheckedUpload:
         return made
 
 
+def content_id(new: NewAsset) -> str:
+    """The id that what is sent will have, of which nothing is checked."""
+    if new.graph is not None:
+        settings, expressions = new.settings.for_graph(new.graph.origin), None
+    else:
+        settings = new.settings.for_synthesis()
+        expressions = grown_from(settings.graph.lines, new.shapes)
+    return asset_id(new.mesh, settings, new.graph, new.stiffness, new.controls, expressions)
+
+
 def _settings_of(
     new: NewAsset, graph: WrinkleGraph, udims: Iterable[int], limit: DrawLimit
 ) -> AssetSettings:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from types import MappingProxyType
 
 import numpy as np
 
+from rhytid.device.figures import Figures
 from rhytid.device.memory import usual_frame_memory, usual_host_memory
 from rhytid.device.select import Candidate, candidates
 from rhytid.engine.asset_builder import AssetBuilder
@@ -36,7 +37,9 @@ _PROBED = 64
 class Engine:
     """Holds assets on one device and answers for their frames. Blocking; safe from any thread.
 
-    refused: ids of assets that are not built, and why.
+    refused: ids of assets that are not built, and why.  figures: what the device does, by name; one
+    may be given, to be read from elsewhere.  only: assets of a store that several engines share,
+    and another process holds open; None = all, and the store is opened.
 
     memory: bytes that requests and jobs hold on the host.  assets, frames, tiles, jobs, snapshots:
     the calls. Every one raises NotFoundError for an unknown id, NotReadyError while the asset
@@ -44,15 +47,22 @@ class Engine:
     """
 
     def __init__(
-        self, settings: ServiceSettings, refused: Mapping[str, str] = MappingProxyType({})
+        self,
+        settings: ServiceSettings,
+        refused: Mapping[str, str] = MappingProxyType({}),
+        figures: Figures | None = None,
+        only: Collection[str] | None = None,
     ) -> None:
-        self._device = open_device(settings)
-        self._store = AssetStore(settings.store)
-        self._worker = DeviceWorker(settings.queue)
+        figures = figures or Figures()
+        figures.begin()
+        self._device = open_device(settings, figures=figures)
+        self.figures = {str(self._device.info.index): figures}
+        self._store = AssetStore(settings.store, shared=only is not None)
+        self._worker = DeviceWorker(settings.queue, figures)
         self._on_device = DeviceAssets(self._device, self._worker, self._store)
         host_memory = settings.host_memory or usual_host_memory()
         self.memory = ByteBudget(host_memory, "RHYTID_HOST_MEMORY_MB")
-        self.jobs = Jobs(settings.jobs)
+        self.jobs = Jobs(settings.jobs, figures)
         registry = AssetRegistry(settings.frame_memory or usual_frame_memory())
         limit = DrawLimit(settings.draw_seconds, self._device.work_pace)
         builder = AssetBuilder(
@@ -78,7 +88,7 @@ class Engine:
             limit,
         )
         self.snapshots = SnapshotService(registry, self._store, stored)
-        registration.open_store()
+        registration.open_store(only)
 
     def close(self) -> None:
         """Stop the jobs, finish the tasks that wait for the device, and close the store."""

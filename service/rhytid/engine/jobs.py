@@ -7,18 +7,20 @@ import logging
 import re
 import secrets
 import threading
-from collections import OrderedDict
+from collections import Counter, OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 from rhytid.device import watch
+from rhytid.device.figures import JOB_KINDS, Figures, working_on
 from rhytid.domain.wording import plural
 from rhytid.engine.messages import ENDED_STATES, JobInfo
 from rhytid.errors import BusyError, CancelledError, NotFoundError, RhytidError, public_message
 
 # Kinds of jobs by priority, highest first.
-KINDS = ("frames", "build", "calibration", "bins")
+KINDS = JOB_KINDS
 # A new job of these kinds replaces those of the same asset that still wait.
 _SUPERSEDED = ("calibration", "bins")
 _REMEMBERED = 1000
@@ -128,15 +130,17 @@ class Jobs:
 
     Two threads take jobs from the queue, one of them small jobs only, so that these never wait for
     a large job of another asset. Jobs of one asset run one after the other. A job that gives way is
-    queued again, behind those of higher priority.  most: jobs that may wait.
+    queued again, behind those of higher priority.  most: jobs that may wait.  figures: counts them.
     """
 
-    def __init__(self, most: int) -> None:
+    def __init__(self, most: int, figures: Figures | None = None) -> None:
         self._most = most
+        self._figures = figures or Figures()
         self._jobs: OrderedDict[str, Job] = OrderedDict()
         self._queue: list[_Queued] = []
         # Per asset at work: whether its thread takes small jobs only.
         self._at_work: dict[str, bool] = {}
+        self._running: Counter[str] = Counter()
         self._closed = False
         self._changed = threading.Condition()
         self._threads = [
@@ -170,9 +174,11 @@ class Jobs:
                 raise BusyError(
                     f"{plural(self._most, 'job waits', 'jobs wait')} already (RHYTID_JOBS)"
                 )
+            job.when_ended(partial(self._count_end, job))
             self._jobs[job.info.id] = job
             self._put(_Queued(job, work, small))
             self._forget()
+            self._note()
             self._changed.notify_all()
         return job
 
@@ -242,6 +248,16 @@ class Jobs:
         for id in ended[: max(len(self._jobs) - _REMEMBERED, 0)]:
             del self._jobs[id]
 
+    def _note(self) -> None:
+        """Tell how many jobs of each kind wait and run."""
+        queued = Counter(one.job.info.kind for one in self._queue)
+        for kind in KINDS:
+            self._figures.set(queued[kind], "jobs", kind, "queued")
+            self._figures.set(self._running[kind], "jobs", kind, "running")
+
+    def _count_end(self, job: Job) -> None:
+        self._figures.count("ended", job.info.kind, job.info.state)
+
     def _run_all(self, small: bool) -> None:
         while (queued := self._take(small)) is not None:
             again = False
@@ -252,6 +268,8 @@ class Jobs:
                     del self._at_work[queued.asset]
                     if again:
                         self._put(queued)
+                    self._running[queued.job.info.kind] -= 1
+                    self._note()
                     self._changed.notify_all()
             del queued  # lets go of the work's data while this thread waits
 
@@ -263,6 +281,8 @@ class Jobs:
                 if queued is not None:
                     self._queue.remove(queued)
                     self._at_work[queued.asset] = small
+                    self._running[queued.job.info.kind] += 1
+                    self._note()
                     return queued
                 if self._closed and (small or not self._queue):
                     return None
@@ -284,7 +304,8 @@ def _run(queued: _Queued) -> bool:
     try:
         job.update(state="running")
         job.progress(0.0, "starting")
-        with watch.used_for(watch.Purpose(asset=asset_number(queued.asset))):
+        purpose = watch.Purpose(asset=asset_number(queued.asset))
+        with watch.used_for(purpose), working_on("job"):
             queued.work(job)
     except GaveWay:
         job.update(state="queued")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from functools import partial
 
 from rhytid.domain.mesh_warnings import mesh_warnings
@@ -27,13 +27,14 @@ class StoredAssets:
     def __init__(self, store: AssetStore, on_device: DeviceAssets, memory: FrameMemory) -> None:
         self._store, self._on_device, self._memory = store, on_device, memory
 
-    def built(self) -> Iterator[Asset]:
-        """Every built asset, ready; a damaged one as failed."""
-        return map(self._opened, self._store.ids())
+    def built(self, only: Collection[str] | None = None) -> Iterator[Asset]:
+        """Every built asset, or those of `only`, ready; a damaged one as failed."""
+        return map(self._opened, _among(self._store.ids(), only))
 
-    def pending(self) -> Iterator[Asset]:
-        """Every asset that was sent and never finished, building; a damaged one as failed."""
-        for id in self._store.pending():
+    def pending(self, only: Collection[str] | None = None) -> Iterator[Asset]:
+        """Every asset that was sent and never finished, or those of `only`, building; a damaged one
+        as failed."""
+        for id in _among(self._store.pending(), only):
             try:
                 wanted = self._store.request(id)
             except StorageError as error:
@@ -122,6 +123,10 @@ class StoredAssets:
         _log.error("asset %s: %s", id, error)
         reason = public_message(error) if isinstance(error, StoreFormatError) else DAMAGED
         return Asset.failed(id, reason, self._memory)
+
+
+def _among(ids: list[str], only: Collection[str] | None) -> list[str]:
+    return ids if only is None else [id for id in ids if id in only]
 
 
 def _kept_warnings(stored: StoredAsset, facts: BuildFacts) -> tuple[InputWarning, ...]:

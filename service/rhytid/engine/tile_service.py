@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rhytid.device.figures import spent_on
 from rhytid.device.runtime import Device
 from rhytid.domain.frame import check_positions
 from rhytid.domain.tiles import TileAddress
@@ -60,7 +63,7 @@ class TileService:
             self._key(found, stored, query, str(address)),
             _header(found, frame, query, address),
             found.settings.grid.texels(address.level),
-            partial(self._tile, found, stored, query, address),
+            _measured(query, self._tile, found, stored, query, address),
         )
 
     def plan_map(self, asset: str, frame: str, query: MapQuery, udim: int, level: int) -> TilePlan:
@@ -72,7 +75,7 @@ class TileService:
             self._key(found, stored, query, f"{udim}/{level}"),
             _header(found, frame, query, first),
             whole[2],
-            partial(self._maps.square, found, stored, query, udim, level, whole),
+            _measured(query, self._maps.square, found, stored, query, udim, level, whole),
         )
 
     def triangles(self, asset: str, udim: int) -> NDArray[np.int32]:
@@ -95,7 +98,7 @@ class TileService:
                 self._key(found, frame, query, str(address)),
                 _header(found, "", query, address),
                 found.settings.grid.texels(address.level),
-                partial(self._tile, found, frame, query, address),
+                _measured(query, self._tile, found, frame, query, address),
             )
             for address in addresses
         ]
@@ -154,6 +157,11 @@ class TileService:
 
         tile = self._batcher.tile
         return self._on_device.using(asset, lambda: tile(key, address, texels, draw, asset.id))
+
+
+def _measured(query: MapQuery, draw: Callable[..., Tile], *arguments: Any) -> Callable[[], Tile]:
+    """Draws with these arguments; what it takes is counted for the method."""
+    return partial(spent_on, query.method, partial(draw, *arguments))
 
 
 def displacement_scale(asset: Asset) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections import OrderedDict, deque
 from collections.abc import Callable, Hashable
 from concurrent.futures import Future
@@ -10,6 +11,7 @@ from contextvars import copy_context
 from functools import partial
 from typing import Any, TypeVar
 
+from rhytid.device.figures import Figures
 from rhytid.domain.wording import waiting
 from rhytid.errors import BusyError
 
@@ -24,11 +26,12 @@ class DeviceWorker:
     served in rotation, one call each; calls of one turn are served in the order in which they came.
     So a call waits for at most one call of every other turn, however many of those wait.
 
-    `size` is the number of calls that may wait.
+    `size` is the number of calls that may wait.  figures: how long calls wait and take.
     """
 
-    def __init__(self, size: int) -> None:
+    def __init__(self, size: int, figures: Figures | None = None) -> None:
         self.size = size
+        self._figures = figures or Figures()
         self._turns: OrderedDict[Hashable, deque[_Task]] = OrderedDict()
         self._waiting = 0
         self._closed = False
@@ -67,7 +70,8 @@ class DeviceWorker:
     def _run(self, task: Callable[[], T], turn: Hashable, *, block: bool) -> T:
         future: Future[T] = Future()
         # In the context of the caller: `device.watch` tells for whom the device works.
-        run = partial(copy_context().run, task)
+        timed = partial(self._figures.task, task, time.perf_counter_ns())
+        run = partial(copy_context().run, timed)
         with self._changed:
             while block and self._waiting >= self.size and not self._closed:
                 self._changed.wait()

@@ -12,10 +12,12 @@ import signal
 import socket
 import sys
 import threading
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from functools import partial
 from typing import Any, NoReturn
 
+from rhytid.device import figures
+from rhytid.device.figures import Figures, spans_of_request
 from rhytid.device.watch import SIZE, Purpose, Report, report_to, used_for
 from rhytid.engine import wanted
 from rhytid.engine.engine import Engine
@@ -32,17 +34,18 @@ from rhytid.engine_process.packing import Packed, pack, unpack
 from rhytid.engine_process.shared import Bytes, mapped, private
 from rhytid.engine_process.wire import Message, close_all, receive, send
 from rhytid.errors import RhytidError
+from rhytid.logs import log_to_stderr, request_id
 
 # Of prctl: the signal that comes when the parent ends.
 _PARENT_DIES = 1
 _log = logging.getLogger(__name__)
 
 
-def main(control: int, report: int, parent: int) -> NoReturn:
-    """Run the process.  control, report: descriptors of the control socket and of the memory for
-    the report.  parent: the process that started this one."""
+def main(control: int, report: int, counted: int, parent: int) -> NoReturn:
+    """Run the process.  control, report, counted: descriptors of the control socket, and of the
+    memory for the report and for figures.  parent: the process that started this one."""
     _end_with(parent)
-    for descriptor in (control, report):
+    for descriptor in (control, report, counted):
         os.set_inheritable(descriptor, False)
     # The server ends this process: signals of a terminal or a service manager are for the server.
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
@@ -57,7 +60,8 @@ def main(control: int, report: int, parent: int) -> NoReturn:
     _log_as(start)
     memory = mapped(report, mmap.PAGESIZE)
     report_to(Report(memory.data[:SIZE]), start.settings.launch_seconds)
-    _Process(told).run(start)
+    written = Figures(mapped(counted, figures.SIZE).data)
+    _Process(told).run(start, written)
 
 
 class _Process:
@@ -66,10 +70,10 @@ class _Process:
         self._closing = threading.Event()
         self._calls: Calls | None = None
 
-    def run(self, start: Start) -> NoReturn:
+    def run(self, start: Start, written: Figures) -> NoReturn:
         threading.Thread(target=self._listen, name="rhytid-control", daemon=True).start()
         try:
-            engine = Engine(start.settings, start.refused)
+            engine = Engine(start.settings, start.refused, written, start.assets)
         except Exception as error:  # noqa: BLE001 the server raises it
             if not isinstance(error, RhytidError | OSError):
                 _log.exception("the engine does not start")
@@ -118,14 +122,17 @@ class _Process:
     def _performed(self, message: Message, memory: Bytes | None) -> Packed:
         assert self._calls is not None  # lines are opened once the engine is there
         call = unpack(message.body, message.sizes, memory)
-        try:
-            with used_for(Purpose(request=call.number)):
-                return pack((True, self._calls.perform(call)))
-        except RhytidError as error:
-            return pack((False, error))
-        except Exception as error:  # noqa: BLE001 the server raises it
-            _log.exception("%s failed", call.name)
-            return pack((False, _sendable(error)))
+        request_id.set(call.request_id)
+        kept = spans_of_request() if call.traced else nullcontext(())
+        with kept as spans:
+            try:
+                with used_for(Purpose(request=call.number)):
+                    return pack((True, self._calls.perform(call), spans))
+            except RhytidError as error:
+                return pack((False, error, spans))
+            except Exception as error:  # noqa: BLE001 the server raises it
+                _log.exception("%s failed", call.name)
+                return pack((False, _sendable(error), spans))
 
 
 def _hung_up(line: socket.socket) -> bool:
@@ -161,10 +168,8 @@ def _end_with(parent: int) -> None:
 
 
 def _log_as(start: Start) -> None:
-    if start.verbose:
-        logger = logging.getLogger("rhytid")
-        logger.addHandler(logging.StreamHandler())
-        logger.setLevel(logging.DEBUG)
+    if start.log_level:
+        log_to_stderr(start.settings.log_format, start.log_level, "device")
 
 
 def _exit(status: int) -> NoReturn:

@@ -17,12 +17,15 @@ from rhytid.settings import ServiceSettings
 class Start:
     """The first that a process is told.
 
-    refused: ids of assets that are not to be built, and why.  verbose: whether it logs everything.
+    refused: ids of assets that are not to be built, and why.  log_level: of what it logs; 0 = only
+    what Python writes by itself, warnings.  assets: those of the store that are this device's;
+    None = all.
     """
 
     settings: ServiceSettings
     refused: dict[str, str]
-    verbose: bool
+    log_level: int
+    assets: frozenset[str] | None = None
 
 
 @dataclass(frozen=True)

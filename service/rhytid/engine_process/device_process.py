@@ -36,7 +36,8 @@ _CODE = (
 class DeviceProcess:
     """A process with an engine, and the lines to it.
 
-    told: takes what it tells beside answers.  answers: called once it answers calls.
+    told: takes what it tells beside answers.  answers: called once it answers calls.  counted:
+    descriptor of the memory for its figures, which stays the caller's.
     started: done then; has the error where it does not start.  ending: set by whoever
     called `watch`, after it returned. `watch` must run for as long as the process lives, on the
     thread that made it: the system ends the process together with that thread.
@@ -47,6 +48,7 @@ class DeviceProcess:
         start: Start,
         told: Callable[[Any], None],
         answers: Callable[[DeviceProcess], None],
+        counted: int,
     ) -> None:
         self.started: Future[None] = Future()
         self.ending: Future[Ending] = Future()
@@ -57,7 +59,7 @@ class DeviceProcess:
         memory = shared_file(mmap.PAGESIZE)
         self.report = Report(mapped(memory, mmap.PAGESIZE).data[:SIZE])
         with far:
-            self._process = _spawned(far.fileno(), memory)
+            self._process = _spawned(far.fileno(), memory, counted)
         os.close(memory)
         self.lines = Lines(self._new_line)
         self._late: float | None = None
@@ -122,12 +124,13 @@ class DeviceProcess:
         return Line(near)
 
 
-def _spawned(control: int, report: int) -> subprocess.Popen[bytes]:
-    numbers = [str(number) for number in (control, report, os.getpid())]
+def _spawned(control: int, report: int, counted: int) -> subprocess.Popen[bytes]:
+    descriptors = (control, report, counted)
+    numbers = [str(number) for number in (*descriptors, os.getpid())]
     command = [sys.executable, "-c", _CODE, os.pathsep.join(sys.path), os.pathsep, *numbers]
     # A session of its own: an interrupt at the terminal is for the server, which ends it.
     return subprocess.Popen(
-        command, stdin=subprocess.DEVNULL, pass_fds=(control, report), start_new_session=True
+        command, stdin=subprocess.DEVNULL, pass_fds=descriptors, start_new_session=True
     )
 
 

@@ -42,11 +42,11 @@ class JobLedger:
         with self._lock:
             return id in self._jobs
 
-    def lose(self) -> None:
-        """The process has ended."""
+    def lose(self, its: Callable[[str], bool] = lambda asset: True) -> None:
+        """A process has ended.  its: whether an asset was."""
         with self._lock:
             for known in self._jobs.values():
-                known.lost = True
+                known.lost = known.lost or its(known.info.asset)
 
     def lost(self, id: str) -> JobInfo | None:
         """A job of a process that has ended, as it was then."""

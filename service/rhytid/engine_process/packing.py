@@ -8,7 +8,6 @@ from __future__ import annotations
 import copyreg
 import io
 import pickle
-from collections import ChainMap
 from collections.abc import Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -94,8 +93,8 @@ def _reduced(mapping: MappingProxyType[Any, Any]) -> tuple[Any, ...]:
     return _read_only, (dict(mapping),)
 
 
-# What pickles cannot hold by themselves.
-_REDUCERS: ChainMap[Any, Any] = ChainMap({MappingProxyType: _reduced}, copyreg.dispatch_table)
+# What pickles cannot hold by themselves. A dict: a pickler asks it for every object.
+_REDUCERS: dict[Any, Any] = {**copyreg.dispatch_table, MappingProxyType: _reduced}
 
 
 def room_for(sizes: Sequence[int]) -> int:

@@ -17,7 +17,7 @@ from rhytid.engine_process.device_process import DeviceProcess
 from rhytid.engine_process.frame_ledger import FrameLedger
 from rhytid.engine_process.remote_jobs import RemoteJobs
 from rhytid.engine_process.requests import Request
-from rhytid.engine_process.supervisor import Supervisor
+from rhytid.engine_process.supervisors import Supervisors
 from rhytid.engine_process.upload_holds import UploadHolds
 from rhytid.errors import NotFoundError
 
@@ -26,7 +26,7 @@ class RemoteAssets:
     """The calls of `AssetService`."""
 
     def __init__(
-        self, supervisor: Supervisor, frames: FrameLedger, jobs: RemoteJobs, uploads: UploadHolds
+        self, supervisor: Supervisors, frames: FrameLedger, jobs: RemoteJobs, uploads: UploadHolds
     ) -> None:
         self._supervisor, self._frames, self._jobs = supervisor, frames, jobs
         self._uploads = uploads
@@ -48,6 +48,7 @@ class RemoteAssets:
         def note(process: DeviceProcess) -> None:
             nonlocal asked
             asked = process
+            self._uploads.sent(token, process)
 
         try:
             info: AssetInfo = self._supervisor.call(request, note)

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
+from rhytid.device.figures import Figures
 from rhytid.device.memory import usual_frame_memory, usual_host_memory
 from rhytid.engine.byte_budget import ByteBudget
 from rhytid.engine.messages import DeviceInfo
@@ -20,6 +24,7 @@ from rhytid.engine_process.remote_snapshots import RemoteSnapshots
 from rhytid.engine_process.remote_tiles import RemoteTiles
 from rhytid.engine_process.requests import Request
 from rhytid.engine_process.supervisor import Supervisor
+from rhytid.engine_process.supervisors import Supervisors
 from rhytid.engine_process.upload_holds import UploadHolds
 from rhytid.settings import ServiceSettings
 
@@ -44,14 +49,15 @@ class RemoteEngine:
         self.memory = ByteBudget(host_memory, "RHYTID_HOST_MEMORY_MB")
         self._uploads = UploadHolds(self.memory)
         jobs = JobLedger()
-        self._supervisor = Supervisor(settings, self._told, lambda: self._lost(jobs))
+        self._supervisor = Supervisors(settings, self._told, partial(self._lost, jobs))
         frames = FrameLedger(settings.frame_memory or usual_frame_memory(), self._put)
         self.frames = RemoteFrames(self._supervisor, frames)
         self.tiles = RemoteTiles(self._supervisor, frames)
         self.jobs = RemoteJobs(self._supervisor, jobs)
         self.assets = RemoteAssets(self._supervisor, frames, self.jobs, self._uploads)
         self.snapshots = RemoteSnapshots(self._supervisor)
-        self._devices: list[DeviceInfo] = []
+        self._devices: dict[Supervisor, list[DeviceInfo]] = {}
+        self.figures: dict[str, Figures] = {}
         try:
             self._supervisor.start()
             self.devices()
@@ -65,28 +71,26 @@ class RemoteEngine:
         self._supervisor.close()
 
     def ready(self) -> bool:
-        """Whether a kernel computes on the device. Not where nothing came back from its driver for
-        five seconds, and not while the process restarts."""
-        process = self._supervisor.ready
-        if process is None:
-            return False
-        ended = process.report.ended
-        try:
-            good, computes = process.lines.ask(Request("ready").packed, seconds=READY)
-        except LineBroken:
-            return False
-        except TimeoutError:  # others go first, where something ended meanwhile
-            return process.report.ended > ended
-        return bool(good and computes)
+        """Whether a kernel computes on the device, or on one of several. Not where nothing came
+        back from its driver for five seconds, and not while its process restarts."""
+        if len(self._supervisor.all) == 1:
+            return _ready(self._supervisor.all[0])
+        with ThreadPoolExecutor(len(self._supervisor.all)) as pool:
+            return any(pool.map(_ready, self._supervisor.all))
 
     def devices(self) -> list[DeviceInfo]:
-        """As `Engine.devices`; while the process restarts, what was known before."""
-        if self._supervisor.ready is not None or not self._devices:
-            self._devices = self._supervisor.call(Request("devices"))
-        restarts = sum(self._supervisor.restarts.values())
-        return [
-            replace(device, restarts=restarts if device.selected else 0) for device in self._devices
-        ]
+        """As `Engine.devices`; while a process restarts, what was known of its device before."""
+        for one in self._supervisor.all:
+            if one.ready is not None or one not in self._devices:
+                self._devices[one] = one.call(Request("devices"))
+        found = list(next(iter(self._devices.values())))
+        for one, listed in self._devices.items():
+            for number, device in enumerate(listed):
+                if device.selected:
+                    restarts = sum(one.restarts.values())
+                    found[number] = replace(device, restarts=restarts)
+                    self.figures[str(number)] = one.figures
+        return found
 
     @property
     def waiting(self) -> int:
@@ -105,6 +109,20 @@ class RemoteEngine:
         if isinstance(word, FramesStored):
             self._uploads.release(word.token)
 
-    def _lost(self, jobs: JobLedger) -> None:
-        jobs.lose()
-        self._uploads.release_all()
+    def _lost(self, jobs: JobLedger, process: DeviceProcess, its: Callable[[str], bool]) -> None:
+        jobs.lose(its)
+        self._uploads.release_of(process)
+
+
+def _ready(supervisor: Supervisor) -> bool:
+    process = supervisor.ready
+    if process is None:
+        return False
+    ended = process.report.ended
+    try:
+        good, computes, _ = process.lines.ask(Request("ready").packed, seconds=READY)
+    except LineBroken:
+        return False
+    except TimeoutError:  # others go first, where something ended meanwhile
+        return process.report.ended > ended
+    return bool(good and computes)

@@ -6,14 +6,14 @@ import numpy as np
 
 from rhytid.engine.messages import AssetInfo
 from rhytid.engine_process.requests import Request
-from rhytid.engine_process.supervisor import Supervisor
+from rhytid.engine_process.supervisors import Supervisors
 from rhytid.storage.snapshots import PIECE, Readable, Snapshot
 
 
 class RemoteSnapshots:
     """The calls of `SnapshotService`."""
 
-    def __init__(self, supervisor: Supervisor) -> None:
+    def __init__(self, supervisor: Supervisors) -> None:
         self._supervisor = supervisor
 
     def of(self, asset: str) -> Snapshot:

@@ -9,7 +9,9 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
+from rhytid.device.figures import spans_are_kept
 from rhytid.engine_process.packing import Packed, pack
+from rhytid.logs import request_id
 
 _numbers = itertools.count(1)
 
@@ -18,13 +20,16 @@ _numbers = itertools.count(1)
 class Call:
     """One call of the engine, as it goes to the process.
 
-    number: names the request in the process's report.  name: such as `tiles.draw`.
+    number: names the request in the process's report.  name: such as `tiles.draw`.  request_id: of
+    the HTTP request.  traced: whether its stages are wanted with the answer.
     """
 
     number: int
     name: str
     positional: tuple[Any, ...]
     named: Mapping[str, Any]
+    request_id: str = ""
+    traced: bool = False
 
 
 @dataclass(eq=False)
@@ -44,7 +49,9 @@ class Request:
     @cached_property
     def packed(self) -> Packed:
         """As it is sent."""
-        return pack(Call(self.number, self.name, self.positional, dict(self.named)))
+        named, traced = dict(self.named), spans_are_kept()
+        about = (self.number, self.name, self.positional, named, request_id.get(), traced)
+        return pack(Call(*about))
 
     @cached_property
     def digest(self) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import threading
 import time
 from collections import Counter
@@ -11,12 +12,15 @@ from concurrent.futures import TimeoutError as FutureTimeoutError
 from contextlib import contextmanager
 from typing import Any
 
+from rhytid.device import figures
+from rhytid.device.figures import Figures, keep_spans
 from rhytid.engine_process.control import Start
 from rhytid.engine_process.device_process import DeviceProcess
 from rhytid.engine_process.ending import Ending
 from rhytid.engine_process.line import LineBroken
 from rhytid.engine_process.refusals import Refusals
 from rhytid.engine_process.requests import Request
+from rhytid.engine_process.shared import mapped, shared_file
 from rhytid.errors import DeviceError, DeviceLostError
 from rhytid.settings import ServiceSettings
 
@@ -34,14 +38,22 @@ class Supervisor:
     """One device's process, whichever it is now.
 
     told: takes what a process tells beside answers.  ended: called when one has ended, before the
-    next starts.
+    next starts.  assets: those of the store that are this device's; None = all.  figures: what the
+    device has done, in all of its processes.
     """
 
     def __init__(
-        self, settings: ServiceSettings, told: Callable[[Any], None], ended: Callable[[], None]
+        self,
+        settings: ServiceSettings,
+        told: Callable[[Any], None],
+        ended: Callable[[DeviceProcess], None],
+        assets: Callable[[], frozenset[str]] | None = None,
     ) -> None:
         self.restarts: Counter[str] = Counter()
+        self._counted = shared_file(figures.SIZE)
+        self.figures = Figures(mapped(self._counted, figures.SIZE).data)
         self._settings, self._told, self._ended = settings, told, ended
+        self._assets = assets
         self._refusals = Refusals()
         # Who is blamed, by the number of what is asked.
         self._asked: dict[int, Request] = {}
@@ -81,6 +93,10 @@ class Supervisor:
             if self._made is not None:
                 self._made.close()
         self._thread.join()
+        with self._changed:
+            counted, self._counted = self._counted, -1
+        if counted >= 0:
+            os.close(counted)
 
     def call(self, request: Request, prepare: Callable[[DeviceProcess], None] | None = None) -> Any:
         """The answer to a request; sent again where the process ends meanwhile.
@@ -111,7 +127,7 @@ class Supervisor:
         self._asked[request.number] = getattr(self._local, "blamed", None) or request
         request.sent += 1
         try:
-            good, answer = process.lines.ask(request.packed, request.room)
+            good, answer, spans = process.lines.ask(request.packed, request.room)
         except LineBroken:
             # Until it is known who is to blame, this is among those who were at work.
             self._await_end(process)
@@ -119,6 +135,7 @@ class Supervisor:
         finally:
             self._asked.pop(request.number, None)
         self._refusals.absolve(request)
+        keep_spans(spans)
         if not good:
             raise answer
         return answer
@@ -168,9 +185,9 @@ class Supervisor:
                 self._changed.wait_for(lambda: self._closing, min(pause, _LONGEST_PAUSE))
 
     def _make(self) -> DeviceProcess:
-        verbose = logging.getLogger("rhytid").isEnabledFor(logging.DEBUG)
-        start = Start(self._settings, self._refusals.builds(), verbose)
-        process = DeviceProcess(start, self._told, self._publish)
+        level, assets = logging.getLogger("rhytid").level, self._assets and self._assets()
+        start = Start(self._settings, self._refusals.builds(), level, assets)
+        process = DeviceProcess(start, self._told, self._publish, self._counted)
         with self._changed:
             self._made = process
             if self._closing:
@@ -194,7 +211,7 @@ class Supervisor:
             )
             if ending.blames:
                 self._blame(ending)
-        self._ended()
+        self._ended(process)
         process.ending.set_result(ending)
 
     def _blame(self, ending: Ending) -> None:

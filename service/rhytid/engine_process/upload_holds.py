@@ -16,6 +16,7 @@ class UploadHolds:
         self._lock = threading.Lock()
         self._tokens = itertools.count(1)
         self._holds: dict[int, Hold] = {}
+        self._sent: dict[int, object] = {}
 
     def take(self, nbytes: int, counted: Hold | None) -> int:
         """Hold so many bytes, as far as `counted` has any out of it; the token of the hold. Raises
@@ -31,14 +32,22 @@ class UploadHolds:
             self._holds[token] = hold
         return token
 
+    def sent(self, token: int, process: object) -> None:
+        """The frames went to a process."""
+        with self._lock:
+            self._sent[token] = process
+
     def release(self, token: int) -> None:
         """The job has ended."""
         with self._lock:
+            self._sent.pop(token, None)
             hold = self._holds.pop(token, None)
         if hold is not None:
             hold.release()
 
-    def release_all(self) -> None:
-        """The process has ended, and with it all jobs."""
-        for token in list(self._holds):
+    def release_of(self, process: object) -> None:
+        """A process has ended, and with it all of its jobs."""
+        with self._lock:
+            tokens = [token for token, to in self._sent.items() if to is process]
+        for token in tokens:
             self.release(token)

@@ -123,6 +123,13 @@ def unpack(stream: Readable, nbytes: int, place: Path) -> SnapshotIndex:
     return index
 
 
+def asset_of(stream: Readable) -> str:
+    """The id of the asset of a snapshot, of which the beginning is read; raises SnapshotError."""
+    source = _Source(stream)
+    size = index_size(source.exactly(BLOCK, "its first block"))
+    return SnapshotIndex.decode(source.exactly(size, INDEX)).asset
+
+
 class _Source:
     """A stream that knows where it is."""
 

@@ -79,18 +79,23 @@ class AssetStore:
     Each change happens at one rename: after a crash the store holds the state before it or the
     state after it. Opening takes the lock and removes what interrupted changes left behind.
 
+    shared: another process, which started this one, holds the lock; several may then use the store,
+    each with assets of its own.
+
     Every method raises StorageError where the disk fails or a file is not what was written, and
     NotFoundError for an id that is not stored.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, *, shared: bool = False) -> None:
         self._assets = folder / "assets"
         self._partial = folder / "partial"
         self._changing = threading.Lock()
         with reported(f"store {folder} cannot be opened"):
             self._assets.mkdir(parents=True, exist_ok=True)
             self._partial.mkdir(exist_ok=True)
-            self._lock = FolderLock(folder)
+            self._lock = None if shared else FolderLock(folder)
+            if shared:
+                return
             try:
                 _check_format(folder / _FORMAT, self._partial)
                 sweep(self._assets, self._partial)
@@ -100,7 +105,8 @@ class AssetStore:
 
     def close(self) -> None:
         """Release the lock of the store."""
-        self._lock.release()
+        if self._lock is not None:
+            self._lock.release()
 
     def __enter__(self) -> AssetStore:
         return self

@@ -14,6 +14,7 @@ from rhytid.api.dependencies import (
     JobPlace,
     Json,
     Memory,
+    MetricsDep,
     NoQuery,
     Parts,
     Slot,
@@ -55,13 +56,16 @@ def create(
     parts: Parts,
     engine: EngineDep,
     memory: Memory,
+    metrics: MetricsDep,
     response: Response,
     allow: Allow,
     strict: Strict = False,
 ) -> Any:
     """Send a mesh; 202 while the build runs, 200 where the same content is already there."""
     hold = memory.decode(sum(one.size for part in parts.values() for one in (part, *part.again)))
-    asset = engine.assets.create(new_asset(parts), strict=strict, allow=allow, hold=hold)
+    with metrics.figures.stage("decode"):
+        new = new_asset(parts)
+    asset = engine.assets.create(new, strict=strict, allow=allow, hold=hold)
     place.take(asset.job)
     response.status_code = 202 if asset.state == "building" else 200
     response.headers["Location"] = f"/v1/assets/{asset.id}"

@@ -9,6 +9,7 @@ from fastapi.responses import StreamingResponse
 
 from rhytid.api.dependencies import EngineDep, JobId, NoQuery
 from rhytid.api.documentation import EVENTS, problems
+from rhytid.api.draining import Drain
 from rhytid.api.events import EVENT_STREAM, job_events
 from rhytid.api.schemas import Job
 
@@ -29,7 +30,12 @@ def show(job: JobId, engine: EngineDep) -> Any:
 )
 def events(job: JobId, request: Request, engine: EngineDep) -> StreamingResponse:
     """Server-sent events `progress` while it runs and `end` once; the data is the job as JSON."""
-    stream = job_events(engine.jobs.info(job), engine.jobs.info, request.is_disconnected)
+    drain: Drain = request.app.state.drain
+
+    async def over() -> bool:
+        return drain.begun or await request.is_disconnected()
+
+    stream = job_events(engine.jobs.info(job), engine.jobs.info, over)
     return StreamingResponse(stream, media_type=EVENT_STREAM, headers={"Cache-Control": "no-store"})
 
 

@@ -27,6 +27,7 @@ from rhytid.api.documentation import POSITIONS, TILES, TILES_ONCE, problems
 from rhytid.api.encoding import WORKING, answer, check_format, scale_header, warnings_header
 from rhytid.api.multipart import MixedPart, mixed_response
 from rhytid.api.schemas import TileQuery, TilesQuery, WholeMapQuery
+from rhytid.device.figures import working_on
 from rhytid.domain.tiles import TileAddress, TileGrid
 from rhytid.domain.wording import plural
 from rhytid.errors import LimitError
@@ -121,7 +122,9 @@ def tiles_once(
     with slot:
         hold = memory.answer(WORKING * sum(plan.nbytes for plan in plans))
         for plan in plans:
-            parts.append(mixed_part(plan.draw(), query.format, plan.header))
+            tile = plan.draw()
+            with working_on(wanted.method), metrics.figures.stage("encode"):
+                parts.append(mixed_part(tile, query.format, plan.header))
             drawn.inc()
     mixed = mixed_response(parts, warnings_header(warnings))
     hold.resize(len(mixed.body))

@@ -1,0 +1,84 @@
+"""The end of a server: requests that run may finish, new ones are sent away."""
+
+from __future__ import annotations
+
+import time
+
+from starlette.datastructures import MutableHeaders
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from rhytid.api.problems import KINDS, problem
+from rhytid.errors import DrainingError
+
+# What answers as ever: whoever watches the server sees that it is there, and how it ends.
+_WATCHING = ("/healthz", "/metrics")
+_CLOSING = {"Connection": "close", "Retry-After": str(DrainingError.retry_after)}
+
+
+class Drain:
+    """Whether a server ends, and what it waits for.
+
+    seconds: that requests have to finish.  running: requests that are answered now, but for those
+    that watch the server.
+    """
+
+    def __init__(self, seconds: float) -> None:
+        self._seconds = seconds
+        self._by: float | None = None
+        self.running = 0
+
+    @property
+    def begun(self) -> bool:
+        """Whether new requests are refused."""
+        return self._by is not None
+
+    @property
+    def over(self) -> bool:
+        """Whether nothing is waited for any more."""
+        by = self._by
+        return by is not None and (self.running == 0 or time.monotonic() >= by)
+
+    def begin(self) -> None:
+        """Refuse new requests from now on."""
+        if self._by is None:
+            self._by = time.monotonic() + self._seconds
+
+
+class Draining:
+    """ASGI middleware: counts what runs; once the drain has begun, refuses what comes and closes
+    connections."""
+
+    def __init__(self, app: ASGIApp, drain: Drain) -> None:
+        self.app = app
+        self._drain = drain
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass the request on, or answer 503."""
+        watching = scope.get("path") in _WATCHING
+        if self._drain.begun and not watching and scope["type"] in ("http", "websocket"):
+            await self._refused(scope, receive, send)
+            return
+        # A WebSocket has no end of its own: the server closes it.
+        counts = scope["type"] == "http" and not watching
+        self._drain.running += counts
+        try:
+            await self.app(scope, receive, self._closing(send))
+        finally:
+            self._drain.running -= counts
+
+    def _closing(self, send: Send) -> Send:
+        async def closing(message: Message) -> None:
+            if message["type"] == "http.response.start" and self._drain.begun:
+                MutableHeaders(scope=message)["Connection"] = "close"
+            await send(message)
+
+        return closing
+
+    async def _refused(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] == "websocket" and "websocket.http.response" not in scope["extensions"]:
+            await send({"type": "websocket.close", "code": 1001, "reason": "shutting down"})
+            return
+        kind = KINDS[DrainingError]
+        detail = "the server is shutting down: ask again, on a new connection"
+        refusal = problem(kind.status, detail, kind.title, kind.type, _CLOSING)
+        await refusal(scope, receive, send)

@@ -1,0 +1,175 @@
+"""What a device has done, as numbers in memory that another process may read.
+
+The process of a device writes them, the server reads them: nothing is sent for it, they can be read
+while the device hangs, and the next process goes on counting where the last one ended.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from bisect import bisect_left
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+from itertools import accumulate, product
+from typing import TypeVar
+
+T = TypeVar("T")
+NANOSECONDS = 1_000_000_000
+# Where the time of a request or a job goes, in the order of its way.
+STAGES = ("upload", "decode", "queue", "kernel", "read_back", "encode")
+# What it is spent for: tiles and maps by method, jobs, and everything else.
+WORK = ("neutral", "redraw", "binned", "convolved", "job", "other")
+# Upper bounds of the histograms, in seconds.
+BOUNDS = (5e-4, 1e-3, 2e-3, 5e-3, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
+# What is dropped when the memory of the device is short.
+DROPPED = ("asset", "bins", "finest", "other")
+JOB_KINDS = ("frames", "build", "calibration", "bins")
+JOB_STATES = ("queued", "running")
+JOB_ENDS = ("done", "failed", "cancelled")
+
+_BOUNDS = tuple(int(bound * NANOSECONDS) for bound in BOUNDS)
+_Name = tuple[str, ...]
+# Numbers that only grow, and those that a process that starts sets to 0.
+_COUNTERS: tuple[_Name, ...] = (
+    *(("dropped", what) for what in DROPPED),
+    *(("ended", *names) for names in product(JOB_KINDS, JOB_ENDS)),
+)
+_GAUGES: tuple[_Name, ...] = (
+    ("used",),
+    ("spare",),
+    ("limit",),
+    *(("jobs", *names) for names in product(JOB_KINDS, JOB_STATES)),
+)
+_PLACES = {name: place for place, name in enumerate((*_COUNTERS, *_GAUGES))}
+# Of a histogram: a number for each bound, one for what is above them, and the sum in nanoseconds.
+_WIDTH = len(BOUNDS) + 2
+_HISTOGRAMS = {
+    name: len(_PLACES) + _WIDTH * n for n, name in enumerate(product(STAGES, WORK))
+}  # fmt: skip
+# Bytes of the memory.
+SIZE = 8 * (len(_PLACES) + _WIDTH * len(_HISTOGRAMS))
+
+
+@dataclass(frozen=True)
+class Span:
+    """A stage of one request.  start: nanoseconds since 1970."""
+
+    stage: str
+    start: int
+    nanoseconds: int
+
+
+_work: ContextVar[str] = ContextVar("work", default="other")
+_spans: ContextVar[list[Span] | None] = ContextVar("spans", default=None)
+
+
+@contextmanager
+def working_on(work: str) -> Iterator[None]:
+    """What is measured in the block is spent for this, one of `WORK`."""
+    token = _work.set(work if work in WORK else "other")
+    try:
+        yield
+    finally:
+        _work.reset(token)
+
+
+def spent_on(work: str, call: Callable[[], T]) -> T:
+    """What a call returns, made in the block of `working_on`."""
+    with working_on(work):
+        return call()
+
+
+@contextmanager
+def spans_of_request() -> Iterator[list[Span]]:
+    """The stages that are measured in the block and in what it hands to other threads."""
+    found: list[Span] = []
+    token = _spans.set(found)
+    try:
+        yield found
+    finally:
+        _spans.reset(token)
+
+
+def spans_are_kept() -> bool:
+    """Whether this is in a block of `spans_of_request`."""
+    return _spans.get() is not None
+
+
+def keep_spans(spans: Sequence[Span]) -> None:
+    """Add what another process measured of the present request."""
+    found = _spans.get()
+    if found is not None:
+        found.extend(spans)
+
+
+class Figures:
+    """The numbers; any thread of one process may write them, and another process read them.
+
+    memory: `SIZE` bytes, all zero at first; None = of this process alone.
+    """
+
+    def __init__(self, memory: memoryview | None = None) -> None:
+        whole = memoryview(bytearray(SIZE)) if memory is None else memory
+        self._numbers = whole[:SIZE].cast("B").cast("Q")
+        self._lock = threading.Lock()
+        self._read_back = 0
+
+    def begin(self) -> None:
+        """A process begins to write: nothing is held and no job runs yet."""
+        for name in _GAUGES:
+            self.set(0, *name)
+
+    def took(self, stage: str, nanoseconds: int) -> None:
+        """A stage of what `working_on` says has just ended, and took so long."""
+        place = _HISTOGRAMS[stage, _work.get()]
+        with self._lock:
+            self._numbers[place + bisect_left(_BOUNDS, nanoseconds)] += 1
+            self._numbers[place + _WIDTH - 1] += max(nanoseconds, 0)
+        spans = _spans.get()
+        if spans is not None:
+            spans.append(Span(stage, time.time_ns() - nanoseconds, nanoseconds))
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Times a block that ends without an error."""
+        start = time.perf_counter_ns()
+        yield
+        self.took(name, time.perf_counter_ns() - start)
+
+    def read_back(self, nanoseconds: int) -> None:
+        """Part of a task on the device's thread: its results were copied to the host."""
+        self._read_back += nanoseconds
+
+    def task(self, task: Callable[[], T], queued: int) -> T:
+        """What a task on the device's thread returns.  queued: when, by `perf_counter_ns`."""
+        start, self._read_back = time.perf_counter_ns(), 0
+        self.took("queue", start - queued)
+        try:
+            return task()
+        finally:
+            copied = self._read_back
+            self.took("kernel", time.perf_counter_ns() - start - copied)
+            if copied:
+                self.took("read_back", copied)
+
+    def count(self, *name: str) -> None:
+        """One more, such as of `("dropped", "asset")`."""
+        with self._lock:
+            self._numbers[_PLACES[name]] += 1
+
+    def set(self, value: int, *name: str) -> None:
+        """What there is now, such as of `("used",)`."""
+        self._numbers[_PLACES[name]] = value
+
+    def value(self, *name: str) -> int:
+        """The number of a name."""
+        return self._numbers[_PLACES[name]]
+
+    def histogram(self, stage: str, work: str) -> tuple[list[int], float]:
+        """How often a stage took at most each of `BOUNDS`, and how often in all; seconds in all."""
+        place = _HISTOGRAMS[stage, work]
+        counts = self._numbers[place : place + _WIDTH].tolist()
+        return list(accumulate(counts[:-1])), counts[-1] / NANOSECONDS

@@ -1,0 +1,166 @@
+"""The processes of all devices of a server: each asset is on one of them."""
+
+from __future__ import annotations
+
+import io
+from collections import Counter
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from functools import partial
+from typing import Any
+
+from rhytid.engine.checked_upload import content_id
+from rhytid.engine.messages import NewAsset
+from rhytid.engine_process.device_process import DeviceProcess
+from rhytid.engine_process.found_devices import found_devices, named_devices, settings_of
+from rhytid.engine_process.placement import Placement
+from rhytid.engine_process.requests import Request
+from rhytid.engine_process.supervisor import Supervisor
+from rhytid.errors import NotFoundError, StorageError
+from rhytid.settings import ServiceSettings
+from rhytid.storage.snapshots import asset_of
+from rhytid.storage.store import AssetStore
+
+Prepare = Callable[[DeviceProcess], None]
+# Called with a process that has ended, and with what tells whether an asset was its.
+Ended = Callable[[DeviceProcess, Callable[[str], bool]], None]
+# Bytes that a wrinkle takes on the device, about; how many are grown where nothing says it.
+_WRINKLE, _WRINKLES = 64, 300_000
+
+
+class Supervisors:
+    """What `Supervisor` is, of one device or of those that `settings.devices` names.
+
+    With several, a new asset goes to the device that has most room, and each process opens its
+    assets of the store alone, which this holds open. Raises NoDeviceError for a device that there
+    is not, and what opening a store does.
+    """
+
+    def __init__(
+        self,
+        settings: ServiceSettings,
+        told: Callable[[Any], None],
+        ended: Ended,
+    ) -> None:
+        self._store: AssetStore | None = None
+        self._placement, self._ended = Placement([0]), ended
+        if not settings.devices:
+            self.all = [Supervisor(settings, told, partial(self._one_ended, 0))]
+            return
+        chosen = named_devices(settings.devices, found_devices())
+        each = [settings_of(one, chosen, settings) for one in chosen]
+        self._placement = Placement([one.device_memory or 0 for one in each])
+        self._store = AssetStore(settings.store)
+        for asset, nbytes in sorted(_sizes(self._store), key=lambda found: -found[1]):
+            self._placement.place(asset, nbytes)
+        self.all = [
+            Supervisor(
+                one, told, partial(self._one_ended, number), partial(self._placement.on, number)
+            )
+            for number, one in enumerate(each)
+        ]
+
+    def _one_ended(self, number: int, process: DeviceProcess) -> None:
+        self._ended(process, lambda asset: (self._placement.of(asset) or 0) == number)
+
+    @property
+    def waiting(self) -> int:
+        """Calls that are not answered yet."""
+        return sum(one.waiting for one in self.all)
+
+    @property
+    def restarts(self) -> Counter[str]:
+        """How often the processes were started again, by what had ended them."""
+        return sum((one.restarts for one in self.all), Counter[str]())
+
+    def start(self) -> None:
+        """Wait until every first process answers; raises what one ended with, else."""
+        for one in self.all:
+            one.start()
+
+    def close(self) -> None:
+        """End the processes, in bounded time."""
+        with ThreadPoolExecutor(len(self.all)) as pool:
+            list(pool.map(Supervisor.close, self.all))
+        if self._store is not None:
+            self._store.close()
+
+    def forget(self, asset: str) -> None:
+        """As `Supervisor.forget`."""
+        self._of(asset).forget(asset)
+
+    def ask(self, process: DeviceProcess, request: Request) -> Any:
+        """As `Supervisor.ask`."""
+        return self._of(request.asset).ask(process, request)
+
+    def call(self, request: Request, prepare: Prepare | None = None) -> Any:
+        """As `Supervisor.call`, of the device that has the asset."""
+        if len(self.all) == 1:
+            return self.all[0].call(request, prepare)
+        if request.name in _NEW:
+            return self._placed(request, prepare)
+        if request.name == "assets.all":
+            return [info for one in self.all for info in one.call(Request(request.name))]
+        if request.name.startswith("jobs."):
+            return self._of_job(request)
+        answer = self._of(request.asset).call(request, prepare)
+        if request.name == "assets.delete":
+            self._placement.forget(request.asset)
+        return answer
+
+    def _of(self, asset: str) -> Supervisor:
+        """The device of an asset; any, where it has none: its process says that it is not known."""
+        return self.all[self._placement.of(asset) or 0]
+
+    def _of_job(self, request: Request) -> Any:
+        """The answer of the process that knows a job."""
+        for one in self.all[:-1]:
+            with suppress(NotFoundError):
+                return one.call(Request(request.name, request.positional))
+        return self.all[-1].call(request)
+
+    def _placed(self, request: Request, prepare: Prepare | None) -> Any:
+        """The answer to a request that brings an asset, which may be there already."""
+        asset, nbytes = _NEW[request.name](request.positional[0])
+        number, new = self._placement.place(asset, nbytes)
+        try:
+            return self.all[number].call(request, prepare)
+        except BaseException:
+            if new and not self._knows(number, asset):
+                self._placement.forget(asset)
+            raise
+
+    def _knows(self, number: int, asset: str) -> bool:
+        try:
+            self.all[number].call(Request("assets.info", (asset,)))
+        except NotFoundError:
+            return False
+        except Exception:  # noqa: BLE001 the first error is what the caller is told
+            return True
+        return True
+
+
+def _sent(new: NewAsset) -> tuple[str, int]:
+    """The id of what is sent, and the bytes that it will take."""
+    mesh, wrinkles = new.mesh, new.settings.graph.wrinkles or _WRINKLES
+    own = sum(array.nbytes for array in (mesh.positions, mesh.faces, mesh.uv, mesh.face_uv))
+    if new.graph is not None:
+        wrinkles = new.graph.wrinkles
+    return content_id(new), own + _WRINKLE * wrinkles
+
+
+def _restored(content: Any) -> tuple[str, int]:
+    return asset_of(io.BytesIO(content.data)), content.nbytes
+
+
+_NEW: dict[str, Callable[[Any], tuple[str, int]]] = {"create": _sent, "restore": _restored}
+
+
+def _sizes(store: AssetStore) -> Iterator[tuple[str, int]]:
+    """Assets of a store and their bytes there; 0 of what cannot be read."""
+    for asset in (*store.ids(), *store.pending()):
+        nbytes = 0
+        with suppress(StorageError, NotFoundError):
+            nbytes = sum(file.nbytes for file in store.contents(asset).values())
+        yield asset, nbytes

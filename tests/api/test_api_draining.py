@@ -1,0 +1,144 @@
+"""The end of a server: what runs finishes, what comes is sent away, and it is bounded."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+import httpx
+import pytest
+
+from api.asking import NPY, built, is_problem, npy
+from api.fake_engine import FakeEngine
+from api.patch import obj, smile, upload
+from rhytid.cli.server import LOOPBACK, address_of, listen, server_of
+from rhytid.settings import ServiceSettings
+
+
+@dataclass
+class Slow:
+    """A server whose tiles wait for `go`."""
+
+    url: str
+    engine: Any
+    server: Any
+    client: httpx.Client
+    tile: str = ""
+    drawing: threading.Event = field(default_factory=threading.Event)
+    go: threading.Event = field(default_factory=threading.Event)
+    ended: threading.Event = field(default_factory=threading.Event)
+    told: list[str] = field(default_factory=list)
+
+    def end(self) -> None:
+        self.server.handle_exit(signal.SIGTERM, None)
+
+
+@contextmanager
+def running(seconds: int) -> Iterator[Slow]:
+    engine: Any = FakeEngine()
+    told: list[str] = []
+    settings = ServiceSettings(drain_seconds=seconds)
+    with closing(listen(LOOPBACK, 0)) as listening:
+        server = server_of(engine, settings, "critical", lambda: told.append("begun"))
+        url = address_of(listening)
+        with closing(httpx.Client(base_url=url, timeout=20)) as client:
+            slow = Slow(url, engine, server, client, told=told)
+
+            def serve() -> None:
+                server.run([listening])
+                slow.ended.set()
+
+            thread = threading.Thread(target=serve)
+            thread.start()
+            draw = engine.tiles.tile
+
+            def wait(*arguments: Any) -> Any:
+                slow.drawing.set()
+                assert slow.go.wait(20)
+                return draw(*arguments)
+
+            engine.tiles.tile = wait
+            try:
+                frame = f"/v1/assets/{built(client, upload())}/frames/smile"
+                client.put(frame, content=npy(smile()), headers=NPY).raise_for_status()
+                slow.tile = f"{frame}/tiles/1001/0/0/0"
+                yield slow
+            finally:
+                slow.go.set()
+                server.should_exit = True
+                thread.join()
+
+
+@pytest.fixture
+def slow() -> Iterator[Slow]:
+    with running(20) as found:
+        yield found
+
+
+def test_a_drain_lets_finish_what_runs_and_refuses_what_comes(slow: Slow) -> None:
+    with ThreadPoolExecutor(1) as pool:
+        answer: Future[httpx.Response] = pool.submit(httpx.get, slow.url + slow.tile, timeout=20)
+        assert slow.drawing.wait(20)
+        slow.end()
+        assert slow.told == ["begun"]
+        for path in ("/readyz", "/v1/assets", slow.tile):
+            refused = slow.client.get(path)
+            is_problem(refused, 503, "draining")
+            assert refused.headers["connection"] == "close"
+            assert int(refused.headers["retry-after"]) > 0
+        assert slow.client.get("/healthz").json() == {"status": "alive"}
+        figures = slow.client.get("/metrics").text
+        assert "rhytid_draining 1.0" in figures
+        assert "rhytid_requests_running 1.0" in figures
+        assert not slow.ended.is_set()
+        slow.go.set()
+        found = answer.result()
+    assert (found.status_code, found.headers["connection"]) == (200, "close")
+    assert slow.ended.wait(10)
+
+
+def test_a_drain_of_an_idle_server_ends_it_at_once(slow: Slow) -> None:
+    slow.end()
+    assert slow.ended.wait(10)
+
+
+def test_a_second_signal_does_not_wait(slow: Slow) -> None:
+    with ThreadPoolExecutor(1) as pool:
+        answer = pool.submit(httpx.get, slow.url + slow.tile, timeout=20)
+        assert slow.drawing.wait(20)
+        slow.server.config.timeout_graceful_shutdown = 0.1
+        slow.end()
+        slow.end()
+        with pytest.raises(httpx.HTTPError):
+            answer.result().raise_for_status()
+        slow.go.set()
+    assert slow.ended.wait(10)
+
+
+def test_a_drain_has_an_end() -> None:
+    with running(1) as slow, ThreadPoolExecutor(1) as pool:
+        answer = pool.submit(httpx.get, slow.url + slow.tile, timeout=20)
+        assert slow.drawing.wait(20)
+        slow.end()
+        # Not by the patience of the client.
+        with pytest.raises((httpx.NetworkError, httpx.ProtocolError, httpx.HTTPStatusError)):
+            answer.result().raise_for_status()
+        slow.go.set()
+        assert slow.ended.wait(10)
+
+
+def test_a_stream_of_events_ends_with_the_drain() -> None:
+    with running(20) as slow:
+        slow.engine.state.polls = 10**6
+        made = slow.client.post("/v1/assets", files=upload(obj(2.0))).json()
+        with slow.client.stream("GET", f"/v1/jobs/{made['job']}/events") as events:
+            lines = events.iter_lines()
+            next(lines)
+            slow.end()
+            assert not any("end" in line for line in lines)
+        assert slow.ended.wait(10)

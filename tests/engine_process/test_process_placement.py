@@ -1,0 +1,151 @@
+"""Assets of several devices: where they go, and where requests for them do."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from engine.engines import new_asset
+from rhytid.domain.mesh import Mesh
+from rhytid.engine.checked_upload import CheckedUpload, content_id
+from rhytid.engine_process import supervisors
+from rhytid.engine_process.found_devices import FoundDevice, named_devices, settings_of
+from rhytid.engine_process.placement import Placement
+from rhytid.engine_process.requests import Request
+from rhytid.engine_process.supervisors import Supervisors
+from rhytid.errors import LimitError, NoDeviceError, NotFoundError
+from rhytid.settings import ServiceSettings
+
+GIB = 1 << 30
+GPUS = [FoundDevice(0, "gpu", "gpu", 8 * GIB), FoundDevice(1, "gpu", "gpu", 24 * GIB)]
+CPUS = [FoundDevice(2, "one", "cpu", 6 * GIB), FoundDevice(3, "other", "cpu", 6 * GIB)]
+
+
+def test_equal_devices_take_turns() -> None:
+    placement = Placement([100, 100])
+    assert [placement.place(name, 10)[0] for name in "abcd"] == [0, 1, 0, 1]
+
+
+def test_a_large_asset_is_made_up_for() -> None:
+    placement = Placement([100, 100])
+    assert [placement.place(n, b)[0] for n, b in (("a", 50), ("b", 10), ("c", 10))] == [0, 1, 1]
+
+
+def test_an_asset_stays_and_its_room_comes_back() -> None:
+    placement = Placement([100, 100])
+    assert placement.place("a", 60) == (0, True)
+    assert placement.place("a", 60) == (0, False)
+    placement.place("b", 10)
+    placement.forget("a")
+    placement.forget("none")
+    assert (placement.of("a"), placement.of("b")) == (None, 1)
+    assert placement.place("c", 1) == (0, True)
+    assert placement.on(0) == {"c"}
+
+
+@given(st.lists(st.integers(1, 50), max_size=40), st.lists(st.integers(1000, 9000), min_size=1))
+def test_no_device_is_fuller_than_the_others_by_more_than_one_asset(
+    sizes: list[int], limits: list[int]
+) -> None:
+    placement = Placement(limits)
+    placed = [0] * len(limits)
+    for number, nbytes in enumerate(sizes):
+        device, _ = placement.place(str(number), nbytes)
+        placed[device] += nbytes
+    shares = [used / limit for used, limit in zip(placed, limits, strict=True)]
+    assert max(shares) - min(shares) <= max(sizes, default=0) / min(limits) + 1e-9
+
+
+def test_devices_are_named_by_number() -> None:
+    found = [*GPUS, *CPUS]
+    assert named_devices(("all",), found) == found
+    assert named_devices(("3", "0", "3"), found) == [CPUS[1], GPUS[0]]
+    with pytest.raises(NoDeviceError, match="'7'"):
+        named_devices(("0", "7"), found)
+
+
+def test_processors_share_the_memory_of_the_machine() -> None:
+    found, usual = [*GPUS, *CPUS], ServiceSettings()
+    shares = [settings_of(one, found, usual).device_memory for one in found]
+    assert shares == [8 * GIB, 24 * GIB, 3 * GIB, 3 * GIB]
+    given = settings_of(CPUS[0], found, ServiceSettings(device_memory=5))
+    assert (given.device_memory, given.device) == (5, "2")
+
+
+class One:
+    """A device's supervisor that knows assets, and lists what it is asked."""
+
+    def __init__(self) -> None:
+        self.known: set[str] = set()
+        self.asked: list[str] = []
+        self.fails: Exception | None = None
+
+    def call(self, request: Request, prepare: Any = None) -> Any:
+        self.asked.append(request.name)
+        if request.name == "create":
+            if self.fails:
+                raise self.fails
+            self.known.add(content_id(request.positional[0]))
+            return "created"
+        if request.name == "assets.all":
+            return sorted(self.known)
+        if request.positional[0] not in self.known:
+            raise NotFoundError(request.positional[0])
+        if request.name == "assets.delete":
+            self.known.remove(request.positional[0])
+        return request.name
+
+
+@pytest.fixture
+def two() -> Supervisors:
+    made = Supervisors.__new__(Supervisors)
+    made.all = [One(), One()]  # type: ignore[list-item]
+    made._placement = Placement([1 << 40, 1 << 40])
+    return made
+
+
+def sent(seed: int) -> Request:
+    return Request("create", (new_asset(seed=seed), 0))
+
+
+def test_requests_go_to_the_device_of_their_asset(two: Supervisors) -> None:
+    requests = [sent(seed) for seed in (1, 2, 3)]
+    ids = [content_id(request.positional[0]) for request in requests]
+    for request in (*requests, *requests):
+        assert two.call(request) == "created"
+    first, second = (one.known for one in two.all)  # type: ignore[attr-defined]
+    assert (first, second) == ({ids[0], ids[2]}, {ids[1]})
+    for id in ids:
+        assert two.call(Request("frames.all", (id,))) == "frames.all"
+    assert two.call(Request("assets.all")) == [*sorted(first), ids[1]]
+    two.call(Request("assets.delete", (ids[1],)))
+    with pytest.raises(NotFoundError):
+        two.call(Request("frames.all", (ids[1],)))
+    assert two._placement.on(1) == frozenset()
+
+
+def test_a_job_is_found_on_whichever_device_it_is(two: Supervisors) -> None:
+    two.all[1].known.add("job")  # type: ignore[attr-defined]
+    assert two.call(Request("jobs.info", ("job",))) == "jobs.info"
+    with pytest.raises(NotFoundError):
+        two.call(Request("jobs.info", ("none",)))
+
+
+def test_what_is_refused_takes_no_room(two: Supervisors) -> None:
+    two.all[0].fails = LimitError("too large")  # type: ignore[attr-defined]
+    for _ in range(3):
+        with pytest.raises(LimitError):
+            two.call(sent(1))
+    assert two._placement.on(0) == frozenset()
+
+
+def test_an_upload_has_its_id_before_it_is_checked() -> None:
+    limit: Any = type("Limit", (), {"check": lambda *_: None, "__getattr__": lambda *_: None})()
+    given = new_asset(seed=5)
+    grown = type(given)(Mesh(*vars(given.mesh).values()), given.settings, None)
+    assert content_id(grown) == CheckedUpload.of(grown, GIB, limit).id
+    assert supervisors._sent(grown)[0] == content_id(grown)
+    assert content_id(given) != content_id(grown)
