@@ -33,6 +33,8 @@ class ServiceSettings:
     unfinished jobs, of one key, or of one address where no key is asked for.
     launch_seconds: that one call of the OpenCL driver may take before `rhytid serve` ends the
     process of the device.
+    stall_seconds: without progress after which a client is disconnected.  connections: open at
+    once; one address may have half of them.
     """
 
     store: Path = Path("rhytid-store")
@@ -47,6 +49,8 @@ class ServiceSettings:
     draw_seconds: int = 60
     cache: Path | None = None
     launch_seconds: int = 60
+    stall_seconds: float = 30
+    connections: int = 1024
     keys: Path | None = None
     ask_keys: bool | None = None
     hosts: tuple[str, ...] = ()
@@ -63,8 +67,8 @@ class ServiceSettings:
     def from_environment(cls, environment: Mapping[str, str] = os.environ) -> ServiceSettings:
         """Read RHYTID_STORE, RHYTID_DEVICE, RHYTID_DEVICE_MEMORY_MB, RHYTID_FRAME_MEMORY_MB,
         RHYTID_HOST_MEMORY_MB, RHYTID_UPLOAD_LIMIT_MB, RHYTID_SPOOL_MB, RHYTID_QUEUE, RHYTID_JOBS,
-        RHYTID_DRAW_SECONDS, RHYTID_CACHE, RHYTID_LAUNCH_SECONDS, RHYTID_KEYS_FILE,
-        RHYTID_ALLOWED_HOSTS, RHYTID_CORS_ORIGINS, RHYTID_KEY_RATE and RHYTID_KEY_JOBS; raises
+        RHYTID_DRAW_SECONDS, RHYTID_CACHE, RHYTID_LAUNCH_SECONDS, RHYTID_STALL_SECONDS,
+        RHYTID_CONNECTIONS, RHYTID_KEYS_FILE, RHYTID_ALLOWED_HOSTS, RHYTID_CORS_ORIGINS, RHYTID_KEY_RATE and RHYTID_KEY_JOBS; raises
         SettingsError naming the variable, also where an upload of the largest size allowed would
         not fit into the spool."""
 
@@ -112,6 +116,8 @@ class ServiceSettings:
             draw_seconds=count("RHYTID_DRAW_SECONDS", 60),
             cache=_folder(environment.get("RHYTID_CACHE")),
             launch_seconds=count("RHYTID_LAUNCH_SECONDS", 60),
+            stall_seconds=count("RHYTID_STALL_SECONDS", 30),
+            connections=count("RHYTID_CONNECTIONS", 1024),
             keys=Path(keys) if (keys := environment.get("RHYTID_KEYS_FILE")) else None,
             hosts=several("RHYTID_ALLOWED_HOSTS", _HOST),
             origins=several("RHYTID_CORS_ORIGINS", _ORIGIN),

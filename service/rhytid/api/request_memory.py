@@ -21,8 +21,6 @@ _KEY = "rhytid.held"
 PIECE = 1 << 18
 # What is decoded of an upload, and the bytes that it is decoded from, over these bytes.
 DECODED = 3
-# Seconds without progress after which a client that does not read is disconnected.
-STALLED = 60.0
 
 
 class _Closable(Protocol):
@@ -85,10 +83,13 @@ class RequestMemory:
 
 class HoldUntilSent:
     """ASGI middleware: hands answers out in pieces, and gives back what a request holds when the
-    last is on its way or the client is gone."""
+    last is on its way or the client is gone.
 
-    def __init__(self, app: ASGIApp) -> None:
-        self.app = app
+    stalled: seconds in which a client must take a piece; it is disconnected where it does not.
+    """
+
+    def __init__(self, app: ASGIApp, stalled: float) -> None:
+        self.app, self._stalled = app, stalled
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass the request on with an empty stack of what it holds."""
@@ -97,15 +98,16 @@ class HoldUntilSent:
             return
         with ExitStack() as held:
             scope[_KEY] = held
-            await self.app(scope, receive, _Pieces(scope, send))
+            await self.app(scope, receive, _Pieces(scope, send, self._stalled))
 
 
 class _Pieces:
     """Sends bodies piece by piece: the server takes the next once the client has read most of the
     one before."""
 
-    def __init__(self, scope: Scope, send: Send) -> None:
-        self._path, self._send, self._dropped = scope["path"], send, False
+    def __init__(self, scope: Scope, send: Send, stalled: float) -> None:
+        self._path, self._send, self._stalled = scope["path"], send, stalled
+        self._dropped = False
 
     async def __call__(self, message: Message) -> None:
         body = message.get("body", b"")
@@ -121,10 +123,10 @@ class _Pieces:
     async def _one(self, message: Message) -> None:
         if self._dropped:
             return
-        with anyio.move_on_after(STALLED) as waiting:
+        with anyio.move_on_after(self._stalled) as waiting:
             await self._send(message)
         if waiting.cancelled_caught:
             # The server sees an answer without an end, and closes the connection.
             self._dropped = True
             path = self._path.encode("unicode_escape").decode("ascii")
-            logger.warning("%s: the client took nothing for %g seconds", path, STALLED)
+            logger.warning("%s: the client took nothing for %g seconds", path, self._stalled)
