@@ -68,9 +68,9 @@ class ServiceSettings:
         """Read RHYTID_STORE, RHYTID_DEVICE, RHYTID_DEVICE_MEMORY_MB, RHYTID_FRAME_MEMORY_MB,
         RHYTID_HOST_MEMORY_MB, RHYTID_UPLOAD_LIMIT_MB, RHYTID_SPOOL_MB, RHYTID_QUEUE, RHYTID_JOBS,
         RHYTID_DRAW_SECONDS, RHYTID_CACHE, RHYTID_LAUNCH_SECONDS, RHYTID_STALL_SECONDS,
-        RHYTID_CONNECTIONS, RHYTID_KEYS_FILE, RHYTID_ALLOWED_HOSTS, RHYTID_CORS_ORIGINS, RHYTID_KEY_RATE and RHYTID_KEY_JOBS; raises
-        SettingsError naming the variable, also where an upload of the largest size allowed would
-        not fit into the spool."""
+        RHYTID_CONNECTIONS, RHYTID_KEYS_FILE, RHYTID_ALLOWED_HOSTS, RHYTID_CORS_ORIGINS,
+        RHYTID_KEY_RATE and RHYTID_KEY_JOBS; raises SettingsError naming the variable, also
+        where an upload of the largest size allowed would not fit into the spool."""
 
         def count(name: str, default: int) -> int:
             return optional(name) or default

@@ -11,7 +11,7 @@ import httpx
 import uvicorn
 
 from rhytid.api.app import create_app
-from rhytid.api.connections import ConnectionLimits, protocol_of
+from rhytid.cli.connections import ConnectionLimits, protocol_of
 from rhytid.settings import ServiceSettings
 
 

@@ -35,7 +35,8 @@ ALLOWED = {
     "textures": _FACTS | {"formats", "durable"},
     "engine": _TOOLS | _WORK | {"settings"},
     "engine_process": _TOOLS | {"engine", "settings", "storage"},
-    "api": _TOOLS | {"access", "engine", "engine_process", "settings", "meshes"},
+    "decoding": _FACTS | {"formats", "engine", "engine_process"},
+    "api": _TOOLS | {"access", "decoding", "engine", "engine_process", "settings", "meshes"},
     "cli": _TOOLS
     | _WORK
     | {"access", "engine", "engine_process", "settings", "api", "pictures", "meshes", "textures"},

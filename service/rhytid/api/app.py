@@ -30,6 +30,7 @@ from rhytid.api.routes import (
     snapshots,
     tiles,
 )
+from rhytid.decoding.decoder import Decoder
 from rhytid.engine.byte_budget import ByteBudget
 from rhytid.settings import ServiceSettings
 
@@ -75,6 +76,7 @@ def create_app(engine: AnyEngine, settings: ServiceSettings) -> FastAPI:
     app.state.access = Access(settings)
     app.state.job_shares = JobShares(lambda job: engine.jobs.info(job))
     app.state.slots = DeviceSlots(settings.queue)
+    app.state.decoder = Decoder()
     app.state.spool = ByteBudget(settings.spool, "RHYTID_SPOOL_MB")
     app.state.metrics = Metrics(
         engine, {"host": lambda: engine.memory, "spool": lambda: app.state.spool}

@@ -55,6 +55,15 @@ class Spool:
             at += len(parts[-1])
         return b"".join((*parts, pending)) if pending or len(parts) > 1 else parts[0]
 
+    def descriptor(self) -> int:
+        """Of a file with all of it, which stays the spool's; raises what `settle` does."""
+        data, self._pending = self._pending, bytearray()
+        if self._room is not None:
+            self._room.grow(len(data))
+        self._append(data)
+        assert self._file is not None
+        return self._file.fileno()
+
     def reader(self) -> SpoolReader:
         """Reads it from the start."""
         return SpoolReader(self)

@@ -88,7 +88,7 @@ def engine_of(settings: ServiceSettings, *, in_process: bool) -> AnyEngine:
 def server_of(engine: AnyEngine, settings: ServiceSettings, log_level: str) -> uvicorn.Server:
     """The application over an engine, ready to run on sockets."""
     from rhytid.api.app import create_app
-    from rhytid.api.connections import ConnectionLimits, protocol_of
+    from rhytid.cli.connections import ConnectionLimits, protocol_of
 
     app = create_app(engine, settings)
     http = protocol_of(ConnectionLimits.of(settings))

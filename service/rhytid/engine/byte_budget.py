@@ -142,6 +142,11 @@ class Hold:
         self.nbytes, self.purpose = 0, purpose
         self._budget = budget
 
+    @property
+    def limit(self) -> int:
+        """What it may hold where nothing else does."""
+        return self._budget.limit
+
     def grow(self, more: int) -> None:
         """Hold `more` bytes, and wait for them where they are not free.
 
