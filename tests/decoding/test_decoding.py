@@ -96,11 +96,14 @@ def test_what_a_process_decodes_is_what_a_thread_does(
     for name in ("positions", "faces", "uv", "face_uv", "centre"):
         np.testing.assert_array_equal(getattr(there.mesh, name), getattr(here.mesh, name))
     assert (there.settings, there.force) == (here.settings, True)
-    assert there.shapes is not None and here.shapes is not None
+    assert there.shapes is not None
+    assert here.shapes is not None
     np.testing.assert_array_equal(there.shapes.positions, here.shapes.positions)
-    assert there.stiffness is not None and here.stiffness is not None
+    assert there.stiffness is not None
+    assert here.stiffness is not None
     np.testing.assert_array_equal(there.stiffness.maps[1001], here.stiffness.maps[1001])
-    assert there.controls is not None and here.controls is not None
+    assert there.controls is not None
+    assert here.controls is not None
     assert there.controls.maps.keys() == here.controls.maps.keys()
 
 
