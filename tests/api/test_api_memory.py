@@ -19,6 +19,7 @@ from api.asking import NPY, built, is_problem, npy
 from api.fake_engine import FakeEngine
 from api.live import serving
 from api.patch import positions, smile, upload
+from rhytid.api import encoding
 from rhytid.engine.byte_budget import ByteBudget, Hold
 
 MIB = 1 << 20
@@ -93,7 +94,10 @@ def test_uploads_lie_on_disk_until_their_client_is_gone(
 ) -> None:
     open_ones = [uploading(client, 12 * MIB, 100 * MIB) for _ in range(3)]
     soon(lambda: use(client, "spool")["used"] >= 33 * MIB)
-    assert use(client, "spool")["purposes"] == {"uploads": use(client, "spool")["used"]}
+    assert use(client, "spool")["purposes"] == {
+        "uploads": use(client, "spool")["used"],
+        "answers": 0,
+    }
     assert list((tmp_path / "partial").iterdir()) == []  # they have no names
     for connection in open_ones:
         connection.close()
@@ -146,6 +150,36 @@ def test_an_answer_counts_until_it_is_read(client: httpx.Client) -> None:
         while reader.recv(1 << 20):
             pass
     soon(lambda: use(client, "host")["used"] == 0)
+
+
+def test_a_large_answer_lies_on_disk_until_it_is_read(
+    client: httpx.Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = client.get(map_path(client, 2048)).content
+    monkeypatch.setattr(encoding, "LARGE", 16 * MIB)
+    path = map_path(client, 2048)
+    with connected(client) as reader:
+        reader.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 16)
+        head = f"GET {path} HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n"
+        reader.sendall(head.encode())
+        assert reader.recv(4) == b"HTTP"
+        soon(lambda: use(client, "spool")["purposes"]["answers"] == len(whole))
+        assert use(client, "host")["used"] == 0
+        found = b"".join(iter(partial(reader.recv, 1 << 20), b""))
+    assert found.endswith(whole)
+    assert f"content-length: {len(whole)}\r\n".encode() in found[:1000].lower()
+    soon(lambda: use(client, "spool")["used"] == 0)
+
+
+def test_a_large_answer_stays_in_memory_where_the_disk_has_no_room(
+    client: httpx.Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(encoding, "LARGE", 0)
+    path = map_path(client, 2048)
+    with uploading(client, 60 * MIB, 100 * MIB):
+        soon(lambda: use(client, "spool")["used"] >= 57 * MIB)
+        assert len(client.get(path).content) > 16 * MIB
+        assert use(client, "spool")["used"] < 61 * MIB
 
 
 def test_a_client_that_takes_nothing_is_dropped(engine: SmallEngine, tmp_path: Path) -> None:

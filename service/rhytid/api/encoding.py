@@ -16,12 +16,13 @@ from fastapi.responses import StreamingResponse
 from numpy.typing import NDArray
 
 from rhytid import __version__
-from rhytid.api.request_memory import RequestMemory
+from rhytid.api.request_memory import PIECE, RequestMemory
 from rhytid.domain.warnings import InputWarning
+from rhytid.engine.byte_budget import Hold
 from rhytid.engine.messages import AssetContent, FrameStretch
 from rhytid.errors import QueryError
 from rhytid.formats.tile_header import TileHeader
-from rhytid.formats.tiles import FORMATS, encode
+from rhytid.formats.tiles import FORMATS, Encoded, encode
 
 if TYPE_CHECKING:
     from prometheus_client import Counter
@@ -32,6 +33,8 @@ NPY = "application/x-npy"
 RAW = "application/octet-stream"
 # An array and what it is encoded to, over the array.
 WORKING = 2
+# Bytes of an answer from which on it is sent from disk.
+LARGE = 32 << 20
 SCALE = "X-Rhytid-Scale"
 WARNINGS = "X-Rhytid-Warnings"
 
@@ -92,7 +95,20 @@ def answer(
     # Where it was replaced while it was drawn, these bytes may belong to either content.
     tags = _validators(wanted, format) if now == wanted.key else {"Cache-Control": "no-store"}
     about = {**tags, **scale_header(format, wanted.header)}
-    return Response(encoded.body, headers=about, media_type=encoded.media_type)
+    return _sent(encoded, about, memory, hold)
+
+
+def _sent(
+    encoded: Encoded, headers: Mapping[str, str], memory: RequestMemory, hold: Hold
+) -> Response:
+    """An answer; a large one from disk, so that who does not read it holds no memory."""
+    body, kind = encoded.body, encoded.media_type
+    file = memory.aside(body) if len(body) >= LARGE else None
+    if file is None:
+        return Response(body, headers=headers, media_type=kind)
+    hold.release()
+    about = {**headers, "Content-Length": str(len(body))}
+    return StreamingResponse(file.pieces(PIECE), headers=about, media_type=kind)
 
 
 def _validators(plan: TilePlan, format: str) -> dict[str, str]:

@@ -13,6 +13,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from rhytid.api.spool import Spool
 from rhytid.engine.byte_budget import ByteBudget, Hold
+from rhytid.errors import HostBusyError, StorageError
 
 logger = logging.getLogger(__name__)
 _KEY = "rhytid.held"
@@ -33,8 +34,8 @@ Closed = TypeVar("Closed", bound=_Closable)
 class RequestMemory:
     """What one request holds of the budgets; given back when its answer is sent, or it fails.
 
-    host: bytes of memory.  spool: bytes of uploads on disk, in `folder` (None = that of temporary
-    files).
+    host: bytes of memory.  spool: bytes of uploads and large answers on disk, in `folder` (None =
+    that of temporary files).
     """
 
     def __init__(
@@ -62,6 +63,19 @@ class RequestMemory:
         hold.grow(nbytes)
         return hold
 
+    def aside(self, body: bytes) -> Spool | None:
+        """A file with an answer, until it is sent; None where the disk has no room for it now."""
+        if not self._spool.has(len(body)):
+            return None
+        spool = self.spooled("answers")
+        try:
+            spool.fill(body)
+        except (HostBusyError, StorageError) as error:
+            logger.warning("an answer stays in memory: %s", error)
+            spool.close()
+            return None
+        return spool
+
     def decode(self, nbytes: int) -> Hold:
         """What an upload of so many bytes takes while it is decoded and used; all of the memory,
         where it takes more. Waits for it; raises HostBusyError."""
@@ -74,9 +88,9 @@ class RequestMemory:
         self._held.callback(thing.close)
         return thing
 
-    def spooled(self) -> Spool:
+    def spooled(self, purpose: str = "uploads") -> Spool:
         """A file for the body."""
-        spool = Spool(self._spool.hold("uploads"), self._folder)
+        spool = Spool(self._spool.hold(purpose), self._folder)
         self._held.callback(spool.close)
         return spool
 

@@ -59,6 +59,10 @@ class ByteBudget:
         """A new hold of 0 bytes."""
         return Hold(self, purpose)
 
+    def has(self, nbytes: int) -> bool:
+        """Whether so many bytes are free now, and nobody waits for any."""
+        return self._fits(nbytes) and not self._waiting
+
     def ask(self, hold: Hold, more: int) -> _Waiting | None:
         """Give a hold `more` bytes at once, or put it in the queue and return its place there.
 
