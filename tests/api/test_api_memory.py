@@ -19,7 +19,7 @@ from api.asking import NPY, built, is_problem, npy
 from api.fake_engine import FakeEngine
 from api.live import serving
 from api.patch import positions, smile, upload
-from rhytid.api import encoding
+from rhytid.api import device_slots, encoding
 from rhytid.engine.byte_budget import ByteBudget, Hold
 
 MIB = 1 << 20
@@ -169,6 +169,24 @@ def test_a_large_answer_lies_on_disk_until_it_is_read(
     assert found.endswith(whole)
     assert f"content-length: {len(whole)}\r\n".encode() in found[:1000].lower()
     soon(lambda: use(client, "spool")["used"] == 0)
+
+
+def test_huge_answers_are_made_two_at_a_time(
+    engine: SmallEngine, client: httpx.Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(device_slots, "HUGE", 1)
+    monkeypatch.setattr(device_slots, "PATIENCE", 0.1)
+    path = map_path(client, 256)
+    engine.memory.patience = 30
+    taken = engine.memory.hold("jobs")
+    taken.grow(96 * MIB)
+    with ThreadPoolExecutor(2) as pool:
+        others = [pool.submit(client.get, path) for _ in range(2)]
+        soon(lambda: engine.memory.waiting == 2)
+        assert "2 at a time" in is_problem(client.get(path), 503, "host-busy")
+        taken.release()
+        assert [other.result().status_code for other in others] == [200, 200]
+    assert client.get(path).status_code == 200
 
 
 def test_a_large_answer_stays_in_memory_where_the_disk_has_no_room(

@@ -11,7 +11,7 @@ from starlette.middleware.cors import CORSMiddleware
 from rhytid import __version__
 from rhytid.api import problems
 from rhytid.api.access import Access, guard
-from rhytid.api.device_slots import DeviceSlots, threads
+from rhytid.api.device_slots import DeviceSlots, LargeAnswers, threads
 from rhytid.api.documentation import describe
 from rhytid.api.encoding import SCALE, WARNINGS
 from rhytid.api.job_shares import JobShares
@@ -77,6 +77,7 @@ def create_app(engine: AnyEngine, settings: ServiceSettings) -> FastAPI:
     app.state.job_shares = JobShares(lambda job: engine.jobs.info(job))
     app.state.slots = DeviceSlots(settings.queue)
     app.state.decoder = Decoder()
+    app.state.large = LargeAnswers()
     app.state.spool = ByteBudget(settings.spool, "RHYTID_SPOOL_MB")
     app.state.metrics = Metrics(
         engine, {"host": lambda: engine.memory, "spool": lambda: app.state.spool}

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from rhytid import __version__
 from rhytid.api.request_memory import PIECE, RequestMemory
+from rhytid.api.spool import Spool
 from rhytid.domain.warnings import InputWarning
 from rhytid.engine.byte_budget import Hold
 from rhytid.engine.messages import AssetContent, FrameStretch
@@ -86,24 +87,22 @@ def answer(
         if headers_alone:
             about = {**validators, **scale_header(format, wanted.header)}
             return bodiless(about, FORMATS[format].media_type)
-    with slot:
+    with slot, memory.making(wanted.nbytes):
         hold = memory.answer(WORKING * wanted.nbytes)
         encoded = encode(wanted.draw(), format, wanted.header)
         hold.resize(len(encoded.body))
+        file = memory.aside(encoded.body) if len(encoded.body) >= LARGE else None
     drawn.inc()
     now = plan().key if wanted.key_now is None else wanted.key_now()
     # Where it was replaced while it was drawn, these bytes may belong to either content.
     tags = _validators(wanted, format) if now == wanted.key else {"Cache-Control": "no-store"}
     about = {**tags, **scale_header(format, wanted.header)}
-    return _sent(encoded, about, memory, hold)
+    return _sent(encoded, about, hold, file)
 
 
-def _sent(
-    encoded: Encoded, headers: Mapping[str, str], memory: RequestMemory, hold: Hold
-) -> Response:
+def _sent(encoded: Encoded, headers: Mapping[str, str], hold: Hold, file: Spool | None) -> Response:
     """An answer; a large one from disk, so that who does not read it holds no memory."""
     body, kind = encoded.body, encoded.media_type
-    file = memory.aside(body) if len(body) >= LARGE else None
     if file is None:
         return Response(body, headers=headers, media_type=kind)
     hold.release()

@@ -11,6 +11,7 @@ import anyio
 from fastapi import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from rhytid.api.device_slots import LargeAnswers
 from rhytid.api.spool import Spool
 from rhytid.engine.byte_budget import ByteBudget, Hold
 from rhytid.errors import HostBusyError, StorageError
@@ -39,9 +40,16 @@ class RequestMemory:
     """
 
     def __init__(
-        self, held: ExitStack, host: ByteBudget, spool: ByteBudget, folder: Path | None
+        self,
+        held: ExitStack,
+        host: ByteBudget,
+        spool: ByteBudget,
+        folder: Path | None,
+        large: LargeAnswers,
     ) -> None:
         self._held, self._host, self._spool, self._folder = held, host, spool, folder
+        # Held while an answer is made: see `LargeAnswers.one`.
+        self.making = large.one
 
     @classmethod
     def of(cls, request: Request) -> RequestMemory:
@@ -49,7 +57,8 @@ class RequestMemory:
         state = request.app.state
         partial = state.settings.store / "partial"
         folder = partial if partial.is_dir() else None
-        return cls(request.scope[_KEY], state.engine.memory, state.spool, folder)
+        held = request.scope[_KEY]
+        return cls(held, state.engine.memory, state.spool, folder, state.large)
 
     def hold(self, purpose: str) -> Hold:
         """A hold of 0 bytes of memory, for `answers` or `uploads`."""
