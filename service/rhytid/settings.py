@@ -34,9 +34,10 @@ class ServiceSettings:
     unfinished jobs, of one key, or of one address where no key is asked for.
     devices: numbers of devices that `rhytid serve` uses at once, or `all`; none = the one that
     `device` says.  launch_seconds: that one call of the OpenCL driver may take before `rhytid
-    serve` ends the process of the device.  drain_seconds: that requests have to finish once the
-    server is told to end.  log_format: of the log of `rhytid serve`, text or json.  traces: where
-    OpenTelemetry sends spans; None = nowhere.
+    serve` ends the process of the device.  stall_seconds: without progress after which a client is
+    disconnected.  connections: open at once; one address may have half of them.  drain_seconds:
+    that requests have to finish once the server is told to end.  log_format: of the log of `rhytid
+    serve`, text or json.  traces: where OpenTelemetry sends spans; None = nowhere.
     """
 
     store: Path = Path("rhytid-store")
@@ -55,6 +56,8 @@ class ServiceSettings:
     drain_seconds: int = 20
     log_format: str = "text"
     traces: str | None = None
+    stall_seconds: float = 30
+    connections: int = 1024
     keys: Path | None = None
     ask_keys: bool | None = None
     hosts: tuple[str, ...] = ()
@@ -71,11 +74,11 @@ class ServiceSettings:
     def from_environment(cls, environment: Mapping[str, str] = os.environ) -> ServiceSettings:
         """Read RHYTID_STORE, RHYTID_DEVICE, RHYTID_DEVICE_MEMORY_MB, RHYTID_FRAME_MEMORY_MB,
         RHYTID_HOST_MEMORY_MB, RHYTID_UPLOAD_LIMIT_MB, RHYTID_SPOOL_MB, RHYTID_QUEUE, RHYTID_JOBS,
-        RHYTID_DRAW_SECONDS, RHYTID_CACHE, RHYTID_LAUNCH_SECONDS, RHYTID_DRAIN_SECONDS,
-        RHYTID_LOG_FORMAT, RHYTID_KEYS_FILE, RHYTID_ALLOWED_HOSTS, RHYTID_CORS_ORIGINS,
-        RHYTID_KEY_RATE, RHYTID_KEY_JOBS and OTEL_EXPORTER_OTLP_ENDPOINT; raises
-        SettingsError naming the variable, also where an upload of the largest size allowed would
-        not fit into the spool."""
+        RHYTID_DRAW_SECONDS, RHYTID_CACHE, RHYTID_LAUNCH_SECONDS, RHYTID_STALL_SECONDS,
+        RHYTID_CONNECTIONS, RHYTID_DRAIN_SECONDS, RHYTID_LOG_FORMAT, RHYTID_KEYS_FILE,
+        RHYTID_ALLOWED_HOSTS, RHYTID_CORS_ORIGINS, RHYTID_KEY_RATE, RHYTID_KEY_JOBS and
+        OTEL_EXPORTER_OTLP_ENDPOINT; raises SettingsError naming the variable, also where an upload
+        of the largest size allowed would not fit into the spool."""
 
         def count(name: str, default: int) -> int:
             return optional(name) or default
@@ -124,6 +127,8 @@ class ServiceSettings:
             drain_seconds=count("RHYTID_DRAIN_SECONDS", 20),
             log_format=_log_format(environment.get("RHYTID_LOG_FORMAT") or "text"),
             traces=environment.get("OTEL_EXPORTER_OTLP_ENDPOINT") or None,
+            stall_seconds=count("RHYTID_STALL_SECONDS", 30),
+            connections=count("RHYTID_CONNECTIONS", 1024),
             keys=Path(keys) if (keys := environment.get("RHYTID_KEYS_FILE")) else None,
             hosts=several("RHYTID_ALLOWED_HOSTS", _HOST),
             origins=several("RHYTID_CORS_ORIGINS", _ORIGIN),

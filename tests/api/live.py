@@ -11,15 +11,22 @@ import httpx
 import uvicorn
 
 from rhytid.api.app import create_app
+from rhytid.cli.connections import ConnectionLimits, protocol_of
 from rhytid.settings import ServiceSettings
 
 
 class _Server(uvicorn.Server):
     """Tells when it listens, and on which port."""
 
-    def __init__(self, app: Any) -> None:
+    def __init__(self, app: Any, settings: ServiceSettings) -> None:
         config = uvicorn.Config(
-            app, port=0, ws="none", log_config=None, access_log=False, timeout_graceful_shutdown=1
+            app,
+            port=0,
+            http=protocol_of(ConnectionLimits.of(settings)),
+            ws="none",
+            log_config=None,
+            access_log=False,
+            timeout_graceful_shutdown=1,
         )
         super().__init__(config)
         self.listening = threading.Event()
@@ -37,7 +44,8 @@ class _Server(uvicorn.Server):
 @contextmanager
 def serving(engine: Any, **settings: Any) -> Iterator[httpx.Client]:
     """A client of a running server; the server ends with the block."""
-    server = _Server(create_app(engine, ServiceSettings(**settings)))
+    chosen = ServiceSettings(**settings)
+    server = _Server(create_app(engine, chosen), chosen)
     thread = threading.Thread(target=server.run)
     thread.start()
     try:

@@ -11,6 +11,8 @@ from rhytid.api.parts import Part
 from rhytid.api.routes.assets import new_asset
 from rhytid.api.spool import Spool
 from rhytid.cli import main
+from rhytid.decoding.decoder import Decoder
+from rhytid.engine.byte_budget import ByteBudget
 from rhytid.errors import InputError
 from rhytid.formats.graphs import read_graph
 from rhytid_client import Client, RequestError
@@ -65,15 +67,21 @@ def part(name, filename, data):
     return Part(name, filename, spool, 0, len(data))
 
 
+def read(parts):
+    """What an upload of these parts is decoded to."""
+    memory = ByteBudget(1 << 30, "RHYTID_HOST_MEMORY_MB")
+    return new_asset(parts, Decoder(), memory.hold("uploads"), lambda: False)
+
+
 @pytest.mark.parametrize("sent", ["yes", "1", "", "null"])
 def test_force_is_true_or_false(sent):
     mesh = part("mesh", "mesh.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\n"
                 b"f 1/1 2/2 3/3\n")  # fmt: skip
-    assert new_asset({"mesh": mesh, "force": part("force", None, b"true")}).force
-    assert not new_asset({"mesh": mesh, "force": part("force", None, b"false")}).force
-    assert not new_asset({"mesh": mesh}).force
+    assert read({"mesh": mesh, "force": part("force", None, b"true")}).force
+    assert not read({"mesh": mesh, "force": part("force", None, b"false")}).force
+    assert not read({"mesh": mesh}).force
     with pytest.raises(InputError, match="part force"):
-        new_asset({"mesh": mesh, "force": part("force", None, sent.encode())})
+        read({"mesh": mesh, "force": part("force", None, sent.encode())})
 
 
 @pytest.mark.parametrize("command", ["graph", "bake", "bench"])

@@ -36,7 +36,9 @@ ALLOWED = {
     "textures": _FACTS | {"formats", "durable"},
     "engine": _TOOLS | _WORK | {"settings"},
     "engine_process": _TOOLS | {"engine", "logs", "settings", "storage"},
-    "api": _TOOLS | {"access", "engine", "engine_process", "logs", "settings", "meshes"},
+    "decoding": _FACTS | {"formats", "engine", "engine_process"},
+    "api": _TOOLS
+    | {"access", "decoding", "engine", "engine_process", "logs", "settings", "meshes"},
     "cli": _TOOLS
     | _WORK
     | {"access", "engine", "engine_process", "logs", "settings", "api"}

@@ -11,7 +11,7 @@ from starlette.middleware.cors import CORSMiddleware
 from rhytid import __version__
 from rhytid.api import problems
 from rhytid.api.access import Access, guard
-from rhytid.api.device_slots import DeviceSlots, threads
+from rhytid.api.device_slots import DeviceSlots, LargeAnswers, threads
 from rhytid.api.documentation import describe
 from rhytid.api.draining import Drain, Draining
 from rhytid.api.encoding import SCALE, WARNINGS
@@ -33,6 +33,7 @@ from rhytid.api.routes import (
     tiles,
 )
 from rhytid.api.tracing import tracer
+from rhytid.decoding.decoder import Decoder
 from rhytid.engine.byte_budget import ByteBudget
 from rhytid.settings import ServiceSettings
 
@@ -79,6 +80,8 @@ def create_app(engine: AnyEngine, settings: ServiceSettings) -> FastAPI:
     app.state.job_shares = JobShares(lambda job: engine.jobs.info(job))
     app.state.slots = DeviceSlots(settings.queue)
     app.state.drain = Drain(settings.drain_seconds)
+    app.state.decoder = Decoder()
+    app.state.large = LargeAnswers()
     app.state.spool = ByteBudget(settings.spool, "RHYTID_SPOOL_MB")
     app.state.metrics = Metrics(
         engine,
@@ -88,7 +91,7 @@ def create_app(engine: AnyEngine, settings: ServiceSettings) -> FastAPI:
     app.state.routes = [route for router in ROUTERS for route in router.routes]
     for router in ROUTERS:
         app.include_router(router)
-    app.add_middleware(HoldUntilSent)
+    app.add_middleware(HoldUntilSent, stalled=settings.stall_seconds)
     if settings.origins:
         app.add_middleware(CORSMiddleware, allow_origins=settings.origins, **SHARED)
     app.add_middleware(CheckHead, hosts=settings.hosts, origins=settings.origins)

@@ -20,6 +20,7 @@ from rhytid.api.parts import Part
 from rhytid.api.request_memory import RequestMemory
 from rhytid.api.schemas import ALLOW, CODE, STRICT
 from rhytid.api.spool import Spool
+from rhytid.decoding.decoder import Decoder
 from rhytid.device.figures import Figures
 from rhytid.errors import QueryError
 from rhytid.formats.frames import read_positions
@@ -44,6 +45,14 @@ EngineDep = Annotated[Engine, Depends(_engine)]
 
 async def _slot(request: Request) -> Any:
     return request.app.state.slots.one(ClientGone(request))
+
+
+async def _gone(request: Request) -> Any:
+    return ClientGone(request)
+
+
+async def _decoder(request: Request) -> Any:
+    return request.app.state.decoder
 
 
 async def _memory(request: Request) -> RequestMemory:
@@ -111,6 +120,9 @@ NoRepeats = Depends(no_repeats)
 # Held by `with` for as long as a request waits for the device; raises BusyError on entry. What is
 # drawn meanwhile stops where the client is gone.
 Slot = Annotated[AbstractContextManager[None], Depends(_slot)]
+# Whether the client has closed the connection, for a thread to ask once the body has been read.
+Gone = Annotated[Callable[[], bool], Depends(_gone)]
+DecoderDep = Annotated[Decoder, Depends(_decoder)]
 # What the request holds of the host's memory until its answer is sent.
 Memory = Annotated[RequestMemory, Depends(_memory)]
 # A place among the unfinished jobs of the caller. It comes before the body in a signature, so that

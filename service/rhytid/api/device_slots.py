@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager
 
@@ -11,11 +12,14 @@ from fastapi import FastAPI
 
 from rhytid.domain.wording import waiting
 from rhytid.engine import wanted
-from rhytid.errors import BusyError
+from rhytid.errors import BusyError, HostBusyError
 from rhytid.settings import ServiceSettings
 
 # Threads for requests that need no slot, beside one per slot.
 LIGHT_THREADS = 32
+# Answers that are made at a time, of those from so many bytes on, and seconds that one waits.
+AT_ONCE, HUGE, PATIENCE = 2, 128 << 20, 60.0
+_LOOK = 0.1
 
 
 class DeviceSlots:
@@ -37,6 +41,32 @@ class DeviceSlots:
         try:
             with wanted.unless(gone):
                 yield
+        finally:
+            self._free.release()
+
+
+class LargeAnswers:
+    """At most AT_ONCE answers of HUGE bytes and more are made at a time: the device draws one after
+    the other anyway, and what is drawn takes memory until it is encoded."""
+
+    def __init__(self) -> None:
+        self._free = threading.BoundedSemaphore(AT_ONCE)
+
+    @contextmanager
+    def one(self, nbytes: int) -> Iterator[None]:
+        """Make an answer of so many bytes within the block; raises HostBusyError where others take
+        too long, CancelledError where nobody waits for it any more."""
+        if nbytes < HUGE:
+            yield
+            return
+        until = time.monotonic() + PATIENCE
+        while not self._free.acquire(timeout=_LOOK):
+            wanted.check()
+            if time.monotonic() > until:
+                rule = f"{AT_ONCE} at a time where they have {HUGE} bytes or more"
+                raise HostBusyError(f"other answers were made for {PATIENCE:g} seconds: {rule}")
+        try:
+            yield
         finally:
             self._free.release()
 

@@ -16,13 +16,15 @@ from fastapi.responses import StreamingResponse
 from numpy.typing import NDArray
 
 from rhytid import __version__
-from rhytid.api.request_memory import RequestMemory
+from rhytid.api.request_memory import PIECE, RequestMemory
+from rhytid.api.spool import Spool
 from rhytid.device.figures import Figures, working_on
 from rhytid.domain.warnings import InputWarning
+from rhytid.engine.byte_budget import Hold
 from rhytid.engine.messages import AssetContent, FrameStretch
 from rhytid.errors import QueryError
 from rhytid.formats.tile_header import TileHeader
-from rhytid.formats.tiles import FORMATS, encode
+from rhytid.formats.tiles import FORMATS, Encoded, encode
 
 if TYPE_CHECKING:
     from prometheus_client import Counter
@@ -33,6 +35,8 @@ NPY = "application/x-npy"
 RAW = "application/octet-stream"
 # An array and what it is encoded to, over the array.
 WORKING = 2
+# Bytes of an answer from which on it is sent from disk.
+LARGE = 32 << 20
 SCALE = "X-Rhytid-Scale"
 WARNINGS = "X-Rhytid-Warnings"
 
@@ -84,7 +88,7 @@ def answer(
         if headers_alone:
             about = {**validators, **scale_header(format, wanted.header)}
             return bodiless(about, FORMATS[format].media_type)
-    with slot:
+    with slot, memory.making(wanted.nbytes):
         hold = memory.answer(WORKING * wanted.nbytes)
         tile = wanted.draw()
         figures: Figures = request.app.state.metrics.figures
@@ -92,12 +96,23 @@ def answer(
             encoded = encode(tile, format, wanted.header)
         del tile
         hold.resize(len(encoded.body))
+        file = memory.aside(encoded.body) if len(encoded.body) >= LARGE else None
     drawn.inc()
     now = plan().key if wanted.key_now is None else wanted.key_now()
     # Where it was replaced while it was drawn, these bytes may belong to either content.
     tags = _validators(wanted, format) if now == wanted.key else {"Cache-Control": "no-store"}
     about = {**tags, **scale_header(format, wanted.header)}
-    return Response(encoded.body, headers=about, media_type=encoded.media_type)
+    return _sent(encoded, about, hold, file)
+
+
+def _sent(encoded: Encoded, headers: Mapping[str, str], hold: Hold, file: Spool | None) -> Response:
+    """An answer; a large one from disk, so that who does not read it holds no memory."""
+    body, kind = encoded.body, encoded.media_type
+    if file is None:
+        return Response(body, headers=headers, media_type=kind)
+    hold.release()
+    about = {**headers, "Content-Length": str(len(body))}
+    return StreamingResponse(file.pieces(PIECE), headers=about, media_type=kind)
 
 
 def _validators(plan: TilePlan, format: str) -> dict[str, str]:

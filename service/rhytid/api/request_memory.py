@@ -11,8 +11,10 @@ import anyio
 from fastapi import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from rhytid.api.device_slots import LargeAnswers
 from rhytid.api.spool import Spool
 from rhytid.engine.byte_budget import ByteBudget, Hold
+from rhytid.errors import HostBusyError, StorageError
 
 logger = logging.getLogger(__name__)
 _KEY = "rhytid.held"
@@ -21,8 +23,6 @@ _KEY = "rhytid.held"
 PIECE = 1 << 18
 # What is decoded of an upload, and the bytes that it is decoded from, over these bytes.
 DECODED = 3
-# Seconds without progress after which a client that does not read is disconnected.
-STALLED = 60.0
 
 
 class _Closable(Protocol):
@@ -35,14 +35,21 @@ Closed = TypeVar("Closed", bound=_Closable)
 class RequestMemory:
     """What one request holds of the budgets; given back when its answer is sent, or it fails.
 
-    host: bytes of memory.  spool: bytes of uploads on disk, in `folder` (None = that of temporary
-    files).
+    host: bytes of memory.  spool: bytes of uploads and large answers on disk, in `folder` (None =
+    that of temporary files).
     """
 
     def __init__(
-        self, held: ExitStack, host: ByteBudget, spool: ByteBudget, folder: Path | None
+        self,
+        held: ExitStack,
+        host: ByteBudget,
+        spool: ByteBudget,
+        folder: Path | None,
+        large: LargeAnswers,
     ) -> None:
         self._held, self._host, self._spool, self._folder = held, host, spool, folder
+        # Held while an answer is made: see `LargeAnswers.one`.
+        self.making = large.one
 
     @classmethod
     def of(cls, request: Request) -> RequestMemory:
@@ -50,7 +57,8 @@ class RequestMemory:
         state = request.app.state
         partial = state.settings.store / "partial"
         folder = partial if partial.is_dir() else None
-        return cls(request.scope[_KEY], state.engine.memory, state.spool, folder)
+        held = request.scope[_KEY]
+        return cls(held, state.engine.memory, state.spool, folder, state.large)
 
     def hold(self, purpose: str) -> Hold:
         """A hold of 0 bytes of memory, for `answers` or `uploads`."""
@@ -64,6 +72,19 @@ class RequestMemory:
         hold.grow(nbytes)
         return hold
 
+    def aside(self, body: bytes) -> Spool | None:
+        """A file with an answer, until it is sent; None where the disk has no room for it now."""
+        if not self._spool.has(len(body)):
+            return None
+        spool = self.spooled("answers")
+        try:
+            spool.fill(body)
+        except (HostBusyError, StorageError) as error:
+            logger.warning("an answer stays in memory: %s", error)
+            spool.close()
+            return None
+        return spool
+
     def decode(self, nbytes: int) -> Hold:
         """What an upload of so many bytes takes while it is decoded and used; all of the memory,
         where it takes more. Waits for it; raises HostBusyError."""
@@ -76,19 +97,22 @@ class RequestMemory:
         self._held.callback(thing.close)
         return thing
 
-    def spooled(self) -> Spool:
+    def spooled(self, purpose: str = "uploads") -> Spool:
         """A file for the body."""
-        spool = Spool(self._spool.hold("uploads"), self._folder)
+        spool = Spool(self._spool.hold(purpose), self._folder)
         self._held.callback(spool.close)
         return spool
 
 
 class HoldUntilSent:
     """ASGI middleware: hands answers out in pieces, and gives back what a request holds when the
-    last is on its way or the client is gone."""
+    last is on its way or the client is gone.
 
-    def __init__(self, app: ASGIApp) -> None:
-        self.app = app
+    stalled: seconds in which a client must take a piece; it is disconnected where it does not.
+    """
+
+    def __init__(self, app: ASGIApp, stalled: float) -> None:
+        self.app, self._stalled = app, stalled
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass the request on with an empty stack of what it holds."""
@@ -97,15 +121,16 @@ class HoldUntilSent:
             return
         with ExitStack() as held:
             scope[_KEY] = held
-            await self.app(scope, receive, _Pieces(scope, send))
+            await self.app(scope, receive, _Pieces(scope, send, self._stalled))
 
 
 class _Pieces:
     """Sends bodies piece by piece: the server takes the next once the client has read most of the
     one before."""
 
-    def __init__(self, scope: Scope, send: Send) -> None:
-        self._path, self._send, self._dropped = scope["path"], send, False
+    def __init__(self, scope: Scope, send: Send, stalled: float) -> None:
+        self._path, self._send, self._stalled = scope["path"], send, stalled
+        self._dropped = False
 
     async def __call__(self, message: Message) -> None:
         body = message.get("body", b"")
@@ -121,10 +146,10 @@ class _Pieces:
     async def _one(self, message: Message) -> None:
         if self._dropped:
             return
-        with anyio.move_on_after(STALLED) as waiting:
+        with anyio.move_on_after(self._stalled) as waiting:
             await self._send(message)
         if waiting.cancelled_caught:
             # The server sees an answer without an end, and closes the connection.
             self._dropped = True
             path = self._path.encode("unicode_escape").decode("ascii")
-            logger.warning("%s: the client took nothing for %g seconds", path, STALLED)
+            logger.warning("%s: the client took nothing for %g seconds", path, self._stalled)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+from collections.abc import Iterator
 from io import FileIO
 from pathlib import Path
 
@@ -55,9 +56,29 @@ class Spool:
             at += len(parts[-1])
         return b"".join((*parts, pending)) if pending or len(parts) > 1 else parts[0]
 
+    def fill(self, data: bytes) -> None:
+        """Put bytes at the end, on disk at once; raises what `settle` does."""
+        if self._room is not None:
+            self._room.grow(len(data))
+        self.size += len(data)
+        self._append(data)
+
+    def descriptor(self) -> int:
+        """Of a file with all of it, which stays the spool's; raises what `settle` does."""
+        data, self._pending = self._pending, bytearray()
+        if self._room is not None:
+            self._room.grow(len(data))
+        self._append(data)
+        assert self._file is not None
+        return self._file.fileno()
+
     def reader(self) -> SpoolReader:
         """Reads it from the start."""
         return SpoolReader(self)
+
+    def pieces(self, size: int) -> Iterator[bytes]:
+        """All of it, so many bytes at a time."""
+        return (self.read(start, size) for start in range(0, self.size, size))
 
     def close(self) -> None:
         """Give disk and memory back."""
@@ -67,7 +88,7 @@ class Spool:
         if self._room is not None:
             self._room.release()
 
-    def _append(self, data: bytearray) -> None:
+    def _append(self, data: bytes | bytearray) -> None:
         with reported("an upload cannot be written to disk"):
             if self._file is None:
                 # Without a buffer of Python's, which would be written once more on closing.

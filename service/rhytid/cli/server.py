@@ -128,12 +128,13 @@ def server_of(
     draining: called when the server begins to end.
     """
     from rhytid.api.app import create_app
+    from rhytid.cli.connections import ConnectionLimits, protocol_of
 
     app = create_app(engine, settings)
     # Each request is logged by the application, with its id.
     config = uvicorn.Config(
-        app, log_level=log_level, log_config=None, access_log=False, ws="none",
-        timeout_graceful_shutdown=GRACE,
+        app, http=protocol_of(ConnectionLimits.of(settings)), log_level=log_level,
+        log_config=None, access_log=False, ws="none", timeout_graceful_shutdown=GRACE,
     )  # fmt: skip
     return DrainingServer(config, app.state.drain, draining)
 

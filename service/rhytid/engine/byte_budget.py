@@ -59,6 +59,10 @@ class ByteBudget:
         """A new hold of 0 bytes."""
         return Hold(self, purpose)
 
+    def has(self, nbytes: int) -> bool:
+        """Whether so many bytes are free now, and nobody waits for any."""
+        return self._fits(nbytes) and not self._waiting
+
     def ask(self, hold: Hold, more: int) -> _Waiting | None:
         """Give a hold `more` bytes at once, or put it in the queue and return its place there.
 
@@ -141,6 +145,11 @@ class Hold:
     def __init__(self, budget: ByteBudget, purpose: str) -> None:
         self.nbytes, self.purpose = 0, purpose
         self._budget = budget
+
+    @property
+    def limit(self) -> int:
+        """What it may hold where nothing else does."""
+        return self._budget.limit
 
     def grow(self, more: int) -> None:
         """Hold `more` bytes, and wait for them where they are not free.

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import copyreg
 import io
+import os
 import pickle
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -50,6 +51,13 @@ class Packed:
         for array, start in zip(self.arrays, _starts(self.sizes), strict=True):
             memory[start : start + array.nbytes] = np.frombuffer(array, np.uint8)
 
+    def write_file(self, descriptor: int) -> None:
+        """Put the arrays into a file as they are in shared memory, without mapping it."""
+        for array, start in zip(self.arrays, _starts(self.sizes), strict=True):
+            at = 0
+            while at < array.nbytes:  # one call writes 2 GiB at most
+                at += os.pwrite(descriptor, array[at:], start + at)
+
     def shared(self) -> Any:
         """The value once more, its large arrays in the shared memory that they were written to."""
         return unpack(self.body, self.sizes, self.memory)
@@ -79,10 +87,13 @@ def pack(value: Any) -> Packed:
 def unpack(body: bytes | memoryview, sizes: Sequence[int], memory: Bytes | None) -> Any:
     """The value; its large arrays lie in `memory`, and hold it."""
     raw = np.empty(0, np.uint8) if memory is None else memory
-    parts = [
-        raw[start : start + size].data for start, size in zip(_starts(sizes), sizes, strict=True)
-    ]
-    return pickle.loads(body, buffers=parts)
+    return pickle.loads(body, buffers=slices(raw, sizes))
+
+
+def slices(memory: Bytes, sizes: Sequence[int]) -> list[memoryview]:
+    """The bytes of each array in shared memory."""
+    placed = zip(_starts(sizes), sizes, strict=True)
+    return [memory[start : start + size].data for start, size in placed]
 
 
 def _read_only(content: dict[Any, Any]) -> MappingProxyType[Any, Any]:

@@ -52,6 +52,12 @@ def read_glb_shapes(data: bytes) -> tuple[Mesh, Expressions | None]:
     return _read(glb_document(data))
 
 
+def promised_by_gltf(data: bytes) -> int:
+    """Bytes that the morph targets of a .gltf or .glb file become; raises MeshError."""
+    document = glb_document(data) if data.startswith(b"glTF") else gltf_document(data)
+    return document.promised_by_targets()
+
+
 def gltf_document(data: bytes) -> Document:
     """A .gltf file; raises MeshError where it is no glTF 2.0."""
     return Document(_parse(data), None)

@@ -118,6 +118,14 @@ class Document:
             found.append(offsets)
         return named, np.stack(found) if found else np.empty((0, vertices, 3), np.float32)
 
+    def promised_by_targets(self) -> int:
+        """Bytes of all targets in double, which they are for a while, by what the document says."""
+        where, primitive = self.primitive()
+        attributes = _dict(primitive.get("attributes"), f"{where} attributes")
+        positions = self._item("accessors", attributes.get("POSITION"), where)
+        every = _list(primitive.get("targets", []), f"{where} targets")
+        return 24 * len(every) * _whole(positions, "count", where)
+
     def _target_names(self, count: int) -> list[str]:
         """As exporters write them into extras of the mesh, or numbers."""
         mesh = self._root["meshes"]

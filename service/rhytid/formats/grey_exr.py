@@ -9,22 +9,31 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.errors import InputError, StorageError
-from rhytid.formats.exr_decoder import READY, Wrong
+from rhytid.formats.exr_decoder import READY, Wrong, decode
 from rhytid.formats.exr_header import read_sides
 from rhytid.unfinished import temporary_folder
 
 _SECONDS = 60
+_begun: Callable[[str], None] | None = None
 _MOST_WORDS = 4000  # bytes of what the decoder says beside its answer
 # Isolated from the environment and the working folder, and importing from where this process does,
 # however the package is installed.
 _START = (
     "import sys; sys.path[:] = sys.argv[4:]; from rhytid.formats.exr_decoder import main; main()"
 )
+
+
+def decode_here(begun: Callable[[str], None]) -> None:
+    """From now on this process, which may crash without harm and has a limit of its memory, decodes
+    images by itself.  begun: is told the name of each before."""
+    global _begun
+    _begun = begun
 
 
 def read_grey_exr(data: bytes, name: str) -> NDArray[np.uint16]:
@@ -35,6 +44,9 @@ def read_grey_exr(data: bytes, name: str) -> NDArray[np.uint16]:
     are taken as they are, whatever the channel is called.
     """
     width, height = read_sides(data, name)
+    if _begun is not None:
+        _begun(name)
+        return _decoded_here(data, name, width, height)
     try:
         answer = _decoded(data, width, height)
     except subprocess.TimeoutExpired as exc:
@@ -45,8 +57,27 @@ def read_grey_exr(data: bytes, name: str) -> NDArray[np.uint16]:
             return np.frombuffer(answer, np.uint16, offset=len(b"null\n")).reshape(height, width)
     except (ValueError, RecursionError) as exc:  # it failed, or was made to answer something else
         raise InputError(f"{name}: a damaged EXR image") from exc
+    raise _beyond(wrong, name)
+
+
+def _beyond(wrong: Wrong, name: str) -> InputError:
     place = f"the texel of column {wrong.column}, row {wrong.row}"
-    raise InputError(f"{name}: {place} is {wrong.value}: must be from 0 to 1")
+    return InputError(f"{name}: {place} is {wrong.value}: must be from 0 to 1")
+
+
+def _decoded_here(data: bytes, name: str, width: int, height: int) -> NDArray[np.uint16]:
+    with temporary_folder("rhytid-") as folder:
+        path = folder / "map.exr"
+        path.write_bytes(data)
+        try:
+            wrong, codes = decode(path, width, height)
+        except MemoryError:
+            raise
+        except Exception as exc:
+            raise InputError(f"{name}: a damaged EXR image") from exc
+    if wrong is not None:
+        raise _beyond(wrong, name)
+    return codes
 
 
 def _wrong(answer: bytes) -> Wrong | None:

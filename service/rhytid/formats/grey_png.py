@@ -44,6 +44,13 @@ def read_grey_png(data: bytes, name: str) -> NDArray[np.unsignedinteger]:
     return codes
 
 
+def read_sides(data: bytes, name: str) -> tuple[int, int]:
+    """Width and height by the header; raises as `read_grey_png` does."""
+    _check_header(data, name)
+    width, height = (int.from_bytes(data[at : at + 4], "big") for at in (16, 20))
+    return width, height
+
+
 def _check_header(data: bytes, name: str) -> int:
     """Bits of a texel."""
     if not data.startswith(_HEADER) or len(data) < _HEADER_BYTES:

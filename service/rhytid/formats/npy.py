@@ -53,7 +53,7 @@ class NpyHeader:
         """How many bytes follow."""
         return self.numbers * self.dtype.itemsize
 
-    def array(self, data: bytes) -> NDArray[Any]:
+    def array(self, data: bytes | bytearray) -> NDArray[Any]:
         """The array of the whole .npy file `data`, whose length has been checked."""
         flat = np.frombuffer(data, self.dtype, self.numbers, self.start)
         return flat.reshape(self.shape, order="F" if self.fortran_order else "C")

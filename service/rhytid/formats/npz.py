@@ -10,6 +10,7 @@ import io
 import struct
 import zipfile
 import zlib
+from collections.abc import Iterable
 from typing import IO, Any
 
 import numpy as np
@@ -23,6 +24,12 @@ from rhytid.formats.limits import MAX_FRAME_NUMBERS, MAX_NUMBERS, check_size
 from rhytid.formats.npy import MAX_HEADER, NpyHeader, read_header
 
 _PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+# Bytes that are unpacked at a time.
+_PIECE = 1 << 20
+_MEMBERS = (
+    *("positions", "neutral", "faces", "uv", "face_uv", "frames"),
+    *("shapes", "names"),
+)
 # What zipfile raises over damaged, encrypted and unknown archives.
 _DAMAGE = (
     *(zipfile.BadZipFile, zlib.error, struct.error),
@@ -62,6 +69,10 @@ class Archive:
         except _DAMAGE as exc:
             raise self._error(f"{name} cannot be unpacked: {exc}") from exc
 
+    def unpacked(self, names: Iterable[str]) -> int:
+        """Bytes of those of these members that are there, by the directory of the archive."""
+        return sum(self._members[name].file_size for name in names if name in self._members)
+
     def _unpack(
         self, name: str, info: zipfile.ZipInfo, stream: IO[bytes], limit: int, names: bool
     ) -> NDArray[Any]:
@@ -69,7 +80,7 @@ class Archive:
         header = read_header(head, name, self._error, names=names)
         check_size(name, header.numbers, limit)
         self._check_length(name, header, info.file_size)
-        data = head + stream.read(info.file_size - len(head))
+        data = _read(head, stream, header.start + header.stored)
         self._check_length(name, header, len(data))
         return header.array(data)
 
@@ -81,6 +92,25 @@ class Archive:
     def _listed(self) -> str:
         names = list(self._members)
         return ", ".join(repr(n)[:40] for n in names[:10]) + (", …" if len(names) > 10 else "")
+
+
+def _read(head: bytes, stream: IO[bytes], size: int) -> bytearray:
+    """So many bytes, in memory once, or fewer where the stream ends."""
+    data = bytearray(size)
+    data[: len(head)] = head[:size]
+    at = min(len(head), size)
+    while at < size:
+        more = stream.read(min(size - at, _PIECE))
+        if not more:
+            return data[:at]
+        data[at : at + len(more)] = more
+        at += len(more)
+    return data
+
+
+def promised_by_npz(data: bytes) -> int:
+    """Bytes of the members that may be read, by the directory of the archive; raises MeshError."""
+    return Archive(data, MeshError).unpacked(_MEMBERS)
 
 
 def read_npz(data: bytes) -> tuple[Mesh, NDArray[np.float32] | None]:

@@ -11,6 +11,7 @@ Each statement is matched against its grammar once, then all numbers are convert
 from __future__ import annotations
 
 import re
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,9 @@ from rhytid.formats.polygons import fan
 
 # Matching a face takes memory for every corner: no polygon of a real mesh comes near this.
 _LONGEST_FACE = 1 << 20
+
+# Statements that are matched and converted together: each match takes memory.
+_AT_ONCE = 1 << 14
 
 _CORNER = WHOLE + rb"/" + WHOLE + rb"(?:/" + WHOLE + rb")?"
 _VERTEX = re.compile(rb"(N(?: +N){2})(?: +N|(?: +N){3,4})? *".replace(b"N", NUMBER))
@@ -63,12 +67,18 @@ def _positions(found: Statements) -> NDArray[np.float64]:
 def _numbers(
     found: Statements, grammar: re.Pattern[bytes], key: str, width: int, rule: str
 ) -> NDArray[np.float64]:
-    check_size(f"'{key}'", width * len(found.texts))
-    matches = [grammar.fullmatch(text) for text in found.texts]
-    if None in matches:
-        bad = matches.index(None)
-        raise _bad_numbers(found.lines[bad], key, found.texts[bad].split(), rule)
-    return floats(b" ".join([m[1] for m in matches if m])).reshape(-1, width)
+    count = len(found.texts)
+    check_size(f"'{key}'", width * count)
+    values = np.empty((count, width))
+    texts = iter(found.texts)
+    for start in range(0, count, _AT_ONCE):
+        matches = [grammar.fullmatch(text) for text in islice(texts, _AT_ONCE)]
+        if None in matches:
+            bad = start + matches.index(None)
+            raise _bad_numbers(found.lines[bad], key, found.texts[bad].split(), rule)
+        text = b" ".join([m[1] for m in matches if m])
+        values[start : start + len(matches)] = floats(text).reshape(-1, width)
+    return values
 
 
 def _bad_numbers(line: int, key: str, tokens: list[bytes], rule: str) -> MeshError:
@@ -95,10 +105,10 @@ def _references(found: Statements) -> tuple[NDArray[np.int64], NDArray[np.int64]
             raise LimitError(f"line {line}: a face of {size}")
         if not _FACE.fullmatch(text):
             raise _bad_face(line, text.split())
-    counts = np.array([len(text.split()) for text in found.texts])
+    counts = np.fromiter((len(text.split()) for text in found.texts), np.int64, len(found.texts))
     corners = int(counts.sum())
     check_size("'f'", 3 * corners)
-    joined = b" ".join(found.texts)
+    joined = found.texts.joined()
     if joined.count(b"/") not in (corners, 2 * corners):  # normals on some corners only
         joined = _NORMAL.sub(rb"\1", joined)
     return counts, wholes(joined.replace(b"/", b" ")).reshape(corners, -1)[:, :2]

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import re
+from array import array
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from rhytid.errors import MeshError
@@ -21,12 +24,43 @@ _PASSED_OVER = frozenset(
 _CONTINUATION = re.compile(rb"\\ *\n")
 
 
+class Texts:
+    """Texts one behind the other: a Python object for each would take several times the memory."""
+
+    def __init__(self) -> None:
+        self._all, self._ends = bytearray(), array("q", [0])
+
+    def __len__(self) -> int:
+        return len(self._ends) - 1
+
+    def __getitem__(self, index: int) -> bytes:
+        if index >= len(self):
+            raise IndexError(index)
+        return bytes(self._all[self._ends[index] : self._ends[index + 1] - 1])
+
+    def __iter__(self) -> Iterator[bytes]:
+        view, start = memoryview(self._all), 0
+        for end in self._ends[1:]:
+            yield bytes(view[start : end - 1])
+            start = end
+
+    def append(self, text: bytes) -> None:
+        """Put a text at the end."""
+        self._all += text
+        self._all += b" "
+        self._ends.append(len(self._all))
+
+    def joined(self) -> bytes:
+        """All of them, a space behind each."""
+        return bytes(self._all)
+
+
 @dataclass
 class Statements:
     """All statements of one keyword: the lines they stand on, and what follows the keyword."""
 
-    lines: list[int] = field(default_factory=list)
-    texts: list[bytes] = field(default_factory=list)
+    lines: array[int] = field(default_factory=lambda: array("q"))
+    texts: Texts = field(default_factory=Texts)
 
 
 def split_statements(data: bytes) -> dict[bytes, Statements]:
@@ -45,7 +79,7 @@ def split_statements(data: bytes) -> dict[bytes, Statements]:
     return found
 
 
-def _plain_lines(data: bytes) -> list[bytes]:
+def _plain_lines(data: bytes) -> Iterator[bytes]:
     """Lines without comments and tabs; continued lines are joined at the first."""
     text = data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     text = text.replace(b"\t", b" ")
@@ -53,7 +87,8 @@ def _plain_lines(data: bytes) -> list[bytes]:
         text = re.sub(rb"#[^\n]*", b"", text)
     if b"\\" in text:
         text = _join_continued(text)
-    return text.split(b"\n")
+    for line in io.BytesIO(text):  # not split at once, into an object for each
+        yield line.removesuffix(b"\n")
 
 
 def _join_continued(text: bytes) -> bytes:

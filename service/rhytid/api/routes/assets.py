@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import PurePath
 from typing import Any
 
 from fastapi import APIRouter, Response
@@ -10,7 +9,9 @@ from fastapi import APIRouter, Response
 from rhytid.api.dependencies import (
     Allow,
     AssetId,
+    DecoderDep,
     EngineDep,
+    Gone,
     JobPlace,
     Json,
     Memory,
@@ -24,18 +25,11 @@ from rhytid.api.documentation import ASSET_FORM, CHANGES, problems
 from rhytid.api.parts import Part
 from rhytid.api.schemas import Asset
 from rhytid.api.uploads import decode_json, require
+from rhytid.decoding.decoder import Decoder
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.domain.controls import CONTROLS
-from rhytid.domain.expressions import Expressions
-from rhytid.domain.mesh import Mesh
-from rhytid.domain.stiffness import Stiffness
-from rhytid.domain.tiles import mesh_udims
+from rhytid.engine.byte_budget import Hold
 from rhytid.engine.messages import NewAsset
 from rhytid.errors import InputError
-from rhytid.formats.expressions import read_expressions
-from rhytid.formats.graphs import read_graph
-from rhytid.formats.meshes import read_mesh
-from rhytid.formats.painted import read_controls, read_stiffness
 
 router = APIRouter(prefix="/v1/assets", tags=["assets"], dependencies=[NoQuery])
 
@@ -57,14 +51,16 @@ def create(
     engine: EngineDep,
     memory: Memory,
     metrics: MetricsDep,
+    decoder: DecoderDep,
+    gone: Gone,
     response: Response,
     allow: Allow,
     strict: Strict = False,
 ) -> Any:
     """Send a mesh; 202 while the build runs, 200 where the same content is already there."""
-    hold = memory.decode(sum(one.size for part in parts.values() for one in (part, *part.again)))
+    hold = memory.hold("uploads")
     with metrics.figures.stage("decode"):
-        new = new_asset(parts)
+        new = new_asset(parts, decoder, hold, gone)
     asset = engine.assets.create(new, strict=strict, allow=allow, hold=hold)
     place.take(asset.job)
     response.status_code = 202 if asset.state == "building" else 200
@@ -72,46 +68,19 @@ def create(
     return asset
 
 
-def new_asset(parts: dict[str, Part]) -> NewAsset:
-    """Decode the parts of an upload; raises InputError, or one of its kinds, naming the part."""
+def new_asset(parts: dict[str, Part], decoder: Decoder, hold: Hold, gone: Gone) -> NewAsset:
+    """Decode the parts of an upload; raises InputError, or one of its kinds, naming the part, and
+    what `Decoder.read` does."""
     mesh = require(parts, "mesh")
     if not mesh.filename:
         raise InputError("part mesh has no filename: its extension names the format")
     settings = decode_json(parts["settings"].data, "part settings") if "settings" in parts else {}
-    read = read_mesh(mesh.data, mesh.filename)
     force = decode_json(parts["force"].data, "part force") if "force" in parts else False
     if not isinstance(force, bool):
         raise InputError(f"part force is {force!r}: must be true or false")
-    return NewAsset(
-        mesh=read.mesh,
-        settings=AssetSettings.parse(settings),
-        graph=read_graph(parts["graph"].data) if "graph" in parts else None,
-        frames=read.frames,
-        stiffness=_stiffness(parts, read.mesh) if "stiffness" in parts else None,
-        controls=read_controls(
-            {name: _images(parts[name]) for name in CONTROLS if name in parts},
-            mesh_udims(read.mesh),
-        ),
-        force=force,
-        shapes=_shapes(parts["shapes"], read.mesh) if "shapes" in parts else read.expressions,
-    )
-
-
-def _shapes(part: Part, mesh: Mesh) -> Expressions:
-    name = part.filename or ""
-    if not PurePath(name).suffix:
-        raise InputError("part shapes has no filename with .npz or .npy: it names the format")
-    return read_expressions(part.data, name, len(mesh.positions), mesh.centre)
-
-
-def _stiffness(parts: dict[str, Part], mesh: Mesh) -> Stiffness:
-    return read_stiffness(_images(parts["stiffness"]), mesh_udims(mesh))
-
-
-def _images(first: Part) -> list[tuple[str, bytes]]:
-    """Names and bytes of the images of a repeated part."""
-    parts = (first, *first.again)
-    return [(part.filename or f"part {part.name}", part.data) for part in parts]
+    chosen = AssetSettings.parse(settings)
+    file = mesh.spool.descriptor
+    return decoder.read(parts, chosen, force=force, hold=hold, gone=gone, file=file)
 
 
 @router.get("", operation_id="listAssets", response_model=list[Asset], responses=problems(422))

@@ -1,0 +1,158 @@
+"""Connections with limits: how many, and how long one may be without progress.
+
+uvicorn closes a connection that is idle after an answer, and nothing else: heads and bodies may
+take for ever, and a connection that is to be closed stays until its client has read all of it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+from dataclasses import dataclass
+from http import HTTPStatus
+from typing import Any
+
+from h11._connection import DEFAULT_MAX_INCOMPLETE_EVENT_SIZE
+from uvicorn.protocols.http.h11_impl import H11Protocol
+
+from rhytid.api.problems import MEDIA_TYPE
+from rhytid.settings import ServiceSettings
+
+logger = logging.getLogger(__name__)
+# Bytes of a body that must come within the time for progress, or its end.
+PROGRESS = 1 << 14
+# Looks at a connection within that time.
+_LOOKS = 4
+
+
+@dataclass(frozen=True)
+class ConnectionLimits:
+    """stalled: seconds for a head, and for each PROGRESS bytes of a body.  most: connections open
+    at once; one address may have half of them."""
+
+    stalled: float
+    most: int
+
+    @classmethod
+    def of(cls, settings: ServiceSettings) -> ConnectionLimits:
+        """Those of the settings."""
+        return cls(settings.stall_seconds, settings.connections)
+
+    @property
+    def most_of_one(self) -> int:
+        """Connections of one address."""
+        return max(self.most // 2, 1)
+
+
+def protocol_of(limits: ConnectionLimits) -> type[asyncio.Protocol]:
+    """The class of connections that uvicorn makes (its option `http`)."""
+    return type("Connection", (LimitedConnection,), {"limits": limits})
+
+
+# Over h11 also where httptools is installed, which reads heads of any length.
+class LimitedConnection(H11Protocol):
+    """A connection that is closed, with a problem where one can still be read, when it is one too
+    many or makes no progress."""
+
+    limits: ConnectionLimits
+
+    def connection_made(self, transport: Any) -> None:
+        """Refuse the connection, or watch it."""
+        super().connection_made(transport)
+        self._received = 0
+        self._seen: tuple[str | None, Any, int] = (None, None, 0)
+        self._since = self.loop.time()
+        self._look = self.loop.call_later(self.limits.stalled / _LOOKS, self._watch)
+        if too_many := self._too_many():
+            self._end(HTTPStatus.SERVICE_UNAVAILABLE, too_many)
+
+    def data_received(self, data: bytes) -> None:
+        """Count what comes; nothing that comes after the end is read."""
+        if not self.transport.is_closing():
+            self._received += len(data)
+            super().data_received(data)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Watch it no longer."""
+        self._look.cancel()
+        super().connection_lost(exc)
+
+    def handle_websocket_upgrade(self, event: Any) -> None:
+        """Leave it to the WebSocket's own limits."""
+        self._look.cancel()
+        super().handle_websocket_upgrade(event)
+
+    def send_400_response(self, msg: str) -> None:
+        """A problem in place of plain text."""
+        rule = f"or its head is above {DEFAULT_MAX_INCOMPLETE_EVENT_SIZE} bytes"
+        self._end(HTTPStatus.BAD_REQUEST, f"the request is not valid HTTP, {rule}")
+
+    def _too_many(self) -> str | None:
+        """Why this connection cannot be served; it is among those that are open."""
+        most, most_of_one = self.limits.most, self.limits.most_of_one
+        if len(self.connections) > most:
+            return f"{most} connections are open already: RHYTID_CONNECTIONS allows no more"
+        host = self._host(self)
+        if sum(self._host(other) == host for other in self.connections) > most_of_one:
+            rule = "half of what RHYTID_CONNECTIONS allows"
+            return f"{most_of_one} connections from this address are open already: {rule}"
+        return None
+
+    @staticmethod
+    def _host(connection: Any) -> str | None:
+        client = getattr(connection, "client", None)
+        return client[0] if client else None
+
+    def _watch(self) -> None:
+        """End what has made no progress for too long; look again later."""
+        now, seen = self.loop.time(), self._progress()
+        if seen != self._seen or seen[0] is None:
+            self._seen, self._since = seen, now
+        elif now - self._since >= self.limits.stalled:
+            self._stalled(seen[0])
+        self._look = self.loop.call_later(self.limits.stalled / _LOOKS, self._watch)
+
+    def _progress(self) -> tuple[str | None, Any, int]:
+        """What it waits for the client to do, None for nothing; and what changes when it does."""
+        if self.transport.is_closing():
+            return "end", None, 0
+        if self.cycle is None or self.cycle.response_complete:
+            return "head", self.cycle, 0
+        # While the server does not read, it is not the client that makes no progress. Who does not
+        # read an answer is dropped where it is sent: `request_memory`.
+        if self.cycle.more_body and not self.flow.read_paused:
+            return "body", self.cycle, self._received // PROGRESS
+        return None, None, 0
+
+    def _stalled(self, waited_for: str) -> None:
+        if waited_for == "end":  # and its client does not read the rest
+            self.transport.abort()
+        elif waited_for == "body" and not self.cycle.response_started:
+            rule = f"{PROGRESS} bytes or its end must come within {self.limits.stalled:g} seconds"
+            self._end(HTTPStatus.REQUEST_TIMEOUT, f"the body made no progress: {rule}")
+        elif waited_for == "head" and self._received and self.cycle is None:
+            rule = f"it must come within {self.limits.stalled:g} seconds"
+            self._end(HTTPStatus.REQUEST_TIMEOUT, f"the head of the request is not whole: {rule}")
+        else:
+            self.transport.close()
+
+    def _end(self, status: HTTPStatus, detail: str) -> None:
+        """Close the connection with a problem."""
+        logger.warning("%s: %s", self._host(self), detail)
+        if self.cycle is not None:
+            self.cycle.disconnected = True
+            self.cycle.message_event.set()
+        self.transport.write(_problem(status, detail))
+        self.transport.close()
+
+
+def _problem(status: HTTPStatus, detail: str) -> bytes:
+    """An answer of its own, without the machinery of a request."""
+    about = {"type": "about:blank", "title": status.phrase, "status": status, "detail": detail}
+    body = json.dumps(about).encode()
+    head = (
+        f"HTTP/1.1 {status.value} {status.phrase}\r\nContent-Type: {MEDIA_TYPE}\r\n"
+        f"Content-Length: {len(body)}\r\nRetry-After: 5\r\nConnection: close\r\n\r\n"
+    )
+    return head.encode() + body

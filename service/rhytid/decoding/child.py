@@ -1,0 +1,159 @@
+"""The process that decodes one upload and ends; `decoder` starts it.
+
+It limits its own memory and processor time before it reads a byte of what was sent. This is no
+jail: what is kept from the server is a crash, a loop without end and a want of memory.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import mmap
+import os
+import signal
+import socket
+import sys
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rhytid.decoding.limits import promised
+from rhytid.decoding.reading import Files, read_asset
+from rhytid.decoding.words import (
+    Begun,
+    Broken,
+    Granted,
+    Job,
+    Promised,
+    TooLarge,
+    read_word,
+    written,
+)
+from rhytid.engine_process.packing import pack
+from rhytid.engine_process.shared import shared_file
+from rhytid.engine_process.wire import Message, receive, send
+from rhytid.errors import RhytidError
+from rhytid.formats import grey_exr
+
+# Of prctl: the signal that comes when the parent ends.
+_PARENT_DIES = 1
+
+
+@dataclass(frozen=True)
+class Part:
+    """A file that was sent, in the file of the upload.  begun: is told when it is read."""
+
+    name: str
+    filename: str | None
+    size: int
+    start: int
+    descriptor: int
+    begun: Callable[[str], None]
+    again: tuple[Part, ...] = ()
+
+    @property
+    def data(self) -> bytes:
+        """Its bytes, read anew."""
+        self.begun(self.filename or f"part {self.name}")
+        parts, at = [], 0
+        while at < self.size:  # one call reads 2 GiB at most
+            parts.append(os.pread(self.descriptor, self.size - at, self.start + at))
+            at += len(parts[-1])
+        return parts[0] if len(parts) == 1 else b"".join(parts)
+
+
+def main(control: int, file: int, parent: int) -> None:
+    """Run the process.  control, file: descriptors of its socket and of the upload.  parent: the
+    process that started this one."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_PARENT_DIES, signal.SIGKILL)
+        if os.getppid() != parent:
+            os._exit(0)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    line = socket.socket(fileno=control)
+    job: Job = _heard(line)
+    memory = _Memory(job.room)
+    _limit_seconds(job.seconds)
+    try:
+        _answer(line, _decoded(line, file, job, memory))
+    except RhytidError as error:
+        _tell(line, error)
+    except MemoryError:
+        _tell(line, TooLarge(memory.room))
+    except Exception:  # noqa: BLE001 the server logs it
+        _tell(line, Broken(traceback.format_exc(limit=20)))
+
+
+def _decoded(line: socket.socket, file: int, job: Job, memory: _Memory) -> Any:
+    def begun(name: str) -> None:
+        _tell(line, Begun(name))
+
+    grey_exr.decode_here(begun)
+    parts = _files(job, file, begun)
+    if more := promised(parts):
+        _tell(line, Promised(more))
+        granted: Granted = _heard(line)
+        memory.add(granted.nbytes)
+    return read_asset(parts, job.settings, force=job.force)
+
+
+def _files(job: Job, file: int, begun: Callable[[str], None]) -> Files:
+    named: dict[str, list[Part]] = {}
+    for p in job.pieces:
+        named.setdefault(p.name, []).append(Part(p.name, p.filename, p.size, p.start, file, begun))
+    return {
+        name: Part(one.name, one.filename, one.size, one.start, file, begun, tuple(again))
+        for name, (one, *again) in named.items()
+    }
+
+
+class _Memory:
+    """The address space of this process, beyond what it has to begin with; on Linux only."""
+
+    def __init__(self, room: int) -> None:
+        self.room = room
+        self._base = 0
+        if sys.platform == "linux":
+            self._base = int(Path("/proc/self/statm").read_text().split()[0]) * mmap.PAGESIZE
+        self.add(0)
+
+    def add(self, nbytes: int) -> None:
+        """Allow so much more."""
+        self.room += nbytes
+        if sys.platform == "linux":
+            import resource
+
+            _, hard = resource.getrlimit(resource.RLIMIT_AS)
+            most = self._base + self.room
+            resource.setrlimit(resource.RLIMIT_AS, (most if hard < 0 else min(most, hard), hard))
+
+
+def _limit_seconds(seconds: int) -> None:
+    if sys.platform != "win32":
+        import resource
+
+        began = int(resource.getrusage(resource.RUSAGE_SELF).ru_utime) + 1
+        resource.setrlimit(resource.RLIMIT_CPU, (began + seconds, began + seconds + 5))
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))  # nor fill the disk as it crashes
+
+
+def _heard(line: socket.socket) -> Any:
+    found = receive(line)
+    if found is None:  # the server has no more use for it
+        os._exit(0)
+    return read_word(found.body)
+
+
+def _tell(line: socket.socket, word: Any) -> None:
+    send(line, Message(written(word)))
+
+
+def _answer(line: socket.socket, found: Any) -> None:
+    packed = pack(found)
+    if not packed.nbytes:
+        send(line, Message(packed.body))
+        return
+    descriptor = shared_file(packed.nbytes)
+    packed.write_file(descriptor)
+    send(line, Message(packed.body, packed.sizes, packed.nbytes, 0, (descriptor,)))

@@ -1,0 +1,91 @@
+"""The parts of an upload as a new asset, wherever they are decoded."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import PurePath
+from typing import Protocol
+
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.controls import CONTROLS
+from rhytid.domain.expressions import Expressions
+from rhytid.domain.mesh import Mesh
+from rhytid.domain.stiffness import Stiffness
+from rhytid.domain.tiles import mesh_udims
+from rhytid.engine.messages import NewAsset
+from rhytid.errors import InputError
+from rhytid.formats.expressions import read_expressions
+from rhytid.formats.graphs import read_graph
+from rhytid.formats.meshes import read_mesh
+from rhytid.formats.painted import read_controls, read_stiffness
+
+
+class Sent(Protocol):
+    """One part that was sent.  again: those of the same name after it.  start, size: where it is in
+    the file of the upload."""
+
+    @property
+    def name(self) -> str:
+        """Of the part."""
+
+    @property
+    def filename(self) -> str | None:
+        """Its extension names the format; None for a plain field."""
+
+    @property
+    def start(self) -> int:
+        """Bytes before it."""
+
+    @property
+    def size(self) -> int:
+        """Its own bytes."""
+
+    @property
+    def data(self) -> bytes:
+        """Its content, read anew."""
+
+    @property
+    def again(self) -> tuple[Sent, ...]:
+        """Parts of the same name."""
+
+
+Files = Mapping[str, Sent]
+
+
+def all_files(parts: Files) -> list[Sent]:
+    """Every file of every part."""
+    return [one for part in parts.values() for one in (part, *part.again)]
+
+
+def read_asset(parts: Files, settings: AssetSettings, *, force: bool) -> NewAsset:
+    """Decode mesh, graph, images and shapes; raises InputError, or one of its kinds, naming the
+    part, and LimitError."""
+    mesh = parts["mesh"]
+    read = read_mesh(mesh.data, mesh.filename or "")
+    images = {name: _images(parts[name]) for name in CONTROLS if name in parts}
+    return NewAsset(
+        mesh=read.mesh,
+        settings=settings,
+        graph=read_graph(parts["graph"].data) if "graph" in parts else None,
+        frames=read.frames,
+        stiffness=_stiffness(parts, read.mesh) if "stiffness" in parts else None,
+        controls=read_controls(images, mesh_udims(read.mesh)),
+        force=force,
+        shapes=_shapes(parts["shapes"], read.mesh) if "shapes" in parts else read.expressions,
+    )
+
+
+def _shapes(part: Sent, mesh: Mesh) -> Expressions:
+    name = part.filename or ""
+    if not PurePath(name).suffix:
+        raise InputError("part shapes has no filename with .npz or .npy: it names the format")
+    return read_expressions(part.data, name, len(mesh.positions), mesh.centre)
+
+
+def _stiffness(parts: Files, mesh: Mesh) -> Stiffness:
+    return read_stiffness(_images(parts["stiffness"]), mesh_udims(mesh))
+
+
+def _images(first: Sent) -> list[tuple[str, bytes]]:
+    """Names and bytes of the images of a repeated part."""
+    return [(one.filename or f"part {one.name}", one.data) for one in (first, *first.again)]

@@ -1,0 +1,115 @@
+"""What a server and a process that decodes tell each other.
+
+The process meets what strangers send, so what it tells is read with care: plain values and our own
+facts, nothing that a pickle could run.
+"""
+
+from __future__ import annotations
+
+import io
+import pickle
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.engine_process.packing import pack, slices
+from rhytid.engine_process.shared import Bytes
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Where the bytes of a file are in the file of the upload."""
+
+    name: str
+    filename: str | None
+    start: int
+    size: int
+
+
+@dataclass(frozen=True)
+class Job:
+    """What is to be decoded, in the order in which it was sent.
+
+    room: bytes of memory.  seconds: of processor time.
+    """
+
+    pieces: tuple[Piece, ...]
+    settings: AssetSettings
+    force: bool
+    room: int
+    seconds: int
+
+
+@dataclass(frozen=True)
+class Promised:
+    """Headers promise so many bytes; the process waits until it is told how many it may take."""
+
+    nbytes: int
+
+
+@dataclass(frozen=True)
+class Granted:
+    """The process may take so many bytes beside its room."""
+
+    nbytes: int
+
+
+@dataclass(frozen=True)
+class Begun:
+    """A file is decoded next."""
+
+    filename: str
+
+
+@dataclass(frozen=True)
+class TooLarge:
+    """The upload takes more than `room` bytes of memory."""
+
+    room: int
+
+
+@dataclass(frozen=True)
+class Broken:
+    """Something of ours failed; what the log needs to know."""
+
+    trace: str
+
+
+_NUMPY = {"_frombuffer", "_reconstruct", "ndarray", "dtype", "scalar"}
+_OURS = ("rhytid.domain.", "rhytid.decoding.words")
+_ALSO = {
+    ("rhytid.engine.messages", "NewAsset"),
+    ("rhytid.engine_process.packing", "_read_only"),
+}
+
+
+class _Careful(pickle.Unpickler):
+    def find_class(self, module: str, name: str) -> Any:
+        """Classes of ours and what arrays are made by; raises UnpicklingError for all else."""
+        if "." not in name:
+            numpys = module.partition(".")[0] == "numpy" and name in _NUMPY
+            found = (
+                super().find_class(module, name) if self._known(module, name) or numpys else None
+            )
+            if isinstance(found, type) or numpys or (module, name) in _ALSO:
+                return found
+        raise pickle.UnpicklingError(f"{module}.{name} is not expected here")
+
+    @staticmethod
+    def _known(module: str, name: str) -> bool:
+        return module.startswith(_OURS) or module == "rhytid.errors" or (module, name) in _ALSO
+
+
+def read_word(body: bytes, sizes: Sequence[int] = (), memory: Bytes | None = None) -> Any:
+    """What was told; its large arrays lie in `memory`. Raises UnpicklingError and others where it
+    is nothing that is expected."""
+    raw = np.empty(0, np.uint8) if memory is None else memory
+    return _Careful(io.BytesIO(body), buffers=slices(raw, sizes)).load()
+
+
+def written(word: Any) -> bytes:
+    """A word without large arrays."""
+    return pack(word).body
