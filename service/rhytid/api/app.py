@@ -15,6 +15,7 @@ from rhytid.api.device_slots import DeviceSlots, threads
 from rhytid.api.documentation import describe
 from rhytid.api.encoding import SCALE, WARNINGS
 from rhytid.api.job_shares import JobShares
+from rhytid.api.live.places import LivePlaces
 from rhytid.api.metrics import Metrics, Observe
 from rhytid.api.request_head import CheckHead
 from rhytid.api.request_memory import HoldUntilSent
@@ -25,6 +26,7 @@ from rhytid.api.routes import (
     graphs,
     health,
     jobs,
+    live,
     meshes,
     root,
     snapshots,
@@ -43,6 +45,7 @@ ROUTERS = (
     snapshots.router,
     frames.router,
     tiles.router,
+    live.router,
     bins.router,
     jobs.router,
     health.router,
@@ -75,6 +78,7 @@ def create_app(engine: AnyEngine, settings: ServiceSettings) -> FastAPI:
     app.state.access = Access(settings)
     app.state.job_shares = JobShares(lambda job: engine.jobs.info(job))
     app.state.slots = DeviceSlots(settings.queue)
+    app.state.live_places = LivePlaces()
     app.state.spool = ByteBudget(settings.spool, "RHYTID_SPOOL_MB")
     app.state.metrics = Metrics(
         engine, {"host": lambda: engine.memory, "spool": lambda: app.state.spool}
