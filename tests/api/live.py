@@ -11,6 +11,7 @@ import httpx
 import uvicorn
 
 from rhytid.api.app import create_app
+from rhytid.cli.web_sockets import OPTIONS
 from rhytid.settings import ServiceSettings
 
 
@@ -19,7 +20,7 @@ class _Server(uvicorn.Server):
 
     def __init__(self, app: Any) -> None:
         config = uvicorn.Config(
-            app, port=0, ws="none", log_config=None, access_log=False, timeout_graceful_shutdown=1
+            app, port=0, log_config=None, access_log=False, timeout_graceful_shutdown=1, **OPTIONS
         )
         super().__init__(config)
         self.listening = threading.Event()

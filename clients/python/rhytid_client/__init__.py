@@ -19,6 +19,7 @@ from rhytid_client.errors import (
     ConnectionFailed,
     JobCancelled,
     JobFailed,
+    LiveClosed,
     NotAllowed,
     NotFound,
     NotReady,
@@ -32,6 +33,7 @@ from rhytid_client.errors import (
     TooLarge,
     TooMany,
 )
+from rhytid_client.live import LiveAnswer, LiveAsset, LiveTile
 from rhytid_client.plain_client import PlainClient
 from rhytid_client.results import (
     Asset,
@@ -66,6 +68,10 @@ __all__ = [
     "Job",
     "JobCancelled",
     "JobFailed",
+    "LiveAnswer",
+    "LiveAsset",
+    "LiveClosed",
+    "LiveTile",
     "MeshFormat",
     "Method",
     "NotAllowed",

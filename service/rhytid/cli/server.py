@@ -15,6 +15,7 @@ import uvicorn
 
 from rhytid.access.api_key import ApiKey, utc_now
 from rhytid.access.key_file import read_keys
+from rhytid.cli.web_sockets import OPTIONS
 from rhytid.errors import AccessError, InputError
 from rhytid.settings import ServiceSettings
 
@@ -91,7 +92,7 @@ def server_of(engine: AnyEngine, settings: ServiceSettings, log_level: str) -> u
 
     app = create_app(engine, settings)
     return uvicorn.Server(
-        uvicorn.Config(app, log_level=log_level, ws="none", timeout_graceful_shutdown=GRACE)
+        uvicorn.Config(app, log_level=log_level, timeout_graceful_shutdown=GRACE, **OPTIONS)
     )
 
 

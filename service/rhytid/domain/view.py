@@ -19,9 +19,7 @@ class ViewedTiles:
     outside of one side of the frustum. What hides behind other parts counts as seen.
     """
 
-    def __init__(
-        self, mesh: Mesh, udims: tuple[int, ...], grid: TileGrid, level: int
-    ) -> None:
+    def __init__(self, mesh: Mesh, udims: tuple[int, ...], grid: TileGrid, level: int) -> None:
         self._faces = mesh.faces
         self._addresses: list[TileAddress] = []
         triangles, tiles = [], []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 # Of RFC 6455. The server sends 1009 and 1012 by itself: a message above its limit, and its end.
 INTERNAL = 1011
+LATER = 1013
 # Ours, near the status of HTTP that says the same.
 BAD_MESSAGE = 4400
 GONE = 4404
@@ -19,6 +20,7 @@ CODES = {
     1009: "a message is larger than 16 MiB",
     INTERNAL: "the server failed, or a ping was not answered within 20 seconds",
     1012: "the server ends",
+    LATER: "other requests hold the memory; try again",
     BAD_MESSAGE: "a header, a view or a frame that is not as it must be; the reason names what",
     GONE: "the asset was deleted, or what was asked of it is not there",
     IDLE: "no header within 10 seconds, or nothing at all for 5 minutes",

@@ -92,10 +92,10 @@ class LiveDrawing:
         Raises FrameError for numbers that are not finite, what the budget of memory and
         `TileService.plans_once` do.
         """
-        positions = self._positions(frame)
-        addresses = self._view.addresses()
-        if self._view.camera is not None:
-            addresses = self._seen(positions, self._view.camera)
+        positions, view = self._positions(frame), self._view
+        addresses = view.addresses()
+        if view.camera is not None:
+            addresses = self._seen(positions, view.camera)
             self._check_texels(addresses)
         wanted = set(addresses)
         self._sent = {at: tile for at, tile in self._sent.items() if at in wanted}
@@ -119,11 +119,6 @@ class LiveDrawing:
         # A copy: what an engine in another process answers lies in memory that it uses again.
         self._sent[at] = np.array(tile)
         return message
-
-    def forget(self, header_of: TilePlan) -> None:
-        """Send a tile again whatever changed: it did not reach the client."""
-        header = header_of.header
-        self._sent.pop(TileAddress(header.udim, header.level, header.row, header.column), None)
 
     def _differs(self, before: NDArray[np.float32], now: NDArray[np.float32]) -> bool:
         return float(np.abs(now - before).max(initial=0.0)) > self._opening.tolerance

@@ -19,7 +19,7 @@ from rhytid.api.live.drawing import LiveDrawing
 from rhytid.api.live.wire import LiveFrame, Opening, read_frame, read_opening, read_view
 from rhytid.api.problems import kind_of
 from rhytid.api.rates import Rates
-from rhytid.errors import CancelledError, InputError, NotFoundError, RhytidError, told
+from rhytid.errors import BusyError, CancelledError, InputError, NotFoundError, RhytidError, told
 
 T = TypeVar("T")
 # Seconds for the header, for anything after it, and for a client to take a message.
@@ -65,6 +65,10 @@ class LiveSession:
         except LiveClosed as closed:
             code = closed.code
             await self._close(closed)
+        except Exception:
+            code = closing.INTERNAL
+            await self._close(LiveClosed(code, "the server's log has the reason"))
+            raise
         finally:
             self._over = True
             seconds = time.monotonic() - started
@@ -81,6 +85,8 @@ class LiveSession:
             raise LiveClosed(closing.GONE, told(error)) from error
         except InputError as error:
             raise LiveClosed(closing.BAD_MESSAGE, f"header: {error}") from error
+        except BusyError as error:
+            raise LiveClosed(closing.LATER, told(error)) from error
         except RhytidError as error:
             raise LiveClosed(closing.INTERNAL, told(error)) from error
         try:
@@ -103,9 +109,10 @@ class LiveSession:
             reading.cancel()
             # A thread draws with the memory that is given back after this.
             await asyncio.wait({reading, answering})
-        for task in (answering, reading):
-            if not task.cancelled():
-                task.result()
+        ends = [task.exception() for task in (answering, reading) if not task.cancelled()]
+        for end in ends:
+            if end is not None:
+                raise end
 
     async def _read(self, drawing: LiveDrawing) -> None:
         while True:

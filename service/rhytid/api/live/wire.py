@@ -120,9 +120,7 @@ def read_frame(message: bytes, after: int, vertices: int, weights: int) -> LiveF
     shapes.
     """
     if len(message) < FRAME.size:
-        raise LiveClosed(
-            BAD_MESSAGE, f"frame of {len(message)} bytes: its header has {FRAME.size}"
-        )
+        raise LiveClosed(BAD_MESSAGE, f"frame of {len(message)} bytes: its header has {FRAME.size}")
     number, kind, count = FRAME.unpack_from(message)
     if number <= after:
         raise LiveClosed(ORDER, f"frame {number} came after frame {after}: numbers must grow")
