@@ -35,15 +35,26 @@ class _Server(uvicorn.Server):
         return f"http://{host}:{port}"
 
 
+class _Client(httpx.Client):
+    """A client of a running server, which it can end."""
+
+    def __init__(self, server: _Server) -> None:
+        super().__init__(base_url=server.url, timeout=60)
+        self._server = server
+
+    def stop(self) -> None:
+        self._server.should_exit = True
+
+
 @contextmanager
-def serving(engine: Any, **settings: Any) -> Iterator[httpx.Client]:
+def serving(engine: Any, **settings: Any) -> Iterator[_Client]:
     """A client of a running server; the server ends with the block."""
     server = _Server(create_app(engine, ServiceSettings(**settings)))
     thread = threading.Thread(target=server.run)
     thread.start()
     try:
         assert server.listening.wait(30)
-        with closing(httpx.Client(base_url=server.url, timeout=60)) as client:
+        with closing(_Client(server)) as client:
             yield client
     finally:
         server.should_exit = True
