@@ -111,8 +111,7 @@ class Access:
 
     def _key(self, scope: Scope, ring: KeyRing) -> ApiKey:
         shown = [value for name, value in scope["headers"] if name == b"authorization"]
-        if scope["type"] == "websocket":
-            shown += _keys_offered(scope)
+        shown += _keys_offered(scope)
         if not shown:
             raise ApiKeyError("an API key is needed: send 'Authorization: Bearer KEY'")
         scheme, _, value = shown[0].partition(b" ")
@@ -136,8 +135,8 @@ async def guard(connection: HTTPConnection) -> None:
 
 
 def _keys_offered(scope: Scope) -> list[bytes]:
-    """Keys among the subprotocols that a client offers, as Authorization would have them."""
-    offered = (protocol.encode("latin-1", "replace") for protocol in scope["subprotocols"])
+    """Keys among the subprotocols that a WebSocket offers, as Authorization would have them."""
+    offered = (one.encode("latin-1", "replace") for one in scope.get("subprotocols", ()))
     found = (one for one in offered if one.startswith(KEY_PROTOCOL))
     return [b"Bearer " + one[len(KEY_PROTOCOL) :] for one in found]
 

@@ -6,6 +6,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from fastapi import Depends, FastAPI
+from fastapi.routing import APIRoute
 from starlette.middleware.cors import CORSMiddleware
 
 from rhytid import __version__
@@ -83,7 +84,8 @@ def create_app(engine: AnyEngine, settings: ServiceSettings) -> FastAPI:
     app.state.metrics = Metrics(
         engine, {"host": lambda: engine.memory, "spool": lambda: app.state.spool}
     )
-    app.state.routes = [route for router in ROUTERS for route in router.routes]
+    every = (route for router in ROUTERS for route in router.routes)
+    app.state.routes = [route for route in every if isinstance(route, APIRoute)]
     for router in ROUTERS:
         app.include_router(router)
     app.add_middleware(HoldUntilSent)

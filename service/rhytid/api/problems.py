@@ -152,8 +152,7 @@ def _methods(request: Request) -> set[str]:
     """All methods of a path; the router itself names those of its first route alone."""
     routes = request.app.state.routes
     path = request.scope["path"]
-    matching = [route for route in routes if route.path_regex.match(path)]
-    return {method for route in matching for method in getattr(route, "methods", ())}
+    return {method for r in routes if r.path_regex.match(path) for method in r.methods}
 
 
 async def _gone(request: Request, error: Exception) -> Response:
