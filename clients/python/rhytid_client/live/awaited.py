@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator, Iterable, Mapping
+from contextlib import AsyncExitStack
 from typing import Any
 
 from numpy.typing import ArrayLike
@@ -29,30 +30,32 @@ class AsyncLive:
     """
 
     asset: LiveAsset
+    _socket: Any
 
     def __init__(self, opening: LiveOpening) -> None:
         self._opening, self._frames = opening, FrameCounter()
-        self._socket: Any = None
+        self._open, self._socket = AsyncExitStack(), None
         self.answer: LiveAnswer | None = None
 
     async def __aenter__(self) -> AsyncLive:
         connect, call = library("asyncio.client").connect, self._opening.call
         with translated(call):
-            self._socket = await connect(self._opening.url, **self._opening.options)
+            made = connect(self._opening.url, **self._opening.options)
+            self._socket = await self._open.enter_async_context(made)
         try:
             with translated(call):
                 await self._socket.send(self._opening.header)
                 self.asset = read_ready(await self._came(ANSWER_SECONDS), call)
         except BaseException:
-            await self.close()
+            await self._open.aclose()
             raise
         return self
 
     async def __aexit__(self, *exc: object) -> None:
-        await self.close()
+        await self._open.aclose()
 
     async def close(self) -> None:
-        """End the connection."""
+        """End the connection; `receive` then raises LiveClosed."""
         if self._socket is not None:
             await self._socket.close()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack
 from typing import Any
 
 from numpy.typing import ArrayLike
@@ -31,30 +32,32 @@ class Live:
     """
 
     asset: LiveAsset
+    _socket: Any
 
     def __init__(self, opening: LiveOpening) -> None:
         self._opening, self._frames = opening, FrameCounter()
-        self._socket: Any = None
+        self._open, self._socket = ExitStack(), None
         self.answer: LiveAnswer | None = None
 
     def __enter__(self) -> Live:
         connect, call = library("sync.client").connect, self._opening.call
         with translated(call):
-            self._socket = connect(self._opening.url, **self._opening.options)
+            made = connect(self._opening.url, **self._opening.options)
+            self._socket = self._open.enter_context(made)
         try:
             with translated(call):
                 self._socket.send(self._opening.header)
                 self.asset = read_ready(self._socket.recv(ANSWER_SECONDS), call)
         except BaseException:
-            self.close()
+            self._open.close()
             raise
         return self
 
     def __exit__(self, *exc: object) -> None:
-        self.close()
+        self._open.close()
 
     def close(self) -> None:
-        """End the connection."""
+        """End the connection, from any thread; `receive` then raises LiveClosed."""
         if self._socket is not None:
             self._socket.close()
 
