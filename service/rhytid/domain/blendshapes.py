@@ -60,6 +60,7 @@ class Blendshapes:
                 f"weight of {self.names[first]} is {float(weights[first]):g}: must be a number "
                 f"within ± {MOST_WEIGHT:g}"
             )
-        moved = (self._spread @ weights) @ self._differences
+        # Not a product of matrices: BLAS would take several threads, which wait for each other.
+        moved = np.einsum("e,ev->v", self._spread @ weights, self._differences)
         found: NDArray[np.float32] = self._neutral + moved.reshape(self._neutral.shape)
         return found
