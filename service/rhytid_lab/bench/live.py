@@ -108,15 +108,15 @@ def _report(times: _Times, take: _Take, options: argparse.Namespace, *, warm: bo
     lines = [
         f"{said}, {take.weights.shape[1]} weights, {length:.0f} s, tolerance {options.tolerance}",
         f"sent {len(times.sent)}, drawn {len(times.answers)}, dropped {dropped}, tiles {tiles}",
-        f"to the first tile: {_told(times.sent, times.first)}",
-        f"to the last tile:  {_told(times.sent, times.last)}",
+        f"to the first tile: {_percentiles(times.sent, times.first)}",
+        f"to the last tile:  {_percentiles(times.sent, times.last)}",
         f"drawing: p50 {1000 * statistics.median(a.seconds for a in times.answers):.1f} ms",
         f"load average {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors",
     ]
     print("\n".join(lines))  # noqa: T201
 
 
-def _told(sent: dict[int, float], came: dict[int, float]) -> str:
+def _percentiles(sent: dict[int, float], came: dict[int, float]) -> str:
     found = sorted(1000 * (came[number] - sent[number]) for number in came)
     cuts = statistics.quantiles(found, n=100)
     return f"p50 {cuts[49]:.1f} ms, p99 {cuts[98]:.1f} ms, worst {found[-1]:.1f} ms"

@@ -25,7 +25,7 @@ from rhytid_client.methods import ANSWER_SECONDS
 class AsyncLive:
     """Frames out, tiles in: the methods of `Live`, to be awaited; use it in `async with`.
 
-    asset: what the server told of the asset.  answer: what became of the frame that `receive`
+    asset: what the server said of the asset.  answer: what became of the frame that `receive`
     ended with last.
     """
 

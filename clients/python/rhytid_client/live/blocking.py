@@ -27,7 +27,7 @@ class Live:
     Use it in `with`. Calls raise what the server says as the client's other calls do, LiveClosed
     where the connection ended, ConnectionFailed where there is none.
 
-    asset: what the server told of the asset.  answer: what became of the frame that `receive`
+    asset: what the server said of the asset.  answer: what became of the frame that `receive`
     ended with last.
     """
 
@@ -92,7 +92,7 @@ class Live:
             self._socket.send(message)
 
     def receive(self, timeout: float | None = ANSWER_SECONDS) -> Iterator[LiveTile]:
-        """The tiles of the next frame that was drawn, as they come; then `answer` tells of it.
+        """The tiles of the next frame that was drawn, as they come; then `answer` is about it.
 
         timeout: seconds to wait for each; None = for ever. Raises ConnectionFailed after it.
         """

@@ -66,7 +66,7 @@ class LiveAnswer:
 
 @dataclass(frozen=True)
 class LiveAsset:
-    """What the server told of the asset.
+    """What the server said of the asset.
 
     shapes: the order of weights, empty where it has no named shapes.  unknown: those of these names
     that mean none of its shapes.
@@ -138,8 +138,8 @@ def read_ready(message: str | bytes, call: Request) -> LiveAsset:
     facts = _json(message)
     if facts.get("message") != "ready":
         raise BadAnswer(f"the first message is not ready but {str(message)[:80]!r} [{call}]")
-    told = read(LiveAsset, facts)
-    return told
+    found: LiveAsset = read(LiveAsset, facts)
+    return found
 
 
 def read_answer(message: str | bytes, call: Request) -> LiveTile | LiveAnswer:

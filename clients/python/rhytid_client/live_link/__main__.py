@@ -67,8 +67,9 @@ class _Files:
             return
         self._frames, self._dropped = self._frames + 1, self._dropped + answer.dropped
         if time.monotonic() - self._since >= 1.0:
-            told = f"{self._frames} frames, {self._tiles} tiles, {self._dropped} dropped"
-            print(told, flush=True)
+            print(
+                f"{self._frames} frames, {self._tiles} tiles, {self._dropped} dropped", flush=True
+            )
             self._since, self._frames, self._tiles, self._dropped = time.monotonic(), 0, 0, 0
 
 

@@ -7,7 +7,7 @@ from types import TracebackType
 
 from rhytid_client.live_link.packet import FaceFrame, read_packet
 
-# Where the app sends to unless it is told otherwise.
+# Where the app sends to unless another port is set there.
 PORT = 11111
 _LARGEST = 2048
 # Packets that are read in one go before the newest is used.

@@ -19,7 +19,14 @@ from rhytid.api.live.drawing import LiveDrawing
 from rhytid.api.live.wire import LiveFrame, Opening, read_frame, read_opening, read_view
 from rhytid.api.problems import kind_of
 from rhytid.api.rates import Rates
-from rhytid.errors import BusyError, CancelledError, InputError, NotFoundError, RhytidError, told
+from rhytid.errors import (
+    BusyError,
+    CancelledError,
+    InputError,
+    NotFoundError,
+    RhytidError,
+    public_message,
+)
 
 T = TypeVar("T")
 # Seconds for the header, for anything after it, and for a client to take a message.
@@ -82,17 +89,17 @@ class LiveSession:
         try:
             drawing = await run_in_threadpool(self._begin, opening)
         except NotFoundError as error:
-            raise LiveClosed(closing.GONE, told(error)) from error
+            raise LiveClosed(closing.GONE, public_message(error)) from error
         except InputError as error:
             raise LiveClosed(closing.BAD_MESSAGE, f"header: {error}") from error
         except BusyError as error:
-            raise LiveClosed(closing.LATER, told(error)) from error
+            raise LiveClosed(closing.LATER, public_message(error)) from error
         except RhytidError as error:
-            raise LiveClosed(closing.INTERNAL, told(error)) from error
+            raise LiveClosed(closing.INTERNAL, public_message(error)) from error
         try:
             shapes = drawing.blendshapes
             named = {"shapes": shapes.names, "unknown": shapes.unknown} if shapes else {}
-            await self._tell("ready", **self._facts, **named)
+            await self._send_text("ready", **self._facts, **named)
             await self._both(drawing)
         finally:
             drawing.close()
@@ -140,7 +147,7 @@ class LiveSession:
                 await self._answer(drawing, frame)
 
     async def _answer(self, drawing: LiveDrawing, frame: LiveFrame) -> None:
-        """Draw and send what changed in a frame; an error of the frame is told, and no more."""
+        """Draw and send what changed in a frame; an error of the frame is sent in its place."""
         dropped, self._dropped = self._dropped, 0
         self._frames, self._dropped_ever = self._frames + 1, self._dropped_ever + dropped
         started, sent, plans = time.monotonic(), 0, []
@@ -154,13 +161,13 @@ class LiveSession:
         except CancelledError:
             return
         except NotFoundError as error:
-            raise LiveClosed(closing.GONE, told(error)) from error
+            raise LiveClosed(closing.GONE, public_message(error)) from error
         except RhytidError as error:
             await self._refuse(error, frame, dropped)
             return
         seconds = round(time.monotonic() - started, 6)
         unchanged = len(plans) - sent
-        await self._tell(
+        await self._send_text(
             "frame", frame=frame.number, sent=sent, unchanged=unchanged, dropped=dropped,
             seconds=seconds,
         )  # fmt: skip
@@ -169,9 +176,9 @@ class LiveSession:
         kind = kind_of(error)
         if kind.status == 500:
             logger.error("live %s failed", self._facts["asset"], exc_info=error)
-        await self._tell(
+        await self._send_text(
             "problem", frame=frame.number, dropped=dropped, type=kind.type, title=kind.title,
-            status=kind.status, detail=told(error),
+            status=kind.status, detail=public_message(error),
             retry_after=getattr(error, "retry_after", None),
         )  # fmt: skip
 
@@ -189,7 +196,7 @@ class LiveSession:
             return message
         raise LiveClosed(closing.IDLE, f"nothing came for {seconds:g} seconds")
 
-    async def _tell(self, what: str, **facts: Any) -> None:
+    async def _send_text(self, what: str, **facts: Any) -> None:
         text = json.dumps({"message": what, **facts})
         await self._send({"type": "websocket.send", "text": text})
 
