@@ -47,6 +47,8 @@ class _Times:
     first: dict[int, float] = field(default_factory=dict)
     last: dict[int, float] = field(default_factory=dict)
     answers: list[LiveAnswer] = field(default_factory=list)
+    # Of processors, of the server and its device's process.
+    busy: float = 0.0
 
 
 def main() -> None:
@@ -71,7 +73,7 @@ def main() -> None:
 
 def _run(live: Live, weights: NDArray[np.float32], count: int, rate: float) -> _Times:
     """Send so many frames at their times, and note what comes."""
-    times = _Times()
+    times, busy = _Times(), _busy()
     start = time.perf_counter() + 0.1
 
     def send() -> None:
@@ -90,7 +92,21 @@ def _run(live: Live, weights: NDArray[np.float32], count: int, rate: float) -> _
         times.last[live.answer.frame] = time.perf_counter()
         times.answers.append(live.answer)
     sending.join()
+    times.busy = _busy() - busy
     return times
+
+
+def _busy() -> float:
+    """Seconds of processors that the processes have used which this one started, and theirs."""
+    found, ticks, ids = set[int](), 0, [os.getpid()]
+    while ids:
+        of = Path(f"/proc/{ids.pop()}/task").glob("*/children")
+        ids += (more := [int(id) for file in of for id in file.read_text().split()])
+        found.update(more)
+    for id in found:
+        fields = Path(f"/proc/{id}/stat").read_text().rpartition(")")[2].split()
+        ticks += int(fields[11]) + int(fields[12])
+    return ticks / os.sysconf("SC_CLK_TCK")
 
 
 def _all_in(times: _Times, count: int) -> bool:
@@ -111,6 +127,7 @@ def _report(times: _Times, take: _Take, options: argparse.Namespace, *, warm: bo
         f"to the first tile: {_percentiles(times.sent, times.first)}",
         f"to the last tile:  {_percentiles(times.sent, times.last)}",
         f"drawing: p50 {1000 * statistics.median(a.seconds for a in times.answers):.1f} ms",
+        f"processor time of the server: {1000 * times.busy / len(times.answers):.1f} ms a frame",
         f"load average {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors",
     ]
     print("\n".join(lines))  # noqa: T201
