@@ -25,9 +25,8 @@ def test_headers_have_the_size_that_the_page_gives_them() -> None:
     assert sizes("### From the server") == wire.TILE.size == 40
     formats = re.search(r"format of the values: (.*) \|", PAGE)
     assert formats is not None
-    assert dict(re.findall(r"(\d) `(\w+)`", formats[1])) == {
-        str(n): k for k, n in wire.CODES.items()
-    }
+    named = re.findall(r"(\d) `(\w+)`", formats[1])
+    assert {name: int(number) for number, name in named} == wire.CODES
     assert f"`{wire.PROTOCOL}`" in PAGE
 
 

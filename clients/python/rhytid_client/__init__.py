@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from rhytid_client.choices import (
     GraphFormat,
+    LiveFormat,
     MeshFormat,
     Method,
     Sampling,
@@ -34,6 +35,8 @@ from rhytid_client.errors import (
     TooMany,
 )
 from rhytid_client.live import LiveAnswer, LiveAsset, LiveTile
+from rhytid_client.live.awaited import AsyncLive
+from rhytid_client.live.blocking import Live
 from rhytid_client.plain_client import PlainClient
 from rhytid_client.results import (
     Asset,
@@ -56,6 +59,7 @@ __version__ = "0.1.0"
 __all__ = [
     "Asset",
     "AsyncClient",
+    "AsyncLive",
     "BadAnswer",
     "Bins",
     "Client",
@@ -68,9 +72,11 @@ __all__ = [
     "Job",
     "JobCancelled",
     "JobFailed",
+    "Live",
     "LiveAnswer",
     "LiveAsset",
     "LiveClosed",
+    "LiveFormat",
     "LiveTile",
     "MeshFormat",
     "Method",

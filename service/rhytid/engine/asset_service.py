@@ -181,7 +181,7 @@ class AssetService:
     def mesh(self, asset: str) -> Mesh:
         """The neutral mesh of a ready asset, out of the store."""
         self._assets.get(asset).check_ready()
-        return self._store.asset(asset).mesh
+        return self._store.mesh(asset)
 
     def shapes(self, asset: str) -> Expressions:
         """The named shapes that came with the mesh of a ready asset, out of the store.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -59,7 +60,6 @@ class LiveDrawing:
         self.blendshapes: Blendshapes | None = None
         try:
             self._reserve(0)
-            self._mesh: Mesh = engine.assets.mesh(info.id)
             self._take_shapes()
             self._reserve(0)
             self.look(opening)
@@ -122,6 +122,11 @@ class LiveDrawing:
 
     def _differs(self, before: NDArray[np.float32], now: NDArray[np.float32]) -> bool:
         return float(np.abs(now - before).max(initial=0.0)) > self._opening.tolerance
+
+    @cached_property
+    def _mesh(self) -> Mesh:
+        """The neutral mesh, which not every connection needs."""
+        return self._engine.assets.mesh(self._info.id)
 
     def _take_shapes(self) -> None:
         try:
