@@ -70,6 +70,7 @@ def test_every_route_has_a_scope_and_every_scope_a_route() -> None:
 
 
 def test_what_is_open_is_said_here_once_more() -> None:
+    assert ROUTES["WS /v1/assets/{asset}/live"] == ROUTES["POST /v1/assets/{asset}/tiles"]
     named = {call for call, scope in ROUTES.items() if scope == OPEN}
     assert named == {
         f"GET {path}" for path in ("/", "/healthz", "/readyz", "/docs", "/docs/{file}")

@@ -20,7 +20,7 @@ from api.asking import built
 from api.fake_engine import FakeEngine
 from api.live import serving
 from api.live_socket import Speaker, speaking
-from api.patch import positions, smile, upload
+from api.patch import obj, positions, smile, upload
 from rhytid.api.live import session
 from rhytid.api.live.places import LivePlaces
 from rhytid.engine.tile_plan import TilePlan
@@ -247,11 +247,51 @@ def test_a_camera_chooses_the_tiles(speaker: Speaker) -> None:
     tiles, _ = speaker.answer()
     assert {tile.address[3] for tile in tiles} == {0, 1, 2}  # columns: u up to 0.5, with a margin
     # From behind nothing is seen, unless both sides are.
-    matrix[0] = [-4, 0, 0, 1]
+    matrix[0] = [-4.0, 0, 0, 1]
     speaker.tell("view", camera={"matrix": matrix})
     assert speaker.answer()[1]["sent"] == 0
     speaker.tell("view", camera={"matrix": matrix, "two_sided": True})
     assert speaker.answer()[1]["sent"] > 0
+
+
+def test_a_camera_looks_where_the_mesh_was_sent(server: httpx.Client) -> None:
+    """The mesh is far from the origin, and moved there by the server."""
+    far = np.array([3000.0, 0.0, 0.0])
+    moved = positions().astype(float) * 1.001 + far
+    lines = obj().decode().splitlines()
+    rest = [line for line in lines if not line.startswith("v ")]
+    vertices = [f"v {x:.15g} {y:.15g} {z:.15g}" for x, y, z in moved]
+    asset = built(server, upload("\n".join([*vertices, *rest]).encode()))
+    assert any(server.get(f"/v1/assets/{asset}").json()["centre"])
+    matrix = np.array([[4, 0, 0, -1], [0, 2, 0, -1], [0, 0, 0.1, 0], [0, 0, 0, 1.0]])
+    matrix[:, 3] -= matrix[:, :3] @ far
+    with speaking(server, asset) as speaker:
+        speaker.open(camera={"matrix": matrix.tolist()})
+        speaker.positions(1, moved)
+        tiles, _ = speaker.answer()
+    assert {tile.address[3] for tile in tiles} == {0, 1, 2}
+
+
+def test_what_was_sent_is_not_what_the_engine_draws_into_next() -> None:
+    engine = GatedEngine()
+    place = np.empty((64, 64), np.float32)
+    gated = engine._gated
+
+    def reusing(plan: TilePlan) -> Any:
+        def draw() -> Any:
+            place[:] = gated(plan)()
+            return place
+
+        return draw
+
+    engine._gated = reusing  # type: ignore[method-assign]
+    with serving(engine) as client:
+        asset = built(client, upload())
+        with speaking(client, asset) as speaker:
+            speaker.open(tiles=[TILE])
+            for number in (1, 2):
+                speaker.positions(number, smile(0.1 * number))
+                assert speaker.answer()[1]["sent"] == 1
 
 
 BAD_HEADERS = {
@@ -418,12 +458,15 @@ def refused(server: httpx.Client, asset: str, status: int, **options: Any) -> st
     return str(json.loads(answer.body)["detail"])
 
 
-def test_what_is_refused_before_there_is_a_connection(server: httpx.Client, asset: str) -> None:
+def test_what_is_refused_before_there_is_a_connection(
+    server: httpx.Client, asset: str, caplog: pytest.LogCaptureFixture
+) -> None:
     assert "no asset" in refused(server, "0" * 16, 404)
     assert "rhytid.live.1" in refused(server, asset, 422, subprotocols=["rhytid.live.9"])
     assert "rhytid.live.1" in refused(server, asset, 422, subprotocols=None)
     assert "evil.example" in refused(server, asset, 403, origin="http://evil.example")
     assert "'key'" in refused(server, asset, 422, query="?key=secret")
+    assert [record for record in caplog.records if record.levelname == "ERROR"] == []
 
 
 def test_an_asset_that_builds_is_refused() -> None:

@@ -28,6 +28,8 @@ from rhytid_client.live.messages import read_answer, view_message
 from rhytid_client.requests import Request
 
 TILES = [(1001, 0, 1, 2), (1001, 0, 0, 0)]
+# The server's scale of this asset is 0.00675.
+HALF_CODE = 1.01 * 0.00675 / 65534
 SHAPES = {"jawOpen": patch.smile(0.5), "eyeBlink_L": patch.smile(-0.25)}
 URL = "http://127.0.0.1:9"
 
@@ -77,7 +79,7 @@ ONCE = pytest.mark.parametrize("call", [once, once_plain, once_async])
 
 
 @ONCE
-@pytest.mark.parametrize(("format", "bound"), [("f32", 0.0), ("f16", 1e-5), ("u16", 1e-6)])
+@pytest.mark.parametrize(("format", "bound"), [("f32", 0.0), ("f16", 1e-5), ("u16", HALF_CODE)])
 def test_tiles_are_those_of_a_call(
     server: Server, call: Callable[..., Any], format: str, bound: float
 ) -> None:
@@ -124,14 +126,18 @@ def test_a_connection_goes_on_after_a_problem_and_looks_elsewhere(server: Server
         live.send(weights=[np.inf, 0])
         with pytest.raises(RequestError, match="weight of jawOpen is inf"):
             list(live.receive())
-        assert live.send(weights=[1, 0]) == 1
-        assert [tile.frame for tile in live.receive()] == [1]
+        assert live.send(weights=[1, 0], frame=7) == 7
+        assert [tile.frame for tile in live.receive()] == [7]
+        with pytest.raises(ValueError, match="frame 7 after frame 7"):
+            live.send(weights=[1, 0], frame=7)
+        assert live.send(weights=[0, 1]) == 8
+        assert [tile.frame for tile in live.receive()] == [8]
         live.look(camera=np.diag([2, 2, 0.1, 1.0]) - np.outer([1, 1, 0, 0], [0, 0, 0, 1]), level=1)
         assert {tile.level for tile in live.receive()} == {1}
         live.look(TILES)
         assert len(list(live.receive())) == 2
         assert live.answer is not None
-        assert live.answer.frame == 1
+        assert live.answer.frame == 8
 
 
 def test_asyncio_sends_while_it_receives(server: Server) -> None:

@@ -101,6 +101,24 @@ def test_nothing_is_seen_from_inside_unless_both_sides_are() -> None:
     assert 0 < len(both) < 2 * 64
 
 
+@pytest.mark.parametrize("shift", [(2.5, 0), (-2.5, 0), (0, 2.5), (0, -2.5)])
+def test_what_is_beside_the_picture_is_not_seen(shift: tuple[float, float]) -> None:
+    matrix = np.diag([1.0, 1.0, -0.1, 1.0])
+    matrix[:2, 3] = shift
+    viewed = ViewedTiles(BALL, UDIMS, GRID, 0)
+    assert viewed.seen(BALL.positions, matrix, two_sided=True) == []
+    assert viewed.seen(BALL.positions, np.diag([1.0, 1.0, -0.1, 1.0]))
+
+
+def test_a_triangle_around_the_back_of_the_camera_is_not_seen() -> None:
+    corners = [[-20, -20, 5], [20, -20, 5], [0, 20, 5]]
+    wide = Mesh(corners, [[0, 1, 2]], [[0.1, 0.1], [0.9, 0.1], [0.5, 0.9]], [[0, 1, 2]])
+    forward = np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, -1.0, -0.1], [0, 0, -1, 0]])
+    viewed = ViewedTiles(wide, (1001,), GRID, 0)
+    assert viewed.seen(wide.positions, forward, two_sided=True) == []
+    assert viewed.seen(-wide.positions, forward, two_sided=True)
+
+
 def test_what_is_behind_the_camera_or_too_far_is_not_seen() -> None:
     viewed, away = ViewedTiles(BALL, UDIMS, GRID, 0), looking([3, 0, 0], 0.7)
     assert viewed.seen(BALL.positions + np.float32([10, 0, 0]), away) == []
