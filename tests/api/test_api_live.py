@@ -39,6 +39,7 @@ class GatedEngine(FakeEngine):
         self.gate.set()
         self.began = threading.Semaphore(0)
         self.error: Exception | None = None
+        self.drawing, self.most = 0, 0
         plans_once = self.tiles.plans_once
 
         def gated(*arguments: Any) -> list[TilePlan]:
@@ -50,9 +51,14 @@ class GatedEngine(FakeEngine):
 
     def _gated(self, plan: TilePlan) -> Any:
         def draw() -> Any:
+            self.drawing += 1
+            self.most = max(self.most, self.drawing)
             self.began.release()
-            assert self.gate.wait(10)
-            return plan.draw()
+            try:
+                assert self.gate.wait(10)
+                return plan.draw()
+            finally:
+                self.drawing -= 1
 
         return draw
 
@@ -202,6 +208,46 @@ def test_only_the_newest_frame_is_drawn_and_the_dropped_are_counted(
     assert (first[1]["frame"], first[1]["dropped"]) == (1, 0)
     assert (second[1]["frame"], second[1]["dropped"]) == (9, 3)
     assert [tile.dropped for tile in second[0]] == [3]
+
+
+def test_a_connection_asks_the_engine_for_one_tile_at_a_time() -> None:
+    engine = GatedEngine()
+    with serving(engine) as client:
+        asset = built(client, upload())
+        with speaking(client, asset) as speaker:
+            speaker.open(tiles=[[1001, 0, 0, column] for column in range(4)])
+            for number in range(50):
+                speaker.positions(number, smile(0.01 * number))
+            while speaker.answer()[1]["frame"] < 49:
+                assert engine.most == 1
+
+
+class Paused:
+    """Lets three messages through, and others once it is told to."""
+
+    def __init__(self) -> None:
+        self.left, self.go = 3, threading.Event()
+
+    def take(self, *_: Any) -> int:
+        self.left -= 1
+        return int(self.left < 0 and not self.go.is_set())
+
+
+def test_who_sends_too_often_is_read_later(
+    server: httpx.Client, asset: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    paused = Paused()
+    monkeypatch.setattr(session, "Rates", lambda: paused)
+    with speaking(server, asset) as speaker:
+        speaker.open(tiles=[TILE])
+        for number in range(1, 6):
+            speaker.positions(number, smile(0.01 * number))
+        while speaker.answer()[1]["frame"] < 4:
+            pass
+        with pytest.raises(TimeoutError):
+            speaker.socket.recv(0.05)
+        paused.go.set()
+        assert speaker.answer()[1]["frame"] == 5
 
 
 def test_a_tile_that_changed_too_little_is_not_sent_again(speaker: Speaker) -> None:
