@@ -13,9 +13,11 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Any, cast
 
+from rhytid.api.access import ROUTES
 from rhytid.api.access_documentation import SCHEME
 from rhytid.api.app import create_app
 from rhytid.api.documentation import TAGS
+from rhytid.api.live.closing import CODES
 from rhytid.api.problems import KINDS
 from rhytid.cli.program import build_parser
 from rhytid.domain.asset_settings import AssetSettings
@@ -145,7 +147,7 @@ def http_page() -> str:
             for method, call in calls.items():
                 if tag["name"] in call["tags"]:
                     text += _call(method, path, call)
-    return text + _problems()
+    return text + _live() + _problems()
 
 
 def _call(method: str, path: str, call: Mapping[str, Any]) -> str:
@@ -195,6 +197,19 @@ def _body(schema: Mapping[str, Any]) -> str:
 def _status(status: str, told: Mapping[str, Any]) -> str:
     kinds = [f"`{kind}`" for kind in told.get("content", {}) if status.startswith("2")]
     return f"{status} ({', '.join(kinds)})" if kinds else status
+
+
+def _live() -> str:
+    """The WebSocket, which the OpenAPI document cannot hold, and its codes."""
+    (call, scope), *others = ((c, s) for c, s in ROUTES.items() if c.startswith("WS "))
+    assert not others
+    rows = "".join(f"| {code} | {_cell(meaning)} |\n" for code, meaning in CODES.items())
+    return (
+        f"\n## Live\n\n### {call}\n\nA WebSocket, frames in and tiles out: "
+        f"[its messages](../live.md).\n\nScope: `{scope}`.\n\n"
+        "Before it is open it is refused with 401, 403, 404, 409, 422, 429 or 503. It is closed\n"
+        f"with a code, and the reason in words:\n\n| code | reason |\n|---|---|\n{rows}"
+    )
 
 
 def _problems() -> str:

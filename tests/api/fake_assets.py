@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from api.fake_state import FakeAsset, Part, digest_of
 from rhytid.domain.curves import Curves
+from rhytid.domain.expressions import Expressions
 from rhytid.domain.frame import check_positions
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
@@ -23,7 +24,7 @@ from rhytid.engine.messages import (
     JobInfo,
     NewAsset,
 )
-from rhytid.errors import SettingsError
+from rhytid.errors import NotFoundError, SettingsError
 
 GRAPH = WrinkleGraph(
     node_uv=[[0.25, 0.25], [0.75, 0.5]],
@@ -109,6 +110,12 @@ class FakeAssets(Part):
 
     def mesh(self, asset: str) -> Mesh:
         return self.state.built(asset).new.mesh
+
+    def shapes(self, asset: str) -> Expressions:
+        shapes = self.state.built(asset).new.shapes
+        if shapes is None or not shapes.named:
+            raise NotFoundError(f"asset {asset} has no named shapes")
+        return shapes
 
     def curves(self, asset: str) -> Curves:
         self.state.built(asset)

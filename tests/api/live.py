@@ -12,6 +12,7 @@ import uvicorn
 
 from rhytid.api.app import create_app
 from rhytid.cli.connections import ConnectionLimits, protocol_of
+from rhytid.cli.web_sockets import OPTIONS
 from rhytid.settings import ServiceSettings
 
 
@@ -23,10 +24,10 @@ class _Server(uvicorn.Server):
             app,
             port=0,
             http=protocol_of(ConnectionLimits.of(settings)),
-            ws="none",
             log_config=None,
             access_log=False,
             timeout_graceful_shutdown=1,
+            **OPTIONS,
         )
         super().__init__(config)
         self.listening = threading.Event()
@@ -41,8 +42,19 @@ class _Server(uvicorn.Server):
         return f"http://{host}:{port}"
 
 
+class _Client(httpx.Client):
+    """A client of a running server, which it can end."""
+
+    def __init__(self, server: _Server) -> None:
+        super().__init__(base_url=server.url, timeout=60)
+        self._server = server
+
+    def stop(self) -> None:
+        self._server.should_exit = True
+
+
 @contextmanager
-def serving(engine: Any, **settings: Any) -> Iterator[httpx.Client]:
+def serving(engine: Any, **settings: Any) -> Iterator[_Client]:
     """A client of a running server; the server ends with the block."""
     chosen = ServiceSettings(**settings)
     server = _Server(create_app(engine, chosen), chosen)
@@ -50,7 +62,7 @@ def serving(engine: Any, **settings: Any) -> Iterator[httpx.Client]:
     thread.start()
     try:
         assert server.listening.wait(30)
-        with closing(httpx.Client(base_url=server.url, timeout=60)) as client:
+        with closing(_Client(server)) as client:
             yield client
     finally:
         server.should_exit = True

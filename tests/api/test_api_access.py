@@ -14,6 +14,8 @@ from typing import Any, NamedTuple
 import httpx
 import pytest
 from fastapi import WebSocket
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
 
 from api.asking import NPY, is_problem, npy
 from api.fake_engine import FakeEngine
@@ -47,8 +49,12 @@ def routes() -> list[Any]:
 
 def calls(route: Any) -> set[str]:
     """Methods and path of a route; HEAD is as GET, and a WebSocket has no method."""
-    methods = getattr(route, "methods", None) or {"WS"}
-    return {f"{method} {route.path}" for method in methods - {"HEAD"}}
+    return {f"{method} {route.path}" for method in (methods(route) or {"WS"}) - {"HEAD"}}
+
+
+def methods(route: Any) -> set[str]:
+    """None of a WebSocket."""
+    return getattr(route, "methods", None) or set()
 
 
 # Of the framework, which runs no guard before it. It says what is in the source.
@@ -59,11 +65,12 @@ def test_every_route_has_a_scope_and_every_scope_a_route() -> None:
     found = {call for route in routes() for call in calls(route)}
     assert found - {DOCUMENT} == set(ROUTES)
     assert set(ROUTES.values()) == {OPEN, *SCOPES}
-    heads = {route.path for route in routes() if "HEAD" in route.methods}
+    heads = {route.path for route in routes() if "HEAD" in methods(route)}
     assert {f"GET {path}" for path in heads} <= {*ROUTES, DOCUMENT}
 
 
 def test_what_is_open_is_said_here_once_more() -> None:
+    assert ROUTES["WS /v1/assets/{asset}/live"] == ROUTES["POST /v1/assets/{asset}/tiles"]
     named = {call for call, scope in ROUTES.items() if scope == OPEN}
     assert named == {
         f"GET {path}" for path in ("/", "/healthz", "/readyz", "/docs", "/docs/{file}")
@@ -101,8 +108,9 @@ def place(call: str) -> tuple[str, str]:
     return method, path.replace("{udim}", "1001").replace("{level}/{row}/{column}", "0/0/0")
 
 
-GUARDED = sorted(call for call, scope in ROUTES.items() if scope != OPEN)
-HEADS = sorted(f"HEAD {r.path}" for r in routes() if r.methods == {"HEAD"})
+GUARDED = sorted(c for c, scope in ROUTES.items() if scope != OPEN and not c.startswith("WS "))
+SOCKETS = sorted(call for call in ROUTES if call.startswith("WS "))
+HEADS = sorted(f"HEAD {r.path}" for r in routes() if methods(r) == {"HEAD"})
 
 
 def scope_of(call: str) -> str:
@@ -120,6 +128,41 @@ def test_a_route_opens_to_its_scope_alone(keyed: Keyed, call: str) -> None:
         else:
             assert answer.status_code == refused, name
     assert keyed.client.request(method, path).status_code == 401
+
+
+LIVE = "rhytid.live.1"
+
+
+def handshake(keyed: Keyed, path: str, **options: Any) -> int:
+    """The status of the answer to a WebSocket that is asked for."""
+    url = f"{keyed.client.base_url}/{path}".replace("http", "ws", 1)
+    with pytest.raises(InvalidStatus) as raised:
+        connect(url, proxy=None, **options)
+    return int(raised.value.response.status_code)
+
+
+@pytest.mark.parametrize("call", SOCKETS)
+@pytest.mark.parametrize("how", ["header", "subprotocol"])
+def test_a_websocket_opens_to_its_scope_alone(keyed: Keyed, call: str, how: str) -> None:
+    path = place(call)[1].removeprefix("/")
+    for name, key in keyed.keys.items():
+        if how == "header":
+            options = {"additional_headers": bearer(key), "subprotocols": [LIVE]}
+        else:
+            options = {"subprotocols": [LIVE, f"rhytid.key.{key}"]}
+        # There is no such asset, which is told to those alone who may know.
+        expected = {"over": 401}.get(name, 404 if name == ROUTES[call] else 403)
+        assert handshake(keyed, path, **options) == expected, name
+    assert handshake(keyed, path, subprotocols=[LIVE]) == 401
+
+
+def test_a_websocket_shows_one_key_and_never_in_the_query(keyed: Keyed) -> None:
+    path, key = "v1/assets/some-asset/live", keyed.keys["compute"]
+    both = [LIVE, f"rhytid.key.{key}"]
+    assert handshake(keyed, path, additional_headers=bearer(key), subprotocols=both) == 401
+    assert handshake(keyed, path, subprotocols=[*both, both[1]]) == 401
+    assert handshake(keyed, f"{path}?key={key}", subprotocols=[LIVE]) == 401
+    assert handshake(keyed, path, subprotocols=[LIVE, "rhytid.key.wrong"]) == 401
 
 
 @pytest.mark.parametrize("call", sorted(call for call, scope in ROUTES.items() if scope == OPEN))

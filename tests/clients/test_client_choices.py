@@ -9,11 +9,20 @@ import pytest
 from mypy import api
 
 from house.syntax import ROOT
+from rhytid.api.live.wire import CODES as LIVE_FORMATS
 from rhytid.api.schemas import GRAPH_FORMATS
 from rhytid.engine.messages import METHODS, SAMPLINGS, STRETCH_MODELS
 from rhytid.formats.tiles import FORMATS
 from rhytid.meshes.export import MESH_FORMATS
-from rhytid_client import GraphFormat, MeshFormat, Method, Sampling, StretchModel, TileFormat
+from rhytid_client import (
+    GraphFormat,
+    LiveFormat,
+    MeshFormat,
+    Method,
+    Sampling,
+    StretchModel,
+    TileFormat,
+)
 
 PROGRAM = """\
 from rhytid_client import AsyncClient, Client, PlainClient, Tile
@@ -41,6 +50,7 @@ WRONG = {4, 5, 6, 7, 8, 9, 11}
         (TileFormat, FORMATS),
         (GraphFormat, GRAPH_FORMATS),
         (MeshFormat, MESH_FORMATS),
+        (LiveFormat, LIVE_FORMATS),
     ],
 )
 def test_names_are_those_of_the_server(literal: Any, known: Any) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 import rhytid_client
 
 HOME = Path(rhytid_client.__file__).parent
+# websockets, an extra, is imported by name where a live connection is opened.
 ALLOWED = {*sys.stdlib_module_names, "httpx", "numpy", "rhytid_client"}
 
 

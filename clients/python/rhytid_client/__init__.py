@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from rhytid_client.choices import (
     GraphFormat,
+    LiveFormat,
     MeshFormat,
     Method,
     Sampling,
@@ -19,6 +20,7 @@ from rhytid_client.errors import (
     ConnectionFailed,
     JobCancelled,
     JobFailed,
+    LiveClosed,
     NotAllowed,
     NotFound,
     NotReady,
@@ -32,6 +34,9 @@ from rhytid_client.errors import (
     TooLarge,
     TooMany,
 )
+from rhytid_client.live import LiveAnswer, LiveAsset, LiveTile
+from rhytid_client.live.awaited import AsyncLive
+from rhytid_client.live.blocking import Live
 from rhytid_client.plain_client import PlainClient
 from rhytid_client.results import (
     Asset,
@@ -54,6 +59,7 @@ __version__ = "0.1.0"
 __all__ = [
     "Asset",
     "AsyncClient",
+    "AsyncLive",
     "BadAnswer",
     "Bins",
     "Client",
@@ -66,6 +72,12 @@ __all__ = [
     "Job",
     "JobCancelled",
     "JobFailed",
+    "Live",
+    "LiveAnswer",
+    "LiveAsset",
+    "LiveClosed",
+    "LiveFormat",
+    "LiveTile",
     "MeshFormat",
     "Method",
     "NotAllowed",

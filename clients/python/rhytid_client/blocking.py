@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from time import sleep
+from types import MappingProxyType
 from typing import Concatenate, ParamSpec, TypeVar
 
+from numpy.typing import ArrayLike
+
 from rhytid_client import calls
+from rhytid_client.choices import LiveFormat, Method, Sampling, StretchModel
 from rhytid_client.exchange import Flow, Listen, Step, patient
+from rhytid_client.live.blocking import Live
+from rhytid_client.live.messages import Address
+from rhytid_client.live.opening import opening
 from rhytid_client.methods import described
 from rhytid_client.parse import Response
 from rhytid_client.requests import Request
+from rhytid_client.results import Asset
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -29,6 +37,8 @@ class BlockingClient:
     url: the server's address.  max_wait: seconds that a call may spend asking again while the
     server is busy or the asset is building.
     """
+
+    _headers: Mapping[str, str] = MappingProxyType({})
 
     def __init__(self, url: str, max_wait: float) -> None:
         self._url = url.rstrip("/")
@@ -66,6 +76,38 @@ class BlockingClient:
     tiles = _method(calls.tiles)
     bins = _method(calls.bins)
     bin_tile = _method(calls.bin_tile)
+
+    def live(
+        self,
+        asset: Asset | str,
+        *,
+        tiles: Iterable[Address] | None = None,
+        camera: ArrayLike | None = None,
+        level: int = 0,
+        two_sided: bool = False,
+        method: Method = "redraw",
+        stretch: StretchModel = "tensor",
+        sampling: Sampling = "nearest",
+        format: LiveFormat = "f32",
+        scale: float | None = None,
+        tolerance: float = 0.0,
+        shapes: Sequence[str] = (),
+    ) -> Live:
+        """A live connection, opened by `with`: frames go out, tiles come in. Proxies and an httpx
+        client of your own are not used for it. It needs the extra `live`.
+
+        tiles: (udim, level, row, column) each.  camera: (4, 4) projection times view, in place of
+        tiles: what it sees of one `level`; `two_sided` counts what turns its back, too.  format:
+        how tiles travel: f32, f16, or u16, of which `scale` is the largest displacement.
+        tolerance: mesh units that a tile has to change by to be sent again.  shapes: names of the
+        weights that will be sent, such as those of ARKit; empty = the asset's own, in its order.
+        """
+        wanted = opening(
+            self._url, self._headers, asset, tiles=tiles, camera=camera, level=level,
+            two_sided=two_sided, method=method, stretch=stretch, sampling=sampling, format=format,
+            scale=scale, tolerance=tolerance, shapes=shapes,
+        )  # fmt: skip
+        return Live(wanted)
 
     def _run(self, flow: Flow[T]) -> T:
         steps = patient(flow, self._max_wait)

@@ -10,5 +10,7 @@ StretchModel = Literal["tensor", "tension", "uv"]
 Sampling = Literal["nearest", "smooth"]
 # Files: of tiles and maps, of graphs, of meshes.
 TileFormat = Literal["npy", "f16", "exr", "exr16", "png"]
+# Of live connections: float32, half floats, 16-bit codes of a scale.
+LiveFormat = Literal["f32", "f16", "u16"]
 GraphFormat = Literal["safetensors", "obj", "usda"]
 MeshFormat = Literal["glb", "ply"]

@@ -14,6 +14,7 @@
     │   └── ServerError       5xx
     │       └── ServerBusy    503 with Retry-After: the queue is full
     ├── ConnectionFailed      no answer; the error of the transport is its __cause__
+    ├── LiveClosed            a live connection ended; .code .reason
     ├── BadAnswer             an answer that cannot be read
     ├── JobFailed             .job
     ├── JobCancelled          .job
@@ -110,6 +111,16 @@ class ServerBusy(ServerError):
 
 class ConnectionFailed(RhytidError):
     """No answer came; `__cause__` is the error of httpx or of Python's own HTTP."""
+
+
+class LiveClosed(RhytidError):
+    """A live connection ended. `code` is that of WebSocket, 1006 where none came; docs/live.md
+    lists those of the server; `reason` is in its words."""
+
+    def __init__(self, code: int, reason: str = "", call: str = "") -> None:
+        super().__init__(f"{code} {reason or 'the connection ended'} [{call}]")
+        self.code = code
+        self.reason = reason
 
 
 class BadAnswer(RhytidError):

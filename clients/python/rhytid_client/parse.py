@@ -74,18 +74,30 @@ def content(response: Response) -> bytes:
 
 def failure(response: Response) -> ProblemError | BadAnswer:
     """The error for a status that is not a success, read from its problem details."""
-    kind = _kind(response.status, response.retry_after is not None)
+    return _failure(response.status, _problem(response), response.request, response.retry_after)
+
+
+def refusal(problem: Mapping[str, Any], request: Request) -> ProblemError | BadAnswer:
+    """The error for a problem that came as a message, with its status and when to try again."""
+    status, retry_after = problem.get("status"), problem.get("retry_after")
+    comes_back = float(retry_after) if isinstance(retry_after, int | float) else None
+    return _failure(status if isinstance(status, int) else 0, problem, request, comes_back)
+
+
+def _failure(
+    status: int, problem: Mapping[str, Any], request: Request, retry_after: float | None
+) -> ProblemError | BadAnswer:
+    kind = _kind(status, retry_after is not None)
     if kind is None:
-        return BadAnswer(f"status {response.status} was not expected [{response.request}]")
-    problem = _problem(response)
+        return BadAnswer(f"status {status} was not expected [{request}]")
     warned = problem.get("warnings")
     return kind(
-        response.status,
+        status,
         str(problem.get("title", "")),
         str(problem.get("detail", "")),
         str(problem.get("type", "about:blank")),
-        str(response.request),
-        response.retry_after,
+        str(request),
+        retry_after,
         input_warnings(warned) if isinstance(warned, list) else (),
         str(problem.get("request_id", "")),
     )

@@ -48,6 +48,7 @@ ROUTES = {
     "GET /v1/assets/{asset}/frames/{frame}/maps/{udim}": READ,
     "PUT /v1/assets/{asset}/calibration": COMPUTE,
     "POST /v1/assets/{asset}/tiles": COMPUTE,
+    "WS /v1/assets/{asset}/live": COMPUTE,
     "GET /v1/assets/{asset}/bins": READ,
     "GET /v1/assets/{asset}/bins/{udim}/{level}/{row}/{column}": READ,
     "GET /v1/jobs/{job}": READ,
@@ -55,6 +56,8 @@ ROUTES = {
     "DELETE /v1/jobs/{job}": COMPUTE,
 }
 CALLER = "rhytid.caller"
+# Web pages cannot set headers of a WebSocket but for its subprotocols: one of these may be a key.
+KEY_PROTOCOL = b"rhytid.key."
 # An address of IPv6 is one of 2⁶⁴ that a caller has.
 _NETWORK = 64
 
@@ -108,6 +111,7 @@ class Access:
 
     def _key(self, scope: Scope, ring: KeyRing) -> ApiKey:
         shown = [value for name, value in scope["headers"] if name == b"authorization"]
+        shown += _keys_offered(scope)
         if not shown:
             raise ApiKeyError("an API key is needed: send 'Authorization: Bearer KEY'")
         scheme, _, value = shown[0].partition(b" ")
@@ -128,6 +132,13 @@ async def guard(connection: HTTPConnection) -> None:
     if needed is None:
         raise RhytidError(f"{method} {path} is in no row of the table of scopes")
     connection.app.state.access.admit(scope, needed)
+
+
+def _keys_offered(scope: Scope) -> list[bytes]:
+    """Keys among the subprotocols that a WebSocket offers, as Authorization would have them."""
+    offered = (one.encode("latin-1", "replace") for one in scope.get("subprotocols", ()))
+    found = (one for one in offered if one.startswith(KEY_PROTOCOL))
+    return [b"Bearer " + one[len(KEY_PROTOCOL) :] for one in found]
 
 
 def _lacking(key: ApiKey, needed: str) -> ScopeError | None:

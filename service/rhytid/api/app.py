@@ -6,6 +6,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from fastapi import Depends, FastAPI
+from fastapi.routing import APIRoute
 from starlette.middleware.cors import CORSMiddleware
 
 from rhytid import __version__
@@ -16,6 +17,7 @@ from rhytid.api.documentation import describe
 from rhytid.api.draining import Drain, Draining
 from rhytid.api.encoding import SCALE, WARNINGS
 from rhytid.api.job_shares import JobShares
+from rhytid.api.live.places import LivePlaces
 from rhytid.api.metrics import Metrics, Observe
 from rhytid.api.request_head import CheckHead
 from rhytid.api.request_ids import HEADER, RequestIds
@@ -27,6 +29,7 @@ from rhytid.api.routes import (
     graphs,
     health,
     jobs,
+    live,
     meshes,
     root,
     snapshots,
@@ -47,6 +50,7 @@ ROUTERS = (
     snapshots.router,
     frames.router,
     tiles.router,
+    live.router,
     bins.router,
     jobs.router,
     health.router,
@@ -82,13 +86,15 @@ def create_app(engine: AnyEngine, settings: ServiceSettings) -> FastAPI:
     app.state.drain = Drain(settings.drain_seconds)
     app.state.decoder = Decoder()
     app.state.large = LargeAnswers()
+    app.state.live_places = LivePlaces()
     app.state.spool = ByteBudget(settings.spool, "RHYTID_SPOOL_MB")
     app.state.metrics = Metrics(
         engine,
         {"host": lambda: engine.memory, "spool": lambda: app.state.spool},
         app.state.drain,
     )
-    app.state.routes = [route for router in ROUTERS for route in router.routes]
+    every = (route for router in ROUTERS for route in router.routes)
+    app.state.routes = [route for route in every if isinstance(route, APIRoute)]
     for router in ROUTERS:
         app.include_router(router)
     app.add_middleware(HoldUntilSent, stalled=settings.stall_seconds)

@@ -145,7 +145,8 @@ ASSET_FORM = body(
                         "(E, V, 3), positions, and names (E,), or with frames (N, V, 3); or .npy "
                         f"(E, V, 3), by filename. Of more than {MOST_EXPRESSIONS}, that many are "
                         "picked evenly. "
-                        "Absent: shapes, frames or morph targets of the mesh file",
+                        "Absent: shapes, frames or morph targets of the mesh file. Named ones are "
+                        "kept, for the weights of live connections",
                     },
                     **{name: _control(name) for name in CONTROLS},
                 },

@@ -17,6 +17,7 @@ import uvicorn
 
 from rhytid.access.api_key import ApiKey, utc_now
 from rhytid.access.key_file import read_keys
+from rhytid.cli.web_sockets import OPTIONS
 from rhytid.errors import AccessError, InputError
 from rhytid.settings import ServiceSettings
 
@@ -134,7 +135,7 @@ def server_of(
     # Each request is logged by the application, with its id.
     config = uvicorn.Config(
         app, http=protocol_of(ConnectionLimits.of(settings)), log_level=log_level,
-        log_config=None, access_log=False, ws="none", timeout_graceful_shutdown=GRACE,
+        log_config=None, access_log=False, timeout_graceful_shutdown=GRACE, **OPTIONS,
     )  # fmt: skip
     return DrainingServer(config, app.state.drain, draining)
 

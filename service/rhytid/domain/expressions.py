@@ -61,6 +61,11 @@ class Expressions:
         kept.setflags(write=False)
         return cls(kept, tuple(known))
 
+    @property
+    def named(self) -> bool:
+        """Whether somebody named them, so that they can be asked for; frames have numbers."""
+        return bool(self.names) and not all(name.isdigit() for name in self.names)
+
     def digest(self) -> bytes:
         """Of names and positions, the same on every machine."""
         found = hashlib.sha256("\0".join(self.names).encode())

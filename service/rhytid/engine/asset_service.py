@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.curves import Curves, graph_curves, with_triangles
+from rhytid.domain.expressions import Expressions
 from rhytid.domain.folds import Folds
 from rhytid.domain.frame import frame_label
 from rhytid.domain.graph import WrinkleGraph
@@ -68,6 +69,8 @@ class AssetService:
     ) -> AssetInfo:
         """Take a mesh in; the build runs as a job. The same content again: the same asset.
 
+        Named shapes are kept beside it, in place of those that came before.
+
         The answer warns of the mesh, of the frames that came with it, of settings of a known asset
         that were changed since, and of those without effect. strict: raise StrictError instead,
         before anything is kept, of warnings whose codes are not in `allow`.  hold: counts the bytes
@@ -92,6 +95,10 @@ class AssetService:
             changed = _changed(self._registration.known(upload.id), upload.settings)
             refuse((*upload.warnings, *changed, *sent), allow)
         asset = self._registration.register(upload, made, self._folds(upload), hold)
+        if new.shapes is not None and new.shapes.named:
+            # Where the build failed meanwhile, nothing of the asset is kept.
+            with asset.kept(), suppress(NotFoundError):
+                self._store.put_shapes(asset.id, new.shapes)
         info = asset.info()
         return replace(info, warnings=(*info.warnings, *_changed(asset, upload.settings), *sent))
 
@@ -174,7 +181,20 @@ class AssetService:
     def mesh(self, asset: str) -> Mesh:
         """The neutral mesh of a ready asset, out of the store."""
         self._assets.get(asset).check_ready()
-        return self._store.asset(asset).mesh
+        return self._store.mesh(asset)
+
+    def shapes(self, asset: str) -> Expressions:
+        """The named shapes that came with the mesh of a ready asset, out of the store.
+
+        Raises NotFoundError where none came.
+        """
+        self._assets.get(asset).check_ready()
+        try:
+            return self._store.shapes(asset)
+        except NotFoundError:
+            raise NotFoundError(
+                f"asset {asset} has no named shapes: send its mesh again with the part shapes"
+            ) from None
 
     def curves(self, asset: str) -> Curves:
         """The wrinkles of a ready asset as lines in space; those with an end off the mesh are not

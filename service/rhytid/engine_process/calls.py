@@ -28,6 +28,7 @@ _PLAIN = {
         "content",
         "graph",
         "mesh",
+        "shapes",
         "curves",
         "calibrate",
     ),

@@ -8,6 +8,7 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from rhytid.domain.curves import Curves
+from rhytid.domain.expressions import Expressions
 from rhytid.domain.frame import frame_label
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
@@ -102,6 +103,11 @@ class RemoteAssets:
     def mesh(self, asset: str) -> Mesh:
         """The neutral mesh of a ready asset, out of the store."""
         found: Mesh = self._supervisor.call(Request("assets.mesh", (asset,)))
+        return found
+
+    def shapes(self, asset: str) -> Expressions:
+        """As `AssetService.shapes`."""
+        found: Expressions = self._supervisor.call(Request("assets.shapes", (asset,)))
         return found
 
     def curves(self, asset: str) -> Curves:

@@ -111,6 +111,19 @@ def read_folds(data: bytes) -> Folds:
     return Folds.of_arrays(load(data))
 
 
+def write_expressions(expressions: Expressions) -> bytes:
+    """The positions as safetensors, without the names."""
+    data: bytes = save({"shapes": expressions.positions})
+    return data
+
+
+def read_expressions(data: bytes, names: Any) -> Expressions:
+    """The inverse of `write_expressions`; raises FrameError, KeyError, TypeError or
+    SafetensorError."""
+    shapes = load(data)["shapes"]
+    return Expressions.checked(shapes, shapes.shape[1], list(names))
+
+
 def _identity(settings: AssetSettings, given: bool) -> dict[str, Any]:
     """given: whether the graph is."""
     values, plain = settings.as_json(), GraphSettings()

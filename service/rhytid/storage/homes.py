@@ -12,7 +12,8 @@ from rhytid.durable import is_folder, reported
 from rhytid.errors import StorageError
 
 ID = re.compile(r"[0-9a-f]{16}", re.ASCII)
-REQUEST, ASSET = "request", "asset"
+# Beside them what is no part of the content that an id names: the shapes that move its mesh.
+REQUEST, ASSET, SHAPES = "request", "asset", "shapes"
 _log = logging.getLogger(__name__)
 
 

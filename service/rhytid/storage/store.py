@@ -10,6 +10,7 @@
     └── assets/<id>/
         ├── request/               what a caller sent, until the asset is built: a sealed folder
         ├── asset/                 the built asset, never changed: a sealed folder
+        ├── shapes/                named shapes of its mesh, if any came: a sealed folder
         └── overlay.json           the present settings, replaced as a whole
 """
 
@@ -26,6 +27,7 @@ from typing import Any
 from rhytid import durable
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.controls import Controls
+from rhytid.domain.expressions import Expressions
 from rhytid.domain.folds import Folds
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
@@ -37,6 +39,7 @@ from rhytid.storage.homes import (
     ASSET,
     ID,
     REQUEST,
+    SHAPES,
     holds_something,
     homes,
     is_built,
@@ -44,6 +47,7 @@ from rhytid.storage.homes import (
     is_requested,
     sweep,
 )
+from rhytid.storage.kept_shapes import read_shapes, shape_files
 from rhytid.storage.lock import FolderLock
 from rhytid.storage.manifest import (
     StoredFile,
@@ -181,6 +185,27 @@ class AssetStore:
         kind = ASSET if is_built(self._home(id)) else REQUEST
         folder = self._existing(id, kind)
         return decode_mesh(read_file(folder, f"{kind} {id}", MESH), folder / MESH)
+
+    def put_shapes(self, id: str, shapes: Expressions) -> None:
+        """Keep the named shapes of an asset that is built or requested, in place of others.
+
+        Where they are there as they are, nothing is written.
+        """
+        home, files = self._home(id), shape_files(shapes)
+        if not holds_something(home):
+            raise NotFoundError(f"no asset {id} in the store")
+        with suppress(StorageError, NotFoundError):
+            if read_verified(self._existing(id, SHAPES), f"{SHAPES} {id}") == files:
+                return
+        with self._changing, reported(f"the shapes of asset {id} cannot be replaced"):
+            if is_folder(home / SHAPES):
+                durable.discard(home / SHAPES, self._partial)
+        self._put(home, SHAPES, files)
+
+    def shapes(self, id: str) -> Expressions:
+        """The named shapes of an asset; raises NotFoundError where it has none."""
+        folder = self._existing(id, SHAPES)
+        return read_shapes(read_verified(folder, f"{SHAPES} {id}"), folder)
 
     def contents(self, id: str) -> dict[str, StoredFile]:
         """Sizes and digests of the files of a built asset, as they were written; only the manifest

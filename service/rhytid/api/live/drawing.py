@@ -1,0 +1,183 @@
+"""What a live connection draws: the tiles in view, and of these the ones that changed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.api.live.closing import GONE, TOO_LARGE, LiveClosed
+from rhytid.api.live.wire import WEIGHTS, Camera, LiveFrame, Opening, View, tile_message
+from rhytid.domain.blendshapes import Blendshapes
+from rhytid.domain.mesh import Mesh
+from rhytid.domain.tiles import TileAddress, TileGrid
+from rhytid.domain.view import ViewedTiles
+from rhytid.engine.messages import AssetInfo
+from rhytid.errors import HostMemoryError, NotFoundError
+from rhytid.formats.frames import RAW, read_positions
+
+if TYPE_CHECKING:
+    from prometheus_client import Counter
+
+    from rhytid.engine.tile_plan import TilePlan
+    from rhytid.engine_process.any_engine import AnyEngine
+
+# Of one view: as many as a map of 8192² has.
+MOST_TEXELS = 8192**2
+# A tile that was drawn, and what it is encoded to.
+_WORKING = 2
+# Frames that a connection may have at once: one that comes, one that waits, one that is drawn.
+_FRAMES = 3
+
+
+class LiveDrawing:
+    """Draws for one connection; one thread at a time.
+
+    slot: held while something is drawn.  drawn: counts tiles. Raises LiveClosed where the header
+    asks for what the asset does not have or for more than a connection may hold, and HostBusyError
+    where the memory is held by others.
+    """
+
+    def __init__(
+        self,
+        engine: AnyEngine,
+        info: AssetInfo,
+        opening: Opening,
+        slot: Callable[[], AbstractContextManager[None]],
+        drawn: Counter,
+    ) -> None:
+        self._engine, self._info, self._opening = engine, info, opening
+        self._slot, self._drawn, self._query = slot, drawn, opening.query()
+        self._grid = TileGrid(info.settings["resolution"], info.settings["tile_size"])
+        self._centre = np.array(info.centre)
+        self._sent: dict[TileAddress, NDArray[np.float32]] = {}
+        self._viewed: tuple[int, ViewedTiles] | None = None
+        self._hold = engine.memory.hold("answers")
+        self.blendshapes: Blendshapes | None = None
+        try:
+            self._reserve(0)
+            self._take_shapes()
+            self._reserve(0)
+            self.look(opening)
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Give back the memory that it holds."""
+        self._hold.release()
+
+    @property
+    def weights(self) -> int:
+        """How many weights a frame of weights has; 0 where the asset has no named shapes."""
+        return 0 if self.blendshapes is None else len(self.blendshapes.names)
+
+    def look(self, view: View) -> None:
+        """Want other tiles from now on; raises LiveClosed naming one that there is not."""
+        for address in view.addresses():
+            self._check(address)
+        if view.camera is not None:
+            for udim in self._info.udims[:1]:
+                self._check(TileAddress(udim, view.camera.level, 0, 0))
+        self._check_texels(view.addresses())
+        self._view = view
+
+    def plans(self, frame: LiveFrame) -> list[TilePlan]:
+        """What is in view of a frame, the largest first where a camera looks.
+
+        Raises FrameError for numbers that are not finite, what the budget of memory and
+        `TileService.plans_once` do.
+        """
+        positions, view = self._positions(frame), self._view
+        addresses = view.addresses()
+        if view.camera is not None:
+            addresses = self._seen(positions, view.camera)
+            self._check_texels(addresses)
+        wanted = set(addresses)
+        self._sent = {at: tile for at, tile in self._sent.items() if at in wanted}
+        self._reserve(self._tile_bytes(addresses))
+        if not addresses:
+            return []
+        return self._engine.tiles.plans_once(self._info.id, positions, self._query, addresses)
+
+    def tile(self, plan: TilePlan, number: int, dropped: int) -> bytes | None:
+        """The message with a tile; None where it changed too little since it was last sent."""
+        with self._slot():
+            tile = plan.draw()
+        self._drawn.inc()
+        header = plan.header
+        at = TileAddress(header.udim, header.level, header.row, header.column)
+        before = self._sent.get(at)
+        if before is not None and not self._differs(before, tile):
+            return None
+        scale = self._opening.scale or header.scale
+        message = tile_message(number, tile, header, self._opening.format, scale, dropped)
+        # A copy: what an engine in another process answers lies in memory that it uses again.
+        self._sent[at] = np.array(tile)
+        return message
+
+    def _differs(self, before: NDArray[np.float32], now: NDArray[np.float32]) -> bool:
+        return float(np.abs(now - before).max(initial=0.0)) > self._opening.tolerance
+
+    @cached_property
+    def _mesh(self) -> Mesh:
+        """The neutral mesh, which not every connection needs."""
+        return self._engine.assets.mesh(self._info.id)
+
+    def _take_shapes(self) -> None:
+        try:
+            shapes = self._engine.assets.shapes(self._info.id)
+        except NotFoundError:
+            if self._opening.shapes:
+                raise
+            return
+        self.blendshapes = Blendshapes(self._mesh.positions, shapes, self._opening.shapes)
+
+    def _positions(self, frame: LiveFrame) -> NDArray[np.float32]:
+        if frame.kind == WEIGHTS:
+            assert self.blendshapes is not None  # `read_frame` refuses weights otherwise
+            return self.blendshapes.positions(np.frombuffer(frame.content, "<f4"))
+        return read_positions(frame.content, RAW, self._info.vertices, self._centre)
+
+    def _seen(self, positions: NDArray[np.float32], camera: Camera) -> list[TileAddress]:
+        if self._viewed is None or self._viewed[0] != camera.level:
+            viewed = ViewedTiles(self._mesh, self._info.udims, self._grid, camera.level)
+            self._viewed = (camera.level, viewed)
+        matrix = np.array(camera.matrix)
+        # Positions are less the centre here, the camera is where the client sees them.
+        matrix[:, 3] += matrix[:, :3] @ self._centre
+        return self._viewed[1].seen(positions, matrix, two_sided=camera.two_sided)
+
+    def _check(self, address: TileAddress) -> None:
+        try:
+            self._grid.check(address)
+        except NotFoundError as error:
+            raise LiveClosed(GONE, f"tile {address}: {error}") from error
+        if address.udim not in self._info.udims:
+            have = ", ".join(str(udim) for udim in self._info.udims)
+            raise LiveClosed(GONE, f"tile {address}: the asset has the UDIMs {have}")
+
+    def _check_texels(self, addresses: list[TileAddress]) -> None:
+        texels = self._tile_bytes(addresses) // 4
+        if texels > MOST_TEXELS:
+            raise LiveClosed(TOO_LARGE, f"{texels} texels in view: at most {MOST_TEXELS}")
+
+    def _tile_bytes(self, addresses: list[TileAddress]) -> int:
+        """Of these tiles, which are kept once they were sent."""
+        return sum(4 * self._grid.texels(address.level) ** 2 for address in addresses)
+
+    def _reserve(self, tiles: int) -> None:
+        """Hold what the connection takes: waits for it; raises as `Hold.grow` does."""
+        largest = 4 * self._grid.texels(0) ** 2
+        frames = _FRAMES * 12 * self._info.vertices
+        shapes = 0 if self.blendshapes is None else self.blendshapes.nbytes
+        viewed = 0 if self._viewed is None else self._viewed[1].nbytes
+        mesh = 36 * self._info.vertices + 24 * self._info.triangles
+        try:
+            self._hold.resize(tiles + _WORKING * largest + frames + shapes + viewed + mesh)
+        except HostMemoryError as error:
+            raise LiveClosed(TOO_LARGE, str(error)) from error

@@ -1,0 +1,175 @@
+"""The messages of a live connection, as docs/live.md describes them."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from rhytid.api.live.closing import BAD_MESSAGE, ORDER, LiveClosed
+from rhytid.api.uploads import decode_json
+from rhytid.domain.tiles import TileAddress
+from rhytid.engine.messages import MapQuery
+from rhytid.errors import LimitError, QueryError, SettingsError
+from rhytid.formats.tile_header import TileHeader
+from rhytid.formats.tiles import encode, quantise
+
+# The subprotocol: another version of the format has another name.
+PROTOCOL = "rhytid.live.1"
+MOST_TILES, MOST_SHAPES = 1024, 1024
+# number, kind, count
+FRAME = struct.Struct("<QII")
+POSITIONS, WEIGHTS = 1, 2
+# number, udim, level, row, column, side, codes, 0, dropped, scale
+TILE = struct.Struct("<QIIIIIHHIf")
+CODES = {"f32": 1, "f16": 2, "u16": 3}
+_MOST_COUNT = 2**32 - 1
+
+_Whole = Annotated[int, Field(ge=0, lt=2**31, strict=True)]
+_Number = Annotated[float, Field(allow_inf_nan=False)]
+_Four = Annotated[list[_Number], Field(min_length=4, max_length=4)]
+_Name = Annotated[str, Field(min_length=1, max_length=256)]
+
+
+class Camera(BaseModel):
+    """Tiles of one level that a camera sees."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    matrix: list[_Four] = Field(min_length=4, max_length=4)
+    level: _Whole = 0
+    two_sided: bool = False
+
+
+class View(BaseModel):
+    """Which tiles are wanted: a list, or what a camera sees."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    message: Literal["view"]
+    tiles: list[tuple[_Whole, _Whole, _Whole, _Whole]] | None = Field(
+        None, min_length=1, max_length=MOST_TILES
+    )
+    camera: Camera | None = None
+
+    @model_validator(mode="after")
+    def _one_of_them(self) -> Any:
+        if (self.tiles is None) == (self.camera is None):
+            raise ValueError("must have either tiles or camera")
+        if self.tiles is not None and len(set(self.tiles)) < len(self.tiles):
+            raise ValueError("tiles names a tile twice")
+        return self
+
+    def addresses(self) -> list[TileAddress]:
+        """The tiles that are listed."""
+        return [TileAddress(*tile) for tile in self.tiles or ()]
+
+
+class Opening(View):
+    """The header: the first message of a client."""
+
+    message: Literal["open"]  # type: ignore[assignment]
+    method: str = "redraw"
+    stretch: str = "tensor"
+    sampling: str = "nearest"
+    format: Literal["f32", "f16", "u16"] = "f32"
+    scale: float | None = Field(None, gt=0, allow_inf_nan=False)
+    tolerance: float = Field(0.0, ge=0, allow_inf_nan=False)
+    shapes: list[_Name] = Field([], max_length=MOST_SHAPES)
+
+    def query(self) -> MapQuery:
+        """The part that the engine answers; raises QueryError naming the known values."""
+        return MapQuery(self.method, self.stretch, self.sampling)
+
+
+@dataclass(frozen=True, eq=False)
+class LiveFrame:
+    """A frame as it came.  content: little-endian float32, positions or weights."""
+
+    number: int
+    kind: int
+    content: bytes
+
+
+def read_opening(text: str) -> Opening:
+    """The header; raises LiveClosed naming what is wrong with it."""
+    opening: Opening = _read(Opening, text, "header")
+    try:
+        opening.query()
+    except QueryError as error:
+        raise LiveClosed(BAD_MESSAGE, f"header: {error}") from error
+    if opening.scale is not None and opening.format != "u16":
+        raise LiveClosed(BAD_MESSAGE, "header: scale is of the format u16 alone")
+    return opening
+
+
+def read_view(text: str) -> View:
+    """A changed view; raises LiveClosed naming what is wrong with it."""
+    view: View = _read(View, text, "view")
+    return view
+
+
+def read_frame(message: bytes, after: int, vertices: int, weights: int) -> LiveFrame:
+    """A frame whose number is larger than `after`; raises LiveClosed.
+
+    vertices: of the asset.  weights: how many the header announced; 0 where the asset has no named
+    shapes.
+    """
+    if len(message) < FRAME.size:
+        raise LiveClosed(BAD_MESSAGE, f"frame of {len(message)} bytes: its header has {FRAME.size}")
+    number, kind, count = FRAME.unpack_from(message)
+    if number <= after:
+        raise LiveClosed(ORDER, f"frame {number} came after frame {after}: numbers must grow")
+    if kind not in (POSITIONS, WEIGHTS):
+        raise LiveClosed(BAD_MESSAGE, f"frame {number} is of kind {kind}: must be 1 or 2")
+    if kind == WEIGHTS and not weights:
+        raise LiveClosed(BAD_MESSAGE, f"frame {number} has weights, the asset no named shapes")
+    wanted = vertices if kind == POSITIONS else weights
+    if count != wanted:
+        what = "vertices" if kind == POSITIONS else "weights"
+        raise LiveClosed(BAD_MESSAGE, f"frame {number} has {count} {what}: must be {wanted}")
+    nbytes = (12 if kind == POSITIONS else 4) * count
+    if len(message) != FRAME.size + nbytes:
+        raise LiveClosed(
+            BAD_MESSAGE,
+            f"frame {number} has {len(message) - FRAME.size} bytes of numbers: must be {nbytes}",
+        )
+    return LiveFrame(number, kind, message[FRAME.size :])
+
+
+def tile_message(
+    number: int,
+    tile: NDArray[np.float32],
+    header: TileHeader,
+    format: str,
+    scale: float,
+    dropped: int,
+) -> bytes:
+    """One tile as it is sent; raises QueryError where half floats cannot hold it."""
+    head = TILE.pack(
+        number, header.udim, header.level, header.row, header.column, len(tile), CODES[format], 0,
+        min(dropped, _MOST_COUNT), scale,
+    )  # fmt: skip
+    if format == "f16":
+        codes = encode(tile, "f16", header).body
+    elif format == "u16":
+        codes = quantise(tile, scale).astype("<u2", copy=False).tobytes()
+    else:
+        codes = tile.astype("<f4", copy=False).tobytes()
+    return head + codes
+
+
+def _read(kind: type[BaseModel], text: str, what: str) -> Any:
+    try:
+        return kind.model_validate(decode_json(text.encode(), what))
+    except (SettingsError, LimitError) as error:
+        raise LiveClosed(BAD_MESSAGE, str(error)) from error
+    except ValidationError as error:
+        fault = error.errors()[0]
+        place = ".".join(str(step) for step in fault["loc"])
+        said = f"{what}: {place}: {fault['msg']}" if place else f"{what}: {fault['msg']}"
+        raise LiveClosed(BAD_MESSAGE, said) from error

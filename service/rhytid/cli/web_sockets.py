@@ -1,0 +1,42 @@
+"""How the server speaks WebSocket."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
+
+# Bytes of one message: positions of 1.4 million vertices.
+LARGEST = 16 << 20
+# Seconds between two pings, and for the answer to one.
+PING = 20.0
+# Seconds in which a client may read what was sent before the connection ended.
+LEFT_TO_READ = 10.0
+
+
+class WebSockets(WebSocketsSansIOProtocol):
+    """Ends connections for good: what a client does not read is not kept for ever."""
+
+    async def send(self, message: Any) -> None:
+        """Send a message of the application."""
+        await super().send(message)
+        # Else an answer in place of a connection is logged as an error of the application.
+        self.handshake_complete |= self.initial_response is not None and self.close_sent
+
+    async def run_asgi(self) -> None:
+        """Answer the connection; a while after the answer nothing of it is left."""
+        try:
+            await super().run_asgi()
+        finally:
+            self.loop.call_later(LEFT_TO_READ, self.transport.abort)
+
+
+# Options of uvicorn. No compression: it costs more time than it saves on a network that carries
+# frames, and a small message could become a large one.
+OPTIONS: dict[str, Any] = {
+    "ws": WebSockets,
+    "ws_max_size": LARGEST,
+    "ws_ping_interval": PING,
+    "ws_ping_timeout": PING,
+    "ws_per_message_deflate": False,
+}

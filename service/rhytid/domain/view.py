@@ -1,0 +1,105 @@
+"""Which tiles of a face a camera sees."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.domain.mesh import Mesh
+from rhytid.domain.tiles import TileAddress, TileGrid, udim_origin
+
+# Texels that what is drawn reaches beyond a triangle: maps are read with filters.
+_MARGIN = 2.0
+
+
+class ViewedTiles:
+    """Finds the tiles of one level that are in view, for one mesh.
+
+    A tile is in view where a triangle that has texels in it faces the camera and is not wholly
+    outside of one side of the frustum. What hides behind other parts counts as seen.
+    """
+
+    def __init__(self, mesh: Mesh, udims: tuple[int, ...], grid: TileGrid, level: int) -> None:
+        self._faces = mesh.faces
+        self._addresses: list[TileAddress] = []
+        triangles, tiles = [], []
+        uv = mesh.triangle_uv()
+        low, high = uv.min(axis=1), uv.max(axis=1)
+        side, margin = grid.count(level), _MARGIN / grid.side(level)
+        for udim in udims:
+            first, last = _covered(low - margin, high + margin, udim, side)
+            for row in range(side):
+                for column in range(side):
+                    inside = ((first <= (row, column)) & (last >= (row, column))).all(axis=1)
+                    found = np.flatnonzero(inside)
+                    if len(found):
+                        triangles.append(found)
+                        tiles.append(np.full(len(found), len(self._addresses)))
+                        self._addresses.append(TileAddress(udim, level, row, column))
+        self._triangles = np.concatenate(triangles) if triangles else np.empty(0, np.intp)
+        self._tiles = np.concatenate(tiles) if tiles else np.empty(0, np.intp)
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes that it holds."""
+        return self._triangles.nbytes + self._tiles.nbytes + self._faces.nbytes
+
+    def seen(
+        self,
+        positions: NDArray[np.floating],
+        camera: NDArray[np.float64],
+        *,
+        two_sided: bool = False,
+    ) -> list[TileAddress]:
+        """Addresses in view, those first that take most of the picture.
+
+        positions: (V, 3) of the frame.  camera: (4, 4), projection times view; it takes a column
+        (x, y, z, 1) to clip coordinates, in which what is seen has -w ≤ x ≤ w, -w ≤ y ≤ w, z ≤ w
+        and w > 0.  two_sided: triangles that turn their back to it count, too.
+        """
+        clip = positions.astype(np.float64) @ camera[:, :3].T + camera[:, 3]
+        corners = clip[self._faces]
+        area = _area_in_picture(corners, two_sided)
+        shown = area[self._triangles]
+        seen = np.bincount(self._tiles, shown > 0.0, len(self._addresses))
+        size = np.bincount(self._tiles, shown, len(self._addresses))
+        order = np.argsort(-size, kind="stable")
+        return [self._addresses[i] for i in order if seen[i]]
+
+
+def _covered(
+    low: NDArray[np.float64], high: NDArray[np.float64], udim: int, side: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """(F, 2) first and last row and column of tiles that the box of each triangle meets."""
+    u, v = udim_origin(udim)
+    columns = np.stack([low[:, 0] - u, high[:, 0] - u], axis=1) * side
+    # Row 0 is at the top, v points up.
+    rows = side - np.stack([high[:, 1] - v, low[:, 1] - v], axis=1) * side
+    both = np.floor(np.stack([rows, columns], axis=-1)).astype(np.int64)
+    return both[:, 0], both[:, 1]
+
+
+def _area_in_picture(corners: NDArray[np.float64], two_sided: bool) -> NDArray[np.float64]:
+    """(F,) of triangles in clip coordinates (F, 3, 4): area in the picture, clipped to its size, of
+    those that face the camera, counter-clockwise, or do not either; 0 of the others, and of those
+    outside."""
+    x, y, z, w = np.moveaxis(corners, -1, 0)
+    outside = np.zeros(len(corners), bool)
+    for beyond in (x > w, x < -w, y > w, y < -w, z > w):
+        outside |= beyond.all(axis=1)
+    outside |= (w <= 0.0).all(axis=1)
+    # The homogeneous determinant has the sign of the facing, for what is partly behind, too.
+    facing = (
+        x[:, 0] * (y[:, 1] * w[:, 2] - y[:, 2] * w[:, 1])
+        + x[:, 1] * (y[:, 2] * w[:, 0] - y[:, 0] * w[:, 2])
+        + x[:, 2] * (y[:, 0] * w[:, 1] - y[:, 1] * w[:, 0])
+    )
+    hidden = facing == 0.0 if two_sided else ~(facing > 0.0)
+    safe = np.where(w > 0.0, w, 1.0)
+    with np.errstate(over="ignore", invalid="ignore"):
+        flat = np.stack([np.clip(x / safe, -1, 1), np.clip(y / safe, -1, 1)], axis=-1)
+    a, b = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
+    area = 0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+    area[(w <= 0.0).any(axis=1)] = 4.0  # reaches behind the camera: the whole picture
+    # What is seen edge-on or clipped to a point still counts.
+    return np.where(outside | hidden, 0.0, np.maximum(area, 1e-12))
