@@ -59,11 +59,11 @@ class Profile:
 _MIPMAPPED = 4.0 * 4.0 / 3.0
 _ALL = (
     Profile(
-        "float", "single", ".exr", _UDIM_FIRST, 4.0,
+        "float", "single-1", ".exr", _UDIM_FIRST, 4.0,
         drawing.write_float, drawing.plain_facts, described=False,
     ),
     Profile(
-        "half", "half", ".exr", _UDIM_FIRST, 2.0,
+        "half", "half-1", ".exr", _UDIM_FIRST, 2.0,
         drawing.write_half, drawing.plain_facts, described=False,
     ),
     Profile(
