@@ -75,10 +75,10 @@ def run(arguments: argparse.Namespace) -> None:
         "frames": labels,
         "unit": read.unit,
     }
-    report(figures, _told(out, labels, read.unit), arguments.json)
+    report(figures, _summary(out, labels, read.unit), arguments.json)
 
 
-def _told(out: Path, labels: list[str], unit: str | None) -> str:
+def _summary(out: Path, labels: list[str], unit: str | None) -> str:
     lines = [f"{out}: {plural(len(labels), 'frame')}"]
     if labels and labels[0] != "0000":
         lines.append(f"A server counts them from 0000: frame {labels[0]} is 0000 there.")

@@ -57,7 +57,7 @@ def run(arguments: argparse.Namespace) -> None:
 
     look = found(arguments)
     texts = {"look.usda": usd_look(look).encode(), "mtlx": materialx_look(look)}
-    _tell_gaps(look.frames)
+    _note_gaps(look.frames)
     files = [arguments.folder / f"{look.name}.{end}" for end in texts]
     for file, text in zip(files, texts.values(), strict=True):
         with whole(file) as aside:
@@ -76,8 +76,8 @@ def run(arguments: argparse.Namespace) -> None:
     report(figures, table(("figure", "value"), told.items()), arguments.json)
 
 
-def _tell_gaps(frames: Sequence[str]) -> None:
-    """Say which numbers have no map, and what is shown there."""
+def _note_gaps(frames: Sequence[str]) -> None:
+    """Note which numbers have no map, and what is shown there."""
     if len(frames) < 2 or not all(frame.isdecimal() for frame in frames):
         return
     numbers = [int(frame) for frame in frames]
