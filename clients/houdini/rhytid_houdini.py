@@ -89,14 +89,14 @@ class HoudiniMesh:
             return
         with hou.InterruptableOperation(title, title, open_interrupt_dialog=True) as operation:
 
-            def told(share: float, text: str) -> bool:
+            def show(share: float, text: str) -> bool:
                 try:
                     operation.updateLongProgress(share, text)
                 except hou.OperationInterrupted:
                     return False
                 return True
 
-            yield told
+            yield show
 
     def style(self, udims: Sequence[int]) -> Style:
         """Names as `rhytid bake` has them."""

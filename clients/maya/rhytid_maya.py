@@ -79,7 +79,7 @@ class MayaMesh:
         if not batch:
             cmds.progressWindow(title=title, progress=0, maxValue=100, isInterruptable=True)
         try:
-            yield _silent if batch else _told
+            yield _silent if batch else _show
         finally:
             if not batch:
                 cmds.progressWindow(endProgress=True)
@@ -147,7 +147,7 @@ def _silent(share: float, text: str) -> bool:
     return True
 
 
-def _told(share: float, text: str) -> bool:
+def _show(share: float, text: str) -> bool:
     cmds.progressWindow(edit=True, progress=round(100 * share), status=text)
     return not cmds.progressWindow(query=True, isCancelled=True)
 

@@ -85,13 +85,13 @@ class UnrealMesh:
             task.make_dialog(True)
             done = 0.0
 
-            def told(share: float, text: str) -> bool:
+            def show(share: float, text: str) -> bool:
                 nonlocal done
                 task.enter_progress_frame(max(_WORK * share - done, 0.0), text)
                 done = _WORK * share
                 return not task.should_cancel()
 
-            yield told
+            yield show
 
     def style(self, udims: Sequence[int]) -> Style:
         """The UDIM is the end of a name, or is not in it."""

@@ -36,7 +36,7 @@
         └── FatalRequestError    the process of the device ended twice at this request
 
 What `StorageError`, `DeviceError` and `KernelBuildError` say may hold paths and build logs of this
-machine. `told` is what callers in another place may know.
+machine. `public` is what callers in another place may know.
 """
 
 from __future__ import annotations
@@ -45,11 +45,11 @@ from __future__ import annotations
 class RhytidError(Exception):
     """Base of every deliberate error."""
 
-    # What callers in another place are told instead of the message; None = the message itself.
+    # What callers elsewhere read instead of the message; None = the message itself.
     public: str | None = None
 
 
-def told(error: BaseException) -> str:
+def public_message(error: BaseException) -> str:
     """What callers in another place may know of an error."""
     if not isinstance(error, RhytidError):
         return f"internal error: {type(error).__name__}"

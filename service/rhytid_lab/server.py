@@ -30,8 +30,8 @@ def served(store: Path, device: str, *options: str) -> Iterator[str]:
     command += ["--store", str(store), "--device", device, "--without-keys", *options]
     log = store.parent / "server.log"  # not a pipe: nobody would read what a server has to say
     with (
-        log.open("w") as told,
-        subprocess.Popen(command, stdout=told, stderr=subprocess.STDOUT) as process,
+        log.open("w") as output,
+        subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT) as process,
     ):
         try:
             yield _url(process, log)

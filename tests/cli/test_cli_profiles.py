@@ -42,7 +42,7 @@ def test_one_bake_writes_every_profile(
 
     assert (figures["written"], figures["skipped"]) == (len(names) - 1, 1)
     assert first["bytes_at_most"] == {"frame": 4 * 256**2, "all": 4 * 256**2, "frames": 1}
-    line = "rhytid: maps: up to 2.14 MB a frame, 2.14 MB for 1 frame, before compression"
+    line = "rhytid: maps: up to 2.14 MB per frame, 2.14 MB for 1 frame, before compression"
     assert line in told.err
     heights = alone.texels[..., 0]
     assert heights.min() < -1e-3

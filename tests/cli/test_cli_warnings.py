@@ -289,7 +289,7 @@ def test_what_to_do_is_printed_without_the_documentation(
 ) -> None:
     assert main(["warnings", "texel-size"]) == 0
     told = " ".join(capsys.readouterr().out.split())
-    assert told.startswith("texel-size (warning) told of: a mesh when: the side of a texel")
+    assert told.startswith("texel-size (warning) about: a mesh when: the side of a texel")
     assert "what to do: give the place that is named more room in UV" in told
     assert main(["warnings"]) == 0
     told = capsys.readouterr().out

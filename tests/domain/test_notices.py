@@ -1,4 +1,4 @@
-"""What is told of an asset that is no mistake."""
+"""What is said of an asset that is no mistake."""
 
 from __future__ import annotations
 

@@ -131,7 +131,7 @@ def test_undulation_is_broad_noise_beside_the_grain(device, seed, grain):
 
 @pytest.mark.parametrize("texels", [3.0, 4.0, 8.0])
 def test_octaves_are_as_high_as_means_over_texels(texels):
-    """Square texels that lie anyhow in the noise, two cells a wave."""
+    """Square texels that lie anyhow in the noise, two cells per wave."""
     random = np.random.default_rng(0)
     across = np.linalg.qr(random.normal(size=(3, 3)))[0][:2] * 2 / texels
     places = random.uniform(0, 1000, (20000, 1, 3))

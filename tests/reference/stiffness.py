@@ -19,7 +19,7 @@ def bilinear(map: ArrayLike, local: ArrayLike) -> Array:
         x = min(max(u * width - 0.5, 0.0), width - 1.0)
         y = min(max((1 - v) * height - 0.5, 0.0), height - 1.0)
         columns, rows = np.arange(width), np.arange(height)
-        across = np.maximum(1 - np.abs(columns - x), 0.0)  # hats, one a texel
+        across = np.maximum(1 - np.abs(columns - x), 0.0)  # hats, one per texel
         down = np.maximum(1 - np.abs(rows - y), 0.0)
         found.append(down @ texels @ across)
     return np.array(found)

@@ -267,7 +267,7 @@ def test_parts_too_far_apart_for_the_lattice_are_refused_before_work(device: Dev
         np.concatenate([one.uv, two.uv]),
         np.concatenate([one.face_uv, two.face_uv + len(two.uv)]),
     )
-    fit = refused(device, both, 20_000, "so far apart that places")
+    fit = refused(device, both, 20_000, "so far apart that float32")
     assert 100 < fit < 10_000
     made = synthesize(both, GraphSettings(wrinkles=fit), device)
     at = sheets.places(Surface.of(both), made.graph)

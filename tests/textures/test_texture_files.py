@@ -216,7 +216,9 @@ def test_files_are_no_larger_than_told(name: str, drawn: FrameMap, tmp_path: Pat
 
 def test_size_in_words() -> None:
     size = BakeSize.of(profiles_of(["float", "png16"]), 4096, udims=2, frames=50)
-    assert size.told() == ("maps: up to 201 MB a frame, 10.1 GB for 50 frames, before compression")
+    assert size.text() == (
+        "maps: up to 201 MB per frame, 10.1 GB for 50 frames, before compression"
+    )
 
 
 def test_beyond_the_padding_nothing_is_dark(tmp_path: Path, drawn: FrameMap) -> None:

@@ -1,5 +1,5 @@
 // Blends precomputed maps by the stretch of each texel's triangle (Alg. 3, lines 11 to 14).
-// A vector of texels a work-item. What Alg. 3 computes up to line 10 is the same in a whole triangle,
+// A vector of texels per work-item. What Alg. 3 computes up to line 10 is the same in a whole triangle,
 // so a vector is blended once for each triangle in it, and each texel takes its own.
 
 #include "merge.clh"
@@ -40,7 +40,7 @@ inline float16 blend_triangle(__global const CODE *maps, __global const float4 *
 }
 
 // firsts, members: the triangles of each vector. codes: of each vector those of all maps, side by side
-// in memory: what a work-item reads is one stream, in order. coefficients: LAYERS a triangle, of
+// in memory: what a work-item reads is one stream, in order. coefficients: LAYERS per triangle, of
 // weights.cl. unit: of the merge, mesh units. out: displacement, mesh units; within 1e-6 of the
 // largest step times code of the same in double. Where RAISED is defined, coarse: the broad layer
 // around the tile, which has `width` texels per row. Where GRAINY is, grain: its codes; gains: of each

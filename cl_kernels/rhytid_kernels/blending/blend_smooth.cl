@@ -1,5 +1,5 @@
 // As blend.cl with smooth sampling: every texel has a stretch of its own (Alg. 3, lines 2 to 14).
-// A vector of texels a work-item.
+// A vector of texels per work-item.
 #include "texel_blend.clh"
 
 #define REAL float16

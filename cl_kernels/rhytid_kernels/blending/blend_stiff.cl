@@ -1,12 +1,12 @@
 // As blend.cl where texels have a stiffness: log stretch is that of the texel's triangle times the
 // stiffness of the texel, so no texel is blended like another (Alg. 3, lines 8 to 14). A vector of
-// texels a work-item.
+// texels per work-item.
 #include "texel_blend.clh"
 #ifdef RAISED
 #include "spline.clh"
 #endif
 
-// r at the texels of a vector. first, end: its members. stretches: SIDES x LAYERS a triangle, of
+// r at the texels of a vector. first, end: its members. stretches: SIDES x LAYERS per triangle, of
 // weights.cl; k: which of them.
 inline float16 stretch_of(__global const int2 *first, __global const int2 *end,
                           __global const float *stretches, int k)

@@ -3,7 +3,7 @@
 #include "convolve.clh"
 #include "vectors.clh"
 
-// One work-item a triangle; kernels: along its two axes. gains: (blur, sharpen).
+// One work-item per triangle; kernels: along its two axes. gains: (blur, sharpen).
 __kernel void triangle_kernels(__global const float4 *axes, __global const float2 *logs,
                                __global const float4 *jacobians, float2 gains, float reach,
                                float largest, __global kernel_t *kernels)

@@ -1,4 +1,4 @@
-// As convolve.cl with smooth sampling: every texel has a kernel of its own. One work-item a texel.
+// As convolve.cl with smooth sampling: every texel has a kernel of its own. One work-item per texel.
 #include "convolve_smooth.clh"
 
 // A square of a map of side² texels, from (row, column) on; source, triangles, stiffness and axis as

@@ -8,7 +8,7 @@ __kernel void probe(__global float *out)
 }
 
 // The work of drawing in small (draw.clh): profiles in vectors of eight, added up in local memory by
-// one work-item a group. Drivers that are equal in arithmetic alone differ in this a hundredfold.
+// one work-item per group. Drivers that are equal in arithmetic alone differ in this a hundredfold.
 #define LINES 16
 #define WIDTH 72
 #define ELEMENTS 32

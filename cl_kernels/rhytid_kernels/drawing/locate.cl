@@ -1,4 +1,4 @@
-// Finds the triangles of points once an asset.
+// Finds the triangles of points once per asset.
 #include "locate.clh"
 
 // One work-item a point, local to the UDIM. offsets: of the members of each cell, and their end.

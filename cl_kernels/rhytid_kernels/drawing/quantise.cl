@@ -1,4 +1,4 @@
-// A map in displacement to one of the precomputed maps in codes. A vector of texels a work-item.
+// A map in displacement to one of the precomputed maps in codes. A vector of texels per work-item.
 #include "codes.clh"
 #include "vectors.clh"
 

@@ -1,5 +1,5 @@
 // Where between the edges of its bin in angle the wrinkle at each texel runs, as codes. A vector of
-// texels a work-item.
+// texels per work-item.
 #include "codes.clh"
 #include "vectors.clh"
 

@@ -1,4 +1,4 @@
-// Adds the grain of a frame to heights that are drawn. A vector of texels a work-item, in the part of
+// Adds the grain of a frame to heights that are drawn. A vector of texels per work-item, in the part of
 // a tile of `width` texels per row from texel `first` on that lies in a map of `out_width` a row from
 // texel `out_first` on.
 #include "grain.clh"

@@ -1,6 +1,6 @@
-// Codes of the relief between the lines of a tile, once an asset: noise of the neutral surface in
+// Codes of the relief between the lines of a tile, once per asset: noise of the neutral surface in
 // octaves, fine ones of the grain and broad ones of the undulation. An octave that the texels of a
-// place do not carry is left out: all of it below two texels a wave, none from three on. What is left
+// place do not carry is left out: all of it below two texels per wave, none from three on. What is left
 // is as high as means over texels are, so that coarse maps are as rough as the means of fine ones.
 #include "noise.clh"
 
@@ -59,7 +59,7 @@ inline float between_corners(float3 values, float2 uv, __global const float *c)
     return clamp(values.x + dot(share, values.yz - values.x), least, most);
 }
 
-// triangles: of each texel; `none` has no relief. corners: their UV, three a triangle. planes: of each
+// triangles: of each texel; `none` has no relief. corners: their UV, three per triangle. planes: of each
 // triangle, in units of the largest wavelength of the grain over CELLS: (x, y, z) of its first
 // corner, dX/du, dX/dv, the most that a step in UV can be long; and at its corners the factor of the
 // grain. Outside of a triangle its plane goes on. finer: the largest wavelength of the grain over that of the undulation.  shares: of the

@@ -96,7 +96,7 @@ __kernel void respond_smooth_wrinkles(__global const float4 *segments, __global 
 #endif
 }
 
-// One work-item a pore; centres in texels. depth_limit: of sigma_d.
+// One work-item per pore; centres in texels. depth_limit: of sigma_d.
 __kernel void respond_smooth_pores(__global const float2 *centres, __global const int *triangle,
                                    float texels, __global const float *corners,
                                    __global const int *vertices, __global const float8 *fields,

@@ -30,7 +30,7 @@ inline float2 tilted_depth(int n, int t, __global const float4 *axes, __global c
 }
 #endif
 
-// weights: LAYERS a triangle: its position, from 0 (full compression) to SAMPLES_OF - 1 (full
+// weights: LAYERS per triangle: its position, from 0 (full compression) to SAMPLES_OF - 1 (full
 // stretch); what the depth is scaled by: 1, or for maps without their depth scale sigma_d of the
 // stretch before it is clamped to r_max; with TILT, as a line over the tilts, its rise; 0.
 // directions: then also those TILT_NODE half bins before and after each. r_max: of the last sample.
@@ -67,7 +67,7 @@ __kernel void coefficients(__global const float *steps, float unit, __global flo
     weights[i] = (float4)(scale * (1.0f - share) * steps[0], scale * share * steps[1], first, w.z);
 }
 
-// For texels with a stiffness of their own (blend_stiff.cl): r of each layer, LAYERS a triangle;
+// For texels with a stiffness of their own (blend_stiff.cl): r of each layer, LAYERS per triangle;
 // with TILT then two more of as many, with directions as in sample_weights.
 __kernel void layer_stretches(__global const float4 *axes, __global const float2 *logs,
                               __global const float4 *jacobians,

@@ -1,4 +1,4 @@
-// Per-triangle stretch of a frame (section 2.2): one work-item a triangle, and one more that
+// Per-triangle stretch of a frame (section 2.2): one work-item per triangle, and one more that
 // writes the neutral stretch for points that lie in no triangle.
 #include "clamped_log.clh"
 #include "stretch.clh"

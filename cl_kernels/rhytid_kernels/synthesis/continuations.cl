@@ -1,5 +1,5 @@
 // Which wrinkles continue one another: at each pore, pairs of strong ones that turn little, the best
-// pair first. Both take one tangent there, so that they are one line. A work-item a pore.
+// pair first. Both take one tangent there, so that they are one line. A work-item per pore.
 
 #define NOTHING -1 // no wrinkle goes on, but others meet here
 #define ALONE -2   // the wrinkle is the only one here

@@ -38,8 +38,8 @@ def opened(face: Face, moves: np.ndarray, maps: Path, out: Path) -> bpy.types.Ob
 def package(out: Path) -> str:
     """The extension, built and validated as it is released."""
     command = [sys.executable, str(BUILD), "--out", str(out / "package")]
-    told = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
-    return told.splitlines()[-1]
+    output = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
+    return output.splitlines()[-1]
 
 
 def make_pictures(obj: bpy.types.Object, options: argparse.Namespace) -> None:

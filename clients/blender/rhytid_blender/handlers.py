@@ -47,8 +47,8 @@ def _render_update(scene: bpy.types.Scene, obj: bpy.types.Object) -> None:
 
 
 def _failed(scene: bpy.types.Scene, trouble: Trouble) -> None:
-    told = f"rhytid: frame {scene.frame_current} has no map of its own: {trouble}"
-    print(told, file=sys.stderr, flush=True)  # noqa: T201
+    line = f"rhytid: frame {scene.frame_current} has no map of its own: {trouble}"
+    print(line, file=sys.stderr, flush=True)  # noqa: T201
     if bpy.app.background:
         # An exception of a handler would be printed, and the frame rendered with an older map.
         os._exit(1)

@@ -72,14 +72,14 @@ class Worker(OperatorPart):
         _redraw(context)
         return {"RUNNING_MODAL"}
 
-    def _end(self, context: bpy.types.Context, result: Result, told: str) -> Result:
+    def _end(self, context: bpy.types.Context, result: Result, message: str) -> Result:
         try:
             self._steps.close()
         finally:
             window_manager_of(context).event_timer_remove(self._timer)
             state.work().running = False
-        if told:
-            self.report({"INFO"}, told)
+        if message:
+            self.report({"INFO"}, message)
         _redraw(context)
         return result
 

@@ -1,4 +1,4 @@
-"""Meshes that are objects of trimesh, told by the name of their module: trimesh is not imported."""
+"""Meshes that are objects of trimesh, known by their module's name: trimesh is not imported."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Warnings of an answer, told as Python's."""
+"""Warnings of an answer, as warnings of Python."""
 
 from __future__ import annotations
 

@@ -27,8 +27,8 @@ def document_access(document: dict[str, Any]) -> None:
             if scope != OPEN:
                 call["security"] = [{SCHEME: [scope]}]
             for status in refusals(path, scope, sends="requestBody" in call):
-                told = {"description": HTTPStatus(status).phrase, "content": _PROBLEM}
-                call["responses"].setdefault(str(status), told)
+                described = {"description": HTTPStatus(status).phrase, "content": _PROBLEM}
+                call["responses"].setdefault(str(status), described)
             call["responses"] = dict(sorted(call["responses"].items()))
 
 

@@ -118,7 +118,9 @@ async def _deliberate(request: Request, error: Exception) -> Response:
     extra = {}
     if isinstance(error, errors.StrictError):
         extra["warnings"] = [asdict(w) for w in error.warnings if isinstance(w, InputWarning)]
-    return problem(kind.status, errors.told(error), kind.title, kind.type, headers, **extra)
+    return problem(
+        kind.status, errors.public_message(error), kind.title, kind.type, headers, **extra
+    )
 
 
 async def _invalid(request: Request, error: Exception) -> Response:

@@ -114,7 +114,7 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
 
     given = BakeInputs.read(arguments, warned)
     size = given.size()
-    note(f"rhytid: {size.told()}")
+    note(f"rhytid: {size.text()}")
     arguments.out.mkdir(parents=True, exist_ok=True)
     watch = Stopwatch()
     with _service(arguments) as service, closing(Engine(service)) as engine:
@@ -147,7 +147,7 @@ def _report(arguments: argparse.Namespace, baker: Baker, watch: Stopwatch, size:
         "skipped": baker.skipped,
         "bytes_at_most": asdict(size),
         "steps": watch.figures(),
-        **baker.warned.told(),
+        **baker.warned.all_figures(),
     }
     what = plural(baker.written, "map" if arguments.geometry is None else "file")
     done = f", {baker.skipped} already there" if baker.skipped else ""

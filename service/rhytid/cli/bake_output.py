@@ -70,10 +70,10 @@ class BakeSize:
         frame = round(texel * resolution**2) * udims
         return cls(frame, frame * frames, frames)
 
-    def told(self) -> str:
+    def text(self) -> str:
         """A line about it."""
         return (
-            f"maps: up to {_bytes(self.frame)} a frame, {_bytes(self.all)} for "
+            f"maps: up to {_bytes(self.frame)} per frame, {_bytes(self.all)} for "
             f"{plural(self.frames, 'frame')}, before compression"
         )
 

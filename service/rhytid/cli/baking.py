@@ -43,7 +43,7 @@ class Geometry:
     """Displaced surfaces of a mesh, each triangle cut in four `levels` times, as GLB or PLY."""
 
     def __init__(self, mesh: Mesh, format: str, levels: int) -> None:
-        self.format, self.told = format, f"{format} {levels}"
+        self.format, self.words = format, f"{format} {levels}"
         self._cut = Subdivided.of(mesh, levels)
 
     def write(self, file: Path, positions: NDArray[np.float32], maps: Mapping[int, Texels]) -> None:
@@ -141,7 +141,7 @@ class Baker:
         """Write the surface that the maps of a frame displace, where it is not done."""
         file = self.output.geometry_file(place, geometry.format)
         keys = [surface.digest(), *(plan.key for plan in plans.values())]
-        key = hashlib.sha256("\n".join([*keys, geometry.told]).encode()).hexdigest()
+        key = hashlib.sha256("\n".join([*keys, geometry.words]).encode()).hexdigest()
         if record.done(file, key):
             self.skipped += 1
             return

@@ -72,8 +72,8 @@ def run(arguments: argparse.Namespace) -> None:
         "unit": look.unit,
         "scale": look.scale,
     }
-    told = figures | {"udims": ", ".join(map(str, look.udims))}
-    report(figures, table(("figure", "value"), told.items()), arguments.json)
+    rows = figures | {"udims": ", ".join(map(str, look.udims))}
+    report(figures, table(("figure", "value"), rows.items()), arguments.json)
 
 
 def _note_gaps(frames: Sequence[str]) -> None:

@@ -157,12 +157,13 @@ def touched_squares(
     surfaces: Sequence[SurfacePatch], resolution: int, side: int
 ) -> list[tuple[int, int]]:
     """Row and column of the squares of `side` texels that the patches read."""
-    found: set[tuple[int, int]] = set()
+    count = resolution // side
+    touched = np.zeros((count, count), bool)
     for surface in surfaces:
         u, v = surface.uv[surface.seen.covered].T
-        texels = np.floor(np.stack([1 - v, u], axis=1) * resolution - 0.5)
+        texels = np.floor(np.stack([1 - v, u]) * resolution - 0.5).astype(np.int64)
         # A spline reads from one texel before to two after.
         for shift in itertools.product((-1, 2), repeat=2):
-            squares = np.clip(texels + shift, 0, resolution - 1).astype(np.int64) // side * side
-            found |= {(int(row), int(column)) for row, column in np.unique(squares, axis=0)}
-    return sorted(found)
+            row, column = np.clip(texels + np.reshape(shift, (2, 1)), 0, resolution - 1) // side
+            touched[row, column] = True
+    return [(int(row) * side, int(column) * side) for row, column in np.argwhere(touched)]

@@ -62,7 +62,7 @@ def spot_at(mesh: Mesh, place: Sequence[float], side: float) -> Spots:
     """The spot at (u, v), whole parts of which are the UDIM, or next to (x, y, z) in the numbers of
     the file; raises InputError where there is no skin."""
     if not np.isfinite(place).all():
-        raise InputError(f"--patch {_told(place)}: not a place")
+        raise InputError(f"--patch {_numbers(place)}: not a place")
     used = np.flatnonzero(mesh.usable_triangles())
     corners, uv = mesh.positions[mesh.faces[used]].astype(np.float64), mesh.triangle_uv()[used]
     if len(place) == 2:
@@ -86,7 +86,7 @@ def _by_uv(uv: Floats, place: Sequence[float]) -> tuple[int, Floats]:
     weights = np.concatenate([1.0 - share.sum(axis=1, keepdims=True), share], axis=1)
     inside = np.flatnonzero((weights >= _INSIDE).all(axis=1))
     if not len(inside):
-        raise InputError(f"--patch {_told(place)}: no triangle of the mesh is there in UV")
+        raise InputError(f"--patch {_numbers(place)}: no triangle of the mesh is there in UV")
     return int(inside[0]), weights[inside[0]]
 
 
@@ -97,9 +97,9 @@ def _by_point(corners: Floats, point: Floats, place: Sequence[float]) -> tuple[i
     distance = float(landing.distance[0])
     if not distance <= _NEAR * size:
         rule = f"it is {distance:.4g} mesh units away from the mesh, {size:.4g} across"
-        raise InputError(f"--patch {_told(place)}: {rule}")
+        raise InputError(f"--patch {_numbers(place)}: {rule}")
     return int(landing.triangle[0]), landing.weights[0]
 
 
-def _told(place: Sequence[float]) -> str:
+def _numbers(place: Sequence[float]) -> str:
     return " ".join(f"{number:g}" for number in place)

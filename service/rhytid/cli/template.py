@@ -89,8 +89,8 @@ def run(arguments: argparse.Namespace) -> None:
     _write(out / "guide.png", lambda: guide(charts, usual, unit_mm, caption))
     files.append({"file": "guide.png", "shows": "the templates with their legends"})
     facts = {"folder": str(out), "texel_mm": usual * unit_mm, "files": files}
-    told = [(file["file"], file["shows"]) for file in files]
-    report(facts, f"{table(('file', 'shows'), told)}\n{_limit(len(udims), size)}", arguments.json)
+    rows = [(file["file"], file["shows"]) for file in files]
+    report(facts, f"{table(('file', 'shows'), rows)}\n{_limit(len(udims), size)}", arguments.json)
 
 
 def _templates(

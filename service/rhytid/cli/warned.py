@@ -112,14 +112,14 @@ class Warned:
         if counts:
             let = sum(warning.code in self._allow for warning in self.warnings)
             allowed = f", {let} of them allowed" if let else ""
-            told = f"{_count(self.warnings)}{allowed}, {listed}"
-            self._print(f"{told}; `rhytid warnings CODE` says what to do")
+            message = f"{_count(self.warnings)}{allowed}, {listed}"
+            self._print(f"{message}; `rhytid warnings CODE` says what to do")
 
     def figures(self) -> list[dict[str, str]]:
         """All of them, for JSON."""
         return [asdict(warning) for warning in self.warnings]
 
-    def told(self) -> dict[str, list[dict[str, str]]]:
+    def all_figures(self) -> dict[str, list[dict[str, str]]]:
         """Warnings and notices of an asset, for JSON."""
         return {"warnings": self.figures(), "notices": [asdict(n) for n in self.notices]}
 
@@ -128,8 +128,8 @@ class Warned:
         wrong = not_allowed(self.warnings, self._allow) if self._strict else ()
         if wrong:
             codes = " ".join(f"--allow {code}" for code in dict.fromkeys(w.code for w in wrong))
-            told = f"--strict: {_count(wrong)}, so nothing was done ({codes} would allow that)"
-            raise StrictError(told, wrong)
+            message = f"--strict: {_count(wrong)}, so nothing was done ({codes} would allow that)"
+            raise StrictError(message, wrong)
 
     def _print(self, line: str) -> None:
         # Beside a bar that is being drawn, too.

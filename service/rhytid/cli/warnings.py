@@ -37,8 +37,8 @@ def run(arguments: argparse.Namespace) -> None:
 
 def _text(code: str, meaning: Meaning) -> str:
     kind = "notice" if code in NOTICES else "warning"
-    told = (f"told of: {meaning.of}", f"when: {meaning.when}", f"what to do: {meaning.remedy}")
-    lines = [line for text in told for line in _wrapped(text)]
+    parts = (f"about: {meaning.of}", f"when: {meaning.when}", f"what to do: {meaning.remedy}")
+    lines = [line for text in parts for line in _wrapped(text)]
     return "\n".join([f"{code} ({kind})", *lines])
 
 

@@ -39,12 +39,12 @@ def grain_notice(settings: AssetSettings, uv_length: float) -> tuple[Notice, ...
     texel = uv_length / settings.resolution
     if size >= LEAST_TEXELS * texel:
         return ()
-    told, least = _length(size, settings), _length(LEAST_TEXELS * texel, settings)
+    waves, least = _length(size, settings), _length(LEAST_TEXELS * texel, settings)
     finer = [r for r in _RESOLUTIONS if size * r >= LEAST_TEXELS * uv_length]
     drawn = f"resolution {finer[0]} draws it" if finer else "no resolution draws it"
     detail = (
-        f"no grain is drawn on half of the skin or more: its largest waves are {told} long, and at "
-        f"{settings.resolution} x {settings.resolution} texels carry waves from {least} on; "
+        f"no grain is drawn on half of the skin or more: its largest waves are {waves} long, and "
+        f"at {settings.resolution} x {settings.resolution} texels carry waves from {least} on; "
         f"{drawn}, so would shape.grain_size {LEAST_TEXELS * texel:.3g}; shape.grain 0 is without"
     )
     return (Notice(GRAIN_NOT_DRAWN, detail),)

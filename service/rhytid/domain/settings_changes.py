@@ -16,7 +16,7 @@ Leaves = dict[str, Any]
 # What can change without synthesising or looking up anything again.
 CHANGEABLE = ("depth", "angles", "response", "shape", "preset", "bins", "convolve")
 # Settings that are listed one by one.
-_TOLD = 6
+_LISTED = 6
 _R_MAX = "bins.r_max"
 # Of `graph`, what is read where the graph is given: of the lengths and of the grain.
 _READ_OF_GIVEN = ("spacing", "seed")
@@ -46,11 +46,13 @@ def settings_changed(
     reset = dict.fromkeys(differ)
     if "preset" in reset:
         reset |= dict.fromkeys(_beside_preset(sent.preset, raw))
-    told = [f"{name} is {_json(now[name])}, sent was {_json(raw[name])}" for name in differ[:_TOLD]]
-    if len(differ) > _TOLD:
-        told.append(f"and {plural(len(differ) - _TOLD, 'setting')} more")
+    listed = [
+        f"{name} is {_json(now[name])}, sent was {_json(raw[name])}" for name in differ[:_LISTED]
+    ]
+    if len(differ) > _LISTED:
+        listed.append(f"and {plural(len(differ) - _LISTED, 'setting')} more")
     detail = (
-        f"this content was sent before, and its settings were changed since: {'; '.join(told)}. "
+        f"this content was sent before, and its settings were changed since: {'; '.join(listed)}. "
         "They stay as they are now. To have them as sent, PATCH "
         f"/v1/assets/{asset} with {_json(nested({name: raw[name] for name in reset}))}"
     )
@@ -64,9 +66,9 @@ def settings_unused(settings: AssetSettings) -> tuple[InputWarning, ...]:
     unread = {n: v for n, v in given if v != usual[n] and n not in _READ_OF_GIVEN}
     if not unread:
         return ()
-    told = ", ".join(f"graph.{name} ({_json(value)})" for name, value in unread.items())
+    listed = ", ".join(f"graph.{name} ({_json(value)})" for name, value in unread.items())
     detail = (
-        f"{told}: these settings say how skin is grown, but a graph was given (option --graph, "
+        f"{listed}: these settings say how skin is grown, but a graph was given (option --graph, "
         "part graph): no skin is grown, so they change nothing. Leave them out, or send no graph"
     )
     return (InputWarning(SETTINGS_UNUSED, detail, "settings"),)

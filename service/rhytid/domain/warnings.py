@@ -84,8 +84,8 @@ def refuse(warnings: Iterable[InputWarning], allow: Collection[str] = ()) -> Non
     """Raise StrictError naming the warnings whose codes are not allowed, where there are any."""
     wrong = not_allowed(warnings, allow)
     if wrong:
-        told = "; ".join(str(warning) for warning in wrong)
-        raise StrictError(f"refused, because strict was asked for: {told}", wrong)
+        listed = "; ".join(str(warning) for warning in wrong)
+        raise StrictError(f"refused, because strict was asked for: {listed}", wrong)
 
 
 def not_allowed(

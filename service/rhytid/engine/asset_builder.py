@@ -18,7 +18,7 @@ from rhytid.engine.device_assets import DeviceAssets
 from rhytid.engine.given_graphs import graph_lengths
 from rhytid.engine.jobs import Job, Jobs
 from rhytid.engine.spacing import mean_spacing
-from rhytid.errors import CancelledError, FatalRequestError, NotFoundError, told
+from rhytid.errors import CancelledError, FatalRequestError, NotFoundError, public_message
 from rhytid.pipeline.draw_limit import DrawLimit
 from rhytid.pipeline.element_arrays import check_cover
 from rhytid.storage.records import StoredRequest
@@ -186,7 +186,7 @@ class AssetBuilder:
         except BaseException as error:
             with asset.lock:
                 if asset.state != "removed":
-                    asset.fail(told(error))
+                    asset.fail(public_message(error))
                     if isinstance(error, CancelledError) and not job.resumes:
                         with suppress(NotFoundError):
                             self._store.delete(asset.id)

@@ -15,7 +15,7 @@ from typing import Any
 from rhytid.device import watch
 from rhytid.domain.wording import plural
 from rhytid.engine.messages import ENDED_STATES, JobInfo
-from rhytid.errors import BusyError, CancelledError, NotFoundError, RhytidError, told
+from rhytid.errors import BusyError, CancelledError, NotFoundError, RhytidError, public_message
 
 # Kinds of jobs by priority, highest first.
 KINDS = ("frames", "build", "calibration", "bins")
@@ -79,8 +79,8 @@ class Job:
             self._call_back()
 
     def fail(self, error: BaseException) -> None:
-        """End as failed; the log has what callers are not told."""
-        public = told(error)
+        """End as failed; the log has what callers do not read."""
+        public = public_message(error)
         # Text alone: the error would keep what the work held in memory.
         self.reason = str(error) if isinstance(error, RhytidError) else public
         if not isinstance(error, RhytidError):

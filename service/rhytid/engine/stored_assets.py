@@ -13,7 +13,7 @@ from rhytid.engine.device_assets import DAMAGED, DeviceAssets
 from rhytid.engine.frames import FrameMemory
 from rhytid.engine.given_graphs import graph_lengths
 from rhytid.engine.spacing import mean_spacing
-from rhytid.errors import SettingsError, StorageError, StoreFormatError, told
+from rhytid.errors import SettingsError, StorageError, StoreFormatError, public_message
 from rhytid.storage.build_facts import BuildFacts
 from rhytid.storage.records import StoredAsset
 from rhytid.storage.store import AssetStore
@@ -120,7 +120,7 @@ class StoredAssets:
     def _damaged(self, id: str, error: StorageError) -> Asset:
         """A failed asset; the log names the damaged file, the reason for callers does not."""
         _log.error("asset %s: %s", id, error)
-        reason = told(error) if isinstance(error, StoreFormatError) else DAMAGED
+        reason = public_message(error) if isinstance(error, StoreFormatError) else DAMAGED
         return Asset.failed(id, reason, self._memory)
 
 

@@ -170,8 +170,8 @@ def _keys(
     rows = (len(times), 3, targets) if mode == "CUBICSPLINE" else (len(times), targets)
     if not len(times) or len(values) != np.prod(rows):
         each = "three values" if mode == "CUBICSPLINE" else "a value"
-        told = f"{each} for each of {plural(len(times), 'key')} and {plural(targets, 'target')}"
-        raise MeshError(f"{where}: {plural(len(values), 'weight')}, not {told}")
+        expected = f"{each} for each of {plural(len(times), 'key')} and {plural(targets, 'target')}"
+        raise MeshError(f"{where}: {plural(len(values), 'weight')}, not {expected}")
     if not (np.isfinite(times).all() and np.isfinite(values).all() and (np.diff(times) > 0).all()):
         raise MeshError(f"{where}: times must ascend, and times and weights be finite")
     return Keys(times, values.reshape(rows), mode)

@@ -33,7 +33,7 @@ def read_grey_png(data: bytes, name: str) -> NDArray[np.unsignedinteger]:
     texels per side. Gamma and colour profiles count for nothing: codes are taken as they are.
     """
     bits = _check_header(data, name)
-    with _told(name):
+    with _naming(name):
         _open(data).verify()  # every chunk and its checksum, to the end
         image = _open(data)
         image.load()
@@ -63,7 +63,7 @@ def _open(data: bytes) -> Image.Image:
 
 
 @contextmanager
-def _told(name: str) -> Iterator[None]:
+def _naming(name: str) -> Iterator[None]:
     """What the library says of a damaged file, as an InputError."""
     try:
         yield

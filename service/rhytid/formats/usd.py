@@ -98,11 +98,11 @@ class UsdMesh:
         scheme = str(self._mesh.GetSubdivisionSchemeAttr().Get())
         if scheme == "none":
             return stage_notes(self.stage)
-        told = (
+        found = (
             f"{self.path} has the subdivision scheme {scheme}: stretch is measured on its control "
             "mesh, heights are along the normal of the surface that is rendered"
         )
-        return (*stage_notes(self.stage), told)
+        return (*stage_notes(self.stage), found)
 
     def _numbers(self) -> tuple[int, ...] | None:
         samples = self._points.GetTimeSamples()
@@ -144,8 +144,8 @@ class UsdMesh:
             self._check_still(attribute)
         check_size("faceVertexIndices", 3 * len(corners))
         if len(counts) == 0 or counts.min() < 3:
-            told = plural(int(counts.min()), "corner") if len(counts) else "no faces"
-            raise MeshError(f"faceVertexCounts: {told}; a face has at least 3")
+            found = plural(int(counts.min()), "corner") if len(counts) else "no faces"
+            raise MeshError(f"faceVertexCounts: {found}; a face has at least 3")
         if counts.sum() != len(corners):
             raise MeshError(f"faceVertexCounts add up to {counts.sum()}, not {len(corners)}")
         wrong = (corners < 0) | (corners >= vertices)

@@ -106,8 +106,8 @@ def _name(mesh: Any) -> str:
 
 
 def _list(meshes: Iterable[Any]) -> str:
-    told = []
+    listed = []
     for mesh in meshes:
         points = mesh.GetPointsAttr().Get(usd_modules()[0].TimeCode.EarliestTime())
-        told.append(f"{mesh.GetPath()} ({plural(0 if points is None else len(points), 'point')})")
-    return ", ".join(told[:_LISTED]) + (", …" if len(told) > _LISTED else "")
+        listed.append(f"{mesh.GetPath()} ({plural(0 if points is None else len(points), 'point')})")
+    return ", ".join(listed[:_LISTED]) + (", …" if len(listed) > _LISTED else "")

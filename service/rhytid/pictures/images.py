@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter
 
 Picture = NDArray[np.uint8]
 BACKGROUND = (1.0, 1.0, 1.0)
@@ -27,17 +28,9 @@ def downsample(values: NDArray[Any], factor: int) -> NDArray[np.float64]:
 
 
 def blur(values: NDArray[Any], sigma: float) -> NDArray[np.float64]:
-    """Nearly Gaussian blur of (H, W): three box filters by running sums, edges repeated."""
+    """Nearly Gaussian blur of (H, W): three box filters, edges repeated."""
     radius = max(round((np.sqrt(4 * sigma * sigma + 1) - 1) / 2), 0)
     result = np.asarray(values, np.float64)
     for _ in range(3):
-        result = _box(_box(result, radius).T, radius).T
+        result = uniform_filter(result, 2 * radius + 1, mode="nearest")
     return result
-
-
-def _box(values: NDArray[np.float64], radius: int) -> NDArray[np.float64]:
-    """Mean over 2 radius + 1 rows."""
-    padded = np.pad(values, ((radius + 1, radius), (0, 0)), mode="edge")
-    total = np.cumsum(padded, axis=0)
-    length = 2 * radius + 1
-    return (total[length:] - total[:-length]) / length

@@ -50,17 +50,21 @@ def rasterize(
     """
     points = np.asarray(corners, np.float64)
     triangle, x, y = _candidates(points, height, width)
-    weights = _barycentric(points[triangle], x + 0.5, y + 0.5)
-    inside = (weights >= -1e-12).all(axis=1)
-    triangle, weights, pixel = triangle[inside], weights[inside], (y * width + x)[inside]
-    near = np.zeros(len(triangle)) if depth is None else -np.sum(weights * depth[triangle], axis=1)
-    order = np.lexsort((triangle, near, pixel))
-    found, first = np.unique(pixel[order], return_index=True)
-    visible = order[first]
+    weights = _barycentric(points, triangle, x + 0.5, y + 0.5)
+    inside = np.flatnonzero(np.minimum(np.minimum(*weights[:2]), weights[2]) >= -1e-12)
+    triangle, pixel = triangle[inside], y[inside] * width + x[inside]
+    blend = np.stack([w[inside] for w in weights], axis=-1)
+    if depth is not None:
+        near = np.einsum("nk,nk->n", blend, np.asarray(depth, np.float64)[triangle])
+        nearest = np.full(height * width, -np.inf)
+        np.maximum.at(nearest, pixel, near)
+        front = np.flatnonzero(near == nearest[pixel])
+        triangle, pixel, blend = triangle[front], pixel[front], blend[front]
     index = np.full(height * width, -1, np.int64)
-    blend = np.zeros((height * width, 3))
-    index[found], blend[found] = triangle[visible], weights[visible]
-    return Coverage(index.reshape(height, width), blend.reshape(height, width, 3))
+    shares = np.zeros((height * width, 3))
+    # Triangles rise, and the last write to a pixel stays: the lowest index is written last.
+    index[pixel[::-1]], shares[pixel[::-1]] = triangle[::-1], blend[::-1]
+    return Coverage(index.reshape(height, width), shares.reshape(height, width, 3))
 
 
 def rasterize_uv(
@@ -85,18 +89,16 @@ def _candidates(points: NDArray[Any], height: int, width: int) -> tuple[NDArray[
 
 
 def _barycentric(
-    corners: NDArray[np.float64], x: NDArray[Any], y: NDArray[Any]
-) -> NDArray[np.float64]:
-    """(N, 3) coordinates of the points; a triangle without area contains nothing."""
+    corners: NDArray[np.float64], triangle: NDArray[np.int64], x: NDArray[Any], y: NDArray[Any]
+) -> tuple[NDArray[np.float64], ...]:
+    """Three (N,) coordinates of points in triangles (F, 3, 2); without area these hold no point."""
     a, b, c = (corners[:, i] for i in range(3))
-    area = _cross(b - a, c - a)
-    point = np.stack([x, y], axis=-1)
-    divisor = np.where(area == 0, 1.0, area)
-    at_b = _cross(point - a, c - a) / divisor
-    at_c = _cross(b - a, point - a) / divisor
-    result = np.stack([1 - at_b - at_c, at_b, at_c], axis=-1)
-    return np.where(area[:, None] == 0, -1.0, result)
-
-
-def _cross(p: NDArray[np.float64], q: NDArray[np.float64]) -> NDArray[np.float64]:
-    return p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]
+    (bx, by), (cx, cy) = (b - a).T, (c - a).T
+    area = bx * cy - by * cx
+    area[area == 0] = np.nan
+    right, down = x - a[triangle, 0], y - a[triangle, 1]
+    at_b, at_c = (
+        right * (over / area)[triangle] - down * (along / area)[triangle]
+        for over, along in ((cy, cx), (-by, -bx))
+    )
+    return 1.0 - at_b - at_c, at_b, at_c

@@ -18,7 +18,7 @@ from rhytid.pictures.raster import rasterize_uv
 Floats = NDArray[np.float64]
 # Texels are coloured from a fourth of the usual side to four times as much.
 TEXEL_RANGE = 4.0
-# Arrows a side of a UDIM, and pixels a side for which lines are one wide.
+# Arrows per side of a UDIM, and pixels per side for which lines are one wide.
 _ARROWS, _FINE_LINES = 28, 2048
 # Above it lines are not drawn twice as large first: it would take more than 256 MiB.
 _SMOOTHED = 8192

@@ -18,7 +18,7 @@ FloatArray = NDArray[np.float64]
 # which it begins and is whole. By eye on two faces: brows carry the skin of the lids up with them,
 # but fold the forehead alone; lips move most in a pucker, and fold as much as what is around them;
 # what puffs, squints and smiles together is the cheek.
-_TOLD = {
+_FOLDS = {
     "forehead": (0.0, 1.0, 0.25, 0.55),
     "eye_corner": (0.5, 0.5, 0.22, 0.5),
     "lip": (1.0, 0.0, 0.65, 0.92),
@@ -53,7 +53,7 @@ class RegionMasks:
 
     def masks(self, surface: Spreading) -> dict[str, NDArray[np.float32]]:
         """(V,) shares from 0 to 1 of the regions that were shown."""
-        shares = {region: self._told(region, surface) for region in self._shown}
+        shares = {region: self._by_shapes(region, surface) for region in self._shown}
         shares |= self._beside(surface)
         found = {}
         for region, share in sorted(shares.items()):
@@ -64,16 +64,16 @@ class RegionMasks:
                 found[_LEFT] = found[_LEFT] * (1.0 - found[region])
         return {region: mask.astype(np.float32) for region, mask in found.items()}
 
-    def _told(self, region: str, surface: Spreading) -> FloatArray:
+    def _by_shapes(self, region: str, surface: Spreading) -> FloatArray:
         """(V,) where the expressions of a region move and fold most."""
         shown = self._shown[region]
-        by_motion, by_folds, begins, whole = _TOLD[region]
+        by_motion, by_folds, begins, whole = _FOLDS[region]
         folds = surface.of_triangles(np.stack([c for _, c in shown], axis=-1))
-        told = [
+        shares = [
             _share(motion) ** by_motion * _share(np.sqrt(np.maximum(fold, 0.0))) ** by_folds
             for (motion, _), fold in zip(shown, folds.T, strict=True)
         ]
-        return ramp(np.maximum.reduce(told), begins, whole)
+        return ramp(np.maximum.reduce(shares), begins, whole)
 
     def _beside(self, surface: Spreading) -> dict[str, FloatArray]:
         """(V,) of the nose and the neck, where the form of the face shows them."""

@@ -112,8 +112,9 @@ class MapWork:
         return found
 
     def cut(self, square: Square, most: float, largest: int, least: int = BLOCK) -> list[Square]:
-        """Squares that make up a larger one, halved until each has at most `largest` texels a side
-        and is at most so much work, or has `least`. Halves of an odd number of blocks overlap."""
+        """Squares that make up a larger one, halved until each has at most `largest` texels per
+        side and is at most so much work, or has `least`. Halves of an odd number of blocks
+        overlap."""
         if self.is_piece(square, most, largest, least):
             return [square]
         row, column, side = square
@@ -160,7 +161,7 @@ def _sums(work: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _between(sums: NDArray[np.float64], corner: tuple[int, int], side: int, texels: int) -> float:
-    """Of the cells, of so many texels a side, that a square lies in."""
+    """Of the cells, of so many texels per side, that a square lies in."""
     end = len(sums) - 1
     top, left = (min(max(at // texels, 0), end) for at in corner)
     bottom, right = (min(max(-(-(at + side) // texels), 0), end) for at in corner)

@@ -56,18 +56,18 @@ class Need:
         limit, cpu = device.budget.limit, device.info.kind == "cpu"
         if self.device > limit:
             raise DeviceMemoryError(
-                f"{self.told()}: the budget is {_gib(limit)} of the {_gib(device.info.memory)} of "
+                f"{self.text()}: the budget is {_gib(limit)} of the {_gib(device.info.memory)} of "
                 f"{device.info.name}; raise RHYTID_DEVICE_MEMORY_MB to {self.device // 2**20 + 1} "
                 "where there is that much, or take fewer --methods or a smaller --size"
             )
         has, wanted = machine_memory(), self.host + (self.device if cpu else 0)
         if wanted > has:
             raise DeviceMemoryError(
-                f"{self.told()}: the machine has {_gib(has)}; take fewer --methods or a smaller "
+                f"{self.text()}: the machine has {_gib(has)}; take fewer --methods or a smaller "
                 "--size"
             )
 
-    def told(self) -> str:
+    def text(self) -> str:
         """In words."""
         return f"needs about {_gib(self.device)} of device memory and {_gib(self.host)} beside it"
 

@@ -81,7 +81,7 @@ def _times(times: dict[str, Any], resolution: int) -> list[str]:
         "<h2>What a frame costs</h2>",
         _table(header, rows),
         _note(
-            f"{resolution}² texels and {times['wrinkles']:,} wrinkles: as many a texel as the "
+            f"{resolution}² texels and {times['wrinkles']:,} wrinkles: as many per texel as the "
             f"paper's 16384² and 20 million. Scaled: times {factor:g}, as texels and wrinkles both "
             "are; stretch is not scaled, for it goes by triangles here and by texels in the paper. "
             "A map copy reads and writes every texel as float32, on the same device in the same "

@@ -39,9 +39,11 @@ def main() -> None:
         ]
         for method in METHODS:
             times = _in_turns(paths, method, arguments.requests)
-            told = [f"{name} {_told(found)}" for name, found in zip(SERVERS, times, strict=True)]
+            listed = [
+                f"{name} {_figures(found)}" for name, found in zip(SERVERS, times, strict=True)
+            ]
             difference = statistics.median(times[1]) - statistics.median(times[0])
-            print(f"{method}: {', '.join(told)}, p50 {1000 * difference:+.3f}")  # noqa: T201
+            print(f"{method}: {', '.join(listed)}, p50 {1000 * difference:+.3f}")  # noqa: T201
 
 
 @contextmanager
@@ -82,7 +84,7 @@ def _in_turns(
     return times
 
 
-def _told(seconds: Sequence[float]) -> str:
+def _figures(seconds: Sequence[float]) -> str:
     p99 = statistics.quantiles(seconds, n=100)[-1]
     return f"p50 {1000 * statistics.median(seconds):.3f} p99 {1000 * p99:.3f}"
 

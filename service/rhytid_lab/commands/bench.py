@@ -135,8 +135,8 @@ def _run_service(bench: FrameBench, arguments: argparse.Namespace) -> None:
     milliseconds = (
         f"{1000 * first.seconds:.1f} ms, its kernels {1000 * first.kernel_seconds:.1f} ms"
     )
-    told = f"frame in, first tile out: {milliseconds}: {first.ratio:.1f} times"
-    report(figures, f"{told}\n{table(SERVICE_HEADER, map(_latency_row, rows))}", arguments.json)
+    line = f"frame in, first tile out: {milliseconds}: {first.ratio:.1f} times"
+    report(figures, f"{line}\n{table(SERVICE_HEADER, map(_latency_row, rows))}", arguments.json)
 
 
 def _latency_row(row: Latency) -> tuple[str, ...]:

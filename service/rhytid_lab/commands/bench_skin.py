@@ -61,7 +61,7 @@ def tell_need(
     need = Need.of(settings, cases, wrinkles, len(mesh.faces))
     need.check(device)
     size = f"{settings.resolution} x {settings.resolution} texels, {wrinkles:,.0f} wrinkles"
-    print(f"rhytid bench: {size}: {need.told()}", file=sys.stderr, flush=True)
+    print(f"rhytid bench: {size}: {need.text()}", file=sys.stderr, flush=True)
 
 
 def _cases(arguments: argparse.Namespace) -> Collection[str]:

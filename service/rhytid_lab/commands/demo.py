@@ -105,14 +105,14 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     with temporary_folder("rhytid-demo-") as store:
         service = chosen(store, arguments.device)
         with serving(service) as url, connected(url) as client, catch_warnings():
-            simplefilter("ignore", RhytidWarning)  # told by the command itself
+            simplefilter("ignore", RhytidWarning)  # the command prints them itself
             query: Query = {"stretch": arguments.stretch, "sampling": arguments.sampling}
             session = Session(client, face, out, query, warned)
             session.build(_settings(arguments), arguments.stiffness, skin_maps(arguments))
             session.send_frames()
             session.draw()
             sheets = write_sheets(session, millimetres(arguments.unit or USUAL_UNIT) or 1.0)
-            figures = {**session.figures(), "key_frames": sheets, **warned.told()}
+            figures = {**session.figures(), "key_frames": sheets, **warned.all_figures()}
     write_json(figures, out / "times.json")
     report(figures, _text(figures, session), arguments.json)
 

@@ -47,7 +47,7 @@ def wait(what: W, *, progress: Progress | None = None, timeout: float | None = N
 
 
 class _Watch:
-    """What waiting remembers: the time left, and the last job that was told."""
+    """What waiting remembers: the time left, and the last job that was shown."""
 
     def __init__(self, progress: Progress | None, timeout: float | None) -> None:
         self._progress = progress

@@ -29,8 +29,8 @@ def baking(
     count, who = len(maps.frames), f"bake-{slug(maps.name)}"
     for done, frame in enumerate(maps.frames):
         yield done / count, f"frame {frame} of {maps.frames[-1]}", 0.0
-        drawn, told = server.drawn(asset, who, positions(frame), maps.udims, drawing)
-        warned |= dict.fromkeys(told)
+        drawn, found = server.drawn(asset, who, positions(frame), maps.udims, drawing)
+        warned |= dict.fromkeys(found)
         for udim, data in drawn.items():
             replaced(Path(maps.file(udim, frame)), data)
     return tuple(warned)

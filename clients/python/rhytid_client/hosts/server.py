@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from rhytid_client.choices import Method, Sampling, TileFormat
 from rhytid_client.errors import RhytidError, RhytidWarning
 from rhytid_client.hosts.meshes import MeshArrays
-from rhytid_client.hosts.trouble import Trouble, told
+from rhytid_client.hosts.trouble import Trouble, message_of
 from rhytid_client.hosts.work import Step
 from rhytid_client.plain_client import PlainClient
 from rhytid_client.results import Asset
@@ -72,7 +72,7 @@ class Server:
                     address(self.url), key=self.key, connect=CONNECT_SECONDS, max_wait=WAIT_SECONDS
                 )
         except (RhytidError, ValueError) as exc:
-            raise Trouble(told(exc, self.url)) from exc
+            raise Trouble(message_of(exc, self.url)) from exc
 
     def tested(self) -> str:
         """What the service computes on, in words; raises Trouble."""

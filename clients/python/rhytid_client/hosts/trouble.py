@@ -33,7 +33,7 @@ def no_uv(name: str) -> str:
     return f"'{name}' has no UV map: unwrap it, for displacement is drawn in UV"
 
 
-def told(exc: Exception, url: str) -> str:
+def message_of(exc: Exception, url: str) -> str:
     """An error of the client, as the user reads it.  url: of the server."""
     if isinstance(exc, ConnectionFailed):
         return no_answer(url, exc.__cause__)

@@ -23,8 +23,8 @@ FEWEST = 100
 # 100,000 wrinkles on a sheet were measured to take 51 MB, 1.5 million 138 MB and 3 million 276 MB;
 # 2,600 painted on two triangles 57 MB, 1,000 on 980,000 triangles 156 MB.
 FIXED_BYTES, BYTES_A_WRINKLE, BYTES_A_TRIANGLE = 60_000_000, 100, 112
-# Pores this many steps of float32 apart in UV can be told from each other, and lines drawn between
-# them; that part of the surface may have less.
+# Pores this many steps of float32 apart in UV stay apart, and lines can be drawn between them; that
+# part of the surface may have less.
 _STEPS, _LOST = 8.0, 0.01
 # And so many steps of the lattice apart in space: their distances are then right to a sixteenth.
 _PLACES = 16.0
@@ -92,8 +92,8 @@ def check_extent(surface: Surface, settings: GraphSettings, radius: float) -> No
         wanted = _wanted(surface, settings)
         fit = wanted.at_most(wanted.wrinkles * (radius / (_PLACES * unit)) ** 2)
         raise MeshError(
-            f"{wanted}: the parts of the mesh lie so far apart that places can be told from each "
-            f"other for about {fit}"
+            f"{wanted}: the parts of the mesh lie so far apart that float32 keeps places apart "
+            f"for about {fit}"
         )
 
 
@@ -119,17 +119,17 @@ def _wanted(surface: Surface, settings: GraphSettings) -> Wanted:
 def _checked(asked: Wanted, share: float, triangles: int, memory: int | None) -> int:
     """Wrinkles in all, where they fit.  share: of these over those of density 1."""
     wanted = round(asked.wrinkles * share)
-    told = str(asked)
+    message = str(asked)
     if share <= 0:
         raise InputError("density: the map leaves no room for pores; paint some of it lighter")
     if share != 1.0:
-        told += f", with density {share:.3g} on the mean that is {wanted} in all"
+        message += f", with density {share:.3g} on the mean that is {wanted} in all"
     if wanted < FEWEST:
-        raise InputError(f"{told}: at least {FEWEST}, {asked.at_least(FEWEST / share)}")
+        raise InputError(f"{message}: at least {FEWEST}, {asked.at_least(FEWEST / share)}")
     fit = MOST_WRINKLES if memory is None else min(_fitting(memory, triangles), MOST_WRINKLES)
     if wanted > fit:
         limit = f"the {memory} bytes of device memory" if fit < MOST_WRINKLES else "a graph"
-        raise LimitError(f"{told}: {limit} can hold {asked.at_most(fit / share)}{asked.hint}")
+        raise LimitError(f"{message}: {limit} can hold {asked.at_most(fit / share)}{asked.hint}")
     return wanted
 
 

@@ -40,12 +40,10 @@ class Wanted:
         return cls("spacing", settings.spacing, EDGES_PER_PORE * pores)
 
     def __str__(self) -> str:
-        told = f"graph.{self.setting} is {self.value:g}"
+        setting = f"graph.{self.setting} is {self.value:g}"
         if self.setting == "wrinkles":
             return f"graph.wrinkles is {self.value}"
-        return (
-            f"{told} mesh units, which makes {plural(round(self.wrinkles), 'wrinkle')} on this mesh"
-        )
+        return f"{setting} mesh units, {plural(round(self.wrinkles), 'wrinkle')} on this mesh"
 
     @property
     def hint(self) -> str:

@@ -1,7 +1,7 @@
 """Wrinkles that continue one another as one line: shared tangents, strengths and widths.
 
 Pairs are found on whole wrinkles, by their pores on the surface; what is stored of one, all of it
-or, where it is cut at a seam, a half on either side, is told afterwards. Copies take what they are
+or, where it is cut at a seam, a half on either side, is given afterwards. Copies take what they are
 copies of has (copies.py). Kernel: continuations.cl.
 """
 

@@ -78,12 +78,12 @@ def counted(
             skin = _worn(ground, net, radius, settings, part(progress, 0.5, 1.0))
             return skin, Cut.at(net.edges, skin.wish, wanted)
         radius *= 0.97 * float(np.sqrt(max(lines / wanted, 0.5)))
-    told, more = "wrinkles", "more wrinkles"
+    setting, more = "wrinkles", "more wrinkles"
     if settings.wrinkles is None:
-        told, more = "spacing", "a smaller spacing"
+        setting, more = "spacing", "a smaller spacing"
     raise MeshError(
-        f"graph.{told} is {getattr(settings, told)}: only {lines} of {wanted} can be drawn between "
-        f"pores so far apart, for the UV of the mesh is in small parts; ask for {more}"
+        f"graph.{setting} is {getattr(settings, setting)}: only {lines} of {wanted} can be drawn "
+        f"between pores so far apart, for the UV of the mesh is in small parts; ask for {more}"
     )
 
 

@@ -1,4 +1,4 @@
-"""What callers are told of a job that failed: never where the server keeps its files."""
+"""What callers read of a job that failed: never where the server keeps its files."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def disk(monkeypatch: pytest.MonkeyPatch) -> FullDisk:
 
 
 def everything(client: httpx.Client, engine: Engine, asset: str) -> str:
-    """All that callers are told of an asset, its jobs and its events."""
+    """All that callers read of an asset, its jobs and its events."""
     answers = [client.get(f"/v1/assets/{asset}"), client.get("/v1/assets")]
     answers.append(client.get(f"/v1/assets/{asset}/frames/neutral/tiles/1001/0/0/0"))
     for job in engine.jobs._known():
