@@ -35,9 +35,8 @@ expression
 
 # %%
 change = expression.array - neutral.array
-print(
-    f"{strong}: from {change.min():.4g} to {change.max():.4g}, rms {np.sqrt(np.mean(change**2)):.4g}"
-)
+rms = np.sqrt(np.mean(change**2))
+print(f"{strong}: from {change.min():.4g} to {change.max():.4g}, rms {rms:.4g}")
 
 # %% [markdown]
 # One scale for both files, so that the same grey is the same height in both.
