@@ -26,18 +26,17 @@ neutral = rhytid.map(asset, "neutral", udim)
 neutral
 
 # %% [markdown]
-# The same place of the last frame that came with the mesh, and what changed.
+# The same of the frame that stretches most, of those that came with the mesh, and what changed.
 
 # %%
-last = rhytid.frames(asset)[-1].name
-expression = rhytid.map(asset, last, udim)
+strong = max(rhytid.frames(asset), key=lambda frame: frame.log_stretch["abs_p90"]).name
+expression = rhytid.map(asset, strong, udim)
 expression
 
 # %%
 change = expression.array - neutral.array
-print(
-    f"{last}: from {change.min():.4g} to {change.max():.4g}, rms {np.sqrt(np.mean(change**2)):.4g}"
-)
+rms = np.sqrt(np.mean(change**2))
+print(f"{strong}: from {change.min():.4g} to {change.max():.4g}, rms {rms:.4g}")
 
 # %% [markdown]
 # One scale for both files, so that the same grey is the same height in both.

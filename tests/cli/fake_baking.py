@@ -79,6 +79,9 @@ class FakeJobs(Part):
 
 
 class FakeTiles(Part):
+    def triangles(self, asset: str, udim: int) -> NDArray[np.int32]:
+        return np.zeros((SIDE, SIDE), np.int32)
+
     def plan_map(self, asset: str, frame: str, query: MapQuery, udim: int, level: int) -> TilePlan:
         engine, value = self.engine, self.engine.held[frame][0, 0]
         drawn = (query.method, query.stretch, query.sampling)

@@ -12,7 +12,7 @@ from rhytid.cli import main
 from rhytid.cli.program import build_parser
 
 NAMES = ["bake", "bench", "demo", "devices", "graph", "reproduce", "serve", "synthesize"]
-NAMES += ["check", "completion", "transfer", "warnings"]
+NAMES += ["check", "completion", "convert", "transfer", "warnings"]
 
 
 def ends(arguments: list[str]) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -43,6 +44,18 @@ def test_a_table_tells_and_the_status_is_0(
     assert "1 triangle, 3 edges" in row
     assert "triangle 70, uv (" in row
     assert "mesh-size" in told.err
+
+
+def test_shares_are_told_in_plain_numbers(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Everything under one UV square, over itself and mirrored."""
+    folded = {**ARRAYS, "uv": np.abs(ARRAYS["uv"] - 0.5) * (1.0, 0.0) + ARRAYS["uv"] * (0.0, 1.0)}
+    np.savez(tmp_path / "folded.npz", **folded)
+    assert main(["check", str(tmp_path / "folded.npz")]) == 0
+    rows = capsys.readouterr().out.splitlines()
+    overlap = next(row for row in rows if row.startswith("UV overlap"))
+    assert re.search(r"\b(9\d|100) % of UDIM 1001", overlap)
 
 
 def test_json_and_picture(

@@ -53,6 +53,16 @@ def test_a_folder_gets_both_files(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert "face.&lt;UDIM&gt;.{04frame}.exr" in (maps / "face.mtlx").read_text()
 
 
+def test_gaps_between_frames_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    names = [f"face.1001.{n:04d}.exr" for n in (1, 2, 4, 6)]
+    maps = write_maps(tmp_path, *names)
+
+    assert main(["look", str(maps)]) == 0
+    assert "no maps of 2 frames in between: 3, 5. There USD" in capsys.readouterr().err
+    assert main(["look", str(maps), "--frame", "0001"]) == 0
+    assert capsys.readouterr().err == ""
+
+
 def test_one_frame_is_chosen_by_its_name(tmp_path: Path) -> None:
     maps = write_maps(tmp_path, "face.1001.smile.exr", "face.1001.frown.exr")
 

@@ -72,6 +72,24 @@ def test_without_a_terminal_long_work_tells_lines(
     }
 
 
+def test_a_slow_first_step_and_skipped_ones_do_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ten steps: the first takes 30 s, the others 2; then a hundred of which most are there."""
+    clock = iter([0.0, 30.0, 32.0, 34.0, 35.0])
+    monkeypatch.setattr(progress.time, "monotonic", lambda: next(clock))
+    steps = progress._Steps(10)
+    assert steps.left() == ""
+    for _ in range(3):
+        steps.ended()
+    assert steps.left() == ", 13 s left"
+
+    times = [0.0] * 81 + [float(second) for second in range(10, 110, 10)]
+    clock = iter(times)
+    steps = progress._Steps(100)
+    for _ in range(89):
+        steps.ended()
+    assert steps.left() == ", 2 min left"
+
+
 @pytest.mark.parametrize(
     ("voice", "told"),
     [

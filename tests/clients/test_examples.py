@@ -73,7 +73,10 @@ def test_a_live_loop_plays_frames(tmp_path: Path, url: str, face: str) -> None:
 def test_the_cells_of_the_notebook_run(tmp_path: Path, url: str, face: str) -> None:
     given = {"RHYTID_URL": url, "RHYTID_MESH": face, "RHYTID_SETTINGS": SETTINGS}
     told = run("notebook.py", folder=tmp_path, **given)
-    assert "notebook.1001.0001.npy" in told
-    for frame in ("neutral", "0001"):
+    # The frame that is shown is one that moves.
+    strong, _, change = told.partition(": from ")
+    assert float(change.split()[0]) < 0
+    assert f"notebook.1001.{strong}.npy" in told
+    for frame in ("neutral", strong):
         codes = read_grey_png((tmp_path / f"notebook.1001.{frame}.png").read_bytes(), frame)
         assert codes.shape == (512, 512)

@@ -87,7 +87,8 @@ def test_a_bound_is_known_where_every_file_says_it(tmp_path: Path) -> None:
         ([], "", "has no files named NAME"),
         (["a.1001.0001", "b.1001.0001"], "", "has maps of a, b: give the name of one"),
         (["a.1001.0001", "b.1001.0001"], "c", "has no maps of c; there are a, b"),
-        (["a.1001.0001", "a.1001.0003"], "", r"Maps of the frames \[2\] are missing"),
+        (["a.1001.0001", "a.1001.0003"], "", "Maps of frame 2 are missing"),
+        (["a.1001.0001", "a.1001.0009"], "", "Maps of the frames 2, 3, 4, 5, 6 and 2 more are"),
         (["a.1001.0001", "a.1001.0002", "a.1002.0001"], "", "have no map of a UDIM"),
     ],
 )

@@ -217,10 +217,15 @@ def test_what_is_wrong_is_told_in_words(server: Server, tmp_path: Path) -> None:
         nobody = Server(f"http://127.0.0.1:{free.getsockname()[1]}")
     with pytest.raises(Trouble, match=r"No answer from http://127.0.0.1:.*rhytid serve"):
         nobody.tested()
-    with pytest.raises(Trouble, match="is not the address of a server"):
-        Server("ftp://a").tested()
+    for written in ("ftp://a", "http://127.0.0.1:8717x", " "):
+        with pytest.raises(Trouble, match="is not the address of a server: it is like http://"):
+            Server(written).tested()
     with pytest.raises(Trouble, match="resolution"):
         Skin(Host(), server).send(resolution=3)
+
+
+def test_an_address_needs_no_scheme(server: Server) -> None:
+    assert Server(f" {server.url.removeprefix('http://')}").tested().startswith("Connected")
 
 
 def test_the_connection_is_tested(server: Server) -> None:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from rhytid.cli.bake_output import BakeSize, Output
 from rhytid.domain.mesh import Mesh
@@ -18,12 +20,13 @@ from rhytid.textures import tiled
 from rhytid.textures.chart import Chart
 from rhytid.textures.frame_map import FrameMap
 from rhytid.textures.names import PROFILE_NAMES
+from rhytid.textures.padding import Padding
 from rhytid.textures.profiles import PROFILES, profiles_of
 from rhytid.textures.tangents import Posed
 from textures.patches import all_triangles, curved, grid_mesh
 from textures.reading import Texture, read_texture
 
-SIDE, DEPTH, SCALE = 128, 0.01, 0.04
+SIDE, DEPTH, SCALE, PADDED = 128, 0.01, 0.04, 8
 HEADER = TileHeader("cm", "0007", "a1b2", "redraw", "tensor", "nearest", 1002, 0, 0, 0, SCALE)
 MESH = grid_mesh(curved, 4)
 HEIGHTS = np.random.default_rng(3).uniform(-0.03, 0.02, (SIDE, SIDE)).astype(np.float32)
@@ -32,9 +35,16 @@ WEIGHTS = np.random.default_rng(4).uniform(0, 1, (len(MESH.faces), 3, 2))
 
 @pytest.fixture(scope="module")
 def drawn() -> FrameMap:
-    chart = Chart.of(MESH, 1001, all_triangles(MESH, SIDE))
-    posed = Posed.of(MESH, MESH.positions)
-    return FrameMap(HEADER, DEPTH, lambda: HEIGHTS, lambda: chart, lambda: posed, lambda: WEIGHTS)
+    return frame_map(MESH, all_triangles(MESH, SIDE))
+
+
+def frame_map(mesh: Mesh, triangles: NDArray[np.int32]) -> FrameMap:
+    """HEIGHTS on a mesh, whose texels show these triangles."""
+    chart = Chart.of(mesh, 1001, triangles)
+    padding = Padding.of(mesh, 1001, triangles, PADDED)
+    posed = Posed.of(mesh, mesh.positions)
+    found = lambda: padding, lambda: chart, lambda: posed, lambda: WEIGHTS
+    return FrameMap(HEADER, DEPTH, lambda: HEIGHTS, *found)
 
 
 def written(name: str, drawn: FrameMap, folder: Path, level: int = 0) -> Texture:
@@ -121,9 +131,7 @@ def test_normals_of_both_kinds_differ_in_green_alone(drawn: FrameMap, tmp_path: 
 def test_green_is_up_in_gl(drawn: FrameMap, tmp_path: Path) -> None:
     """Where the surface rises with v, its normal leans to smaller v: green below the middle."""
     rising = np.linspace(0.3, 0.0, SIDE, dtype=np.float32)[:, None].repeat(SIDE, 1)
-    flat = FrameMap(
-        HEADER, DEPTH, lambda: rising, drawn.chart, drawn.posed, drawn.weights
-    )  # fmt: skip
+    flat = replace(drawn, heights=lambda: rising)
     found = written("normal-gl", flat, tmp_path)
 
     assert (found.texels[..., 1] < 32000).all()
@@ -134,7 +142,7 @@ def test_cavity_is_what_lies_below_its_surroundings(drawn: FrameMap, tmp_path: P
     heights[40, 40] = -0.5 - 0.5 * DEPTH
     heights[80, 80] = -0.5 - 5 * DEPTH
     heights[100, 20] = -0.5 + 5 * DEPTH
-    dented = FrameMap(HEADER, DEPTH, lambda: heights, drawn.chart, drawn.posed, drawn.weights)
+    dented = replace(drawn, heights=lambda: heights)
 
     found = written("cavity", dented, tmp_path)
 
@@ -218,8 +226,7 @@ def test_beyond_the_padding_nothing_is_dark(tmp_path: Path, drawn: FrameMap) -> 
     does."""
     triangles = all_triangles(MESH, SIDE)
     triangles[:, SIDE // 2 :] = len(MESH.faces)
-    chart = Chart.of(MESH, 1001, triangles)
-    part = FrameMap(HEADER, DEPTH, drawn.heights, lambda: chart, drawn.posed, drawn.weights)
+    part = frame_map(MESH, triangles)
     texels: dict[str, NDArray[Any]] = {}
     for name in ("normal-gl", "cavity", "weights"):
         (tmp_path / name).mkdir()
@@ -231,20 +238,63 @@ def test_beyond_the_padding_nothing_is_dark(tmp_path: Path, drawn: FrameMap) -> 
     assert texels["weights"][beyond][..., :2].min() > 0
 
 
-def test_displacement_goes_on_outside_of_islands(tmp_path: Path, drawn: FrameMap) -> None:
-    """Two thirds of a map are outside, padding or not, and have what the nearest column inside has,
-    in every level; the same in normals and cavity within the padding."""
+def third() -> tuple[FrameMap, int]:
+    """A map whose first columns alone are inside, and the last of them; padding follows."""
     uv = MESH.uv * (1 / 3, 1.0)
     mesh = Mesh(MESH.positions, MESH.faces, uv, MESH.face_uv)
     triangles = all_triangles(mesh, SIDE)
     last = int(np.flatnonzero((triangles < len(mesh.faces)).all(axis=0)).max())
-    within = np.s_[:, last + 1 : last + 9]
-    triangles[within] = triangles[:, last, None]
-    chart = Chart.of(mesh, 1001, triangles)
-    posed = Posed.of(mesh, mesh.positions)
-    part = FrameMap(HEADER, DEPTH, drawn.heights, lambda: chart, lambda: posed, drawn.weights)
-    assert chart.inside[:, : last + 1].all()
-    assert not chart.inside[:, last + 1 :].any()
+    triangles[:, last + 1 : last + 1 + PADDED] = triangles[:, last, None]
+    part = frame_map(mesh, triangles)
+    inside = part.chart().inside
+    assert inside[:, : last + 1].all()
+    assert not inside[:, last + 1 :].any()
+    return part, last
+
+
+@pytest.mark.parametrize("name", ["float", "half", "png16", "mip", "tx"])
+def test_displacement_is_padded_in_every_profile(name: str, tmp_path: Path) -> None:
+    """Within the padding it is what the nearest column inside has."""
+    part, last = third()
+    texels = written(name, part, tmp_path).texels[..., 0].astype(np.float64)
+    heights = (texels - 32768) / 32767 * SCALE if name == "png16" else texels
+
+    edge = HEIGHTS[:, last, None]
+    within = heights[:, last + 1 : last + 1 + PADDED]
+    assert np.abs(within - edge).max() < 2e-5
+    np.testing.assert_allclose(heights[:, : last + 1], HEIGHTS[:, : last + 1], atol=2e-5)
+    if name in ("float", "half"):
+        beyond = np.s_[:, last + 1 + PADDED :]
+        np.testing.assert_allclose(heights[beyond], HEIGHTS[beyond], atol=2e-5)
+
+
+def test_padding_is_found_in_parts_of_a_map(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same texels, whatever the number of rows that are searched at once."""
+    mesh = grid_mesh(curved, 3)
+    slanting = np.array([[0.5, 0.2], [-0.2, 0.5]])
+    mesh = Mesh(mesh.positions, mesh.faces, mesh.uv @ slanting + (0.25, 0.2), mesh.face_uv)
+    triangles = all_triangles(mesh, SIDE)
+    shown = triangles < len(mesh.faces)
+    near = ndimage.distance_transform_edt(~shown, return_indices=True)
+    padded = np.where(near[0] <= PADDED, triangles[tuple(near[1])], len(mesh.faces))
+    whole = Padding.of(mesh, 1001, padded.astype(np.int32), PADDED)
+    monkeypatch.setattr("rhytid.textures.padding._ROWS", 10)
+    parts = Padding.of(mesh, 1001, padded.astype(np.int32), PADDED)
+
+    assert len(whole.texels) == ((near[0] > 0) & (near[0] <= PADDED)).sum() > 500
+    np.testing.assert_array_equal(whole.texels, parts.texels)
+    for found in (whole, parts):
+        away = [np.stack(np.divmod(n, SIDE)) for n in (found.texels, found.sources)]
+        np.testing.assert_allclose(
+            np.hypot(*(away[0] - away[1])), near[0].reshape(-1)[found.texels], atol=1e-12
+        )
+
+
+def test_displacement_goes_on_outside_of_islands(tmp_path: Path) -> None:
+    """Two thirds of a map are outside, padding or not, and have what the nearest column inside has,
+    in every level; the same in normals and cavity within the padding."""
+    part, last = third()
+    within = np.s_[:, last + 1 : last + 1 + PADDED]
 
     padded = HEIGHTS.copy()
     padded[:, last + 1 :] = HEIGHTS[:, last, None]
@@ -260,7 +310,7 @@ def test_displacement_goes_on_outside_of_islands(tmp_path: Path, drawn: FrameMap
         edge = texels[:, last, None]
         assert (texels[within] == edge).all()
         assert np.ptp(edge) > 100
-        assert (texels[:, last + 9 :] == texels[0, -1]).all()
+        assert (texels[:, last + 1 + PADDED :] == texels[0, -1]).all()
 
 
 def part_of(name: str, drawn: FrameMap, folder: Path, level: int = 0) -> NDArray[Any]:

@@ -79,6 +79,29 @@ def test_the_metric_is_that_of_the_frame() -> None:
     assert error.max() < 0.3
 
 
+def test_normals_that_are_interpolated_are_not_of_length_1() -> None:
+    """A shader takes them as they are. A cylinder of three facets, with heights that rise along it:
+    the slope is the same everywhere, though normals are short in the middle of a facet."""
+
+    def bent(u: FloatArray, v: FloatArray) -> FloatArray:
+        return np.stack([u, np.sin(3 * v - 1.5), np.cos(3 * v - 1.5)], axis=-1)
+
+    mesh, side, rise = grid_mesh(bent, 3), 64, 0.5
+    map = drawn(mesh, rise * centres(side)[0])
+
+    chart = Chart.of(mesh, 1001, all_triangles(mesh, side))
+    weights = chart.corner_weights(slice(0, side), np.ones((side, side), np.bool_))
+    posed, found = Posed.of(mesh, mesh.positions), chart.triangles.reshape(-1)
+    normal, tangent = (
+        np.einsum("kc,kcx->kx", weights, vectors[found])
+        for vectors in (posed.normals, posed.tangents)
+    )
+    x, y, z = map.reshape(-1, 3).T[..., None]
+    shown = unit(x * tangent + y * np.cross(normal, tangent) + z * normal)
+    assert np.linalg.norm(normal, axis=1).min() < 0.9
+    np.testing.assert_allclose(-shown[:, 0] / np.sum(shown * unit(normal), axis=1), rise, rtol=1e-4)
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_a_plane_under_any_straight_uv_is_exact(seed: int) -> None:
     """Heights that rise evenly on a plane have one normal, whatever the UV are."""

@@ -7,6 +7,7 @@ from urllib.parse import urlsplit
 import bpy
 
 from rhytid_client.hosts import Server, Trouble
+from rhytid_client.hosts.server import address
 
 from .preferences import preferences
 
@@ -16,12 +17,8 @@ _LOOPBACK = ("127.0.0.1", "localhost", "::1")
 def server() -> Server:
     """The server; raises Trouble where Blender may not go online and it is another machine."""
     given = preferences()
-    url = given.server.strip()
-    try:
-        host = urlsplit(url).hostname
-    except ValueError as exc:
-        raise Trouble(f"{url!r} is not the address of a server: {exc}") from exc
-    if host not in _LOOPBACK and not bpy.app.online_access:
+    url = address(given.server)
+    if urlsplit(url).hostname not in _LOOPBACK and not bpy.app.online_access:
         raise Trouble(
             f"{url} is another machine, and Blender may not go online: allow it in Preferences, "
             "System, Network"

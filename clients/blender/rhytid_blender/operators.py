@@ -71,6 +71,8 @@ class RHYTID_OT_send(Worker, bpy.types.Operator):
         updating.update(obj, updating.graph_of(scene, obj))
         done = [*nodes.set_up(obj), *rendering.set_up(obj, scene)]
         self.report({"INFO"}, "Set up: " + "; ".join(done))
+        for warning in state.status(obj.name).of_mesh:
+            self.report({"WARNING"}, warning)
 
 
 def _settings(obj: bpy.types.Object, positions: meshes.Array) -> dict[str, Any]:

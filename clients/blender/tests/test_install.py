@@ -51,3 +51,14 @@ def test_connection(blender: bpy.types.Scene) -> None:
 def test_server_that_is_gone(nobody: None) -> None:
     with pytest.raises(RuntimeError, match=r"No answer from http://127.0.0.1:.*rhytid serve"):
         bpy.ops.rhytid.connect()
+
+
+def test_addresses_as_they_are_written(blender: bpy.types.Scene) -> None:
+    from conftest import preferences
+
+    preferences().server = f" {preferences().server.removeprefix('http://')}"
+    assert bpy.ops.rhytid.connect() == {"FINISHED"}
+    for written in ("http://127.0.0.1:8717x", "ftp://127.0.0.1", ""):
+        preferences().server = written
+        with pytest.raises(RuntimeError, match="is not the address of a server: it is like http"):
+            bpy.ops.rhytid.connect()

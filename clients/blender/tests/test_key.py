@@ -57,7 +57,7 @@ def test_the_panel_says_that_a_key_is_needed(connection: Any, key: str) -> None:
     from rhytid_client.hosts import Trouble
 
     preferences().key = key
-    with pytest.raises(Trouble, match=r"refuses the key \(401\): .*API key"):
+    with pytest.raises(Trouble, match=r"asks for a valid key \(401\): .*rhytid keys create"):
         connection.server().tested()
 
 

@@ -39,13 +39,14 @@ def test_not_sent(sheet: bpy.types.Object) -> None:
         bpy.ops.rhytid.bake()
 
 
-def test_overlap_is_warned_of(blender: bpy.types.Scene) -> None:
+def test_overlap_is_warned_of(blender: bpy.types.Scene, capfd: pytest.CaptureFixture[str]) -> None:
     rest, faces, uv = grid(16, 12.0)
     uv[..., 0] = np.abs(uv[..., 0] - 0.5)
     obj = add("Folded", rest, faces, uv)
     obj.rhytid.resolution = "512"
     bpy.ops.rhytid.send()
     assert [w for w in status(obj).of_mesh if w.startswith("uv-overlap")]
+    assert "Warning: uv-overlap: " in capfd.readouterr().out
 
 
 def test_modifier_that_changes_the_count_is_named(sheet: bpy.types.Object) -> None:

@@ -14,6 +14,7 @@ from rhytid.domain.mesh import Mesh
 from rhytid.engine.messages import AssetInfo
 from rhytid.textures.chart import Chart
 from rhytid.textures.frame_map import FrameMap
+from rhytid.textures.padding import Padding
 from rhytid.textures.tangents import Posed
 from rhytid.textures.weights import corner_weights
 
@@ -38,12 +39,15 @@ class FrameSurface:
 
 
 class MapSources:
-    """The maps of an asset. Its charts are kept, 10 bytes per texel of each UDIM."""
+    """The maps of an asset. Its charts are kept, 10 bytes per texel of each UDIM; paddings, which
+    are all that floats need, are small."""
 
     def __init__(self, engine: Engine, asset: AssetInfo, mesh: Mesh) -> None:
         self._engine, self._asset, self._mesh = engine, asset, mesh
         self._depth = float(asset.settings["depth"] or 0.0)
+        self._reach = int(asset.settings["padding"])
         self._charts: dict[int, Chart] = {}
+        self._paddings: dict[int, Padding] = {}
 
     def surface(self, frame: str, positions: Callable[[], NDArray[np.float32]]) -> FrameSurface:
         """Of a frame that the engine holds, and what reads its positions (V, 3)."""
@@ -63,6 +67,7 @@ class MapSources:
             plan.header,
             self._depth,
             heights,
+            lambda: self._padding(udim),
             lambda: self._chart(udim),
             surface.posed,
             surface.weights,
@@ -70,6 +75,14 @@ class MapSources:
 
     def _chart(self, udim: int) -> Chart:
         if udim not in self._charts:
-            found = self._engine.tiles.triangles(self._asset.id, udim)
-            self._charts[udim] = Chart.of(self._mesh, udim, found)
+            self._charts[udim] = Chart.of(self._mesh, udim, self._triangles(udim))
         return self._charts[udim]
+
+    def _padding(self, udim: int) -> Padding:
+        if udim not in self._paddings:
+            found = self._triangles(udim)
+            self._paddings[udim] = Padding.of(self._mesh, udim, found, self._reach)
+        return self._paddings[udim]
+
+    def _triangles(self, udim: int) -> NDArray[np.int32]:
+        return self._engine.tiles.triangles(self._asset.id, udim)

@@ -43,7 +43,7 @@ class Geometry:
     """Displaced surfaces of a mesh, each triangle cut in four `levels` times, as GLB or PLY."""
 
     def __init__(self, mesh: Mesh, format: str, levels: int) -> None:
-        self.format, self.words = format, f"{format} {levels}"
+        self.format, self.words = format, f"{format} {levels} padded"
         self._cut = Subdivided.of(mesh, levels)
 
     def write(self, file: Path, positions: NDArray[np.float32], maps: Mapping[int, Texels]) -> None:
@@ -93,7 +93,7 @@ class Baker:
                     file = self.output.file(profile, udim, place)
                     self._map(record, profile, file, plan, drawn, surface)
                 if self.geometry is not None:
-                    heights[udim] = drawn.heights
+                    heights[udim] = drawn.bordered
             if self.geometry is not None:
                 self._surface(self.geometry, record, place, plans, heights, surface)
             self.engine.frames.delete(self.asset.id, place.label)

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import argparse
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rhytid.cli.options import Commands, add_fps, add_json, add_unit, base_name, new_command
+from rhytid.cli.progress import note
 from rhytid.cli.reporting import report, table
+from rhytid.domain.wording import plural
 from rhytid.errors import InputError
 
 if TYPE_CHECKING:
@@ -54,6 +57,7 @@ def run(arguments: argparse.Namespace) -> None:
 
     look = found(arguments)
     texts = {"look.usda": usd_look(look).encode(), "mtlx": materialx_look(look)}
+    _note_gaps(look.frames)
     files = [arguments.folder / f"{look.name}.{end}" for end in texts]
     for file, text in zip(files, texts.values(), strict=True):
         with whole(file) as aside:
@@ -70,6 +74,20 @@ def run(arguments: argparse.Namespace) -> None:
     }
     rows = figures | {"udims": ", ".join(map(str, look.udims))}
     report(figures, table(("figure", "value"), rows.items()), arguments.json)
+
+
+def _note_gaps(frames: Sequence[str]) -> None:
+    """Note which numbers have no map, and what is shown there."""
+    if len(frames) < 2 or not all(frame.isdecimal() for frame in frames):
+        return
+    numbers = [int(frame) for frame in frames]
+    gaps = sorted(set(range(numbers[0], numbers[-1])) - set(numbers))
+    if gaps:
+        listed = ", ".join(map(str, gaps[:5])) + (" and more" if len(gaps) > 5 else "")
+        note(
+            f"rhytid look: no maps of {plural(len(gaps), 'frame')} in between: {listed}. There USD "
+            "shows the map before, MaterialX finds no file"
+        )
 
 
 def found(arguments: argparse.Namespace) -> Look:

@@ -5,9 +5,11 @@ from __future__ import annotations
 import sys
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from statistics import median
 from typing import Any
 
 from tqdm import tqdm  # type: ignore[import-untyped]
@@ -16,6 +18,8 @@ _SHARE_FORMAT = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}{postfix
 _STEP_FORMAT = "{desc}: {elapsed}"
 # Seconds between lines where there is no terminal, and between two looks of a bar on one.
 _EVERY, _LOOK = 10.0, 1.0
+# Steps by which the time of the next ones is estimated.
+_LAST = 9
 
 
 @dataclass(frozen=True)
@@ -83,16 +87,15 @@ def share_bar(what: str) -> Iterator[Callable[[float, str], None]]:
 
 def counted(things: Sequence[Any], what: str, unit: str) -> Iterable[Any]:
     """Yields the items, and shows which of them is worked on."""
-    done, many, pace = 0, len(things), _Pace()
+    many, steps = len(things), _Steps(len(things))
 
     def line(seconds: float) -> str:
-        return f"{what}: {unit} {done + 1} of {many}, {seconds:.0f} s{pace.left(seconds)}"
+        return f"{what}: {unit} {steps.done + 1} of {many}, {seconds:.0f} s{steps.left()}"
 
     with _shown(line, total=many, desc=what, unit=unit) as bar:
         for thing in things:
             yield thing
-            done += 1
-            pace.reached(done / many)
+            steps.ended()
             bar.update()
 
 
@@ -148,7 +151,32 @@ class _Pace:
 
     def left(self, seconds: float) -> str:
         """Words for what is left after so many seconds; none while nothing is done."""
-        if not self._all:
+        return _left(self._all - seconds) if self._all else ""
+
+
+class _Steps:
+    """Estimates how long steps that are alike will take, by the median of the last ones: the first
+    does what is done once, and those that are there already take no time."""
+
+    def __init__(self, many: int) -> None:
+        self.done, self._many = 0, many
+        self._last, self._start = deque[float](maxlen=_LAST), time.monotonic()
+
+    def ended(self) -> None:
+        """Record that a step is done, and that the next one begins."""
+        now = time.monotonic()
+        self._last.append(now - self._start)
+        self.done, self._start = self.done + 1, now
+
+    def left(self) -> str:
+        """Words for what is left now; none while no step is done."""
+        if not self._last:
             return ""
-        left = max(self._all - seconds, 0.0)
-        return f", {left:.0f} s left" if left < 100 else f", {left / 60:.0f} min left"
+        usual, after = median(self._last), self._many - self.done - 1
+        here = max(usual - (time.monotonic() - self._start), 0.0)
+        return _left(here + after * usual)
+
+
+def _left(seconds: float) -> str:
+    left = max(seconds, 0.0)
+    return f", {left:.0f} s left" if left < 100 else f", {left / 60:.0f} min left"

@@ -9,10 +9,9 @@ from rhytid.domain.origin import ORIGIN, Centre
 from rhytid.errors import InputError
 from rhytid.formats.frame_set import Clip, FrameSet
 from rhytid.formats.gltf_animation import animated, read_gltf_frames
-from rhytid.formats.meshes import MeshFile, read_mesh
+from rhytid.formats.meshes import USD_EXTENSIONS, MeshFile, read_mesh
 from rhytid.formats.point_caches import read_mdd, read_pc2
 
-USD_EXTENSIONS = (".usd", ".usda", ".usdc", ".usdz")
 GLTF_EXTENSIONS = (".gltf", ".glb")
 _POINTS = {".mdd": read_mdd, ".pc2": read_pc2}
 CACHE_EXTENSIONS = (*USD_EXTENSIONS, *GLTF_EXTENSIONS, *_POINTS)

@@ -60,6 +60,8 @@ _WITH_SHAPES: dict[str, Callable[[bytes], tuple[Mesh, Expressions | None]]] = {
     ".glb": read_glb_shapes,
 }
 MESH_EXTENSIONS = (*_READERS, *_WITH_SHAPES, ".npz")
+# Read from the file itself alone, by commands: a layer may name other files.
+USD_EXTENSIONS = (".usd", ".usda", ".usdc", ".usdz")
 
 
 def read_mesh(data: bytes, name: str) -> MeshFile:
@@ -78,5 +80,6 @@ def read_mesh(data: bytes, name: str) -> MeshFile:
         return MeshFile(mesh, shapes=shapes)
     if extension not in _READERS:
         known = ", ".join(MESH_EXTENSIONS)
-        raise MeshError(f"mesh file with extension {extension!r}: must be one of {known}")
+        way = "; `rhytid convert` makes .npz of USD" if extension in USD_EXTENSIONS else ""
+        raise MeshError(f"mesh file with extension {extension!r}: must be one of {known}{way}")
     return MeshFile(_READERS[extension](data))

@@ -75,13 +75,17 @@ def _uv(check: MeshCheck, figures: dict[str, Any]) -> Iterator[Row]:
     yield "UV charts", str(uv["charts"]), ""
     yield "without area in UV", plural(uv["flat"]["count"], "triangle"), _first(check, "flat_in_uv")
     for one in uv["overlaps"] or [None]:
-        share = "none" if one is None else f"{100 * one['share']:.2g} % of UDIM {one['udim']}"
+        share = "none" if one is None else f"{_percent(one['share'])} of UDIM {one['udim']}"
         many = "" if one is None else f", up to {one['most']} triangles at a point"
         at = "" if one is None else f"uv ({one['uv'][0]:.3f}, {one['uv'][1]:.3f})"
         yield "UV overlap", share + many, at
     count = plural(uv["mirrored"]["count"], "triangle")
-    mirrored = f"{100 * uv['mirrored_share']:.2g} % of the area, {count}"
+    mirrored = f"{_percent(uv['mirrored_share'])} of the area, {count}"
     yield "UV mirrored", mirrored, _first(check, "uv_mirrored")
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.0f} %" if share >= 0.1 else f"{100 * share:.2g} %"
 
 
 def _texels(check: MeshCheck, figures: dict[str, Any]) -> Iterator[Row]:

@@ -47,14 +47,12 @@ class Chart:
     def of(cls, mesh: Mesh, udim: int, triangles: NDArray[np.int32]) -> Chart:
         """From what the service finds: the number of triangles stands for none. Raises MeshError
         where no texel shows one."""
-        corners = mesh.triangle_uv() - np.array(udim_origin(udim), np.float64)
-        first = corners[:, 0]
-        edges = np.stack([first, corners[:, 1] - first, corners[:, 2] - first], axis=1)
+        edges = local_edges(mesh, udim)
         covered = triangles < len(mesh.faces)
         if not covered.any():
             raise MeshError(f"no texel of UDIM {udim} shows a triangle: the resolution is too low")
         filled = triangles.reshape(-1)[_nearest(covered)]
-        inside = _inside(filled, edges) & covered
+        inside = texels_inside(filled, edges) & covered
         # Triangles that all lie between the centres of texels.
         inside = inside if inside.any() else covered
         return cls(filled, covered, inside, _nearest(inside), _islands(mesh), edges)
@@ -72,6 +70,13 @@ class Chart:
         return scaled
 
 
+def local_edges(mesh: Mesh, udim: int) -> FloatArray:
+    """(F, 3, 2): the first corner of each triangle, local to a UDIM, and the two edges from it."""
+    corners = mesh.triangle_uv() - np.array(udim_origin(udim), np.float64)
+    first = corners[:, 0]
+    return np.stack([first, corners[:, 1] - first, corners[:, 2] - first], axis=1)
+
+
 def _barycentric(
     triangles: NDArray[np.int32], uv_edges: FloatArray, rows: slice, where: NDArray[np.bool_]
 ) -> FloatArray:
@@ -87,7 +92,8 @@ def _barycentric(
     return np.stack([1.0 - second - third, second, third], axis=1)
 
 
-def _inside(triangles: NDArray[np.int32], uv_edges: FloatArray) -> NDArray[np.bool_]:
+def texels_inside(triangles: NDArray[np.int32], uv_edges: FloatArray) -> NDArray[np.bool_]:
+    """(R, R) which texels have their centre in their triangle (R, R)."""
     side = len(triangles)
     found = np.zeros((side, side), np.bool_)
     rows = max(TEXELS // side, 1)

@@ -55,14 +55,14 @@ def weight_facts(map: FrameMap) -> Facts:
 
 
 def write_float(path: Path, map: FrameMap, facts: Facts) -> None:
-    """OpenEXR of floats."""
-    heights = map.heights()
+    """OpenEXR of floats; padded next to islands."""
+    heights = map.bordered()
     write_exr(path, heights, map.header, attributes(map.header, facts, heights))
 
 
 def write_half(path: Path, map: FrameMap, facts: Facts) -> None:
-    """OpenEXR of half floats."""
-    heights = map.heights().astype(np.float16)
+    """OpenEXR of half floats; padded next to islands."""
+    heights = map.bordered().astype(np.float16)
     write_exr(path, heights, map.header, attributes(map.header, facts, heights))
 
 

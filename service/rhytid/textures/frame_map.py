@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from rhytid.formats.tile_header import TileHeader
 from rhytid.textures.chart import Chart
+from rhytid.textures.padding import Padding
 from rhytid.textures.tangents import Posed
 
 Facts = dict[str, str | int | float]
@@ -23,16 +24,22 @@ class FrameMap:
     """One UDIM of one frame. What takes work is a call that does it once.
 
     header: of the map.  depth: of a furrow of strength 1, mesh units.  heights: (R, R) float32
-    displacement, mesh units, row 0 at the top.  chart: its texels on the mesh.  posed: the surface
-    of the frame.  weights: (F, 3, 2) of corners, stretch and compression.
+    displacement, mesh units, row 0 at the top.  padding: what its texels next to islands show.
+    chart: its texels on the mesh.  posed: the surface of the frame.  weights: (F, 3, 2) of corners,
+    stretch and compression.
     """
 
     header: TileHeader
     depth: float
     heights: Callable[[], NDArray[np.float32]]
+    padding: Callable[[], Padding]
     chart: Callable[[], Chart]
     posed: Callable[[], Posed]
     weights: Callable[[], NDArray[np.float64]]
+
+    def bordered(self) -> NDArray[np.float32]:
+        """The displacement, within the padding that of the nearest texel inside."""
+        return self.padding().padded(self.heights())
 
     def padded(self) -> NDArray[np.float32]:
         """The displacement, outside of the islands that of the nearest texel inside."""

@@ -2,8 +2,8 @@
 
 The normal of a surface P + h n is, to first order in h, along n - g, where g is the gradient of h
 on the surface: g . dP/du = dh/du, g . dP/dv = dh/dv. A shader that reads the map computes x T + y B
-+ z N with interpolated N and T, and B = sign (N x T), as MikkTSpace asks for; (x, y, z) is what
-makes this parallel to n - g.
++ z N, and B = sign (N x T), of N and T that are interpolated and not made unit vectors again, as
+MikkTSpace asks for; (x, y, z) is what makes this parallel to n - g.
 """
 
 from __future__ import annotations
@@ -40,7 +40,8 @@ def _normals(
     slopes: FloatArray, found: NDArray[np.int64], weights: FloatArray, posed: Posed
 ) -> FloatArray:
     """(K, 3) of texels in triangles `found`, with slopes (K, 2) = (dh/du, dh/dv)."""
-    normal = unit(np.einsum("kc,kcx->kx", weights, posed.normals[found]))
+    mean = np.einsum("kc,kcx->kx", weights, posed.normals[found])
+    normal = unit(mean)
     tangent = np.einsum("kc,kcx->kx", weights, posed.tangents[found])
     sign = posed.signs[found][:, None]
     du, across_u, dv = posed.scale[found].T[..., None]
@@ -52,18 +53,20 @@ def _normals(
     first = unit(posed.along[found] - dot(posed.along[found], normal) * normal)
     second = sign * np.cross(normal, first)
     wanted = normal - along * first - across * second
-    return _in_frame(wanted, normal, tangent, sign * np.cross(normal, tangent))
+    return _in_frame(wanted, mean, tangent, sign * np.cross(mean, tangent))
 
 
 def _in_frame(
     wanted: FloatArray, normal: FloatArray, tangent: FloatArray, bitangent: FloatArray
 ) -> FloatArray:
-    """Unit (x, y, z) with x T + y B + z N along `wanted`; T need not be orthogonal to N."""
-    lean = dot(tangent, normal)
+    """Unit (x, y, z) with x T + y B + z N along `wanted`; T need not be orthogonal to N, nor any of
+    them of length 1."""
+    size = np.maximum(dot(normal, normal), 1e-300)
+    lean = dot(tangent, normal) / size
     flat = tangent - lean * normal
     x = dot(wanted, flat) / np.maximum(dot(flat, flat), 1e-300)
     y = dot(wanted, bitangent) / np.maximum(dot(bitangent, bitangent), 1e-300)
-    return unit(np.concatenate([x, y, dot(wanted, normal) - x * lean], axis=1))
+    return unit(np.concatenate([x, y, dot(wanted, normal) / size - x * lean], axis=1))
 
 
 def _slopes(heights: NDArray[np.float32], chart: Chart, rows: slice) -> FloatArray:

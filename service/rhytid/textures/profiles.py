@@ -59,11 +59,11 @@ class Profile:
 _MIPMAPPED = 4.0 * 4.0 / 3.0
 _ALL = (
     Profile(
-        "float", "single", ".exr", _UDIM_FIRST, 4.0,
+        "float", "single-1", ".exr", _UDIM_FIRST, 4.0,
         drawing.write_float, drawing.plain_facts, described=False,
     ),
     Profile(
-        "half", "half", ".exr", _UDIM_FIRST, 2.0,
+        "half", "half-1", ".exr", _UDIM_FIRST, 2.0,
         drawing.write_half, drawing.plain_facts, described=False,
     ),
     Profile(
@@ -71,11 +71,11 @@ _ALL = (
         drawing.write_png16, drawing.png16_facts,
     ),
     Profile(
-        "normal-gl", "normal-gl-1", ".png", f"normal-gl.{_UDIM_FIRST}", 6.0,
+        "normal-gl", "normal-gl-2", ".png", f"normal-gl.{_UDIM_FIRST}", 6.0,
         drawing.write_normals, drawing.normal_gl_facts, posed=True,
     ),
     Profile(
-        "normal-dx", "normal-dx-1", ".png", f"normal-dx.{_FRAME_FIRST}", 6.0,
+        "normal-dx", "normal-dx-2", ".png", f"normal-dx.{_FRAME_FIRST}", 6.0,
         drawing.write_normals, drawing.normal_dx_facts, posed=True,
     ),
     Profile(

@@ -84,12 +84,21 @@ def found(folder: Path, name: str = "") -> MapSequence:
     return _checked(folder, files)
 
 
+def _listed(frames: list[int]) -> str:
+    if len(frames) == 1:
+        return f"frame {frames[0]}"
+    more = f" and {len(frames) - 5} more" if len(frames) > 5 else ""
+    return f"the frames {', '.join(map(str, frames[:5]))}{more}"
+
+
 def _checked(folder: Path, files: list[re.Match[str]]) -> MapSequence:
     udims = sorted({int(match[2]) for match in files})
     frames = sorted({int(match[3]) for match in files})
     missing = set(range(frames[0], frames[-1] + 1)) - set(frames)
     if missing:
-        raise Trouble(f"Maps of the frames {sorted(missing)[:5]} are missing in {folder}")
+        raise Trouble(
+            f"Maps of {_listed(sorted(missing))} are missing in {folder}: bake them again"
+        )
     if len(files) != len(udims) * len(frames):
         raise Trouble(f"Some frames in {folder} have no map of a UDIM: bake them again")
     digits = min(len(match[3]) for match in files)

@@ -10,6 +10,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 from numpy.typing import ArrayLike, NDArray
 
@@ -26,6 +27,21 @@ WAIT_SECONDS = 30.0
 POLL_SECONDS = 0.2
 # Part of the names of frames on the server, so that two hosts with one mesh do not meet.
 SESSION = secrets.token_hex(4)
+
+
+def address(text: str) -> str:
+    """The address of a server as a user writes it, with http:// where it has no scheme; raises
+    Trouble where it is none."""
+    given = text.strip()
+    url = given if "://" in given else f"http://{given}"
+    try:
+        parts = urlsplit(url)
+        usable = parts.scheme in ("http", "https") and parts.hostname and parts.port != 0
+    except ValueError:  # a port that is no number
+        usable = False
+    if not usable:
+        raise Trouble(f"{given!r} is not the address of a server: it is like http://127.0.0.1:8717")
+    return url
 
 
 @dataclass(frozen=True)
@@ -53,7 +69,7 @@ class Server:
                 # They come with the results, too, from where hosts show them.
                 warnings.simplefilter("ignore", RhytidWarning)
                 yield PlainClient(
-                    self.url, key=self.key, connect=CONNECT_SECONDS, max_wait=WAIT_SECONDS
+                    address(self.url), key=self.key, connect=CONNECT_SECONDS, max_wait=WAIT_SECONDS
                 )
         except (RhytidError, ValueError) as exc:
             raise Trouble(message_of(exc, self.url)) from exc

@@ -41,6 +41,8 @@ def message_of(exc: Exception, url: str) -> str:
         return f"{url} answers, but not as a rhytid server does: {exc}"
     if isinstance(exc, NotFound):
         return f"The server does not have it: {exc.detail}. Send the mesh again"
+    if isinstance(exc, NotAllowed) and exc.status == 401:
+        return f"{url} asks for a valid key (401): enter one as 'rhytid keys create' printed it"
     if isinstance(exc, NotAllowed):
         return f"The server refuses the key ({exc.status}): {exc.detail}"
     if isinstance(exc, ProblemError):

@@ -1,0 +1,87 @@
+"""`rhytid convert`: a mesh and its animation, from any file that commands read, as one npz."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from rhytid.cli.options import (
+    FRAME_FILES,
+    MESH_FILES,
+    Commands,
+    add_caches,
+    add_json,
+    add_several,
+    cache_clip,
+    new_command,
+    readable,
+)
+from rhytid.cli.progress import counted
+from rhytid.cli.reporting import report
+from rhytid.domain.wording import plural
+from rhytid.errors import InputError
+
+SUMMARY = "Write a mesh and its animation as one npz, to send it to a server: USD, too."
+DETAILS = """
+A server reads OBJ, PLY, glTF, GLB and npz. It reads no USD, whose layers may name other files,
+and no animation but that of an npz. The vertices keep their order; shapes are kept by their
+names."""
+
+
+def add_command(commands: Commands) -> None:
+    """Add `convert` to the parser."""
+    example = "rhytid convert shot.usdc --out shot.npz"
+    parser = new_command(commands, "convert", SUMMARY, example)
+    parser.description = SUMMARY + DETAILS
+    add = parser.add_argument
+    add("mesh", type=readable, metavar="MESH", help=MESH_FILES)
+    frames = f"frames: {FRAME_FILES} (default: those of MESH)"
+    add_several(parser, "--frames", type=readable, metavar="FILE", help=frames)
+    add_caches(parser)
+    add("--out", type=Path, required=True, metavar="FILE.npz", help="the file to write")
+    add_json(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Read the mesh, write it with its frames, and say how a server knows them."""
+    from rhytid.cli.frame_files import FrameFiles
+    from rhytid.cli.graph_output import make_place
+    from rhytid.cli.input_files import mesh_file
+    from rhytid.cli.warned import Warned
+    from rhytid.durable import whole
+    from rhytid.formats.npz_files import write_mesh_npz
+
+    out: Path = arguments.out
+    if out.suffix.lower() != ".npz":
+        raise InputError(f"{out}: the mesh is written as .npz")
+    clip = cache_clip(arguments)
+    read = mesh_file(arguments.mesh, clip)
+    with Warned("convert", False) as warned:
+        warned.notes(read.notes)
+    moves = arguments.frames or read.frames is not None or read.animation is not None
+    files = FrameFiles(read, arguments.frames, clip) if moves else None
+    places = files.places if files else []
+    make_place(out)
+    with whole(out) as aside:
+        frames = (files.read(place) for place in counted(places, "writing", "frame") if files)
+        write_mesh_npz(aside, read, frames, len(places))
+    labels = [place.label for place in places]
+    figures = {
+        "file": str(out),
+        "vertices": len(read.mesh.positions),
+        "triangles": len(read.mesh.faces),
+        "shapes": 0 if read.shapes is None else len(read.shapes),
+        "frames": labels,
+        "unit": read.unit,
+    }
+    report(figures, _summary(out, labels, read.unit), arguments.json)
+
+
+def _summary(out: Path, labels: list[str], unit: str | None) -> str:
+    lines = [f"{out}: {plural(len(labels), 'frame')}"]
+    if labels and labels[0] != "0000":
+        lines.append(f"A server counts them from 0000: frame {labels[0]} is 0000 there.")
+    if unit is not None:
+        lines.append(f'The unit is {unit}: send it with the settings {{"unit": "{unit}"}}.')
+    return "\n".join(lines)
