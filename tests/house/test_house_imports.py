@@ -34,11 +34,13 @@ ALLOWED = {
     "storage": _TOOLS,
     "textures": _FACTS | {"formats", "durable"},
     "engine": _TOOLS | _WORK | {"settings"},
+    "skin_package": _FACTS | {"durable", "engine", "formats", "meshes", "pipeline"},
     "engine_process": _TOOLS | {"engine", "settings", "storage"},
     "api": _TOOLS | {"access", "engine", "engine_process", "settings", "meshes"},
     "cli": _TOOLS
     | _WORK
-    | {"access", "engine", "engine_process", "settings", "api", "pictures", "meshes", "textures"},
+    | {"access", "engine", "engine_process", "settings", "api", "pictures", "meshes", "textures"}
+    | {"skin_package"},
 }
 # The only parts that may import a package from outside; other packages are free.
 ONLY_IN = {

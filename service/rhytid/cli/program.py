@@ -17,6 +17,7 @@ from rhytid.cli import (
     completion,
     controls,
     devices,
+    export,
     graph,
     keys,
     look,
@@ -46,6 +47,7 @@ COMMANDS = (
     transfer,
     bake,
     look,
+    export,
     warnings,
     completion,
 )

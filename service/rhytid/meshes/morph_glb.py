@@ -113,5 +113,3 @@ def _glb(mesh: dict[str, Any], node: dict[str, Any], buffer: _Buffer) -> bytes:
     chunks = [(b"JSON", text), (b"BIN\0", b"".join(buffer.parts))]
     body = b"".join(struct.pack("<I", len(data)) + kind + data for kind, data in chunks)
     return b"glTF" + struct.pack("<2I", 2, 12 + len(body)) + body
-
-

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 # The layers of an array, in this order.
 LAYERS = ("wrinkles", "pores", "wrinkle_tilts", "grain")
 CUSHIONS = "cushions"
-Codes = NDArray[np.integer]
+Codes = NDArray[np.int8]
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +82,7 @@ class SkinMaps:
 
     def room(self, udim: int) -> Room:
         """Zeros for the maps of a UDIM."""
-        sides = {name: self.settings.resolution for name in self.names}
+        sides = dict.fromkeys(self.names, self.settings.resolution)
         if self.bins.cushion is not None:
             sides[CUSHIONS] = self.cushion_side
         maps = {n: np.zeros((self.count(n), side, side), np.int8) for n, side in sides.items()}

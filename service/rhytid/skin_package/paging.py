@@ -47,7 +47,8 @@ class Paging:
         """(pages * K, size, size) from maps (K, R, R): page by page, row by row."""
         n, size = self.across, self.size
         cut = maps.reshape(len(maps), n, size, n, size).transpose(1, 3, 0, 2, 4)
-        return cut.reshape(-1, size, size)
+        pages: Codes = cut.reshape(-1, size, size)
+        return pages
 
 
 def pyramid(maps: Codes, count: int) -> list[Codes]:

@@ -93,7 +93,8 @@ def _logs(a: Array, b: Array, d: Array) -> Array:
     """(F, 2). The smaller singular value comes from the determinant: nothing cancels."""
     larger = (np.hypot(a + d, b) + np.hypot(a - d, b)) / 2
     smaller = np.where(larger > 0, a * d / np.where(larger > 0, larger, 1), 0)
-    return np.maximum(np.log(np.stack([larger, smaller], axis=1)), LEAST_LOG)
+    logs: Array = np.maximum(np.log(np.stack([larger, smaller], axis=1)), LEAST_LOG)
+    return logs
 
 
 def _right_vector(a: Array, b: Array, d: Array) -> Array:
@@ -116,15 +117,19 @@ def _to_uv(rest: Array, v: Array) -> Array:
 
 
 def _cross_length(points: Array) -> Array:
-    return np.linalg.norm(np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]), axis=1)
+    first, second = points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]
+    length: Array = np.linalg.norm(np.cross(first, second), axis=1)
+    return length
 
 
 def _area_uv(flat: Array) -> Array:
     a, b = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
-    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    twice: Array = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    return twice
 
 
 def _has_area(corners: Array, twice: Array) -> Array:
     sides = corners - np.roll(corners, 1, axis=1)
     longest = (sides * sides).sum(-1).max(-1)
-    return (twice / 2 >= DEGENERATE_AREA * longest) & (longest > 0)
+    good: Array = (twice / 2 >= DEGENERATE_AREA * longest) & (longest > 0)
+    return good
