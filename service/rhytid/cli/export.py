@@ -34,10 +34,10 @@ if TYPE_CHECKING:
 SUMMARY = "Write a skin package: mesh, textures and the shader of the fast method, for engines."
 DETAILS = """
 The package is a folder that a web server can serve as it is: docs/package.md. With --mesh the skin
-is grown as by bake, at 2048 texels per side unless the settings say otherwise; where there are shapes
-the range of the maps comes from the one that stretches most, unless the settings give bins.r_max.
-With --asset a built asset of a store is taken as it is. A folder without manifest.json holds no
-whole package."""
+is grown as by bake, at 2048 texels per side unless the settings say otherwise; where there are
+shapes the range of the maps comes from the one that stretches most, unless the settings give
+bins.r_max. With --asset a built asset of a store is taken as it is. A folder without manifest.json
+holds no whole package."""
 RESOLUTION = 2048
 # Options that say how an asset is built: with --asset they have no effect.
 _BUILDING = (

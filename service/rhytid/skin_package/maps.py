@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 # The layers of an array, in this order.
 LAYERS = ("wrinkles", "pores", "wrinkle_tilts", "grain")
 CUSHIONS = "cushions"
+LEAST_CODE = -127
 Codes = NDArray[np.int8]
 
 
@@ -98,7 +99,8 @@ class SkinMaps:
             for i, out in enumerate(maps):
                 n, sample = divmod(i, samples)
                 codes = self.engine.tiles.bin_tile(self.asset, address, name, n, sample)
-                out[y : y + len(codes), x : x + len(codes)] = codes
+                # Grain goes down to -128, which R8_SNORM takes for -127.
+                out[y : y + len(codes), x : x + len(codes)] = np.maximum(codes, LEAST_CODE)
 
 
 def check_settings(settings: AssetSettings) -> None:
