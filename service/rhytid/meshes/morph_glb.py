@@ -17,6 +17,7 @@ from rhytid.meshes.export import flat_mesh
 
 # Of every vertex the index of the one that it was in the mesh.
 VERTEX = "_VERTEX"
+_LOOK = {"baseColorFactor": [0.6, 0.45, 0.38, 1.0], "metallicFactor": 0.0, "roughnessFactor": 0.5}
 _FLOAT, _UINT = 5126, 5125
 _VERTICES, _INDICES = 34962, 34963
 
@@ -38,7 +39,8 @@ def write_morph_glb(
         "TEXCOORD_0": buffer.vectors(uv, limits=False),
         VERTEX: buffer.vectors(flat.source[:, None], limits=False),
     }
-    primitive: dict[str, Any] = {"attributes": attributes, "indices": buffer.indices(flat.faces)}
+    indices = buffer.indices(flat.faces)
+    primitive: dict[str, Any] = {"attributes": attributes, "indices": indices, "material": 0}
     found: dict[str, Any] = {"name": name, "primitives": [primitive]}
     if shapes is not None and len(shapes):
         moved = (shape - mesh.positions for shape in shapes.positions)
@@ -104,6 +106,8 @@ def _glb(mesh: dict[str, Any], node: dict[str, Any], buffer: _Buffer) -> bytes:
         "scenes": [{"nodes": [0]}],
         "nodes": [node],
         "meshes": [mesh],
+        # Readers leave texture coordinates out where there is none.
+        "materials": [{"name": "skin", "pbrMetallicRoughness": _LOOK}],
         "accessors": buffer.accessors,
         "bufferViews": buffer.views,
         "buffers": [{"byteLength": buffer.size}],
