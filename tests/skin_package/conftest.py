@@ -32,7 +32,7 @@ class Written:
 @pytest.fixture(scope="session")
 def written(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Written]:
     """By the preset `best`, which has every layer."""
-    new = new_asset(preset="best")
+    new = new_asset(preset="best", tile_size=128)
     moved = np.stack([deform(new.mesh.positions, seed, 0.05) for seed in (1, 2)])
     shapes = Expressions.checked(moved, len(new.mesh.positions), ["smile", "frown"])
     with running(tmp_path_factory.mktemp("store")) as engine:

@@ -9,15 +9,13 @@ import numpy as np
 import pytest
 import trimesh
 
-from engine.engines import built, new_asset, running
 from pipeline.scenes import settings_of
-from rhytid.domain.stiffness import Stiffness
 from rhytid.domain.tiles import TileAddress
-from rhytid.errors import LimitError, NotFoundError, SettingsError
+from rhytid.errors import LimitError, SettingsError
 from rhytid.formats.gltf import read_glb_shapes
 from rhytid.formats.ktx2 import ktx2_pieces
 from rhytid.skin_package.manifest import Manifest, schema
-from rhytid.skin_package.maps import SkinMaps, check_settings
+from rhytid.skin_package.maps import check_settings
 from rhytid.skin_package.paging import Paging, pyramid
 from rhytid.skin_package.runtime import stretch
 from skin_package.conftest import Written
@@ -63,10 +61,10 @@ def test_level_0_has_the_codes_of_the_maps(written: Written) -> None:
         for n in range(layer.bins):
             for sample in range(len(layer.samples)):
                 at = layer.first + n * len(layer.samples) + sample
-                for row, column in ((0, 0), (2, 1)):
+                for row, column in ((0, 0), (1, 0)):
                     address = TileAddress(1001, 0, row, column)
                     codes = tiles.bin_tile(written.asset, address, layer.name, n, sample)
-                    square = found[at, 64 * row :, 64 * column :][:64, :64]
+                    square = found[at, 128 * row :, 128 * column :][:128, :128]
                     assert np.array_equal(square, np.maximum(codes, -127)), layer.name
     assert len(found) == manifest(written).textures.maps == 22
 
@@ -74,9 +72,9 @@ def test_level_0_has_the_codes_of_the_maps(written: Written) -> None:
 def test_cushions_have_their_apron(written: Written) -> None:
     found, cushion = texture(written, "cushions").levels[0], manifest(written).cushion
     assert cushion is not None
-    address = TileAddress(1001, 0, 1, 3)
+    address = TileAddress(1001, 0, 0, 1)
     codes = written.engine.tiles.bin_tile(written.asset, address, "cushions", 2, 1)
-    row, column = (64 * at // cushion.factor for at in (1, 3))
+    row, column = (128 * at // cushion.factor for at in (0, 1))
 
     assert np.array_equal(found[7, row:, column:][: len(codes), : len(codes)], codes)
     assert found.shape[1] == 256 // cushion.factor + 2 * cushion.apron
@@ -149,17 +147,6 @@ def test_rest_is_that_of_the_mesh(written: Written) -> None:
 def test_settings_that_the_shader_does_not_know_are_refused(changes: object, said: str) -> None:
     with pytest.raises(SettingsError, match=said):
         check_settings(settings_of(**changes))  # type: ignore[arg-type]
-
-
-def test_an_asset_with_a_stiffness_map_is_refused(tmp_path: Path) -> None:
-    new = new_asset()
-    stiffness = Stiffness({1001: np.ones((2, 2), np.float32)})
-    with running(tmp_path) as engine:
-        asset = built(engine, type(new)(new.mesh, new.settings, new.graph, stiffness=stiffness))
-        with pytest.raises(SettingsError, match="stiffness map"):
-            SkinMaps.of(engine, asset)
-        with pytest.raises(NotFoundError, match="no cushions"):
-            engine.tiles.cushion_triangles(asset, 1001)
 
 
 def test_maps_that_webgl_has_no_layers_for_are_refused() -> None:
