@@ -27,7 +27,8 @@ from pipeline.stiff_scenes import painted
 from rhytid.domain.stiffness import Stiffness
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.messages import MapQuery
-from rhytid.errors import InputError
+from rhytid.errors import InputError, NotFoundError, SettingsError
+from rhytid.skin_package.maps import SkinMaps
 from rhytid.storage import AssetStore
 
 MESH = sheet(udims=2)
@@ -51,6 +52,15 @@ def made(tmp_path_factory):
         for id in ids:
             engine.frames.put(id, "bent", BENT)
         yield engine, *ids
+
+
+def test_it_has_no_place_in_packages(made):
+    engine, asset, plain = made
+    with pytest.raises(SettingsError, match="the asset has a stiffness map"):
+        SkinMaps.of(engine, asset)
+    assert SkinMaps.of(engine, plain).names == ("wrinkles", "pores")
+    with pytest.raises(NotFoundError, match="no cushions"):
+        engine.tiles.cushion_triangles(plain, 1001)
 
 
 def test_it_acts_where_it_is_painted_alone(made):

@@ -35,6 +35,7 @@ ALLOWED = {
     "storage": _TOOLS,
     "textures": _FACTS | {"formats", "durable"},
     "engine": _TOOLS | _WORK | {"settings"},
+    "skin_package": _FACTS | {"durable", "engine", "formats", "meshes", "pipeline"},
     "engine_process": _TOOLS | {"engine", "logs", "settings", "storage"},
     "decoding": _FACTS | {"formats", "engine", "engine_process"},
     "api": _TOOLS
@@ -42,7 +43,7 @@ ALLOWED = {
     "cli": _TOOLS
     | _WORK
     | {"access", "engine", "engine_process", "logs", "settings", "api"}
-    | {"pictures", "meshes", "textures"},
+    | {"pictures", "meshes", "textures", "skin_package"},
 }
 # The only parts that may import a package from outside; other packages are free.
 ONLY_IN = {

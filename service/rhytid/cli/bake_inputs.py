@@ -57,7 +57,7 @@ class BakeInputs:
         geometry = None
         if arguments.geometry is not None:
             geometry = Geometry(mesh.mesh, arguments.geometry, arguments.subdivide)
-        new = _new_asset(arguments, mesh, settings, clip, warned)
+        new = new_asset(arguments, mesh, settings, clip, warned)
         name = arguments.name or _own_name(arguments.mesh)
         return cls(new, frames, profiles, geometry, name, "r_max" in given.get("bins", {}))
 
@@ -67,13 +67,14 @@ class BakeInputs:
         return BakeSize.of(self.profiles, self.new.settings.resolution, udims, frames)
 
 
-def _new_asset(
+def new_asset(
     arguments: argparse.Namespace,
     mesh: MeshFile,
     settings: AssetSettings,
     clip: Clip,
     warned: Warned,
 ) -> NewAsset:
+    """What the arguments and a mesh file ask for; raises InputError naming the file."""
     graph = graph_file(arguments.graph) if arguments.graph else None
     if graph is not None:
         warned.settings(settings_unused(settings))

@@ -18,6 +18,7 @@ from rhytid.cli import (
     controls,
     convert,
     devices,
+    export,
     graph,
     keys,
     look,
@@ -48,6 +49,7 @@ COMMANDS = (
     transfer,
     bake,
     look,
+    export,
     warnings,
     completion,
 )

@@ -196,6 +196,11 @@ class AssetService:
                 f"asset {asset} has no named shapes: send its mesh again with the part shapes"
             ) from None
 
+    def stiff(self, asset: str) -> bool:
+        """Whether a stiffness map came with a ready asset."""
+        self._assets.get(asset).check_ready()
+        return self._store.asset(asset).stiffness is not None
+
     def curves(self, asset: str) -> Curves:
         """The wrinkles of a ready asset as lines in space; those with an end off the mesh are not
         among them."""

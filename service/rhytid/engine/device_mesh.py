@@ -14,9 +14,11 @@ from rhytid.domain.mesh import Mesh
 from rhytid.domain.stiffness import Stiffness
 from rhytid.domain.tiles import mesh_udims
 from rhytid.engine.kept_entries import KeptEntries
+from rhytid.errors import NotFoundError
 from rhytid.pipeline.blend import Blend
 from rhytid.pipeline.convolve import Convolve
 from rhytid.pipeline.convolve_smooth import SmoothConvolve
+from rhytid.pipeline.cushion_elements import APRON
 from rhytid.pipeline.element_arrays import PoreArrays, WrinkleArrays, pore_arrays, wrinkle_arrays
 from rhytid.pipeline.elements import UdimElements
 from rhytid.pipeline.grain_shares import grain_shares
@@ -97,8 +99,19 @@ class DeviceMesh:
     def texel_triangles(self, udim: int) -> NDArray[np.int32]:
         """(R, R) triangle of each texel of level 0; the number of triangles for none."""
         side = self.settings.resolution
-        found = self.located[udim].texels(side, 0, 0, side)
-        result: NDArray[np.int32] = self.device.read(found, (side, side), np.int32)
+        return self._triangles(udim, side, 0)
+
+    def cushion_triangles(self, udim: int) -> NDArray[np.int32]:
+        """(n, n) the same of the samples of the cushions, APRON more on every side of the UDIM."""
+        factor = self.cushion_factor
+        if factor is None:
+            raise NotFoundError("the asset has no cushions")
+        return self._triangles(udim, self.settings.resolution // factor, APRON)
+
+    def _triangles(self, udim: int, side: int, apron: int) -> NDArray[np.int32]:
+        count = side + 2 * apron
+        found = self.located[udim].texels(side, -apron, -apron, count)
+        result: NDArray[np.int32] = self.device.read(found, (count, count), np.int32)
         found.release()
         return result
 

@@ -85,6 +85,13 @@ class TileService:
         found.check_address(TileAddress(udim, 0, 0, 0))
         return self._on_device.use(found, lambda resident: resident.mesh.texel_triangles(udim))
 
+    def cushion_triangles(self, asset: str, udim: int) -> NDArray[np.int32]:
+        """(n, n) as `triangles`, of the samples of the cushions, with the apron around the UDIM.
+        Raises NotFoundError where there are no cushions."""
+        found = self._assets.get(asset)
+        found.check_address(TileAddress(udim, 0, 0, 0))
+        return self._on_device.use(found, lambda resident: resident.mesh.cushion_triangles(udim))
+
     def plans_once(
         self, asset: str, positions: ArrayLike, query: MapQuery, addresses: list[TileAddress]
     ) -> list[TilePlan]:

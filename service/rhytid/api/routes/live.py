@@ -29,7 +29,8 @@ async def live(websocket: WebSocket, asset: AssetId) -> None:
     with state.live_places.one(caller.name):
         info = await run_in_threadpool(state.engine.assets.info, asset)
         _check_ready(info)
-        await websocket.accept(subprotocol=PROTOCOL)
+        # A client that offers none means the format that there is.
+        await websocket.accept(subprotocol=PROTOCOL if websocket.scope["subprotocols"] else None)
 
         def begin(opening: Opening) -> LiveDrawing:
             slot = partial(state.slots.one, lambda: session.over)
@@ -44,7 +45,8 @@ def _check_query(websocket: WebSocket) -> None:
     if websocket.query_params:
         name = next(iter(websocket.query_params))
         raise QueryError(f"unknown query parameter {name!r}: none is known here")
-    if PROTOCOL not in websocket.scope["subprotocols"]:
+    offered = websocket.scope["subprotocols"]
+    if offered and PROTOCOL not in offered:
         raise QueryError(f"Sec-WebSocket-Protocol must name {PROTOCOL}, the format of messages")
 
 

@@ -1,0 +1,141 @@
+"""The manifest of a package, from what is known of its asset."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rhytid import __version__
+from rhytid.domain.expressions import Expressions
+from rhytid.domain.mesh import Mesh
+from rhytid.skin_package import manifest as m
+from rhytid.skin_package.maps import CUSHIONS, SkinMaps
+from rhytid.skin_package.shaders import DIALECTS
+
+TRIANGLES_A_ROW = 512
+# Of `runtime`, handed out as they are.
+SHADER_FILES = ("stretch.py", "stretch.js")
+
+
+def described(
+    maps: SkinMaps,
+    mesh: Mesh,
+    shapes: Expressions | None,
+    textures: Sequence[m.Textures | None],
+) -> m.Manifest:
+    """textures: of the maps, their triangles, the cushions and theirs."""
+    settings, info = maps.settings, maps.engine.assets.info(maps.asset)
+    codes, triangles, cushions, cushion_triangles = textures
+    assert codes is not None
+    assert triangles is not None
+    found = [one for one in textures if one is not None]
+    return m.Manifest(
+        format=m.FORMAT,
+        version=m.VERSION,
+        rhytid_version=__version__,
+        asset=maps.asset,
+        preset=settings.preset,
+        unit=settings.length_unit,
+        unit_in_metres=maps.metres,
+        scale=maps.scale,
+        resolution=settings.resolution,
+        udims=list(info.udims),
+        settings=settings.as_json(),
+        mesh=_mesh(mesh, shapes),
+        blend=_blend(maps),
+        layers=_layers(maps),
+        textures=codes,
+        triangles=triangles,
+        cushion=_cushion(maps, cushions, cushion_triangles),
+        stretch=_stretch(len(mesh.faces)),
+        shaders={dialect: _shaders(dialect, cushions is not None) for dialect in DIALECTS},
+        texture_bytes=sum(one.bytes for one in found),
+        texture_bytes_of_level_0=sum(one.bytes_of_level_0 for one in found),
+        conventions=m.CONVENTIONS,
+        left_out=m.LEFT_OUT,
+    )
+
+
+def _mesh(mesh: Mesh, shapes: Expressions | None) -> m.Mesh:
+    names = [] if shapes is None else list(shapes.names)
+    return m.Mesh(
+        file="skin.glb", vertices=len(mesh.positions), shapes=names, centre=mesh.centre.tolist()
+    )
+
+
+def _blend(maps: SkinMaps) -> m.Blend:
+    bins = maps.bins
+    return m.Blend(
+        angles=list(bins.angles),
+        r_max=maps.settings.bins.r_max,
+        last_sample=maps.settings.last_sample,
+        merge=bins.merge,
+        sharpness=bins.sharpness,
+        depth=bins.depth,
+        log_stretch_limit=bins.log_stretch_limit,
+        scale_limit=bins.scale_limit,
+        soft_limits=bins.soft_limits,
+        # A single bin has no angles for a line.
+        tilt=m.Tilt(node=bins.tilt.node) if bins.tilt and len(bins.angles) > 1 else None,
+        grain=m.Grain(exponent=bins.grain.exponent) if bins.grain else None,
+    )
+
+
+def _layers(maps: SkinMaps) -> list[m.Layer]:
+    found: list[m.Layer] = []
+    first = 0
+    for name in maps.names:
+        found.append(_layer(maps, name, first))
+        first += maps.count(name)
+    return found
+
+
+def _layer(maps: SkinMaps, name: str, first: int = 0) -> m.Layer:
+    bins = maps.bins
+    samples = {"pores": bins.pore_samples, "wrinkles": bins.samples, CUSHIONS: bins.samples}
+    pores = name == "pores"
+    return m.Layer(
+        name=name,
+        first=first,
+        bins=bins.layers[name],
+        samples=list(samples.get(name, (0.0,))),
+        steps=list(bins.steps[name]),
+        depth_exponent=bins.depth_exponents["pores" if pores else "wrinkles"],
+        depth_limit=bins.pore_depth_limit if pores else bins.scale_limit,
+    )
+
+
+def _cushion(
+    maps: SkinMaps, textures: m.Textures | None, triangles: m.Textures | None
+) -> m.Cushion | None:
+    if textures is None or triangles is None or maps.bins.cushion is None:
+        return None
+    cushion = maps.bins.cushion
+    return m.Cushion(
+        textures=textures,
+        triangles=triangles,
+        layer=_layer(maps, CUSHIONS),
+        factor=cushion.factor,
+        apron=cushion.apron,
+        sharpness=cushion.sharpness,
+    )
+
+
+def _stretch(triangles: int) -> m.Stretch:
+    return m.Stretch(
+        triangles=triangles,
+        triangles_a_row=TRIANGLES_A_ROW,
+        width=2 * TRIANGLES_A_ROW,
+        height=-(-(triangles + 1) // TRIANGLES_A_ROW),
+        rest="triangles.bin",
+        python="stretch.py",
+        javascript="stretch.js",
+    )
+
+
+def _shaders(dialect: str, cushion: bool) -> m.Shaders:
+    passes = [*(["cushion"] if cushion else []), "height"]
+    return m.Shaders(
+        library="shaders/skin.glsl",
+        vertex=f"shaders/{dialect}/full.vert",
+        passes={name: f"shaders/{dialect}/{name}.frag" for name in passes},
+    )

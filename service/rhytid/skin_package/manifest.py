@@ -1,0 +1,159 @@
+"""manifest.json of a skin package: what its files are and the numbers that blending takes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, Field
+
+FORMAT, VERSION = "rhytid-skin", 1
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+
+class Layer(_Part):
+    """Maps of one kind: of every bin those of its samples, then those of the next bin."""
+
+    name: str = Field(description="wrinkles, pores, wrinkle_tilts, grain or cushions")
+    first: int = Field(ge=0, description="the first of its maps among those of a page")
+    bins: int = Field(ge=1)
+    samples: list[float] = Field(description="log stretch of each sample; [0] where there is one")
+    steps: list[float] = Field(
+        description="of each sample what code 1 stands for: mesh units along the outward normal; "
+        "of tilts the share of half a bin"
+    )
+    depth_exponent: float = Field(
+        description="e of the depth scale exp(-e r) that blending multiplies by; 0 where the maps "
+        "have it in them"
+    )
+    depth_limit: float = Field(description="the largest depth scale")
+
+
+class Textures(_Part):
+    """A texture array of every UDIM. Layer page * maps + map."""
+
+    files: dict[str, str] = Field(description="KTX2 file by UDIM")
+    format: str = Field(description="R8_SNORM, R16_UINT or R32_UINT")
+    size: int = Field(ge=1, description="texels a side")
+    maps: int = Field(ge=1, description="maps of a page")
+    pages: int = Field(ge=1, description="parts that a UDIM is cut into, row by row")
+    pages_a_row: int = Field(ge=1)
+    levels: int = Field(ge=1, description="level L + 1 has the means of 2 x 2 texels of level L")
+    bytes: int = Field(ge=0, description="of the texels of all UDIMs and levels")
+    bytes_of_level_0: int = Field(ge=0)
+
+
+class Cushion(_Part):
+    """The broad layer of the wrinkles, coarse."""
+
+    textures: Textures
+    triangles: Textures
+    layer: Layer
+    factor: int = Field(description="texels to a sample")
+    apron: int = Field(description="samples more on every side of a UDIM")
+    sharpness: float
+
+
+class Tilt(_Part):
+    """How the depth of a bin depends on the angle of a wrinkle in it."""
+
+    node: float
+
+
+class Grain(_Part):
+    """Noise of the neutral surface, added last."""
+
+    exponent: float
+
+
+class Blend(_Part):
+    """The numbers of docs/binned.md."""
+
+    angles: list[float] = Field(description="of the bins, radians from v towards u")
+    r_max: float
+    last_sample: float = Field(description="log stretch of the outermost sample")
+    merge: str = Field(description="min, soft or signed")
+    sharpness: float
+    depth: float = Field(description="of strength 1, mesh units")
+    log_stretch_limit: float
+    scale_limit: float
+    soft_limits: bool
+    tilt: Tilt | None
+    grain: Grain | None
+
+
+class Stretch(_Part):
+    """The texture that is written for every frame: RGBA32F, two texels of each triangle: s1 and s2;
+    log rho1, log rho2, 0, 0. The entry after the last triangle is unstretched."""
+
+    triangles: int
+    triangles_a_row: int
+    width: int
+    height: int
+    rest: str = Field(description="file: 8 doubles of each triangle, little-endian")
+    python: str
+    javascript: str
+
+
+class Mesh(_Part):
+    """The neutral. Triangles are in the order of the textures."""
+
+    file: str
+    vertices: int = Field(description="of the mesh as it was sent; frames of it have as many")
+    shapes: list[str] = Field(description="names of the morph targets")
+    centre: list[float] = Field(description="what was subtracted from positions, mesh units")
+
+
+class Shaders(_Part):
+    """A shader text in one language: passes in the order in which they run."""
+
+    library: str
+    vertex: str
+    passes: dict[str, str]
+
+
+class Manifest(_Part):
+    """All of it."""
+
+    format: str
+    version: int
+    rhytid_version: str
+    asset: str
+    preset: str
+    unit: str
+    unit_in_metres: float | None
+    scale: float = Field(description="the largest displacement that is possible, mesh units")
+    resolution: int
+    udims: list[int]
+    settings: dict[str, Any] = Field(description="of the asset, all of them")
+    mesh: Mesh
+    blend: Blend
+    layers: list[Layer]
+    textures: Textures
+    triangles: Textures
+    cushion: Cushion | None
+    stretch: Stretch
+    shaders: dict[str, Shaders]
+    texture_bytes: int = Field(description="of all textures but that of the stretch")
+    texture_bytes_of_level_0: int
+    conventions: dict[str, str]
+    left_out: list[str] = Field(description="what the package does not have")
+
+
+CONVENTIONS = {
+    "texel": "column, row of a UDIM; row 0 is at the top, its centre at v = 1 - 0.5 / resolution",
+    "uv": "of the mesh, v up; skin.glb has v down, as glTF wants it: row = v * resolution",
+    "displacement": "mesh units along the outward normal, furrows negative",
+    "codes": "R8_SNORM: 127 times what a shader reads; code times step is displacement",
+    "axes": "unit vectors in UV, v up; their signs are free",
+    "log_stretch": "natural logarithm of deformed over neutral length, not clamped",
+    "triangle": "index in the order of skin.glb; stretch.triangles where there is none",
+}
+LEFT_OUT = ["smooth sampling", "stiffness", "HLSL", "WGSL", "MaterialX"]
+
+
+def schema() -> dict[str, Any]:
+    """The JSON schema of manifest.json."""
+    return Manifest.model_json_schema()

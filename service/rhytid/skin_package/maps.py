@@ -1,0 +1,115 @@
+"""Reads the precomputed maps of an asset out of the engine, map by map, as whole UDIMs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.tiles import TileAddress
+from rhytid.domain.units import millimetres
+from rhytid.engine.messages import BinManifest
+from rhytid.errors import SettingsError
+from rhytid.pipeline.bins import HEADROOM
+
+if TYPE_CHECKING:
+    from rhytid.engine.engine import Engine
+
+# The layers of an array, in this order.
+LAYERS = ("wrinkles", "pores", "wrinkle_tilts", "grain")
+CUSHIONS = "cushions"
+LEAST_CODE = -127
+Codes = NDArray[np.int8]
+
+
+@dataclass(frozen=True, eq=False)
+class Room:
+    """maps: of a UDIM, (K, n, n) int8 by layer, of every bin those of its samples."""
+
+    udim: int
+    maps: dict[str, Codes]
+
+
+@dataclass(frozen=True)
+class SkinMaps:
+    """The maps of an asset whose settings the shader knows.
+
+    Raises SettingsError naming the setting that it does not.
+    """
+
+    engine: Engine
+    asset: str
+    settings: AssetSettings
+    bins: BinManifest
+
+    @classmethod
+    def of(cls, engine: Engine, asset: str) -> SkinMaps:
+        """Of a ready asset."""
+        settings = AssetSettings.parse(engine.assets.info(asset).settings)
+        check_settings(settings)
+        if engine.assets.stiff(asset):
+            raise SettingsError("the asset has a stiffness map: packages have none yet")
+        return cls(engine, asset, settings, engine.tiles.bins(asset))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Layers that are there, but for the cushions."""
+        return tuple(name for name in LAYERS if name in self.bins.layers)
+
+    def count(self, name: str) -> int:
+        """Maps of a layer."""
+        return self.bins.layers[name] * len(self.bins.steps[name])
+
+    @property
+    def metres(self) -> float | None:
+        """In a mesh unit; None where that is not known."""
+        length = millimetres(self.settings.length_unit)
+        return None if length is None else length / 1000.0
+
+    @property
+    def scale(self) -> float:
+        """The largest displacement that is possible, mesh units."""
+        return self.bins.scale_limit * (1.0 + HEADROOM) * self.bins.depth
+
+    @property
+    def cushion_side(self) -> int:
+        """Samples a side of the cushions, with their apron."""
+        assert self.bins.cushion is not None
+        return self.settings.resolution // self.bins.cushion.factor + 2 * self.bins.cushion.apron
+
+    def room(self, udim: int) -> Room:
+        """Zeros for the maps of a UDIM."""
+        sides = dict.fromkeys(self.names, self.settings.resolution)
+        if self.bins.cushion is not None:
+            sides[CUSHIONS] = self.cushion_side
+        maps = {n: np.zeros((self.count(n), side, side), np.int8) for n, side in sides.items()}
+        return Room(udim, maps)
+
+    def fill(self, room: Room, address: TileAddress) -> None:
+        """Put the codes of a tile in their places; of the cushions with their apron."""
+        row, column = self.settings.grid.first_texel(address)
+        for name, maps in room.maps.items():
+            cushion = self.bins.cushion if name == CUSHIONS else None
+            factor = 1 if cushion is None else cushion.factor
+            y, x, samples = row // factor, column // factor, len(self.bins.steps[name])
+            for i, out in enumerate(maps):
+                n, sample = divmod(i, samples)
+                codes = self.engine.tiles.bin_tile(self.asset, address, name, n, sample)
+                # Grain goes down to -128, which R8_SNORM takes for -127.
+                out[y : y + len(codes), x : x + len(codes)] = np.maximum(codes, LEAST_CODE)
+
+
+def check_settings(settings: AssetSettings) -> None:
+    """Raise SettingsError naming a setting that packages do not know."""
+    known: dict[str, tuple[object, Callable[[object], bool], str]] = {
+        "angles": (settings.angles, lambda v: v == "uv", '"uv"'),
+        "bins.bits": (settings.bins.bits, lambda v: v == 8, "8"),
+        "bins.merge": (settings.bins.merge, lambda v: v != "mellow", "min, soft or signed"),
+    }
+    for name, (value, good, wanted) in known.items():
+        if not good(value):
+            raise SettingsError(f"{name} is {value}: packages are made where it is {wanted}")

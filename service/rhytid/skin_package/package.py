@@ -1,0 +1,115 @@
+"""Writes a skin package: textures, mesh, stretch, shaders, and the manifest last."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from rhytid.domain.expressions import Expressions
+from rhytid.domain.mesh import Mesh
+from rhytid.durable import whole, write_file
+from rhytid.meshes.morph_glb import write_morph_glb
+from rhytid.skin_package.describe import SHADER_FILES, described
+from rhytid.skin_package.manifest import Manifest, schema
+from rhytid.skin_package.maps import CUSHIONS, Room, SkinMaps
+from rhytid.skin_package.paging import Paging, pyramid
+from rhytid.skin_package.runtime.stretch import rest_of
+from rhytid.skin_package.shaders import DIALECTS, runtime, shader_texts
+from rhytid.skin_package.textures import TextureFiles, index_channel
+
+MANIFEST, SCHEMA, MESH, REST = "manifest.json", "manifest.schema.json", "skin.glb", "triangles.bin"
+Step = Callable[[], None]
+
+
+class PackageWriter:
+    """Writes the package of an asset into a folder, step by step.
+
+    A folder without manifest.json holds no whole package.  levels: of the maps; None: down to one
+    texel a page.  Raises LimitError where WebGL2 has too few layers.
+    """
+
+    def __init__(
+        self,
+        maps: SkinMaps,
+        mesh: Mesh,
+        shapes: Expressions | None,
+        folder: Path,
+        levels: int | None = None,
+    ) -> None:
+        self._maps, self._mesh, self._shapes, self._folder = maps, mesh, shapes, folder
+        count, side = sum(map(maps.count, maps.names)), maps.settings.resolution
+        self._paging = Paging.of(side, count)
+        most = self._paging.size.bit_length()
+        self._levels = most if levels is None else min(levels, most)
+        textures, across = folder / "textures", self._paging.across
+        index = index_channel(len(mesh.faces))
+        self._codes = TextureFiles(textures, "maps", "r8snorm", count, across)
+        self._triangles = TextureFiles(textures, "triangles", index, 1, across)
+        self._cushions = self._cushion_triangles = None
+        if maps.bins.cushion is not None:
+            broad = maps.count(CUSHIONS)
+            self._cushions = TextureFiles(textures, "cushions", "r8snorm", broad)
+            self._cushion_triangles = TextureFiles(textures, "cushion_triangles", index)
+        self.manifest: Manifest | None = None
+
+    def steps(self) -> list[Step]:
+        """What is done, in this order."""
+        found: list[Step] = [self._begin, self._write_mesh]
+        for udim in self._maps.engine.assets.info(self._maps.asset).udims:
+            found += self._of_udim(udim)
+        return [*found, self._finish]
+
+    def _of_udim(self, udim: int) -> Iterator[Step]:
+        room: list[Room] = []
+        yield lambda: room.append(self._maps.room(udim))
+        for address in self._maps.settings.grid.addresses(udim, 0):
+            yield partial(lambda at: self._maps.fill(room[0], at), address)
+        yield lambda: self._write_textures(room.pop())
+
+    def _begin(self) -> None:
+        (self._folder / "textures").mkdir(parents=True, exist_ok=True)
+        for dialect in DIALECTS:
+            (self._folder / "shaders" / dialect).mkdir(parents=True, exist_ok=True)
+        (self._folder / MANIFEST).unlink(missing_ok=True)
+
+    def _write_mesh(self) -> None:
+        mesh, metres = self._mesh, self._maps.metres
+        self._write(MESH, write_morph_glb(mesh, self._shapes, "skin", metres))
+        rest = rest_of(mesh.positions, mesh.faces, mesh.triangle_uv())
+        self._write(REST, np.ascontiguousarray(rest, "<f8").tobytes())
+
+    def _write_textures(self, room: Room) -> None:
+        engine, asset, udim = self._maps.engine, self._maps.asset, room.udim
+        every = np.concatenate([room.maps[name] for name in self._maps.names])
+        self._codes.write(udim, pyramid(self._paging.cut(every), self._levels))
+        triangles = engine.tiles.triangles(asset, udim)[None]
+        self._triangles.write(udim, [self._paging.cut(triangles)])
+        if self._cushions is not None and self._cushion_triangles is not None:
+            self._cushions.write(udim, [room.maps[CUSHIONS]])
+            coarse = engine.tiles.cushion_triangles(asset, udim)[None]
+            self._cushion_triangles.write(udim, [coarse])
+
+    def _finish(self) -> None:
+        """Everything that is text; the manifest says that the package is whole."""
+        files = (self._codes, self._triangles, self._cushions, self._cushion_triangles)
+        textures = [None if one is None else one.described() for one in files]
+        manifest = described(self._maps, self._mesh, self._shapes, textures)
+        for name, text in shader_texts(manifest).items():
+            self._write(name, text.encode())
+        for name in SHADER_FILES:
+            self._write(name, runtime(name).encode())
+        self._write(SCHEMA, _json(schema()))
+        self._write(MANIFEST, _json(manifest.model_dump()))
+        self.manifest = manifest
+
+    def _write(self, name: str, data: bytes) -> None:
+        with whole(self._folder / name) as aside:
+            write_file(aside, data)
+
+
+def _json(value: object) -> bytes:
+    return f"{json.dumps(value, indent=1)}\n".encode()

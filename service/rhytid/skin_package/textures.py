@@ -1,0 +1,64 @@
+"""The texture arrays of a package, as files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.durable import whole, write_pieces
+from rhytid.formats.ktx2 import CHANNELS, ktx2_pieces
+from rhytid.skin_package.manifest import Textures
+
+_FORMATS = {"r8snorm": "R8_SNORM", "r16uint": "R16_UINT", "r32uint": "R32_UINT"}
+
+
+def index_channel(most: int) -> str:
+    """The narrowest that holds indices up to `most`."""
+    return "r16uint" if most < 1 << 16 else "r32uint"
+
+
+@dataclass
+class TextureFiles:
+    """Arrays of one kind, one of every UDIM, written to `folder`/`name`.<UDIM>.ktx2."""
+
+    folder: Path
+    name: str
+    channel: str
+    maps: int = 1
+    pages_a_row: int = 1
+    files: dict[str, str] = field(default_factory=dict)
+    shape: tuple[int, ...] = ()
+    levels: int = 0
+    bytes: int = 0
+    finest: int = 0
+
+    def write(self, udim: int, levels: Sequence[NDArray[np.generic]]) -> None:
+        """The array of a UDIM, finest level first; the file is there when it is whole."""
+        layers, rows, columns = self.shape = levels[0].shape
+        file = self.folder / f"{self.name}.{udim}.ktx2"
+        with whole(file) as aside:
+            write_pieces(aside, ktx2_pieces(self.channel, (layers, rows, columns), levels))
+        item = CHANNELS[self.channel].dtype.itemsize
+        self.files[str(udim)] = f"{self.folder.name}/{file.name}"
+        self.levels = len(levels)
+        self.finest += levels[0].size * item
+        self.bytes += sum(level.size for level in levels) * item
+
+    def described(self) -> Textures:
+        """As the manifest has it, once all are written."""
+        layers, size, _ = self.shape
+        return Textures(
+            files=self.files,
+            format=_FORMATS[self.channel],
+            size=size,
+            maps=self.maps,
+            pages=layers // self.maps,
+            pages_a_row=self.pages_a_row,
+            levels=self.levels,
+            bytes=self.bytes,
+            bytes_of_level_0=self.finest,
+        )
