@@ -509,10 +509,16 @@ def test_what_is_refused_before_there_is_a_connection(
 ) -> None:
     assert "no asset" in refused(server, "0" * 16, 404)
     assert "rhytid.live.1" in refused(server, asset, 422, subprotocols=["rhytid.live.9"])
-    assert "rhytid.live.1" in refused(server, asset, 422, subprotocols=None)
     assert "evil.example" in refused(server, asset, 403, origin="http://evil.example")
     assert "'key'" in refused(server, asset, 422, query="?key=secret")
     assert [record for record in caplog.records if record.levelname == "ERROR"] == []
+
+
+def test_a_client_need_not_name_the_format(server: httpx.Client, asset: str) -> None:
+    with speaking(server, asset, subprotocols=None) as speaker:
+        assert speaker.socket.subprotocol is None
+    with speaking(server, asset) as speaker:
+        assert speaker.socket.subprotocol == "rhytid.live.1"
 
 
 def test_an_asset_that_builds_is_refused() -> None:

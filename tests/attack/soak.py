@@ -1,8 +1,8 @@
 """Mixed load on a server for a long time, and what it holds of memory and files meanwhile.
 
 `PYTHONPATH=tests:$PYTHONPATH python -m attack.soak 1200` runs for twenty minutes and writes a line
-a minute. It ends with status 1 where resident memory grew by more than MOST a minute after the first
-third, or where anything was answered by a status of 500.
+per minute. It ends with status 1 where resident memory grew by more than MOST per minute after the
+first third, or where anything was answered by a status of 500.
 """
 
 from __future__ import annotations
