@@ -124,7 +124,10 @@ def test_what_surrounds_the_mesh_changes_nothing() -> None:
         (with_primitive(mode=True), "mode True"),
         (with_primitive(mode=4.0), "mode 4.0"),
         (with_primitive(mode=-1), r"mode -1 \(unknown\)"),
-        (with_primitive(attributes={"POSITION": 0}), "primitive 0 has no attribute TEXCOORD_0"),
+        (
+            with_primitive(attributes={"POSITION": 0}),
+            "primitive 0 has no attribute TEXCOORD_0: unwrap the mesh",
+        ),
         (with_primitive(attributes={"TEXCOORD_0": 1}), "has no attribute POSITION"),
         (with_primitive(attributes=3), "attributes: expected an object"),
         (with_primitive(indices=9), r"indices: no accessors\[9\] of 3"),

@@ -142,7 +142,10 @@ def test_accepted_spellings_of_one_mesh(data: bytes) -> None:
         (edited("vt 0.9 0.2", "vt 0.9 1e999"), "line 6: texture coordinate 2"),
         (edited("vt 0.9 0.2", "vt 0.9 100.5"), "uv 1 is .*100.5"),
         (face("f 1/1 5//3 3/3"), "line 9: face corner 2 '5//3' has no texture coordinate"),
-        (face("f 1/1 2 3/3"), "line 9: face corner 2 '2' has no texture coordinate"),
+        (
+            face("f 1/1 2 3/3"),
+            "line 9: face corner 2 '2' has no texture coordinate: unwrap the mesh",
+        ),
         (face("f 1/1 2/2 3/"), "line 9: face corner 3 '3/' is not vertex/texture"),
         (face("f 1/1 2/2 3/3.0"), "corner 3 '3/3.0'"),
         (face("f 1/1 2/2 3/3/3/3"), "corner 3 '3/3/3/3'"),

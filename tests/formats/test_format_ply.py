@@ -91,7 +91,7 @@ def test_accepted_spellings_of_one_mesh(data: bytes) -> None:
         (edited(TEXT, b"float y", b"float x"), "element vertex declares 'x' twice"),
         (edited(TEXT, b"element face", b"element vertex"), "declares 'vertex' twice"),
         (edited(TEXT, b"float z", b"float w"), "must hold the numbers x, y, z"),
-        (edited(TEXT, b"double u", b"double q"), "no texture coordinates: u and v, or s and t"),
+        (edited(TEXT, b"double u", b"double q"), "u and v, or s and t; unwrap the mesh"),
         (edited(TEXT, b"double v", b"list uchar double v"), "and no lists"),
         (edited(TEXT, b"vertex_indices", b"corners"), "no list vertex_indices"),
         (edited(TEXT, b"list uchar int vertex", b"int vertex"), "no list vertex_indices"),

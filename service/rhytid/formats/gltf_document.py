@@ -64,7 +64,8 @@ class Document:
         """(V, width) float64 of an attribute; normalised integers only as texture coordinates."""
         attributes = _dict(primitive.get("attributes"), f"{where} attributes")
         if name not in attributes:
-            raise MeshError(f"{where} has no attribute {name}")
+            way = ": unwrap the mesh, and export its UV" if name == "TEXCOORD_0" else ""
+            raise MeshError(f"{where} has no attribute {name}{way}")
         accessor, array = self._accessor(attributes[name], f"{where} {name}", width)
         kind = array.dtype
         if kind.kind == "f":

@@ -120,7 +120,7 @@ def _bad_face(line: int, tokens: list[bytes]) -> MeshError:
     corner, token = next((i, t) for i, t in enumerate(tokens, 1) if not re.fullmatch(_CORNER, t))
     where = f"line {line}: face corner {corner} {show(token)}"
     if _WITHOUT_UV.fullmatch(token):
-        return MeshError(f"{where} has no texture coordinate")
+        return MeshError(f"{where} has no texture coordinate: unwrap the mesh, and export its UV")
     return MeshError(f"{where} is not vertex/texture or vertex/texture/normal in whole numbers")
 
 

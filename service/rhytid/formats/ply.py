@@ -52,7 +52,10 @@ def _check_elements(header: Header) -> None:
     if lists["vertex"] or not {"x", "y", "z"} <= names["vertex"]:
         raise MeshError("element vertex must hold the numbers x, y, z and no lists")
     if not any(set(pair) <= names["vertex"] for pair in _UV_NAMES):
-        raise MeshError("element vertex has no texture coordinates: u and v, or s and t")
+        raise MeshError(
+            "element vertex has no texture coordinates: u and v, or s and t; unwrap the mesh, and "
+            "export its UV"
+        )
     if not lists["face"] & set(_CORNER_LISTS):
         raise MeshError("element face has no list vertex_indices or vertex_index")
 
