@@ -71,7 +71,7 @@ def test_a_head_that_trickles_is_refused(client: httpx.Client) -> None:
     assert problem(found)[0] == 408
 
 
-def test_a_connection_without_a_word_is_closed(client: httpx.Client) -> None:
+def test_a_connection_without_a_request_is_closed(client: httpx.Client) -> None:
     with connected(client) as connection:
         assert rest(connection) == b""
 

@@ -158,16 +158,10 @@ ASSET_FORM = body(
 SNAPSHOT = body({TAR: {"schema": {**BINARY, "description": "a file of `getSnapshot`, as it is"}}})
 EVENTS: Responses = {
     200: {
-        "description": "Server-sent events until the job ends",
-        "content": {
-            EVENT_STREAM: {
-                "schema": {
-                    "type": "string",
-                    "description": "events `progress`, then one `end`; the data of each is a Job "
-                    "as JSON",
-                }
-            }
-        },
+        "description": "Server-sent events until the job ends: `progress`, then one `end`; the "
+        "data of each is a Job as JSON",
+        # No schema: tools disagree whether it is of the stream or of an event.
+        "content": {EVENT_STREAM: {}},
     }
 }
 TILES: Responses = {
