@@ -1,0 +1,49 @@
+"""Options of `serve` that are refused before anything is opened, and the settings behind them."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import pytest
+
+from rhytid.cli import main
+from rhytid.cli.serve import device_numbers
+from rhytid.errors import SettingsError
+from rhytid.settings import ServiceSettings
+
+
+@pytest.mark.parametrize(
+    ("text", "numbers"), [("all", ("all",)), ("0", ("0",)), ("2,0", ("2", "0"))]
+)
+def test_devices_are_all_or_numbers(text: str, numbers: tuple[str, ...]) -> None:
+    assert device_numbers(text) == numbers
+
+
+@pytest.mark.parametrize("text", ["", "all,0", "0,", "gpu", "-1", "²"])
+def test_other_lists_of_devices_are_refused(text: str) -> None:
+    with pytest.raises(argparse.ArgumentTypeError, match="must be all, or numbers"):
+        device_numbers(text)
+
+
+@pytest.mark.parametrize("other", [("--device", "0"), ("--in-process",)])
+def test_several_devices_are_in_processes_of_their_own(
+    other: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    store = tmp_path / "store"
+    assert main(["serve", "--store", str(store), "--devices", "all", *other]) == 1
+    assert f"--devices and {other[0]} cannot be given together" in capsys.readouterr().err
+    assert not (store / "assets").exists()
+
+
+def test_the_log_has_two_formats() -> None:
+    named = ServiceSettings.from_environment({"RHYTID_LOG_FORMAT": "json"})
+    assert (named.log_format, ServiceSettings.from_environment({}).log_format) == ("json", "text")
+    with pytest.raises(SettingsError, match="RHYTID_LOG_FORMAT is 'xml': one of text, json"):
+        ServiceSettings.from_environment({"RHYTID_LOG_FORMAT": "xml"})
+
+
+def test_the_time_to_finish_is_a_whole_number() -> None:
+    assert ServiceSettings.from_environment({"RHYTID_DRAIN_SECONDS": "3"}).drain_seconds == 3
+    with pytest.raises(SettingsError, match="RHYTID_DRAIN_SECONDS"):
+        ServiceSettings.from_environment({"RHYTID_DRAIN_SECONDS": "0"})
