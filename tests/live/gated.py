@@ -1,0 +1,63 @@
+"""An engine that can be held while it draws, and an asset with named shapes."""
+
+from __future__ import annotations
+
+import io
+import threading
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from api.fake_engine import FakeEngine
+from api.patch import positions
+from rhytid.engine.tile_plan import TilePlan
+
+TILE = [1001, 0, 1, 2]
+NAMES = ["browInnerUp_L", "browInnerUp_R", "jawOpen"]
+
+
+class GatedEngine(FakeEngine):
+    """A fake engine that draws while `gate` is set."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.gate = threading.Event()
+        self.gate.set()
+        self.began = threading.Semaphore(0)
+        self.error: Exception | None = None
+        self.drawing, self.most = 0, 0
+        plans_once = self.tiles.plans_once
+
+        def gated(*arguments: Any) -> list[TilePlan]:
+            if self.error is not None:
+                raise self.error
+            return [replace(plan, draw=self._gated(plan)) for plan in plans_once(*arguments)]
+
+        self.tiles.plans_once = gated  # type: ignore[method-assign]
+
+    def _gated(self, plan: TilePlan) -> Any:
+        def draw() -> Any:
+            self.drawing += 1
+            self.most = max(self.most, self.drawing)
+            self.began.release()
+            try:
+                assert self.gate.wait(10)
+                return plan.draw()
+            finally:
+                self.drawing -= 1
+
+        return draw
+
+
+def shapes() -> Any:
+    """(3, 25, 3) what the named shapes of the asset do."""
+    moves = np.zeros((3, 25, 3), np.float32)
+    moves[0, :12, 2], moves[1, 12:, 2], moves[2, :, 1] = 0.25, 0.5, -0.125
+    return positions() + moves
+
+
+def packed() -> bytes:
+    file = io.BytesIO()
+    np.savez(file, shapes=shapes(), names=np.array(NAMES))
+    return file.getvalue()
