@@ -44,11 +44,14 @@ class Renderer:
         made = self.gl.texture((columns, rows), 4, stretch.tobytes(), dtype="f4")
         made.filter = moderngl.NEAREST, moderngl.NEAREST
         self._textures["rhytid_stretch"] = made
+        weights = self.manifest["weights"]
+        size = weights["width"], weights["height"]
+        self._textures["rhytid_weights"] = self._draw("weights", size, 4)
         if "cushion" in self._passes:
             side = self.manifest["cushion"]["textures"]["size"]
-            self._textures["rhytid_cushion"] = self._draw("cushion", side)
-        out = self._draw("height", self.manifest["resolution"])
+            self._textures["rhytid_cushion"] = self._draw("cushion", (side, side))
         side = self.manifest["resolution"]
+        out = self._draw("height", (side, side))
         return np.frombuffer(out.read(), np.float32).reshape(side, side)
 
     def release(self) -> None:
@@ -66,9 +69,10 @@ class Renderer:
             _as_snorm(made, np.ascontiguousarray(found.levels[0]))
         return made
 
-    def _draw(self, name: str, side: int) -> moderngl.Texture:
+    def _draw(self, name: str, size: tuple[int, int], channels: int = 1) -> moderngl.Texture:
         program = self._passes[name]
-        out = self.gl.texture((side, side), 1, dtype="f4")
+        out = self.gl.texture(size, channels, dtype="f4")
+        out.filter = moderngl.NEAREST, moderngl.NEAREST
         target = self.gl.framebuffer([out])
         target.use()
         for place, (uniform, texture) in enumerate(self._textures.items()):

@@ -32,7 +32,11 @@ def manifest(written: Written) -> Manifest:
 
 def test_the_manifest_fits_its_schema_and_names_every_file(written: Written) -> None:
     found = manifest(written)
-    shaders = [f for s in found.shaders.values() for f in (s.library, s.vertex, *s.passes.values())]
+    shaders = [
+        f
+        for s in found.shaders.values()
+        for f in (*s.libraries.values(), s.vertex, *s.passes.values())
+    ]
     assert found.cushion is not None
     arrays = [found.textures, found.triangles, found.cushion.textures, found.cushion.triangles]
     named = {
