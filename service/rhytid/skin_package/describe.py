@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from rhytid import __version__
 from rhytid.domain.expressions import Expressions
@@ -23,23 +24,12 @@ def described(
     textures: Sequence[m.Textures | None],
 ) -> m.Manifest:
     """textures: of the maps, their triangles, the cushions and theirs."""
-    settings, info = maps.settings, maps.engine.assets.info(maps.asset)
     codes, triangles, cushions, cushion_triangles = textures
     assert codes is not None
     assert triangles is not None
     found = [one for one in textures if one is not None]
     return m.Manifest(
-        format=m.FORMAT,
-        version=m.VERSION,
-        rhytid_version=__version__,
-        asset=maps.asset,
-        preset=settings.preset,
-        unit=settings.length_unit,
-        unit_in_metres=maps.metres,
-        scale=maps.scale,
-        resolution=settings.resolution,
-        udims=list(info.udims),
-        settings=settings.as_json(),
+        **_facts(maps),
         mesh=_mesh(mesh, shapes),
         blend=_blend(maps),
         layers=_layers(maps),
@@ -54,6 +44,24 @@ def described(
         conventions=m.CONVENTIONS,
         left_out=m.LEFT_OUT,
     )
+
+
+def _facts(maps: SkinMaps) -> dict[str, Any]:
+    """What the package is of."""
+    settings = maps.settings
+    return {
+        "format": m.FORMAT,
+        "version": m.VERSION,
+        "rhytid_version": __version__,
+        "asset": maps.asset,
+        "preset": settings.preset,
+        "unit": settings.length_unit,
+        "unit_in_metres": maps.metres,
+        "scale": maps.scale,
+        "resolution": settings.resolution,
+        "udims": list(maps.engine.assets.info(maps.asset).udims),
+        "settings": settings.as_json(),
+    }
 
 
 def _mesh(mesh: Mesh, shapes: Expressions | None) -> m.Mesh:

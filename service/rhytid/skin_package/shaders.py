@@ -51,14 +51,7 @@ def constants(manifest: Manifest) -> str:
         _flag("GRAIN", blend.grain is not None),
         _flag("CUSHION", manifest.cushion is not None),
         _directions(blend),
-        _int("BINS", wrinkles.bins),
-        _int("SAMPLES", len(wrinkles.samples)),
-        _int("PORE_SAMPLES", len(pores.samples)),
-        _floats("STEPS", wrinkles.steps),
-        _floats("PORE_STEPS", pores.steps),
-        _float("EXPONENT", wrinkles.depth_exponent),
-        _float("PORE_EXPONENT", pores.depth_exponent),
-        _float("PORE_DEPTH_LIMIT", pores.depth_limit),
+        *_samples(wrinkles, pores),
         _float("SCALE_LIMIT", blend.scale_limit),
         _float("LOG_STRETCH_LIMIT", blend.log_stretch_limit),
         _float("LAST_SAMPLE", blend.last_sample),
@@ -72,6 +65,20 @@ def constants(manifest: Manifest) -> str:
         *_optional(manifest, layers),
     ]
     return "\n".join(["// The numbers of manifest.json.", *lines, ""])
+
+
+def _samples(wrinkles: Layer, pores: Layer) -> list[str]:
+    """How many there are, what their codes stand for, and how deep they become."""
+    return [
+        _int("BINS", wrinkles.bins),
+        _int("SAMPLES", len(wrinkles.samples)),
+        _int("PORE_SAMPLES", len(pores.samples)),
+        _floats("STEPS", wrinkles.steps),
+        _floats("PORE_STEPS", pores.steps),
+        _float("EXPONENT", wrinkles.depth_exponent),
+        _float("PORE_EXPONENT", pores.depth_exponent),
+        _float("PORE_DEPTH_LIMIT", pores.depth_limit),
+    ]
 
 
 def merge_unit(blend: Blend) -> float:
