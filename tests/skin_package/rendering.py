@@ -11,7 +11,6 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid_lab.bench.peers.with_opengl import _standalone
 from skin_package.ktx2 import read_ktx2
 
 KINDS = {10: "ni1", 74: "u2", 98: "u4"}
@@ -24,7 +23,8 @@ class Renderer:
     def __init__(self, package: Path, udim: int, dialect: str) -> None:
         self.manifest: dict[str, Any] = json.loads((package / "manifest.json").read_text())
         self._package, self._udim = package, str(udim)
-        self.gl = _standalone(on_cpu=True)
+        # 4.3 is the first that takes GLSL ES 3.00, too.
+        self.gl = moderngl.create_context(standalone=True, require=430, backend="egl")
         shaders = self.manifest["shaders"][dialect]
         vertex = (package / shaders["vertex"]).read_text()
         self._passes = {
@@ -44,11 +44,14 @@ class Renderer:
         made = self.gl.texture((columns, rows), 4, stretch.tobytes(), dtype="f4")
         made.filter = moderngl.NEAREST, moderngl.NEAREST
         self._textures["rhytid_stretch"] = made
+        weights = self.manifest["weights"]
+        size = weights["width"], weights["height"]
+        self._textures["rhytid_weights"] = self._draw("weights", size, 4)
         if "cushion" in self._passes:
             side = self.manifest["cushion"]["textures"]["size"]
-            self._textures["rhytid_cushion"] = self._draw("cushion", side)
-        out = self._draw("height", self.manifest["resolution"])
+            self._textures["rhytid_cushion"] = self._draw("cushion", (side, side))
         side = self.manifest["resolution"]
+        out = self._draw("height", (side, side))
         return np.frombuffer(out.read(), np.float32).reshape(side, side)
 
     def release(self) -> None:
@@ -66,9 +69,10 @@ class Renderer:
             _as_snorm(made, np.ascontiguousarray(found.levels[0]))
         return made
 
-    def _draw(self, name: str, side: int) -> moderngl.Texture:
+    def _draw(self, name: str, size: tuple[int, int], channels: int = 1) -> moderngl.Texture:
         program = self._passes[name]
-        out = self.gl.texture((side, side), 1, dtype="f4")
+        out = self.gl.texture(size, channels, dtype="f4")
+        out.filter = moderngl.NEAREST, moderngl.NEAREST
         target = self.gl.framebuffer([out])
         target.use()
         for place, (uniform, texture) in enumerate(self._textures.items()):

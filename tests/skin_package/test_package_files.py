@@ -32,7 +32,11 @@ def manifest(written: Written) -> Manifest:
 
 def test_the_manifest_fits_its_schema_and_names_every_file(written: Written) -> None:
     found = manifest(written)
-    shaders = [f for s in found.shaders.values() for f in (s.library, s.vertex, *s.passes.values())]
+    shaders = [
+        f
+        for s in found.shaders.values()
+        for f in (*s.libraries.values(), s.vertex, *s.passes.values())
+    ]
     assert found.cushion is not None
     arrays = [found.textures, found.triangles, found.cushion.textures, found.cushion.triangles]
     named = {
@@ -153,6 +157,8 @@ def test_maps_that_webgl_has_no_layers_for_are_refused() -> None:
     assert Paging.of(4096, 64).count == 4
     with pytest.raises(LimitError, match=r"65 maps .* are 260 layers of 2048; WebGL2 has 256"):
         Paging.of(4096, 65)
+    with pytest.raises(LimitError, match="22 maps of 8192"):
+        check_settings(settings_of(preset="best", resolution=8192))
 
 
 def test_pages_are_cut_row_by_row() -> None:

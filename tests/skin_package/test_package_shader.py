@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 import face_data
 from engine.engines import BINNED, built, new_asset, running
 from meshes import deform
+from pipeline.scenes import sheet
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.mesh import Mesh
 from rhytid.engine.engine import Engine
@@ -37,16 +38,22 @@ SCENES: list[tuple[dict[str, Any], float]] = [
 
 
 def worst(
-    engine: Engine, asset: str, mesh: Mesh, package: Path, dialect: str, moved: NDArray[np.float32]
+    engine: Engine,
+    asset: str,
+    mesh: Mesh,
+    package: Path,
+    dialect: str,
+    moved: NDArray[np.float32],
+    udim: int = 1001,
 ) -> float:
     """The largest difference of a frame, codes of the neutral sample of a bin."""
     from skin_package.rendering import Renderer  # the plain run has no moderngl
 
     engine.frames.put(asset, "f", moved)
-    want = engine.tiles.plan_map(asset, "f", BINNED, 1001, 0).draw()
+    want = engine.tiles.plan_map(asset, "f", BINNED, udim, 0).draw()
     rest = stretch.read_rest(package / "triangles.bin")
     found = stretch.log_stretch(moved, mesh.faces, rest)
-    renderer = Renderer(package, 1001, dialect)
+    renderer = Renderer(package, udim, dialect)
     try:
         described = renderer.manifest
         got = renderer.heights(stretch.texture(found, described["stretch"]["triangles_a_row"]))
@@ -80,6 +87,18 @@ def test_it_finds_its_way_over_pages(
 
     found = worst(written.engine, written.asset, written.mesh, tmp_path, "glsl-es-300", moved)
     assert found < CLOSE
+
+
+def test_every_udim_has_its_textures(tmp_path: Path) -> None:
+    new = new_asset(sheet(udims=2), preset="best")
+    with running(tmp_path / "store") as engine:
+        asset = built(engine, new)
+        write_package(engine, asset, tmp_path / "skin")
+        moved = deform(new.mesh.positions, 3, 0.1)
+        for udim in (1002, 1011):
+            package = tmp_path / "skin"
+            found = worst(engine, asset, new.mesh, package, "glsl-es-300", moved, udim)
+            assert found < CLOSE
 
 
 @pytest.mark.face

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from rhytid import __version__
 from rhytid.domain.expressions import Expressions
@@ -11,7 +12,7 @@ from rhytid.skin_package import manifest as m
 from rhytid.skin_package.maps import CUSHIONS, SkinMaps
 from rhytid.skin_package.shaders import DIALECTS
 
-TRIANGLES_A_ROW = 512
+TRIANGLES_A_ROW = 1024
 # Of `runtime`, handed out as they are.
 SHADER_FILES = ("stretch.py", "stretch.js")
 
@@ -23,23 +24,12 @@ def described(
     textures: Sequence[m.Textures | None],
 ) -> m.Manifest:
     """textures: of the maps, their triangles, the cushions and theirs."""
-    settings, info = maps.settings, maps.engine.assets.info(maps.asset)
     codes, triangles, cushions, cushion_triangles = textures
     assert codes is not None
     assert triangles is not None
     found = [one for one in textures if one is not None]
     return m.Manifest(
-        format=m.FORMAT,
-        version=m.VERSION,
-        rhytid_version=__version__,
-        asset=maps.asset,
-        preset=settings.preset,
-        unit=settings.length_unit,
-        unit_in_metres=maps.metres,
-        scale=maps.scale,
-        resolution=settings.resolution,
-        udims=list(info.udims),
-        settings=settings.as_json(),
+        **_facts(maps),
         mesh=_mesh(mesh, shapes),
         blend=_blend(maps),
         layers=_layers(maps),
@@ -47,12 +37,31 @@ def described(
         triangles=triangles,
         cushion=_cushion(maps, cushions, cushion_triangles),
         stretch=_stretch(len(mesh.faces)),
+        weights=_weights(maps, len(mesh.faces)),
         shaders={dialect: _shaders(dialect, cushions is not None) for dialect in DIALECTS},
         texture_bytes=sum(one.bytes for one in found),
         texture_bytes_of_level_0=sum(one.bytes_of_level_0 for one in found),
         conventions=m.CONVENTIONS,
         left_out=m.LEFT_OUT,
     )
+
+
+def _facts(maps: SkinMaps) -> dict[str, Any]:
+    """What the package is of."""
+    settings = maps.settings
+    return {
+        "format": m.FORMAT,
+        "version": m.VERSION,
+        "rhytid_version": __version__,
+        "asset": maps.asset,
+        "preset": settings.preset,
+        "unit": settings.length_unit,
+        "unit_in_metres": maps.metres,
+        "scale": maps.scale,
+        "resolution": settings.resolution,
+        "udims": list(maps.engine.assets.info(maps.asset).udims),
+        "settings": settings.as_json(),
+    }
 
 
 def _mesh(mesh: Mesh, shapes: Expressions | None) -> m.Mesh:
@@ -120,12 +129,23 @@ def _cushion(
     )
 
 
+def _weights(maps: SkinMaps, triangles: int) -> m.Weights:
+    layers, rows = len(maps.bins.angles) + 1, _rows(triangles)
+    layers += maps.bins.grain is not None
+    return m.Weights(width=TRIANGLES_A_ROW, height=layers * rows, rows=rows)
+
+
+def _rows(triangles: int) -> int:
+    """Of triangles, and of what stands for none."""
+    return -(-(triangles + 1) // TRIANGLES_A_ROW)
+
+
 def _stretch(triangles: int) -> m.Stretch:
     return m.Stretch(
         triangles=triangles,
         triangles_a_row=TRIANGLES_A_ROW,
         width=2 * TRIANGLES_A_ROW,
-        height=-(-(triangles + 1) // TRIANGLES_A_ROW),
+        height=_rows(triangles),
         rest="triangles.bin",
         python="stretch.py",
         javascript="stretch.js",
@@ -133,9 +153,9 @@ def _stretch(triangles: int) -> m.Stretch:
 
 
 def _shaders(dialect: str, cushion: bool) -> m.Shaders:
-    passes = [*(["cushion"] if cushion else []), "height"]
+    passes = ["weights", *(["cushion"] if cushion else []), "height"]
     return m.Shaders(
-        library="shaders/skin.glsl",
+        libraries={name: f"shaders/{name}.glsl" for name in ("weights", "skin")},
         vertex=f"shaders/{dialect}/full.vert",
         passes={name: f"shaders/{dialect}/{name}.frag" for name in passes},
     )

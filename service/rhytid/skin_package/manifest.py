@@ -97,6 +97,16 @@ class Stretch(_Part):
     javascript: str
 
 
+class Weights(_Part):
+    """The target of the pass of weights.frag, RGBA32F: texel (t % width, layer * rows + t / width)
+    of triangle t. Layers are the bins, the pores and, where there is grain, how much of it shows.
+    """
+
+    width: int
+    height: int
+    rows: int
+
+
 class Mesh(_Part):
     """The neutral. Triangles are in the order of the textures."""
 
@@ -109,7 +119,7 @@ class Mesh(_Part):
 class Shaders(_Part):
     """A shader text in one language: passes in the order in which they run."""
 
-    library: str
+    libraries: dict[str, str] = Field(description="functions alone: weights, and the rest")
     vertex: str
     passes: dict[str, str]
 
@@ -135,6 +145,7 @@ class Manifest(_Part):
     triangles: Textures
     cushion: Cushion | None
     stretch: Stretch
+    weights: Weights
     shaders: dict[str, Shaders]
     texture_bytes: int = Field(description="of all textures but that of the stretch")
     texture_bytes_of_level_0: int

@@ -14,7 +14,9 @@ from rhytid.domain.tiles import TileAddress
 from rhytid.domain.units import millimetres
 from rhytid.engine.messages import BinManifest
 from rhytid.errors import SettingsError
-from rhytid.pipeline.bins import HEADROOM
+from rhytid.pipeline.bins import HEADROOM, map_count
+from rhytid.pipeline.grain import relief
+from rhytid.skin_package.paging import Paging
 
 if TYPE_CHECKING:
     from rhytid.engine.engine import Engine
@@ -104,7 +106,8 @@ class SkinMaps:
 
 
 def check_settings(settings: AssetSettings) -> None:
-    """Raise SettingsError naming a setting that packages do not know."""
+    """Raise SettingsError naming a setting that packages do not know, LimitError where WebGL2 has
+    too few layers for the maps."""
     known: dict[str, tuple[object, Callable[[object], bool], str]] = {
         "angles": (settings.angles, lambda v: v == "uv", '"uv"'),
         "bins.bits": (settings.bins.bits, lambda v: v == 8, "8"),
@@ -113,3 +116,4 @@ def check_settings(settings: AssetSettings) -> None:
     for name, (value, good, wanted) in known.items():
         if not good(value):
             raise SettingsError(f"{name} is {value}: packages are made where it is {wanted}")
+    Paging.of(settings.resolution, map_count(settings.bins) + (relief(settings) > 0.0))

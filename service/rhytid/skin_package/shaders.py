@@ -26,14 +26,16 @@ def runtime(name: str) -> str:
 def shader_texts(manifest: Manifest) -> dict[str, str]:
     """The texts of all languages, by file name.
 
-    skin.glsl has functions alone, for the shader of an engine; the passes are whole."""
-    library = f"{constants(manifest)}\n{runtime('skin.glsl')}"
-    found = {}
+    Libraries are functions alone, for the shaders of an engine; the passes are whole."""
+    numbers = constants(manifest)
+    libraries = {name: f"{numbers}\n{runtime(f'{name}.glsl')}" for name in ("weights", "skin")}
+    found: dict[str, str] = {}
     for dialect, head in DIALECTS.items():
         shaders = manifest.shaders[dialect]
-        found[shaders.library] = library
+        found |= {file: libraries[name] for name, file in shaders.libraries.items()}
         found[shaders.vertex] = f"{head}\n{runtime('full.vert')}"
         for name, file in shaders.passes.items():
+            library = libraries["weights" if name == "weights" else "skin"]
             found[file] = f"{head}\n{library}\n{runtime(f'{name}.frag')}"
     return found
 
@@ -48,15 +50,8 @@ def constants(manifest: Manifest) -> str:
         _flag("TILT", blend.tilt is not None),
         _flag("GRAIN", blend.grain is not None),
         _flag("CUSHION", manifest.cushion is not None),
-        _float("PI", math.pi),
-        _int("BINS", wrinkles.bins),
-        _int("SAMPLES", len(wrinkles.samples)),
-        _int("PORE_SAMPLES", len(pores.samples)),
-        _floats("STEPS", wrinkles.steps),
-        _floats("PORE_STEPS", pores.steps),
-        _float("EXPONENT", wrinkles.depth_exponent),
-        _float("PORE_EXPONENT", pores.depth_exponent),
-        _float("PORE_DEPTH_LIMIT", pores.depth_limit),
+        _directions(blend),
+        *_samples(wrinkles, pores),
         _float("SCALE_LIMIT", blend.scale_limit),
         _float("LOG_STRETCH_LIMIT", blend.log_stretch_limit),
         _float("LAST_SAMPLE", blend.last_sample),
@@ -65,10 +60,25 @@ def constants(manifest: Manifest) -> str:
         _int("MAPS", manifest.textures.maps),
         _int("PAGE", manifest.textures.size),
         _int("PAGES_A_ROW", manifest.textures.pages_a_row),
-        _int("TRIANGLES_A_ROW", manifest.stretch.triangles_a_row),
+        _int("TRIANGLES_A_ROW", manifest.weights.width),
+        _int("ROWS", manifest.weights.rows),
         *_optional(manifest, layers),
     ]
     return "\n".join(["// The numbers of manifest.json.", *lines, ""])
+
+
+def _samples(wrinkles: Layer, pores: Layer) -> list[str]:
+    """How many there are, what their codes stand for, and how deep they become."""
+    return [
+        _int("BINS", wrinkles.bins),
+        _int("SAMPLES", len(wrinkles.samples)),
+        _int("PORE_SAMPLES", len(pores.samples)),
+        _floats("STEPS", wrinkles.steps),
+        _floats("PORE_STEPS", pores.steps),
+        _float("EXPONENT", wrinkles.depth_exponent),
+        _float("PORE_EXPONENT", pores.depth_exponent),
+        _float("PORE_DEPTH_LIMIT", pores.depth_limit),
+    ]
 
 
 def merge_unit(blend: Blend) -> float:
@@ -96,13 +106,26 @@ def _optional(manifest: Manifest, layers: dict[str, Layer]) -> list[str]:
         ]
     if cushion is not None:
         unit = math.log(2.0) * blend.depth / cushion.sharpness
+        # Its codes are as many times larger at every sample.
+        gain = cushion.layer.steps[0] / layers["wrinkles"].steps[0] * merge_unit(blend) / unit
         lines += [
-            _floats("CUSHION_STEPS", cushion.layer.steps),
+            _float("CUSHION_GAIN", gain),
             _float("CUSHION_UNIT", unit),
             _int("CUSHION_FACTOR", cushion.factor),
             _int("CUSHION_APRON", cushion.apron),
         ]
     return lines
+
+
+def _directions(blend: Blend) -> str:
+    """Of every bin its middle, and where the line through its depth scales is taken. As numbers: a
+    GPU may round sines coarsely."""
+    node = 0.0 if blend.tilt is None else blend.tilt.node
+    turn = node * math.pi / (2 * len(blend.angles))
+    angles = [angle + side * turn for angle in blend.angles for side in (0, -1, 1)]
+    listed = ", ".join(f"vec2({_literal(math.sin(a))}, {_literal(math.cos(a))})" for a in angles)
+    count = len(angles)
+    return f"const vec2 RHYTID_DIRECTIONS[{count}] = vec2[{count}]({listed});"
 
 
 def _flag(name: str, value: bool) -> str:

@@ -1,4 +1,4 @@
-// Pass 1 of 2: the broad layer of the wrinkles, coarse, into a target of as many texels as
+// Pass 2, where there are cushions: the broad layer of the wrinkles, coarse, into a target of as many texels as
 // rhytid_cushion_maps has.
 out vec4 rhytid_out;
 

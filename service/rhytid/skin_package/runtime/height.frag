@@ -1,4 +1,4 @@
-// Pass 2 of 2, or the only one: displacement of every texel of a UDIM, into a target of as many
+// The last pass: displacement of every texel of a UDIM, into a target of as many
 // texels; its first row is the top of the map.
 out vec4 rhytid_out;
 
