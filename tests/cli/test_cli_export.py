@@ -12,6 +12,9 @@ import handmade
 from cli.running import write_neutral
 from meshes import SmallMesh, deform
 from rhytid.cli import main
+from rhytid.domain.expressions import Expressions
+from rhytid.domain.mesh import Mesh
+from rhytid.storage.store import AssetStore
 
 
 @pytest.fixture
@@ -25,7 +28,7 @@ def mesh(tmp_path: Path, small_mesh: SmallMesh) -> Path:
 
 @pytest.mark.slow
 def test_a_mesh_becomes_a_package_and_its_asset_does_again(
-    tmp_path: Path, mesh: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, mesh: Path, small_mesh: SmallMesh, capsys: pytest.CaptureFixture[str]
 ) -> None:
     graph, store = handmade.write(tmp_path / "g.safetensors"), str(tmp_path / "store")
     settings = tmp_path / "s.json"
@@ -51,6 +54,13 @@ def test_a_mesh_becomes_a_package_and_its_asset_does_again(
     assert found["textures"]["levels"] == 1
     assert found["blend"] == manifest["blend"]
     assert (second / "triangles.bin").read_bytes() == (first / "triangles.bin").read_bytes()
+
+    moved = np.load(mesh)["shapes"][:1] - np.float32(Mesh(*small_mesh).centre)
+    with AssetStore(Path(store)) as kept:
+        kept.put_shapes(figures["asset"], Expressions(np.float32(moved), ("pout",)))
+    assert main(["export", str(tmp_path / "third"), *again]) == 0
+    found = json.loads((tmp_path / "third" / "manifest.json").read_bytes())
+    assert found["mesh"]["shapes"] == ["pout"]
 
 
 @pytest.mark.parametrize(

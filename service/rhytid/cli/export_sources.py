@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -16,6 +17,7 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.expressions import Expressions
 from rhytid.domain.mesh import Mesh
 from rhytid.engine.messages import NewAsset
+from rhytid.errors import NotFoundError
 from rhytid.formats.frame_set import Clip
 from rhytid.formats.meshes import MeshFile
 from rhytid.skin_package.maps import check_settings
@@ -75,7 +77,12 @@ class NewSource:
 
 
 def stored(engine: Engine, arguments: argparse.Namespace, clip: Clip) -> Exported:
-    """A built asset of the store of the engine; raises NotFoundError, NotReadyError."""
-    mesh = engine.assets.mesh(arguments.asset)
+    """A built asset of the store of the engine, with the shapes of `--shapes`, else with the named
+    ones that came with its mesh; raises NotFoundError, NotReadyError."""
+    asset = arguments.asset
+    mesh = engine.assets.mesh(asset)
     shapes = shape_files(arguments.shapes, MeshFile(mesh), clip)
-    return Exported(arguments.asset, mesh, shapes)
+    if arguments.shapes is None:
+        with suppress(NotFoundError):  # none came
+            shapes = engine.assets.shapes(asset)
+    return Exported(asset, mesh, shapes)
