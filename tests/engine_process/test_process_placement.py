@@ -75,6 +75,11 @@ def test_processors_share_the_memory_of_the_machine() -> None:
     assert (given.device_memory, given.device) == (5, "2")
 
 
+def test_devices_share_the_memory_of_frames() -> None:
+    found, given = [*GPUS, *CPUS], ServiceSettings(frame_memory=GIB)
+    assert {settings_of(one, found, given).frame_memory for one in found} == {GIB // 4}
+
+
 class One:
     """A device's supervisor that knows assets, and lists what it is asked."""
 

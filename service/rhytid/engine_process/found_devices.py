@@ -9,6 +9,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 
+from rhytid.device.memory import usual_frame_memory
 from rhytid.errors import NoDeviceError
 from rhytid.settings import ServiceSettings
 
@@ -77,9 +78,14 @@ def named_devices(wanted: Sequence[str], found: Sequence[FoundDevice]) -> list[F
 def settings_of(
     device: FoundDevice, among: Sequence[FoundDevice], settings: ServiceSettings
 ) -> ServiceSettings:
-    """The settings of one device among several: processors share the memory of the machine."""
+    """The settings of one device among several: processors share the memory of the machine, and
+    all devices that of frames."""
     cpus = sum(one.kind == "cpu" for one in among)
     share = device.memory // cpus if device.kind == "cpu" else device.memory
+    frames = settings.frame_memory or usual_frame_memory()
     return replace(
-        settings, device=str(device.index), device_memory=settings.device_memory or share
+        settings,
+        device=str(device.index),
+        device_memory=settings.device_memory or share,
+        frame_memory=frames // len(among),
     )
