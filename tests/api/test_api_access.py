@@ -165,6 +165,18 @@ def test_a_websocket_shows_one_key_and_never_in_the_query(keyed: Keyed) -> None:
     assert handshake(keyed, path, subprotocols=[LIVE, "rhytid.key.wrong"]) == 401
 
 
+def test_a_handshake_leaves_no_key_in_the_log(
+    keyed: Keyed, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.DEBUG)
+    path, key = "v1/assets/some-asset/live", keyed.keys["compute"]
+    assert handshake(keyed, path, subprotocols=[LIVE, f"rhytid.key.{key}"]) == 404
+    assert handshake(keyed, path, additional_headers=bearer(key), subprotocols=[LIVE]) == 404
+    ours = [r.getMessage() for r in caplog.records if r.name.startswith(("rhytid", "uvicorn"))]
+    assert any(path in message for message in ours)
+    assert not any(key[16:] in message for message in ours)
+
+
 @pytest.mark.parametrize("call", sorted(call for call, scope in ROUTES.items() if scope == OPEN))
 def test_an_open_route_asks_for_no_key(keyed: Keyed, call: str) -> None:
     method, path = place(call)

@@ -19,6 +19,7 @@ from clients.shells import Script, Shell
 from rhytid.cli.serve import PORT
 from rhytid.engine.messages import METHODS
 from rhytid_client import Asset, AsyncClient, Bins, Client, Device, Frame, Job, PlainClient, calls
+from rhytid_client.live.opening import opening
 
 ASSET = {"id": "a" * 16, "state": "ready", "job": None, "udims": [1001, 1002], "future": {"x": 1}}
 JOB = {"id": "j", "state": "running", "progress": 0.5, "asset": "a" * 16, "kind": "build"}
@@ -251,10 +252,18 @@ def test_every_call_has_a_case_and_a_method_on_every_client() -> None:
     wanted = set(calls.__all__)
     # Those that send or receive whole files have tests of their own.
     assert {case.name for case in CASES} | {"create_asset", "snapshot", "restore"} == wanted
-    own = {"close", "live"}
-    for client, more in ((Client, own), (AsyncClient, own), (PlainClient, set())):
+    for client, more in ((Client, {"close"}), (AsyncClient, {"close"}), (PlainClient, set())):
         public = {name for name in dir(client) if not name.startswith("_")}
-        assert public == wanted | more
+        assert public == wanted | more | {"live"}  # not a call, but a connection
+
+
+def test_live_is_the_same_on_every_client() -> None:
+    blocking, awaited = (inspect.signature(client.live) for client in (Client, AsyncClient))
+    assert blocking.parameters == awaited.parameters
+    assert set(blocking.parameters) - {"self"} == set(inspect.signature(opening).parameters) - {
+        "url",
+        "headers",
+    }
 
 
 @pytest.mark.parametrize("client", [Client, AsyncClient, PlainClient])

@@ -15,7 +15,12 @@ LEFT_TO_READ = 10.0
 
 
 class WebSockets(WebSocketsSansIOProtocol):
-    """Ends connections for good: what a client does not read is not kept for ever."""
+    """Ends connections for good: what a client does not read is not kept for ever. Keeps the heads
+    of handshakes, which hold keys, out of the log."""
+
+    def __init__(self, *arguments: Any, **named: Any) -> None:
+        super().__init__(*arguments, **named)
+        self.conn.debug = False
 
     async def send(self, message: Any) -> None:
         """Send a message of the application."""
