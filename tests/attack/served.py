@@ -7,18 +7,17 @@ import re
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import httpx
 
-LISTENS = re.compile(r"^rhytid \S+ on (http://[^,\s]+),", re.MULTILINE)
-# Seconds that a server may take for anything at all, on a machine that is busy.
-LONG = 120.0
+from engine_process.served import LISTENS, LONG, await_value
+
+__all__ = ["Attacked", "Peak", "await_value", "serving"]
+
 _TICK = os.sysconf("SC_CLK_TCK")
 
 
@@ -70,17 +69,6 @@ def serving(folder: Path, *options: str, **settings: str) -> Iterator[Attacked]:
                 process.wait(30)
             except subprocess.TimeoutExpired:
                 process.kill()
-
-
-def await_value(look: Any, seconds: float = LONG) -> Any:
-    """What `look` finds, once it finds something."""
-    until = time.monotonic() + seconds
-    while time.monotonic() < until:
-        found = look()
-        if found:
-            return found
-        time.sleep(0.05)
-    raise AssertionError("it never came")
 
 
 def with_children(pid: int) -> list[int]:

@@ -100,6 +100,18 @@ def test_who_vanishes_leaves_nothing(server: Attacked, asset: str) -> None:
     assert server.client.get(paths[0]).status_code == 200
 
 
+def test_decoding_ends_with_its_client(server: Attacked) -> None:
+    before = len(server.tree())
+    request = server.client.build_request(
+        "POST", "/v1/assets", files=BOMBS["obj: 64 MiB of vertices"]()
+    )
+    head = "".join(f"{name}: {value}\r\n" for name, value in request.headers.items())
+    with connected(server) as sender:
+        sender.sendall(f"POST /v1/assets HTTP/1.1\r\n{head}\r\n".encode() + request.read())
+        await_value(lambda: len(server.tree()) > before)
+    await_value(lambda: len(server.tree()) == before and held(server) == 0)
+
+
 @pytest.mark.parametrize("name", BOMBS)
 def test_a_bomb_takes_no_more_than_it_may(server: Attacked, name: str) -> None:
     files = BOMBS[name]()

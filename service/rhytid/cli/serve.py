@@ -53,8 +53,10 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def _serve(listening: socket.socket, settings: ServiceSettings, *, in_process: bool) -> None:
+    from rhytid.cli.connections import allow_files
     from rhytid.cli.server import address_of, engine_of, server_of
 
+    allow_files(settings.connections)
     with closing(engine_of(settings, in_process=in_process)) as engine:
         device = next(d for d in engine.devices() if d.selected)
         where = f"{device.name} ({device.platform}), store {settings.store}"
