@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 import pytest
@@ -52,34 +52,35 @@ def nothing_left(server: Attacked, before: int) -> bool:
 
 def test_connections_that_send_a_letter_are_closed(server: Attacked) -> None:
     before = files(server)
-    letters = [connected(server) for _ in range(250)]  # of which 200 are let in
-    for one in letters:
-        with suppress(OSError):
-            one.sendall(b"G")
+    with ExitStack() as closing:
+        letters = [closing.enter_context(connected(server)) for _ in range(250)]
+        for one in letters:  # of which 200 are let in
+            with suppress(OSError):
+                one.sendall(b"G")
+        await_value(lambda: files(server) <= before + 8)
+        assert not any(is_open(one) for one in letters)
     assert server.client.get("/healthz").status_code == 200
-    await_value(lambda: files(server) <= before + 8)
-    assert not any(is_open(one) for one in letters)
 
 
 def test_uploads_that_stop_are_given_back(server: Attacked) -> None:
     before = files(server)
-    stalled = [sending(server, 24 * MIB, 100 * MIB) for _ in range(8)]
-    assert held(server) > 100 * MIB
-    await_value(lambda: nothing_left(server, before))
-    assert not any(is_open(one) for one in stalled)
+    with ExitStack() as closing:
+        every = [closing.enter_context(sending(server, 24 * MIB, 100 * MIB)) for _ in range(8)]
+        await_value(lambda: nothing_left(server, before))
+        assert not any(is_open(one) for one in every)
 
 
 def test_who_does_not_read_holds_no_memory(server: Attacked, asset: str) -> None:
     path = f"/v1/assets/{asset}/frames/neutral/maps/1001"
     server.client.get(path).raise_for_status()
     before = files(server)
-    with Peak(server) as peak:
-        readers = [not_reading(server, path) for _ in range(12)]
+    with Peak(server) as peak, ExitStack() as closing:
+        readers = [closing.enter_context(not_reading(server, path)) for _ in range(12)]
         time.sleep(1)
         await_value(lambda: nothing_left(server, before))
+        assert not any(is_open(one) for one in readers)
     assert peak.after - peak.before < LEFT
     assert server.client.get(path).status_code == 200
-    assert not any(is_open(one) for one in readers)
 
 
 def test_who_vanishes_leaves_nothing(server: Attacked, asset: str) -> None:
