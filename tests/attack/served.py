@@ -16,7 +16,7 @@ import httpx
 
 from engine_process.served import LISTENS, LONG, await_value
 
-__all__ = ["Attacked", "Peak", "await_value", "serving"]
+__all__ = ["Attacked", "Peak", "await_value", "resident", "serving"]
 
 _TICK = os.sysconf("SC_CLK_TCK")
 
@@ -82,13 +82,14 @@ def with_children(pid: int) -> list[int]:
 
 
 def resident(pid: int) -> int:
-    """Bytes of a process that are in memory; of what is shared its part (0 where it is gone)."""
+    """Bytes of a process in memory that no file on disk holds; of what is shared its part (0 where
+    it is gone). Libraries are left out: their part changes with who else uses them."""
     try:
         text = Path(f"/proc/{pid}/smaps_rollup").read_text()
     except OSError:
         return 0
-    found = re.search(r"^Pss: +([0-9]+) kB", text, re.MULTILINE)
-    return 1024 * int(found[1]) if found else 0
+    found = re.findall(r"^Pss_(?:Anon|Shmem): +([0-9]+) kB", text, re.MULTILINE)
+    return 1024 * sum(map(int, found))
 
 
 def processor(pid: int) -> float:
