@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import resource
 import socket
 import time
 from collections.abc import Iterator
@@ -17,7 +18,7 @@ import pytest
 from api.fake_engine import FakeEngine
 from api.live import serving
 from api.test_api_memory import connected, soon, uploading, use
-from rhytid.cli.connections import PROGRESS, ConnectionLimits, LimitedConnection
+from rhytid.cli.connections import PROGRESS, ConnectionLimits, LimitedConnection, allow_files
 
 STALLED = 0.3
 MIB = 1 << 20
@@ -173,3 +174,12 @@ def test_what_is_no_http_is_told_as_a_problem(client: httpx.Client) -> None:
                 assert problem(rest(connection))[0] == 400
             except ConnectionResetError:  # it was closed before all of it was read
                 assert len(wrong) > 16384
+
+
+def test_there_are_files_for_all_connections(monkeypatch: pytest.MonkeyPatch) -> None:
+    given: list[tuple[int, int]] = []
+    monkeypatch.setattr(resource, "setrlimit", lambda kind, limits: given.append(limits))
+    for limits in ((1024, 524_288), (1024, 2000), (100_000, 524_288)):
+        monkeypatch.setattr(resource, "getrlimit", lambda kind, limits=limits: limits)
+        allow_files(1024)
+    assert given == [(4352, 524_288), (2000, 2000)]

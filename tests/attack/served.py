@@ -7,18 +7,17 @@ import re
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import httpx
 
-LISTENS = re.compile(r"^rhytid \S+ on (http://[^,\s]+),", re.MULTILINE)
-# Seconds that a server may take for anything at all, on a machine that is busy.
-LONG = 120.0
+from engine_process.served import LISTENS, LONG, await_value
+
+__all__ = ["Attacked", "Peak", "await_value", "resident", "serving"]
+
 _TICK = os.sysconf("SC_CLK_TCK")
 
 
@@ -72,17 +71,6 @@ def serving(folder: Path, *options: str, **settings: str) -> Iterator[Attacked]:
                 process.kill()
 
 
-def await_value(look: Any, seconds: float = LONG) -> Any:
-    """What `look` finds, once it finds something."""
-    until = time.monotonic() + seconds
-    while time.monotonic() < until:
-        found = look()
-        if found:
-            return found
-        time.sleep(0.05)
-    raise AssertionError("it never came")
-
-
 def with_children(pid: int) -> list[int]:
     """A process and all that descend from it."""
     found = [pid]
@@ -94,13 +82,14 @@ def with_children(pid: int) -> list[int]:
 
 
 def resident(pid: int) -> int:
-    """Bytes of a process that are in memory; of what is shared its part (0 where it is gone)."""
+    """Bytes of a process in memory that no file on disk holds; of what is shared its part (0 where
+    it is gone). Libraries are left out: their part changes with who else uses them."""
     try:
         text = Path(f"/proc/{pid}/smaps_rollup").read_text()
     except OSError:
         return 0
-    found = re.search(r"^Pss: +([0-9]+) kB", text, re.MULTILINE)
-    return 1024 * int(found[1]) if found else 0
+    found = re.findall(r"^Pss_(?:Anon|Shmem): +([0-9]+) kB", text, re.MULTILINE)
+    return 1024 * sum(map(int, found))
 
 
 def processor(pid: int) -> float:

@@ -1,7 +1,7 @@
 """Mixed load on a server for a long time, and what it holds of memory and files meanwhile.
 
 `PYTHONPATH=tests:$PYTHONPATH python -m attack.soak 1200` runs for twenty minutes and writes a line
-a minute. It ends with status 1 where what is resident at least grew by more than MOST a
+every half minute. It ends with status 1 where what is resident at least grew by more than MOST a
 minute after the first third, or where anything was answered by a status of 500.
 """
 
@@ -24,7 +24,7 @@ from api.asking import NPY, built, npy
 from api.patch import obj, smile, upload
 from attack.bombs import grey_png, images, lines, mesh
 from attack.clients import not_reading, sending
-from attack.served import Attacked, serving
+from attack.served import Attacked, resident, serving
 
 MIB = 1 << 20
 # Bytes a minute.
@@ -121,10 +121,11 @@ def growth(samples: list[tuple[float, int]]) -> float:
 
 
 def facts(server: Attacked) -> str:
-    """Files and threads of all processes."""
+    """Memory of each process, files and threads of all."""
     files = sum(len(list(Path(f"/proc/{pid}/fd").glob("*"))) for pid in server.tree())
     threads = sum(len(list(Path(f"/proc/{pid}/task").glob("*"))) for pid in server.tree())
-    return f"{files} files, {threads} threads"
+    parts = " + ".join(f"{resident(pid) / MIB:.0f}" for pid in server.tree())
+    return f"{parts} by process, {files} files, {threads} threads"
 
 
 def watched(server: Attacked, seconds: float) -> list[tuple[float, int]]:
@@ -132,7 +133,7 @@ def watched(server: Attacked, seconds: float) -> list[tuple[float, int]]:
     began, samples = time.monotonic(), []
     while (now := time.monotonic() - began) < seconds:
         samples.append((now, server.resident()))
-        if len(samples) % 60 == 1:
+        if len(samples) % 30 == 1:
             sys.stdout.write(f"{now:5.0f} s: {samples[-1][1] / MIB:.0f} MiB, {facts(server)}\n")
             sys.stdout.flush()
         time.sleep(1)

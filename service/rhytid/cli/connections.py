@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
+import sys
 from dataclasses import dataclass
 from http import HTTPStatus
 from typing import Any
@@ -43,6 +44,19 @@ class ConnectionLimits:
     def most_of_one(self) -> int:
         """Connections of one address."""
         return max(self.most // 2, 1)
+
+
+def allow_files(connections: int) -> None:
+    """Let this process open as many files as that many connections take, where the system lets it:
+    usually 1024 to begin with. A request takes up to three beside its connection."""
+    if sys.platform != "win32":
+        import resource
+
+        soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+        wanted = 4 * connections + 256
+        most = wanted if hard == resource.RLIM_INFINITY else min(wanted, hard)
+        if soft != resource.RLIM_INFINITY and soft < most:
+            resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
 
 
 def protocol_of(limits: ConnectionLimits) -> type[asyncio.Protocol]:

@@ -85,11 +85,13 @@ def run(arguments: argparse.Namespace) -> None:
 
 def _serve(listening: socket.socket, settings: ServiceSettings, *, in_process: bool) -> None:
     from rhytid.api.tracing import send_spans
+    from rhytid.cli.connections import allow_files
     from rhytid.cli.server import address_of, engine_of, server_of
 
     log_to_stderr(settings.log_format, logging.getLevelName(_log_level().upper()), "server")
     if settings.traces:
         send_spans()
+    allow_files(settings.connections)
     with closing(engine_of(settings, in_process=in_process)) as engine:
         used = [f"{d.name} ({d.platform})" for d in engine.devices() if d.selected]
         where = f"{' and '.join(used)}, store {settings.store}"
