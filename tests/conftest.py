@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
@@ -57,6 +58,17 @@ def programs_are_shared() -> Iterator[None]:
         patch.setattr(trial, "open_context", cache(trial.open_context))
         patch.setattr(trial, "compile_program", lambda c, text, o: compiled(c, text, tuple(o)))
         yield
+
+
+@pytest.fixture(autouse=True)
+def log_as_before() -> Iterator[None]:
+    """`serve` sets up the log of its process, which outlives a test."""
+    loggers = [logging.getLogger(name) for name in ("rhytid", "uvicorn")]
+    before = [(logger.handlers[:], logger.level) for logger in loggers]
+    yield
+    for logger, (handlers, level) in zip(loggers, before, strict=True):
+        logger.handlers = handlers
+        logger.setLevel(level)
 
 
 @pytest.fixture(scope="session", autouse=True)

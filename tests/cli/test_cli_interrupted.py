@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -17,7 +18,8 @@ import pytest
 
 from rhytid_lab.samples.face import procedural_face
 
-# Words of `--verbose` at which a command is interrupted, while it works.
+# Words of `--verbose` at which a command is interrupted, while it works. Progress is printed a few
+# times a second: any of several stages, for one alone may be over by then.
 SYNTHESIZE = "synthesize face.npz --out out/g.safetensors --wrinkles 30000"
 BAKE = "bake --mesh face.npz --out out --resolution 2048 --wrinkles 30000"
 EXPORT = "export out --mesh face.npz --wrinkles 30000"
@@ -26,10 +28,10 @@ DEMO = "demo --mesh face.npz --out out --resolution 2048 --wrinkles 30000"
 FOLDERS = ("redraw", "binned", "textures", "shaders", "glsl-es-300", "glsl-410")
 slow = pytest.mark.slow
 RUNS = [
-    (SYNTHESIZE, "synthesis: pores"),
-    (BAKE, "building: edges"),
-    (DEMO, "build: edges"),
-    pytest.param(SYNTHESIZE, "synthesis: trails", marks=slow),
+    (SYNTHESIZE, "synthesis: "),
+    (BAKE, "building: "),
+    (DEMO, "build: "),
+    pytest.param(SYNTHESIZE, "synthesis: (?!pores)", marks=slow),
     pytest.param(f"{SYNTHESIZE} --preview out/g.png", "preview: UDIM", marks=slow),
     pytest.param(BAKE, "wrote face.1001.0001.exr", marks=slow),
     pytest.param(f"{BAKE} --method binned", "bins: ", marks=slow),
@@ -91,7 +93,7 @@ def test_an_interrupted_command_ends_soon_and_leaves_nothing(
     arguments: str, words: str, folder: Path
 ) -> None:
     running = started(f"{arguments} --verbose", folder)
-    seconds, rest = interrupted(running, lambda line: words in line)
+    seconds, rest = interrupted(running, lambda line: bool(re.search(words, line)))
 
     assert running.returncode == 130
     assert seconds < 1
