@@ -55,7 +55,6 @@ class UnrealMesh:
         self._mesh, self._content, self._first = Path(mesh), content.rstrip("/"), first
         self.name = self._mesh.stem
         self._frames = _frames(self._mesh if frames is None else Path(frames))
-        self._shown = first
 
     def rest(self) -> Path:
         """The file."""

@@ -90,6 +90,7 @@ def test_a_bound_is_known_where_every_file_says_it(tmp_path: Path) -> None:
         (["a.1001.0001", "a.1001.0003"], "", "Maps of frame 2 are missing"),
         (["a.1001.0001", "a.1001.0009"], "", "Maps of the frames 2, 3, 4, 5, 6 and 2 more are"),
         (["a.1001.0001", "a.1001.0002", "a.1002.0001"], "", "have no map of a UDIM"),
+        (["a.1001.1", "a.1001.02"], "", r"a\.1001\.02\.exr .* has zeros that other files have not"),
     ],
 )
 def test_what_is_missing_is_told(tmp_path: Path, names: list[str], name: str, told: str) -> None:
@@ -109,6 +110,15 @@ def test_copies_under_other_names(tmp_path: Path) -> None:
     assert (copies.unit, copies.bound) == ("mm", 3.0)
 
 
+def test_a_copy_that_fails_is_told_and_leaves_nothing(tmp_path: Path) -> None:
+    baked(tmp_path, (1001,), (1,))
+    maps, folder = found(tmp_path), folder_at(tmp_path / "renamed")
+    (folder / "face_f0001.1001.exr").mkdir()
+    with pytest.raises(Trouble, match=r"face\.1001\.0001\.exr cannot be copied to"):
+        copied(maps, folder, UDIM_LAST)
+    assert [path.name for path in folder.iterdir()] == ["face_f0001.1001.exr"]
+
+
 def test_attributes_of_a_header(tmp_path: Path) -> None:
     file = tmp_path / "a.exr"
     write(file, unit="cm", minimum=-0.25, frame="smile")
@@ -122,6 +132,8 @@ def test_attributes_of_a_header(tmp_path: Path) -> None:
 def test_a_damaged_header_says_nothing(tmp_path: Path, damage: bytes) -> None:
     (tmp_path / "a.exr").write_bytes(damage)
     assert text_attribute(tmp_path / "a.exr", "unit") is None
+    with pytest.raises(Trouble, match="cannot be read"):
+        text_attribute(tmp_path, "unit")
 
 
 def test_names_stay_apart() -> None:

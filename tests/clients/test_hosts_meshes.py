@@ -84,7 +84,14 @@ def test_units_are_those_of_the_service() -> None:
 
 @pytest.mark.parametrize(
     ("of_map", "of_scene", "times"),
-    [("mm", "cm", 0.1), ("cm", "m", 0.01), ("M", "mm", 1000.0), ("µm", "um", 1.0), ("", "?", 1.0)],
+    [
+        ("mm", "cm", 0.1),
+        ("cm", "m", 0.01),
+        ("M", "mm", 1000.0),
+        ("µm", "um", 1.0),
+        ("μm", "um", 1.0),
+        ("", "?", 1.0),
+    ],
 )
 def test_from_the_unit_of_a_map_to_that_of_a_scene(
     of_map: str, of_scene: str, times: float

@@ -204,10 +204,30 @@ def test_another_number_of_vertices_is_told(server: Server, tmp_path: Path) -> N
     assert host.at == 2
 
 
-@pytest.mark.parametrize("frames", [[], [-1, 0]])
-def test_frames_that_cannot_be_baked(server: Server, tmp_path: Path, frames: list[int]) -> None:
-    with pytest.raises(Trouble, match="no frames to bake: they are numbered from 0 on"):
+@pytest.mark.parametrize(
+    ("frames", "words"),
+    [([], "There are no frames to bake"), ([-1, 0], "Frame -1 cannot be baked")],
+)
+def test_frames_that_cannot_be_baked(
+    server: Server, tmp_path: Path, frames: list[int], words: str
+) -> None:
+    with pytest.raises(Trouble, match=f"{words}: they are numbered from 0 on"):
         sent(Host(), server).bake(tmp_path, frames)
+
+
+def test_of_a_range_before_0_the_rest_is_baked(
+    server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    host = Host()
+    monkeypatch.setattr(host, "frames", lambda: [-2, -1, 0, 0])
+    sent(host, server).bake(tmp_path)
+    assert [path.name.split(".")[-2] for path in tmp_path.glob("*.exr")] == ["0000"]
+
+
+def test_settings_may_say_the_resolution(server: Server) -> None:
+    skin = Skin(Host(), server)
+    skin.send(settings={"resolution": 256})
+    assert skin.asset.settings["tile_size"] == 256
 
 
 def test_what_is_wrong_is_told_in_words(server: Server, tmp_path: Path) -> None:

@@ -144,6 +144,18 @@ def test_one_face_is_followed_and_noise_is_counted(phone: Any) -> None:
     assert "values end at" in faces.reason
 
 
+def test_a_wait_goes_on_after_what_is_not_used(phone: Any) -> None:
+    send, faces = phone
+    assert faces.newest(0) is None
+    send(b"noise")
+    later = threading.Timer(0.1, send, (encoded(face(0.4)),))
+    later.start()
+    found = faces.newest(5)
+    later.join()
+    assert found is not None
+    assert found.weights[JAW_OPEN] == pytest.approx(0.4)
+
+
 def test_a_subject_may_be_chosen() -> None:
     with (
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sending,
@@ -206,6 +218,22 @@ def until(look: Any) -> None:
     while not look():
         assert time.monotonic() < deadline
         time.sleep(0.01)
+
+
+def test_an_error_of_the_socket_is_raised(phone: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(timeout: float) -> None:
+        raise OSError("the network is down")
+
+    _, faces = phone
+    monkeypatch.setattr(faces, "newest", broken)
+    with serving(FakeEngine()) as http, Client(str(http.base_url)) as client:
+        shapes = {"jawOpen": patch.smile()}
+        asset = client.wait(client.create_asset(patch.obj(), name="patch.obj", shapes=shapes))
+        with (
+            client.live(asset, tiles=[(1001, 0, 0, 0)], shapes=ARKIT) as live,
+            pytest.raises(OSError, match="the network is down"),
+        ):
+            Bridge(faces, live, lambda _: None).run()
 
 
 def test_the_command_writes_the_newest_tiles(server: tuple[str, str], tmp_path: Path) -> None:

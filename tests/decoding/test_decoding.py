@@ -8,6 +8,7 @@ import signal
 import subprocess
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ from rhytid.decoding import decoder as decoding
 from rhytid.decoding import limits
 from rhytid.decoding.decoder import Decoder
 from rhytid.decoding.words import read_word
+from rhytid.domain import control_samples
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.mesh import Mesh
 from rhytid.engine.byte_budget import ByteBudget, Hold
@@ -248,6 +250,14 @@ def _global(module: str, name: str) -> Any:
 def test_an_answer_runs_nothing(evil: Any) -> None:
     with pytest.raises(pickle.UnpicklingError, match="is not expected here"):
         read_word(pickle.dumps(evil, 5))
+
+
+def test_what_our_modules_import_is_not_ours() -> None:
+    """attrgetter("__init__.__globals__") of any class of ours would lead to eval."""
+    assert control_samples.attrgetter is attrgetter
+    body = b"\x80\x04\x8c\x1drhytid.domain.control_samples\x8c\nattrgetter\x93."
+    with pytest.raises(pickle.UnpicklingError, match="is not expected here"):
+        read_word(body)
 
 
 def test_a_name_with_a_dot_leads_nowhere() -> None:

@@ -171,8 +171,11 @@ def test_a_transform_that_moves_is_applied_frame_by_frame(tmp_path: Path) -> Non
         for time in (1, 2):
             shift.Set((10.0 * time, 0.0, 0.0), time)
 
-    frames = frames_of(read_mesh_file(edited(tmp_path, move, samples=samples(1, 2))))
+    read = read_mesh_file(edited(tmp_path, move, samples=samples(1, 2)))
+    frames = frames_of(read)
 
+    # Points have a default, the transform has none: the neutral is where the first frame is.
+    np.testing.assert_allclose(read.mesh.positions, POINTS + np.array([10.0, 0, 0]), atol=1e-5)
     for number in (1, 2):
         wanted = frame(number) + np.array([10.0 * number, 0, 0])
         np.testing.assert_allclose(frames[number], wanted, atol=1e-5)

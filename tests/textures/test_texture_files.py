@@ -318,3 +318,21 @@ def part_of(name: str, drawn: FrameMap, folder: Path, level: int = 0) -> NDArray
     own = folder / f"{name}{level}"
     own.mkdir()
     return written(name, drawn, own, level).texels
+
+
+def test_a_first_triangle_without_area_in_uv_takes_part_in_nothing() -> None:
+    flat = np.zeros((1, 3), MESH.face_uv.dtype)
+    mesh = Mesh(
+        MESH.positions,
+        np.concatenate([MESH.faces[:1], MESH.faces]),
+        MESH.uv,
+        np.concatenate([flat, MESH.face_uv]),
+    )
+    shown = all_triangles(MESH, SIDE)
+    texels = np.where(shown < len(MESH.faces), shown + 1, len(mesh.faces)).astype(np.int32)
+
+    found = Padding.of(mesh, 1001, texels, PADDED)
+
+    wanted = Padding.of(MESH, 1001, shown, PADDED)
+    np.testing.assert_array_equal(found.texels, wanted.texels)
+    np.testing.assert_array_equal(found.sources, wanted.sources)

@@ -1,4 +1,4 @@
-"""Tiles as files."""
+"""Tiles as files, and files that are there when they are whole."""
 
 from __future__ import annotations
 
@@ -19,15 +19,18 @@ def save(tile: Tile, path: Path, name: str, scale: float | None) -> Path:
     """What `Tile.save` does."""
     if path.is_dir():
         path = path / f"{name}.{tile.label}{EXTENSIONS[tile.format]}"
-    data = _file(tile, path, scale)
-    # Written aside: nobody reads half a file.
+    write_whole(path, _file(tile, path, scale))
+    return path
+
+
+def write_whole(path: Path, data: bytes | memoryview) -> None:
+    """Write a file aside and put it in its place: nobody reads half of it."""
     aside = path.with_name(f".{path.name}.{uuid4().hex}")
     try:
         aside.write_bytes(data)
         aside.replace(path)
     finally:
         aside.unlink(missing_ok=True)
-    return path
 
 
 def _file(tile: Tile, path: Path, scale: float | None) -> bytes | memoryview:

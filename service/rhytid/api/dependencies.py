@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterator
 from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -59,7 +59,8 @@ async def _memory(request: Request) -> RequestMemory:
     return RequestMemory.of(request)
 
 
-async def _job_share(request: Request) -> AsyncIterator[JobShare]:
+# Not async: it may ask the device's process, which the event loop must not wait for.
+def _job_share(request: Request) -> Iterator[JobShare]:
     with request.app.state.job_shares.one(Caller.of(request.scope)) as share:
         yield share
 

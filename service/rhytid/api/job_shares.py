@@ -45,8 +45,12 @@ class JobShares:
         """
         share = JobShare(caller.name)
         with self._lock:
-            if self._count(caller) >= caller.jobs or len(self._shares) >= REMEMBERED:
-                self._shares = [kept for kept in self._shares if self._is_held(kept)]
+            full = self._count(caller) >= caller.jobs or len(self._shares) >= REMEMBERED
+            kept = self._shares[:] if full else []
+        # Not under the lock: the device's process may let it wait.
+        ended = {one for one in kept if not self._is_held(one)}
+        with self._lock:
+            self._shares = [one for one in self._shares if one not in ended]
             if (held := self._count(caller)) >= caller.jobs:
                 raise QuotaError(f"{caller.name} has {held} unfinished jobs: at most {caller.jobs}")
             self._shares.append(share)

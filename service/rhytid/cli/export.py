@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from rhytid.cli.options import (
     MESH_FILES,
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from rhytid.cli.export_sources import Exported
     from rhytid.cli.warned import Warned
     from rhytid.engine.engine import Engine
+    from rhytid.skin_package.package import PackageWriter
 
 SUMMARY = "Write a skin package: mesh, textures and the shader of the fast method, for engines."
 DETAILS = """
@@ -78,7 +79,8 @@ def run(arguments: argparse.Namespace) -> None:
     """Take or build the asset, write the package and report its figures."""
     if arguments.asset is not None:
         for name in _BUILDING:
-            if getattr(arguments, name):
+            given = getattr(arguments, name)
+            if given is not None and given is not False and given != []:
                 option = "--" + name.replace("_", "-")
                 arguments.usage_error(f"{option} says how an asset is built, --asset names one")
     elif arguments.graph is not None:
@@ -105,7 +107,7 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
         writer = PackageWriter(maps, source.mesh, source.shapes, arguments.folder, arguments.levels)
         for step in counted(writer.steps(), "exporting", "part"):
             step()
-    _report(arguments, source, writer.manifest, warned)
+    _report(arguments, source, writer, warned)
 
 
 @contextmanager
@@ -125,8 +127,11 @@ def _engine(arguments: argparse.Namespace) -> Iterator[Engine]:
             yield engine
 
 
-def _report(arguments: argparse.Namespace, source: Exported, manifest: Any, warned: Warned) -> None:
-    files = [file for file in arguments.folder.rglob("*") if file.is_file()]
+def _report(
+    arguments: argparse.Namespace, source: Exported, writer: PackageWriter, warned: Warned
+) -> None:
+    manifest, files = writer.manifest, writer.files
+    assert manifest is not None
     figures = {
         "asset": source.asset,
         "out": str(arguments.folder),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import os
-import select
 import signal
 import socket
 import subprocess
@@ -33,7 +32,7 @@ from rhytid.engine.byte_budget import Hold
 from rhytid.engine.messages import NewAsset
 from rhytid.engine_process.device_process import possible
 from rhytid.engine_process.shared import private
-from rhytid.engine_process.wire import Message, close_all, receive, send
+from rhytid.engine_process.wire import Message, close_all, readable, receive, send
 from rhytid.errors import BusyError, CancelledError, InputError, LimitError, RhytidError
 
 Gone = Callable[[], bool]
@@ -150,7 +149,7 @@ class _Process:
         self._line.close()
 
     def _next(self, gone: Gone) -> Any:
-        while not select.select([self._line], [], [], _LOOK)[0]:
+        while not readable(self._line, _LOOK):
             if gone():
                 raise CancelledError("the client has closed the connection")
         found = receive(self._line, descriptors=True)

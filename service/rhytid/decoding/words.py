@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import pickle
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, is_dataclass
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ import numpy as np
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.engine_process.packing import pack, slices
 from rhytid.engine_process.shared import Bytes
+from rhytid.errors import RhytidError
 
 
 @dataclass(frozen=True)
@@ -90,17 +91,21 @@ class _Careful(pickle.Unpickler):
     def find_class(self, module: str, name: str) -> Any:
         """Classes of ours and what arrays are made by; raises UnpicklingError for all else."""
         if "." not in name:
-            numpys = module.partition(".")[0] == "numpy" and name in _NUMPY
-            found = (
-                super().find_class(module, name) if self._known(module, name) or numpys else None
-            )
-            if isinstance(found, type) or numpys or (module, name) in _ALSO:
-                return found
+            if (module.partition(".")[0] == "numpy" and name in _NUMPY) or (module, name) in _ALSO:
+                return super().find_class(module, name)
+            if module.startswith(_OURS) or module == "rhytid.errors":
+                found = super().find_class(module, name)
+                if _is_ours(found, module):
+                    return found
         raise pickle.UnpicklingError(f"{module}.{name} is not expected here")
 
-    @staticmethod
-    def _known(module: str, name: str) -> bool:
-        return module.startswith(_OURS) or module == "rhytid.errors" or (module, name) in _ALSO
+
+def _is_ours(found: Any, module: str) -> bool:
+    """A fact or an error that the module defines: what it imports, such as operator.attrgetter,
+    would lead anywhere."""
+    if not isinstance(found, type) or found.__module__ != module:
+        return False
+    return is_dataclass(found) or issubclass(found, RhytidError)
 
 
 def read_word(body: bytes, sizes: Sequence[int] = (), memory: Bytes | None = None) -> Any:

@@ -71,9 +71,12 @@ class MapDrawing:
                     self.joined += 1
                     drawing.joined += 1
             if drawing is None:
-                return self._draw(
-                    key, mine, lambda: self.square(asset, frame, query, udim, level, square)
-                )
+                try:
+                    return self._draw(
+                        key, mine, lambda: self.square(asset, frame, query, udim, level, square)
+                    )
+                finally:
+                    del mine
             with suppress(CancelledError):
                 return self._joining(drawing)
             wanted.check()  # else whoever drew it was gone before this caller joined
@@ -87,6 +90,7 @@ class MapDrawing:
         except BaseException as error:
             self._forget(key)
             mine.tile.set_exception(error)
+            del mine  # else the error's traceback and this frame hold each other
             raise
         self._forget(key)
         mine.tile.set_result(tile)

@@ -37,6 +37,12 @@ class _Batch:
     wanted: dict[TileAddress, Future[Tile]] = field(default_factory=dict)
     waiting: int = 0
 
+    def fail(self, error: BaseException) -> None:
+        """Give an error to all who wait for a tile that is not drawn."""
+        for future in self.wanted.values():
+            if not future.done():
+                future.set_exception(error)
+
 
 class TileBatcher:
     """Gathers requests that wait for the device at the same time.
@@ -85,7 +91,10 @@ class TileBatcher:
                 leads = True
         if leads:
             self._lead(key, batch, turn)
-        return future.result()
+        try:
+            return future.result()
+        finally:  # else its error's traceback and this frame hold each other
+            del future, batch
 
     def _join(self, batch: _Batch, address: TileAddress) -> Future[Tile]:
         size = self._worker.size
@@ -101,9 +110,8 @@ class TileBatcher:
             self._worker.call(lambda: self._draw(key, batch), turn)
         except BaseException as error:  # noqa: BLE001 handed to those who wait for it
             self._close(key, batch)
-            for future in batch.wanted.values():
-                if not future.done():
-                    future.set_exception(error)
+            batch.fail(error)
+            del batch  # else the error's traceback and this frame hold each other
 
     def _close(self, key: Hashable, batch: _Batch) -> list[TileAddress]:
         """Close the batch to further requests."""

@@ -83,7 +83,10 @@ class DeviceWorker:
                 self._turns.setdefault(turn, deque()).append((future, run))
                 self._waiting += 1
                 self._changed.notify_all()
-        return future.result()
+        try:
+            return future.result()
+        finally:  # else its error's traceback and this frame hold each other
+            del future
 
     def _work(self) -> None:
         while (item := self._take()) is not None:
@@ -111,6 +114,8 @@ def _perform(future: Future[T], task: Callable[[], T]) -> None:
         future.set_result(task())
     except BaseException as error:  # noqa: BLE001 handed to the caller, who waits for it
         future.set_exception(error)
+    finally:  # as above
+        del future
 
 
 def _refuse(future: Future[Any]) -> None:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 import mmap
 import os
-import select
 import signal
 import socket
 import subprocess
@@ -20,8 +20,9 @@ from rhytid.engine_process.control import Close, Control, OpenLine, Start, Start
 from rhytid.engine_process.ending import Ending, ending_of
 from rhytid.engine_process.line import Line, Lines
 from rhytid.engine_process.shared import mapped, shared_file
-from rhytid.engine_process.wire import close_all
+from rhytid.engine_process.wire import close_all, readable
 
+_log = logging.getLogger(__name__)
 # Seconds between two looks at what the process does.
 LOOK = 0.1
 # Seconds that it has to end by itself once it is told to.
@@ -85,12 +86,15 @@ class DeviceProcess:
 
     def watch(self) -> Ending:
         """Wait for its end, and end it where a call of the driver takes too long."""
-        while self._hears():
-            if self._late is None and self.report.late:
-                self._late = self._limit
-                self.kill()
-            if self._close_by is not None and time.monotonic() > self._close_by:
-                self.kill()
+        try:
+            while self._hears():
+                if self._late is None and self.report.late:
+                    self._late = self._limit
+                    self.kill()
+                if self._close_by is not None and time.monotonic() > self._close_by:
+                    self.kill()
+        except Exception:  # noqa: BLE001 else nobody would start it again
+            _log.exception("the process of the device (%d) cannot be watched", self.pid)
         self.kill()  # it has closed its control socket, so that nothing can be asked of it
         ending = ending_of(self._process.wait(), self._late, self.report.purpose)
         self._control.line.close()
@@ -99,8 +103,7 @@ class DeviceProcess:
 
     def _hears(self) -> bool:
         """Take in what the process tells within a moment; False where it is gone."""
-        readable, _, _ = select.select([self._control.line], [], [], LOOK)
-        if not readable:
+        if not readable(self._control.line, LOOK):
             return True
         heard = self._control.receive()
         if heard is None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from rhytid.domain.curves import Curves
@@ -59,7 +60,8 @@ class RemoteAssets:
         if nbytes and asked is not None:
             sent: NewAsset = request.packed.shared().positional[0]
             for index, positions in enumerate(() if sent.frames is None else sent.frames):
-                self._frames.keep(info.id, frame_label(index), positions, asked)
+                # A copy: the whole upload lies in the memory that they are a part of.
+                self._frames.keep(info.id, frame_label(index), np.array(positions), asked)
         return self._noted(info)
 
     def all(self) -> list[AssetInfo]:

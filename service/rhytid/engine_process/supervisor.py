@@ -136,9 +136,12 @@ class Supervisor:
             self._asked.pop(request.number, None)
         self._refusals.absolve(request)
         keep_spans(spans)
-        if not good:
+        if good:
+            return answer
+        try:
             raise answer
-        return answer
+        finally:  # else its traceback and this frame hold each other, and all that frames hold
+            del answer
 
     @contextmanager
     def _instead(self, request: Request) -> Iterator[None]:

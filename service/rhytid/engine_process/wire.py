@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import array
 import os
+import select
 import socket
 import struct
 from collections.abc import Sequence
@@ -33,6 +34,13 @@ class Message:
     shared: int = 0
     room: int = 0
     descriptors: tuple[int, ...] = ()
+
+
+def readable(line: socket.socket, seconds: float) -> bool:
+    """Whether something comes, or the end, in that time. `select` has descriptors to 1023 alone."""
+    poll = select.poll()
+    poll.register(line, select.POLLIN)
+    return bool(poll.poll(1000 * seconds))
 
 
 def send(line: socket.socket, message: Message) -> None:

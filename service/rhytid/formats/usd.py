@@ -53,7 +53,9 @@ class UsdMesh:
         self._earliest = self._usd.TimeCode.EarliestTime()
         self._still = None if self._moves() else self._transform(self._earliest)
         default = self._usd.TimeCode.Default()
-        self.neutral = self._at(self._earliest if self._points.Get(default) is None else default)
+        self.neutral = self._at(
+            self._earliest if self._points.Get(default) is None else default, self._earliest
+        )
         if not self.animated:
             bake_skin(self.stage, self._mesh.GetPrim())
 
@@ -125,13 +127,17 @@ class UsdMesh:
         except (FrameError, MeshError) as exc:
             raise FrameError(f"{where}: {exc}") from exc
 
-    def _at(self, time: Any) -> NDArray[np.floating[Any]]:
+    def _at(self, time: Any, placed: Any = None) -> NDArray[np.floating[Any]]:
+        """Positions at a time.  placed: that of the transform; None: the same. Transforms with
+        samples alone have no default."""
         points = self._points.Get(time)
         if points is None or not len(points):
             raise MeshError(f"{self.path} has no points")
         check_size(f"{self.path} points", 3 * len(points))
         local = np.array(points, np.float32).reshape(-1, 3)
-        matrix = self._transform(time) if self._still is None else self._still
+        matrix = self._still
+        if matrix is None:
+            matrix = self._transform(time if placed is None else placed)
         if np.array_equal(matrix, np.eye(4)):
             return local
         return local.astype(np.float64) @ matrix[:3, :3] + matrix[3, :3]

@@ -22,6 +22,7 @@ from rhytid.skin_package.shaders import DIALECTS, runtime, shader_texts
 from rhytid.skin_package.textures import TextureFiles, index_channel
 
 MANIFEST, SCHEMA, MESH, REST = "manifest.json", "manifest.schema.json", "skin.glb", "triangles.bin"
+TEXTURES = ("maps", "triangles", "cushions", "cushion_triangles")
 Step = Callable[[], None]
 
 
@@ -55,6 +56,17 @@ class PackageWriter:
             self._cushions = TextureFiles(textures, "cushions", "r8snorm", broad)
             self._cushion_triangles = TextureFiles(textures, "cushion_triangles", index)
         self.manifest: Manifest | None = None
+        self._written: list[str] = []
+
+    @property
+    def files(self) -> list[Path]:
+        """What was written, of all that the folder may have."""
+        textures = (name for one in self._textures() for name in one.files.values())
+        return [self._folder / name for name in (*self._written, *textures)]
+
+    def _textures(self) -> list[TextureFiles]:
+        every = (self._codes, self._triangles, self._cushions, self._cushion_triangles)
+        return [one for one in every if one is not None]
 
     def steps(self) -> list[Step]:
         """What is done, in this order."""
@@ -75,6 +87,9 @@ class PackageWriter:
         for dialect in DIALECTS:
             (self._folder / "shaders" / dialect).mkdir(parents=True, exist_ok=True)
         (self._folder / MANIFEST).unlink(missing_ok=True)
+        for name in TEXTURES:  # those of an earlier package, which may have had other UDIMs
+            for file in (self._folder / "textures").glob(f"{name}.1[0-9][0-9][0-9].ktx2"):
+                file.unlink()
 
     def _write_mesh(self) -> None:
         mesh, metres = self._mesh, self._maps.metres
@@ -109,6 +124,7 @@ class PackageWriter:
     def _write(self, name: str, data: bytes) -> None:
         with whole(self._folder / name) as aside:
             write_file(aside, data)
+        self._written.append(name)
 
 
 def _json(value: object) -> bytes:

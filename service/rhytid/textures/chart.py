@@ -87,6 +87,7 @@ def _barycentric(
     x = (column + 0.5) / side - a[:, 0]
     y = 1.0 - (row + rows.start + 0.5) / side - a[:, 1]
     area = b[:, 0] * c[:, 1] - b[:, 1] * c[:, 0]
+    area[area == 0.0] = np.nan  # such a triangle holds no texel
     second = (x * c[:, 1] - y * c[:, 0]) / area
     third = (y * b[:, 0] - x * b[:, 1]) / area
     return np.stack([1.0 - second - third, second, third], axis=1)

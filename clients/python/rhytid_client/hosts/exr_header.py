@@ -8,26 +8,35 @@ from __future__ import annotations
 import struct
 from pathlib import Path
 
+from rhytid_client.hosts.trouble import Trouble
+
 # Headers of maps are far shorter.
 _LONGEST = 1 << 16
 _MAGIC = b"\x76\x2f\x31\x01"
 
 
 def text_attribute(path: Path, name: str) -> str | None:
-    """A string attribute by name; None where there is none, or the header cannot be read."""
+    """A string attribute by name; None where there is none, or the header is none.
+
+    Raises Trouble where the file cannot be read."""
     value = _attribute(path, name, "string")
     return None if value is None else value.decode("utf-8", "replace")
 
 
 def float_attribute(path: Path, name: str) -> float | None:
-    """A float attribute by name; None where there is none, or the header cannot be read."""
+    """A float attribute by name; None where there is none, or the header is none.
+
+    Raises Trouble where the file cannot be read."""
     value = _attribute(path, name, "float")
     return struct.unpack("<f", value)[0] if value is not None and len(value) == 4 else None
 
 
 def _attribute(path: Path, name: str, kind: str) -> bytes | None:
-    with path.open("rb") as file:
-        data = file.read(_LONGEST)
+    try:
+        with path.open("rb") as file:
+            data = file.read(_LONGEST)
+    except OSError as exc:
+        raise Trouble(f"{path} cannot be read: {exc}") from exc
     if not data.startswith(_MAGIC):
         return None
     try:

@@ -7,6 +7,7 @@ from pathlib import Path
 from zlib import crc32
 
 from rhytid_client.hosts.trouble import Trouble
+from rhytid_client.saving import write_whole
 
 # Characters of a name: the server takes frames of 64, and some are of the session.
 _LONGEST = 40
@@ -21,10 +22,8 @@ def slug(name: str) -> str:
 
 def replaced(path: Path, data: bytes) -> None:
     """Write a file that is there when it is whole; raises Trouble."""
-    aside = path.with_suffix(".part")
     try:
-        aside.write_bytes(data)
-        aside.replace(path)
+        write_whole(path, data)
     except OSError as exc:
         raise Trouble(f"{path} cannot be written: {exc}") from exc
 

@@ -102,6 +102,9 @@ def _checked(folder: Path, files: list[re.Match[str]]) -> MapSequence:
     if len(files) != len(udims) * len(frames):
         raise Trouble(f"Some frames in {folder} have no map of a UDIM: bake them again")
     digits = min(len(match[3]) for match in files)
+    for match in files:  # 1 beside 02: no rule makes both names
+        if match[3] != f"{int(match[3]):0{digits}d}":
+            raise Trouble(f"{match[0]} in {folder} has zeros that other files have not")
     style = (STANDARD[0], digits)
     sequence = MapSequence.of(folder, files[0][1], style, udims, frames)
     unit = text_attribute(folder / files[0][0], "unit") or ""
@@ -121,5 +124,15 @@ def copied(maps: MapSequence, folder: Path, style: Style) -> MapSequence:
     copies = MapSequence.of(folder, maps.name, style, maps.udims, maps.frames)
     for udim in maps.udims:
         for frame in maps.frames:
-            shutil.copyfile(maps.file(udim, frame), copies.file(udim, frame))
+            _copy(maps.file(udim, frame), copies.file(udim, frame))
     return replace(copies, unit=maps.unit, bound=maps.bound)
+
+
+def _copy(source: Path, target: Path) -> None:
+    aside = target.with_suffix(".part")
+    try:
+        shutil.copyfile(source, aside)
+        aside.replace(target)
+    except OSError as exc:
+        aside.unlink(missing_ok=True)
+        raise Trouble(f"{source} cannot be copied to {target}: {exc}") from exc

@@ -57,12 +57,8 @@ class Skin:
         where they fold the face.  settings: more of those of an asset. The same mesh with the same
         settings is found again and not grown anew.
         """
-        given = {
-            "resolution": resolution,
-            "tile_size": min(resolution, 512),
-            **(settings or {}),
-            "unit": self._scene.unit,
-        }
+        given = {"resolution": resolution, **(settings or {}), "unit": self._scene.unit}
+        given.setdefault("tile_size", min(given["resolution"], 512))
         with self._scene.working("Send the mesh") as progress:
             shapes = {f"frame {n}": np.asarray(self._scene.positions(n)) for n in expressions}
             steps = self._server.sending(self._scene.rest(), given, shapes or None)
@@ -106,11 +102,15 @@ class Skin:
         return self._show(maps, maps.frames[0] if start is None else start)
 
     def _maps(self, folder: Path, frames: Sequence[int] | None) -> MapSequence:
-        asset, numbers = self.asset, self._scene.frames() if frames is None else frames
-        if not numbers or min(numbers) < 0:
+        asset, numbers = self.asset, sorted(set(self._scene.frames() if frames is None else frames))
+        if frames is None:  # a range that begins before 0 has a part that can be baked
+            numbers = [number for number in numbers if number >= 0]
+        if not numbers:
             raise Trouble("There are no frames to bake: they are numbered from 0 on")
+        if numbers[0] < 0:
+            raise Trouble(f"Frame {numbers[0]} cannot be baked: they are numbered from 0 on")
         name, style = slug(self._scene.name), self._scene.style(asset.udims)
-        maps = MapSequence.of(folder, name, style, asset.udims, sorted(numbers))
+        maps = MapSequence.of(folder, name, style, asset.udims, numbers)
         return replace(maps, unit=self._scene.unit, bound=self._server.bound(asset))
 
     def _steps(self, maps: MapSequence, drawing: Drawing) -> Generator[Step, None, tuple[str, ...]]:

@@ -30,7 +30,7 @@ def factor(of_map: str, of_scene: str) -> float:
 
 
 def _millimetres(unit: str) -> float:
-    known = MILLIMETRES.get(unit.lower().replace("µ", "u"))
+    known = MILLIMETRES.get(unit.casefold().replace("μ", "u"))
     if known is None:
         raise Trouble(f"Maps in {unit!r} have no known size: use one of {', '.join(MILLIMETRES)}")
     return known

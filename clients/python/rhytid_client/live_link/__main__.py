@@ -13,6 +13,7 @@ from rhytid_client.live.messages import Address, LiveAnswer, LiveTile
 from rhytid_client.live_link.bridge import Bridge
 from rhytid_client.live_link.packet import ARKIT
 from rhytid_client.live_link.receiver import PORT, FaceReceiver
+from rhytid_client.saving import write_whole
 
 
 def parser() -> argparse.ArgumentParser:
@@ -56,9 +57,7 @@ class _Files:
 
     def tile(self, tile: LiveTile) -> None:
         path = self._folder / f"{'.'.join(map(str, tile.address))}.npy"
-        written = path.with_suffix(".part")
-        written.write_bytes(npy.encode(tile.array))
-        written.replace(path)
+        write_whole(path, npy.encode(tile.array))
         self._tiles += 1
 
     def answer(self, answer: LiveAnswer | ProblemError) -> None:

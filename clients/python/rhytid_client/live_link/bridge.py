@@ -31,7 +31,7 @@ class Bridge:
         self._faces, self._live = faces, live
         self._on_tile, self._on_answer = on_tile, on_answer
         self._stop = threading.Event()
-        self._error: RhytidError | None = None
+        self._error: RhytidError | OSError | None = None
         self.sent = 0
 
     def stop(self) -> None:
@@ -73,7 +73,7 @@ class Bridge:
                 if face is not None:
                     self._live.send(weights=face.weights)
                     self.sent += 1
-        except RhytidError as error:
+        except (RhytidError, OSError) as error:
             if not self._stop.is_set():
                 self._error = error
         finally:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+import time
 from types import TracebackType
 
 from rhytid_client.live_link.packet import FaceFrame, read_packet
@@ -61,24 +62,28 @@ class FaceReceiver:
     def newest(self, timeout: float | None = None) -> FaceFrame | None:
         """The newest face that came since the last call; waits for one. None where none came in
         `timeout` seconds."""
-        newest = self._read(timeout)
+        until = None if timeout is None else time.monotonic() + timeout
+        newest = None
         for _ in range(_MOST):
-            try:
-                found = self._read(0.0)
-            except BlockingIOError:
+            packet = self._packet(0.0 if newest is not None else _left(until))
+            if packet is None:
                 break
+            found = self._face(packet)
             if found is not None:
                 self.skipped += newest is not None
                 newest = found
         return newest
 
-    def _read(self, timeout: float | None) -> FaceFrame | None:
-        """One packet; None for one that is not used, or where none came in time."""
+    def _packet(self, timeout: float | None) -> bytes | None:
+        """None where none came in time."""
         self._socket.settimeout(timeout)
         try:
-            packet = self._socket.recv(_LARGEST)
-        except TimeoutError:
+            return self._socket.recv(_LARGEST)
+        except (TimeoutError, BlockingIOError):
             return None
+
+    def _face(self, packet: bytes) -> FaceFrame | None:
+        """What a packet has; None for one that is not used."""
         try:
             face = read_packet(packet)
         except ValueError as exc:
@@ -97,3 +102,7 @@ class FaceReceiver:
             return False
         self._last = face
         return True
+
+
+def _left(until: float | None) -> float | None:
+    return None if until is None else max(until - time.monotonic(), 0.0)
