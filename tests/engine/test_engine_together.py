@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import gc
 import threading
 import time
+import weakref
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import closing, contextmanager, nullcontext
+from contextlib import closing, contextmanager, nullcontext, suppress
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +20,7 @@ from pipeline.scenes import sheet
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.tile_batcher import Tile, TileBatcher
 from rhytid.engine.worker import DeviceWorker
-from rhytid.errors import BusyError, DeviceMemoryError, NotFoundError
+from rhytid.errors import BusyError, DeviceMemoryError, LimitError, NotFoundError
 
 ADDRESSES = [TileAddress(1001, 0, row, column) for row in range(4) for column in range(4)]
 
@@ -195,3 +197,29 @@ def test_tiles_drawn_together_have_the_bits_of_those_drawn_alone(
             together = [future.result(60) for future in asked]
 
     assert [tile.tobytes() for tile in together] == [tile.tobytes() for tile in alone]
+
+
+class _Large:
+    """What a failing call held."""
+
+
+@pytest.mark.parametrize("joined", [False, True])
+def test_an_error_does_not_keep_what_its_frames_held(joined: bool) -> None:
+    """Its memory was given back: it must be free without a collection of cycles."""
+    held: list[weakref.ref[_Large]] = []
+
+    def failing(*_: object) -> list[Tile]:
+        large = _Large()
+        held.append(weakref.ref(large))
+        raise LimitError("too large")
+
+    gc.disable()
+    try:
+        with closing(DeviceWorker(4)) as worker:
+            batcher = TileBatcher(worker, nullcontext)
+            with suppress(LimitError):
+                batcher.tile("key", ADDRESSES[0], 64, failing) if joined else worker.call(failing)
+            gone = held[0]() is None
+    finally:
+        gc.enable()
+    assert gone

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+import resource
 import socket
 import threading
 from types import MappingProxyType
@@ -25,7 +26,7 @@ from rhytid.engine_process.line import Line, Lines
 from rhytid.engine_process.packing import APART, pack, unpack
 from rhytid.engine_process.requests import Request
 from rhytid.engine_process.shared import mapped, private, shared_file
-from rhytid.engine_process.wire import Message, close_all, receive, send
+from rhytid.engine_process.wire import Message, close_all, readable, receive, send
 from rhytid.errors import CancelledError, HostBusyError, NotFoundError, RhytidError, StrictError
 
 SIZES = st.lists(st.integers(0, 5 * APART), max_size=4)
@@ -188,3 +189,17 @@ def test_an_upload_with_everything_comes_over() -> None:
     assert unpack(pack(MappingProxyType({1: 2})).body, (), None) == {1: 2}
     assert found.shapes is not None
     assert found.shapes.names == ("one", "two")
+
+
+def test_a_high_descriptor_can_be_waited_for() -> None:
+    """A server with many connections has descriptors above 1023."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, 2048), hard))
+    near, far = socket.socketpair()
+    try:
+        with near, far, socket.socket(fileno=os.dup2(near.fileno(), 1999)) as high:
+            assert not readable(high, 0)
+            far.send(b"!")
+            assert readable(high, 5)
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))

@@ -94,7 +94,7 @@ class TileBatcher:
         try:
             return future.result()
         finally:  # else its error's traceback and this frame hold each other
-            del future, batch
+            del future
 
     def _join(self, batch: _Batch, address: TileAddress) -> Future[Tile]:
         size = self._worker.size
@@ -111,7 +111,8 @@ class TileBatcher:
         except BaseException as error:  # noqa: BLE001 handed to those who wait for it
             self._close(key, batch)
             batch.fail(error)
-            del batch  # else the error's traceback and this frame hold each other
+        finally:  # who waits has its future; else frames of an error and the error hold each other
+            batch.wanted.clear()
 
     def _close(self, key: Hashable, batch: _Batch) -> list[TileAddress]:
         """Close the batch to further requests."""
@@ -129,7 +130,7 @@ class TileBatcher:
         except RhytidError:
             if len(addresses) == 1:
                 raise
-            # TileBatcher they may need more than there is, or one of them is at fault.
+            # Together they may need more than there is, or one of them is at fault.
             for address in addresses:
                 self._finish_alone(batch, address)
 
