@@ -95,7 +95,7 @@ def test_an_interrupted_command_ends_soon_and_leaves_nothing(
     running = started(f"{arguments} --verbose", folder)
     seconds, rest = interrupted(running, lambda line: bool(re.search(words, line)))
 
-    assert running.returncode == 130
+    assert running.returncode == 130, rest
     assert seconds < 1
     assert rest.splitlines()[-1] == f"rhytid {arguments.split()[0]}: interrupted"
     assert "Traceback" not in rest
