@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import signal
@@ -150,3 +151,23 @@ def test_a_call_that_does_not_return_is_ended_too(tmp_path: Path) -> None:
     assert (running.returncode, rest) == (130, "rhytid bake: interrupted\n")
     assert seconds < 1
     assert list(tmp_path.iterdir()) == []
+
+
+THREADS = """
+from pathlib import Path
+import signal
+from rhytid.device.select import candidates
+def masks():
+    tasks = Path("/proc/self/task").glob("*/status")
+    return [int(t.read_text().partition("SigBlk:")[2].split()[0], 16) for t in tasks]
+assert candidates()
+print([mask >> signal.SIGINT - 1 & 1 for mask in masks()])
+"""
+
+
+def test_what_the_driver_starts_gets_no_sigint() -> None:
+    """Else its linker ends where a command is interrupted, and PoCL aborts the process."""
+    command = [sys.executable, "-c", THREADS]
+    blocked = json.loads(subprocess.run(command, capture_output=True, check=True).stdout)
+    assert blocked[0] == 0
+    assert any(blocked), "those of PoCL; libraries of numpy have threads, too"

@@ -23,6 +23,7 @@ from rhytid.device.memory import usual_device_memory
 from rhytid.device.paces import FIRST_WORK, Paces
 from rhytid.device.select import Candidate
 from rhytid.device.shape import launch_shapes
+from rhytid.device.sigint import without_sigint
 from rhytid.device.trial import cl
 from rhytid.device.work_groups import LaunchPiece, launch_pieces
 from rhytid.errors import DeviceError, DeviceMemoryError, KernelBuildError
@@ -38,7 +39,8 @@ def _device_errors() -> Iterator[None]:
     """The one place where errors of the OpenCL runtime become ours."""
     watch.begin_call()
     try:
-        yield
+        with without_sigint():
+            yield
     except cl.MemoryError as error:
         raise DeviceMemoryError(f"the OpenCL driver is out of memory: {error}") from error
     except cl.Error as error:

@@ -12,6 +12,7 @@ from typing import Any
 import rhytid_kernels
 from rhytid.device import trial
 from rhytid.device.remembered import recall, remember
+from rhytid.device.sigint import without_sigint
 from rhytid.device.trial import cl
 from rhytid.errors import NoDeviceError
 
@@ -55,6 +56,7 @@ class Candidate:
 
 
 @lru_cache(maxsize=1)
+@without_sigint()
 def candidates() -> tuple[Candidate, ...]:
     """Every OpenCL device of this process, in the order of its drivers."""
     try:

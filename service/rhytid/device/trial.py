@@ -12,6 +12,7 @@ import numpy as np
 import rhytid_kernels
 from rhytid.device import watch
 from rhytid.device.loader import load_pyopencl
+from rhytid.device.sigint import without_sigint
 
 cl: Any = load_pyopencl()
 
@@ -38,11 +39,13 @@ def pace(handle: Any) -> float:
         return math.inf
 
 
+@without_sigint()
 def open_context(handle: Any) -> Any:
     """A context on one device; raises the runtime's own error."""
     return cl.Context([handle])
 
 
+@without_sigint()
 def compile_program(context: Any, text: str, options: list[str]) -> Any:
     """Build a program; raises the runtime's own error. The warning that pyopencl raises for output
     of the compiler is suppressed."""
@@ -66,6 +69,7 @@ class _Trial:
         self.buffer = cl.Buffer(self._context, cl.mem_flags.READ_WRITE, 4 * floats)
 
 
+@without_sigint()
 def _probed(handle: Any) -> Any:
     trial, host = _Trial(handle, _ITEMS), np.empty(_ITEMS, np.float32)
     with watch.driver_call():
@@ -74,6 +78,7 @@ def _probed(handle: Any) -> Any:
     return host
 
 
+@without_sigint()
 def _paced(handle: Any) -> float:
     trial, seconds = _Trial(handle, _GROUPS * _GROUP_FLOATS), []
     kernel = cl.Kernel(trial.program, "pace")
