@@ -202,7 +202,11 @@ class LiveSession:
 
     async def _send(self, message: dict[str, Any]) -> None:
         with anyio.move_on_after(STALLED):
-            await self._websocket.send(message)
+            try:
+                await self._websocket.send(message)
+            except RuntimeError as error:
+                # Closed by the protocol itself: a message too large, a pong that did not come.
+                raise WebSocketDisconnect(1006, "the connection is closed") from error
             return
         # A code would wait behind what the client does not read.
         raise WebSocketDisconnect(1006, f"the client took nothing for {STALLED:g} seconds")

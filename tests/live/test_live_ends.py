@@ -1,0 +1,26 @@
+"""How a live connection ends that something else has ended already, or that cannot begin."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+import pytest
+from starlette.websockets import WebSocketDisconnect
+
+from rhytid.api.live.session import LiveSession
+
+
+class Closed:
+    """A connection that the server's protocol has closed by itself."""
+
+    async def send(self, _: Any) -> None:
+        raise RuntimeError("Unexpected ASGI message 'websocket.send'")
+
+
+def test_a_tile_for_a_connection_that_is_closed_is_no_failure_of_the_server() -> None:
+    closed: Any = Closed()
+    session = LiveSession(closed, lambda _: None, {}, 25, 1)  # type: ignore[arg-type,return-value]
+    with pytest.raises(WebSocketDisconnect) as raised:
+        asyncio.run(session._send({"type": "websocket.send", "bytes": b"tile"}))
+    assert raised.value.code == 1006
