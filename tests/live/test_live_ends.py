@@ -8,7 +8,11 @@ from typing import Any
 import pytest
 from starlette.websockets import WebSocketDisconnect
 
+from api.patch import smile
+from live.gated import TILE, GatedEngine
+from live.speaker import Speaker
 from rhytid.api.live.session import LiveSession
+from rhytid.errors import CancelledError
 
 
 class Closed:
@@ -24,3 +28,13 @@ def test_a_tile_for_a_connection_that_is_closed_is_no_failure_of_the_server() ->
     with pytest.raises(WebSocketDisconnect) as raised:
         asyncio.run(session._send({"type": "websocket.send", "bytes": b"tile"}))
     assert raised.value.code == 1006
+
+
+def test_a_cancelled_frame_is_told_while_the_client_is_there(
+    engine: GatedEngine, speaker: Speaker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    speaker.open(tiles=[TILE])
+    monkeypatch.setattr(engine, "error", CancelledError("asset a was removed"))
+    speaker.positions(1, smile())
+    _, end = speaker.answer()
+    assert (end["status"], end["detail"]) == (409, "asset a was removed")

@@ -158,7 +158,10 @@ class LiveSession:
                 if found is not None:
                     await self._send({"type": "websocket.send", "bytes": found})
                     sent += 1
-        except CancelledError:
+        except CancelledError as error:
+            # Also what a frame meets whose asset is deleted while it is drawn.
+            if not self._over:
+                await self._refuse(error, frame, dropped)
             return
         except NotFoundError as error:
             raise LiveClosed(closing.GONE, public_message(error)) from error
