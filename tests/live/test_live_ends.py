@@ -12,7 +12,7 @@ from api.patch import smile
 from live.gated import TILE, GatedEngine
 from live.speaker import Speaker
 from rhytid.api.live.session import LiveSession
-from rhytid.errors import CancelledError
+from rhytid.errors import CancelledError, DeviceLostError
 
 
 class Closed:
@@ -38,3 +38,14 @@ def test_a_cancelled_frame_is_told_while_the_client_is_there(
     speaker.positions(1, smile())
     _, end = speaker.answer()
     assert (end["status"], end["detail"]) == (409, "asset a was removed")
+
+
+def test_a_device_that_restarts_while_a_connection_begins_asks_to_come_again(
+    engine: GatedEngine, speaker: Speaker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def lost(_: str) -> Any:
+        raise DeviceLostError("it is restarted")
+
+    monkeypatch.setattr(engine.assets, "shapes", lost)
+    speaker.tell("open", tiles=[TILE])
+    assert speaker.closed() == (1013, "it is restarted")

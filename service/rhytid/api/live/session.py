@@ -20,7 +20,6 @@ from rhytid.api.live.wire import LiveFrame, Opening, read_frame, read_opening, r
 from rhytid.api.problems import kind_of
 from rhytid.api.rates import Rates
 from rhytid.errors import (
-    BusyError,
     CancelledError,
     InputError,
     NotFoundError,
@@ -92,10 +91,10 @@ class LiveSession:
             raise LiveClosed(closing.GONE, public_message(error)) from error
         except InputError as error:
             raise LiveClosed(closing.BAD_MESSAGE, f"header: {error}") from error
-        except BusyError as error:
-            raise LiveClosed(closing.LATER, public_message(error)) from error
         except RhytidError as error:
-            raise LiveClosed(closing.INTERNAL, public_message(error)) from error
+            later = hasattr(error, "retry_after") or kind_of(error).status == 507
+            code = closing.LATER if later else closing.INTERNAL
+            raise LiveClosed(code, public_message(error)) from error
         try:
             shapes = drawing.blendshapes
             named = {"shapes": shapes.names, "unknown": shapes.unknown} if shapes else {}
