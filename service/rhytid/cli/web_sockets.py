@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from typing import Any
 
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
@@ -12,15 +13,20 @@ LARGEST = 16 << 20
 PING = 20.0
 # Seconds in which a client may read what was sent before the connection ended.
 LEFT_TO_READ = 10.0
+# For failures alone: at INFO uvicorn writes addresses with their query, in which a key may be. The
+# application logs each handshake by its path.
+logger = logging.getLogger(__name__)
+logger.setLevel(logging.WARNING)
 
 
 class WebSockets(WebSocketsSansIOProtocol):
     """Ends connections for good: what a client does not read is not kept for ever. Keeps the heads
-    of handshakes, which hold keys, out of the log."""
+    and queries of handshakes, which hold keys, out of the log."""
 
     def __init__(self, *arguments: Any, **named: Any) -> None:
         super().__init__(*arguments, **named)
         self.conn.debug = False
+        self.logger = logger
 
     async def send(self, message: Any) -> None:
         """Send a message of the application."""
