@@ -27,12 +27,35 @@ class WebSockets(WebSocketsSansIOProtocol):
         super().__init__(*arguments, **named)
         self.conn.debug = False
         self.logger = logger
+        # The answer to the last pings, while there is no room for it.
+        self._pong: list[bytes] = []
 
     async def send(self, message: Any) -> None:
         """Send a message of the application."""
         await super().send(message)
         # Else an answer in place of a connection is logged as an error of the application.
         self.handshake_complete |= self.initial_response is not None and self.close_sent
+
+    def handle_ping(self) -> None:
+        """Answer a ping. While the client does not read, the last alone is kept: reading goes on, as
+        the newest frame counts, and what is kept must not grow."""
+        if self.writable.is_set():
+            super().handle_ping()
+        else:
+            # All pings of one read are answered at the first of them.
+            self._pong = self.conn.data_to_send() or self._pong
+
+    def resume_writing(self) -> None:
+        """There is room again."""
+        super().resume_writing()
+        pong, self._pong = self._pong, []
+        if pong and not self.close_sent:
+            self.transport.write(b"".join(pong))
+
+    def keepalive_timeout(self) -> None:
+        """End a connection whose client answers no ping, though it may never read why."""
+        super().keepalive_timeout()
+        self.loop.call_later(LEFT_TO_READ, self.transport.abort)
 
     async def run_asgi(self) -> None:
         """Answer the connection; a while after the answer nothing of it is left."""
