@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager
+from copy import deepcopy
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -125,8 +126,9 @@ class LiveDrawing:
 
     @cached_property
     def _mesh(self) -> Mesh:
-        """The neutral mesh, which not every connection needs."""
-        return self._engine.assets.mesh(self._info.id)
+        """The neutral mesh, which not every connection needs. A copy: what an engine in another
+        process answers keeps memory of its connection for as long as it is there."""
+        return deepcopy(self._engine.assets.mesh(self._info.id))
 
     def _take_shapes(self) -> None:
         try:
