@@ -12,7 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.api.live.closing import GONE, TOO_LARGE, LiveClosed
-from rhytid.api.live.wire import WEIGHTS, Camera, LiveFrame, Opening, View, tile_message
+from rhytid.api.live.wire import (
+    MOST_TILES,
+    WEIGHTS,
+    Camera,
+    LiveFrame,
+    Opening,
+    View,
+    tile_message,
+)
 from rhytid.domain.blendshapes import Blendshapes
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import TileAddress, TileGrid
@@ -97,6 +105,8 @@ class LiveDrawing:
         addresses = view.addresses()
         if view.camera is not None:
             addresses = self._seen(positions, view.camera)
+            if len(addresses) > MOST_TILES:
+                raise LiveClosed(TOO_LARGE, f"{len(addresses)} tiles in view: at most {MOST_TILES}")
             self._check_texels(addresses)
         wanted = set(addresses)
         self._sent = {at: tile for at, tile in self._sent.items() if at in wanted}
