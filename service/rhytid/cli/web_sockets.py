@@ -31,7 +31,16 @@ class WebSockets(WebSocketsSansIOProtocol):
         self._pong: list[bytes] = []
 
     async def send(self, message: Any) -> None:
-        """Send a message of the application."""
+        """Send a message of the application.
+
+        One that accepts a connection may have `largest`: bytes of a message on it, fewer than
+        `LARGEST`. What comes of larger ones is not kept.
+        """
+        if "largest" in message:
+            largest = min(LARGEST, message["largest"])
+            # As version 17 of websockets calls it, and as earlier ones do.
+            for name in ("max_message_size", "max_size"):
+                setattr(self.conn, name, largest)
         await super().send(message)
         # Else an answer in place of a connection is logged as an error of the application.
         self.handshake_complete |= self.initial_response is not None and self.close_sent

@@ -17,7 +17,7 @@ _LONGEST = 123
 CODES = {
     1000: "the client is done",
     1001: "the client goes away",
-    1009: "a message is larger than 16 MiB",
+    1009: "a message is larger than 1 MiB and than a frame of the asset, or than 16 MiB",
     INTERNAL: "the server failed, or a ping was not answered within 20 seconds",
     1012: "the server ends",
     LATER: "others hold the memory, or the device restarts; try again",
