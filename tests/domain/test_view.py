@@ -148,7 +148,7 @@ def test_each_tile_that_a_triangle_meets_is_counted_once(monkeypatch: pytest.Mon
     found = list(zip(viewed._triangles.tolist(), addresses, strict=True))
     assert (len(found), set(found)) == (len(expected), expected)
     monkeypatch.setattr(view, "MOST_PAIRS", 1000)
-    with pytest.raises(LimitError, match="UDIM 1001 meet .* at most 1000"):
+    with pytest.raises(LimitError, match=r"UDIM 1001 meet .* at most 1000"):
         ViewedTiles(BALL, UDIMS, GRID, 0)
 
 

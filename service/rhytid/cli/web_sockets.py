@@ -46,8 +46,8 @@ class WebSockets(WebSocketsSansIOProtocol):
         self.handshake_complete |= self.initial_response is not None and self.close_sent
 
     def handle_ping(self) -> None:
-        """Answer a ping. While the client does not read, the last alone is kept: reading goes on, as
-        the newest frame counts, and what is kept must not grow."""
+        """Answer a ping. While the client does not read, the last answer alone is kept: reading
+        goes on, as the newest frame counts, and what is kept must not grow."""
         if self.writable.is_set():
             super().handle_ping()
         else:
