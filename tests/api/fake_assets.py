@@ -117,6 +117,9 @@ class FakeAssets(Part):
             raise NotFoundError(f"asset {asset} has no named shapes")
         return shapes
 
+    def shapes_nbytes(self, asset: str) -> int:
+        return int(self.shapes(asset).positions.nbytes)
+
     def curves(self, asset: str) -> Curves:
         self.state.built(asset)
         return CURVES

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from rhytid.domain import view
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import TileAddress, TileGrid
 from rhytid.domain.view import ViewedTiles
+from rhytid.errors import LimitError
 
 GRID = TileGrid(1024, 128)
 UDIMS = (1001, 1002)
@@ -123,3 +125,36 @@ def test_what_is_behind_the_camera_or_too_far_is_not_seen() -> None:
     viewed, away = ViewedTiles(BALL, UDIMS, GRID, 0), looking([3, 0, 0], 0.7)
     assert viewed.seen(BALL.positions + np.float32([10, 0, 0]), away) == []
     assert viewed.seen(BALL.positions, looking([3, 0, 0], 0.7, far=1.5)) == []
+
+
+def test_each_tile_that_a_triangle_meets_is_counted_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By a loop over all tiles, which takes long where a map has many."""
+    uv = BALL.triangle_uv()
+    low, high = uv.min(axis=1) - 2 / 1024, uv.max(axis=1) + 2 / 1024
+    expected = {
+        (triangle, TileAddress(udim, 0, row, column))
+        for place, udim in enumerate(UDIMS)
+        for row in range(8)
+        for column in range(8)
+        for triangle in np.flatnonzero(
+            (low[:, 0] < place + (column + 1) / 8)
+            & (high[:, 0] >= place + column / 8)
+            & (low[:, 1] <= 1 - row / 8)
+            & (high[:, 1] > 1 - (row + 1) / 8)
+        ).tolist()
+    }
+    viewed = ViewedTiles(BALL, UDIMS, GRID, 0)
+    addresses = [viewed._address(number) for number in viewed._numbers[viewed._tiles].tolist()]
+    found = list(zip(viewed._triangles.tolist(), addresses, strict=True))
+    assert (len(found), set(found)) == (len(expected), expected)
+    monkeypatch.setattr(view, "MOST_PAIRS", 1000)
+    with pytest.raises(LimitError, match=r"UDIM 1001 meet .* at most 1000"):
+        ViewedTiles(BALL, UDIMS, GRID, 0)
+
+
+def test_a_map_of_many_tiles_costs_what_the_triangles_meet() -> None:
+    fine = TileGrid(16384, 64)
+    viewed = ViewedTiles(BALL, UDIMS, fine, 0)
+    seen = viewed.seen(BALL.positions, looking([3, 0, 0], 0.02))
+    assert 0 < len(seen) < 65536 / 50
+    assert viewed.nbytes < 1 << 23

@@ -10,9 +10,10 @@ import pytest
 from house.markdown import table
 from house.pages import ROOT
 from rhytid.api import device_slots, encoding, parts, rates, request_memory, uploads
-from rhytid.cli import connections
+from rhytid.api.live import drawing, places, session, wire
+from rhytid.cli import connections, web_sockets
 from rhytid.decoding import decoder, limits
-from rhytid.domain import expressions, painted
+from rhytid.domain import expressions, painted, view
 from rhytid.engine import byte_budget
 from rhytid.formats import limits as format_limits
 from rhytid.formats import npy, obj
@@ -28,7 +29,7 @@ NUMBERS: dict[str, tuple[float, ...]] = {
     "of one address": (connections.ConnectionLimits.of(USUAL).most_of_one,),
     "time for the head": (USUAL.stall_seconds,),
     "time for each": (connections.PROGRESS, USUAL.stall_seconds),
-    "time in which": (request_memory.PIECE, USUAL.stall_seconds),
+    "time in which a client": (request_memory.PIECE, USUAL.stall_seconds),
     "head of a request": (connections.DEFAULT_MAX_INCOMPLETE_EVENT_SIZE,),
     "requests per second": (USUAL.key_rate,),
     "unfinished jobs": (USUAL.key_jobs,),
@@ -46,6 +47,17 @@ NUMBERS: dict[str, tuple[float, ...]] = {
     "side": (format_limits.MOST_SIDE,),
     "texels of all": (painted.MOST_TEXELS,),
     "expressions": (expressions.MOST_EXPRESSIONS,),
+    "live connections open": (places.MOST,),
+    "live connections of": (places.MOST_EACH,),
+    "live message of any": (web_sockets.LARGEST / MIB,),
+    "live message to": (wire.largest_message(1),),
+    "tiles in a live": (wire.MOST_TILES,),
+    "texels in a live": (drawing.MOST_TEXELS,),
+    "tiles of a level": (view.MOST_PAIRS,),
+    "time for a live": (session.HEADER,),
+    "time between live": (session.IDLE,),
+    "time in which a live": (session.STALLED,),
+    "time between pings": (web_sockets.PING,),
     "decoded in the server itself: bytes sent": (limits.LIGHT,),
     "decoded in the server itself: bytes that": (limits.LIGHT_PROMISED,),
     "uploads decoded": (limits.AT_ONCE,),

@@ -36,7 +36,7 @@ def test_limits_are_those_of_the_page() -> None:
         f"| connections in all, and of one caller | {places.MOST}, {places.MOST_EACH} |",
         f"| {web_sockets.LARGEST >> 20} MiB: positions of {vertices:,} vertices; the header and "
         f"views {JSON_LIMIT >> 10} KiB |",
-        f"| tiles of a list, names of shapes | {wire.MOST_TILES} |",
+        f"| tiles of a list or in view, names of shapes | {wire.MOST_TILES} |",
         f"| texels in view | {drawing.MOST_TEXELS:,},",
         f"| {session.HEADER:g}, {session.IDLE:g}, {session.STALLED:g} |",
         f"| pings | every {web_sockets.PING:g} seconds;",

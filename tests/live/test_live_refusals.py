@@ -192,3 +192,11 @@ def test_places_are_counted_by_caller_and_in_all() -> None:
         with places.one("c"):
             assert len(places) == 3
     assert len(places) == 0
+
+
+def test_a_message_above_what_the_asset_can_use_is_not_read(speaker: Speaker) -> None:
+    speaker.open(tiles=[TILE])
+    # Its head alone, so that the server reads no more and the code arrives.
+    speaker.socket.socket.sendall(b"\x82\xff" + struct.pack(">Q", (1 << 20) + 1) + bytes(4))
+    code, reason = speaker.closed()
+    assert (code, str(1 << 20) in reason) == (1009, True), reason

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import httpx
 import numpy as np
+import pytest
 
 from api.asking import built
 from api.patch import obj, positions, smile, upload
@@ -53,3 +54,12 @@ def test_a_camera_looks_where_the_mesh_was_sent(server: httpx.Client) -> None:
         speaker.positions(1, moved)
         tiles, _ = speaker.answer()
     assert {tile.address[3] for tile in tiles} == {0, 1, 2}
+
+
+def test_a_camera_that_sees_too_many_tiles_ends_the_connection(
+    speaker: Speaker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rhytid.api.live.drawing.MOST_TILES", 3)
+    speaker.open(camera={"matrix": np.diag([1.0, 1.0, 0.1, 1.0]).tolist(), "two_sided": True})
+    speaker.positions(1, positions())
+    assert speaker.closed() == (4413, "16 tiles in view: at most 3")

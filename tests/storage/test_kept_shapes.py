@@ -46,6 +46,7 @@ def test_they_come_back_and_stay_when_the_asset_is_built(
 
 def test_others_replace_them_and_the_same_are_not_written(kept: AssetStore, folder: Path) -> None:
     kept.put_shapes(ID, shapes())
+    assert 0 <= kept.shapes_nbytes(ID) - shapes().positions.nbytes < 1000
     manifest = folder / "assets" / ID / "shapes" / "manifest.json"
     written = manifest.stat().st_mtime_ns
     kept.put_shapes(ID, shapes())

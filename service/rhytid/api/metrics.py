@@ -136,7 +136,8 @@ class Metrics:
 
 
 class Observe:
-    """ASGI middleware: one count, one time and one log line per request."""
+    """ASGI middleware: one count, one time and one log line per request; of a WebSocket a line for
+    its handshake."""
 
     def __init__(self, app: ASGIApp, metrics: Metrics, tracer: Tracer | None = None) -> None:
         self.app = app
@@ -144,6 +145,9 @@ class Observe:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass the request on and note its status, 500 where it raised."""
+        if scope["type"] == "websocket":
+            await self.app(scope, receive, _logging_handshake(scope, send))
+            return
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
@@ -168,7 +172,7 @@ class Observe:
         route = getattr(scope.get("route"), "path", "none")
         self.metrics.requests.labels(method, route, status).inc()
         self.metrics.seconds.labels(route).observe(seconds)
-        path = scope["path"].encode("unicode_escape").decode("ascii")
+        path = _printable(scope["path"])
         who = caller.name if (caller := scope.get(CALLER)) else ""
         fields = {"method": method, "path": path, "route": route, "status": status}
         fields |= {"milliseconds": round(1000 * seconds, 3), "caller": who}
@@ -177,3 +181,25 @@ class Observe:
         logger.info(text, method, path, status, 1000 * seconds, who, extra=extra)
         if span is not None:
             span(status, route)
+
+
+def _printable(path: str) -> str:
+    return path.encode("unicode_escape").decode("ascii")
+
+
+def _logging_handshake(scope: Scope, send: Send) -> Send:
+    """Logs the answer to the handshake of a WebSocket. Never its query: a key may be in it."""
+    answers = {"websocket.accept": 101, "websocket.close": 403}
+    told = False
+
+    async def noting(message: Message) -> None:
+        nonlocal told
+        status = message.get("status", answers.get(message["type"]))
+        if not told and status is not None:
+            told = True
+            path = _printable(scope["path"])
+            fields = {"method": "WebSocket", "path": path, "status": status}
+            logger.info("WebSocket %s %d", path, status, extra={"fields": fields})
+        await send(message)
+
+    return noting

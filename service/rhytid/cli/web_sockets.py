@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from typing import Any
 
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
@@ -12,21 +13,58 @@ LARGEST = 16 << 20
 PING = 20.0
 # Seconds in which a client may read what was sent before the connection ended.
 LEFT_TO_READ = 10.0
+# For failures alone: at INFO uvicorn writes addresses with their query, in which a key may be. The
+# application logs each handshake by its path.
+logger = logging.getLogger(__name__)
+logger.setLevel(logging.WARNING)
 
 
 class WebSockets(WebSocketsSansIOProtocol):
     """Ends connections for good: what a client does not read is not kept for ever. Keeps the heads
-    of handshakes, which hold keys, out of the log."""
+    and queries of handshakes, which hold keys, out of the log."""
 
     def __init__(self, *arguments: Any, **named: Any) -> None:
         super().__init__(*arguments, **named)
         self.conn.debug = False
+        self.logger = logger
+        # The answer to the last pings, while there is no room for it.
+        self._pong: list[bytes] = []
 
     async def send(self, message: Any) -> None:
-        """Send a message of the application."""
+        """Send a message of the application.
+
+        One that accepts a connection may have `largest`: bytes of a message on it, fewer than
+        `LARGEST`. What comes of larger ones is not kept.
+        """
+        if "largest" in message:
+            largest = min(LARGEST, message["largest"])
+            # As version 17 of websockets calls it, and as earlier ones do.
+            for name in ("max_message_size", "max_size"):
+                setattr(self.conn, name, largest)
         await super().send(message)
         # Else an answer in place of a connection is logged as an error of the application.
         self.handshake_complete |= self.initial_response is not None and self.close_sent
+
+    def handle_ping(self) -> None:
+        """Answer a ping. While the client does not read, the last answer alone is kept: reading
+        goes on, as the newest frame counts, and what is kept must not grow."""
+        if self.writable.is_set():
+            super().handle_ping()
+        else:
+            # All pings of one read are answered at the first of them.
+            self._pong = self.conn.data_to_send() or self._pong
+
+    def resume_writing(self) -> None:
+        """There is room again."""
+        super().resume_writing()
+        pong, self._pong = self._pong, []
+        if pong and not self.close_sent:
+            self.transport.write(b"".join(pong))
+
+    def keepalive_timeout(self) -> None:
+        """End a connection whose client answers no ping, though it may never read why."""
+        super().keepalive_timeout()
+        self.loop.call_later(LEFT_TO_READ, self.transport.abort)
 
     async def run_asgi(self) -> None:
         """Answer the connection; a while after the answer nothing of it is left."""

@@ -7,42 +7,63 @@ from numpy.typing import NDArray
 
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import TileAddress, TileGrid, udim_origin
+from rhytid.errors import LimitError
 
 # Texels that what is drawn reaches beyond a triangle: maps are read with filters.
 _MARGIN = 2.0
+# Of triangles and tiles that meet, in one UDIM: what takes half a GiB while they are found.
+MOST_PAIRS = 1 << 23
+_NONE = np.empty(0, np.int64)
 
 
 class ViewedTiles:
     """Finds the tiles of one level that are in view, for one mesh.
 
     A tile is in view where a triangle that has texels in it faces the camera and is not wholly
-    outside of one side of the frustum. What hides behind other parts counts as seen.
+    outside of one side of the frustum. What hides behind other parts counts as seen. Raises
+    LimitError where triangles meet more tiles than are counted.
     """
 
     def __init__(self, mesh: Mesh, udims: tuple[int, ...], grid: TileGrid, level: int) -> None:
         self._faces = mesh.faces
-        self._addresses: list[TileAddress] = []
-        triangles, tiles = [], []
+        self._udims, self._level, self._side = udims, level, grid.count(level)
         uv = mesh.triangle_uv()
-        low, high = uv.min(axis=1), uv.max(axis=1)
-        side, margin = grid.count(level), _MARGIN / grid.side(level)
-        for udim in udims:
-            first, last = _covered(low - margin, high + margin, udim, side)
-            for row in range(side):
-                for column in range(side):
-                    inside = ((first <= (row, column)) & (last >= (row, column))).all(axis=1)
-                    found = np.flatnonzero(inside)
-                    if len(found):
-                        triangles.append(found)
-                        tiles.append(np.full(len(found), len(self._addresses)))
-                        self._addresses.append(TileAddress(udim, level, row, column))
-        self._triangles = np.concatenate(triangles) if triangles else np.empty(0, np.intp)
-        self._tiles = np.concatenate(tiles) if tiles else np.empty(0, np.intp)
+        margin = _MARGIN / grid.side(level)
+        low, high = uv.min(axis=1) - margin, uv.max(axis=1) + margin
+        found = [self._met(low, high, place) for place in range(len(udims))]
+        self._triangles = np.concatenate([triangles for triangles, _ in found] or [_NONE])
+        # Tiles as numbers, UDIM by UDIM and row by row; for each triangle the place of its tile.
+        tiles = np.concatenate([tiles for _, tiles in found] or [_NONE])
+        self._numbers, self._tiles = np.unique(tiles, return_inverse=True)
+
+    def _met(
+        self, low: NDArray[np.float64], high: NDArray[np.float64], place: int
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Triangles and the tiles of one UDIM that their boxes meet, a pair for each tile."""
+        side = self._side
+        first, last = _covered(low, high, self._udims[place], side)
+        triangles = np.flatnonzero(((first < side) & (last >= 0)).all(axis=1))
+        first = np.maximum(first[triangles], 0)
+        rows, columns = (np.minimum(last[triangles], side - 1) - first + 1).T
+        each = rows * columns
+        pairs = int(each.sum())
+        if pairs > MOST_PAIRS:
+            raise LimitError(
+                f"triangles in UDIM {self._udims[place]} meet {pairs} tiles of level "
+                f"{self._level}, counted for each triangle: at most {MOST_PAIRS}; ask for a "
+                "coarser level"
+            )
+        one = np.repeat(np.arange(len(each)), each)
+        within = np.arange(pairs) - np.repeat(np.cumsum(each) - each, each)
+        row = first[one, 0] + within // columns[one]
+        column = first[one, 1] + within % columns[one]
+        return triangles[one], (place * side + row) * side + column
 
     @property
     def nbytes(self) -> int:
         """Bytes that it holds."""
-        return self._triangles.nbytes + self._tiles.nbytes + self._faces.nbytes
+        arrays = (self._triangles, self._tiles, self._numbers, self._faces)
+        return sum(array.nbytes for array in arrays)
 
     def seen(
         self,
@@ -61,10 +82,15 @@ class ViewedTiles:
         corners = clip[self._faces]
         area = _area_in_picture(corners, two_sided)
         shown = area[self._triangles]
-        seen = np.bincount(self._tiles, shown > 0.0, len(self._addresses))
-        size = np.bincount(self._tiles, shown, len(self._addresses))
+        seen = np.bincount(self._tiles, shown > 0.0, len(self._numbers))
+        size = np.bincount(self._tiles, shown, len(self._numbers))
         order = np.argsort(-size, kind="stable")
-        return [self._addresses[i] for i in order if seen[i]]
+        return [self._address(number) for number in self._numbers[order[seen[order] > 0]].tolist()]
+
+    def _address(self, number: int) -> TileAddress:
+        row, column = divmod(number, self._side)
+        place, row = divmod(row, self._side)
+        return TileAddress(self._udims[place], self._level, row, column)
 
 
 def _covered(

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from functools import cache, partial
-from typing import Any
+from typing import Any, TypeVar
 
 from numpy.typing import ArrayLike
 
@@ -38,6 +38,8 @@ from rhytid.pipeline.folds import measured_folds
 from rhytid.pipeline.stretch import r_max_of
 from rhytid.storage.store import AssetStore
 from rhytid.synthesis.fields.capacity_check import check_amount
+
+T = TypeVar("T")
 
 
 class AssetService:
@@ -188,9 +190,16 @@ class AssetService:
 
         Raises NotFoundError where none came.
         """
+        return self._of_shapes(asset, self._store.shapes)
+
+    def shapes_nbytes(self, asset: str) -> int:
+        """Bytes of what `shapes` answers, which is not read; raises as it does."""
+        return self._of_shapes(asset, self._store.shapes_nbytes)
+
+    def _of_shapes(self, asset: str, find: Callable[[str], T]) -> T:
         self._assets.get(asset).check_ready()
         try:
-            return self._store.shapes(asset)
+            return find(asset)
         except NotFoundError:
             raise NotFoundError(
                 f"asset {asset} has no named shapes: send its mesh again with the part shapes"

@@ -29,6 +29,7 @@ _PLAIN = {
         "graph",
         "mesh",
         "shapes",
+        "shapes_nbytes",
         "curves",
         "calibrate",
     ),

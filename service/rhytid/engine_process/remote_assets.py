@@ -112,6 +112,11 @@ class RemoteAssets:
         found: Expressions = self._supervisor.call(Request("assets.shapes", (asset,)))
         return found
 
+    def shapes_nbytes(self, asset: str) -> int:
+        """As `AssetService.shapes_nbytes`."""
+        found: int = self._supervisor.call(Request("assets.shapes_nbytes", (asset,)))
+        return found
+
     def curves(self, asset: str) -> Curves:
         """As `AssetService.curves`."""
         found: Curves = self._supervisor.call(Request("assets.curves", (asset,)))

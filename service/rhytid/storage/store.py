@@ -207,6 +207,12 @@ class AssetStore:
         folder = self._existing(id, SHAPES)
         return read_shapes(read_verified(folder, f"{SHAPES} {id}"), folder)
 
+    def shapes_nbytes(self, id: str) -> int:
+        """Bytes of the named shapes of an asset; only the manifest is read. Raises NotFoundError
+        where it has none."""
+        files = read_manifest(self._existing(id, SHAPES), f"{SHAPES} {id}")
+        return sum(file.nbytes for file in files.values())
+
     def contents(self, id: str) -> dict[str, StoredFile]:
         """Sizes and digests of the files of a built asset, as they were written; only the manifest
         is read."""

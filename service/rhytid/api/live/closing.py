@@ -17,10 +17,10 @@ _LONGEST = 123
 CODES = {
     1000: "the client is done",
     1001: "the client goes away",
-    1009: "a message is larger than 16 MiB",
+    1009: "a message is larger than 1 MiB and than a frame of the asset, or than 16 MiB",
     INTERNAL: "the server failed, or a ping was not answered within 20 seconds",
     1012: "the server ends",
-    LATER: "other requests hold the memory; try again",
+    LATER: "others hold the memory, or the device restarts; try again",
     BAD_MESSAGE: "a header, a view or a frame that is not as it must be; the reason names what",
     GONE: "the asset was deleted, or what was asked of it is not there",
     IDLE: "no header within 10 seconds, or nothing at all for 5 minutes",

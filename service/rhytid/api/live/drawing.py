@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager
+from copy import deepcopy
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -11,7 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.api.live.closing import GONE, TOO_LARGE, LiveClosed
-from rhytid.api.live.wire import WEIGHTS, Camera, LiveFrame, Opening, View, tile_message
+from rhytid.api.live.wire import (
+    MOST_TILES,
+    WEIGHTS,
+    Camera,
+    LiveFrame,
+    Opening,
+    View,
+    tile_message,
+)
 from rhytid.domain.blendshapes import Blendshapes
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import TileAddress, TileGrid
@@ -30,6 +39,8 @@ if TYPE_CHECKING:
 MOST_TEXELS = 8192**2
 # A tile that was drawn, and what it is encoded to.
 _WORKING = 2
+# How many times the bytes of shapes are there while they are read.
+_READING = 3
 # Frames that a connection may have at once: one that comes, one that waits, one that is drawn.
 _FRAMES = 3
 
@@ -56,7 +67,7 @@ class LiveDrawing:
         self._centre = np.array(info.centre)
         self._sent: dict[TileAddress, NDArray[np.float32]] = {}
         self._viewed: tuple[int, ViewedTiles] | None = None
-        self._hold = engine.memory.hold("answers")
+        self._hold, self._loading = engine.memory.hold("answers"), 0
         self.blendshapes: Blendshapes | None = None
         try:
             self._reserve(0)
@@ -96,6 +107,8 @@ class LiveDrawing:
         addresses = view.addresses()
         if view.camera is not None:
             addresses = self._seen(positions, view.camera)
+            if len(addresses) > MOST_TILES:
+                raise LiveClosed(TOO_LARGE, f"{len(addresses)} tiles in view: at most {MOST_TILES}")
             self._check_texels(addresses)
         wanted = set(addresses)
         self._sent = {at: tile for at, tile in self._sent.items() if at in wanted}
@@ -125,17 +138,24 @@ class LiveDrawing:
 
     @cached_property
     def _mesh(self) -> Mesh:
-        """The neutral mesh, which not every connection needs."""
-        return self._engine.assets.mesh(self._info.id)
+        """The neutral mesh, which not every connection needs. A copy: what an engine in another
+        process answers keeps memory of its connection for as long as it is there."""
+        return deepcopy(self._engine.assets.mesh(self._info.id))
 
     def _take_shapes(self) -> None:
+        assets, id = self._engine.assets, self._info.id
         try:
-            shapes = self._engine.assets.shapes(self._info.id)
+            # Held before they are read: what was read, a copy, and the differences.
+            self._loading = _READING * assets.shapes_nbytes(id)
+            self._reserve(0)
+            shapes = assets.shapes(id)
         except NotFoundError:
+            self._loading = 0
             if self._opening.shapes:
                 raise
             return
         self.blendshapes = Blendshapes(self._mesh.positions, shapes, self._opening.shapes)
+        self._loading = 0
 
     def _positions(self, frame: LiveFrame) -> NDArray[np.float32]:
         if frame.kind == WEIGHTS:
@@ -174,7 +194,7 @@ class LiveDrawing:
         """Hold what the connection takes: waits for it; raises as `Hold.grow` does."""
         largest = 4 * self._grid.texels(0) ** 2
         frames = _FRAMES * 12 * self._info.vertices
-        shapes = 0 if self.blendshapes is None else self.blendshapes.nbytes
+        shapes = self._loading if self.blendshapes is None else self.blendshapes.nbytes
         viewed = 0 if self._viewed is None else self._viewed[1].nbytes
         mesh = 36 * self._info.vertices + 24 * self._info.triangles
         try:

@@ -20,7 +20,6 @@ from rhytid.api.live.wire import LiveFrame, Opening, read_frame, read_opening, r
 from rhytid.api.problems import kind_of
 from rhytid.api.rates import Rates
 from rhytid.errors import (
-    BusyError,
     CancelledError,
     InputError,
     NotFoundError,
@@ -92,10 +91,10 @@ class LiveSession:
             raise LiveClosed(closing.GONE, public_message(error)) from error
         except InputError as error:
             raise LiveClosed(closing.BAD_MESSAGE, f"header: {error}") from error
-        except BusyError as error:
-            raise LiveClosed(closing.LATER, public_message(error)) from error
         except RhytidError as error:
-            raise LiveClosed(closing.INTERNAL, public_message(error)) from error
+            later = hasattr(error, "retry_after") or kind_of(error).status == 507
+            code = closing.LATER if later else closing.INTERNAL
+            raise LiveClosed(code, public_message(error)) from error
         try:
             shapes = drawing.blendshapes
             named = {"shapes": shapes.names, "unknown": shapes.unknown} if shapes else {}
@@ -158,7 +157,10 @@ class LiveSession:
                 if found is not None:
                     await self._send({"type": "websocket.send", "bytes": found})
                     sent += 1
-        except CancelledError:
+        except CancelledError as error:
+            # Also what a frame meets whose asset is deleted while it is drawn.
+            if not self._over:
+                await self._refuse(error, frame, dropped)
             return
         except NotFoundError as error:
             raise LiveClosed(closing.GONE, public_message(error)) from error
@@ -202,7 +204,11 @@ class LiveSession:
 
     async def _send(self, message: dict[str, Any]) -> None:
         with anyio.move_on_after(STALLED):
-            await self._websocket.send(message)
+            try:
+                await self._websocket.send(message)
+            except RuntimeError as error:
+                # Closed by the protocol itself: a message too large, a pong that did not come.
+                raise WebSocketDisconnect(1006, "the connection is closed") from error
             return
         # A code would wait behind what the client does not read.
         raise WebSocketDisconnect(1006, f"the client took nothing for {STALLED:g} seconds")

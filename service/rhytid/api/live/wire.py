@@ -95,6 +95,12 @@ class LiveFrame:
     content: bytes
 
 
+def largest_message(vertices: int) -> int:
+    """Bytes of a message that is read for an asset of so many vertices. At least a MiB: what is
+    wrong with a message can be said once it is read."""
+    return max(1 << 20, FRAME.size + 12 * vertices)
+
+
 def read_opening(text: str) -> Opening:
     """The header; raises LiveClosed naming what is wrong with it."""
     opening: Opening = _read(Opening, text, "header")

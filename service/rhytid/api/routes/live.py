@@ -12,7 +12,7 @@ from rhytid.api.access import Caller
 from rhytid.api.dependencies import AssetId
 from rhytid.api.live.drawing import LiveDrawing
 from rhytid.api.live.session import LiveSession
-from rhytid.api.live.wire import PROTOCOL, Opening
+from rhytid.api.live.wire import PROTOCOL, Opening, largest_message
 from rhytid.errors import ConflictError, NotReadyError, QueryError
 
 if TYPE_CHECKING:
@@ -30,7 +30,8 @@ async def live(websocket: WebSocket, asset: AssetId) -> None:
         info = await run_in_threadpool(state.engine.assets.info, asset)
         _check_ready(info)
         # A client that offers none means the format that there is.
-        await websocket.accept(subprotocol=PROTOCOL if websocket.scope["subprotocols"] else None)
+        subprotocol = PROTOCOL if websocket.scope["subprotocols"] else None
+        await _accept(websocket, subprotocol, largest_message(info.vertices))
 
         def begin(opening: Opening) -> LiveDrawing:
             slot = partial(state.slots.one, lambda: session.over)
@@ -39,6 +40,14 @@ async def live(websocket: WebSocket, asset: AssetId) -> None:
 
         session = LiveSession(websocket, begin, _facts(info), info.vertices, caller.rate)
         await session.run()
+
+
+async def _accept(websocket: WebSocket, subprotocol: str | None, largest: int) -> None:
+    """As `websocket.accept`.  largest: bytes of a message, for `rhytid.cli.web_sockets`."""
+    await websocket.receive()
+    await websocket.send(
+        {"type": "websocket.accept", "subprotocol": subprotocol, "headers": [], "largest": largest}
+    )
 
 
 def _check_query(websocket: WebSocket) -> None:

@@ -1,0 +1,53 @@
+"""What a connection holds of its asset."""
+
+from __future__ import annotations
+
+import json
+from contextlib import nullcontext
+from typing import Any
+
+import numpy as np
+import pytest
+
+from live.gated import TILE, GatedEngine
+from rhytid.api.live.closing import LiveClosed
+from rhytid.api.live.drawing import LiveDrawing
+from rhytid.api.live.wire import read_opening
+
+
+def drawing_of(engine: Any, asset: str, **header: Any) -> LiveDrawing:
+    opening = read_opening(json.dumps({"message": "open", **header}))
+    counter: Any = None
+    return LiveDrawing(engine, engine.assets.info(asset), opening, nullcontext, counter)
+
+
+def test_nothing_of_the_engine_is_kept(engine: GatedEngine, asset: str) -> None:
+    """What an engine in another process answers is in its memory for as long as it is kept."""
+    engines, drawing = engine.assets.mesh(asset), drawing_of(engine, asset, tiles=[TILE])
+    assert drawing.blendshapes is not None
+    for array in (drawing._mesh.positions, drawing._mesh.faces, drawing._mesh.uv):
+        of_engine = (engines.positions, engines.faces, engines.uv)
+        assert not any(np.shares_memory(array, one) for one in of_engine)
+    assert not np.shares_memory(drawing.blendshapes._neutral, engines.positions)
+    drawing.close()
+
+
+def test_memory_for_shapes_is_held_before_they_are_read(
+    engine: GatedEngine, asset: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read, before, held = engine.assets.shapes, engine.memory.used, []
+
+    def reading(asset: str) -> Any:
+        held.append(engine.memory.used - before)
+        return read(asset)
+
+    monkeypatch.setattr(engine.assets, "shapes", reading)
+    monkeypatch.setattr(engine.assets, "shapes_nbytes", lambda _: 1_000_000)
+    drawing = drawing_of(engine, asset, tiles=[TILE])
+    assert held[0] >= 3_000_000
+    assert engine.memory.used - before < 1_000_000
+    drawing.close()
+    monkeypatch.setattr(engine.assets, "shapes_nbytes", lambda _: engine.memory.limit)
+    with pytest.raises(LiveClosed, match="RHYTID_HOST_MEMORY_MB"):
+        drawing_of(engine, asset, tiles=[TILE])
+    assert (len(held), engine.memory.used) == (1, before)
