@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 from hypothesis import given
@@ -11,12 +12,15 @@ from hypothesis import strategies as st
 from engine.engines import new_asset
 from rhytid.domain.mesh import Mesh
 from rhytid.engine.checked_upload import CheckedUpload, content_id
+from rhytid.engine.messages import JobInfo
 from rhytid.engine_process import supervisors
 from rhytid.engine_process.found_devices import FoundDevice, named_devices, settings_of
+from rhytid.engine_process.job_ledger import JobLedger
 from rhytid.engine_process.placement import Placement
+from rhytid.engine_process.remote_jobs import RemoteJobs
 from rhytid.engine_process.requests import Request
 from rhytid.engine_process.supervisors import Supervisors
-from rhytid.errors import LimitError, NoDeviceError, NotFoundError
+from rhytid.errors import DeviceLostError, LimitError, NoDeviceError, NotFoundError
 from rhytid.settings import ServiceSettings
 
 GIB = 1 << 30
@@ -87,9 +91,16 @@ class One:
         self.known: set[str] = set()
         self.asked: list[str] = []
         self.fails: Exception | None = None
+        self.lost = False
+
+    @property
+    def ready(self) -> object | None:
+        return None if self.lost else self
 
     def call(self, request: Request, prepare: Any = None) -> Any:
         self.asked.append(request.name)
+        if self.lost:
+            raise DeviceLostError("lost")
         if request.name == "create":
             if self.fails:
                 raise self.fails
@@ -137,6 +148,42 @@ def test_a_job_is_found_on_whichever_device_it_is(two: Supervisors) -> None:
     assert two.call(Request("jobs.info", ("job",))) == "jobs.info"
     with pytest.raises(NotFoundError):
         two.call(Request("jobs.info", ("none",)))
+
+
+def test_a_lost_device_does_not_keep_jobs_of_the_others(two: Supervisors) -> None:
+    first, second = two.all
+    first.lost = True  # type: ignore[attr-defined]
+    two._placement.place("other", 1)
+    assert two._placement.place("asset", 1) == (1, True)
+    second.known.update(("job", "found"))  # type: ignore[attr-defined]
+    for name in ("jobs.info", "jobs.cancel"):
+        assert two.call(Request(name, ("job",), of="asset")) == name
+        assert two.call(Request(name, ("found",))) == name
+    assert first.asked == []  # type: ignore[attr-defined]
+    with pytest.raises(DeviceLostError):
+        two.call(Request("jobs.info", ("none",)))
+
+
+def test_assets_are_listed_all_or_not_at_all(two: Supervisors) -> None:
+    two.all[0].lost = True  # type: ignore[attr-defined]
+    with pytest.raises(DeviceLostError):
+        two.call(Request("assets.all"))
+
+
+def test_jobs_are_asked_for_with_their_asset() -> None:
+    asked: list[tuple[str, str]] = []
+    job = JobInfo("job", "asset", "build", "running", 0.0, "", "")
+
+    def call(request: Request) -> JobInfo:
+        asked.append((request.name, request.of))
+        return job
+
+    jobs = RemoteJobs(cast(Any, SimpleNamespace(call=call)), JobLedger())
+    jobs.note("job", "asset")
+    jobs.info("job")
+    jobs.cancel("job")
+    expected = ["jobs.info", "jobs.info", "jobs.cancel"]
+    assert asked == [(name, "asset") for name in expected]
 
 
 def test_what_is_refused_takes_no_room(two: Supervisors) -> None:

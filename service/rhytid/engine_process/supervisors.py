@@ -17,7 +17,7 @@ from rhytid.engine_process.found_devices import found_devices, named_devices, se
 from rhytid.engine_process.placement import Placement
 from rhytid.engine_process.requests import Request
 from rhytid.engine_process.supervisor import Supervisor
-from rhytid.errors import NotFoundError, StorageError
+from rhytid.errors import DeviceLostError, NotFoundError, StorageError
 from rhytid.settings import ServiceSettings
 from rhytid.storage.snapshots import asset_of
 from rhytid.storage.store import AssetStore
@@ -101,6 +101,8 @@ class Supervisors:
         if request.name in _NEW:
             return self._placed(request, prepare)
         if request.name == "assets.all":
+            # All or none: a list without the assets of a device that is lost would say that they
+            # are gone.
             return [info for one in self.all for info in one.call(Request(request.name))]
         if request.name.startswith("jobs."):
             return self._of_job(request)
@@ -114,11 +116,21 @@ class Supervisors:
         return self.all[self._placement.of(asset) or 0]
 
     def _of_job(self, request: Request) -> Any:
-        """The answer of the process that knows a job."""
-        for one in self.all[:-1]:
-            with suppress(NotFoundError):
+        """The answer of the process that knows a job: that of its asset, where that is known; else
+        all are asked, those that run first. Raises DeviceLostError where none knows it and one did
+        not answer: the job may be there."""
+        number = self._placement.of(request.of)
+        if number is not None:
+            return self.all[number].call(request)
+        lost: DeviceLostError | None = None
+        for one in sorted(self.all, key=lambda one: one.ready is None):
+            try:
                 return one.call(Request(request.name, request.positional))
-        return self.all[-1].call(request)
+            except DeviceLostError as error:  # noqa: PERF203 a handful of devices
+                lost = error
+            except NotFoundError as error:
+                missing = error
+        raise lost or missing
 
     def _placed(self, request: Request, prepare: Prepare | None) -> Any:
         """The answer to a request that brings an asset, which may be there already."""
