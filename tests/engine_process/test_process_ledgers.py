@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import replace
 from typing import Any, cast
 
@@ -40,6 +41,23 @@ def test_frames_are_sent_once_to_every_new_process() -> None:
     assert ledger.version("a", "smile") != version
     ledger.forget("a")
     assert (ledger.names("a"), ledger.version("a", "smile")) == ([], 0)
+
+
+def test_a_frame_that_is_being_sent_keeps_no_other() -> None:
+    ledger = FrameLedger(1000, lambda *_: None)
+    sent: list[str] = []
+
+    def send_others() -> None:
+        for number in range(200):
+            with ledger.sending("b", str(number)):
+                sent.append(str(number))
+
+    others = threading.Thread(target=send_others, daemon=True)
+    with ledger.sending("a", "smile"), ledger.sending("a", "smile"):
+        others.start()
+        others.join(5)
+        assert len(sent) == 200
+    assert len(ledger._sending) == 0
 
 
 def test_frames_beyond_the_limit_are_not_kept() -> None:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
+import threading
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 from hypothesis import given
@@ -11,12 +14,16 @@ from hypothesis import strategies as st
 from engine.engines import new_asset
 from rhytid.domain.mesh import Mesh
 from rhytid.engine.checked_upload import CheckedUpload, content_id
+from rhytid.engine.messages import JobInfo
 from rhytid.engine_process import supervisors
 from rhytid.engine_process.found_devices import FoundDevice, named_devices, settings_of
+from rhytid.engine_process.job_ledger import JobLedger
+from rhytid.engine_process.keyed_locks import KeyedLocks
 from rhytid.engine_process.placement import Placement
+from rhytid.engine_process.remote_jobs import RemoteJobs
 from rhytid.engine_process.requests import Request
 from rhytid.engine_process.supervisors import Supervisors
-from rhytid.errors import LimitError, NoDeviceError, NotFoundError
+from rhytid.errors import DeviceLostError, LimitError, NoDeviceError, NotFoundError
 from rhytid.settings import ServiceSettings
 
 GIB = 1 << 30
@@ -87,9 +94,22 @@ class One:
         self.known: set[str] = set()
         self.asked: list[str] = []
         self.fails: Exception | None = None
+        self.lost = False
+        self.forgotten: list[str] = []
+        # Done when an asset is removed, before the answer.
+        self.then: Callable[[], object] = lambda: None
+
+    def forget(self, asset: str) -> None:
+        self.forgotten.append(asset)
+
+    @property
+    def ready(self) -> object | None:
+        return None if self.lost else self
 
     def call(self, request: Request, prepare: Any = None) -> Any:
         self.asked.append(request.name)
+        if self.lost:
+            raise DeviceLostError("lost")
         if request.name == "create":
             if self.fails:
                 raise self.fails
@@ -101,6 +121,7 @@ class One:
             raise NotFoundError(request.positional[0])
         if request.name == "assets.delete":
             self.known.remove(request.positional[0])
+            self.then()
         return request.name
 
 
@@ -108,7 +129,7 @@ class One:
 def two() -> Supervisors:
     made = Supervisors.__new__(Supervisors)
     made.all = [One(), One()]  # type: ignore[list-item]
-    made._placement = Placement([1 << 40, 1 << 40])
+    made._placement, made._changing = Placement([1 << 40, 1 << 40]), KeyedLocks()
     return made
 
 
@@ -137,6 +158,74 @@ def test_a_job_is_found_on_whichever_device_it_is(two: Supervisors) -> None:
     assert two.call(Request("jobs.info", ("job",))) == "jobs.info"
     with pytest.raises(NotFoundError):
         two.call(Request("jobs.info", ("none",)))
+
+
+def test_what_is_deleted_is_forgotten_on_its_own_device(two: Supervisors) -> None:
+    for seed in (1, 2):
+        two.call(sent(seed))
+    id = content_id(sent(2).positional[0])
+    delete = Request("assets.delete", (id,))
+    two.call(delete)
+    assert [one.forgotten for one in two.all] == [[], [id]]  # type: ignore[attr-defined]
+    two._placement.place("lost before", 2)
+    number = two._placement.place("unknown", 1)[0]
+    with pytest.raises(NotFoundError):
+        two.call(Request("assets.delete", ("unknown",)))
+    assert two.all[number].forgotten[-1] == "unknown"  # type: ignore[attr-defined]
+    assert two._placement.of("unknown") is None
+
+
+def test_an_asset_that_is_sent_while_it_is_deleted_keeps_its_device(two: Supervisors) -> None:
+    two.call(sent(1))
+    id = content_id(sent(1).positional[0])
+    again = threading.Thread(target=two.call, args=(sent(1),))
+
+    def send() -> None:
+        again.start()
+        again.join(0.05)
+
+    two.all[0].then = send  # type: ignore[attr-defined]
+    two.call(Request("assets.delete", (id,)))
+    again.join()
+    knows = [id in one.known for one in two.all]  # type: ignore[attr-defined]
+    assert knows.index(True) == two._placement.of(id)
+    assert len(two._changing) == 0
+
+
+def test_a_lost_device_does_not_keep_jobs_of_the_others(two: Supervisors) -> None:
+    first, second = two.all
+    first.lost = True  # type: ignore[attr-defined]
+    two._placement.place("other", 1)
+    assert two._placement.place("asset", 1) == (1, True)
+    second.known.update(("job", "found"))  # type: ignore[attr-defined]
+    for name in ("jobs.info", "jobs.cancel"):
+        assert two.call(Request(name, ("job",), of="asset")) == name
+        assert two.call(Request(name, ("found",))) == name
+    assert first.asked == []  # type: ignore[attr-defined]
+    with pytest.raises(DeviceLostError):
+        two.call(Request("jobs.info", ("none",)))
+
+
+def test_assets_are_listed_all_or_not_at_all(two: Supervisors) -> None:
+    two.all[0].lost = True  # type: ignore[attr-defined]
+    with pytest.raises(DeviceLostError):
+        two.call(Request("assets.all"))
+
+
+def test_jobs_are_asked_for_with_their_asset() -> None:
+    asked: list[tuple[str, str]] = []
+    job = JobInfo("job", "asset", "build", "running", 0.0, "", "")
+
+    def call(request: Request) -> JobInfo:
+        asked.append((request.name, request.of))
+        return job
+
+    jobs = RemoteJobs(cast(Any, SimpleNamespace(call=call)), JobLedger())
+    jobs.note("job", "asset")
+    jobs.info("job")
+    jobs.cancel("job")
+    expected = ["jobs.info", "jobs.info", "jobs.cancel"]
+    assert asked == [(name, "asset") for name in expected]
 
 
 def test_what_is_refused_takes_no_room(two: Supervisors) -> None:

@@ -6,17 +6,18 @@ import itertools
 import logging
 import threading
 from collections.abc import Callable, Iterable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.engine_process.device_process import DeviceProcess
+from rhytid.engine_process.keyed_locks import KeyedLocks
 
 Positions = NDArray[np.float32]
 # Sends positions of a frame of an asset to a process.
 Put = Callable[[DeviceProcess, str, str, Positions], None]
-_LOCKS = 64
 _versions = itertools.count(1)
 _log = logging.getLogger(__name__)
 
@@ -41,11 +42,11 @@ class FrameLedger:
         self._lock = threading.Lock()
         self._kept: dict[str, dict[str, _Kept]] = {}
         # A frame is sent, or sent again, by one thread at a time.
-        self._sending = [threading.RLock() for _ in range(_LOCKS)]
+        self._sending = KeyedLocks()
 
-    def sending(self, asset: str, name: str) -> threading.RLock:
+    def sending(self, asset: str, name: str) -> AbstractContextManager[None]:
         """Held while a frame is sent: the process and the ledger then have the same."""
-        return self._sending[hash((asset, name)) % _LOCKS]
+        return self._sending.holding((asset, name))
 
     def keep(self, asset: str, name: str, positions: Positions, process: DeviceProcess) -> None:
         """Keep what a process has as a frame."""

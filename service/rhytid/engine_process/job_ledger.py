@@ -42,6 +42,12 @@ class JobLedger:
         with self._lock:
             return id in self._jobs
 
+    def asset(self, id: str) -> str:
+        """The asset of a job; empty where the job is not remembered."""
+        with self._lock:
+            known = self._jobs.get(id)
+        return "" if known is None else known.info.asset
+
     def lose(self, its: Callable[[str], bool] = lambda asset: True) -> None:
         """A process has ended.  its: whether an asset was."""
         with self._lock:

@@ -138,5 +138,5 @@ class RemoteAssets:
     def _noted(self, info: AssetInfo) -> AssetInfo:
         """The asset, whose job is remembered: somebody is told of it."""
         if info.state == "building" and info.job is not None:
-            self._jobs.note(info.job)
+            self._jobs.note(info.job, info.id)
         return info

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
+from functools import partial
 
 from rhytid.engine.messages import AssetInfo, JobInfo
 from rhytid.engine_process.job_ledger import JobLedger, resumed
@@ -22,43 +23,48 @@ class RemoteJobs:
         the same id, other jobs have failed."""
         lost = self._ledger.lost(id)
         if lost is not None:
-            return resumed(lost, self._asset, self._now)
+            return self._resumed(lost)
         try:
             return self._ledger.keep(self._now(id))
         except NotFoundError:
             lost = self._ledger.lost(id)  # the process may have ended since
             if lost is None:
                 raise
-            return resumed(lost, self._asset, self._now)
+            return self._resumed(lost)
 
     def cancel(self, id: str) -> JobInfo:
         """Ask a job to stop at its next step; raises NotFoundError."""
         lost = self._ledger.lost(id)
         if lost is None:
             return self._cancelled(id)
-        now = resumed(lost, self._asset, self._now)
+        now = self._resumed(lost)
         job = self._asset(lost.asset).job if now.state in ("queued", "running") else None
         if job is None:
             return now
-        return JobInfo(**{**vars(self._cancelled(job)), "id": id})
+        return JobInfo(**{**vars(self._cancelled(job, lost.asset)), "id": id})
 
     def keep(self, info: JobInfo) -> JobInfo:
         """Remember a job that a caller is told of; the job itself."""
         return self._ledger.keep(info)
 
-    def note(self, id: str) -> None:
-        """Remember a job, of which a caller is told the id."""
+    def note(self, id: str, asset: str) -> None:
+        """Remember a job of an asset, of which a caller is told the id."""
         if not self._ledger.knows(id):
             with suppress(NotFoundError):
-                self._ledger.keep(self._now(id))
+                self._ledger.keep(self._now(id, asset))
 
-    def _now(self, id: str) -> JobInfo:
-        found: JobInfo = self._supervisor.call(Request("jobs.info", (id,)))
+    def _now(self, id: str, asset: str = "") -> JobInfo:
+        of = asset or self._ledger.asset(id)
+        found: JobInfo = self._supervisor.call(Request("jobs.info", (id,), of=of))
         return found
 
-    def _cancelled(self, id: str) -> JobInfo:
-        found: JobInfo = self._supervisor.call(Request("jobs.cancel", (id,)))
+    def _cancelled(self, id: str, asset: str = "") -> JobInfo:
+        of = asset or self._ledger.asset(id)
+        found: JobInfo = self._supervisor.call(Request("jobs.cancel", (id,), of=of))
         return found
+
+    def _resumed(self, lost: JobInfo) -> JobInfo:
+        return resumed(lost, self._asset, partial(self._now, asset=lost.asset))
 
     def _asset(self, asset: str) -> AssetInfo:
         found: AssetInfo = self._supervisor.call(Request("assets.info", (asset,)))

@@ -36,7 +36,8 @@ class Call:
 class Request:
     """One call of the engine; it may be sent more than once.
 
-    room: bytes of arrays that its answer is expected to have.  sent: how often it was.
+    room: bytes of arrays that its answer is expected to have.  sent: how often it was.  of: the
+    asset of a job that is asked for, where it is known; empty else.
     """
 
     name: str
@@ -45,6 +46,7 @@ class Request:
     room: int = 0
     number: int = field(default_factory=lambda: next(_numbers))
     sent: int = 0
+    of: str = ""
 
     @cached_property
     def packed(self) -> Packed:

@@ -14,10 +14,11 @@ from rhytid.engine.checked_upload import content_id
 from rhytid.engine.messages import NewAsset
 from rhytid.engine_process.device_process import DeviceProcess
 from rhytid.engine_process.found_devices import found_devices, named_devices, settings_of
+from rhytid.engine_process.keyed_locks import KeyedLocks
 from rhytid.engine_process.placement import Placement
 from rhytid.engine_process.requests import Request
 from rhytid.engine_process.supervisor import Supervisor
-from rhytid.errors import NotFoundError, StorageError
+from rhytid.errors import DeviceLostError, NotFoundError, StorageError
 from rhytid.settings import ServiceSettings
 from rhytid.storage.snapshots import asset_of
 from rhytid.storage.store import AssetStore
@@ -45,6 +46,8 @@ class Supervisors:
     ) -> None:
         self._store: AssetStore | None = None
         self._placement, self._ended = Placement([0]), ended
+        # An asset is placed or removed by one thread at a time.
+        self._changing = KeyedLocks()
         if not settings.devices:
             self.all = [Supervisor(settings, told, partial(self._one_ended, 0))]
             return
@@ -101,35 +104,63 @@ class Supervisors:
         if request.name in _NEW:
             return self._placed(request, prepare)
         if request.name == "assets.all":
+            # All or none: a list without the assets of a device that is lost would say that they
+            # are gone.
             return [info for one in self.all for info in one.call(Request(request.name))]
         if request.name.startswith("jobs."):
             return self._of_job(request)
-        answer = self._of(request.asset).call(request, prepare)
         if request.name == "assets.delete":
-            self._placement.forget(request.asset)
-        return answer
+            return self._deleted(request)
+        return self._of(request.asset).call(request, prepare)
 
     def _of(self, asset: str) -> Supervisor:
         """The device of an asset; any, where it has none: its process says that it is not known."""
         return self.all[self._placement.of(asset) or 0]
 
     def _of_job(self, request: Request) -> Any:
-        """The answer of the process that knows a job."""
-        for one in self.all[:-1]:
-            with suppress(NotFoundError):
+        """The answer of the process that knows a job: that of its asset, where that is known; else
+        all are asked, those that run first. Raises DeviceLostError where none knows it and one did
+        not answer: the job may be there."""
+        number = self._placement.of(request.of)
+        if number is not None:
+            return self.all[number].call(request)
+        lost: DeviceLostError | None = None
+        for one in sorted(self.all, key=lambda one: one.ready is None):
+            try:
                 return one.call(Request(request.name, request.positional))
-        return self.all[-1].call(request)
+            except DeviceLostError as error:  # noqa: PERF203 a handful of devices
+                lost = error
+            except NotFoundError as error:
+                missing = error
+        raise lost or missing
 
     def _placed(self, request: Request, prepare: Prepare | None) -> Any:
         """The answer to a request that brings an asset, which may be there already."""
         asset, nbytes = _NEW[request.name](request.positional[0])
-        number, new = self._placement.place(asset, nbytes)
-        try:
-            return self.all[number].call(request, prepare)
-        except BaseException:
-            if new and not self._knows(number, asset):
-                self._placement.forget(asset)
-            raise
+        with self._changing.holding(asset):
+            number, new = self._placement.place(asset, nbytes)
+            try:
+                return self.all[number].call(request, prepare)
+            except BaseException:
+                if new and not self._knows(number, asset):
+                    self._placement.forget(asset)
+                raise
+
+    def _deleted(self, request: Request) -> Any:
+        """The answer to a request that removes an asset: it then has no device."""
+        asset = request.asset
+        with self._changing.holding(asset):
+            try:
+                answer = self._of(asset).call(request)
+            except NotFoundError:
+                self._gone(asset)
+                raise
+            self._gone(asset)
+            return answer
+
+    def _gone(self, asset: str) -> None:
+        self.forget(asset)  # while it is known whose asset it was
+        self._placement.forget(asset)
 
     def _knows(self, number: int, asset: str) -> bool:
         try:
