@@ -80,10 +80,10 @@ def update(
     try:
         now, asked = positions(obj, graph), drawing(obj)
         digest = sha256(now.tobytes() + f"{ours(obj).asset} {asked}".encode()).hexdigest()
-        drawer = _drawer(obj, others)
+        drawer = _drawer(obj, graph, others)
         if not _is_shown(drawer, digest):
             if drawer != obj:
-                raise Trouble(copied(obj.name, drawer.name))
+                raise _not_drawn(obj, drawer)
             _draw(obj, now, asked)
             status.digest, status.path = digest, there(ours(obj).image, "an image").filepath
     except Trouble as trouble:
@@ -94,12 +94,18 @@ def update(
 
 
 def _drawer(
-    obj: bpy.types.Object, others: Sequence[bpy.types.Object]
+    obj: bpy.types.Object, graph: bpy.types.Depsgraph, others: Sequence[bpy.types.Object]
 ) -> bpy.types.Object:
     image = ours(obj).image
     if image is None:
         return obj
-    return next((other for other in others if ours(other).image == image), obj)
+    same = (other for other in others if ours(other).image == image)
+    return next((other for other in same if other.evaluated_get(graph).is_evaluated), obj)
+
+
+def _not_drawn(obj: bpy.types.Object, drawer: bpy.types.Object) -> Trouble:
+    status = state.status(drawer.name)
+    return Trouble(status.text if status.failed else copied(obj.name, drawer.name))
 
 
 def _is_shown(obj: bpy.types.Object, digest: str) -> bool:

@@ -55,9 +55,7 @@ def shows_its_shape(obj: bpy.types.Object, service: str) -> bool:
 
 
 @pytest.mark.parametrize("what", ["deleted", "another"])
-def test_a_map_that_is_not_shown_is_drawn(
-    sheet: bpy.types.Object, service: str, what: str
-) -> None:
+def test_a_map_that_is_not_shown_is_drawn(sheet: bpy.types.Object, service: str, what: str) -> None:
     bpy.context.scene.frame_set(LAST)
     before = sheet.rhytid.image.filepath
     if what == "deleted":
@@ -122,6 +120,10 @@ def test_a_copy_draws_where_the_original_is_not_rendered(
     bpy.context.scene.frame_current = LAST
     handlers.before_render(bpy.context.scene)
     assert shows_its_shape(copy, service)
+    bpy.context.scene.frame_set(FIRST)
+    bpy.context.scene.frame_set(LAST)
+    assert shows_its_shape(copy, service)
+    assert status(copy).text == "Up to date"
 
 
 @pytest.mark.parametrize("how", ["object", "collection", "excluded"])
