@@ -46,7 +46,7 @@ def main() -> None:
     told(bpy.ops.rhytid.bake(), f"{options.frames} frames are baked")
     scene.render.filepath = f"//{out.stem}.frames/"
     bpy.ops.wm.save_as_mainfile(filepath=str(out))
-    print(out)
+    print(out, flush=True)
 
 
 def arguments() -> argparse.Namespace:
@@ -119,5 +119,6 @@ def told(result: Sequence[str], what: str) -> None:
 
 if __name__ == "__main__":
     main()
+    HOME.cleanup()
     # bpy, not Blender, may crash while Python ends, when all is done.
     os._exit(0)

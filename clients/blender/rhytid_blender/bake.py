@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Generator
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -60,8 +59,8 @@ def _sequence(obj: bpy.types.Object, scene: bpy.types.Scene) -> MapSequence:
         raise Trouble("The scene has no frames from 0 on")
     with connection.server().client() as client:
         udims = client.asset(ours(obj).asset).udims
-    maps = MapSequence.of(folder, slug(obj.name), STANDARD, udims, frames)
-    return replace(maps, unit=ours(obj).sent_unit)
+    # Without a unit: maps of this mesh are in units of it, whatever was chosen since.
+    return MapSequence.of(folder, slug(obj.name), STANDARD, udims, frames)
 
 
 def folder_of(obj: bpy.types.Object) -> Path:

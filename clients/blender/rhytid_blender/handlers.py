@@ -18,8 +18,9 @@ def after_frame_change(scene: bpy.types.Scene, graph: bpy.types.Depsgraph) -> No
     """A new frame of the viewport. Those of renders come with `before_render`."""
     if state.is_quiet() or graph.mode == "RENDER":
         return
-    for obj in updating.live(scene):
-        updating.quietly(obj, graph)
+    drawn = updating.live(scene)
+    for obj in drawn:
+        updating.quietly(obj, graph, drawn)
     offline.show_frame(scene)
 
 
@@ -30,18 +31,26 @@ def before_render(scene: bpy.types.Scene, *_: object) -> None:
     The frame is set once more: Blender renders what is animated, and the viewport may show what
     was changed by hand since. Without a map a render in background mode ends with status 1.
     """
-    drawn = updating.live(scene)
+    drawn = updating.rendered(scene)
     if drawn:
         with state.quiet():
             scene.frame_set(scene.frame_current, subframe=scene.frame_subframe)
     offline.show_frame(scene)
     for obj in drawn:
-        _render_update(scene, obj)
+        _render_update(scene, obj, drawn)
 
 
-def _render_update(scene: bpy.types.Scene, obj: bpy.types.Object) -> None:
+@persistent  # type: ignore[untyped-decorator]
+def after_load(*_: object) -> None:
+    """Another file is open: what is known of objects of the one before is no longer true."""
+    state.forget()
+
+
+def _render_update(
+    scene: bpy.types.Scene, obj: bpy.types.Object, drawn: list[bpy.types.Object]
+) -> None:
     try:
-        updating.update(obj, updating.graph_of(scene, obj))
+        updating.update(obj, updating.graph_of(scene, obj), drawn)
     except Trouble as trouble:
         _failed(scene, trouble)
 
@@ -54,7 +63,11 @@ def _failed(scene: bpy.types.Scene, trouble: Trouble) -> None:
         os._exit(1)
 
 
-HANDLERS = (("frame_change_post", after_frame_change), ("render_pre", before_render))
+HANDLERS = (
+    ("frame_change_post", after_frame_change),
+    ("render_pre", before_render),
+    ("load_post", after_load),
+)
 
 
 def add() -> None:

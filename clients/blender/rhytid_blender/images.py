@@ -17,12 +17,38 @@ KEPT = 3
 _serial = count(1)
 
 
+def own(obj: bpy.types.Object) -> bpy.types.Image | None:
+    """The image of the object; None where there is none, or another object has it, too."""
+    return ours(obj).image if sharer(obj) is None else None
+
+
+def sharer(obj: bpy.types.Object) -> bpy.types.Object | None:
+    """Another object that has the image of the object."""
+    image = ours(obj).image
+    others = (other for other in bpy.data.objects if other != obj)
+    return next((o for o in others if image is not None and ours(o).image == image), None)
+
+
+def is_of_copy(obj: bpy.types.Object) -> bool:
+    """Whether the image of the object was made for an object of another name."""
+    image = ours(obj).image
+    return image is not None and image.name != _name(obj)
+
+
+def shows(image: bpy.types.Image | None, path: str, udims: list[int]) -> bool:
+    """Whether the image shows a path whose files, one a UDIM, are there."""
+    if image is None or image.filepath != path:
+        return False
+    paths = (bpy.path.abspath(path.replace("<UDIM>", str(udim))) for udim in udims)
+    return all(Path(file).is_file() for file in paths)
+
+
 def image_of(obj: bpy.types.Object, path: str, udims: list[int]) -> bpy.types.Image:
     """The image of the object, made where there is none, showing `path`."""
     image = ours(obj).image
     if image is None:
         image = bpy.data.images.load(path.replace("<UDIM>", str(udims[0])))
-        image.name = f"rhytid {obj.name}"
+        image.name = _name(obj)
         ours(obj).image = image
     show(image, path, udims)
     return image
@@ -43,6 +69,10 @@ def show(image: bpy.types.Image, path: str, udims: list[int]) -> None:
     there(image.colorspace_settings, "a colour space").name = "Non-Color"  # type: ignore[assignment]
     image.alpha_mode = "NONE"
     image.reload()
+
+
+def _name(obj: bpy.types.Object) -> str:
+    return f"rhytid {obj.name}"
 
 
 def _tiles(image: bpy.types.Image, udims: list[int]) -> None:

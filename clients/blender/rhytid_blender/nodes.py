@@ -21,15 +21,31 @@ def set_up(obj: bpy.types.Object) -> list[str]:
     A displacement that a material has is kept, and ours added to it. Raises Trouble for a material
     that shows the wrinkles of another object.
     """
+    check(obj, ours(obj).image)
     done = []
     if not any(slot.material for slot in obj.material_slots):
         mesh_of(obj).materials.append(bpy.data.materials.new("Skin"))
         done.append("a material 'Skin'")
-    for material in {slot.material for slot in obj.material_slots if slot.material}:
+    for material in _materials(obj):
         _displace(material, obj)
         done.append(f"displacement of '{material.name}': Non-Color, linear, midlevel 0, both")
     scale(obj)
     return done
+
+
+def check(obj: bpy.types.Object, image: bpy.types.Image | None) -> None:
+    """Raise Trouble for a material that shows the wrinkles of another object.
+
+    image: what the object is to show, None for one that is yet to be made.
+    """
+    for material in _materials(obj):
+        texture = material.node_tree and material.node_tree.nodes.get(TEXTURE)
+        if texture and texture.image != image and _of_another(material, texture.image, obj):
+            raise Trouble(shared(material.name))
+
+
+def _materials(obj: bpy.types.Object) -> set[bpy.types.Material]:
+    return {slot.material for slot in obj.material_slots if slot.material}
 
 
 def scale(obj: bpy.types.Object) -> None:
@@ -62,8 +78,6 @@ def _displace(material: bpy.types.Material, obj: bpy.types.Object) -> None:
     texture = _node(tree, TEXTURE, "ShaderNodeTexImage", output, -600)
     height = _node(tree, HEIGHT, "ShaderNodeDisplacement", output, -300)
     uv.uv_map = ours(obj).uv_map
-    if _of_another(material, texture.image, obj):
-        raise Trouble(shared(material.name))
     texture.image = ours(obj).image
     # Cubic of Cycles is a B-spline: it flattens what is a few texels wide.
     texture.interpolation, texture.extension = "Linear", "EXTEND"
@@ -76,9 +90,9 @@ def _displace(material: bpy.types.Material, obj: bpy.types.Object) -> None:
 
 def _of_another(material: bpy.types.Material, image: Any, obj: bpy.types.Object) -> bool:
     """Whether the image that the material shows is the map of another object that has it."""
-    if image is None or image == ours(obj).image:
+    if image is None:
         return False
-    others = [other for other in bpy.data.objects if ours(other).image == image]
+    others = [o for o in bpy.data.objects if o != obj and ours(o).image == image]
     return any(slot.material == material for other in others for slot in other.material_slots)
 
 
@@ -88,12 +102,13 @@ def _connect(tree: Any, height: Any, output: Any) -> None:
     present = target.links[0].from_socket if target.is_linked else None
     if present is None or present.node == height:
         tree.links.new(height.outputs["Displacement"], target)
-    elif present.node.name != SUM:
-        both = _node(tree, SUM, "ShaderNodeVectorMath", output, -150)
+        return
+    both = _node(tree, SUM, "ShaderNodeVectorMath", output, -150)
+    if present.node != both:
         both.operation = "ADD"
         tree.links.new(present, both.inputs[0])
-        tree.links.new(height.outputs["Displacement"], both.inputs[1])
         tree.links.new(both.outputs["Vector"], target)
+    tree.links.new(height.outputs["Displacement"], both.inputs[1])
 
 
 def _output(tree: Any) -> Any:

@@ -4,29 +4,40 @@ from __future__ import annotations
 
 import bpy
 
-from rhytid_client.hosts import MapSequence
-from rhytid_client.hosts.units import factor, guessed_unit
+from rhytid_client.hosts import MapSequence, units
 
 from . import images, meshes, nodes
 from .typed import ours, scene_of
 
 
 def opened(obj: bpy.types.Object, maps: MapSequence, start: int | None = None) -> None:
-    """Let the object show a sequence from the frame `start`, that of its first number if None."""
-    given = ours(obj)
+    """Let the object show a sequence from the frame `start`, that of its first number if None.
+
+    Raises Trouble, the object as it was, where its unit or its materials do not allow it.
+    """
+    given, own, factor = ours(obj), images.own(obj), _factor(obj, maps.unit)
+    nodes.check(obj, own)
+    given.image = own
     given.baked, given.pattern = True, _portable(maps.pattern)
     given.digits = maps.digits
     given.first, given.last = maps.frames[0], maps.frames[-1]
     given.start = maps.frames[0] if start is None else start
     given.udims = ",".join(str(udim) for udim in maps.udims)
-    given.uv_map, given.factor = meshes.uv_map(obj), _factor(obj, maps.unit)
+    given.uv_map, given.factor = meshes.uv_map(obj), factor
     image = images.image_of(obj, _portable(maps.path(given.first)), list(maps.udims))
     nodes.set_up(obj)
     if maps.tiled:
         _show(obj, scene_of(bpy.context).frame_current)
     else:
         image.source = "SEQUENCE"
-        nodes.play(obj, len(maps.frames), given.start, given.first)
+        play(obj)
+
+
+def play(obj: bpy.types.Object) -> None:
+    """Where the image of the object is a sequence, let its nodes play that."""
+    given = ours(obj)
+    if given.baked and given.image is not None and given.image.source == "SEQUENCE":
+        nodes.play(obj, given.last - given.first + 1, given.start, given.first)
 
 
 def _portable(path: str) -> str:
@@ -42,8 +53,8 @@ def _factor(obj: bpy.types.Object, unit: str) -> float:
     no length known here."""
     own = ours(obj).unit
     if own == "auto" and unit:
-        own = guessed_unit(meshes.rest_positions(obj))
-    return factor(unit, own)
+        own = units.guessed_unit(meshes.rest_positions(obj))
+    return units.factor(unit, own)
 
 
 def show_frame(scene: bpy.types.Scene) -> None:

@@ -13,9 +13,9 @@ from rhytid_client.hosts.trouble import NOT_SENT
 from rhytid_client.hosts.units import guessed_unit
 from rhytid_client.hosts.work import Step
 
-from . import connection, meshes, nodes, rendering, state, updating
+from . import connection, images, meshes, nodes, offline, rendering, state, updating
 from .typed import OperatorPart, Result, ours, scene_of
-from .words import NO_MESH
+from .words import NO_MESH, copied
 from .working import Worker
 
 
@@ -85,8 +85,7 @@ def _settings(obj: bpy.types.Object, positions: meshes.Array) -> dict[str, Any]:
 def _sent(obj: bpy.types.Object, asset: Asset, unit: str) -> None:
     given, status = ours(obj), state.status(obj.name)
     given.asset, given.vertices, given.sent_unit = asset.id, asset.vertices, unit
-    if any(ours(other).image == given.image for other in bpy.data.objects if other != obj):
-        given.image = None  # a copy of another object has a map of its own
+    given.image = images.own(obj)  # a copy of another object has a map of its own
     given.udims = ",".join(str(udim) for udim in asset.udims)
     given.uv_map, given.factor, given.baked = meshes.uv_map(obj), 1.0, False
     status.of_mesh, status.digest = tuple(str(warning) for warning in asset.warnings), ""
@@ -99,18 +98,35 @@ class RHYTID_OT_update(Simple, bpy.types.Operator):
 
     def done(self, context: bpy.types.Context) -> str:
         """Draw it, live."""
-        obj = active(context)
+        obj, scene = active(context), scene_of(context)
         if not ours(obj).asset:
             raise Trouble(NOT_SENT)
         if ours(obj).baked:
-            ours(obj).baked, ours(obj).factor = False, 1.0
-            state.status(obj.name).digest = ""
-            with connection.server().client() as client:
-                udims = client.asset(ours(obj).asset).udims
-            ours(obj).udims = ",".join(str(udim) for udim in udims)
-        updating.update(obj, updating.graph_of(scene_of(context), obj))
+            _live_again(obj, scene)
+        else:
+            _draw_now(obj, scene)
         nodes.scale(obj)
         return "The map is that of the present shape"
+
+
+def _draw_now(obj: bpy.types.Object, scene: bpy.types.Scene) -> None:
+    updating.update(obj, updating.graph_of(scene, obj), updating.live(scene))
+
+
+def _live_again(obj: bpy.types.Object, scene: bpy.types.Scene) -> None:
+    """Draw instead of playing baked maps; where that fails, the object goes on playing them."""
+    given, other = ours(obj), images.sharer(obj)
+    if other is not None:
+        raise Trouble(copied(obj.name, other.name))
+    before = given.udims
+    with connection.server().client() as client:
+        given.udims = ",".join(str(udim) for udim in client.asset(given.asset).udims)
+    try:
+        _draw_now(obj, scene)
+    except Trouble:
+        given.udims = before
+        raise
+    given.baked, given.factor = False, 1.0
 
 
 class RHYTID_OT_set_up(Simple, bpy.types.Operator):
@@ -124,7 +140,9 @@ class RHYTID_OT_set_up(Simple, bpy.types.Operator):
         obj = active(context)
         if ours(obj).image is None:
             raise Trouble(NOT_SENT)
-        return "; ".join([*nodes.set_up(obj), *rendering.set_up(obj, scene_of(context))])
+        done = nodes.set_up(obj)
+        offline.play(obj)
+        return "; ".join([*done, *rendering.set_up(obj, scene_of(context))])
 
 
 class RHYTID_OT_calibrate(Simple, bpy.types.Operator):

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 class Status:
     """What the panel shows of an object.
 
-    of_mesh, of_frame: warnings.  digest: of what the present map was drawn from.
-    silent_until: no live update before that time.
+    of_mesh, of_frame: warnings.  digest: of what the present map was drawn from.  path: of the
+    image that showed it.  silent_until: no live update before that time.
     """
 
     text: str = ""
@@ -20,6 +20,7 @@ class Status:
     of_mesh: tuple[str, ...] = ()
     of_frame: tuple[str, ...] = ()
     digest: str = ""
+    path: str = ""
     silent_until: float = 0.0
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from hashlib import sha256
 from time import monotonic
 
@@ -14,14 +15,30 @@ from rhytid_client.hosts.trouble import NOT_SENT
 
 from . import connection, images, meshes, state
 from .typed import ours, there
+from .words import copied
 
 # After a failure live updates leave the server alone that long.
 SILENCE_SECONDS = 5.0
 
 
 def live(scene: bpy.types.Scene) -> list[bpy.types.Object]:
-    """The objects of the scene whose map follows the frame."""
-    return [obj for obj in scene.objects if _has_map(obj) and ours(obj).live]
+    """The objects of the scene's view layers whose map follows the frame, copies last."""
+    found = [obj for obj in scene.objects if _has_map(obj) and ours(obj).live]
+    seen = [obj for obj in found if any(obj.name in layer.objects for layer in scene.view_layers)]
+    return sorted(seen, key=images.is_of_copy)
+
+
+def rendered(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """Those of them that are not disabled in renders."""
+    shown = set(_shown(scene.collection))
+    return [obj for obj in live(scene) if obj in shown]
+
+
+def _shown(collection: bpy.types.Collection) -> Iterator[bpy.types.Object]:
+    yield from (obj for obj in collection.objects if not obj.hide_render)
+    for child in collection.children:
+        if not child.hide_render:
+            yield from _shown(child)
 
 
 def _has_map(obj: bpy.types.Object) -> bool:
@@ -50,34 +67,66 @@ def positions(obj: bpy.types.Object, graph: bpy.types.Depsgraph) -> meshes.Array
     return meshes.evaluated(obj, graph, ours(obj).vertices)
 
 
-def update(obj: bpy.types.Object, graph: bpy.types.Depsgraph) -> None:
+def update(
+    obj: bpy.types.Object, graph: bpy.types.Depsgraph, others: Sequence[bpy.types.Object] = ()
+) -> None:
     """Draw the map of the present shape and show it; raises Trouble.
 
-    Where shape and settings are those of the map that is shown, nothing is asked.
+    Where shape and settings are those of the map that is shown, nothing is asked.  others: objects
+    that follow the frame. The first that has the image of `obj` draws it; a copy of it, which has
+    the same image, must have its shape.
     """
-    status, given = state.status(obj.name), ours(obj)
+    status = state.status(obj.name)
     try:
         now, asked = positions(obj, graph), drawing(obj)
-        digest = sha256(now.tobytes() + f"{given.asset} {asked}".encode()).hexdigest()
-        if digest == status.digest and given.image is not None:
-            status.text, status.failed = "Up to date", False
-            return
-        udims = given.udim_list()
-        server, who = connection.server(), slug(obj.name)
-        maps, status.of_frame = server.drawn(given.asset, who, now, udims, asked)
-        images.image_of(obj, images.written(obj.name, maps), udims)
+        digest = sha256(now.tobytes() + f"{ours(obj).asset} {asked}".encode()).hexdigest()
+        drawer = _drawer(obj, graph, others)
+        if not _is_shown(drawer, digest):
+            if drawer != obj:
+                raise _not_drawn(obj, drawer)
+            _draw(obj, now, asked)
+            status.digest, status.path = digest, there(ours(obj).image, "an image").filepath
     except Trouble as trouble:
         status.text, status.failed, status.digest = str(trouble), True, ""
         status.silent_until = monotonic() + SILENCE_SECONDS
         raise
-    status.text, status.failed, status.digest = "Up to date", False, digest
+    status.text, status.failed = "Up to date", False
 
 
-def quietly(obj: bpy.types.Object, graph: bpy.types.Depsgraph) -> None:
+def _drawer(
+    obj: bpy.types.Object, graph: bpy.types.Depsgraph, others: Sequence[bpy.types.Object]
+) -> bpy.types.Object:
+    image = ours(obj).image
+    if image is None:
+        return obj
+    same = (other for other in others if ours(other).image == image)
+    return next((other for other in same if other.evaluated_get(graph).is_evaluated), obj)
+
+
+def _not_drawn(obj: bpy.types.Object, drawer: bpy.types.Object) -> Trouble:
+    status = state.status(drawer.name)
+    return Trouble(status.text if status.failed else copied(obj.name, drawer.name))
+
+
+def _is_shown(obj: bpy.types.Object, digest: str) -> bool:
+    status, given = state.status(obj.name), ours(obj)
+    return digest == status.digest and images.shows(given.image, status.path, given.udim_list())
+
+
+def _draw(obj: bpy.types.Object, now: meshes.Array, asked: Drawing) -> None:
+    given, udims = ours(obj), ours(obj).udim_list()
+    server, who = connection.server(), slug(obj.name)
+    maps, state.status(obj.name).of_frame = server.drawn(given.asset, who, now, udims, asked)
+    images.image_of(obj, images.written(obj.name, maps), udims)
+
+
+def quietly(
+    obj: bpy.types.Object, graph: bpy.types.Depsgraph, others: Sequence[bpy.types.Object]
+) -> None:
     """The same for the viewport: what goes wrong is shown by the panel."""
     if monotonic() < state.status(obj.name).silent_until:
         return
     try:
-        update(obj, graph)
+        update(obj, graph, others)
     except Trouble as trouble:
         print(f"rhytid: {trouble}")  # noqa: T201

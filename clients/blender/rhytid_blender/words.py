@@ -21,6 +21,11 @@ def hidden(name: str) -> str:
     )
 
 
+def copied(name: str, other: str) -> str:
+    """One image cannot show two maps."""
+    return f"'{name}' shows the map of '{other}': give it a material of its own, then send it"
+
+
 def shared(material: str) -> str:
     """One material cannot show two maps."""
     return (

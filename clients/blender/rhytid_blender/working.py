@@ -72,12 +72,16 @@ class Worker(OperatorPart):
         _redraw(context)
         return {"RUNNING_MODAL"}
 
+    def cancel(self, context: bpy.types.Context) -> None:
+        """Blender ends it: another file is opened, or the window is closed."""
+        self._end(context, {"CANCELLED"}, "")
+
     def _end(self, context: bpy.types.Context, result: Result, message: str) -> Result:
         try:
             self._steps.close()
         finally:
-            window_manager_of(context).event_timer_remove(self._timer)
             state.work().running = False
+            window_manager_of(context).event_timer_remove(self._timer)
         if message:
             self.report({"INFO"}, message)
         _redraw(context)

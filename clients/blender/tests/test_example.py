@@ -68,7 +68,10 @@ def face(tmp_path: Path) -> Path:
 
 def script(*given: str, folder: Path) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, str(SCRIPT), *given]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True)
+    temporary = folder / "temporary"
+    temporary.mkdir()
+    place = {**os.environ, "TMPDIR": str(temporary)}
+    return subprocess.run(command, cwd=folder, env=place, capture_output=True, text=True)
 
 
 def test_the_file_renders_without_extension_and_server(
@@ -78,6 +81,8 @@ def test_the_file_renders_without_extension_and_server(
     given += ["--resolution", "256", "--server", service, "--package", str(package)]
     ended = script(str(face), *given, folder=tmp_path)
     assert ended.returncode == 0, ended.stderr
+    assert ended.stdout.splitlines()[-1] == str(tmp_path / "shot" / "face.blend")
+    assert list((tmp_path / "temporary").glob("rhytid-blender-*")) == []
     files = sorted(path.name for path in (tmp_path / "shot" / "face.maps").iterdir())
     assert files == [f"Face.1001.000{frame}.exr" for frame in (1, 2, 3)]
 

@@ -80,7 +80,7 @@ def test_the_same_shape_is_drawn_once(sent: tuple) -> None:
 def test_no_frame_stays_on_the_server(service: str, sent: tuple) -> None:
     bpy.context.scene.frame_set(LAST)
     names = [frame.name for frame in client_of(service).frames(sent[0].rhytid.asset)]
-    assert [name for name in names if name.startswith("blender-")] == []
+    assert [name for name in names if name.startswith("host-")] == []
 
 
 def test_an_armature_moves_the_map(service: str, blender: bpy.types.Scene) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from types import SimpleNamespace
 from typing import Any
 
+import bpy
 import pytest
 
 TICK, ESC, MOUSE = (SimpleNamespace(type=kind) for kind in ("TIMER", "ESC", "MOUSEMOVE"))
@@ -99,3 +100,19 @@ def test_one_at_a_time(job: Any, context: SimpleNamespace) -> None:
     assert job.invoke(context, None) == {"CANCELLED"}
     assert job.reports == ["Wait until this is done: Job"]
     assert len(context.timers) == 1
+
+
+def test_blender_ends_it(job: Any, context: SimpleNamespace) -> None:
+    """As it does where another file is opened."""
+    job.invoke(context, None)
+    job.modal(context, TICK)
+    job.cancel(context)
+    assert job.ended
+    assert context.timers == []
+    assert job.invoke(context, None) == {"RUNNING_MODAL"}
+
+
+def test_another_file_has_no_work(job: Any, context: SimpleNamespace) -> None:
+    job.invoke(context, None)
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+    assert not work().running
