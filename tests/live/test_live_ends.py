@@ -24,7 +24,8 @@ class Closed:
 
 def test_a_tile_for_a_connection_that_is_closed_is_no_failure_of_the_server() -> None:
     closed: Any = Closed()
-    session = LiveSession(closed, lambda _: None, {}, 25, 1)  # type: ignore[arg-type,return-value]
+    unused: Any = None
+    session = LiveSession(closed, unused, {}, 25, 1, unused)
     with pytest.raises(WebSocketDisconnect) as raised:
         asyncio.run(session._send({"type": "websocket.send", "bytes": b"tile"}))
     assert raised.value.code == 1006

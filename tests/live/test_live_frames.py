@@ -125,6 +125,30 @@ def test_only_the_newest_frame_is_drawn_and_the_dropped_are_counted(
     assert [tile.dropped for tile in second[0]] == [3]
 
 
+def test_metrics_have_connections_and_dropped_frames(
+    engine: GatedEngine, server: httpx.Client, speaker: Speaker
+) -> None:
+    def dropped() -> tuple[float, float]:
+        lines = dict(line.rsplit(" ", 1) for line in server.get("/metrics").text.splitlines())
+        names = ("rhytid_live_connections", "rhytid_live_frames_dropped_total")
+        return float(lines[names[0]]), float(lines[names[1]])
+
+    before = dropped()
+    assert before[0] >= 1
+    speaker.open(tiles=[TILE])
+    engine.began = threading.Semaphore(0)
+    engine.gate.clear()
+    speaker.positions(1, smile(0.1))
+    assert engine.began.acquire(timeout=10)
+    for number in (2, 3, 4):
+        speaker.positions(number, smile(0.1 * number))
+    assert speaker.socket.ping().wait(10)
+    engine.gate.set()
+    for _ in range(2):
+        speaker.answer()
+    assert dropped()[1] - before[1] == 2
+
+
 def test_a_connection_asks_the_engine_for_one_tile_at_a_time() -> None:
     engine = GatedEngine()
     with serving(engine) as client:

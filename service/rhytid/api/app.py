@@ -92,6 +92,7 @@ def create_app(engine: AnyEngine, settings: ServiceSettings) -> FastAPI:
         engine,
         {"host": lambda: engine.memory, "spool": lambda: app.state.spool},
         app.state.drain,
+        app.state.live_places,
     )
     every = (route for router in ROUTERS for route in router.routes)
     app.state.routes = [route for route in every if isinstance(route, APIRoute)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sized
 from contextlib import nullcontext
 from typing import TYPE_CHECKING, Any
 
@@ -45,7 +45,8 @@ class Metrics:
     """The figures of one app, in a registry of its own.
 
     engine: tells what waits, restarts, and what its devices do.  budgets: of bytes, by name.
-    drain: tells what runs.  figures: the stages that the server itself goes through.
+    drain: tells what runs.  live: as many as live connections are open.  figures: the stages that
+    the server itself goes through.
     """
 
     def __init__(
@@ -53,6 +54,7 @@ class Metrics:
         engine: AnyEngine,
         budgets: Mapping[str, Callable[[], ByteBudget]],
         drain: Drain,
+        live: Sized,
     ) -> None:
         self.registry = CollectorRegistry()
         self.figures = Figures()
@@ -76,6 +78,12 @@ class Metrics:
         )
         self._gauge("device_queue", "Waiting device requests", lambda: engine.waiting)
         self._gauge("requests_running", "Requests that are answered now", lambda: drain.running)
+        self.live_dropped = Counter(
+            "rhytid_live_frames_dropped",
+            "Frames of live connections that newer ones replaced",
+            registry=self.registry,
+        )
+        self._gauge("live_connections", "Live connections that are open", lambda: len(live))
         self._gauge("draining", "1 while the server shuts down", lambda: drain.begun)
         about = Gauge("rhytid_build_info", "1", ("version",), registry=self.registry)
         about.labels(__version__).set(1)

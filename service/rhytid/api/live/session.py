@@ -7,7 +7,7 @@ import json
 import logging
 import time
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import anyio
 from starlette.concurrency import run_in_threadpool
@@ -27,6 +27,9 @@ from rhytid.errors import (
     public_message,
 )
 
+if TYPE_CHECKING:
+    from prometheus_client import Counter
+
 T = TypeVar("T")
 # Seconds for the header, for anything after it, and for a client to take a message.
 HEADER, IDLE, STALLED = 10.0, 300.0, 20.0
@@ -37,7 +40,8 @@ class LiveSession:
     """Answers one accepted connection until it ends.
 
     begin: makes what draws for a header; blocking.  facts: of the asset, for the answer to the
-    header.  rate: messages per second that are read.
+    header.  rate: messages per second that are read.  dropped: counts frames that
+    were replaced by newer ones.
     """
 
     def __init__(
@@ -47,9 +51,11 @@ class LiveSession:
         facts: dict[str, Any],
         vertices: int,
         rate: int,
+        dropped: Counter,
     ) -> None:
         self._websocket, self._begin, self._facts = websocket, begin, facts
         self._vertices, self._rate, self._rates = vertices, rate, Rates()
+        self._all_dropped = dropped
         self._newest: LiveFrame | None = None
         self._answered: LiveFrame | None = None
         self._last, self._dropped, self._dropped_ever, self._frames = -1, 0, 0, 0
@@ -131,6 +137,7 @@ class LiveSession:
                 self._last = frame.number
                 if self._newest is not None:
                     self._dropped += 1
+                    self._all_dropped.inc()
                 self._newest = frame
             self._wake.set()
             while self._rates.take("messages", self._rate):

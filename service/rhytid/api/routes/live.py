@@ -38,7 +38,8 @@ async def live(websocket: WebSocket, asset: AssetId) -> None:
             drawn = state.metrics.tiles_of(opening.method)
             return LiveDrawing(state.engine, info, opening, slot, drawn)
 
-        session = LiveSession(websocket, begin, _facts(info), info.vertices, caller.rate)
+        dropped = state.metrics.live_dropped
+        session = LiveSession(websocket, begin, _facts(info), info.vertices, caller.rate, dropped)
         await session.run()
 
 
