@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any, cast
 
 import numpy as np
 import pytest
 
-from rhytid.device.watch import Purpose, Report
+from rhytid.device.watch import SIZE, Purpose, Report
 from rhytid.engine.byte_budget import ByteBudget
 from rhytid.engine.messages import AssetInfo, JobInfo
 from rhytid.engine_process.ending import Ending, ending_of
@@ -147,7 +148,7 @@ def test_only_faults_and_late_calls_blame_what_was_worked_on(
 
 
 def test_a_report_tells_what_the_driver_works_for_and_when_it_is_late() -> None:
-    memory = memoryview(bytearray(64))
+    memory = memoryview(bytearray(SIZE))
     told, seen = Report(memory), Report(memory)
     told.begin(Purpose(request=7), 3600.0)
     assert (seen.purpose, seen.late, seen.ended) == (Purpose(request=7), False, 0)
@@ -155,6 +156,24 @@ def test_a_report_tells_what_the_driver_works_for_and_when_it_is_late() -> None:
     told.begin(Purpose(asset=2**64 - 1), 0.0)
     assert (seen.purpose.asset, seen.ended) == (2**64 - 1, 1)
     assert seen.late
+    told.end()
+    assert not seen.late
+
+
+def test_a_thread_that_compiles_does_not_hide_a_launch_that_hangs() -> None:
+    memory = memoryview(bytearray(SIZE))
+    told, seen = Report(memory), Report(memory)
+
+    def compile_one() -> None:
+        told.begin(Purpose(request=2), 600.0)
+        assert seen.late
+        assert seen.purpose == Purpose(request=1)
+        told.end()
+
+    told.begin(Purpose(request=1), 0.0)
+    with ThreadPoolExecutor(1) as pool:
+        pool.submit(compile_one).result()
+    assert (seen.late, seen.purpose, seen.ended) == (True, Purpose(request=1), 1)
     told.end()
     assert not seen.late
 
