@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
@@ -12,11 +13,13 @@ import pytest
 
 from rhytid.device.watch import SIZE, Purpose, Report
 from rhytid.engine.byte_budget import ByteBudget
-from rhytid.engine.messages import AssetInfo, JobInfo
+from rhytid.engine.messages import AssetInfo, JobInfo, MapQuery
 from rhytid.engine_process.ending import Ending, ending_of
 from rhytid.engine_process.frame_ledger import FrameLedger
 from rhytid.engine_process.job_ledger import JobLedger, resumed
 from rhytid.engine_process.refusals import Refusals
+from rhytid.engine_process.remote_assets import RemoteAssets
+from rhytid.engine_process.remote_tiles import RemoteTiles
 from rhytid.engine_process.requests import Request
 from rhytid.engine_process.upload_holds import UploadHolds
 from rhytid.errors import FatalRequestError, NotFoundError
@@ -176,6 +179,18 @@ def test_a_thread_that_compiles_does_not_hide_a_launch_that_hangs() -> None:
     assert (seen.late, seen.purpose, seen.ended) == (True, Purpose(request=1), 1)
     told.end()
     assert not seen.late
+
+
+def test_sides_of_a_removed_asset_are_forgotten() -> None:
+    ledger = FrameLedger(0, lambda *_: None)
+    answer = SimpleNamespace(call=lambda request, prepare=None: ("key", None, 64))
+    none = SimpleNamespace(call=lambda *_: None, forget=lambda *_: None)
+    tiles = RemoteTiles(cast(Any, answer), ledger)
+    assets = RemoteAssets(cast(Any, none), ledger, cast(Any, None), cast(Any, None), tiles)
+    for asset in "ab":
+        tiles.plan_map(asset, "neutral", MapQuery(), 1001, 0)
+    assets.delete("a")
+    assert [known[1] for known in tiles._sides] == ["b"]
 
 
 def test_bytes_of_uploads_come_free_with_their_job_or_their_process() -> None:
