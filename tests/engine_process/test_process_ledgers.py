@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
 import pytest
 
-from rhytid.device.watch import Purpose, Report
+from rhytid.device.watch import SIZE, Purpose, Report
 from rhytid.engine.byte_budget import ByteBudget
-from rhytid.engine.messages import AssetInfo, JobInfo
+from rhytid.engine.messages import AssetInfo, JobInfo, MapQuery
 from rhytid.engine_process.ending import Ending, ending_of
 from rhytid.engine_process.frame_ledger import FrameLedger
 from rhytid.engine_process.job_ledger import JobLedger, resumed
 from rhytid.engine_process.refusals import Refusals
+from rhytid.engine_process.remote_assets import RemoteAssets
+from rhytid.engine_process.remote_tiles import RemoteTiles
 from rhytid.engine_process.requests import Request
 from rhytid.engine_process.upload_holds import UploadHolds
 from rhytid.errors import FatalRequestError, NotFoundError
@@ -147,7 +151,7 @@ def test_only_faults_and_late_calls_blame_what_was_worked_on(
 
 
 def test_a_report_tells_what_the_driver_works_for_and_when_it_is_late() -> None:
-    memory = memoryview(bytearray(64))
+    memory = memoryview(bytearray(SIZE))
     told, seen = Report(memory), Report(memory)
     told.begin(Purpose(request=7), 3600.0)
     assert (seen.purpose, seen.late, seen.ended) == (Purpose(request=7), False, 0)
@@ -157,6 +161,36 @@ def test_a_report_tells_what_the_driver_works_for_and_when_it_is_late() -> None:
     assert seen.late
     told.end()
     assert not seen.late
+
+
+def test_a_thread_that_compiles_does_not_hide_a_launch_that_hangs() -> None:
+    memory = memoryview(bytearray(SIZE))
+    told, seen = Report(memory), Report(memory)
+
+    def compile_one() -> None:
+        told.begin(Purpose(request=2), 600.0)
+        assert seen.late
+        assert seen.purpose == Purpose(request=1)
+        told.end()
+
+    told.begin(Purpose(request=1), 0.0)
+    with ThreadPoolExecutor(1) as pool:
+        pool.submit(compile_one).result()
+    assert (seen.late, seen.purpose, seen.ended) == (True, Purpose(request=1), 1)
+    told.end()
+    assert not seen.late
+
+
+def test_sides_of_a_removed_asset_are_forgotten() -> None:
+    ledger = FrameLedger(0, lambda *_: None)
+    answer = SimpleNamespace(call=lambda request, prepare=None: ("key", None, 64))
+    none = SimpleNamespace(call=lambda *_: None, forget=lambda *_: None)
+    tiles = RemoteTiles(cast(Any, answer), ledger)
+    assets = RemoteAssets(cast(Any, none), ledger, cast(Any, None), cast(Any, None), tiles)
+    for asset in "ab":
+        tiles.plan_map(asset, "neutral", MapQuery(), 1001, 0)
+    assets.delete("a")
+    assert [known[1] for known in tiles._sides] == ["b"]
 
 
 def test_bytes_of_uploads_come_free_with_their_job_or_their_process() -> None:

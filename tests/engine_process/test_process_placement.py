@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import threading
+import tracemalloc
 from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any, cast
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -23,7 +25,7 @@ from rhytid.engine_process.placement import Placement
 from rhytid.engine_process.remote_jobs import RemoteJobs
 from rhytid.engine_process.requests import Request
 from rhytid.engine_process.supervisors import Supervisors
-from rhytid.errors import DeviceLostError, LimitError, NoDeviceError, NotFoundError
+from rhytid.errors import DeviceLostError, LimitError, NoDeviceError, NotFoundError, SnapshotError
 from rhytid.settings import ServiceSettings
 
 GIB = 1 << 30
@@ -226,6 +228,16 @@ def test_jobs_are_asked_for_with_their_asset() -> None:
     jobs.cancel("job")
     expected = ["jobs.info", "jobs.info", "jobs.cancel"]
     assert asked == [(name, "asset") for name in expected]
+
+
+def test_of_a_snapshot_the_beginning_alone_is_copied() -> None:
+    content = np.zeros(1 << 24, np.uint8)
+    tracemalloc.start()
+    with pytest.raises(SnapshotError):
+        supervisors._restored(content)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 1 << 20
 
 
 def test_what_is_refused_takes_no_room(two: Supervisors) -> None:

@@ -50,6 +50,14 @@ def test_what_is_used_and_spare_never_passes_the_limit(steps):
         assert spares.held <= 60
 
 
+def test_sizes_that_are_used_again_leave_nothing_behind():
+    spares = BufferPool()
+    for size in range(1, 100):
+        spares.leave(Handle(size), size)
+        spares.take(size)
+    assert (spares.held, len(spares._handles)) == (0, 0)
+
+
 class Kept:
     def __init__(self, budget, nbytes):
         budget.reserve(nbytes)

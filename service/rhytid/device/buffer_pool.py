@@ -28,7 +28,10 @@ class BufferPool:
         if not handles:
             return None
         self.held -= nbytes
-        return handles.pop()
+        handle = handles.pop()
+        if not handles:
+            del self._handles[nbytes]
+        return handle
 
     def leave(self, handle: Any, nbytes: int) -> None:
         """Keep a handle; the sizes released longest ago are freed for it."""

@@ -7,6 +7,7 @@ Without `report_to` nothing is written.
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,11 +17,14 @@ from dataclasses import dataclass
 NANOSECONDS = 1_000_000_000
 # Seconds that the driver may compile a program, which takes longer than any launch.
 COMPILING = 600.0
-# Bytes of a report.
-SIZE = 4 * 8
-# Places in it: when the present call must have ended, in nanoseconds of the monotonic clock, 0
-# between two calls; how many have ended; the request, or the asset of the job, of the last call.
-_DEADLINE, _ENDED, _REQUEST, _ASSET = range(4)
+# Threads that may be in calls at a time, those that compile too; others are not told of.
+_SLOTS = 63
+# Places of each: when its call must have ended, in nanoseconds of the monotonic clock, 0 between
+# two calls; the request, or the asset of the job, of its last call; the number of that call.
+_DEADLINE, _REQUEST, _ASSET, _NUMBER = range(4)
+_SLOT = 4
+# Bytes of a report: how many calls have ended, and the slots.
+SIZE = 8 * (1 + _SLOTS * _SLOT)
 
 
 @dataclass(frozen=True)
@@ -33,40 +37,57 @@ class Purpose:
 
 
 class Report:
-    """Four numbers of 64 bits in `memory`, which the process that watches has, too."""
+    """Numbers of 64 bits in `memory`, which the process that watches has, too: a slot for each
+    thread that is in a call, so that none hides how long another is."""
 
     def __init__(self, memory: memoryview) -> None:
         self._places = memory[:SIZE].cast("B").cast("Q")
+        self._lock, self._mine = threading.Lock(), threading.local()
+        self._free = list(range(1, len(self._places), _SLOT))[::-1]
+        self._begun = 0
 
     @property
     def purpose(self) -> Purpose:
-        """What the last call of the driver was for."""
-        return Purpose(self._places[_REQUEST], self._places[_ASSET])
+        """What the call is for that has been late for longest; where none is, the last that began
+        of those that have not ended, or of all."""
+        slots, now = range(1, len(self._places), _SLOT), time.monotonic_ns()
+        due = [(self._places[at + _DEADLINE], at) for at in slots]
+        late = [(by, at) for by, at in due if 0 < by < now]
+        within = [at for by, at in due if by] or slots
+        at = min(late)[1] if late else max(within, key=lambda at: self._places[at + _NUMBER])
+        return Purpose(self._places[at + _REQUEST], self._places[at + _ASSET])
 
     @property
     def ended(self) -> int:
         """Calls of the driver that have ended."""
-        return self._places[_ENDED]
+        return self._places[0]
 
     @property
     def late(self) -> bool:
         """Whether the driver has not come back from a call in the time that it had."""
-        return 0 < self._places[_DEADLINE] < time.monotonic_ns()
+        now = time.monotonic_ns()
+        return any(0 < by < now for by in self._places[1 + _DEADLINE :: _SLOT])
 
     def begin(self, purpose: Purpose, seconds: float) -> None:
-        """A call of the driver begins, which may take so long."""
-        self._places[_REQUEST], self._places[_ASSET] = purpose.request, purpose.asset
-        self._places[_DEADLINE] = time.monotonic_ns() + int(seconds * NANOSECONDS)
+        """A call of the driver begins on this thread, which may take so long."""
+        with self._lock:
+            at = getattr(self._mine, "at", None)  # one call within another
+            if at is None and not self._free:
+                return
+            at = self._mine.at = self._free.pop() if at is None else at
+            self._begun += 1
+            self._places[at + _REQUEST], self._places[at + _ASSET] = purpose.request, purpose.asset
+            self._places[at + _NUMBER] = self._begun
+            self._places[at + _DEADLINE] = time.monotonic_ns() + int(seconds * NANOSECONDS)
 
     def end(self) -> None:
         """It has come back."""
-        self._places[_DEADLINE] = 0
-        self._places[_ENDED] += 1
-
-    def clear(self) -> None:
-        """Forget everything."""
-        for place in range(len(self._places)):
-            self._places[place] = 0
+        with self._lock:
+            at = self._mine.__dict__.pop("at", None)
+            if at is not None:
+                self._places[at + _DEADLINE] = 0
+                self._free.append(at)
+            self._places[0] += 1
 
 
 _NOTHING = Purpose()

@@ -18,6 +18,7 @@ from rhytid.engine.messages import AssetContent, AssetInfo, JobInfo, NewAsset
 from rhytid.engine_process.device_process import DeviceProcess
 from rhytid.engine_process.frame_ledger import FrameLedger
 from rhytid.engine_process.remote_jobs import RemoteJobs
+from rhytid.engine_process.remote_tiles import RemoteTiles
 from rhytid.engine_process.requests import Request
 from rhytid.engine_process.supervisors import Supervisors
 from rhytid.engine_process.upload_holds import UploadHolds
@@ -28,10 +29,15 @@ class RemoteAssets:
     """The calls of `AssetService`."""
 
     def __init__(
-        self, supervisor: Supervisors, frames: FrameLedger, jobs: RemoteJobs, uploads: UploadHolds
+        self,
+        supervisor: Supervisors,
+        frames: FrameLedger,
+        jobs: RemoteJobs,
+        uploads: UploadHolds,
+        tiles: RemoteTiles,
     ) -> None:
         self._supervisor, self._frames, self._jobs = supervisor, frames, jobs
-        self._uploads = uploads
+        self._uploads, self._tiles = uploads, tiles
 
     def create(
         self,
@@ -90,6 +96,7 @@ class RemoteAssets:
             if request.sent == 1:
                 raise
         self._frames.forget(asset)
+        self._tiles.forget(asset)
         self._supervisor.forget(asset)
 
     def content(self, asset: str) -> AssetContent:

@@ -54,7 +54,7 @@ class RemoteEngine:
         self.frames = RemoteFrames(self._supervisor, frames)
         self.tiles = RemoteTiles(self._supervisor, frames)
         self.jobs = RemoteJobs(self._supervisor, jobs)
-        self.assets = RemoteAssets(self._supervisor, frames, self.jobs, self._uploads)
+        self.assets = RemoteAssets(self._supervisor, frames, self.jobs, self._uploads, self.tiles)
         self.snapshots = RemoteSnapshots(self._supervisor)
         self._devices: dict[Supervisor, list[DeviceInfo]] = {}
         self.figures: dict[str, Figures] = {}

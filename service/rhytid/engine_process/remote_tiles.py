@@ -72,6 +72,12 @@ class RemoteTiles:
         found: NDArray[np.integer] = self._supervisor.call(request)
         return found
 
+    def forget(self, asset: str) -> None:
+        """The asset is gone."""
+        for known in list(self._sides):
+            if known[1] == asset:
+                self._sides.pop(known, None)
+
     def _plan(self, kind: str, arguments: tuple[Any, ...], level: int) -> TilePlan:
         asset, frame = arguments[:2]
 

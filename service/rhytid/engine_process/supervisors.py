@@ -20,6 +20,7 @@ from rhytid.engine_process.requests import Request
 from rhytid.engine_process.supervisor import Supervisor
 from rhytid.errors import DeviceLostError, NotFoundError, StorageError
 from rhytid.settings import ServiceSettings
+from rhytid.storage.snapshot_index import BLOCK, LONGEST_INDEX
 from rhytid.storage.snapshots import asset_of
 from rhytid.storage.store import AssetStore
 
@@ -182,7 +183,8 @@ def _sent(new: NewAsset) -> tuple[str, int]:
 
 
 def _restored(content: Any) -> tuple[str, int]:
-    return asset_of(io.BytesIO(content.data)), content.nbytes
+    # Its index lies in the first bytes; the rest is not copied.
+    return asset_of(io.BytesIO(content[: BLOCK + LONGEST_INDEX].data)), content.nbytes
 
 
 _NEW: dict[str, Callable[[Any], tuple[str, int]]] = {"create": _sent, "restore": _restored}
