@@ -31,11 +31,11 @@ def before_render(scene: bpy.types.Scene, *_: object) -> None:
     The frame is set once more: Blender renders what is animated, and the viewport may show what
     was changed by hand since. Without a map a render in background mode ends with status 1.
     """
-    drawn = updating.rendered(scene)
-    if drawn:
+    if updating.following(scene):
         with state.quiet():
             scene.frame_set(scene.frame_current, subframe=scene.frame_subframe)
     offline.show_frame(scene)
+    drawn = updating.rendered(scene)  # what is disabled may be animated, too
     for obj in drawn:
         _render_update(scene, obj, drawn)
 

@@ -21,11 +21,16 @@ from .words import copied
 SILENCE_SECONDS = 5.0
 
 
+def following(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """The objects of the scene whose map is to follow the frame."""
+    return [obj for obj in scene.objects if _has_map(obj) and ours(obj).live]
+
+
 def live(scene: bpy.types.Scene) -> list[bpy.types.Object]:
-    """The objects of the scene's view layers whose map follows the frame, copies last."""
-    found = [obj for obj in scene.objects if _has_map(obj) and ours(obj).live]
-    seen = [obj for obj in found if any(obj.name in layer.objects for layer in scene.view_layers)]
-    return sorted(seen, key=images.is_of_copy)
+    """Those of them that are in a view layer, copies last."""
+    layers = scene.view_layers
+    found = [o for o in following(scene) if any(o.name in layer.objects for layer in layers)]
+    return sorted(found, key=images.is_of_copy)
 
 
 def rendered(scene: bpy.types.Scene) -> list[bpy.types.Object]:
