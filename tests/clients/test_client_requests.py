@@ -19,7 +19,7 @@ from clients.shells import Script, Shell
 from rhytid.cli.serve import PORT
 from rhytid.engine.messages import METHODS
 from rhytid_client import Asset, AsyncClient, Bins, Client, Device, Frame, Job, PlainClient, calls
-from rhytid_client.live.opening import opening
+from rhytid_client.live.opening import live
 
 ASSET = {"id": "a" * 16, "state": "ready", "job": None, "udims": [1001, 1002], "future": {"x": 1}}
 JOB = {"id": "j", "state": "running", "progress": 0.5, "asset": "a" * 16, "kind": "build"}
@@ -260,7 +260,7 @@ def test_every_call_has_a_case_and_a_method_on_every_client() -> None:
 def test_live_is_the_same_on_every_client() -> None:
     blocking, awaited = (inspect.signature(client.live) for client in (Client, AsyncClient))
     assert blocking.parameters == awaited.parameters
-    assert set(blocking.parameters) - {"self"} == set(inspect.signature(opening).parameters) - {
+    assert set(blocking.parameters) - {"self"} == set(inspect.signature(live).parameters) - {
         "url",
         "headers",
     }

@@ -3,26 +3,23 @@
 from __future__ import annotations
 
 from asyncio import sleep
-from collections.abc import AsyncIterator, Callable, Coroutine, Iterable, Iterator, Sequence
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
 from pathlib import Path
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import httpx
-from numpy.typing import ArrayLike
 
 from rhytid_client import calls
-from rhytid_client.choices import LiveFormat, Method, Sampling, StretchModel
 from rhytid_client.errors import ConnectionFailed
 from rhytid_client.exchange import Flow, Listen, Step, patient
 from rhytid_client.file_body import Arriving, FileBody
+from rhytid_client.live import opening
 from rhytid_client.live.awaited import AsyncLive
-from rhytid_client.live.messages import Address
-from rhytid_client.live.opening import opening
+from rhytid_client.live.opening import LiveRequest
 from rhytid_client.methods import ANSWER_SECONDS, CONNECT_SECONDS, described
 from rhytid_client.multipart_form import Form
 from rhytid_client.parse import Response
 from rhytid_client.requests import Request, with_key
-from rhytid_client.results import Asset
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -33,6 +30,13 @@ def _method(
 ) -> Callable[Concatenate[AsyncClient, P], Coroutine[Any, Any, T]]:
     async def method(self: AsyncClient, /, *args: P.args, **kwargs: P.kwargs) -> T:
         return await self._run(call(*args, **kwargs))
+
+    return described(method, call)
+
+
+def _live(call: Callable[P, LiveRequest]) -> Callable[Concatenate[AsyncClient, P], AsyncLive]:
+    def method(self: AsyncClient, /, *args: P.args, **kwargs: P.kwargs) -> AsyncLive:
+        return AsyncLive(call(*args, **kwargs).to(self._url, self._headers))
 
     return described(method, call)
 
@@ -104,37 +108,7 @@ class AsyncClient:
     bins = _method(calls.bins)
     bin_tile = _method(calls.bin_tile)
 
-    def live(
-        self,
-        asset: Asset | str,
-        *,
-        tiles: Iterable[Address] | None = None,
-        camera: ArrayLike | None = None,
-        level: int = 0,
-        two_sided: bool = False,
-        method: Method = "redraw",
-        stretch: StretchModel = "tensor",
-        sampling: Sampling = "nearest",
-        format: LiveFormat = "f32",
-        scale: float | None = None,
-        tolerance: float = 0.0,
-        shapes: Sequence[str] = (),
-    ) -> AsyncLive:
-        """A live connection, opened by `async with`: frames go out, tiles come in. Proxies and an
-        httpx client of your own are not used for it. It needs the extra `live`.
-
-        tiles: (udim, level, row, column) each.  camera: (4, 4) projection times view, in place of
-        tiles: what it sees of one `level`; `two_sided` counts what turns its back, too.  format:
-        how tiles travel: f32, f16, or u16, of which `scale` is the largest displacement.
-        tolerance: mesh units that a tile has to change by to be sent again.  shapes: names of the
-        weights that will be sent, such as those of ARKit; empty = the asset's own, in its order.
-        """
-        wanted = opening(
-            self._url, self._headers, asset, tiles=tiles, camera=camera, level=level,
-            two_sided=two_sided, method=method, stretch=stretch, sampling=sampling, format=format,
-            scale=scale, tolerance=tolerance, shapes=shapes,
-        )  # fmt: skip
-        return AsyncLive(wanted)
+    live = _live(opening.live)
 
     async def _run(self, flow: Flow[T]) -> T:
         steps = patient(flow, self._max_wait)

@@ -50,9 +50,23 @@ class LiveOpening:
         }
 
 
-def opening(
-    url: str,
-    headers: Mapping[str, str],
+@dataclass(frozen=True)
+class LiveRequest:
+    """A connection that is wanted of some server."""
+
+    call: Request
+    header: str
+
+    def to(self, url: str, headers: Mapping[str, str]) -> LiveOpening:
+        """Of the server at an address; raises ValueError for one that is not of http."""
+        scheme, _, place = url.rstrip("/").partition("://")
+        if scheme not in ("http", "https"):
+            raise ValueError(f"{url!r} is no address of http or https")
+        socket = f"{'wss' if scheme == 'https' else 'ws'}://{place}{self.call.path}"
+        return LiveOpening(socket, self.call, headers, self.header)
+
+
+def live(
     asset: Asset | str,
     *,
     tiles: Iterable[Address] | None = None,
@@ -66,8 +80,10 @@ def opening(
     scale: float | None = None,
     tolerance: float = 0.0,
     shapes: Sequence[str] = (),
-) -> LiveOpening:
-    """A connection to a server, checked as far as it can be without one.
+) -> LiveRequest:
+    """A live connection, opened by `with`, or of an `AsyncClient` by `async with`: frames go out,
+    tiles come in. Proxies and an httpx client of your own are not used for it. It needs the extra
+    `live`.
 
     tiles: (udim, level, row, column) each.  camera: (4, 4) projection times view, in place of
     tiles: what it sees of one `level`; `two_sided` counts what turns its back, too.  format: how
@@ -86,13 +102,7 @@ def opening(
     }
     if scale is not None:
         header["scale"] = scale
-    text = view_message(tiles, camera, level, two_sided, **header)
-    scheme, _, place = url.rstrip("/").partition("://")
-    if scheme not in ("http", "https"):
-        raise ValueError(f"{url!r} is no address of http or https")
-    return LiveOpening(
-        f"{'wss' if scheme == 'https' else 'ws'}://{place}{call.path}", call, headers, text
-    )
+    return LiveRequest(call, view_message(tiles, camera, level, two_sided, **header))
 
 
 class FrameCounter:
