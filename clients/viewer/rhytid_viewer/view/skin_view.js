@@ -52,7 +52,7 @@ export class SkinView {
     this._slopes = new Slopes(this._gl, this._textures, manifest);
     this._mesh = new MeshTextures(this._gl, this._textures, skinPackage);
     this._surface = new Surface(this._gl, this._mesh);
-    this._axes = new Axes(this._gl, this._textures, this._mesh, mesh.indices);
+    this._axes = new Axes(this._gl, this._textures, this._mesh, mesh, this._radius);
     this._shadow = new Shadow(this._gl, this._textures, this._mesh, 1.1 * this._radius);
     this._exact = new ExactTiles(this._textures, this._slopes, manifest.resolution);
     this._nothing = this._textures.plain('R8_UINT', 1, 1);
@@ -137,6 +137,9 @@ export class SkinView {
   draw() {
     const start = performance.now();
     this._update();
+    const uniforms = this._uniforms();
+    const level = this._options.method === 'exact' ? this.tilesInView().level : 0;
+    const parts = this._manifest.udims.map((udim) => ({ udim, ...this._of(udim, level) }));
     const gl = this._gl, { width, height } = this.canvas;
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     gl.viewport(0, 0, width, height);
@@ -145,9 +148,8 @@ export class SkinView {
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     gl.enable(gl.DEPTH_TEST);
     gl.disable(gl.CULL_FACE);
-    const uniforms = this._uniforms();
-    const level = this._options.method === 'exact' ? this.tilesInView().level : 0;
-    for (const udim of this._manifest.udims) this._surface.draw(udim, uniforms, this._texturesOf(udim, level, uniforms));
+    for (const { udim, tiles, textures } of parts)
+      this._surface.draw(udim, { ...uniforms, u_with_tiles: Number(tiles) }, textures);
     if (this._options.axes) this._axes.draw(uniforms, { u_stretch: this._heights.stretch });
     this._frameMilliseconds = performance.now() - start;
   }
@@ -256,19 +258,18 @@ export class SkinView {
       u_eye: this.camera.eye(),
       u_colours: Number(colours === 'stretch'),
       u_picture: [width, height],
+      u_focal: height / (2 * Math.tan(this.camera.fov / 2)),
       u_density: width / (this.canvas.clientWidth || width),
-      u_with_tiles: 0,
     };
   }
 
-  /** @param {number} udim @param {number} level of tiles @param {Record<string, number | ArrayLike<number>>} uniforms */
-  _texturesOf(udim, level, uniforms) {
+  /** What a UDIM is drawn with. @param {number} udim @param {number} level of tiles */
+  _of(udim, level) {
     const { method } = this._options;
     const shown = this._relief[method === 'neutral' ? 'neutral' : 'posed'].get(udim);
     if (!shown) throw new Error(`nothing is drawn of UDIM ${udim}`);
     const tiles = method === 'exact' ? this._exact.of(udim, level) : null;
-    uniforms.u_with_tiles = Number(tiles !== null);
-    return {
+    const textures = {
       u_relief: shown.texture,
       u_neutral_relief: (this._relief.neutral.get(udim) ?? shown).texture,
       u_tiles: tiles?.tiles ?? shown.texture,
@@ -276,6 +277,7 @@ export class SkinView {
       u_shadow: this._shadow.texture,
       u_stretch: this._heights.stretch,
     };
+    return { tiles: tiles !== null, textures };
   }
 
   /** @param {number} udim @param {number} column @param {number} row */
