@@ -137,10 +137,14 @@ export class SkinView {
   draw() {
     const start = performance.now();
     this._update();
-    const uniforms = this._uniforms();
-    const level = this._options.method === 'exact' ? this.tilesInView().level : 0;
-    const parts = this._manifest.udims.map((udim) => ({ udim, ...this._of(udim, level) }));
     const gl = this._gl, { width, height } = this.canvas;
+    const level = this._options.method === 'exact' ? this.tilesInView().level : 0;
+    const uniforms = this._uniforms();
+    // Before the canvas is drawn on: slopes of new tiles are drawn here.
+    const drawn = this._manifest.udims.map((udim) => {
+      const own = { ...uniforms };
+      return { udim, textures: this._texturesOf(udim, level, own), own };
+    });
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     gl.viewport(0, 0, width, height);
     const grey = encoded(BACKGROUND) / 255;
@@ -148,8 +152,7 @@ export class SkinView {
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     gl.enable(gl.DEPTH_TEST);
     gl.disable(gl.CULL_FACE);
-    for (const { udim, tiles, textures } of parts)
-      this._surface.draw(udim, { ...uniforms, u_with_tiles: Number(tiles) }, textures);
+    for (const { udim, textures, own } of drawn) this._surface.draw(udim, own, textures);
     if (this._options.axes) this._axes.draw(uniforms, { u_stretch: this._heights.stretch });
     this._frameMilliseconds = performance.now() - start;
   }
@@ -249,7 +252,7 @@ export class SkinView {
       u_matrix: this.camera.matrix(width / height),
       u_shadow_matrix: this._shadow.matrix,
       u_shadow_offset: 3 * this._shadow.texel,
-      u_shadow_spread: 1.7 * this._shadow.step,
+      u_shadow_spread: 2 * this._shadow.step,
       u_triangles_a_row: this._manifest.stretch.triangles_a_row,
       u_split: split === null || method === 'neutral' ? 0 : split * width,
       u_unit: strength * this._manifest.scale,
@@ -260,16 +263,18 @@ export class SkinView {
       u_picture: [width, height],
       u_focal: height / (2 * Math.tan(this.camera.fov / 2)),
       u_density: width / (this.canvas.clientWidth || width),
+      u_with_tiles: 0,
     };
   }
 
-  /** What a UDIM is drawn with. @param {number} udim @param {number} level of tiles */
-  _of(udim, level) {
+  /** @param {number} udim @param {number} level of tiles @param {Record<string, number | ArrayLike<number>>} uniforms */
+  _texturesOf(udim, level, uniforms) {
     const { method } = this._options;
     const shown = this._relief[method === 'neutral' ? 'neutral' : 'posed'].get(udim);
     if (!shown) throw new Error(`nothing is drawn of UDIM ${udim}`);
     const tiles = method === 'exact' ? this._exact.of(udim, level) : null;
-    const textures = {
+    uniforms.u_with_tiles = Number(tiles !== null);
+    return {
       u_relief: shown.texture,
       u_neutral_relief: (this._relief.neutral.get(udim) ?? shown).texture,
       u_tiles: tiles?.tiles ?? shown.texture,
@@ -277,7 +282,6 @@ export class SkinView {
       u_shadow: this._shadow.texture,
       u_stretch: this._heights.stretch,
     };
-    return { tiles: tiles !== null, textures };
   }
 
   /** @param {number} udim @param {number} column @param {number} row */
