@@ -54,7 +54,8 @@ PIXELS = """() => {
   const gl = view.canvas.getContext('webgl2'), out = new Uint8Array(4 * width * height);
   gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, out);
   let text = '';
-  for (let i = 0; i < out.length; i += 32768) text += String.fromCharCode(...out.subarray(i, i + 32768));
+  for (let i = 0; i < out.length; i += 32768)
+    text += String.fromCharCode(...out.subarray(i, i + 32768));
   return btoa(text);
 }"""
 
@@ -165,9 +166,7 @@ def test_exact_tiles_take_the_place_of_fast_ones(both: Both) -> None:
 
 @pytest.mark.slow
 @pytest.mark.face
-def test_heights_of_the_real_face(
-    tmp_path: Path, face: face_data.Face, open_page: Opened
-) -> None:
+def test_heights_of_the_real_face(tmp_path: Path, face: face_data.Face, open_page: Opened) -> None:
     mesh = Mesh(face.positions, face.faces, face.uv, face.face_uv)
     poses = np.stack([face.positions + delta for delta in face.deltas.values()])
     names = list(face.expression_names)
