@@ -180,7 +180,9 @@ def test_the_picture_is_the_same_on_every_way_there(both: Both) -> None:
     page.evaluate("rhytid.face.view.camera.pan(200, 100)")
     page.evaluate(PIXELS)
     page.evaluate("rhytid.face.view.camera.pan(-200, -100)")
-    got, want = (np.frombuffer(base64.b64decode(t), np.uint8) for t in (page.evaluate(PIXELS), want))
+    got, want = (
+        np.frombuffer(base64.b64decode(t), np.uint8) for t in (page.evaluate(PIXELS), want)
+    )
     # Levels have texels of cells that are out of view in them: the last bit may be another.
     assert (np.abs(got.astype(int) - want) > 2).mean() < 1e-3
 
