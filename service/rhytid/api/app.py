@@ -34,6 +34,7 @@ from rhytid.api.routes import (
     root,
     snapshots,
     tiles,
+    viewer,
 )
 from rhytid.api.tracing import tracer
 from rhytid.decoding.decoder import Decoder
@@ -55,6 +56,7 @@ ROUTERS = (
     jobs.router,
     health.router,
     root.router,
+    viewer.router,
 )
 
 # What web pages of allowed origins may send and read. No cookies: keys are in a header.

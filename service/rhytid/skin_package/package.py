@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+import rhytid_viewer
 
 from rhytid.domain.expressions import Expressions
 from rhytid.domain.mesh import Mesh
@@ -117,9 +118,16 @@ class PackageWriter:
             self._write(name, text.encode())
         for name in SHADER_FILES:
             self._write(name, runtime(name).encode())
+        self._write_viewer()
         self._write(SCHEMA, _json(schema()))
         self._write(MANIFEST, _json(manifest.model_dump()))
         self.manifest = manifest
+
+    def _write_viewer(self) -> None:
+        """The page that shows the package, and its files."""
+        for name, data in rhytid_viewer.laid_out().items():
+            (self._folder / name).parent.mkdir(parents=True, exist_ok=True)
+            self._write(name, data)
 
     def _write(self, name: str, data: bytes) -> None:
         with whole(self._folder / name) as aside:
