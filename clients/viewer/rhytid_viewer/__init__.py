@@ -1,7 +1,7 @@
-"""The viewer for browsers: a page, its style and ES modules, as files to be handed out as they are.
+"""The viewer for browsers: a page, its style and ES modules, to be handed out as they are.
 
-The page asks for the rest under `viewer/`: a server has `index.html` wherever it likes and the other
-files in a folder of that name beside it.
+The page asks for the rest under `viewer/`: a server has `index.html` wherever it likes, and the
+other files in a folder of that name beside it.
 """
 
 from __future__ import annotations

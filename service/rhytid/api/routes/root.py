@@ -1,5 +1,5 @@
-"""The start `/`: the viewer or, as JSON, where to go; and the pages of `/docs`. They load nothing from
-other hosts."""
+"""The start `/`: the viewer or, as JSON, where to go; and the pages of `/docs`. Pages load nothing
+from other hosts."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from typing import Any
 from fastapi import APIRouter, Request, Response
 from fastapi.openapi.docs import get_swagger_ui_html
 from fastapi.responses import FileResponse, HTMLResponse, JSONResponse
-from rhytid_viewer import PAGE
 from starlette.exceptions import HTTPException
 
 from rhytid import __version__
@@ -18,6 +17,7 @@ from rhytid.api.dependencies import NoQuery
 from rhytid.api.documentation import problems
 from rhytid.api.routes.viewer import viewer_answer
 from rhytid.api.schemas import Root
+from rhytid_viewer import PAGE
 
 JSON, HTML = "application/json", "text/html"
 # Swagger UI, as the package fastapi-swagger holds it.

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import rhytid_viewer
 from fastapi import APIRouter, Request, Response
 from starlette.exceptions import HTTPException
 
+import rhytid_viewer
 from rhytid.api.dependencies import NoQuery
 from rhytid.api.encoding import tagged
 
@@ -23,12 +23,12 @@ SAFE = {
 router = APIRouter(tags=["service"], dependencies=[NoQuery])
 
 
-@router.get(f"/{rhytid_viewer.FOLDER}/{{name:path}}", include_in_schema=False)
-def viewer_file(name: str, request: Request) -> Response:
+@router.get(f"/{rhytid_viewer.FOLDER}/{{file:path}}", include_in_schema=False)
+def viewer_file(file: str, request: Request) -> Response:
     """One of the files that the page of `/` loads."""
-    if name not in rhytid_viewer.names():
+    if file not in rhytid_viewer.names():
         raise HTTPException(404)
-    return viewer_answer(name, request)
+    return viewer_answer(file, request)
 
 
 def viewer_answer(name: str, request: Request) -> Response:

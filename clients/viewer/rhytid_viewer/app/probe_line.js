@@ -1,0 +1,36 @@
+// What lies under the pointer, in figures.
+
+import { byId } from "./dom.js";
+
+const PARTS = ["displacement", "stretch", "triangle", "texel"];
+
+/**
+ * @param {import('../view/types.js').Probe | null} probe
+ * @param {import('../view/types.js').Manifest} manifest
+ */
+export function showProbe(probe, manifest) {
+  const texts = probe ? described(probe, manifest) : PARTS.map(() => "–");
+  PARTS.forEach((part, index) => (byId(`probe-${part}`, HTMLElement).textContent = texts[index]));
+}
+
+/**
+ * @param {import('../view/types.js').Probe} probe
+ * @param {import('../view/types.js').Manifest} manifest
+ */
+function described(probe, manifest) {
+  const { displacement, ratios, triangle, udim, texel } = probe;
+  return [
+    depth(displacement, manifest.unit_in_metres, manifest.unit),
+    `${ratios[0].toFixed(3)} × ${ratios[1].toFixed(3)}`,
+    String(triangle),
+    `${udim}: ${texel[0]}, ${texel[1]}`,
+  ];
+}
+
+/** @param {number} value @param {number | null} metres @param {string} unit */
+function depth(value, metres, unit) {
+  if (metres === null) return `${value.toPrecision(4)} ${unit}`;
+  const micrometres = value * metres * 1e6;
+  const text = Math.abs(micrometres) < 0.05 ? "0.0" : micrometres.toFixed(1);
+  return `${text.replace("-", "−")} µm`;
+}
