@@ -12,7 +12,11 @@ export default [
       "no-shadow": "error",
       "no-implicit-globals": "error",
       "no-eval": "error",
-      "no-unused-vars": ["error", { argsIgnorePattern: "^_" }],
+      "no-unused-vars": [
+        "error",
+        // Classes that types in comments alone name.
+        { argsIgnorePattern: "^_", varsIgnorePattern: "^[A-Z]" },
+      ],
     },
   },
 ];

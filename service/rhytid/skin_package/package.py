@@ -14,7 +14,7 @@ from rhytid.domain.expressions import Expressions
 from rhytid.domain.mesh import Mesh
 from rhytid.durable import whole, write_file
 from rhytid.meshes.morph_glb import write_morph_glb
-from rhytid.skin_package.describe import SHADER_FILES, described
+from rhytid.skin_package.describe import described
 from rhytid.skin_package.manifest import Manifest, schema
 from rhytid.skin_package.maps import CUSHIONS, Room, SkinMaps
 from rhytid.skin_package.paging import Paging, pyramid
@@ -116,8 +116,8 @@ class PackageWriter:
         manifest = described(self._maps, self._mesh, self._shapes, textures)
         for name, text in shader_texts(manifest).items():
             self._write(name, text.encode())
-        for name in SHADER_FILES:
-            self._write(name, runtime(name).encode())
+        self._write("stretch.py", runtime("stretch.py").encode())
+        self._write("stretch.js", rhytid_viewer.read("stretch.js"))
         self._write_viewer()
         self._write(SCHEMA, _json(schema()))
         self._write(MANIFEST, _json(manifest.model_dump()))
