@@ -9,6 +9,8 @@ import { showProbe } from "./probe_line.js";
  * @typedef {import('./address.js').Place} Place
  */
 
+// Pictures further apart than so many milliseconds are no movement.
+const STILL = 300;
 // More pixels than these a CSS pixel are not seen, and cost.
 const DENSEST = 2;
 
@@ -29,12 +31,15 @@ export class Face {
     this.view = new SkinView(canvas, skin);
     this.home = this.place();
     this.gone = false;
+    /** Pictures a second while something moves, 0 while nothing does. */
+    this.rate = 0;
+    this.drawnAt = 0;
     this.redraw = oncePerPicture(() => this.draw());
     /** Where the pointer is, CSS pixels in the canvas. @type {[number, number] | null} */
     this.pointer = null;
     this.probeSoon = oncePerPicture(() => this.probe());
     this.sizes = new ResizeObserver(() => this.fit());
-    this.sizes.observe(byId("stage", HTMLElement));
+    this.sizes.observe(byId("picture-area", HTMLElement));
     this.pose(store.state);
     this.options(store.state);
     this.fit();
@@ -77,6 +82,11 @@ export class Face {
     if (this.gone) return;
     this.view.draw();
     this.probeSoon();
+    const now = performance.now();
+    const apart = now - this.drawnAt;
+    this.drawnAt = now;
+    const rate = 1000 / Math.max(apart, 1);
+    this.rate = apart > STILL ? 0 : this.rate ? 0.9 * this.rate + 0.1 * rate : rate;
     this.told.drawn();
   }
 

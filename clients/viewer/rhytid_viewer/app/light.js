@@ -32,6 +32,7 @@ export class Light {
       event.stopPropagation();
     });
     store.listen((_state, changed) => changed.has("light") && this.show());
+    this.show();
   }
 
   /** Where it is in the picture: x to the right, y up, z to who looks. @returns {Vector} */

@@ -15,6 +15,8 @@ import { addPointer } from "./pointer.js";
 import { ShapesPanel } from "./shapes_panel.js";
 import { LIGHT, Store } from "./state.js";
 
+const REMEDY = "Turn on hardware acceleration in its settings, or take a current Chrome, Edge, Firefox or Safari.";
+
 /**
  * @typedef {object} Told what the page tells whoever has tiles to bring
  * @property {(face: Face) => void} shown another face is shown
@@ -119,13 +121,13 @@ export class Page {
   showStatus() {
     if (!this.face) return;
     const { manifest } = this.face.skin;
-    const { textureBytes, stretchMilliseconds, frameMilliseconds } = this.face.view.statistics();
+    const { textureBytes, stretchMilliseconds } = this.face.view.statistics();
     const parts = [
       `${manifest.stretch.triangles.toLocaleString("en")} triangles`,
       `${manifest.resolution}²`,
       `${megabytes(textureBytes)} of textures`,
       `stretch ${stretchMilliseconds.toFixed(1)} ms`,
-      `picture ${frameMilliseconds.toFixed(0)} ms`,
+      this.face.rate ? `${this.face.rate.toFixed(0)} pictures/s` : "",
       this.note,
     ];
     byId("status", HTMLParagraphElement).textContent = parts.filter(Boolean).join(" · ");
@@ -135,8 +137,9 @@ export class Page {
   failed(error) {
     const unsupported = error instanceof Unsupported;
     const text = unsupported ? "This browser cannot show the skin." : "The skin could not be loaded.";
-    if (this.face) banner(`${text} ${reason(error)}`);
-    else message(text, reason(error));
+    const detail = unsupported ? `${reason(error)} ${REMEDY}` : reason(error);
+    if (this.face) banner(`${text} ${detail}`, { stays: true });
+    else message(text, detail);
   }
 }
 

@@ -48,9 +48,10 @@ export class Player {
     this.time.max = String(duration(clip));
     this.time.valueAsNumber = 0;
     this.toSweep.hidden = clip.title === sweep([]).title;
-    byId("clip-name", HTMLParagraphElement).textContent = `${clip.title}, ${clip.frames.length} frames`;
-    byId("time-value", HTMLOutputElement).value = "0.0 s";
     const nothing = !this.shapes.length;
+    const title = nothing ? "" : `${clip.title}, ${clip.frames.length} frames`;
+    byId("clip-name", HTMLParagraphElement).textContent = title;
+    byId("time-value", HTMLOutputElement).value = "0.0 s";
     this.button.disabled = nothing;
     this.time.disabled = nothing;
   }

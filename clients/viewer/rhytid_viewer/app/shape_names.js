@@ -45,7 +45,7 @@ export function meantShapes(wanted, known) {
 }
 
 const GROUPS = ["brow", "eye", "nose", "cheek", "mouth", "jaw", "tongue"];
-const SAME = { lip: "mouth", smile: "mouth", frown: "mouth", lid: "eye", sneer: "nose", chin: "jaw" };
+const SAME = { lip: "mouth", pucker: "mouth", funnel: "mouth", squint: "eye", blink: "eye", smile: "mouth", frown: "mouth", lid: "eye", sneer: "nose", chin: "jaw" };
 
 /**
  * The part of the face that a shape moves, by its name; "other" where the name says nothing.
