@@ -33,6 +33,8 @@ export class Shadow {
     this._program = new Program(gl, 'shadow', VERTEX, FRAGMENT);
     this._corners = mesh.vertexArray(this._program);
     this.matrix = new Float32Array(16);
+    /** Of a texel, in texture coordinates. */
+    this.step = 1 / SIDE;
     /** Mesh units a texel. */
     this.texel = (2 * radius) / SIDE;
   }

@@ -59,6 +59,7 @@ uniform float u_unit;               // of relief, mesh units, with the strength
 uniform vec3 u_light;
 uniform vec3 u_eye;
 uniform bool u_colours;
+uniform float u_cavity;             // how much darker it is at the largest displacement
 in vec3 v_position;
 in vec3 v_normal;
 in vec3 v_shadow;
@@ -69,14 +70,16 @@ flat in float v_stretch;
 out vec4 o_colour;
 
 const float PI = 3.14159265;
-const vec3 SKIN = vec3(0.52, 0.375, 0.31);
-const float LIGHT = 2.7;
+const vec3 SKIN = vec3(0.51, 0.37, 0.315);
+const vec3 LIGHT = vec3(1.04, 1.0, 0.96); // what white that faces it sends back
+const vec3 SHINE = 3.4 * vec3(0.96, 1.0, 1.04);
 const vec3 SKY = vec3(0.23, 0.24, 0.26);
 const vec3 GROUND = vec3(0.10, 0.088, 0.08);
 
 // Slopes over a texel, by a cubic B-spline through the heights: two taps of the filter beside each other
 // are a pair of samples, weighted.
 vec2 magnified(sampler2D relief, vec2 uv, float side) {
+
   vec2 at = uv * side - 0.5, f = fract(at), first = floor(at) + 0.5;
   vec2 u = 1.0 - f;
   vec2 w0 = u * u * u / 6.0, w1 = ((3.0 * f - 6.0) * f * f + 4.0) / 6.0;
@@ -141,9 +144,10 @@ vec3 stretch_colour(float x) {
   return mix(colours[first], colours[first + 1], at - float(first));
 }
 
+// Whites end softly and keep their hue.
 vec3 srgb(vec3 x) {
-  x = x / (1.0 + max(x - 0.7, 0.0) * 0.8); // whites end softly
-  x = clamp(x, 0.0, 1.0);
+  float most = max(x.r, max(x.g, x.b));
+  x *= most > 0.7 ? (0.7 + 0.3 * (1.0 - exp((0.7 - most) / 0.3))) / most : 1.0;
   return mix(12.92 * x, 1.055 * pow(x, vec3(1.0 / 2.4)) - 0.055, step(0.0031308, x));
 }
 
@@ -167,22 +171,20 @@ void main() {
   slope /= sqrt(1.0 + dot(slope, slope) / 4.0);
   float rough = 0.5 * u_unit * u_unit * relief.w * 0.5 * (dot(v_along_u, v_along_u) + dot(v_along_v, v_along_v));
   rough = min(rough, 0.3);
-  vec3 bumpy = normalize(n - slope), soft = normalize(n - 0.6 * slope);
+  vec3 bumpy = normalize(n - slope), soft = normalize(n - 0.8 * slope);
   float smooth_cosine = dot(n, u_light);
   float lit = lit_share() * smoothstep(-0.12, 0.1, smooth_cosine);
 
   vec3 skin = u_colours ? stretch_colour(v_stretch) : SKIN;
   const vec3 WRAP = vec3(0.16, 0.08, 0.06);
   vec3 key = vec3(wrapped(dot(soft, u_light), WRAP).r, wrapped(dot(bumpy, u_light), WRAP).gb);
-  float cavity = clamp(1.0 + 0.55 * relief.x * min(u_unit / max(u_unit, 1e-20), 1.0), 0.5, 1.1);
+  float cavity = clamp(1.0 + u_cavity * relief.x, 0.5, 1.1);
   vec3 around = mix(GROUND, SKY, 0.5 + 0.5 * bumpy.y) + 0.12 * max(dot(bumpy, v), 0.0);
-  vec3 colour = skin * (LIGHT / PI * lit * key * 1.35 + cavity * around);
-  if (!u_colours || true) {
-    float spec = 0.6 * shine(bumpy, v, u_light, 0.09 + 2.0 * rough) + 0.4 * shine(bumpy, v, u_light, 0.025 + 2.0 * rough);
-    colour += (u_colours ? 0.35 : 1.0) * LIGHT * lit * spec;
-    float grazing = pow(1.0 - max(dot(bumpy, v), 0.0), 5.0);
-    colour += cavity * (0.02 + 0.25 * grazing) * SKY;
-  }
+  vec3 colour = skin * (LIGHT * lit * key + cavity * around);
+  float gloss = 0.6 * shine(bumpy, v, u_light, 0.09 + 2.0 * rough) + 0.4 * shine(bumpy, v, u_light, 0.025 + 2.0 * rough);
+  colour += (u_colours ? 0.4 : 1.0) * SHINE * lit * gloss;
+  float grazing = pow(1.0 - max(dot(bumpy, v), 0.0), 5.0);
+  colour += cavity * (0.02 + 0.25 * grazing) * SKY;
   o_colour = vec4(srgb(colour), 1.0);
 }`;
 
@@ -206,7 +208,16 @@ export class Surface {
     const { positions, normals, gradients } = this._mesh;
     this._program.use(uniforms, { ...textures, u_positions: positions, u_normals: normals, u_gradients: gradients });
     gl.bindVertexArray(this._corners);
+    gl.enable(gl.CULL_FACE);
+    gl.cullFace(gl.BACK);
     gl.drawArrays(gl.TRIANGLES, first, count);
+    // Backs a little further away: they must not shine through where the surface turns from the eye.
+    gl.cullFace(gl.FRONT);
+    gl.enable(gl.POLYGON_OFFSET_FILL);
+    gl.polygonOffset(2, 64);
+    gl.drawArrays(gl.TRIANGLES, first, count);
+    gl.disable(gl.POLYGON_OFFSET_FILL);
+    gl.disable(gl.CULL_FACE);
     gl.bindVertexArray(null);
   }
 }
