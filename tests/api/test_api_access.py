@@ -75,7 +75,7 @@ def test_what_is_open_is_said_here_once_more() -> None:
     named = {call for call, scope in ROUTES.items() if scope == OPEN}
     assert named == {
         f"GET {path}"
-        for path in ("/", "/healthz", "/readyz", "/docs", "/docs/{file}", "/viewer/{file:path}")
+        for path in ("/", "/healthz", "/readyz", "/docs", "/docs/{file}", "/viewer/{file}")
     }
 
 

@@ -82,7 +82,9 @@ export class Served {
     this.select.value = id;
     if (before !== null && before !== id) this.page.store.set({ weights: {} });
     try {
-      await this.page.show(this.service.reader(id), place);
+      const making = (/** @type {import('./service.js').Job} */ job) =>
+        message("The service makes the package of this asset", job.stage, job.progress);
+      await this.page.show(this.service.reader(id, making), place);
     } catch (error) {
       this.page.store.set({ asset: before });
       this.select.value = before ?? "";

@@ -1,6 +1,8 @@
 // Where skin comes from: a running service, or the package beside the page.
 
 const KEY = "rhytid-key";
+// Milliseconds until a job is asked about again.
+const POLL = 250;
 
 /** An answer that is no success. */
 export class Refused extends Error {
@@ -82,10 +84,32 @@ export class Service {
     }
   }
 
-  /** Files of the package of an asset. @param {string} asset @returns {import('../view/types.js').Read} */
-  reader(asset) {
-    return (path, onProgress) =>
-      this.call(`v1/assets/${asset}/package/${path}`).then((answer) => body(answer, onProgress));
+  /**
+   * Files of the package of an asset. A service makes it when it is first asked for.
+   * @param {string} asset
+   * @param {(job: Job) => void} onMaking
+   * @returns {import('../view/types.js').Read}
+   */
+  reader(asset, onMaking) {
+    return async (path, onProgress) => {
+      for (;;) {
+        // Coarser levels are not shown.
+        const answer = await this.call(`v1/assets/${asset}/package/${path}?levels=1`);
+        if (answer.status !== 202) return body(answer, onProgress);
+        await this.made(await answer.json(), onMaking);
+      }
+    };
+  }
+
+  /** Until a job has ended. @param {Job} job @param {(job: Job) => void} onProgress */
+  async made(job, onProgress) {
+    let now = job;
+    while (now.state === "queued" || now.state === "running") {
+      onProgress(now);
+      await new Promise((resolve) => setTimeout(resolve, POLL));
+      now = await (await this.call(`v1/jobs/${job.id}`)).json();
+    }
+    if (now.state !== "done") throw new Error(now.detail || `The package was ${now.state}.`);
   }
 }
 
