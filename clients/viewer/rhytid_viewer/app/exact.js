@@ -39,7 +39,7 @@ export class ExactTiles {
     /** Whether the frame was sent again because the service had forgotten it. */
     this.resent = false;
     this.timer = 0;
-    /** Of the pose that is set, with their sides. @type {Map<string, {tile: TileAddress, size: number}>} */
+    /** Of the pose that is set. @type {Map<string, {tile: TileAddress, size: number, heights: Float32Array}>} */
     this.tiles = new Map();
     this.aborting = new AbortController();
   }
@@ -134,8 +134,27 @@ export class ExactTiles {
     const { shape, values } = readNpy(await answer.arrayBuffer());
     if (signal.aborted) return;
     this.resent = false;
-    this.tiles.set(keyOf(tile), { tile, size: shape[0] });
-    this.view.setExactTile(tile, shape[0], /** @type {Float32Array} */ (values));
+    const [size, heights] = [shape[0], /** @type {Float32Array} */ (values)];
+    this.tiles.set(keyOf(tile), { tile, size, heights });
+    this.view.setExactTile(tile, size, heights);
+  }
+
+  /**
+   * Displacement by the finest tile that is there.
+   * @param {number} udim
+   * @param {readonly [number, number]} texel column and row of level 0
+   * @returns {{height: number, level: number} | null}
+   */
+  heightAt(udim, [column, row]) {
+    const here = [...this.tiles.values()].filter(({ tile, size }) => {
+      const at = [column >> tile.level, row >> tile.level].map((place) => Math.floor(place / size));
+      return tile.udim === udim && at[0] === tile.column && at[1] === tile.row;
+    });
+    const [finest] = here.sort((a, b) => a.tile.level - b.tile.level);
+    if (!this.on || !finest) return null;
+    const { tile, size, heights } = finest;
+    const [x, y] = [column, row].map((place) => (place >> tile.level) % size);
+    return { height: heights[y * size + x], level: tile.level };
   }
 
   /** Forget tiles that are not in view, where there are many. @param {TileAddress[]} inView */

@@ -7,6 +7,7 @@ import { showProbe } from "./probe_line.js";
 /**
  * @typedef {import('./state.js').State} State
  * @typedef {import('./address.js').Place} Place
+ * @typedef {(udim: number, texel: readonly [number, number]) => {height: number, level: number} | null} ExactAt
  */
 
 // Pictures further apart than so many milliseconds are no movement.
@@ -19,8 +20,8 @@ export class Face {
    * @param {HTMLCanvasElement} canvas
    * @param {import('../view/types.js').SkinPackage} skin
    * @param {import('./state.js').Store} store
-   * @param {{drawn: () => void, moved: () => void, posed: () => void}} told drawn: a picture is there;
-   *   moved: the camera is elsewhere; posed: another pose is set
+   * @param {{drawn: () => void, moved: () => void, posed: () => void, exactAt: ExactAt}} told drawn: a
+   *   picture is there; moved: the camera is elsewhere; posed: another pose is set
    * @throws {import('../view/skin_view.js').Unsupported}
    */
   constructor(canvas, skin, store, told) {
@@ -125,7 +126,10 @@ export class Face {
 
   probe() {
     if (this.gone || !this.pointer) return;
-    showProbe(this.view.probe(...this.pointer), this.skin.manifest);
+    const found = this.view.probe(...this.pointer);
+    const exact = found && this.told.exactAt(found.udim, found.texel);
+    if (found && exact) found.displacement = exact.height;
+    showProbe(found, this.skin.manifest, exact?.level ?? 0);
   }
 
   /** Save the picture as a file. */

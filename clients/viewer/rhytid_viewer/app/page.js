@@ -22,6 +22,7 @@ const REMEDY = "Turn on hardware acceleration in its settings, or take a current
  * @property {(face: Face) => void} shown another face is shown
  * @property {() => void} posed
  * @property {() => void} moved
+ * @property {import('./face.js').ExactAt} exactAt
  */
 
 export class Page {
@@ -35,7 +36,7 @@ export class Page {
     /** @type {Face | null} */
     this.face = null;
     /** @type {Told} */
-    this.told = { shown() {}, posed() {}, moved() {} };
+    this.told = { shown() {}, posed() {}, moved() {}, exactAt: () => null };
     /** What the service has to say at the end of the status. */
     this.note = "";
     this.player = new Player(this.store);
@@ -68,6 +69,7 @@ export class Page {
     this.face = new Face(this.canvas, skin, this.store, {
       drawn: () => this.showStatus(),
       posed: () => this.told.posed(),
+      exactAt: (udim, texel) => this.told.exactAt(udim, texel),
       moved: () => {
         this.told.moved();
         this.light.show();

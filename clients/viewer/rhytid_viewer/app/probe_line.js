@@ -7,9 +7,11 @@ const PARTS = ["displacement", "stretch", "triangle", "texel"];
 /**
  * @param {import('../view/types.js').Probe | null} probe
  * @param {import('../view/types.js').Manifest} manifest
+ * @param {number} level of the texels whose mean the displacement is
  */
-export function showProbe(probe, manifest) {
+export function showProbe(probe, manifest, level) {
   const texts = probe ? described(probe, manifest) : PARTS.map(() => "–");
+  if (probe && level) texts[0] += ` of ${1 << level}² texels`;
   PARTS.forEach((part, index) => (byId(`probe-${part}`, HTMLElement).textContent = texts[index]));
 }
 

@@ -37,6 +37,7 @@ export class Served {
       shown: (face) => this.shown(face),
       posed: () => this.exact?.posed(),
       moved: () => this.exact?.moved(),
+      exactAt: (udim, texel) => this.exact?.heightAt(udim, texel) ?? null,
     };
     window.addEventListener("pagehide", () => this.exact?.dispose());
     window.addEventListener("hashchange", () => this.followAddress());
@@ -166,5 +167,5 @@ function titleOf({ id, settings, triangles }) {
 /** @param {import('./exact.js').Progress} progress */
 function noted({ wanted, shown, problem }) {
   if (problem) return `exact: ${problem}`;
-  return shown < wanted ? `exact: ${shown} of ${wanted} tiles` : `exact: ${wanted} tiles`;
+  return shown < wanted ? `exact: ${shown} of ${wanted} tiles` : `exact: all ${wanted} tiles`;
 }

@@ -138,6 +138,13 @@ export class SkinView {
     const start = performance.now();
     this._update();
     const gl = this._gl, { width, height } = this.canvas;
+    const level = this._options.method === 'exact' ? this.tilesInView().level : 0;
+    const uniforms = this._uniforms();
+    // Before the canvas is drawn on: slopes of new tiles are drawn here.
+    const drawn = this._manifest.udims.map((udim) => {
+      const own = { ...uniforms };
+      return { udim, textures: this._texturesOf(udim, level, own), own };
+    });
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     gl.viewport(0, 0, width, height);
     const grey = encoded(BACKGROUND) / 255;
@@ -145,9 +152,7 @@ export class SkinView {
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     gl.enable(gl.DEPTH_TEST);
     gl.disable(gl.CULL_FACE);
-    const uniforms = this._uniforms();
-    const level = this._options.method === 'exact' ? this.tilesInView().level : 0;
-    for (const udim of this._manifest.udims) this._surface.draw(udim, uniforms, this._texturesOf(udim, level, uniforms));
+    for (const { udim, textures, own } of drawn) this._surface.draw(udim, own, textures);
     if (this._options.axes) this._axes.draw(uniforms, { u_stretch: this._heights.stretch });
     this._frameMilliseconds = performance.now() - start;
   }
