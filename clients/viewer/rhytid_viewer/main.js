@@ -13,7 +13,9 @@ try {
   const told = await isService(root);
   const { asset, camera } = page.readAddress();
   if (told) {
-    await new Served(page, root, told).begin(asset, camera);
+    const served = new Served(page, root, told);
+    Object.assign(page, { served });
+    await served.begin(asset, camera);
   } else {
     page.withoutService();
     addIntake(page, null);
