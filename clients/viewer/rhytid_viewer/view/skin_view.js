@@ -52,7 +52,7 @@ export class SkinView {
     this._slopes = new Slopes(this._gl, this._textures, manifest);
     this._mesh = new MeshTextures(this._gl, this._textures, skinPackage);
     this._surface = new Surface(this._gl, this._mesh);
-    this._axes = new Axes(this._gl, this._textures, this._mesh, mesh.indices);
+    this._axes = new Axes(this._gl, this._textures, this._mesh, mesh, this._radius);
     this._shadow = new Shadow(this._gl, this._textures, this._mesh, 1.1 * this._radius);
     this._exact = new ExactTiles(this._textures, this._slopes, manifest.resolution);
     this._nothing = this._textures.plain('R8_UINT', 1, 1);
@@ -252,7 +252,7 @@ export class SkinView {
       u_matrix: this.camera.matrix(width / height),
       u_shadow_matrix: this._shadow.matrix,
       u_shadow_offset: 3 * this._shadow.texel,
-      u_shadow_spread: 1.7 * this._shadow.step,
+      u_shadow_spread: 2 * this._shadow.step,
       u_triangles_a_row: this._manifest.stretch.triangles_a_row,
       u_split: split === null || method === 'neutral' ? 0 : split * width,
       u_unit: strength * this._manifest.scale,
@@ -261,6 +261,7 @@ export class SkinView {
       u_eye: this.camera.eye(),
       u_colours: Number(colours === 'stretch'),
       u_picture: [width, height],
+      u_focal: height / (2 * Math.tan(this.camera.fov / 2)),
       u_density: width / (this.canvas.clientWidth || width),
       u_with_tiles: 0,
     };
