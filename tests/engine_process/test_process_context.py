@@ -9,6 +9,7 @@ import pytest
 
 from rhytid.device.figures import Figures, spans_of_request
 from rhytid.engine_process.child import _Process
+from rhytid.engine_process.device_process import environment
 from rhytid.engine_process.packing import unpack
 from rhytid.engine_process.requests import Call, Request
 from rhytid.engine_process.wire import Message
@@ -68,3 +69,8 @@ def test_the_id_of_the_request_does_not_make_another_call() -> None:
     assert one.packed.body != other.packed.body
     request_id.reset(token)
     assert one.digest == other.digest
+
+
+def test_the_process_has_few_heaps_unless_the_user_says_how_many() -> None:
+    assert environment({"HOME": "/h"}) == {"HOME": "/h", "MALLOC_ARENA_MAX": "2"}
+    assert environment({"MALLOC_ARENA_MAX": "8"}) == {"MALLOC_ARENA_MAX": "8"}
