@@ -25,7 +25,8 @@ class ServiceSettings:
     number that `rhytid devices` shows; None = the best that computes.
     device_memory, frame_memory, host_memory, upload_limit, spool: bytes; None = a share of what the
     device or the machine has.  host_memory: that answers and uploads hold at once.  spool: of
-    uploads on disk at once.  queue: waiting device requests at most.  jobs: waiting jobs at most.
+    uploads on disk at once.  packages: of skin packages that are kept.
+    queue: waiting device requests at most.  jobs: waiting jobs at most.
     draw_seconds: that the map of a UDIM may take, by an estimate; graphs beyond it are refused.
     cache: folder for what is measured of the device once; None = nothing is measured.
     keys: file of the API keys; None = `keys.json` in the store.  ask_keys: None = once there is
@@ -48,6 +49,7 @@ class ServiceSettings:
     host_memory: int | None = None
     upload_limit: int = 1024 * MIB
     spool: int = 4096 * MIB
+    packages: int = 4096 * MIB
     queue: int = 256
     jobs: int = 256
     draw_seconds: int = 60
@@ -73,7 +75,8 @@ class ServiceSettings:
     @classmethod
     def from_environment(cls, environment: Mapping[str, str] = os.environ) -> ServiceSettings:
         """Read RHYTID_STORE, RHYTID_DEVICE, RHYTID_DEVICE_MEMORY_MB, RHYTID_FRAME_MEMORY_MB,
-        RHYTID_HOST_MEMORY_MB, RHYTID_UPLOAD_LIMIT_MB, RHYTID_SPOOL_MB, RHYTID_QUEUE, RHYTID_JOBS,
+        RHYTID_HOST_MEMORY_MB, RHYTID_UPLOAD_LIMIT_MB, RHYTID_SPOOL_MB, RHYTID_PACKAGES_MB,
+        RHYTID_QUEUE, RHYTID_JOBS,
         RHYTID_DRAW_SECONDS, RHYTID_CACHE, RHYTID_LAUNCH_SECONDS, RHYTID_STALL_SECONDS,
         RHYTID_CONNECTIONS, RHYTID_DRAIN_SECONDS, RHYTID_LOG_FORMAT, RHYTID_KEYS_FILE,
         RHYTID_ALLOWED_HOSTS, RHYTID_CORS_ORIGINS, RHYTID_KEY_RATE, RHYTID_KEY_JOBS and
@@ -119,6 +122,7 @@ class ServiceSettings:
             host_memory=memory("RHYTID_HOST_MEMORY_MB"),
             upload_limit=upload_limit * MIB,
             spool=spool * MIB,
+            packages=count("RHYTID_PACKAGES_MB", 4096) * MIB,
             queue=count("RHYTID_QUEUE", 256),
             jobs=count("RHYTID_JOBS", 256),
             draw_seconds=count("RHYTID_DRAW_SECONDS", 60),

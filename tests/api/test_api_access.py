@@ -49,7 +49,8 @@ def routes() -> list[Any]:
 
 def calls(route: Any) -> set[str]:
     """Methods and path of a route; HEAD is as GET, and a WebSocket has no method."""
-    return {f"{method} {route.path}" for method in (methods(route) or {"WS"}) - {"HEAD"}}
+    path = route.path.replace(":path}", "}")
+    return {f"{method} {path}" for method in (methods(route) or {"WS"}) - {"HEAD"}}
 
 
 def methods(route: Any) -> set[str]:
@@ -103,7 +104,7 @@ def keyed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Keyed]:
 def place(call: str) -> tuple[str, str]:
     """Method and path of a call, with something in place of its parameters."""
     method, path = call.split()
-    for name in ("asset", "frame", "job", "file"):
+    for name in ("asset", "frame", "job", "file", "path"):
         path = path.replace(f"{{{name}}}", f"some-{name}")
     return method, path.replace("{udim}", "1001").replace("{level}/{row}/{column}", "0/0/0")
 

@@ -34,8 +34,8 @@ ALLOWED = {
     "synthesis": _TOOLS,
     "storage": _TOOLS,
     "textures": _FACTS | {"formats", "durable"},
-    "engine": _TOOLS | _WORK | {"settings"},
-    "skin_package": _FACTS | {"durable", "engine", "formats", "meshes", "pipeline"},
+    "skin_package": _FACTS | {"durable", "formats", "meshes", "pipeline"},
+    "engine": _TOOLS | _WORK | {"settings", "skin_package"},
     "engine_process": _TOOLS | {"engine", "logs", "settings", "storage"},
     "decoding": _FACTS | {"formats", "engine", "engine_process"},
     "api": _TOOLS

@@ -12,6 +12,7 @@ import numpy as np
 from rhytid.domain.expressions import Expressions
 from rhytid.domain.mesh import Mesh
 from rhytid.durable import whole, write_file
+from rhytid.formats.ktx2 import CHANNELS
 from rhytid.meshes.morph_glb import write_morph_glb
 from rhytid.skin_package.describe import SHADER_FILES, described
 from rhytid.skin_package.manifest import Manifest, schema
@@ -48,6 +49,7 @@ class PackageWriter:
         self._levels = most if levels is None else min(levels, most)
         textures, across = folder / "textures", self._paging.across
         index = index_channel(len(mesh.faces))
+        self._index_bytes = CHANNELS[index].dtype.itemsize
         self._codes = TextureFiles(textures, "maps", "r8snorm", count, across)
         self._triangles = TextureFiles(textures, "triangles", index, 1, across)
         self._cushions = self._cushion_triangles = None
@@ -63,6 +65,15 @@ class PackageWriter:
         """What was written, of all that the folder may have."""
         textures = (name for one in self._textures() for name in one.files.values())
         return [self._folder / name for name in (*self._written, *textures)]
+
+    @property
+    def texture_bytes(self) -> int:
+        """Bytes that the textures will take, about."""
+        maps = self._maps
+        udims = len(maps.engine.assets.info(maps.asset).udims)
+        layers = sum(map(maps.count, maps.names))
+        share = sum(0.25**level for level in range(self._levels))
+        return int(udims * maps.settings.resolution**2 * (layers * share + self._index_bytes))
 
     def _textures(self) -> list[TextureFiles]:
         every = (self._codes, self._triangles, self._cushions, self._cushion_triangles)
