@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from contextvars import Context
 from typing import Any, cast
 
@@ -9,7 +11,6 @@ import pytest
 
 from rhytid.device.figures import Figures, spans_of_request
 from rhytid.engine_process.child import _Process
-from rhytid.engine_process.device_process import environment
 from rhytid.engine_process.packing import unpack
 from rhytid.engine_process.requests import Call, Request
 from rhytid.engine_process.wire import Message
@@ -17,6 +18,22 @@ from rhytid.errors import NotFoundError
 from rhytid.logs import request_id
 
 FIGURES = Figures()
+# Prints how many heaps there are, apart from the first, when eight threads have allocated.
+HEAPS = """
+import ctypes, threading
+from rhytid.engine_process.child import keep_few_heaps
+keep_few_heaps()
+allocate, met = ctypes.CDLL(None).malloc, threading.Barrier(9)
+def work():
+    allocate(100_000)
+    met.wait()
+    met.wait()
+for _ in range(8):
+    threading.Thread(target=work, daemon=True).start()
+met.wait()
+starts = [int(line.partition("-")[0], 16) for line in open("/proc/self/maps")]
+print(sum(start % (64 << 20) == 0 for start in starts))
+"""
 
 
 class Told:
@@ -71,6 +88,7 @@ def test_the_id_of_the_request_does_not_make_another_call() -> None:
     assert one.digest == other.digest
 
 
-def test_the_process_has_few_heaps_unless_the_user_says_how_many() -> None:
-    assert environment({"HOME": "/h"}) == {"HOME": "/h", "MALLOC_ARENA_MAX": "2"}
-    assert environment({"MALLOC_ARENA_MAX": "8"}) == {"MALLOC_ARENA_MAX": "8"}
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+def test_threads_of_the_process_share_few_heaps() -> None:
+    told = subprocess.run([sys.executable, "-c", HEAPS], capture_output=True, text=True, check=True)
+    assert int(told.stdout) <= 1

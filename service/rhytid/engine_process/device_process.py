@@ -10,7 +10,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from concurrent.futures import Future
 from contextlib import suppress
 from typing import Any
@@ -27,10 +27,6 @@ _log = logging.getLogger(__name__)
 LOOK = 0.1
 # Seconds that it has to end by itself once it is told to.
 CLOSING = 4.0
-# Heaps that glibc keeps for threads, where the user does not set it. By itself it keeps 8 per core,
-# each with gaps of its own: 17 took 300 MiB after 15 minutes of mixed load on two cores. Python
-# runs one thread at a time, and the kernels of PoCL allocate nothing.
-_ARENAS = "2"
 # It gets the path of this process, not what lies in the folder that it is started in.
 _CODE = (
     "import sys; sys.path[:] = sys.argv[1].split(sys.argv[2]); "
@@ -137,18 +133,8 @@ def _spawned(control: int, report: int, counted: int) -> subprocess.Popen[bytes]
     command = [sys.executable, "-c", _CODE, os.pathsep.join(sys.path), os.pathsep, *numbers]
     # A session of its own: an interrupt at the terminal is for the server, which ends it.
     return subprocess.Popen(
-        command,
-        stdin=subprocess.DEVNULL,
-        pass_fds=descriptors,
-        start_new_session=True,
-        env=environment(os.environ),
+        command, stdin=subprocess.DEVNULL, pass_fds=descriptors, start_new_session=True
     )
-
-
-def environment(own: Mapping[str, str]) -> dict[str, str]:
-    """What the process starts with: the server's own variables, and few heaps where they do not
-    say how many."""
-    return {"MALLOC_ARENA_MAX": _ARENAS, **own}
 
 
 def possible() -> bool:
