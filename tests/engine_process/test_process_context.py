@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from contextvars import Context
 from typing import Any, cast
 
@@ -18,22 +16,6 @@ from rhytid.errors import NotFoundError
 from rhytid.logs import request_id
 
 FIGURES = Figures()
-# Prints how many heaps there are, apart from the first, when eight threads have allocated.
-HEAPS = """
-import ctypes, threading
-from rhytid.engine_process.child import keep_few_heaps
-keep_few_heaps()
-allocate, met = ctypes.CDLL(None).malloc, threading.Barrier(9)
-def work():
-    allocate(100_000)
-    met.wait()
-    met.wait()
-for _ in range(8):
-    threading.Thread(target=work, daemon=True).start()
-met.wait()
-starts = [int(line.partition("-")[0], 16) for line in open("/proc/self/maps")]
-print(sum(start % (64 << 20) == 0 for start in starts))
-"""
 
 
 class Told:
@@ -86,9 +68,3 @@ def test_the_id_of_the_request_does_not_make_another_call() -> None:
     assert one.packed.body != other.packed.body
     request_id.reset(token)
     assert one.digest == other.digest
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
-def test_threads_of_the_process_share_few_heaps() -> None:
-    told = subprocess.run([sys.executable, "-c", HEAPS], capture_output=True, text=True, check=True)
-    assert int(told.stdout) <= 1

@@ -21,6 +21,7 @@ from rhytid.device.figures import Figures, spans_of_request
 from rhytid.device.watch import SIZE, Purpose, Report, report_to, used_for
 from rhytid.engine import wanted
 from rhytid.engine.engine import Engine
+from rhytid.engine_process import heaps
 from rhytid.engine_process.calls import Calls
 from rhytid.engine_process.control import (
     Close,
@@ -38,10 +39,6 @@ from rhytid.logs import log_to_stderr, request_id
 
 # Of prctl: the signal that comes when the parent ends.
 _PARENT_DIES = 1
-# Of glibc's mallopt: heaps for threads. By itself it makes 8 per core, each with gaps: 17 of them
-# took 300 MiB after 15 minutes of mixed load on two cores. Python runs one thread at a time, and
-# the kernels of PoCL allocate nothing.
-_ARENA_MAX, _ARENAS = -8, 2
 _log = logging.getLogger(__name__)
 
 
@@ -49,7 +46,7 @@ def main(control: int, report: int, counted: int, parent: int) -> NoReturn:
     """Run the process.  control, report, counted: descriptors of the control socket, and of the
     memory for the report and for figures.  parent: the process that started this one."""
     _end_with(parent)
-    keep_few_heaps()
+    heaps.keep_few()
     for descriptor in (control, report, counted):
         os.set_inheritable(descriptor, False)
     # The server ends this process: signals of a terminal or a service manager are for the server.
@@ -86,6 +83,7 @@ class _Process:
             _exit(1)
         self._calls = Calls(engine, lambda token: self._tell(FramesStored(token)))
         self._tell(Started(None))
+        heaps.keep_giving_back(self._closing)
         self._closing.wait()
         engine.close()
         _exit(0)
@@ -170,15 +168,6 @@ def _end_with(parent: int) -> None:
         ctypes.CDLL(None).prctl(_PARENT_DIES, signal.SIGKILL)
     if os.getppid() != parent:
         os._exit(0)
-
-
-def keep_few_heaps() -> bool:
-    """Have the C library keep as many heaps as _ARENAS; False where it knows no such setting."""
-    try:
-        setting = ctypes.CDLL(None).mallopt
-    except (AttributeError, OSError):
-        return False
-    return bool(setting(_ARENA_MAX, _ARENAS))
 
 
 def _log_as(start: Start) -> None:
