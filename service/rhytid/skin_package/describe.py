@@ -13,8 +13,6 @@ from rhytid.skin_package.maps import CUSHIONS, SkinMaps
 from rhytid.skin_package.shaders import DIALECTS
 
 TRIANGLES_A_ROW = 1024
-# Of `runtime`, handed out as they are.
-SHADER_FILES = ("stretch.py", "stretch.js")
 
 
 def described(

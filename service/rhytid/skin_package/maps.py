@@ -4,22 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.bin_manifest import BinManifest
 from rhytid.domain.tiles import TileAddress
 from rhytid.domain.units import millimetres
-from rhytid.engine.messages import BinManifest
 from rhytid.errors import SettingsError
 from rhytid.pipeline.bins import HEADROOM, map_count
 from rhytid.pipeline.grain import relief
 from rhytid.skin_package.paging import Paging
-
-if TYPE_CHECKING:
-    from rhytid.engine.engine import Engine
+from rhytid.skin_package.source import Source
 
 # The layers of an array, in this order.
 LAYERS = ("wrinkles", "pores", "wrinkle_tilts", "grain")
@@ -43,13 +40,13 @@ class SkinMaps:
     Raises SettingsError naming the setting that it does not.
     """
 
-    engine: Engine
+    engine: Source
     asset: str
     settings: AssetSettings
     bins: BinManifest
 
     @classmethod
-    def of(cls, engine: Engine, asset: str) -> SkinMaps:
+    def of(cls, engine: Source, asset: str) -> SkinMaps:
         """Of a ready asset."""
         settings = AssetSettings.parse(engine.assets.info(asset).settings)
         check_settings(settings)

@@ -9,11 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
+import rhytid_viewer
 from rhytid.domain.expressions import Expressions
 from rhytid.domain.mesh import Mesh
 from rhytid.durable import whole, write_file
+from rhytid.formats.ktx2 import CHANNELS
 from rhytid.meshes.morph_glb import write_morph_glb
-from rhytid.skin_package.describe import SHADER_FILES, described
+from rhytid.skin_package.describe import described
 from rhytid.skin_package.manifest import Manifest, schema
 from rhytid.skin_package.maps import CUSHIONS, Room, SkinMaps
 from rhytid.skin_package.paging import Paging, pyramid
@@ -48,6 +50,7 @@ class PackageWriter:
         self._levels = most if levels is None else min(levels, most)
         textures, across = folder / "textures", self._paging.across
         index = index_channel(len(mesh.faces))
+        self._index_bytes = CHANNELS[index].dtype.itemsize
         self._codes = TextureFiles(textures, "maps", "r8snorm", count, across)
         self._triangles = TextureFiles(textures, "triangles", index, 1, across)
         self._cushions = self._cushion_triangles = None
@@ -63,6 +66,15 @@ class PackageWriter:
         """What was written, of all that the folder may have."""
         textures = (name for one in self._textures() for name in one.files.values())
         return [self._folder / name for name in (*self._written, *textures)]
+
+    @property
+    def texture_bytes(self) -> int:
+        """Bytes that the textures will take, about."""
+        maps = self._maps
+        udims = len(maps.engine.assets.info(maps.asset).udims)
+        layers = sum(map(maps.count, maps.names))
+        share = sum(0.25**level for level in range(self._levels))
+        return int(udims * maps.settings.resolution**2 * (layers * share + self._index_bytes))
 
     def _textures(self) -> list[TextureFiles]:
         every = (self._codes, self._triangles, self._cushions, self._cushion_triangles)
@@ -115,11 +127,18 @@ class PackageWriter:
         manifest = described(self._maps, self._mesh, self._shapes, textures)
         for name, text in shader_texts(manifest).items():
             self._write(name, text.encode())
-        for name in SHADER_FILES:
-            self._write(name, runtime(name).encode())
+        self._write("stretch.py", runtime("stretch.py").encode())
+        self._write("stretch.js", rhytid_viewer.read("stretch.js"))
+        self._write_viewer()
         self._write(SCHEMA, _json(schema()))
         self._write(MANIFEST, _json(manifest.model_dump()))
         self.manifest = manifest
+
+    def _write_viewer(self) -> None:
+        """The page that shows the package, and its files."""
+        for name, data in rhytid_viewer.laid_out().items():
+            (self._folder / name).parent.mkdir(parents=True, exist_ok=True)
+            self._write(name, data)
 
     def _write(self, name: str, data: bytes) -> None:
         with whole(self._folder / name) as aside:

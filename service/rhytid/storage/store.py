@@ -6,6 +6,7 @@
     ├── lock                       held while a server uses the store
     ├── format.json                of which version of rhytid the store is
     ├── cache/                     compiled kernels, where `serve` has no other place for them
+    ├── packages/<id>/             skin packages of an asset, thrown away with any change of it
     ├── partial/                   changes being prepared or thrown away; emptied on opening
     └── assets/<id>/
         ├── request/               what a caller sent, until the asset is built: a sealed folder
@@ -56,6 +57,7 @@ from rhytid.storage.manifest import (
     read_verified,
     write_with_manifest,
 )
+from rhytid.storage.packages import KeptPackages
 from rhytid.storage.records import (
     FACTS,
     MESH,
@@ -84,15 +86,16 @@ class AssetStore:
     state after it. Opening takes the lock and removes what interrupted changes left behind.
 
     shared: another process, which started this one, holds the lock; several may then use the store,
-    each with assets of its own.
+    each with assets of its own.  packages: bytes of the skin packages that are kept; None: any.
 
     Every method raises StorageError where the disk fails or a file is not what was written, and
     NotFoundError for an id that is not stored.
     """
 
-    def __init__(self, folder: Path, *, shared: bool = False) -> None:
+    def __init__(self, folder: Path, *, shared: bool = False, packages: int | None = None) -> None:
         self._assets = folder / "assets"
         self._partial = folder / "partial"
+        self.packages = KeptPackages(folder / "packages", self._partial, packages)
         self._changing = threading.Lock()
         with reported(f"store {folder} cannot be opened"):
             self._assets.mkdir(parents=True, exist_ok=True)
@@ -103,6 +106,7 @@ class AssetStore:
             try:
                 _check_format(folder / _FORMAT, self._partial)
                 sweep(self._assets, self._partial)
+                self.packages.sweep([home.name for home in homes(self._assets)])
             except BaseException:
                 self.close()
                 raise
@@ -201,6 +205,7 @@ class AssetStore:
             if is_folder(home / SHAPES):
                 durable.discard(home / SHAPES, self._partial)
         self._put(home, SHAPES, files)
+        self.packages.forget(id)
 
     def shapes(self, id: str) -> Expressions:
         """The named shapes of an asset; raises NotFoundError where it has none."""
@@ -212,6 +217,14 @@ class AssetStore:
         where it has none."""
         files = read_manifest(self._existing(id, SHAPES), f"{SHAPES} {id}")
         return sum(file.nbytes for file in files.values())
+
+    def shapes_digests(self, id: str) -> dict[str, str]:
+        """Digests of the files of its named shapes, by name; none where it has none."""
+        try:
+            files = read_manifest(self._existing(id, SHAPES), f"{SHAPES} {id}")
+        except NotFoundError:
+            return {}
+        return {name: file.sha256 for name, file in files.items()}
 
     def contents(self, id: str) -> dict[str, StoredFile]:
         """Sizes and digests of the files of a built asset, as they were written; only the manifest
@@ -270,6 +283,7 @@ class AssetStore:
             if is_folder(path):  # nothing of ours, and in the way
                 durable.discard(path, self._partial)
             durable.install(place / OVERLAY, path)
+        self.packages.forget(id)
 
     def overlay(self, id: str) -> AssetSettings | None:
         """The present settings, or None of an asset of an older version that never changed."""
@@ -289,6 +303,7 @@ class AssetStore:
         with self._changing, reported(f"asset {id} cannot be removed"):
             if not holds_something(home):
                 raise NotFoundError(f"no asset {id} in the store")
+            self.packages.forget(id)
             durable.discard(home, self._partial)
 
     def _put(
