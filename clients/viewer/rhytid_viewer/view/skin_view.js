@@ -13,7 +13,7 @@ import { ReliefMaps } from './relief_maps.js';
 import { Shadow } from './shadow.js';
 import { STRETCH_COLOURS, STRETCH_RANGE, Surface } from './surface.js';
 import { finestTilesInView, tilesInView } from './tiles_in_view.js';
-import { add, normalized, scaled } from './vectors.js';
+import { add, dot, normalized, scaled } from './vectors.js';
 
 /** @typedef {import('./types.js').ViewOptions} ViewOptions */
 /** @typedef {import('./types.js').TileAddress} TileAddress */
@@ -261,6 +261,7 @@ export class SkinView {
       u_unit: strength * this._manifest.scale,
       u_cavity: (0.18 * strength * this._manifest.scale) / this._manifest.blend.depth,
       u_light: normalized(light),
+      u_fill: fillOf(normalized(light), this.camera.axes()),
       u_eye: this.camera.eye(),
       u_colours: Number(colours === 'stretch'),
       u_picture: [width, height],
@@ -295,6 +296,16 @@ export class SkinView {
     if (neutral) this._stale.mesh = true;
     return found;
   }
+}
+
+/**
+ * Towards the weak light: from the other side of the eye than the light, and from above.
+ * @param {Vector} light of length 1
+ * @param {{right: Vector, up: Vector, back: Vector}} axes of the camera
+ */
+function fillOf(light, { right, up, back }) {
+  const side = dot(light, right) > 0 ? -1 : 1;
+  return normalized(add(add(scaled(right, side), scaled(up, 0.35)), scaled(back, 0.55)));
 }
 
 /** Of the ball around the middle that holds all vertices. @param {Float32Array} positions */
