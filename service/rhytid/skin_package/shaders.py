@@ -58,6 +58,8 @@ def constants(manifest: Manifest) -> str:
         _float("DEPTH", blend.depth),
         _float("UNIT", merge_unit(blend)),
         _int("MAPS", manifest.textures.maps),
+        _int("FIRST_PORES", pores.first),
+        _int("SETS_A_ROW", manifest.wrinkles.codes.width),
         _int("PAGE", manifest.textures.size),
         _int("PAGES_A_ROW", manifest.textures.pages_a_row),
         _int("TRIANGLES_A_ROW", manifest.weights.width),

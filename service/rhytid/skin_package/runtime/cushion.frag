@@ -1,5 +1,5 @@
 // Pass 2, where there are cushions: the broad layer of the wrinkles, coarse, into a target of as many texels as
-// rhytid_cushion_maps has.
+// rhytid_cushions has.
 out vec4 rhytid_out;
 
 void main()

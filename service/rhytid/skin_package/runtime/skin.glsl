@@ -4,11 +4,14 @@
 // Texels are (column, row) of a UDIM's map, row 0 at the top (v = 1). Displacement is in mesh units
 // along the outward normal, furrows negative.
 
-uniform sampler2DArray rhytid_maps;       // codes of the precomputed maps, R8_SNORM
+uniform usampler2DArray rhytid_wrinkles;    // of the maps of each bin, numbers of sets
+uniform sampler2DArray rhytid_wrinkle_codes; // what the sets stand for: codes of each sample, R8_SNORM
+uniform sampler2DArray rhytid_maps;       // codes of the other precomputed maps, R8_SNORM
 uniform usampler2DArray rhytid_triangles; // the triangle of each texel
 uniform sampler2D rhytid_weights;         // of the frame, made by the pass of weights.frag, RGBA32F
 #if RHYTID_CUSHION
-uniform sampler2DArray rhytid_cushion_maps;
+uniform usampler2DArray rhytid_cushions; // as rhytid_wrinkles, coarse
+uniform sampler2DArray rhytid_cushion_codes;
 uniform usampler2DArray rhytid_cushion_triangles;
 uniform sampler2D rhytid_cushion;         // of the frame, made by the pass of cushion.frag, R32F
 #endif
@@ -77,6 +80,14 @@ float rhytid_code(sampler2DArray maps, ivec3 at)
     return 127.0 * texelFetch(maps, at, 0).r;
 }
 
+// What two samples of a bin come to. number: of the set of all of them.
+float rhytid_blended(sampler2DArray codes, uint number, vec4 w)
+{
+    ivec2 at = ivec2(int(number) % RHYTID_SETS_A_ROW, int(number) / RHYTID_SETS_A_ROW);
+    return w.x * rhytid_code(codes, ivec3(at, int(w.z))) +
+           w.y * rhytid_code(codes, ivec3(at, int(w.z) + 1));
+}
+
 #if RHYTID_CUSHION
 // One sample of the broad layer, mesh units: of the pass of cushion.frag. at: from the first of the
 // apron on.
@@ -86,9 +97,8 @@ float rhytid_cushion_sample(ivec2 at)
     vec2 met = vec2(1.0);
     for (int n = 0; n < RHYTID_BINS; n++) {
         vec4 w = rhytid_weights_of(triangle, n);
-        int map = n * RHYTID_SAMPLES + int(w.z);
-        float d = w.x * rhytid_code(rhytid_cushion_maps, ivec3(at, map)) +
-                  w.y * rhytid_code(rhytid_cushion_maps, ivec3(at, map + 1));
+        uint number = texelFetch(rhytid_cushions, ivec3(at, n), 0).r;
+        float d = rhytid_blended(rhytid_cushion_codes, number, w);
         met = rhytid_mellow(met, RHYTID_CUSHION_GAIN * d);
     }
     return RHYTID_CUSHION_UNIT * log2(met.y / met.x);
@@ -125,17 +135,19 @@ float rhytid_height(ivec2 texel)
     ivec2 inner = texel - part * RHYTID_PAGE;
     uint triangle = texelFetch(rhytid_triangles, ivec3(inner, page), 0).r;
     vec3 met = RHYTID_NONE_MET;
-    for (int n = 0; n <= RHYTID_BINS; n++) {
+    for (int n = 0; n < RHYTID_BINS; n++) {
         vec4 w = rhytid_weights_of(triangle, n);
-        int map = base + n * RHYTID_SAMPLES + int(w.z);
-        float d = w.x * rhytid_code(rhytid_maps, ivec3(inner, map)) +
-                  w.y * rhytid_code(rhytid_maps, ivec3(inner, map + 1));
+        uint number = texelFetch(rhytid_wrinkles, ivec3(inner, page * RHYTID_BINS + n), 0).r;
+        float d = rhytid_blended(rhytid_wrinkle_codes, number, w);
 #if RHYTID_TILT
-        if (n < RHYTID_BINS)
-            d += d * w.w * rhytid_code(rhytid_maps, ivec3(inner, base + RHYTID_FIRST_TILT + n));
+        d += d * w.w * rhytid_code(rhytid_maps, ivec3(inner, base + RHYTID_FIRST_TILT + n));
 #endif
         met = rhytid_meet(met, d);
     }
+    vec4 p = rhytid_weights_of(triangle, RHYTID_BINS);
+    ivec3 pore = ivec3(inner, base + RHYTID_FIRST_PORES + int(p.z));
+    met = rhytid_meet(met, p.x * rhytid_code(rhytid_maps, pore) +
+                           p.y * rhytid_code(rhytid_maps, pore + ivec3(0, 0, 1)));
     float height = RHYTID_UNIT * rhytid_height_of(met);
 #if RHYTID_CUSHION
     height += rhytid_cushion_at(texel);
