@@ -9,8 +9,8 @@ from rhytid import __version__
 from rhytid.domain.expressions import Expressions
 from rhytid.domain.mesh import Mesh
 from rhytid.skin_package import manifest as m
+from rhytid.skin_package.languages import BINDINGS, LANGUAGES
 from rhytid.skin_package.maps import CUSHIONS, WRINKLES, SkinMaps
-from rhytid.skin_package.shaders import DIALECTS
 
 TRIANGLES_A_ROW = 1024
 # Of `runtime`, handed out as they are.
@@ -48,7 +48,7 @@ def described(
         cushion=_cushion(maps, written),
         stretch=_stretch(len(mesh.faces)),
         weights=_weights(maps, len(mesh.faces)),
-        shaders={dialect: _shaders(dialect, written.cushions is not None) for dialect in DIALECTS},
+        shaders={dialect: _shaders(dialect, written.cushions is not None) for dialect in LANGUAGES},
         texture_bytes=codes + sum(one.bytes for one in found),
         texture_bytes_of_level_0=codes + sum(one.bytes_of_level_0 for one in found),
         conventions=m.CONVENTIONS,
@@ -164,8 +164,11 @@ def _stretch(triangles: int) -> m.Stretch:
 
 def _shaders(dialect: str, cushion: bool) -> m.Shaders:
     passes = ["weights", *(["cushion"] if cushion else []), "height"]
+    language = LANGUAGES[dialect]
+    folder, suffix = f"shaders/{dialect}", language.suffix
     return m.Shaders(
-        libraries={name: f"shaders/{name}.glsl" for name in ("weights", "skin")},
-        vertex=f"shaders/{dialect}/full.vert",
-        passes={name: f"shaders/{dialect}/{name}.frag" for name in passes},
+        libraries={name: f"shaders/{name}.{language.ending}" for name in ("weights", "skin")},
+        vertex=f"{folder}/full.vert{suffix}",
+        passes={name: f"{folder}/{name}.frag{suffix}" for name in passes},
+        bindings={name: n for n, name in enumerate(BINDINGS)} if dialect == "wgsl" else None,
     )

@@ -139,6 +139,7 @@ class Shaders(_Part):
     libraries: dict[str, str] = Field(description="functions alone: weights, and the rest")
     vertex: str
     passes: dict[str, str]
+    bindings: dict[str, int] | None = Field(description="of the textures in group 0, in WGSL")
 
 
 class Manifest(_Part):
@@ -180,7 +181,7 @@ CONVENTIONS = {
     "log_stretch": "natural logarithm of deformed over neutral length, not clamped",
     "triangle": "index in the order of skin.glb; stretch.triangles where there is none",
 }
-LEFT_OUT = ["smooth sampling", "stiffness", "HLSL", "WGSL", "MaterialX"]
+LEFT_OUT = ["smooth sampling", "stiffness", "MaterialX"]
 
 
 def schema() -> dict[str, Any]:

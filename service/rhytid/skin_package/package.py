@@ -15,11 +15,13 @@ from rhytid.durable import whole, write_file
 from rhytid.formats.ktx2 import CHANNELS
 from rhytid.meshes.morph_glb import write_morph_glb
 from rhytid.skin_package.describe import SHADER_FILES, Written, described
+from rhytid.skin_package.languages import LANGUAGES
 from rhytid.skin_package.manifest import Manifest, schema
 from rhytid.skin_package.maps import CUSHIONS, WRINKLES, Room, SkinMaps
 from rhytid.skin_package.paging import Paging, pyramid
 from rhytid.skin_package.runtime.stretch import rest_of
-from rhytid.skin_package.shaders import DIALECTS, runtime, shader_texts
+from rhytid.skin_package.runtime_files import runtime
+from rhytid.skin_package.shaders import shader_texts
 from rhytid.skin_package.textures import SetFiles, TextureFiles, index_channel
 
 MANIFEST, SCHEMA, MESH, REST = "manifest.json", "manifest.schema.json", "skin.glb", "triangles.bin"
@@ -102,7 +104,7 @@ class PackageWriter:
 
     def _begin(self) -> None:
         (self._folder / "textures").mkdir(parents=True, exist_ok=True)
-        for dialect in DIALECTS:
+        for dialect in LANGUAGES:
             (self._folder / "shaders" / dialect).mkdir(parents=True, exist_ok=True)
         (self._folder / MANIFEST).unlink(missing_ok=True)
         for name in TEXTURES:  # those of an earlier package, which may have had other UDIMs
