@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from rhytid.errors import SettingsError
+from rhytid.variables import MIB, Variables
 
-MIB = 1 << 20
 LOG_FORMATS = ("text", "json")
-# A name, all names below one, or all. No port: they are allowed with any.
-_HOST = re.compile(r"\*|(?:\*\.)?[a-z0-9_-]+(?:\.[a-z0-9_-]+)*")
-_ORIGIN = re.compile(r"\*|https?://(?:[a-z0-9._-]+|\[[0-9a-f:.]+\])(?::[0-9]{1,5})?")
 
 
 @dataclass(frozen=True)
@@ -82,76 +78,42 @@ class ServiceSettings:
         RHYTID_ALLOWED_HOSTS, RHYTID_CORS_ORIGINS, RHYTID_KEY_RATE, RHYTID_KEY_JOBS and
         OTEL_EXPORTER_OTLP_ENDPOINT; raises SettingsError naming the variable, also where an upload
         of the largest size allowed would not fit into the spool."""
-
-        def count(name: str, default: int) -> int:
-            return optional(name) or default
-
-        def memory(name: str) -> int | None:
-            value = optional(name)
-            return None if value is None else value * MIB
-
-        def optional(name: str) -> int | None:
-            value = environment.get(name)
-            if not value:
-                return None
-            if not (value.isascii() and value.isdigit() and 0 < int(value) < 2**40):
-                raise SettingsError(f"{name} is {value!r}: must be a whole number above 0")
-            return int(value)
-
-        upload_limit = count("RHYTID_UPLOAD_LIMIT_MB", 1024)
-        spool = count("RHYTID_SPOOL_MB", 4096)
-        if upload_limit > spool:
-            raise SettingsError(
-                f"RHYTID_UPLOAD_LIMIT_MB is {upload_limit}: must be at most RHYTID_SPOOL_MB, "
-                f"which is {spool}; an upload of that size would not fit on the disk allowed"
-            )
-
-        def several(name: str, form: re.Pattern[str]) -> tuple[str, ...]:
-            given = [one.strip().lower() for one in (environment.get(name) or "").split(",")]
-            wrong = [one for one in given if one and not form.fullmatch(one)]
-            if wrong:
-                example = "http://localhost:5173" if form is _ORIGIN else "skin.studio.example"
-                raise SettingsError(f"{name} has {wrong[0]!r}: must be like {example}, or *")
-            return tuple(one for one in given if one)
-
+        given = Variables(environment)
+        upload_limit, spool = _upload_limits(given)
         return cls(
-            store=Path(environment.get("RHYTID_STORE") or "rhytid-store"),
-            device=environment.get("RHYTID_DEVICE") or None,
-            device_memory=memory("RHYTID_DEVICE_MEMORY_MB"),
-            frame_memory=memory("RHYTID_FRAME_MEMORY_MB"),
-            host_memory=memory("RHYTID_HOST_MEMORY_MB"),
-            upload_limit=upload_limit * MIB,
-            spool=spool * MIB,
-            packages=count("RHYTID_PACKAGES_MB", 4096) * MIB,
-            queue=count("RHYTID_QUEUE", 256),
-            jobs=count("RHYTID_JOBS", 256),
-            draw_seconds=count("RHYTID_DRAW_SECONDS", 60),
-            cache=_folder(environment.get("RHYTID_CACHE")),
-            launch_seconds=count("RHYTID_LAUNCH_SECONDS", 60),
-            drain_seconds=count("RHYTID_DRAIN_SECONDS", 20),
-            log_format=_log_format(environment.get("RHYTID_LOG_FORMAT") or "text"),
-            traces=environment.get("OTEL_EXPORTER_OTLP_ENDPOINT") or None,
-            stall_seconds=count("RHYTID_STALL_SECONDS", 30),
-            connections=count("RHYTID_CONNECTIONS", 1024),
-            keys=Path(keys) if (keys := environment.get("RHYTID_KEYS_FILE")) else None,
-            hosts=several("RHYTID_ALLOWED_HOSTS", _HOST),
-            origins=several("RHYTID_CORS_ORIGINS", _ORIGIN),
-            key_rate=count("RHYTID_KEY_RATE", 1000),
-            key_jobs=count("RHYTID_KEY_JOBS", 64),
+            store=given.path("RHYTID_STORE") or cls.store,
+            device=given.text("RHYTID_DEVICE"),
+            device_memory=given.mebibytes("RHYTID_DEVICE_MEMORY_MB"),
+            frame_memory=given.mebibytes("RHYTID_FRAME_MEMORY_MB"),
+            host_memory=given.mebibytes("RHYTID_HOST_MEMORY_MB"),
+            upload_limit=upload_limit,
+            spool=spool,
+            packages=given.mebibytes("RHYTID_PACKAGES_MB") or cls.packages,
+            queue=given.count("RHYTID_QUEUE", cls.queue),
+            jobs=given.count("RHYTID_JOBS", cls.jobs),
+            draw_seconds=given.count("RHYTID_DRAW_SECONDS", cls.draw_seconds),
+            cache=given.home_folder("RHYTID_CACHE", "~/.cache/rhytid"),
+            launch_seconds=given.count("RHYTID_LAUNCH_SECONDS", cls.launch_seconds),
+            drain_seconds=given.count("RHYTID_DRAIN_SECONDS", cls.drain_seconds),
+            log_format=given.choice("RHYTID_LOG_FORMAT", LOG_FORMATS),
+            traces=given.text("OTEL_EXPORTER_OTLP_ENDPOINT"),
+            stall_seconds=given.number("RHYTID_STALL_SECONDS") or cls.stall_seconds,
+            connections=given.count("RHYTID_CONNECTIONS", cls.connections),
+            keys=given.path("RHYTID_KEYS_FILE"),
+            hosts=given.hosts("RHYTID_ALLOWED_HOSTS"),
+            origins=given.origins("RHYTID_CORS_ORIGINS"),
+            key_rate=given.count("RHYTID_KEY_RATE", cls.key_rate),
+            key_jobs=given.count("RHYTID_KEY_JOBS", cls.key_jobs),
         )
 
 
-def _log_format(named: str) -> str:
-    if named not in LOG_FORMATS:
-        raise SettingsError(f"RHYTID_LOG_FORMAT is {named!r}: one of {', '.join(LOG_FORMATS)}")
-    return named
-
-
-def _folder(named: str | None) -> Path | None:
-    """RHYTID_CACHE; else a folder in the user's home, or None where there is none."""
-    try:
-        return Path(named or "~/.cache/rhytid").expanduser()
-    except RuntimeError as exc:
-        if named:
-            raise SettingsError(f"RHYTID_CACHE is {named!r}: {exc}") from exc
-        return None
+def _upload_limits(given: Variables) -> tuple[int, int]:
+    """Bytes of one upload, and of all on disk at once."""
+    upload = given.count("RHYTID_UPLOAD_LIMIT_MB", ServiceSettings.upload_limit // MIB)
+    spool = given.count("RHYTID_SPOOL_MB", ServiceSettings.spool // MIB)
+    if upload > spool:
+        raise SettingsError(
+            f"RHYTID_UPLOAD_LIMIT_MB is {upload}: must be at most RHYTID_SPOOL_MB, "
+            f"which is {spool}; an upload of that size would not fit on the disk allowed"
+        )
+    return upload * MIB, spool * MIB

@@ -74,7 +74,8 @@ def test_what_is_open_is_said_here_once_more() -> None:
     assert ROUTES["WS /v1/assets/{asset}/live"] == ROUTES["POST /v1/assets/{asset}/tiles"]
     named = {call for call, scope in ROUTES.items() if scope == OPEN}
     assert named == {
-        f"GET {path}" for path in ("/", "/healthz", "/readyz", "/docs", "/docs/{file}")
+        f"GET {path}"
+        for path in ("/", "/healthz", "/readyz", "/docs", "/docs/{file}", "/viewer/{file}")
     }
 
 

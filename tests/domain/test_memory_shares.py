@@ -12,7 +12,8 @@ from rhytid.device.memory import machine_memory, usual_device_memory, usual_fram
 from rhytid.device.runtime import Device
 from rhytid.device.select import Candidate
 from rhytid.errors import SettingsError
-from rhytid.settings import MIB, ServiceSettings
+from rhytid.settings import ServiceSettings
+from rhytid.variables import MIB
 
 GIB = 1 << 30
 CPU = Candidate(0, "a", "b", "cpu", "1.2", 2, 64 * GIB, GIB, 1 << 15, 64, None)

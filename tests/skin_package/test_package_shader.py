@@ -12,6 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 import face_data
+import rhytid_viewer
 from engine.engines import BINNED, built, new_asset, running
 from meshes import deform
 from pipeline.scenes import sheet
@@ -21,7 +22,6 @@ from rhytid.engine.engine import Engine
 from rhytid.engine.messages import NewAsset
 from rhytid.skin_package import paging
 from rhytid.skin_package.runtime import stretch
-from rhytid.skin_package.runtime_files import runtime
 from skin_package.conftest import Written, write_package
 
 pytestmark = pytest.mark.peers
@@ -132,7 +132,7 @@ def test_javascript_gives_the_bits_of_numpy(written: Written, tmp_path: Path) ->
     moved = deform(written.mesh.positions, 5)
     moved.astype("<f4").tofile(tmp_path / "positions")
     written.mesh.faces.astype("<u4").tofile(tmp_path / "indices")
-    (tmp_path / "stretch.mjs").write_text(runtime("stretch.js"), encoding="utf-8")
+    (tmp_path / "stretch.mjs").write_bytes(rhytid_viewer.read("stretch.js"))
     (tmp_path / "run.mjs").write_text(
         f"""
 import {{ readFileSync, writeFileSync }} from "node:fs";

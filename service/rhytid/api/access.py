@@ -27,6 +27,7 @@ ROUTES = {
     "GET /readyz": OPEN,
     "GET /docs": OPEN,
     "GET /docs/{file}": OPEN,
+    "GET /viewer/{file}": OPEN,
     "GET /metrics": READ,
     "GET /v1/devices": READ,
     "GET /v1/memory": READ,

@@ -35,6 +35,7 @@ from rhytid.api.routes import (
     root,
     snapshots,
     tiles,
+    viewer,
 )
 from rhytid.api.tracing import tracer
 from rhytid.decoding.decoder import Decoder
@@ -57,6 +58,7 @@ ROUTERS = (
     jobs.router,
     health.router,
     root.router,
+    viewer.router,
 )
 
 # What web pages of allowed origins may send and read. No cookies: keys are in a header.

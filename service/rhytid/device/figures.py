@@ -140,11 +140,11 @@ class Figures:
         self.took(name, time.perf_counter_ns() - start)
 
     def read_back(self, nanoseconds: int) -> None:
-        """Part of a task on the device's thread: its results were copied to the host."""
+        """Part of a task of the device: its results were copied to the host."""
         self._read_back += nanoseconds
 
     def task(self, task: Callable[[], T], queued: int) -> T:
-        """What a task on the device's thread returns.  queued: when, by `perf_counter_ns`."""
+        """What a task of the device returns.  queued: when, by `perf_counter_ns`."""
         start, self._read_back = time.perf_counter_ns(), 0
         self.took("queue", start - queued)
         try:

@@ -147,7 +147,7 @@ class TileService:
             )
 
         def codes(resident: DeviceAsset) -> NDArray[np.integer]:
-            # On the device thread, where settings do not change meanwhile.
+            # In a task of the device, where settings do not change meanwhile.
             manifest = bin_manifest(resident.mesh.settings, resident.mesh.cushion_factor)
             return resident.bins.layer_codes(address, layer, *of_map(manifest, layer, bin, sample))
 

@@ -13,8 +13,6 @@ from rhytid.skin_package.languages import BINDINGS, LANGUAGES
 from rhytid.skin_package.maps import CUSHIONS, WRINKLES, SkinMaps
 
 TRIANGLES_A_ROW = 1024
-# Of `runtime`, handed out as they are.
-SHADER_FILES = ("stretch.py", "stretch.js")
 
 
 @dataclass(frozen=True)

@@ -9,12 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
+import rhytid_viewer
 from rhytid.domain.expressions import Expressions
 from rhytid.domain.mesh import Mesh
 from rhytid.durable import whole, write_file
 from rhytid.formats.ktx2 import CHANNELS
 from rhytid.meshes.morph_glb import write_morph_glb
-from rhytid.skin_package.describe import SHADER_FILES, Written, described
+from rhytid.skin_package.describe import Written, described
 from rhytid.skin_package.languages import LANGUAGES
 from rhytid.skin_package.manifest import Manifest, schema
 from rhytid.skin_package.maps import CUSHIONS, WRINKLES, Room, SkinMaps
@@ -142,11 +143,18 @@ class PackageWriter:
         manifest = described(self._maps, self._mesh, self._shapes, written)
         for name, text in shader_texts(manifest).items():
             self._write(name, text.encode())
-        for name in SHADER_FILES:
-            self._write(name, runtime(name).encode())
+        self._write("stretch.py", runtime("stretch.py").encode())
+        self._write("stretch.js", rhytid_viewer.read("stretch.js"))
+        self._write_viewer()
         self._write(SCHEMA, _json(schema()))
         self._write(MANIFEST, _json(manifest.model_dump()))
         self.manifest = manifest
+
+    def _write_viewer(self) -> None:
+        """The page that shows the package, and its files."""
+        for name, data in rhytid_viewer.laid_out().items():
+            (self._folder / name).parent.mkdir(parents=True, exist_ok=True)
+            self._write(name, data)
 
     def _write(self, name: str, data: bytes) -> None:
         with whole(self._folder / name) as aside:
