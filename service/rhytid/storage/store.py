@@ -6,7 +6,8 @@
     ├── lock                       held while a server uses the store
     ├── format.json                of which version of rhytid the store is
     ├── cache/                     compiled kernels, where `serve` has no other place for them
-    ├── packages/<id>/             skin packages of an asset, thrown away with any change of it
+    ├── packages/<id>/             skin packages of an asset, one zip each; they go with its
+    │                              settings, shapes or itself, or for the room of others
     ├── partial/                   changes being prepared or thrown away; emptied on opening
     └── assets/<id>/
         ├── request/               what a caller sent, until the asset is built: a sealed folder
@@ -309,8 +310,10 @@ class AssetStore:
         with self._changing, reported(f"asset {id} cannot be removed"):
             if not holds_something(home):
                 raise NotFoundError(f"no asset {id} in the store")
-            self.packages.forget(id)
-            durable.discard(home, self._partial)
+            aside = durable.set_aside(home, self._partial)
+        # Others need not wait until gigabytes are removed.
+        self.packages.forget(id)
+        durable.remove_tree(aside)
 
     def _put(
         self,
