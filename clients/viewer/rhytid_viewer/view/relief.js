@@ -113,14 +113,15 @@ export class Slopes {
    * @param {Target} target
    * @param {WebGLTexture} heights
    * @param {WebGLTexture} triangles of the UDIM
+   * @param {number[][]} [parts] where not all is to be filled
    */
-  draw(target, heights, triangles) {
+  draw(target, heights, triangles, parts) {
     this._program.use(this._uniforms, {
       u_heights: heights,
       u_triangles: triangles,
       u_present: this._nothing,
     });
-    this._finish(target);
+    this._finish(target, parts);
   }
 
   /**
@@ -140,10 +141,10 @@ export class Slopes {
     this._finish(target);
   }
 
-  /** @param {Target} target */
-  _finish(target) {
+  /** @param {Target} target @param {number[][]} [parts] */
+  _finish(target, parts) {
     const gl = this._gl;
-    target.fill();
+    target.fill(parts);
     gl.activeTexture(gl.TEXTURE0);
     gl.bindTexture(gl.TEXTURE_2D, target.texture);
     gl.generateMipmap(gl.TEXTURE_2D);

@@ -57,6 +57,7 @@ uniform sampler2DShadow u_shadow;
 uniform float u_shadow_spread;
 uniform float u_unit;               // of relief, mesh units, with the strength
 uniform vec3 u_light;
+uniform vec3 u_fill;                // towards a weak light from the other side
 uniform vec3 u_eye;
 uniform bool u_colours;
 uniform float u_cavity;             // how much darker it is at the largest displacement
@@ -73,8 +74,9 @@ const float PI = 3.14159265;
 const vec3 SKIN = vec3(0.51, 0.37, 0.315);
 const vec3 LIGHT = vec3(1.04, 1.0, 0.96); // what white that faces it sends back
 const vec3 SHINE = 3.4 * vec3(0.96, 1.0, 1.04);
-const vec3 SKY = vec3(0.23, 0.24, 0.26);
-const vec3 GROUND = vec3(0.10, 0.088, 0.08);
+const vec3 FILL = vec3(0.18, 0.188, 0.203);
+const vec3 SKY = vec3(0.16, 0.168, 0.18);
+const vec3 GROUND = vec3(0.075, 0.066, 0.06);
 
 // Slopes over a texel, by a cubic B-spline through the heights: two taps of the filter beside each other
 // are a pair of samples, weighted.
@@ -179,10 +181,11 @@ void main() {
   const vec3 WRAP = vec3(0.16, 0.08, 0.06);
   vec3 key = vec3(wrapped(dot(soft, u_light), WRAP).r, wrapped(dot(bumpy, u_light), WRAP).gb);
   float cavity = clamp(1.0 + u_cavity * relief.x, 0.5, 1.1);
-  vec3 around = mix(GROUND, SKY, 0.5 + 0.5 * bumpy.y) + 0.12 * max(dot(bumpy, v), 0.0);
+  float half_ = 0.5 + 0.5 * dot(bumpy, u_fill);
+  vec3 around = mix(GROUND, SKY, 0.5 + 0.5 * bumpy.y) + FILL * half_ * half_;
   vec3 colour = skin * (LIGHT * lit * key + cavity * around);
   float gloss = 0.6 * shine(bumpy, v, u_light, 0.09 + 2.0 * rough) + 0.4 * shine(bumpy, v, u_light, 0.025 + 2.0 * rough);
-  colour += (u_colours ? 0.4 : 1.0) * SHINE * lit * gloss;
+  colour += (u_colours ? 0.4 : 1.0) * (SHINE * lit * gloss + 2.0 * FILL * shine(bumpy, v, u_fill, 0.12 + 2.0 * rough));
   float grazing = pow(1.0 - max(dot(bumpy, v), 0.0), 5.0);
   colour += cavity * (0.02 + 0.25 * grazing) * SKY;
   o_colour = vec4(srgb(colour), 1.0);
