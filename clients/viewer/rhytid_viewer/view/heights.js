@@ -92,8 +92,11 @@ function uploaded(textures, found) {
   const made = {
     rhytid_maps: textures.array(found.maps),
     rhytid_triangles: textures.array(found.triangles),
+    rhytid_wrinkles: textures.array(found.wrinkles),
+    rhytid_wrinkle_codes: textures.array(found.wrinkleCodes),
   };
-  if (found.cushions) made.rhytid_cushion_maps = textures.array(found.cushions);
+  if (found.cushions) made.rhytid_cushions = textures.array(found.cushions);
+  if (found.cushionCodes) made.rhytid_cushion_codes = textures.array(found.cushionCodes);
   if (found.cushionTriangles) made.rhytid_cushion_triangles = textures.array(found.cushionTriangles);
   return made;
 }

@@ -100,7 +100,7 @@ function text(bytes) {
 
 /** @param {Manifest} manifest */
 function filesOf(manifest) {
-  const arrays = manifest.cushion ? 4 : 2;
+  const arrays = manifest.cushion ? 7 : 4;
   const passes = Object.keys(manifest.shaders[DIALECT].passes).length;
   return 4 + passes + arrays * manifest.udims.length;
 }
@@ -119,22 +119,43 @@ async function readTextures(manifest, readFile) {
   for (const udim of manifest.udims) {
     /** @param {TextureFacts} facts */
     const array = (facts) => readArray(facts, udim, readFile);
-    const { cushion } = manifest;
-    const [maps, triangles, cushions, cushionTriangles] = await Promise.all([
-      array(manifest.textures),
-      array(manifest.triangles),
-      cushion && array(cushion.textures),
-      cushion && array(cushion.triangles),
-    ]);
-    found.set(udim, { maps, triangles, cushions, cushionTriangles });
+    /** @param {import('./types.js').CodeFacts} facts */
+    const codes = (facts) => readCodes(facts, udim, readFile);
+    const { cushion, wrinkles: bins } = manifest;
+    const [maps, triangles, wrinkles, wrinkleCodes, cushions, cushionCodes, cushionTriangles] =
+      await Promise.all([
+        array(manifest.textures),
+        array(manifest.triangles),
+        array(bins.textures),
+        codes(bins.codes),
+        cushion && array(cushion.textures),
+        cushion && codes(cushion.codes),
+        cushion && array(cushion.triangles),
+      ]);
+    found.set(udim, { maps, triangles, wrinkles, wrinkleCodes, cushions, cushionCodes, cushionTriangles });
   }
+  return found;
+}
+
+/** @param {Record<string, string>} files @param {number} udim */
+function fileOf(files, udim) {
+  const file = files[udim];
+  if (!file) throw new Error(`manifest.json: names no file of UDIM ${udim}`);
+  return file;
+}
+
+/** @param {import('./types.js').CodeFacts} facts @param {number} udim @param {ReadFile} readFile */
+async function readCodes(facts, udim, readFile) {
+  const file = fileOf(facts.files, udim);
+  const found = await parsed(file, readFile, readKtx2);
+  if (found.width !== facts.width || found.format !== 'R8_SNORM')
+    throw new Error(`${file}: rows of ${found.width} texels of ${found.format}, not what manifest.json says`);
   return found;
 }
 
 /** @param {TextureFacts} facts @param {number} udim @param {ReadFile} readFile */
 async function readArray(facts, udim, readFile) {
-  const file = facts.files[udim];
-  if (!file) throw new Error(`manifest.json: names no file of UDIM ${udim}`);
+  const file = fileOf(facts.files, udim);
   const found = await parsed(file, readFile, readKtx2);
   const { width, height, layers, format } = found;
   const same = width === facts.size && height === facts.size && layers === facts.maps * facts.pages;

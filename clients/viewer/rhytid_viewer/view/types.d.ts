@@ -19,7 +19,13 @@ export interface Manifest {
   layers: { name: string; samples: number[]; steps: number[]; [name: string]: unknown }[];
   textures: TextureFacts;
   triangles: TextureFacts;
-  cushion: { textures: TextureFacts; triangles: TextureFacts; [name: string]: unknown } | null;
+  wrinkles: { textures: TextureFacts; codes: CodeFacts };
+  cushion: {
+    textures: TextureFacts;
+    codes: CodeFacts;
+    triangles: TextureFacts;
+    [name: string]: unknown;
+  } | null;
   stretch: {
     triangles: number;
     triangles_a_row: number;
@@ -32,6 +38,12 @@ export interface Manifest {
   shaders: Record<string, { vertex: string; passes: Record<string, string> }>;
   texture_bytes: number;
   texture_bytes_of_level_0: number;
+}
+
+/** What the numbers of sets stand for. */
+export interface CodeFacts {
+  files: Record<string, string>;
+  width: number;
 }
 
 export interface TextureFacts {
@@ -76,7 +88,10 @@ export interface TextureArray {
 export interface UdimTextures {
   maps: TextureArray;
   triangles: TextureArray;
+  wrinkles: TextureArray;
+  wrinkleCodes: TextureArray;
   cushions: TextureArray | null;
+  cushionCodes: TextureArray | null;
   cushionTriangles: TextureArray | null;
 }
 
