@@ -142,6 +142,13 @@ class Shaders(_Part):
     bindings: dict[str, int] | None = Field(description="of the textures in group 0, in WGSL")
 
 
+class MaterialX(_Part):
+    """The shader as a node."""
+
+    document: str
+    implementations: dict[str, str] = Field(description="of the node, by target of MaterialX")
+
+
 class Manifest(_Part):
     """All of it."""
 
@@ -166,6 +173,7 @@ class Manifest(_Part):
     stretch: Stretch
     weights: Weights
     shaders: dict[str, Shaders]
+    materialx: MaterialX
     texture_bytes: int = Field(description="of all textures but that of the stretch")
     texture_bytes_of_level_0: int
     conventions: dict[str, str]
@@ -181,7 +189,7 @@ CONVENTIONS = {
     "log_stretch": "natural logarithm of deformed over neutral length, not clamped",
     "triangle": "index in the order of skin.glb; stretch.triangles where there is none",
 }
-LEFT_OUT = ["smooth sampling", "stiffness", "MaterialX"]
+LEFT_OUT = ["smooth sampling", "stiffness"]
 
 
 def schema() -> dict[str, Any]:
