@@ -58,6 +58,7 @@ def test_the_manifest_fits_its_schema_and_names_every_file(written: Written) -> 
     named = {
         "manifest.json", "manifest.schema.json", found.mesh.file, found.stretch.rest,
         found.stretch.python, found.stretch.javascript, *shaders,
+        *found.stretch.compute.values(),
         found.materialx.document, *found.materialx.implementations.values(),
         *(file for array in arrays for file in array.files.values()), *rhytid_viewer.laid_out(),
     }  # fmt: skip

@@ -12,6 +12,7 @@ from rhytid.skin_package import manifest as m
 from rhytid.skin_package.languages import BINDINGS, LANGUAGES
 from rhytid.skin_package.maps import CUSHIONS, WRINKLES, SkinMaps
 from rhytid.skin_package.materialx import materialx_files
+from rhytid.skin_package.shaders import COMPUTE, stretch_file
 
 TRIANGLES_A_ROW = 1024
 
@@ -159,6 +160,7 @@ def _stretch(triangles: int) -> m.Stretch:
         rest="triangles.bin",
         python="stretch.py",
         javascript="stretch.js",
+        compute={name: stretch_file(name) for name in COMPUTE},
     )
 
 

@@ -112,6 +112,10 @@ class Stretch(_Part):
     rest: str = Field(description="file: 8 doubles of each triangle, little-endian")
     python: str
     javascript: str
+    compute: dict[str, str] = Field(
+        description="compute shaders that write the texture, by language: positions, indices and "
+        "rest as float32 in buffers 0 to 2, 64 triangles a group"
+    )
 
 
 class Weights(_Part):

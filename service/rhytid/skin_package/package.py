@@ -23,7 +23,7 @@ from rhytid.skin_package.materialx import materialx_texts
 from rhytid.skin_package.paging import Paging, pyramid
 from rhytid.skin_package.runtime.stretch import rest_of
 from rhytid.skin_package.runtime_files import runtime
-from rhytid.skin_package.shaders import shader_texts
+from rhytid.skin_package.shaders import COMPUTE, shader_texts
 from rhytid.skin_package.textures import SetFiles, TextureFiles, index_channel
 
 MANIFEST, SCHEMA, MESH, REST = "manifest.json", "manifest.schema.json", "skin.glb", "triangles.bin"
@@ -106,7 +106,7 @@ class PackageWriter:
 
     def _begin(self) -> None:
         (self._folder / "textures").mkdir(parents=True, exist_ok=True)
-        for dialect in (*LANGUAGES, "materialx"):
+        for dialect in {*LANGUAGES, *COMPUTE, "materialx"}:
             (self._folder / "shaders" / dialect).mkdir(parents=True, exist_ok=True)
         (self._folder / MANIFEST).unlink(missing_ok=True)
         for name in TEXTURES:  # those of an earlier package, which may have had other UDIMs
