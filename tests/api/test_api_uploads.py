@@ -75,7 +75,7 @@ def test_a_spool_reads_what_was_written_wherever_it_is(written: list[bytes], pie
     """piece: thousands of bytes that stand for each."""
     whole, spool = b"", Spool(ByteBudget(1 << 40, "X").hold("uploads"))
     for data in written:
-        much = data * 1000 * piece * (PIECE // 16000)
+        much = data * 1000 * piece * (PIECE // 40000)
         whole += much
         spool.write(much)
         asyncio.run(spool.settle())

@@ -81,14 +81,20 @@ def test_pressed_skin_shows_what_answers_to_stretch(skins: ControlSkins) -> None
     assert contrast(deeper[0]) < contrast(deeper[1]) < contrast(deeper[2])
 
 
-def test_the_picture_has_what_was_asked_for(tmp_path: Path, small_mesh: SmallMesh) -> None:
+@pytest.mark.parametrize(
+    "names", [("depth",), pytest.param(("depth", "strength"), marks=pytest.mark.slow)]
+)
+def test_the_picture_has_what_was_asked_for(
+    names: tuple[str, ...], tmp_path: Path, small_mesh: SmallMesh
+) -> None:
     mesh = write_neutral(tmp_path / "sheet.npz", small_mesh)
     out = tmp_path / "new" / "controls.png"
-    given = ["--only", "depth", "strength", "--patch", "0.27", "0.5", "--unit", "cm", "-q"]
+    given = ["--only", *names, "--patch", "0.27", "0.5", "--unit", "cm", "-q"]
     assert main(["controls", str(mesh), "--out", str(out), *given]) == 0
     with Image.open(out) as picture:
-        # Two panels of three patches.
-        assert picture.size[0] == 2 * 28 + 18 + 2 * (3 * PATCH + 8)
+        # A panel of three patches each.
+        panels = len(names)
+        assert picture.size[0] == 2 * 28 + (panels - 1) * 18 + panels * (3 * PATCH + 8)
 
 
 @pytest.mark.parametrize(

@@ -102,8 +102,12 @@ def drawn(monkeypatch):
     return found
 
 
-@pytest.mark.parametrize("query", [*QUERIES, *SMOOTH], ids=ids)
-@pytest.mark.parametrize("bins", CHOICES, ids=lambda bins: bins["merge"])
+@pytest.mark.parametrize(
+    ("query", "bins"),
+    # Only `binned` reads them.
+    [*((query, CHOICES[0]) for query in QUERIES), *((q, CHOICES[1]) for q in (BINNED, *SMOOTH))],
+    ids=lambda of: ids(of) if isinstance(of, MapQuery) else of["merge"],
+)
 def test_every_level_is_the_mean_of_level_0(engine, query, bins):
     asset = built(engine, new_asset(bins=bins))
     engine.frames.put(asset, "bent", BENT)
@@ -144,7 +148,9 @@ def test_pieces_and_tail_are_the_bits_of_one_piece(tmp_path, query, request, mon
 
 
 @pytest.mark.parametrize("query", QUERIES, ids=ids)
-@pytest.mark.parametrize("way", ["up", "down", "mixed"])
+@pytest.mark.parametrize(
+    "way", ["mixed", *(pytest.param(way, marks=pytest.mark.slow) for way in ("up", "down"))]
+)
 def test_all_levels_draw_every_texel_once(engine, asset, drawn, query, way):
     wanted = addresses()
     if way == "down":
@@ -300,7 +306,9 @@ def test_a_frame_that_is_replaced_meanwhile_is_drawn_as_it_was(engine, asset, qu
 
 
 @pytest.mark.parametrize("query", [REDRAW, BINNED], ids=ids)
-@pytest.mark.parametrize("level", [0, 1, 2, 3, 8])
+@pytest.mark.parametrize(
+    "level", [0, 2, *(pytest.param(level, marks=pytest.mark.slow) for level in (1, 3, 8))]
+)
 def test_settings_that_change_meanwhile_are_those_of_all_texels(
     engine, asset, query, level, monkeypatch
 ):

@@ -117,7 +117,7 @@ def test_keys_change_with_a_frame_and_only_then(engine):
 
 CHANGES = [
     {"depth": 0.05},
-    {"response": {"alpha_w": 2.0}},
+    pytest.param({"response": {"alpha_w": 2.0}}, marks=pytest.mark.slow),
     {"response": {"beta_d": 3.0, "log_stretch_limit": 0.25}},
     {"shape": {"sharpness": 5.0, "slots": 4}},
     {"convolve": {"blur_gain": 1.0, "sharpen_gain": 9.0, "sigma": 0.05}},

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from functools import cache
 
 from house.markdown import Command
 from house.syntax import ROOT
@@ -24,6 +25,7 @@ CLI = PAGES["docs/reference/cli.md"]
 HTTP = PAGES["docs/reference/http.md"]
 
 
+@cache
 def subparsers() -> dict[str, argparse.ArgumentParser]:
     """The parser of each command."""
     actions = build_parser()._actions

@@ -41,16 +41,22 @@ def sources(package: str) -> list[Path]:
 
 
 @cache
-def tree(file: Path) -> ast.Module:
-    return ast.parse(file.read_text(encoding="utf-8"), str(file))
+def nodes(file: Path) -> list[ast.AST]:
+    """Every node of the syntax tree of a file."""
+    return list(ast.walk(ast.parse(file.read_text(encoding="utf-8"), str(file))))
 
 
-def imports(file: Path) -> Iterator[Import]:
+@cache
+def imports(file: Path) -> list[Import]:
     """Every import, those in functions and under TYPE_CHECKING too.
 
     `from package import name` counts as `package.name`, which may be a module.
     """
-    for node in ast.walk(tree(file)):
+    return list(_imports(file))
+
+
+def _imports(file: Path) -> Iterator[Import]:
+    for node in nodes(file):
         if isinstance(node, ast.Import):
             for alias in node.names:
                 yield Import(file, node.lineno, alias.name, 0)

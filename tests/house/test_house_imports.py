@@ -5,12 +5,13 @@ from __future__ import annotations
 import ast
 import sys
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from pkgutil import resolve_name
 
 import pytest
 
-from house.syntax import PACKAGES, ROOT, Import, imported_room, imports, room, sources, tree
+from house.syntax import PACKAGES, ROOT, Import, imported_room, imports, nodes, room, sources
 
 # What each part of `rhytid` may import of `rhytid`, beside itself.
 _FACTS = {"errors", "domain"}
@@ -87,6 +88,7 @@ def test_scripts_import_what_there_is() -> None:
     assert wrong == []
 
 
+@cache
 def missing(name: str) -> bool:
     """Whether `name` is neither a module nor something in one."""
     try:
@@ -157,10 +159,9 @@ def test_the_environment_is_read_in_one_place() -> None:
 def environment_readers(file: Path) -> list[str]:
     """Every mention of the environment: `os.environ`, `getenv`, and their like."""
     names = {"environ", "environb", "getenv", "getenvb", "putenv", "unsetenv"}
-    nodes = ast.walk(tree(file))
     found = [
         node.lineno
-        for node in nodes
+        for node in nodes(file)
         if (isinstance(node, ast.Attribute) and node.attr in names)
         or (isinstance(node, ast.ImportFrom) and names & {alias.name for alias in node.names})
     ]

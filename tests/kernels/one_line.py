@@ -73,10 +73,10 @@ def run(
     return result
 
 
-def vector(*values: float) -> np.void:
+def vector(*values: float, kind: DTypeLike = np.float32) -> np.void:
     """A small vector as `run` passes it by value."""
-    kind = np.dtype([(name, np.float32) for name in "xyzw"[: len(values)]])
-    found: np.void = np.array(values, kind)[()]
+    named = np.dtype([(name, kind) for name in "xyzw"[: len(values)]])
+    found: np.void = np.array(values, named)[()]
     return found
 
 

@@ -147,9 +147,14 @@ def check(device, triangle, maps):
     assert np.abs(found - wanted(triangle, maps)).max() <= 1e-6 * largest
 
 
+QUICK = pairs([1, 16], [3, 7], [8, 16], MERGES, [False, True])
+ALL = pairs([1, 4, 16], [3, 5, 7], [8, 16], MERGES, [False, True])
+
+
+# Each is a program of its own.
 @pytest.mark.parametrize(
     ("bins", "samples", "bits", "merge", "tilt"),
-    pairs([1, 4, 16], [3, 5, 7], [8, 16], MERGES, [False, True]),
+    [*QUICK, *(pytest.param(*row, marks=pytest.mark.slow) for row in ALL if row not in QUICK)],
 )
 def test_vectors_in_one_triangle_and_in_many_are_those_of_double(
     device, bins, samples, bits, merge, tilt

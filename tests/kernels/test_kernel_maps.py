@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 
 import rhytid_kernels
-from kernels.one_line import run
+from kernels.one_line import run, vector
 from rhytid.pipeline.vectors import VECTOR
 
 C_TYPES = {8: "char", 16: "short"}
 QUANTISE = """#include "codes.clh"
 #include "vectors.clh"
-__kernel void quantise(__global const float *heights, float per_step, int index,
+__kernel void quantise(__global const float *heights, float per_step, int2 map,
                        __global CODE *codes)
 {
     int i = get_global_id(0) * WIDTH;
-    vstore16(CODES16(vload16(0, heights + i), per_step), 0, codes + place_of(i, index));
+    vstore16(CODES16(vload16(0, heights + i), per_step), 0, codes + code_place(i, map));
 }"""
 
 
@@ -24,9 +24,9 @@ def quantised(device, heights, step, bits, maps=1, index=0):
     """Codes of one of some maps, (P,) or all that is in memory where there are more."""
     limit, vectors = 2 ** (bits - 1) - 1, -(-len(heights) // VECTOR)
     out = np.full((vectors, maps, VECTOR), 77, f"i{bits // 8}")
-    options = [f"-DCODE={C_TYPES[bits]}", f"-DCODE_LIMIT={limit}", f"-DMAPS={maps}"]
+    options = [f"-DCODE={C_TYPES[bits]}", f"-DCODE_LIMIT={limit}"]
     padded = np.resize(heights, vectors * VECTOR)
-    arguments = [padded, np.float32(1.0 / step), np.int32(index)]
+    arguments = [padded, np.float32(1.0 / step), vector(index, maps, kind=np.int32)]
     found = run(device, QUANTISE, "quantise", (vectors,), arguments, out, options)
     return found.ravel()[: len(heights)] if maps == 1 else found
 

@@ -16,6 +16,7 @@ from rhytid.pipeline.blend import TILT_NODE
 from rhytid.pipeline.reach import response_defines
 
 COUNT = 500
+slow = pytest.mark.slow
 
 
 def frame(seed):
@@ -60,8 +61,15 @@ def positions(device, axes, logs, bins):
     return weights(device, axes, logs, bins)[0]
 
 
-@pytest.mark.parametrize("count", [1, 2, 4, 16])
-@pytest.mark.parametrize("samples", [3, 5, 7])
+# Each is a program of its own.
+@pytest.mark.parametrize(
+    ("count", "samples"),
+    [
+        *[(1, 3), (2, 5), (4, 7), (16, 3), (16, 7)],
+        *(pytest.param(*sizes, marks=slow) for sizes in [(1, 5), (1, 7), (2, 3), (2, 7)]),
+        *(pytest.param(*sizes, marks=slow) for sizes in [(4, 3), (4, 5), (16, 5)]),
+    ],
+)
 def test_positions_are_those_of_the_reference(device, count, samples):
     bins = Bins(count=count, samples=samples, r_max=0.2)
     axes, logs = frame(1)
@@ -125,8 +133,13 @@ def test_maps_that_hold_their_depth_are_scaled_by_exactly_one(device):
     np.testing.assert_array_equal(weights(device, *frame(6), Bins())[1], 1.0)
 
 
-@pytest.mark.parametrize("count", [1, 2, 4, 16])
-@pytest.mark.parametrize("bits", [8, 16])
+@pytest.mark.parametrize(
+    ("count", "bits"),
+    [
+        *[(1, 8), (2, 16), (4, 8), (16, 16)],
+        *(pytest.param(*sizes, marks=slow) for sizes in [(1, 16), (2, 8), (4, 16), (16, 8)]),
+    ],
+)
 @pytest.mark.parametrize("exponents", [(4.0, 10.0), (64.0, 1.0)])
 def test_depth_scales_with_tilts_are_the_lines_of_the_reference(device, count, bits, exponents):
     bins = Bins(count=count, bits=bits, tilt=True, depth_factored=True)

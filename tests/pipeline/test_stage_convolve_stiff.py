@@ -35,8 +35,13 @@ def expected(stage, found):
     )
 
 
-@pytest.mark.parametrize("gain", [4.0, 30.0])
-@pytest.mark.parametrize("sigma", [SMALL, LARGE])
+@pytest.mark.parametrize(
+    ("sigma", "gain"),
+    [
+        *[(SMALL, 30.0), (LARGE, 4.0)],
+        *(pytest.param(*both, marks=pytest.mark.slow) for both in [(SMALL, 4.0), (LARGE, 30.0)]),
+    ],
+)
 def test_the_map_is_that_of_double(device, sigma, gain):
     gains = {"blur_gain": gain, "sharpen_gain": gain}
     stage = Stage(device, sheet(), noise(), sigma, painted(), **gains)

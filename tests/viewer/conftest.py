@@ -18,7 +18,7 @@ from rhytid.domain.expressions import Expressions
 from rhytid.engine.messages import NewAsset
 from rhytid_lab.samples.face import procedural_face
 from skin_package.conftest import write_package
-from viewer.looking import FLAGS, Look
+from viewer.looking import FLAGS, HEIGHT, WIDTH, Look
 from viewer.serving import Served
 
 if TYPE_CHECKING:
@@ -80,16 +80,27 @@ def browser(playwright: Playwright) -> Iterator[Browser]:
     found.close()
 
 
-@pytest.fixture
-def look(browser: Browser) -> Iterator[Callable[..., Look]]:
-    """Opens an address in a tab of its own: `look(url, width, height)`."""
+@pytest.fixture(scope="session")
+def open_page(browser: Browser) -> Iterator[Callable[..., Look]]:
+    """Opens an address in a tab of its own: `open_page(url)`."""
     contexts = []
 
-    def opened(url: str, width: int = 800, height: int = 600) -> Look:
-        context = browser.new_context(viewport={"width": width, "height": height})
+    def opened(url: str) -> Look:
+        context = browser.new_context(viewport={"width": WIDTH, "height": HEIGHT})
         contexts.append(context)
         return Look(context.new_page(), url)
 
     yield opened
     for context in contexts:
         context.close()
+
+
+@pytest.fixture(scope="session")
+def shared(open_page: Callable[..., Look], package: str) -> Look:
+    return open_page(package).ready()
+
+
+@pytest.fixture
+def look(shared: Look) -> Look:
+    """The page of the package as at first."""
+    return shared.go()

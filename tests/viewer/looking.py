@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from playwright.sync_api import Page
 
 SECONDS = 30.0
+# Of the window: small, because the pictures are drawn by the processor.
+WIDTH, HEIGHT = 900, 480
 # Drawn by SwiftShader, on the processor. What Chromium asks of its maker's hosts is turned off.
 FLAGS = [
     "--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking",
@@ -41,6 +43,16 @@ class Look:
     def ready(self) -> Look:
         """Once a face is drawn."""
         self.until("Boolean(globalThis.rhytid?.face?.drawnAt)")
+        return self
+
+    def go(self, view: str = "", width: int = WIDTH, height: int = HEIGHT) -> Look:
+        """To another view of the same page, by the part of the address after #; what was said
+        before is forgotten."""
+        self.page.keyboard.press("Escape")
+        self.page.set_viewport_size({"width": width, "height": height})
+        self.page.evaluate("(hash) => { location.hash = hash }", view or "none")
+        self.still()
+        self.said.clear()
         return self
 
     def until(self, expression: str, seconds: float = SECONDS) -> Any:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -25,8 +26,9 @@ EXACT = "document.getElementById('status').textContent.includes('exact: all')"
 
 
 @pytest.fixture
-def http(served: Served) -> httpx.Client:
-    return httpx.Client(base_url=served.url, timeout=60)
+def http(served: Served) -> Iterator[httpx.Client]:
+    with httpx.Client(base_url=served.url, timeout=60) as client:
+        yield client
 
 
 def the_map(http: httpx.Client, page: Look, method: str, level: int = 0) -> NDArray[np.float32]:
@@ -43,16 +45,18 @@ def the_map(http: httpx.Client, page: Look, method: str, level: int = 0) -> NDAr
     return found
 
 
-def test_it_loads_quietly_and_from_here_alone(look: Opened, served: Served) -> None:
-    page = look(served.url).ready()
+def test_it_loads_quietly_and_from_here_alone(open_page: Opened, served: Served) -> None:
+    page = open_page(served.url).ready()
 
     assert page.said == []
     assert {urlsplit(url).netloc for url in page.asked} == {urlsplit(served.url).netloc}
     assert page.page.locator("#asset").is_visible()
 
 
-def test_fast_skin_is_that_of_the_service(look: Opened, served: Served, http: httpx.Client) -> None:
-    page = look(f"{served.url}#weights=smile:0.8,brow_furrow:0.5").ready()
+def test_fast_skin_is_that_of_the_service(
+    open_page: Opened, served: Served, http: httpx.Client
+) -> None:
+    page = open_page(f"{served.url}#weights=smile:0.8,brow_furrow:0.5").ready()
     box = page.page.locator("#canvas").bounding_box()
     assert box is not None
     places = [[x * box["width"] / 40, y * box["height"] / 40] for x in range(40) for y in range(40)]
@@ -69,9 +73,9 @@ def test_fast_skin_is_that_of_the_service(look: Opened, served: Served, http: ht
 
 
 def test_exact_skin_is_that_of_the_service(
-    look: Opened, served: Served, http: httpx.Client
+    open_page: Opened, served: Served, http: httpx.Client
 ) -> None:
-    page = look(f"{served.url}#weights=smile:0.8&relief=3").ready()
+    page = open_page(f"{served.url}#weights=smile:0.8&relief=3").ready()
     fast = page.picture()
     page.page.keyboard.press("3")
     page.until(EXACT)
@@ -91,21 +95,28 @@ def test_exact_skin_is_that_of_the_service(
     assert page.said == []
 
 
-def test_tiles_of_an_outdated_pose_are_not_shown(look: Opened, served: Served) -> None:
-    page = look(f"{served.url}#method=exact").ready()
+def test_tiles_of_an_outdated_pose_are_not_shown(
+    open_page: Opened, served: Served, http: httpx.Client
+) -> None:
+    page = open_page(f"{served.url}#method=exact").ready()
     page.until(EXACT)
     slider = page.page.get_by_label("smile", exact=True)
     for value in ("0.3", "0.6", "0.9"):
         slider.fill(value)
     assert page.page.evaluate("rhytid.served.exact.tiles.size") == 0
     page.until(EXACT + " && rhytid.served.exact.tiles.size > 0")
-    frames = httpx.get(f"{served.url}v1/assets/{page.state()['asset']}/frames").json()
-    page.page.close()
-    assert len([f for f in frames if f["name"].startswith("viewer-")]) == 1
+
+    frame = page.page.evaluate("rhytid.served.exact.frame")
+    assert http.get(frame).status_code == 200
+    page.page.goto("about:blank")
+    deadline = time.monotonic() + 10
+    while http.get(frame).status_code == 200 and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert http.get(frame).status_code == 404
 
 
-def test_a_restart_of_the_service_is_survived(look: Opened, served: Served) -> None:
-    page = look(f"{served.url}#weights=smile:1&method=exact&split=0.3").ready()
+def test_a_restart_of_the_service_is_survived(open_page: Opened, served: Served) -> None:
+    page = open_page(f"{served.url}#weights=smile:1&method=exact&split=0.3").ready()
     page.until(EXACT)
     before = page.state()
     banner = "document.getElementById('banner')"
@@ -124,11 +135,11 @@ def test_a_restart_of_the_service_is_survived(look: Opened, served: Served) -> N
     assert after == before
 
 
-def test_a_key_is_asked_for_and_kept_for_the_tab(look: Opened, tmp_path: Any) -> None:
+def test_a_key_is_asked_for_and_kept_for_the_tab(open_page: Opened, tmp_path: Any) -> None:
     shown, key = new_key("artist", {"read", "compute"})
     write_keys(tmp_path / "keys.json", [key])
     with serving(FakeEngine(), keys=tmp_path / "keys.json") as client:
-        page = look(f"{client.base_url}/")
+        page = open_page(f"{client.base_url}/")
         page.until("document.getElementById('key-dialog').open")
         page.page.fill("#key", "rhytid_wrong")
         page.page.click("#key-use")

@@ -3,21 +3,21 @@
 #include "leaning.clh"
 #include "line.clh"
 
-// What a map becomes: displacement in mesh units, row by row, or where CODE is defined codes: those of
-// map `index`, per_step of them for a mesh unit.
+// What a map becomes: displacement in mesh units, row by row, or where CODE is defined codes, per_step
+// of them for a mesh unit. map: as code_place has it.
 #ifdef CODE
 #include "codes.clh"
 #include "vectors.clh"
-#define OUT float per_step, int index, __global CODE *codes
+#define OUT float per_step, int2 map, __global CODE *codes
 #define WRITE(sums, place, shape, depth, part)                                                     \
-    write_codes(sums, place, shape, depth * per_step, part, index, codes)
+    write_codes(sums, place, shape, depth * per_step, part, map, codes)
 
-inline void write_codes(sums_t sums, place_t place, shape_t shape, float scale, int part, int index,
+inline void write_codes(sums_t sums, place_t place, shape_t shape, float scale, int part, int2 map,
                         __global CODE *codes)
 {
     for (int y = first_owned(sums, sums.low); y < sums.low + ROWS; y += ITEMS)
         for (int x = 0; x < BLOCK; x += LANES) {
-            size_t at = place_of(place.at + y * place.above + x, index);
+            size_t at = code_place(place.at + y * place.above + x, map);
             vstore8(CODES8(heights_at(sums, x, y, shape, part), scale), 0, codes + at);
         }
 }

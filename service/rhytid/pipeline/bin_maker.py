@@ -26,6 +26,7 @@ from rhytid.pipeline.bins import (
     depth_limits,
     directions,
     drawn_depth_exponents,
+    map_argument,
     map_count,
     parts,
     quantisation_steps,
@@ -95,8 +96,7 @@ class BinMaker:
         self._settings = settings
         self._per_step = 1.0 / np.maximum(quantisation_steps(settings), 1e-30)
         bins = settings.bins
-        limit, maps = code_limit(bins.bits), map_count(bins)
-        self._code_defines = {"CODE": CODES[bins.bits], "CODE_LIMIT": limit, "MAPS": maps}
+        self._code_defines = {"CODE": CODES[bins.bits], "CODE_LIMIT": code_limit(bins.bits)}
 
     def tile(self, row: int, column: int, texels: int) -> BinTile:
         """All layers and samples of `texels`² texels, from texel (row, column) on."""
@@ -120,13 +120,13 @@ class BinMaker:
         """Codes of every map of a square, map by map."""
         bins, texels = self._settings.bins, square[2] ** 2
         codes = self._device.empty(map_count(bins) * texels, f"i{bins.bits // 8}")
-        at = counter()
+        maps = (map_argument(index, map_count(bins)) for index in counter())
         for layer, samples in enumerate(bins.layer_samples):
             for part, sample in product(parts(bins), range(samples)):
-                coded = (self._per_step[layer, sample], np.int32(next(at)), codes)
+                coded = (self._per_step[layer, sample], next(maps), codes)
                 self._timed(self._map(layer, part, sample), square, coded, self._code_defines)
             if bins.tilt and layer < bins.count:
-                self._tilt(layer, square, next(at), codes)
+                self._tilt(layer, square, next(maps), codes)
         return codes
 
     def _timed(
@@ -190,14 +190,14 @@ class BinMaker:
         of_tile = (np.int32(texels), np.int32(side), np.int32(row), np.int32(column))
         return BinTile(found, codes, texels * texels, of_tile, stiffness)
 
-    def _tilt(self, index: int, square: tuple[int, int, int], at: int, codes: Buffer) -> None:
+    def _tilt(self, index: int, square: Square, map: NDArray[np.int32], codes: Buffer) -> None:
         """Codes of where in the bin the wrinkles run, drawn as wide as they ever are."""
         scales = _float2(tilt_width(self._settings), 1.0)
         launches = (self._wrinkles(index, scales, 0, s) for s in (TILT_SHARE, -TILT_SHARE))
         up, down = (self._drawn(launch, square) for launch in launches)
         count = square[2] ** 2 // VECTOR
         self._device.launch(
-            "tilt", "tilt_codes", (count,), up, down, np.float32(TILT_SHARE), np.int32(at), codes,
+            "tilt", "tilt_codes", (count,), up, down, np.float32(TILT_SHARE), map, codes,
             defines=self._code_defines,
         )  # fmt: skip
         self._device.finish()

@@ -107,6 +107,12 @@ def code_limit(bits: int) -> int:
     return int(2 ** (bits - 1) - 1)
 
 
+def map_argument(index: int, count: int) -> NDArray[np.int32]:
+    """What kernels that write codes of one map take: its index, and how many maps there are. No
+    define: the kernels are compiled once for all bins."""
+    return np.array([index, count], np.int32)
+
+
 def quantisation_steps(settings: AssetSettings) -> NDArray[np.float32]:
     """(N + 1, M) displacement of one code, mesh units; the last row is the pore layer. M is that
     of the layer with most samples; rows of fewer end in zeros.

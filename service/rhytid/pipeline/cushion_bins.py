@@ -16,6 +16,7 @@ from rhytid.pipeline.bins import (
     CODES,
     code_limit,
     drawn_depth_exponents,
+    map_argument,
     quantisation_steps,
     sample_stretches,
     scale,
@@ -80,7 +81,6 @@ class CushionBins:
         self._defines: dict[str, object] = {
             "CODE": CODES[bins.bits],
             "CODE_LIMIT": code_limit(bins.bits),
-            "MAPS": cushion_map_count(settings),
         }
 
     def codes(self, square: tuple[int, int, int]) -> Buffer:
@@ -94,7 +94,7 @@ class CushionBins:
             heights = self._map(index, sample, square)
             self._device.launch(
                 "quantise", "quantise", (side**2 // VECTOR,),
-                heights, self._per_step[index, sample], np.int32(at), codes,
+                heights, self._per_step[index, sample], map_argument(at, maps), codes,
                 defines={**self._defines, **squares(side)},
             )  # fmt: skip
             self._device.finish()

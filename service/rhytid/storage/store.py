@@ -232,14 +232,19 @@ class AssetStore:
         return read_manifest(self._existing(id, ASSET), f"{ASSET} {id}")
 
     def snapshot(self, id: str) -> Snapshot:
-        """A built asset with its present settings as one file, every byte of it verified; close
-        it."""
+        """A built asset with its present settings and its named shapes as one file, every byte of
+        it verified; close it."""
         folder = self._existing(id, ASSET)
-        files = read_manifest(folder, f"{ASSET} {id}")
         overlay = write_overlay(f"{ASSET} {id}", self.overlay(id) or self._settings(folder, id))
-        named = {f"{ASSET}/{name}": file for name, file in files.items()}
-        index = SnapshotIndex.of(id, {**named, OVERLAY: StoredFile.of(overlay)})
-        made = Snapshot(index, {f"{ASSET}/{name}": folder / name for name in files}, overlay)
+        with self._changing:  # shapes are replaced in two steps
+            sealed = [ASSET, SHAPES] if is_folder(folder.parent / SHAPES) else [ASSET]
+            files = {
+                f"{kind}/{name}": file
+                for kind in sealed
+                for name, file in read_manifest(folder.parent / kind, f"{kind} {id}").items()
+            }
+            index = SnapshotIndex.of(id, {**files, OVERLAY: StoredFile.of(overlay)})
+            made = Snapshot(index, {name: folder.parent / name for name in files}, overlay)
         try:
             made.check()
         except BaseException:
@@ -270,7 +275,8 @@ class AssetStore:
         with reported(f"{ASSET} {unpacked.id} cannot be written"):
             if holds_something(home):
                 self.delete(unpacked.id)
-            return self._install(unpacked.place, home, ASSET, [OVERLAY])
+            before = [OVERLAY, SHAPES] if unpacked.has_shapes else [OVERLAY]
+            return self._install(unpacked.place, home, ASSET, before)
 
     def put_overlay(self, id: str, settings: AssetSettings) -> None:
         """Replace the present settings of a built asset."""

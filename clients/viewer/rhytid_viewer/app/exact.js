@@ -172,6 +172,7 @@ export class ExactTiles {
   failed(error, progress) {
     this.stop();
     if (!(error instanceof Refused)) {
+      this.onProgress({ ...progress, problem: "the service does not answer" });
       this.onFailure();
     } else if (error.status === 404 && this.sent && !this.resent) {
       // Who restarted knows no frame.

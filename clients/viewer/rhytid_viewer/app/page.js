@@ -105,7 +105,7 @@ export class Page {
     const { asset, ...others } = state;
     this.player.pause();
     this.store.set(others);
-    if (camera) this.face?.moveTo(camera);
+    if (this.face) this.face.moveTo(camera ?? this.face.home);
     return { asset, camera };
   }
 

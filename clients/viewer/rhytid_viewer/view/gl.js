@@ -250,18 +250,18 @@ export class Target {
     gl.viewport(0, 0, this.width, this.height);
   }
 
-  /** One triangle over all of it, or over a part: x, y, width, height. @param {number[]} [part] */
-  fill(part) {
+  /** One triangle over all of it, or over parts: x, y, width and height of each. @param {number[][]} [parts] */
+  fill(parts) {
     const gl = this._gl;
     this.bind();
     gl.disable(gl.DEPTH_TEST);
     gl.disable(gl.CULL_FACE);
-    if (part) {
-      gl.enable(gl.SCISSOR_TEST);
-      gl.scissor(part[0], part[1], part[2], part[3]);
-    }
     gl.bindVertexArray(null);
-    gl.drawArrays(gl.TRIANGLES, 0, 3);
+    if (parts) gl.enable(gl.SCISSOR_TEST);
+    for (const [x, y, width, height] of parts ?? [[0, 0, this.width, this.height]]) {
+      if (parts) gl.scissor(x, y, width, height);
+      gl.drawArrays(gl.TRIANGLES, 0, 3);
+    }
     gl.disable(gl.SCISSOR_TEST);
   }
 }

@@ -48,9 +48,9 @@ export class Heights {
   /**
    * Heights of a UDIM, mesh units, row 0 at the top; the texture is that of every UDIM.
    * @param {number} udim
-   * @param {number[]} [part] column, row, columns and rows, where not all are wanted
+   * @param {number[][]} [parts] column, row, columns and rows of each, where not all are wanted
    */
-  draw(udim, part) {
+  draw(udim, parts) {
     /** @type {Record<string, WebGLTexture>} */
     const found = { ...this._of(udim), rhytid_weights: this._weights.texture };
     if (this._cushion) {
@@ -59,7 +59,7 @@ export class Heights {
       found.rhytid_cushion = this._cushion.texture;
     }
     this._programs.height.use({}, found);
-    this._target.fill(part);
+    this._target.fill(parts);
     return this._target.texture;
   }
 
@@ -71,7 +71,7 @@ export class Heights {
   read(udim, part) {
     const gl = this._gl, { resolution } = this._manifest;
     const [x, y, width, height] = part ?? [0, 0, resolution, resolution];
-    this.draw(udim, part);
+    this.draw(udim, part && [part]);
     const out = new Float32Array(width * height);
     gl.pixelStorei(gl.PACK_ALIGNMENT, 1);
     gl.readPixels(x, y, width, height, gl.RED, gl.FLOAT, out);

@@ -16,8 +16,7 @@ void main() {
 // Heights over the largest one that is possible; their slopes by column and row, over a texel, those of
 // the cubic B-spline through them; the square of the slope, whose mean over a coarser texel is what its
 // own slope has lost.
-const SLOPES = `#version 300 es
-precision highp float;
+const SLOPES = `precision highp float;
 precision highp int;
 precision highp sampler2D;
 precision highp usampler2D;
@@ -32,6 +31,7 @@ uniform int u_cell;     // texels a side of a cell of u_present; 0: all are ther
 uniform float u_unit;
 out vec4 o_relief;
 
+#if GUARDED
 bool readable(ivec2 at) {
   if (u_cell > 0 && texelFetch(u_present, at / u_cell, 0).r == 0u) return false;
   if (u_none < 0) return true;
@@ -56,14 +56,19 @@ float middle(ivec2 at) {
   }
   return sum.y > 0.0 ? sum.x / sum.y : 0.0;
 }
+#else
+float height(ivec2 at, float otherwise) {
+  return texelFetch(u_heights, clamp(at, ivec2(0), textureSize(u_heights, 0) - 1), 0).r;
+}
+float middle(ivec2 at) { return texelFetch(u_heights, at, 0).r; }
+#endif
 
 void main() {
   ivec2 at = ivec2(gl_FragCoord.xy);
   float h = middle(at);
-  float around[9];
-  for (int i = 0; i < 9; i++) around[i] = i == 4 ? h : height(at + ivec2(i % 3 - 1, i / 3 - 1), h);
-  vec2 slope = vec2(around[2] - around[0] + 4.0 * (around[5] - around[3]) + around[8] - around[6],
-                    around[6] - around[0] + 4.0 * (around[7] - around[1]) + around[8] - around[2]) / 12.0;
+  #define H(x, y) height(at + ivec2(x, y), h)
+  float a = H(-1, -1), b = H(1, -1), c = H(-1, 1), d = H(1, 1);
+  vec2 slope = vec2(b - a + 4.0 * (H(1, 0) - H(-1, 0)) + d - c, c - a + 4.0 * (H(0, 1) - H(0, -1)) + d - b) / 12.0;
   slope /= u_unit;
   o_relief = vec4(h / u_unit, slope, dot(slope, slope));
 }`;
@@ -77,15 +82,20 @@ export class Slopes {
   constructor(gl, textures, manifest) {
     this._gl = gl;
     this._textures = textures;
-    this._program = new Program(gl, 'slopes', FILL, SLOPES);
+    /** @param {boolean} guarded whether some texels must not be read */
+    const program = (guarded) =>
+      new Program(gl, 'slopes', FILL, `#version 300 es\n#define GUARDED ${Number(guarded)}\n${SLOPES}`);
+    this._guarded = program(true);
     // Every sampler needs a texture of its kind, read or not.
     this._nothing = textures.plain('R8_UINT', 1, 1);
     this._noTriangles = textures.array({
       format: 'R16_UINT', width: 1, height: 1, layers: 1, texels: new Uint16Array(1),
     });
     const padding = Number(manifest.settings.padding ?? 0);
+    const guarded = padding < ENOUGH_PADDING;
+    this._program = guarded ? this._guarded : program(false);
     this._uniforms = {
-      u_none: padding < ENOUGH_PADDING ? manifest.stretch.triangles : -1,
+      u_none: guarded ? manifest.stretch.triangles : -1,
       u_page: manifest.triangles.size,
       u_pages: manifest.triangles.pages_a_row,
       u_unit: manifest.scale,
@@ -103,14 +113,15 @@ export class Slopes {
    * @param {Target} target
    * @param {WebGLTexture} heights
    * @param {WebGLTexture} triangles of the UDIM
+   * @param {number[][]} [parts] where not all is to be filled
    */
-  draw(target, heights, triangles) {
+  draw(target, heights, triangles, parts) {
     this._program.use(this._uniforms, {
       u_heights: heights,
       u_triangles: triangles,
       u_present: this._nothing,
     });
-    this._finish(target);
+    this._finish(target, parts);
   }
 
   /**
@@ -122,7 +133,7 @@ export class Slopes {
    */
   drawTiles(target, heights, present, cell) {
     const uniforms = { ...this._uniforms, u_none: -1, u_cell: cell };
-    this._program.use(uniforms, {
+    this._guarded.use(uniforms, {
       u_heights: heights,
       u_triangles: this._noTriangles,
       u_present: present,
@@ -130,10 +141,10 @@ export class Slopes {
     this._finish(target);
   }
 
-  /** @param {Target} target */
-  _finish(target) {
+  /** @param {Target} target @param {number[][]} [parts] */
+  _finish(target, parts) {
     const gl = this._gl;
-    target.fill();
+    target.fill(parts);
     gl.activeTexture(gl.TEXTURE0);
     gl.bindTexture(gl.TEXTURE_2D, target.texture);
     gl.generateMipmap(gl.TEXTURE_2D);

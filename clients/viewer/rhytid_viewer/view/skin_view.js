@@ -9,15 +9,15 @@ import { MeshTextures, origin } from './mesh_textures.js';
 import { pick } from './pick.js';
 import { Pose } from './pose.js';
 import { Slopes } from './relief.js';
+import { ReliefMaps } from './relief_maps.js';
 import { Shadow } from './shadow.js';
 import { STRETCH_COLOURS, STRETCH_RANGE, Surface } from './surface.js';
-import { tilesInView } from './tiles_in_view.js';
+import { finestTilesInView, tilesInView } from './tiles_in_view.js';
 import { add, normalized, scaled } from './vectors.js';
 
 /** @typedef {import('./types.js').ViewOptions} ViewOptions */
 /** @typedef {import('./types.js').TileAddress} TileAddress */
 /** @typedef {import('./types.js').Vector} Vector */
-/** @typedef {import('./gl.js').Target} Target */
 
 export { Unsupported };
 
@@ -52,15 +52,15 @@ export class SkinView {
     this._slopes = new Slopes(this._gl, this._textures, manifest);
     this._mesh = new MeshTextures(this._gl, this._textures, skinPackage);
     this._surface = new Surface(this._gl, this._mesh);
-    this._axes = new Axes(this._gl, this._textures, this._mesh, mesh.indices);
+    this._axes = new Axes(this._gl, this._textures, this._mesh, mesh, this._radius);
     this._shadow = new Shadow(this._gl, this._textures, this._mesh, 1.1 * this._radius);
     this._exact = new ExactTiles(this._textures, this._slopes, manifest.resolution);
     this._nothing = this._textures.plain('R8_UINT', 1, 1);
     this._options = { ...DEFAULTS };
     this._neutralStretch = Float32Array.from(this._pose.stretch);
-    /** @type {Record<'neutral' | 'posed', Map<number, Target>>} */
-    this._relief = { neutral: new Map(), posed: new Map() };
-    this._stale = { neutral: true, posed: true, mesh: true, shadow: true };
+    const relief = () => new ReliefMaps(this._heights, this._slopes, manifest.resolution);
+    this._relief = { neutral: relief(), posed: relief() };
+    this._stale = { mesh: true, shadow: true };
     this._frameMilliseconds = 0;
     /** Looks at the whole mesh at first. */
     this.camera = this._newCamera();
@@ -81,7 +81,8 @@ export class SkinView {
   setWeights(weights) {
     this._pose.set(weights);
     this._exact.clear();
-    this._stale.posed = this._stale.mesh = this._stale.shadow = true;
+    this._relief.posed.forget();
+    this._stale.mesh = this._stale.shadow = true;
   }
 
   /** @param {Partial<ViewOptions>} options those that change */
@@ -107,11 +108,10 @@ export class SkinView {
    * @returns {{level: number, tiles: TileAddress[]}}
    */
   tilesInView() {
-    const { width, height } = this.canvas, { resolution, settings } = this._manifest;
-    const { indices, uvs } = this.skinPackage.mesh;
-    const posed = { positions: this._pose.positions, indices, uvs, udims: this._mesh.udims };
+    const { resolution, settings } = this._manifest;
+    const { posed, matrix, width, height } = this._seen();
     const grid = { resolution, tile: Math.min(settings.tile_size ?? TILE, resolution) };
-    return tilesInView(posed, grid, this.camera.matrix(width / height), width, height);
+    return tilesInView(posed, grid, matrix, width, height);
   }
 
   /** Of the posed mesh, x, y, z in the original order of vertices, with the centre: what a service
@@ -235,15 +235,18 @@ export class SkinView {
 
   /** @param {'neutral' | 'posed'} name @param {Float32Array} stretch */
   _draw(name, stretch) {
-    if (!this._stale[name]) return;
-    this._stale[name] = false;
-    this._heights.begin(stretch);
-    this._stale.mesh = true; // what the colours and axes read is that of the pose
-    for (const udim of this._manifest.udims) {
-      const room = this._relief[name].get(udim) ?? this._slopes.room(this._manifest.resolution);
-      this._relief[name].set(udim, room);
-      this._slopes.draw(room, this._heights.draw(udim), this._heights.triangles(udim));
-    }
+    const maps = this._relief[name];
+    if (!maps.stale(this._manifest.udims)) return;
+    const { posed, matrix, width, height } = this._seen();
+    const cells = finestTilesInView(posed, { resolution: this._manifest.resolution, tile: maps.cell }, matrix, width, height);
+    if (maps.draw(cells, stretch)) this._stale.mesh = true; // colours and axes read the stretch of the pose
+  }
+
+  /** What is in the picture is found by these. */
+  _seen() {
+    const { width, height } = this.canvas, { indices, uvs } = this.skinPackage.mesh;
+    const posed = { positions: this._pose.positions, indices, uvs, udims: this._mesh.udims };
+    return { posed, matrix: this.camera.matrix(width / height), width, height };
   }
 
   _uniforms() {
@@ -252,7 +255,7 @@ export class SkinView {
       u_matrix: this.camera.matrix(width / height),
       u_shadow_matrix: this._shadow.matrix,
       u_shadow_offset: 3 * this._shadow.texel,
-      u_shadow_spread: 1.7 * this._shadow.step,
+      u_shadow_spread: 2 * this._shadow.step,
       u_triangles_a_row: this._manifest.stretch.triangles_a_row,
       u_split: split === null || method === 'neutral' ? 0 : split * width,
       u_unit: strength * this._manifest.scale,
@@ -261,6 +264,7 @@ export class SkinView {
       u_eye: this.camera.eye(),
       u_colours: Number(colours === 'stretch'),
       u_picture: [width, height],
+      u_focal: height / (2 * Math.tan(this.camera.fov / 2)),
       u_density: width / (this.canvas.clientWidth || width),
       u_with_tiles: 0,
     };
@@ -269,14 +273,14 @@ export class SkinView {
   /** @param {number} udim @param {number} level of tiles @param {Record<string, number | ArrayLike<number>>} uniforms */
   _texturesOf(udim, level, uniforms) {
     const { method } = this._options;
-    const shown = this._relief[method === 'neutral' ? 'neutral' : 'posed'].get(udim);
+    const shown = this._relief[method === 'neutral' ? 'neutral' : 'posed'].texture(udim);
     if (!shown) throw new Error(`nothing is drawn of UDIM ${udim}`);
     const tiles = method === 'exact' ? this._exact.of(udim, level) : null;
     uniforms.u_with_tiles = Number(tiles !== null);
     return {
-      u_relief: shown.texture,
-      u_neutral_relief: (this._relief.neutral.get(udim) ?? shown).texture,
-      u_tiles: tiles?.tiles ?? shown.texture,
+      u_relief: shown,
+      u_neutral_relief: this._relief.neutral.texture(udim) ?? shown,
+      u_tiles: tiles?.tiles ?? shown,
       u_present: tiles?.present ?? this._nothing,
       u_shadow: this._shadow.texture,
       u_stretch: this._heights.stretch,

@@ -111,11 +111,11 @@ vec4 relief_of(sampler2D relief, vec2 uv, vec2 dx, vec2 dy) {
 float lit_share() {
   if (any(lessThan(v_shadow, vec3(0.0))) || any(greaterThan(v_shadow, vec3(1.0)))) return 1.0;
   float sum = 0.0;
-  for (int i = 0; i < 25; i++) {
-    vec2 away = u_shadow_spread * vec2(i % 5 - 2, i / 5 - 2);
+  for (int i = 0; i < 9; i++) {
+    vec2 away = u_shadow_spread * vec2(i % 3 - 1, i / 3 - 1);
     sum += texture(u_shadow, v_shadow + vec3(away, 0.0));
   }
-  return sum / 25.0;
+  return sum / 9.0;
 }
 
 float lobe(float nh, float alpha2) {

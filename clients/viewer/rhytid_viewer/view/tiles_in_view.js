@@ -8,6 +8,8 @@ import { origin } from './mesh_textures.js';
 /** @typedef {{triangle: number, texels: number, pixels: number, middle: number}} Seen areas, and how
  *   far from the middle of the picture */
 
+const LEAST = 1e-6; // pixels
+
 /**
  * Tiles of the triangles that face the eye, those in the middle of the picture first.
  * @param {Posed} posed
@@ -20,6 +22,23 @@ import { origin } from './mesh_textures.js';
 export function tilesInView(posed, grid, matrix, width, height) {
   const seen = seenTriangles(posed, grid, matrix, width, height);
   const level = levelOf(seen, grid);
+  return { level, tiles: tilesOfLevel(posed, grid, seen, level) };
+}
+
+/**
+ * The same of level 0, whatever is needed.
+ * @param {Posed} posed
+ * @param {Grid} grid
+ * @param {Float32Array} matrix to the clip space
+ * @param {number} width of the picture, pixels
+ * @param {number} height
+ */
+export function finestTilesInView(posed, grid, matrix, width, height) {
+  return tilesOfLevel(posed, grid, seenTriangles(posed, grid, matrix, width, height), 0);
+}
+
+/** @param {Posed} posed @param {Grid} grid @param {Seen[]} seen @param {number} level @returns {TileAddress[]} */
+function tilesOfLevel(posed, grid, seen, level) {
   const side = grid.resolution >> level, tile = Math.min(grid.tile, side);
   /** @type {Map<string, {address: TileAddress, middle: number}>} */
   const found = new Map();
@@ -29,8 +48,7 @@ export function tilesInView(posed, grid, matrix, width, height) {
       const before = found.get(name);
       if (!before || before.middle > middle) found.set(name, { address, middle });
     }
-  const tiles = [...found.values()].sort((a, b) => a.middle - b.middle).map(({ address }) => address);
-  return { level, tiles };
+  return [...found.values()].sort((a, b) => a.middle - b.middle).map(({ address }) => address);
 }
 
 /**
@@ -44,8 +62,10 @@ function seenTriangles({ positions, indices, uvs }, grid, matrix, width, height)
   const seen = [];
   for (let t = 0; t < indices.length; t += 3) {
     const [a, b, c] = [indices[t], indices[t + 1], indices[t + 2]];
-    if (!inPicture(screen, a, b, c)) continue;
-    const pixels = (cross2(screen, 3, a, b, c) * width * height) / 8;
+    const ahead = Number(screen[3 * a + 2] > 0) + Number(screen[3 * b + 2] > 0) + Number(screen[3 * c + 2] > 0);
+    if (ahead === 0 || (ahead === 3 && !inPicture(screen, a, b, c))) continue;
+    // Of one that reaches behind the eye nothing is known but that it may be seen.
+    const pixels = ahead === 3 ? (cross2(screen, 3, a, b, c) * width * height) / 8 : LEAST;
     if (!(pixels > 0)) continue;
     const texels = (Math.abs(cross2(uvs, 2, a, b, c)) * grid.resolution ** 2) / 2;
     const x = (screen[3 * a] + screen[3 * b] + screen[3 * c]) / 3;
@@ -66,7 +86,6 @@ function project(m, p, i, out) {
 
 /** @param {Float64Array} s @param {number} a @param {number} b @param {number} c */
 function inPicture(s, a, b, c) {
-  if (!(s[3 * a + 2] > 0 && s[3 * b + 2] > 0 && s[3 * c + 2] > 0)) return false;
   for (let axis = 0; axis < 2; axis++) {
     const [x, y, z] = [s[3 * a + axis], s[3 * b + axis], s[3 * c + axis]];
     if (Math.max(x, y, z) < -1 || Math.min(x, y, z) > 1) return false;
