@@ -35,7 +35,9 @@ class Textures(_Part):
     """A texture array of every UDIM. Layer page * maps + map."""
 
     files: dict[str, str] = Field(description="KTX2 file by UDIM")
-    format: str = Field(description="R8_SNORM, R16_UINT or R32_UINT")
+    format: str = Field(
+        description="R8_SNORM, R16_UINT or R32_UINT; a file of another UDIM may be narrower"
+    )
     size: int = Field(ge=1, description="texels a side")
     maps: int = Field(ge=1, description="maps of a page")
     pages: int = Field(ge=1, description="parts that a UDIM is cut into, row by row")
