@@ -21,7 +21,8 @@ class ServiceSettings:
     number that `rhytid devices` shows; None = the best that computes.
     device_memory, frame_memory, host_memory, upload_limit, spool: bytes; None = a share of what the
     device or the machine has.  host_memory: that answers and uploads hold at once.  spool: of
-    uploads on disk at once.  queue: waiting device requests at most.  jobs: waiting jobs at most.
+    uploads on disk at once.  packages: of skin packages that are kept.
+    queue: waiting device requests at most.  jobs: waiting jobs at most.
     draw_seconds: that the map of a UDIM may take, by an estimate; graphs beyond it are refused.
     cache: folder for what is measured of the device once; None = nothing is measured.
     keys: file of the API keys; None = `keys.json` in the store.  ask_keys: None = once there is
@@ -44,6 +45,7 @@ class ServiceSettings:
     host_memory: int | None = None
     upload_limit: int = 1024 * MIB
     spool: int = 4096 * MIB
+    packages: int = 4096 * MIB
     queue: int = 256
     jobs: int = 256
     draw_seconds: int = 60
@@ -69,7 +71,8 @@ class ServiceSettings:
     @classmethod
     def from_environment(cls, environment: Mapping[str, str] = os.environ) -> ServiceSettings:
         """Read RHYTID_STORE, RHYTID_DEVICE, RHYTID_DEVICE_MEMORY_MB, RHYTID_FRAME_MEMORY_MB,
-        RHYTID_HOST_MEMORY_MB, RHYTID_UPLOAD_LIMIT_MB, RHYTID_SPOOL_MB, RHYTID_QUEUE, RHYTID_JOBS,
+        RHYTID_HOST_MEMORY_MB, RHYTID_UPLOAD_LIMIT_MB, RHYTID_SPOOL_MB, RHYTID_PACKAGES_MB,
+        RHYTID_QUEUE, RHYTID_JOBS,
         RHYTID_DRAW_SECONDS, RHYTID_CACHE, RHYTID_LAUNCH_SECONDS, RHYTID_STALL_SECONDS,
         RHYTID_CONNECTIONS, RHYTID_DRAIN_SECONDS, RHYTID_LOG_FORMAT, RHYTID_KEYS_FILE,
         RHYTID_ALLOWED_HOSTS, RHYTID_CORS_ORIGINS, RHYTID_KEY_RATE, RHYTID_KEY_JOBS and
@@ -85,6 +88,7 @@ class ServiceSettings:
             host_memory=given.mebibytes("RHYTID_HOST_MEMORY_MB"),
             upload_limit=upload_limit,
             spool=spool,
+            packages=given.mebibytes("RHYTID_PACKAGES_MB") or cls.packages,
             queue=given.count("RHYTID_QUEUE", cls.queue),
             jobs=given.count("RHYTID_JOBS", cls.jobs),
             draw_seconds=given.count("RHYTID_DRAW_SECONDS", cls.draw_seconds),

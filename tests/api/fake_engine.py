@@ -6,6 +6,7 @@ from typing import Any
 
 from api.fake_assets import FakeAssets, FakeJobs
 from api.fake_frames import FakeFrames
+from api.fake_packages import FakePackages
 from api.fake_snapshots import FakeSnapshots
 from api.fake_state import FakeState
 from api.fake_tiles import FakeTiles
@@ -26,6 +27,7 @@ class FakeEngine:
         self.state = FakeState(polls)
         self.assets, self.jobs = FakeAssets(self.state), FakeJobs(self.state)
         self.snapshots = FakeSnapshots(self.state)
+        self.packages = FakePackages(self.state)
         self.frames, self.tiles = FakeFrames(self.state), FakeTiles(self.state)
 
     @property

@@ -9,13 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from api.fake_state import Part, digest_of
+from rhytid.domain.bin_manifest import BinManifest, CushionLayer, GrainLayer
 from rhytid.domain.tiles import TileAddress
-from rhytid.engine.messages import (
-    BinManifest,
-    CushionLayer,
-    GrainLayer,
-    MapQuery,
-)
+from rhytid.engine.messages import MapQuery
 from rhytid.engine.tile_plan import TilePlan
 from rhytid.engine.tile_service import of_map
 from rhytid.errors import NotFoundError

@@ -203,7 +203,7 @@ def test_the_root_says_where_to_go(client: httpx.Client) -> None:
 
     page = client.get("/", headers={"Accept": BROWSER})
     assert page.headers["content-type"].startswith("text/html")
-    assert re.findall(r'href="([^"]+)"', page.text) == list(told.values())
+    assert "<canvas" in page.text
     assert all(client.get(place).status_code == 200 for place in told.values())
     is_problem(client.get("/", headers={"Accept": "image/png"}), 406)
 

@@ -109,6 +109,8 @@ CALLS = {
     "/v1/assets/{asset}/tiles": {"post"},
     "/v1/memory": {"get"},
     "/v1/assets/{asset}/snapshot": {"get"},
+    "/v1/assets/{asset}/package": {"get"},
+    "/v1/assets/{asset}/package/{path}": {"get"},
     "/v1/snapshots": {"post"},
 }
 

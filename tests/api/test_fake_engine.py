@@ -13,9 +13,16 @@ from rhytid.engine.asset_service import AssetService
 from rhytid.engine.engine import Engine
 from rhytid.engine.frame_service import FrameService
 from rhytid.engine.jobs import Jobs
+from rhytid.engine.packages import PackageService
 from rhytid.engine.tile_service import TileService
 
-PARTS = {"assets": AssetService, "frames": FrameService, "tiles": TileService, "jobs": Jobs}
+PARTS = {
+    "assets": AssetService,
+    "frames": FrameService,
+    "tiles": TileService,
+    "jobs": Jobs,
+    "packages": PackageService,
+}
 FAKE = FakeEngine()
 # Of the fake alone: tests replace it.
 HELPERS = {"tile"}

@@ -251,7 +251,12 @@ def test_call(shell: Callable[..., Shell], case: Case) -> None:
 def test_every_call_has_a_case_and_a_method_on_every_client() -> None:
     wanted = set(calls.__all__)
     # Those that send or receive whole files have tests of their own.
-    assert {case.name for case in CASES} | {"create_asset", "snapshot", "restore"} == wanted
+    assert {case.name for case in CASES} | {
+        "create_asset",
+        "package",
+        "snapshot",
+        "restore",
+    } == wanted
     for client, more in ((Client, {"close"}), (AsyncClient, {"close"}), (PlainClient, set())):
         public = {name for name in dir(client) if not name.startswith("_")}
         assert public == wanted | more | {"live"}  # not a call, but a connection

@@ -127,7 +127,7 @@ def test_an_engine_counts_what_it_does(tmp_path: Path) -> None:
             if (n := figures.value("ended", kind, state))
         }
         assert ended == {("build", "done"): 1, ("bins", "done"): 1}
-        assert [figures.value("jobs", kind, "running") for kind in JOB_KINDS] == [0] * 4
+        assert not any(figures.value("jobs", kind, "running") for kind in JOB_KINDS)
         for stage in ("queue", "kernel", "read_back"):
             assert figures.histogram(stage, "redraw")[0][-1] >= 1, stage
             assert figures.histogram(stage, "binned")[0][-1] == 0, stage

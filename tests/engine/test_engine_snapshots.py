@@ -6,6 +6,7 @@ import asyncio
 import io
 from collections.abc import Iterator
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,6 +20,7 @@ from engine.engines import REDRAW, built, maps, new_asset, rest, running, same
 from meshes import deform
 from pipeline.scenes import sheet
 from rhytid.cli import main
+from rhytid.domain.expressions import Expressions
 from rhytid.engine.engine import Engine
 from rhytid.errors import NotReadyError, StorageError
 from rhytid_client import AsyncClient, Client, ConnectionFailed, PlainClient, RequestError
@@ -38,7 +40,9 @@ class Made(NamedTuple):
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Made]:
     with running(tmp_path_factory.mktemp("made")) as engine, serving(engine) as client:
-        asset = built(engine, new_asset(sheet(udims=2)))
+        mesh = sheet(udims=2)
+        moved = Expressions.checked(mesh.positions[None], len(mesh.positions), ["jawOpen"])
+        asset = built(engine, replace(new_asset(mesh), shapes=moved))
         engine.assets.change(asset, {"shape": {"wrinkle_bulge": 5.0}})
         rest(engine)
         data = client.get(f"/v1/assets/{asset}/snapshot").raise_for_status().content
@@ -58,6 +62,7 @@ def test_the_asset_is_the_same_on_another_server(
         assert found["settings"] == known.settings
         assert found["settings"]["shape"]["wrinkle_bulge"] == 5.0
         assert found["statistics"] == known.statistics
+        assert engine.assets.shapes(made.asset).names == ("jawOpen",)
         bent = deform(sheet(udims=2).positions, 3, 0.15)
         for one in (engine, made.engine):
             one.frames.put(made.asset, "bent", bent)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
+from time import sleep
 from typing import Any
 
 import pytest
@@ -176,3 +178,33 @@ def test_what_would_take_too_long_is_refused_at_once(
     # What is stored is drawn, whatever the limit is by then.
     with running(tmp_path / "slow", cache=tmp_path, draw_seconds=1) as engine:
         assert draw(engine, asset, "neutral", REDRAW, WHOLE).tobytes() == before
+
+
+def test_a_call_runs_on_its_own_thread_where_nothing_else_runs() -> None:
+    with closing(DeviceWorker(1)) as worker, ThreadPoolExecutor(1) as pool:
+        with pytest.raises(KeyError):
+            worker.call(lambda: {}["absent"])
+        assert worker.call(threading.get_ident) == threading.get_ident()
+        with occupied(worker):
+            other = pool.submit(worker.call, threading.get_ident)
+            until(lambda: worker.waiting == 1)
+        assert other.result(60) not in {
+            threading.get_ident(),
+            pool.submit(threading.get_ident).result(),
+        }
+
+
+def test_calls_of_many_threads_never_overlap() -> None:
+    inside, most = 0, 0
+
+    def task() -> None:
+        nonlocal inside, most
+        inside += 1
+        most = max(most, inside)
+        sleep(0.0005)
+        inside -= 1
+
+    with closing(DeviceWorker(64)) as worker, ThreadPoolExecutor(8) as pool:
+        for done in [pool.submit(worker.call, task, turn) for turn in range(8) for _ in range(8)]:
+            done.result(60)
+    assert most == 1

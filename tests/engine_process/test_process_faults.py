@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import signal
 import threading
@@ -9,6 +10,7 @@ import time
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
+from zipfile import ZipFile
 
 import httpx
 import pytest
@@ -119,6 +121,21 @@ def test_snapshots_go_out_and_in(served: Served) -> None:
     assert served.client.post("/v1/snapshots", **sent).status_code == 201
     assert served.client.post("/v1/snapshots", **sent).status_code == 200
     assert served.client.get(f"{path}/frames/neutral/{TILE}").content == before
+
+
+def test_packages_are_made_and_read(served: Served) -> None:
+    path = f"/v1/assets/{served.asset}/package"
+    found = await_value(lambda: ready_package(served.client, path))
+    with ZipFile(io.BytesIO(found)) as came:
+        for name in ("manifest.json", "skin.glb"):
+            assert served.client.get(f"{path}/{name}").content == came.read(name)
+    os.kill(served.child, signal.SIGKILL)
+    assert served.client.get(path).content == found
+
+
+def ready_package(client: httpx.Client, path: str) -> bytes | None:
+    answer = client.get(path).raise_for_status()
+    return answer.content if answer.status_code == 200 else None
 
 
 def test_ready_is_what_computes(served: Served) -> None:

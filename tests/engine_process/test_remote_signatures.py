@@ -14,6 +14,7 @@ from rhytid.engine_process.remote_assets import RemoteAssets
 from rhytid.engine_process.remote_engine import RemoteEngine
 from rhytid.engine_process.remote_frames import RemoteFrames
 from rhytid.engine_process.remote_jobs import RemoteJobs
+from rhytid.engine_process.remote_packages import RemotePackages
 from rhytid.engine_process.remote_snapshots import RemoteSnapshots
 from rhytid.engine_process.remote_tiles import RemoteTiles
 
@@ -22,6 +23,7 @@ REMOTE = {
     "frames": RemoteFrames,
     "tiles": RemoteTiles,
     "jobs": RemoteJobs,
+    "packages": RemotePackages,
 }
 
 

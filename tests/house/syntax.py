@@ -15,6 +15,7 @@ PACKAGES = {
     "rhytid_lab": ROOT / "service",
     "rhytid_kernels": ROOT / "cl_kernels",
     "rhytid_client": ROOT / "clients" / "python",
+    "rhytid_viewer": ROOT / "clients" / "viewer",
 }
 
 

@@ -36,8 +36,8 @@ ALLOWED = {
     "synthesis": _TOOLS,
     "storage": _TOOLS,
     "textures": _FACTS | {"formats", "durable"},
-    "engine": _TOOLS | _WORK | {"settings"},
-    "skin_package": _FACTS | {"durable", "engine", "formats", "meshes", "pipeline"},
+    "skin_package": _FACTS | {"durable", "formats", "meshes", "pipeline"},
+    "engine": _TOOLS | _WORK | {"settings", "skin_package"},
     "engine_process": _TOOLS | {"engine", "logs", "settings", "storage"},
     "decoding": _FACTS | {"formats", "engine", "engine_process"},
     "api": _TOOLS
@@ -54,6 +54,7 @@ ONLY_IN = {
     "starlette": {"api"},
     "uvicorn": {"cli"},
     "rhytid_kernels": {"device"},
+    "rhytid_viewer": {"api", "skin_package"},
     "trimesh": {"meshes"},
     "OpenImageIO": {"textures"},
 }
@@ -138,9 +139,10 @@ def test_domain_knows_numpy_alone() -> None:
 
 
 @pytest.mark.parametrize(
-    ("package", "outside"), [("rhytid_kernels", set()), ("rhytid_client", {"httpx", "numpy"})]
+    ("package", "outside"),
+    [("rhytid_kernels", set()), ("rhytid_viewer", set()), ("rhytid_client", {"httpx", "numpy"})],
 )
-def test_kernels_and_client_stand_alone(package: str, outside: set[str]) -> None:
+def test_kernels_and_clients_stand_alone(package: str, outside: set[str]) -> None:
     known = {package, *outside, *sys.stdlib_module_names}
 
     assert [str(i) for i in everything(package) if i.top not in known] == []

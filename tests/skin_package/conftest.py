@@ -43,8 +43,12 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Written]:
 
 
 def write_package(
-    engine: Engine, asset: str, folder: Path, shapes: Expressions | None = None
+    engine: Engine,
+    asset: str,
+    folder: Path,
+    shapes: Expressions | None = None,
+    levels: int | None = None,
 ) -> None:
     maps = SkinMaps.of(engine, asset)
-    for step in PackageWriter(maps, engine.assets.mesh(asset), shapes, folder).steps():
+    for step in PackageWriter(maps, engine.assets.mesh(asset), shapes, folder, levels).steps():
         step()

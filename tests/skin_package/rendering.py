@@ -32,10 +32,11 @@ class Renderer:
             for name, file in shaders["passes"].items()
         }
         self._textures = {"rhytid_maps": self._array(self.manifest["textures"])}
+        self._add_sets("rhytid_wrinkles", "rhytid_wrinkle_codes", self.manifest["wrinkles"])
         self._textures["rhytid_triangles"] = self._array(self.manifest["triangles"])
         cushion = self.manifest["cushion"]
         if cushion is not None:
-            self._textures["rhytid_cushion_maps"] = self._array(cushion["textures"])
+            self._add_sets("rhytid_cushions", "rhytid_cushion_codes", cushion)
             self._textures["rhytid_cushion_triangles"] = self._array(cushion["triangles"])
 
     def heights(self, stretch: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -56,6 +57,10 @@ class Renderer:
 
     def release(self) -> None:
         self.gl.release()
+
+    def _add_sets(self, numbers: str, codes: str, described: dict[str, Any]) -> None:
+        self._textures[numbers] = self._array(described["textures"])
+        self._textures[codes] = self._array(described["codes"])
 
     def _array(self, described: dict[str, Any]) -> moderngl.TextureArray:
         found = read_ktx2(self._package / described["files"][self._udim])

@@ -8,22 +8,34 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from numpy.typing import NDArray
 
+import rhytid_viewer
 from pipeline.scenes import settings_of
 from rhytid.domain.tiles import TileAddress
 from rhytid.errors import LimitError, SettingsError
 from rhytid.formats.gltf import read_glb_shapes
 from rhytid.formats.ktx2 import ktx2_pieces
+from rhytid.skin_package import sets
 from rhytid.skin_package.manifest import Manifest, schema
 from rhytid.skin_package.maps import check_settings
 from rhytid.skin_package.paging import Paging, pyramid
 from rhytid.skin_package.runtime import stretch
+from rhytid.skin_package.sets import in_sets
 from skin_package.conftest import Written
 from skin_package.ktx2 import Texture, read_ktx2
 
 
 def texture(written: Written, name: str) -> Texture:
     return read_ktx2(written.folder / "textures" / f"{name}.1001.ktx2")
+
+
+def of_sets(written: Written, name: str, level: int = 0) -> NDArray[np.int8]:
+    """(N S, n, n) the codes that the numbers of a texture stand for."""
+    codes = texture(written, f"{name}_codes").levels[0]
+    numbers = texture(written, name).levels[level]
+    found: NDArray[np.int8] = codes.reshape(len(codes), -1)[:, numbers].swapaxes(0, 1)
+    return found.reshape(-1, *numbers.shape[1:])
 
 
 def manifest(written: Written) -> Manifest:
@@ -38,11 +50,15 @@ def test_the_manifest_fits_its_schema_and_names_every_file(written: Written) -> 
         for f in (*s.libraries.values(), s.vertex, *s.passes.values())
     ]
     assert found.cushion is not None
-    arrays = [found.textures, found.triangles, found.cushion.textures, found.cushion.triangles]
+    cushion, wrinkles = found.cushion, found.wrinkles
+    arrays = [
+        found.textures, found.triangles, wrinkles.textures, wrinkles.codes,
+        cushion.textures, cushion.codes, cushion.triangles,
+    ]  # fmt: skip
     named = {
         "manifest.json", "manifest.schema.json", found.mesh.file, found.stretch.rest,
         found.stretch.python, found.stretch.javascript, *shaders,
-        *(file for array in arrays for file in array.files.values()),
+        *(file for array in arrays for file in array.files.values()), *rhytid_viewer.laid_out(),
     }  # fmt: skip
     there = {str(f.relative_to(written.folder)) for f in written.folder.rglob("*") if f.is_file()}
 
@@ -59,22 +75,24 @@ def test_texture_bytes_are_those_of_the_files(written: Written) -> None:
 
 
 def test_level_0_has_the_codes_of_the_maps(written: Written) -> None:
-    found = texture(written, "maps").levels[0]
+    found, bins = texture(written, "maps").levels[0], of_sets(written, "wrinkles")
     tiles = written.engine.tiles
     for layer in manifest(written).layers:
         for n in range(layer.bins):
             for sample in range(len(layer.samples)):
+                maps = bins if layer.name == "wrinkles" else found
                 at = layer.first + n * len(layer.samples) + sample
                 for row, column in ((0, 0), (1, 0)):
                     address = TileAddress(1001, 0, row, column)
                     codes = tiles.bin_tile(written.asset, address, layer.name, n, sample)
-                    square = found[at, 128 * row :, 128 * column :][:128, :128]
+                    square = maps[at, 128 * row :, 128 * column :][:128, :128]
                     assert np.array_equal(square, np.maximum(codes, -127)), layer.name
-    assert len(found) == manifest(written).textures.maps == 22
+    assert len(found) == manifest(written).textures.maps == 10
+    assert len(bins) == 12
 
 
 def test_cushions_have_their_apron(written: Written) -> None:
-    found, cushion = texture(written, "cushions").levels[0], manifest(written).cushion
+    found, cushion = of_sets(written, "cushions"), manifest(written).cushion
     assert cushion is not None
     address = TileAddress(1001, 0, 0, 1)
     codes = written.engine.tiles.bin_tile(written.asset, address, "cushions", 2, 1)
@@ -87,6 +105,8 @@ def test_cushions_have_their_apron(written: Written) -> None:
 
 def test_coarser_levels_are_rounded_means(written: Written) -> None:
     levels = texture(written, "maps").levels
+    bins = [of_sets(written, "wrinkles", n) for n in range(9)]
+    levels = [np.concatenate(pair) for pair in zip(levels, bins, strict=True)]
     for n in (1, 4, 8):
         side = 256 >> n
         means = levels[0].reshape(-1, side, 1 << n, side, 1 << n).mean(axis=(2, 4))
@@ -157,8 +177,9 @@ def test_maps_that_webgl_has_no_layers_for_are_refused() -> None:
     assert Paging.of(4096, 64).count == 4
     with pytest.raises(LimitError, match=r"65 maps .* are 260 layers of 2048; WebGL2 has 256"):
         Paging.of(4096, 65)
-    with pytest.raises(LimitError, match="22 maps of 8192"):
-        check_settings(settings_of(preset="best", resolution=8192))
+    check_settings(settings_of(preset="best", resolution=8192))
+    with pytest.raises(LimitError, match="10 maps of 16384"):
+        check_settings(settings_of(preset="best", resolution=16384))
 
 
 def test_pages_are_cut_row_by_row() -> None:
@@ -169,6 +190,28 @@ def test_pages_are_cut_row_by_row() -> None:
     for at, page in enumerate(pages):
         row, column = divmod(at // 2, 2)
         assert np.array_equal(page, maps[at % 2, 4 * row :, 4 * column :][:4, :4])
+
+
+@pytest.mark.parametrize("samples", [3, 5])
+def test_sets_are_the_codes_that_occur(samples: int) -> None:
+    levels = [
+        np.random.default_rng(side).integers(-128, 128, (2 * samples, side, side), np.int8)
+        for side in (40, 20)
+    ]
+    numbers, codes = in_sets(levels, samples)
+
+    assert codes.shape == (samples, 4, 1024)
+    assert max(int(number.max()) for number in numbers) < 2 * (40**2 + 20**2)
+    for number, level in zip(numbers, levels, strict=True):
+        found = codes.reshape(samples, -1)[:, number].swapaxes(0, 1)
+        assert np.array_equal(found.reshape(level.shape), level)
+
+
+def test_more_sets_than_a_texture_holds_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sets, "MOST_ROWS", 1)
+    level = np.random.default_rng(1).integers(-128, 128, (3, 40, 40), np.int8)
+    with pytest.raises(LimitError, match="sets of codes are more than a texture holds, 1024"):
+        in_sets([level], 3)
 
 
 def test_levels_of_an_array_are_aligned(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 import face_data
+import rhytid_viewer
 from engine.engines import BINNED, built, new_asset, running
 from meshes import deform
 from pipeline.scenes import sheet
@@ -21,10 +22,10 @@ from rhytid.engine.engine import Engine
 from rhytid.engine.messages import NewAsset
 from rhytid.skin_package import paging
 from rhytid.skin_package.runtime import stretch
-from rhytid.skin_package.shaders import DIALECTS, runtime
 from skin_package.conftest import Written, write_package
 
 pytestmark = pytest.mark.peers
+DIALECTS = ("glsl-es-300", "glsl-410", "hlsl", "wgsl")
 # Codes of 8 bits: what float32 rounds, and codes of grain below -127.
 CLOSE = 1.0
 ONE_BIN = {"count": 1, "samples": 5, "merge": "soft"}
@@ -47,13 +48,11 @@ def worst(
     udim: int = 1001,
 ) -> float:
     """The largest difference of a frame, codes of the neutral sample of a bin."""
-    from skin_package.rendering import Renderer  # the plain run has no moderngl
-
     engine.frames.put(asset, "f", moved)
     want = engine.tiles.plan_map(asset, "f", BINNED, udim, 0).draw()
     rest = stretch.read_rest(package / "triangles.bin")
     found = stretch.log_stretch(moved, mesh.faces, rest)
-    renderer = Renderer(package, udim, dialect)
+    renderer = renderer_of(package, udim, dialect)
     try:
         described = renderer.manifest
         got = renderer.heights(stretch.texture(found, described["stretch"]["triangles_a_row"]))
@@ -62,6 +61,17 @@ def worst(
     layer = described["layers"][0]
     assert np.abs(want).max() > 10 * layer["steps"][0]
     return float(np.abs(got - want).max() / layer["steps"][len(layer["samples"]) // 2])
+
+
+def renderer_of(package: Path, udim: int, dialect: str) -> Any:
+    """The plain run has neither moderngl nor wgpu."""
+    if dialect.startswith("glsl"):
+        from skin_package.rendering import Renderer
+
+        return Renderer(package, udim, dialect)
+    from skin_package.rendering_wgpu import WebGpuRenderer
+
+    return WebGpuRenderer(package, udim, dialect)
 
 
 @pytest.mark.parametrize("dialect", DIALECTS)
@@ -122,7 +132,7 @@ def test_javascript_gives_the_bits_of_numpy(written: Written, tmp_path: Path) ->
     moved = deform(written.mesh.positions, 5)
     moved.astype("<f4").tofile(tmp_path / "positions")
     written.mesh.faces.astype("<u4").tofile(tmp_path / "indices")
-    (tmp_path / "stretch.mjs").write_text(runtime("stretch.js"), encoding="utf-8")
+    (tmp_path / "stretch.mjs").write_bytes(rhytid_viewer.read("stretch.js"))
     (tmp_path / "run.mjs").write_text(
         f"""
 import {{ readFileSync, writeFileSync }} from "node:fs";

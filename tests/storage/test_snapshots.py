@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.expressions import Expressions
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.stiffness import Stiffness
@@ -23,6 +24,7 @@ from rhytid.errors import DiskFullError, SnapshotError, StorageError
 from rhytid.formats.graphs import write_graph
 from rhytid.storage import AssetStore
 from rhytid.storage.canonical import canonical, hashed
+from rhytid.storage.kept_shapes import shape_files
 from rhytid.storage.records import write_overlay
 from storage.disk import Disk
 
@@ -36,10 +38,16 @@ INDEX = "snapshot.json"
 def filled(
     store: AssetStore, mesh: Mesh, graph: WrinkleGraph, settings: AssetSettings
 ) -> AssetStore:
-    """A store with an asset whose settings were changed since it was built."""
+    """A store with an asset whose settings were changed since it was built, with two shapes."""
     store.put_asset(ID, mesh, graph, settings, EXTRA, STIFFNESS)
     store.put_overlay(ID, settings.with_r_max(0.3))
+    store.put_shapes(ID, shapes(len(mesh.positions)))
     return store
+
+
+def shapes(vertices: int) -> Expressions:
+    values = np.random.default_rng(1).normal(size=(2, vertices, 3))
+    return Expressions.checked(values, vertices, ["jawOpen", "Lächeln"])
 
 
 @pytest.fixture
@@ -67,7 +75,7 @@ def files(store: AssetStore, id: str = ID) -> dict[str, bytes]:
 
 
 def untouched(store: AssetStore) -> bool:
-    return not any(store._folders.assets.iterdir()) and not any(store._folders._partial.iterdir())
+    return not any(store._folders.assets.iterdir()) and not any(store._folders.partial.iterdir())
 
 
 def test_a_restored_asset_is_the_asset_byte_for_byte(filled: AssetStore, other: AssetStore) -> None:
@@ -75,7 +83,20 @@ def test_a_restored_asset_is_the_asset_byte_for_byte(filled: AssetStore, other: 
     assert files(other) == files(filled)
     assert other.overlay(ID) == filled.overlay(ID)
     assert other.asset(ID).extra == EXTRA
-    assert not any(other._folders._partial.iterdir())
+    assert other.shapes(ID).names == ("jawOpen", "Lächeln")
+    assert not any(other._folders.partial.iterdir())
+
+
+def test_without_shapes_it_is_of_the_format_that_older_versions_read(
+    store: AssetStore, mesh: Mesh, graph: WrinkleGraph, settings: AssetSettings, other: AssetStore
+) -> None:
+    store.put_asset(ID, mesh, graph, settings, EXTRA, STIFFNESS)
+    data = taken(store)
+    assert b'"format":1' in data[:4096]
+    assert restored(other, data)
+    assert files(other) == files(store)
+    store.put_shapes(ID, shapes(len(mesh.positions)))
+    assert b'"format":2' in taken(store)[:4096]
 
 
 def test_the_same_asset_gives_the_same_bytes_anywhere(
@@ -96,7 +117,7 @@ def test_any_tar_program_reads_it(filled: AssetStore) -> None:
         found = {entry.name: tar.extractfile(entry) for entry in tar}
         read = {name: file.read() for name, file in found.items() if file is not None}
     stored = files(filled)
-    assert set(read) == {INDEX, *stored} - {"asset/manifest.json"}
+    assert set(read) == {INDEX, *stored} - {"asset/manifest.json", "shapes/manifest.json"}
     assert all(stored[name] == data for name, data in read.items() if name != INDEX)
 
 
@@ -221,7 +242,10 @@ def _backwards(index: Any, held: Any) -> None:
 
 
 BAD = {
-    "newer": (_set(format=2), "a snapshot of format 2, and this version of rhytid reads 1"),
+    "newer": (_set(format=3), "a snapshot of format 3, and this version of rhytid reads 2"),
+    "older": (_set(format=1), "holds more than format 1 has"),
+    "names alone": (_without("shapes/shapes.safetensors"), "names one of shapes/"),
+    "names": (_put("shapes/names.json", b"{}"), "shapes/"),
     "format of text": (_set(format="1"), "a snapshot of format 1"),
     "other kind": (_set(kind="something"), "no snapshot of rhytid"),
     "id": (_set(asset="../../../../etc"), "asset is '../../../../etc'"),
@@ -295,6 +319,13 @@ def test_a_graph_beyond_its_mesh_is_refused(
     bad = write_graph(replace(graph, edge_triangle=np.array([0, -1, 2])))
     with pytest.raises(SnapshotError, match="edge_triangle of the graph"):
         restored(other, changed(taken(filled), _put("asset/graph.safetensors", bad)))
+
+
+def test_shapes_of_another_mesh_are_refused(filled: AssetStore, other: AssetStore) -> None:
+    bad = shape_files(shapes(7))["shapes.safetensors"]
+    with pytest.raises(SnapshotError, match="its shapes have 7 vertices each, its mesh has"):
+        restored(other, changed(taken(filled), _put("shapes/shapes.safetensors", bad)))
+    assert untouched(other)
 
 
 def test_a_full_disk_at_every_step_leaves_nothing(filled: AssetStore, other: AssetStore) -> None:

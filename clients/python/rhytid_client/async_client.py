@@ -87,6 +87,7 @@ class AsyncClient:
     delete_asset = _method(calls.delete_asset)
     graph = _method(calls.graph)
     mesh = _method(calls.mesh)
+    package = _method(calls.package)
     snapshot = _method(calls.snapshot)
     restore = _method(calls.restore)
 

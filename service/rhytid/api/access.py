@@ -27,6 +27,7 @@ ROUTES = {
     "GET /readyz": OPEN,
     "GET /docs": OPEN,
     "GET /docs/{file}": OPEN,
+    "GET /viewer/{file}": OPEN,
     "GET /metrics": READ,
     "GET /v1/devices": READ,
     "GET /v1/memory": READ,
@@ -38,6 +39,8 @@ ROUTES = {
     "GET /v1/assets/{asset}/graph": READ,
     "GET /v1/assets/{asset}/mesh": READ,
     "GET /v1/assets/{asset}/snapshot": READ,
+    "GET /v1/assets/{asset}/package": READ,
+    "GET /v1/assets/{asset}/package/{path}": READ,
     "POST /v1/snapshots": ADMIN,
     "GET /v1/assets/{asset}/frames": READ,
     "GET /v1/assets/{asset}/frames/{frame}": READ,
@@ -125,7 +128,7 @@ async def guard(connection: HTTPConnection) -> None:
     """A dependency of the whole app: every route runs it before anything of the request is read."""
     scope = connection.scope
     method = "GET" if scope.get("method") == "HEAD" else scope.get("method", "WS")
-    path = scope["route"].path
+    path = scope["route"].path_format
     if path == ALIVE:
         return
     needed = ROUTES.get(f"{method} {path}")

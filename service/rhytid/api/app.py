@@ -31,9 +31,11 @@ from rhytid.api.routes import (
     jobs,
     live,
     meshes,
+    packages,
     root,
     snapshots,
     tiles,
+    viewer,
 )
 from rhytid.api.tracing import tracer
 from rhytid.decoding.decoder import Decoder
@@ -48,6 +50,7 @@ ROUTERS = (
     graphs.router,
     meshes.router,
     snapshots.router,
+    packages.router,
     frames.router,
     tiles.router,
     live.router,
@@ -55,6 +58,7 @@ ROUTERS = (
     jobs.router,
     health.router,
     root.router,
+    viewer.router,
 )
 
 # What web pages of allowed origins may send and read. No cookies: keys are in a header.

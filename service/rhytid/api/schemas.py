@@ -107,6 +107,12 @@ class MeshQuery(_Query):
     format: str = Field("glb", json_schema_extra=_options(MESH_FORMATS), description="file format")
 
 
+class PackageQuery(_Query):
+    """How much of a skin package there is."""
+
+    levels: int = Field(1, ge=1, le=16, description="levels of the maps; 1 is the finest alone")
+
+
 class _Answer(BaseModel):
     """Read from the engine's message of the same shape."""
 
@@ -239,7 +245,9 @@ class Job(_Answer):
 
     id: str = Field(description="id of the job")
     asset: str = Field(description="id of its asset")
-    kind: str = Field(description="what it does, such as build, frames, calibration or bins")
+    kind: str = Field(
+        description="what it does, such as build, frames, calibration, bins or package"
+    )
     state: str = Field(
         json_schema_extra=_options(("queued", "running", "done", "failed", "cancelled")),
         description="the last three are final",

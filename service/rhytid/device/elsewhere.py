@@ -1,4 +1,4 @@
-"""A device used from another thread than its own, step by step; other tasks run in between."""
+"""A device used by long work, step by step; tasks of others run in between."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ Method = TypeVar("Method", bound=Callable[..., Any])
 
 
 class Elsewhere:
-    """Calls of one thread to a device that another thread owns.
+    """Calls of one thread to a device whose tasks run one at a time.
 
-    call: runs one step on the device's thread, which begins with `check`. Launches gather until
+    call: runs one step in a task of the device, which begins with `check`. Launches gather until
     something else is asked for, and run in the same step.
     """
 

@@ -26,7 +26,7 @@ WORK = ("neutral", "redraw", "binned", "convolved", "job", "other")
 BOUNDS = (5e-4, 1e-3, 2e-3, 5e-3, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
 # What is dropped when the memory of the device is short.
 DROPPED = ("asset", "bins", "finest", "other")
-JOB_KINDS = ("frames", "build", "calibration", "bins")
+JOB_KINDS = ("frames", "build", "calibration", "bins", "package")
 JOB_STATES = ("queued", "running")
 JOB_ENDS = ("done", "failed", "cancelled")
 
@@ -140,11 +140,11 @@ class Figures:
         self.took(name, time.perf_counter_ns() - start)
 
     def read_back(self, nanoseconds: int) -> None:
-        """Part of a task on the device's thread: its results were copied to the host."""
+        """Part of a task of the device: its results were copied to the host."""
         self._read_back += nanoseconds
 
     def task(self, task: Callable[[], T], queued: int) -> T:
-        """What a task on the device's thread returns.  queued: when, by `perf_counter_ns`."""
+        """What a task of the device returns.  queued: when, by `perf_counter_ns`."""
         start, self._read_back = time.perf_counter_ns(), 0
         self.took("queue", start - queued)
         try:

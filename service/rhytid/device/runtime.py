@@ -79,8 +79,8 @@ class Buffer:
 
 
 class Device:
-    """A context and an in-order queue on one device. Used by one thread only, and by others in the
-    block of `from_elsewhere`.
+    """A context and an in-order queue on one device. Used by one thread at a time, and by
+    others in the block of `from_elsewhere`.
 
     memory: bytes that may be taken; None = a share of what it has.
     shapes: how drawing can be cut.  shape: how it is; the usual one, until a faster one is set.
@@ -109,7 +109,7 @@ class Device:
 
     @property
     def elsewhere(self) -> Elsewhere | None:
-        """How this thread uses the device, if it is not the one that owns it."""
+        """How this thread uses the device in steps; None where it does not, and within a task."""
         return getattr(self._others, "elsewhere", None)
 
     @contextmanager
@@ -117,7 +117,7 @@ class Device:
         self, call: Callable[..., Any], check: Callable[[], None] | None = None
     ) -> Iterator[None]:
         """Lets this thread use the device in a block: each upload, read and wait is one step that
-        `call` runs on the device's thread, with the launches before it.
+        `call` runs in a task of the device, with the launches before it.
 
         What lies in the block on the host is done on this thread. Where the block fails, every
         buffer that it made is given back.  check: called first in each step; may raise.
@@ -139,7 +139,9 @@ class Device:
 
     @contextmanager
     def task(self) -> Iterator[None]:
-        """One piece of work: if it fails, every buffer that it made is released."""
+        """One piece of work: if it fails, every buffer that it made is released. This thread uses
+        the device itself in the block, also where it does from elsewhere outside of it."""
+        elsewhere, self._others.elsewhere = self.elsewhere, None
         self.budget.new_task()
         self.born.clear()
         try:
@@ -150,6 +152,7 @@ class Device:
                 buffer.release()
             raise
         finally:
+            self._others.elsewhere = elsewhere
             self._note_memory()
 
     def _note_memory(self) -> None:

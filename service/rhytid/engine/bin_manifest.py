@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.engine.messages import BinManifest, CushionLayer, GrainLayer, TiltLine
+from rhytid.domain.bin_manifest import BinManifest, CushionLayer, GrainLayer, TiltLine
 from rhytid.pipeline.bins import (
     TILT_NODE,
     TILT_SHARE,

@@ -22,7 +22,7 @@ from rhytid.pipeline.work import BLOCK
 
 class DeviceAsset:
     """The parts of an asset on the device; each uses those before it. Every method, and those of
-    the parts, runs on the device thread.
+    the parts, runs in a task of the device.
 
     mesh: the mesh and its wrinkles.  frames: stretch of frames.  bins: precomputed maps.  neutral:
     what `convolved` reads.  drawing: level 0 by every method.  finest: level 0, kept.  levels:

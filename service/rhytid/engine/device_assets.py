@@ -38,10 +38,10 @@ class Evicted(Exception):
 
 
 class DeviceAssets:
-    """Runs tasks on the device thread, and loads the asset that a task needs.
+    """Runs tasks of the device, and loads the asset that a task needs.
 
     An asset on the device is an entry of the memory budget, as are the arrays computed from it: the
-    least recently used entry is dropped first. Safe from any thread but the device thread.
+    least recently used entry is dropped first. Safe outside of its tasks.
     """
 
     def __init__(self, device: Device, worker: DeviceWorker, store: AssetStore) -> None:
@@ -50,7 +50,7 @@ class DeviceAssets:
         self._loading = threading.Lock()
 
     def run(self, task: Callable[..., T], *arguments: Any) -> T:
-        """Run one task on the device thread; raises BusyError where too many wait for it."""
+        """Run one task of the device; raises BusyError where too many wait for it."""
         return self._worker.call(lambda: self._whole(task, arguments))
 
     def run_patiently(self, task: Callable[..., T], *arguments: Any, **named: Any) -> T:
@@ -94,7 +94,7 @@ class DeviceAssets:
         )
 
     def found(self, asset: Asset) -> DeviceAsset:
-        """The parts of an asset, on the device thread; they stay until the task ends. Raises
+        """The parts of an asset, in a task of the device; they stay until the task ends. Raises
         Evicted."""
         found: DeviceAsset | None = self._device.budget.find(_key(asset))
         if found is None:

@@ -22,7 +22,7 @@ from rhytid.pipeline.redraw import redrawing
 
 
 class DeviceDrawing:
-    """Draws tiles and squares of level 0. Every method runs on the device thread."""
+    """Draws tiles and squares of level 0. Every method runs in a task of the device."""
 
     def __init__(
         self,

@@ -37,7 +37,7 @@ class DeviceFinest:
     """Tiles of level 0, and the parts that larger squares of it are made of.
 
     Squares of the last frame are kept; those of the next frame reuse their memory. Every method
-    runs on the device thread.
+    runs in a task of the device.
     """
 
     def __init__(self, base: DeviceMesh, drawing: DeviceDrawing) -> None:

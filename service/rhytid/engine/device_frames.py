@@ -18,8 +18,8 @@ from rhytid.pipeline.stretch_buffers import StretchBuffers
 
 
 class DeviceFrames:
-    """What a tile of a frame is computed from; kept for the frames used last. Every method runs on
-    the device thread."""
+    """What a tile of a frame is computed from; kept for the frames used last. Every method runs in
+    a task of the device."""
 
     def __init__(self, base: DeviceMesh) -> None:
         self._base = base

@@ -23,7 +23,7 @@ from rhytid.pipeline.levels import Draw
 
 
 class DeviceGrain:
-    """Adds grain to what was drawn without. Every method runs on the device thread."""
+    """Adds grain to what was drawn without. Every method runs in a task of the device."""
 
     def __init__(self, base: DeviceMesh, frames: DeviceFrames) -> None:
         self._base, self._frames = base, frames

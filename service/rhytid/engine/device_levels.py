@@ -24,7 +24,7 @@ _TAIL = 512
 
 
 class DeviceLevels:
-    """Squares of every level. Every method runs on the device thread."""
+    """Squares of every level. Every method runs in a task of the device."""
 
     def __init__(self, base: DeviceMesh, finest: DeviceFinest) -> None:
         self._base, self._finest = base, finest

@@ -23,7 +23,7 @@ _AROUND = 2 * (MOST_TAPS + VECTOR) + BLOCK
 
 
 class DeviceNeutral:
-    """Keeps them under the memory budget. Every method but `make` runs on the device thread."""
+    """Keeps them under the memory budget. Every method but `make` runs in a task of the device."""
 
     def __init__(self, base: DeviceMesh, frames: DeviceFrames) -> None:
         self._base, self._frames = base, frames

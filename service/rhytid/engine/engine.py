@@ -20,6 +20,7 @@ from rhytid.engine.frame_service import FrameService
 from rhytid.engine.jobs import Jobs
 from rhytid.engine.messages import DeviceInfo
 from rhytid.engine.opening import open_device
+from rhytid.engine.packages import PackageService
 from rhytid.engine.snapshots import SnapshotService
 from rhytid.engine.stored_assets import StoredAssets
 from rhytid.engine.tile_batcher import MOST_TILES, TileBatcher
@@ -41,9 +42,10 @@ class Engine:
     may be given, to be read from elsewhere.  only: assets of a store that several engines share,
     and another process holds open; None = all, and the store is opened.
 
-    memory: bytes that requests and jobs hold on the host.  assets, frames, tiles, jobs, snapshots:
-    the calls. Every one raises NotFoundError for an unknown id, NotReadyError while the asset
-    builds, ConflictError where it failed to build, and BusyError where too many calls wait already.
+    memory: bytes that requests and jobs hold on the host.  assets, frames, tiles, jobs, snapshots,
+    packages: the calls. Every one raises NotFoundError for an unknown id, NotReadyError while the
+    asset builds, ConflictError where it failed to build, and BusyError where too many calls wait
+    already.
     """
 
     def __init__(
@@ -57,7 +59,9 @@ class Engine:
         figures.begin()
         self._device = open_device(settings, figures=figures)
         self.figures = {str(self._device.info.index): figures}
-        self._store = AssetStore(settings.store, shared=only is not None)
+        self._store = AssetStore(
+            settings.store, shared=only is not None, packages=settings.packages
+        )
         self._worker = DeviceWorker(settings.queue, figures)
         self._on_device = DeviceAssets(self._device, self._worker, self._store)
         host_memory = settings.host_memory or usual_host_memory()
@@ -87,6 +91,7 @@ class Engine:
             self.jobs,
             limit,
         )
+        self.packages = PackageService(registry, self.assets, self.tiles, self._store, self.jobs)
         self.snapshots = SnapshotService(registry, self._store, stored)
         registration.open_store(only)
 

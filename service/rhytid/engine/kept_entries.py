@@ -19,8 +19,8 @@ RECENT_FRAMES = 8
 
 class KeptEntries:
     """Entries of the memory budget that belong to one asset. What belongs to a frame is kept for
-    the frames used last, what belongs to a tile until memory is short. Every method runs on the
-    device thread.
+    the frames used last, what belongs to a tile until memory is short. Every method runs in a
+    task of the device.
     """
 
     def __init__(self, budget: MemoryBudget) -> None:

@@ -43,6 +43,18 @@ def content_key(asset: str, files: Mapping[str, str], unit: str, lengths: Length
     return _digest([asset, dict(files), unit, asdict(lengths)])
 
 
+def package_key(
+    asset: str,
+    settings: AssetSettings,
+    shapes: Mapping[str, str],
+    levels: int,
+    drawn_by: str,
+    version: str,
+) -> str:
+    """Names a skin package.  shapes: digests by name.  version: of what writes it."""
+    return _digest([asset, settings.as_json(), dict(shapes), levels, drawn_by, version])
+
+
 def _digest(parts: list[Any]) -> str:
     text = json.dumps(parts, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()[:32]

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rhytid.device.figures import spent_on
 from rhytid.device.runtime import Device
+from rhytid.domain.bin_manifest import BinManifest
 from rhytid.domain.frame import check_positions
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.asset_registry import AssetRegistry
@@ -21,7 +22,7 @@ from rhytid.engine.device_assets import DeviceAssets
 from rhytid.engine.frames import Frame
 from rhytid.engine.keys import map_key, settings_key
 from rhytid.engine.map_drawing import MapDrawing
-from rhytid.engine.messages import BinManifest, MapQuery
+from rhytid.engine.messages import MapQuery
 from rhytid.engine.tile_batcher import TileBatcher
 from rhytid.engine.tile_plan import Tile, TilePlan
 from rhytid.errors import NotFoundError, QueryError
@@ -47,6 +48,11 @@ class TileService:
         info = device.info
         # The device, where floats differ, and the version of the drawing.
         self._drawn_by = f"{info.platform}/{info.version}/{info.name}/{drawing_version()}"
+
+    @property
+    def drawn_by(self) -> str:
+        """Names what draws: two with the same have the same bits."""
+        return self._drawn_by
 
     @property
     def joined(self) -> int:
@@ -141,7 +147,7 @@ class TileService:
             )
 
         def codes(resident: DeviceAsset) -> NDArray[np.integer]:
-            # On the device thread, where settings do not change meanwhile.
+            # In a task of the device, where settings do not change meanwhile.
             manifest = bin_manifest(resident.mesh.settings, resident.mesh.cushion_factor)
             return resident.bins.layer_codes(address, layer, *of_map(manifest, layer, bin, sample))
 

@@ -1,4 +1,4 @@
-"""One thread owns the device; others wait in a bounded queue, where assets take turns."""
+"""One task uses the device at a time; others wait in a bounded queue, where assets take turns."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ _Task = tuple["Future[Any]", Callable[[], Any]]
 
 
 class DeviceWorker:
-    """Runs calls one after the other on a thread of its own.
+    """Runs calls one after the other: on the thread of the caller where nothing else runs or waits,
+    which saves waking two threads, else on a thread of its own.
 
     Each call belongs to a turn, such as the asset that it draws. Turns with calls in the queue are
     served in rotation, one call each; calls of one turn are served in the order in which they came.
@@ -34,6 +35,7 @@ class DeviceWorker:
         self._figures = figures or Figures()
         self._turns: OrderedDict[Hashable, deque[_Task]] = OrderedDict()
         self._waiting = 0
+        self._runs = False
         self._closed = False
         self._changed = threading.Condition()
         self._thread = threading.Thread(target=self._work, name="rhytid-device", daemon=True)
@@ -45,7 +47,7 @@ class DeviceWorker:
         return self._waiting
 
     def call(self, task: Callable[[], T], turn: Hashable = None) -> T:
-        """Run `task` on the device thread and return what it returns.
+        """Run `task` alone and return what it returns.
 
         Raises BusyError at once where the queue is full, and whatever the task raises.
         """
@@ -68,35 +70,52 @@ class DeviceWorker:
         self._thread.join()
 
     def _run(self, task: Callable[[], T], turn: Hashable, *, block: bool) -> T:
-        future: Future[T] = Future()
-        # In the context of the caller: `device.watch` tells for whom the device works.
         timed = partial(self._figures.task, task, time.perf_counter_ns())
-        run = partial(copy_context().run, timed)
-        with self._changed:
-            while block and self._waiting >= self.size and not self._closed:
-                self._changed.wait()
-            if self._closed:
-                _refuse(future)
-            elif self._waiting >= self.size:
-                raise BusyError(f"{waiting(self.size)} already")
-            else:
-                self._turns.setdefault(turn, deque()).append((future, run))
-                self._waiting += 1
-                self._changed.notify_all()
+        alone = False
+        try:  # also where an interrupt comes
+            with self._changed:
+                alone = not (self._runs or self._turns or self._closed)
+                if alone:
+                    self._runs = True
+                else:
+                    future = self._queued(timed, turn, block)
+            if alone:
+                return timed()
+        finally:
+            if alone:
+                self._finished()
         try:
             return future.result()
         finally:  # else its error's traceback and this frame hold each other
             del future
 
+    def _queued(self, task: Callable[[], T], turn: Hashable, block: bool) -> Future[T]:
+        """A call in the queue; a refused one, where the queue is closed."""
+        while block and self._waiting >= self.size and not self._closed:
+            self._changed.wait()
+        future: Future[T] = Future()
+        if self._closed:
+            _refuse(future)
+        elif self._waiting >= self.size:
+            raise BusyError(f"{waiting(self.size)} already")
+        else:
+            # In the context of the caller: `device.watch` reports for whom the device works.
+            run = partial(copy_context().run, task)
+            self._turns.setdefault(turn, deque()).append((future, run))
+            self._waiting += 1
+            self._changed.notify_all()
+        return future
+
     def _work(self) -> None:
         while (item := self._take()) is not None:
             _perform(*item)
             del item  # while the thread waits, nobody holds what the task answered
+            self._finished()
 
     def _take(self) -> _Task | None:
         """The next call; None once the queue is closed."""
         with self._changed:
-            while not self._turns and not self._closed:
+            while self._runs or not (self._turns or self._closed):
                 self._changed.wait()
             if self._closed:
                 return None
@@ -105,8 +124,15 @@ class DeviceWorker:
             if tasks:
                 self._turns[turn] = tasks  # at the end: the others come first
             self._waiting -= 1
+            self._runs = True
             self._changed.notify_all()
             return item
+
+    def _finished(self) -> None:
+        with self._changed:
+            self._runs = False
+            if self._turns or self._closed:
+                self._changed.notify_all()
 
 
 def _perform(future: Future[T], task: Callable[[], T]) -> None:

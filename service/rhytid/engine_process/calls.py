@@ -36,6 +36,7 @@ _PLAIN = {
     "frames": ("put", "warnings", "all", "info", "positions", "delete", "stretch"),
     "tiles": ("triangles", "bins", "bin_tile"),
     "jobs": ("info", "cancel"),
+    "packages": ("of",),
 }
 Drawn = tuple[Tile, Facts, str]
 

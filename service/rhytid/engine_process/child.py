@@ -21,6 +21,7 @@ from rhytid.device.figures import Figures, spans_of_request
 from rhytid.device.watch import SIZE, Purpose, Report, report_to, used_for
 from rhytid.engine import wanted
 from rhytid.engine.engine import Engine
+from rhytid.engine_process import heaps
 from rhytid.engine_process.calls import Calls
 from rhytid.engine_process.control import (
     Close,
@@ -45,6 +46,7 @@ def main(control: int, report: int, figures_memory: int, parent: int) -> NoRetur
     """Run the process.  control, report, figures_memory: descriptors of the control socket, and
     of the memory for the report and for figures.  parent: the process that started this one."""
     _end_with(parent)
+    heaps.keep_few()
     for descriptor in (control, report, figures_memory):
         os.set_inheritable(descriptor, False)
     # The server ends this process: signals of a terminal or a service manager are for the server.
@@ -81,6 +83,7 @@ class _Process:
             _exit(1)
         self._calls = Calls(engine, lambda token: self._notify(FramesStored(token)))
         self._notify(Started(None))
+        heaps.keep_giving_back(self._closing)
         self._closing.wait()
         engine.close()
         _exit(0)

@@ -20,6 +20,7 @@ from rhytid.engine_process.line import LineBroken
 from rhytid.engine_process.remote_assets import RemoteAssets
 from rhytid.engine_process.remote_frames import RemoteFrames
 from rhytid.engine_process.remote_jobs import RemoteJobs
+from rhytid.engine_process.remote_packages import RemotePackages
 from rhytid.engine_process.remote_snapshots import RemoteSnapshots
 from rhytid.engine_process.remote_tiles import RemoteTiles
 from rhytid.engine_process.requests import Request
@@ -55,6 +56,7 @@ class RemoteEngine:
         self.tiles = RemoteTiles(self._supervisor, frames)
         self.jobs = RemoteJobs(self._supervisor, jobs)
         self.assets = RemoteAssets(self._supervisor, frames, self.jobs, self._uploads, self.tiles)
+        self.packages = RemotePackages(self._supervisor, self.jobs)
         self.snapshots = RemoteSnapshots(self._supervisor)
         self._devices: dict[Supervisor, list[DeviceInfo]] = {}
         self.figures: dict[str, Figures] = {}

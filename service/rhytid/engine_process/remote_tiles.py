@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rhytid.domain.bin_manifest import BinManifest
 from rhytid.domain.tiles import TileAddress
-from rhytid.engine.messages import BinManifest, MapQuery
+from rhytid.engine.messages import MapQuery
 from rhytid.engine.tile_plan import TilePlan
 from rhytid.engine_process.device_process import DeviceProcess
 from rhytid.engine_process.frame_ledger import FrameLedger

@@ -36,7 +36,7 @@ _STAGE = "folds"
 class FoldStage:
     """The triangles of a mesh, ready to be folded by one expression after the other.
 
-    call: runs each step on the device's thread.
+    call: runs each step in a task of the device.
     """
 
     def __init__(self, device: Device, mesh: Mesh, call: Caller) -> None:
@@ -95,7 +95,7 @@ def measured_folds(
     that expressions of known names show.
 
     limit: of |log ρ|.  unit: of the mesh.  progress(fraction, stage) is called for each expression
-    and may raise CancelledError.  call: runs each step on the device's thread.
+    and may raise CancelledError.  call: runs each step in a task of the device.
     """
     stage = FoldStage(device, mesh, call)
     total, moving, regions = np.zeros((len(mesh.faces), 3)), 0, RegionMasks(mesh)

@@ -2,45 +2,53 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from rhytid import __version__
 from rhytid.domain.expressions import Expressions
 from rhytid.domain.mesh import Mesh
 from rhytid.skin_package import manifest as m
-from rhytid.skin_package.maps import CUSHIONS, SkinMaps
-from rhytid.skin_package.shaders import DIALECTS
+from rhytid.skin_package.languages import BINDINGS, LANGUAGES
+from rhytid.skin_package.maps import CUSHIONS, WRINKLES, SkinMaps
 
 TRIANGLES_A_ROW = 1024
-# Of `runtime`, handed out as they are.
-SHADER_FILES = ("stretch.py", "stretch.js")
+
+
+@dataclass(frozen=True)
+class Written:
+    """The textures of a package; those in sets with what the numbers stand for."""
+
+    maps: m.Textures
+    wrinkles: tuple[m.Textures, m.Codes]
+    triangles: m.Textures
+    cushions: tuple[m.Textures, m.Codes] | None
+    cushion_triangles: m.Textures | None
 
 
 def described(
-    maps: SkinMaps,
-    mesh: Mesh,
-    shapes: Expressions | None,
-    textures: Sequence[m.Textures | None],
+    maps: SkinMaps, mesh: Mesh, shapes: Expressions | None, written: Written
 ) -> m.Manifest:
-    """textures: of the maps, their triangles, the cushions and theirs."""
-    codes, triangles, cushions, cushion_triangles = textures
-    assert codes is not None
-    assert triangles is not None
-    found = [one for one in textures if one is not None]
+    """The manifest of a package with these textures."""
+    in_sets = [one for one in (written.wrinkles, written.cushions) if one is not None]
+    plain = (written.maps, written.triangles, written.cushion_triangles)
+    found = [*(one for one in plain if one is not None), *(one for one, _ in in_sets)]
+    codes = sum(one.bytes for _, one in in_sets)
+    wrinkles, wrinkle_codes = written.wrinkles
     return m.Manifest(
         **_facts(maps),
         mesh=_mesh(mesh, shapes),
         blend=_blend(maps),
         layers=_layers(maps),
-        textures=codes,
-        triangles=triangles,
-        cushion=_cushion(maps, cushions, cushion_triangles),
+        wrinkles=m.Wrinkles(textures=wrinkles, codes=wrinkle_codes),
+        textures=written.maps,
+        triangles=written.triangles,
+        cushion=_cushion(maps, written),
         stretch=_stretch(len(mesh.faces)),
         weights=_weights(maps, len(mesh.faces)),
-        shaders={dialect: _shaders(dialect, cushions is not None) for dialect in DIALECTS},
-        texture_bytes=sum(one.bytes for one in found),
-        texture_bytes_of_level_0=sum(one.bytes_of_level_0 for one in found),
+        shaders={dialect: _shaders(dialect, written.cushions is not None) for dialect in LANGUAGES},
+        texture_bytes=codes + sum(one.bytes for one in found),
+        texture_bytes_of_level_0=codes + sum(one.bytes_of_level_0 for one in found),
         conventions=m.CONVENTIONS,
         left_out=m.LEFT_OUT,
     )
@@ -90,7 +98,7 @@ def _blend(maps: SkinMaps) -> m.Blend:
 
 
 def _layers(maps: SkinMaps) -> list[m.Layer]:
-    found: list[m.Layer] = []
+    found = [_layer(maps, WRINKLES)]
     first = 0
     for name in maps.names:
         found.append(_layer(maps, name, first))
@@ -113,14 +121,14 @@ def _layer(maps: SkinMaps, name: str, first: int = 0) -> m.Layer:
     )
 
 
-def _cushion(
-    maps: SkinMaps, textures: m.Textures | None, triangles: m.Textures | None
-) -> m.Cushion | None:
-    if textures is None or triangles is None or maps.bins.cushion is None:
+def _cushion(maps: SkinMaps, written: Written) -> m.Cushion | None:
+    cushion, triangles = maps.bins.cushion, written.cushion_triangles
+    if cushion is None or written.cushions is None or triangles is None:
         return None
-    cushion = maps.bins.cushion
+    textures, codes = written.cushions
     return m.Cushion(
         textures=textures,
+        codes=codes,
         triangles=triangles,
         layer=_layer(maps, CUSHIONS),
         factor=cushion.factor,
@@ -154,8 +162,11 @@ def _stretch(triangles: int) -> m.Stretch:
 
 def _shaders(dialect: str, cushion: bool) -> m.Shaders:
     passes = ["weights", *(["cushion"] if cushion else []), "height"]
+    language = LANGUAGES[dialect]
+    folder, suffix = f"shaders/{dialect}", language.suffix
     return m.Shaders(
-        libraries={name: f"shaders/{name}.glsl" for name in ("weights", "skin")},
-        vertex=f"shaders/{dialect}/full.vert",
-        passes={name: f"shaders/{dialect}/{name}.frag" for name in passes},
+        libraries={name: f"shaders/{name}.{language.ending}" for name in ("weights", "skin")},
+        vertex=f"{folder}/full.vert{suffix}",
+        passes={name: f"{folder}/{name}.frag{suffix}" for name in passes},
+        bindings={name: n for n, name in enumerate(BINDINGS)} if dialect == "wgsl" else None,
     )

@@ -17,7 +17,7 @@ class Layer(_Part):
     """Maps of one kind: of every bin those of its samples, then those of the next bin."""
 
     name: str = Field(description="wrinkles, pores, wrinkle_tilts, grain or cushions")
-    first: int = Field(ge=0, description="the first of its maps among those of a page")
+    first: int = Field(ge=0, description="the first of its maps in its array, of a page")
     bins: int = Field(ge=1)
     samples: list[float] = Field(description="log stretch of each sample; [0] where there is one")
     steps: list[float] = Field(
@@ -45,10 +45,27 @@ class Textures(_Part):
     bytes_of_level_0: int = Field(ge=0)
 
 
-class Cushion(_Part):
-    """The broad layer of the wrinkles, coarse."""
+class Codes(_Part):
+    """What the numbers of sets stand for: an R8_SNORM texture array of every UDIM, a layer for each
+    sample. Set i is at column i % width, row i / width."""
+
+    files: dict[str, str] = Field(description="KTX2 file by UDIM")
+    width: int
+    bytes: int = Field(ge=0, description="of the texels of all UDIMs")
+
+
+class Wrinkles(_Part):
+    """The maps of the bins: of every texel and bin the number of the set of its samples' codes."""
 
     textures: Textures
+    codes: Codes
+
+
+class Cushion(_Part):
+    """The broad layer of the wrinkles, coarse; in sets as the wrinkles are."""
+
+    textures: Textures
+    codes: Codes
     triangles: Textures
     layer: Layer
     factor: int = Field(description="texels to a sample")
@@ -122,6 +139,7 @@ class Shaders(_Part):
     libraries: dict[str, str] = Field(description="functions alone: weights, and the rest")
     vertex: str
     passes: dict[str, str]
+    bindings: dict[str, int] | None = Field(description="of the textures in group 0, in WGSL")
 
 
 class Manifest(_Part):
@@ -141,6 +159,7 @@ class Manifest(_Part):
     mesh: Mesh
     blend: Blend
     layers: list[Layer]
+    wrinkles: Wrinkles
     textures: Textures
     triangles: Textures
     cushion: Cushion | None
@@ -162,7 +181,7 @@ CONVENTIONS = {
     "log_stretch": "natural logarithm of deformed over neutral length, not clamped",
     "triangle": "index in the order of skin.glb; stretch.triangles where there is none",
 }
-LEFT_OUT = ["smooth sampling", "stiffness", "HLSL", "WGSL", "MaterialX"]
+LEFT_OUT = ["smooth sampling", "stiffness", "MaterialX"]
 
 
 def schema() -> dict[str, Any]:

@@ -4,26 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.bin_manifest import BinManifest
 from rhytid.domain.tiles import TileAddress
 from rhytid.domain.units import millimetres
-from rhytid.engine.messages import BinManifest
 from rhytid.errors import SettingsError
 from rhytid.pipeline.bins import HEADROOM, map_count
 from rhytid.pipeline.grain import relief
 from rhytid.skin_package.paging import Paging
+from rhytid.skin_package.source import Source
 
-if TYPE_CHECKING:
-    from rhytid.engine.engine import Engine
-
-# The layers of an array, in this order.
-LAYERS = ("wrinkles", "pores", "wrinkle_tilts", "grain")
-CUSHIONS = "cushions"
+# The layers of the array of maps, in this order.
+LAYERS = ("pores", "wrinkle_tilts", "grain")
+# In arrays of their own, as sets of their samples.
+WRINKLES, CUSHIONS = "wrinkles", "cushions"
 LEAST_CODE = -127
 Codes = NDArray[np.int8]
 
@@ -43,13 +41,13 @@ class SkinMaps:
     Raises SettingsError naming the setting that it does not.
     """
 
-    engine: Engine
+    engine: Source
     asset: str
     settings: AssetSettings
     bins: BinManifest
 
     @classmethod
-    def of(cls, engine: Engine, asset: str) -> SkinMaps:
+    def of(cls, engine: Source, asset: str) -> SkinMaps:
         """Of a ready asset."""
         settings = AssetSettings.parse(engine.assets.info(asset).settings)
         check_settings(settings)
@@ -59,7 +57,7 @@ class SkinMaps:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Layers that are there, but for the cushions."""
+        """Layers of the array of maps that are there."""
         return tuple(name for name in LAYERS if name in self.bins.layers)
 
     def count(self, name: str) -> int:
@@ -85,7 +83,7 @@ class SkinMaps:
 
     def room(self, udim: int) -> Room:
         """Zeros for the maps of a UDIM."""
-        sides = dict.fromkeys(self.names, self.settings.resolution)
+        sides = dict.fromkeys((WRINKLES, *self.names), self.settings.resolution)
         if self.bins.cushion is not None:
             sides[CUSHIONS] = self.cushion_side
         maps = {n: np.zeros((self.count(n), side, side), np.int8) for n, side in sides.items()}
@@ -116,4 +114,6 @@ def check_settings(settings: AssetSettings) -> None:
     for name, (value, good, wanted) in known.items():
         if not good(value):
             raise SettingsError(f"{name} is {value}: packages are made where it is {wanted}")
-    Paging.of(settings.resolution, map_count(settings.bins) + (relief(settings) > 0.0))
+    bins = settings.bins
+    others = map_count(bins) - bins.count * bins.samples + (relief(settings) > 0.0)
+    Paging.of(settings.resolution, max(others, bins.count))

@@ -9,20 +9,27 @@ from pathlib import Path
 
 import numpy as np
 
+import rhytid_viewer
 from rhytid.domain.expressions import Expressions
 from rhytid.domain.mesh import Mesh
 from rhytid.durable import whole, write_file
+from rhytid.formats.ktx2 import CHANNELS
 from rhytid.meshes.morph_glb import write_morph_glb
-from rhytid.skin_package.describe import SHADER_FILES, described
+from rhytid.skin_package.describe import Written, described
+from rhytid.skin_package.languages import LANGUAGES
 from rhytid.skin_package.manifest import Manifest, schema
-from rhytid.skin_package.maps import CUSHIONS, Room, SkinMaps
+from rhytid.skin_package.maps import CUSHIONS, WRINKLES, Room, SkinMaps
 from rhytid.skin_package.paging import Paging, pyramid
 from rhytid.skin_package.runtime.stretch import rest_of
-from rhytid.skin_package.shaders import DIALECTS, runtime, shader_texts
-from rhytid.skin_package.textures import TextureFiles, index_channel
+from rhytid.skin_package.runtime_files import runtime
+from rhytid.skin_package.shaders import shader_texts
+from rhytid.skin_package.textures import SetFiles, TextureFiles, index_channel
 
 MANIFEST, SCHEMA, MESH, REST = "manifest.json", "manifest.schema.json", "skin.glb", "triangles.bin"
-TEXTURES = ("maps", "triangles", "cushions", "cushion_triangles")
+TEXTURES = (
+    "maps", "wrinkles", "wrinkles_codes", "triangles",
+    "cushions", "cushions_codes", "cushion_triangles",
+)  # fmt: skip
 Step = Callable[[], None]
 
 
@@ -48,12 +55,15 @@ class PackageWriter:
         self._levels = most if levels is None else min(levels, most)
         textures, across = folder / "textures", self._paging.across
         index = index_channel(len(mesh.faces))
+        self._index_bytes = CHANNELS[index].dtype.itemsize
         self._codes = TextureFiles(textures, "maps", "r8snorm", count, across)
         self._triangles = TextureFiles(textures, "triangles", index, 1, across)
-        self._cushions = self._cushion_triangles = None
+        samples, self._bins = maps.settings.bins.samples, maps.bins.layers[WRINKLES]
+        self._wrinkles = SetFiles(textures, WRINKLES, self._bins, samples, across)
+        self._cushions: SetFiles | None = None
+        self._cushion_triangles: TextureFiles | None = None
         if maps.bins.cushion is not None:
-            broad = maps.count(CUSHIONS)
-            self._cushions = TextureFiles(textures, "cushions", "r8snorm", broad)
+            self._cushions = SetFiles(textures, CUSHIONS, self._bins, samples)
             self._cushion_triangles = TextureFiles(textures, "cushion_triangles", index)
         self.manifest: Manifest | None = None
         self._written: list[str] = []
@@ -61,11 +71,22 @@ class PackageWriter:
     @property
     def files(self) -> list[Path]:
         """What was written, of all that the folder may have."""
-        textures = (name for one in self._textures() for name in one.files.values())
-        return [self._folder / name for name in (*self._written, *textures)]
+        textures = [name for one in self._textures() for name in one.files.values()]
+        sets = [name for one in (self._wrinkles, self._cushions) if one for name in one.files]
+        return [self._folder / name for name in (*self._written, *textures, *sets)]
+
+    @property
+    def texture_bytes(self) -> int:
+        """Bytes that the textures will take, about."""
+        maps = self._maps
+        udims = len(maps.engine.assets.info(maps.asset).udims)
+        layers = sum(map(maps.count, maps.names))
+        share = sum(0.25**level for level in range(self._levels))
+        texel = (layers + 2 * self._bins) * share + self._index_bytes
+        return int(udims * maps.settings.resolution**2 * texel)
 
     def _textures(self) -> list[TextureFiles]:
-        every = (self._codes, self._triangles, self._cushions, self._cushion_triangles)
+        every = (self._codes, self._triangles, self._cushion_triangles)
         return [one for one in every if one is not None]
 
     def steps(self) -> list[Step]:
@@ -84,7 +105,7 @@ class PackageWriter:
 
     def _begin(self) -> None:
         (self._folder / "textures").mkdir(parents=True, exist_ok=True)
-        for dialect in DIALECTS:
+        for dialect in LANGUAGES:
             (self._folder / "shaders" / dialect).mkdir(parents=True, exist_ok=True)
         (self._folder / MANIFEST).unlink(missing_ok=True)
         for name in TEXTURES:  # those of an earlier package, which may have had other UDIMs
@@ -101,6 +122,7 @@ class PackageWriter:
         engine, asset, udim = self._maps.engine, self._maps.asset, room.udim
         every = np.concatenate([room.maps[name] for name in self._maps.names])
         self._codes.write(udim, pyramid(self._paging.cut(every), self._levels))
+        self._wrinkles.write(udim, pyramid(self._paging.cut(room.maps[WRINKLES]), self._levels))
         triangles = engine.tiles.triangles(asset, udim)[None]
         self._triangles.write(udim, [self._paging.cut(triangles)])
         if self._cushions is not None and self._cushion_triangles is not None:
@@ -110,16 +132,29 @@ class PackageWriter:
 
     def _finish(self) -> None:
         """Everything that is text; the manifest says that the package is whole."""
-        files = (self._codes, self._triangles, self._cushions, self._cushion_triangles)
-        textures = [None if one is None else one.described() for one in files]
-        manifest = described(self._maps, self._mesh, self._shapes, textures)
+        coarse = self._cushion_triangles
+        written = Written(
+            self._codes.described(),
+            self._wrinkles.described(),
+            self._triangles.described(),
+            None if self._cushions is None else self._cushions.described(),
+            None if coarse is None else coarse.described(),
+        )
+        manifest = described(self._maps, self._mesh, self._shapes, written)
         for name, text in shader_texts(manifest).items():
             self._write(name, text.encode())
-        for name in SHADER_FILES:
-            self._write(name, runtime(name).encode())
+        self._write("stretch.py", runtime("stretch.py").encode())
+        self._write("stretch.js", rhytid_viewer.read("stretch.js"))
+        self._write_viewer()
         self._write(SCHEMA, _json(schema()))
         self._write(MANIFEST, _json(manifest.model_dump()))
         self.manifest = manifest
+
+    def _write_viewer(self) -> None:
+        """The page that shows the package, and its files."""
+        for name, data in rhytid_viewer.laid_out().items():
+            (self._folder / name).parent.mkdir(parents=True, exist_ok=True)
+            self._write(name, data)
 
     def _write(self, name: str, data: bytes) -> None:
         with whole(self._folder / name) as aside:

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from rhytid.durable import whole, write_pieces
 from rhytid.formats.ktx2 import CHANNELS, ktx2_pieces
-from rhytid.skin_package.manifest import Textures
+from rhytid.skin_package.manifest import Codes, Textures
+from rhytid.skin_package.sets import A_ROW, in_sets
 
 _FORMATS = {"r8snorm": "R8_SNORM", "r16uint": "R16_UINT", "r32uint": "R32_UINT"}
 
@@ -62,3 +63,36 @@ class TextureFiles:
             bytes=self.bytes,
             bytes_of_level_0=self.finest,
         )
+
+
+@dataclass
+class SetFiles:
+    """Maps of bins as sets of the codes of their samples, of every UDIM: `name`.<UDIM>.ktx2 and
+    `name`_codes.<UDIM>.ktx2."""
+
+    folder: Path
+    name: str
+    bins: int
+    samples: int
+    pages_a_row: int = 1
+
+    def __post_init__(self) -> None:
+        self._numbers = TextureFiles(self.folder, self.name, "r16uint", self.bins, self.pages_a_row)
+        self._codes = TextureFiles(self.folder, f"{self.name}_codes", "r8snorm", self.samples)
+
+    @property
+    def files(self) -> list[str]:
+        """All that were written."""
+        return [*self._numbers.files.values(), *self._codes.files.values()]
+
+    def write(self, udim: int, levels: Sequence[NDArray[np.integer]]) -> None:
+        """The arrays of a UDIM, from maps of every level, finest first."""
+        numbers, codes = in_sets(levels, self.samples)
+        self._numbers.channel = index_channel(codes[0].size)
+        self._numbers.write(udim, numbers)
+        self._codes.write(udim, [codes])
+
+    def described(self) -> tuple[Textures, Codes]:
+        """As the manifest has them."""
+        codes = self._codes
+        return self._numbers.described(), Codes(files=codes.files, width=A_ROW, bytes=codes.bytes)

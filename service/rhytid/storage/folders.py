@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import MappingProxyType
@@ -32,17 +32,17 @@ class StoreFolders:
 
     def __init__(self, folder: Path, *, shared: bool) -> None:
         self.assets = folder / "assets"
-        self._partial = folder / "partial"
+        self.partial = folder / "partial"
         self._changing = threading.Lock()
         with reported(f"store {folder} cannot be opened"):
             self.assets.mkdir(parents=True, exist_ok=True)
-            self._partial.mkdir(exist_ok=True)
+            self.partial.mkdir(exist_ok=True)
             self._lock = None if shared else FolderLock(folder)
             if shared:
                 return
             try:
-                _check_format(folder / _FORMAT, self._partial)
-                sweep(self.assets, self._partial)
+                _check_format(folder / _FORMAT, self.partial)
+                sweep(self.assets, self.partial)
             except BaseException:
                 self.close()
                 raise
@@ -70,9 +70,15 @@ class StoreFolders:
         return folder
 
     @contextmanager
+    def unchanged(self) -> Iterator[None]:
+        """Nothing is sealed or removed in the block."""
+        with self._changing:
+            yield
+
+    @contextmanager
     def workplace(self) -> Iterator[Path]:
         """A fresh folder to prepare a change in, removed afterwards."""
-        with durable.workplace(self._partial) as place:
+        with durable.workplace(self.partial) as place:
             yield place
 
     def seal(
@@ -115,28 +121,32 @@ class StoreFolders:
         with reported(f"{path} cannot be written"), self.workplace() as place:
             durable.write_file(place / path.name, data)
             if is_folder(path):  # nothing of ours, and in the way
-                durable.discard(path, self._partial)
+                durable.discard(path, self.partial)
             durable.install(place / path.name, path)
 
     def discard(self, folder: Path, failing: str) -> None:
         """Remove a folder at one rename, if it is there.  failing: the message of an error."""
         with self._changing, reported(failing):
             if is_folder(folder):
-                durable.discard(folder, self._partial)
+                durable.discard(folder, self.partial)
 
-    def remove(self, id: str) -> None:
-        """Remove the home of an asset at one rename; raises NotFoundError where it is empty."""
+    def remove(self, id: str, first: Callable[[], None]) -> None:
+        """Remove the home of an asset at one rename; raises NotFoundError where it is empty.
+
+        first: called before, where it is not.
+        """
         home = self.home(id)
         with self._changing, reported(f"asset {id} cannot be removed"):
             if not holds_something(home):
                 raise NotFoundError(f"no asset {id} in the store")
-            durable.discard(home, self._partial)
+            first()
+            durable.discard(home, self.partial)
 
     def _abandon(self, home: Path) -> None:
         """Remove a home that a change which failed left without an asset."""
         with suppress(OSError, StorageError):
             if not holds_something(home):
-                durable.discard(home, self._partial)
+                durable.discard(home, self.partial)
 
 
 def _check_format(path: Path, partial: Path) -> None:

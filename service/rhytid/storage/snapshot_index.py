@@ -16,13 +16,15 @@ from types import MappingProxyType
 from typing import Any
 
 from rhytid.errors import SnapshotError, StorageError
+from rhytid.storage import kept_shapes
 from rhytid.storage.canonical import hashed, parse_hashed
-from rhytid.storage.homes import ASSET, ID
+from rhytid.storage.homes import ASSET, ID, SHAPES
 from rhytid.storage.manifest import StoredFile
 from rhytid.storage.records import FACTS, GRAPH, MESH, STIFFNESS
 
-# Raise it when an older version could not read a new snapshot rightly.
-FORMAT = 1
+# Raise it when an older version could not read a new snapshot rightly. Format 2 has named shapes; a
+# snapshot without any is of format 1, so that versions that do not know shapes read it.
+FORMAT = 2
 INDEX = "snapshot.json"
 OVERLAY = "overlay.json"
 LONGEST_INDEX = 1 << 16
@@ -30,7 +32,8 @@ BLOCK = 512
 # Two empty blocks end a tar.
 END = bytes(2 * BLOCK)
 NEEDED = (*(f"{ASSET}/{name}" for name in (FACTS, GRAPH, MESH)), OVERLAY)
-ALLOWED = {*NEEDED, f"{ASSET}/{STIFFNESS}"}
+NAMED_SHAPES = tuple(f"{SHAPES}/{name}" for name in (kept_shapes.SHAPES, kept_shapes.NAMES))
+ALLOWED = {*NEEDED, f"{ASSET}/{STIFFNESS}", *NAMED_SHAPES}
 _SHA256 = re.compile(r"[0-9a-f]{64}", re.ASCII)
 _KIND = "rhytid snapshot"
 _FOREIGN = "this is no snapshot of rhytid"
@@ -51,7 +54,8 @@ class SnapshotIndex:
     def encode(self) -> bytes:
         """As the text of `snapshot.json`."""
         files = [{"name": name, **file.as_json()} for name, file in self.files.items()]
-        return hashed({"kind": _KIND, "format": FORMAT, "asset": self.asset, "files": files})
+        named = FORMAT if self.has_shapes else 1
+        return hashed({"kind": _KIND, "format": named, "asset": self.asset, "files": files})
 
     @classmethod
     def decode(cls, data: bytes) -> SnapshotIndex:
@@ -72,6 +76,11 @@ class SnapshotIndex:
         if index.encode() != data:
             raise SnapshotError(f"{INDEX} holds more than format {named} has, or in another order")
         return index
+
+    @property
+    def has_shapes(self) -> bool:
+        """Whether named shapes are among the files."""
+        return any(name in self.files for name in NAMED_SHAPES)
 
     @property
     def nbytes(self) -> int:
@@ -125,4 +134,6 @@ def _files(listed: Any) -> dict[str, StoredFile]:
     for name in NEEDED:
         if name not in found:
             raise SnapshotError(f"{INDEX} does not name {name}, which every asset has")
+    if len(found.keys() & set(NAMED_SHAPES)) == 1:
+        raise SnapshotError(f"{INDEX} names one of {' and '.join(NAMED_SHAPES)}: both or none")
     return found

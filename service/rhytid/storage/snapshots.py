@@ -12,7 +12,7 @@ from typing import BinaryIO, Protocol
 from rhytid.durable import reported, sync_folder, write_pieces
 from rhytid.errors import SnapshotError
 from rhytid.storage.canonical import damaged
-from rhytid.storage.homes import ASSET
+from rhytid.storage.homes import ASSET, SHAPES
 from rhytid.storage.manifest import StoredFile, seal
 from rhytid.storage.snapshot_index import (
     BLOCK,
@@ -98,7 +98,7 @@ class Snapshot:
 
 
 def unpack(stream: Readable, nbytes: int, place: Path) -> SnapshotIndex:
-    """Write the files of a snapshot into the folder `place`, as a sealed folder and an overlay.
+    """Write the files of a snapshot into the folder `place`, as sealed folders and an overlay.
 
     nbytes: of the snapshot. No more than that is written. Raises SnapshotError naming the byte
     where a snapshot is damaged, cut off, of a newer format or none; what is written by then is left
@@ -111,14 +111,17 @@ def unpack(stream: Readable, nbytes: int, place: Path) -> SnapshotIndex:
         more = "is cut off" if nbytes < index.nbytes else "goes on after its end"
         raise SnapshotError(f"it {more}: it has {nbytes} bytes, {INDEX} says {index.nbytes}")
     source.expect(bytes(padding(size)), INDEX)
-    (place / ASSET).mkdir()
+    sealed = (ASSET, SHAPES) if index.has_shapes else (ASSET,)
+    for kind in sealed:
+        (place / kind).mkdir()
     for name, file in index.files.items():
         source.expect(header(name, file.nbytes), f"the header of {name}")
         write_pieces(place / name, source.content(name, file))
         source.expect(bytes(padding(file.nbytes)), f"the end of {name}")
     source.expect(END, "the end")
-    files = {Path(name).name: f for name, f in index.files.items() if name.startswith(ASSET)}
-    seal(place / ASSET, f"{ASSET} {index.asset}", files)
+    for kind in sealed:
+        own = {Path(name).name: f for name, f in index.files.items() if name.startswith(f"{kind}/")}
+        seal(place / kind, f"{kind} {index.asset}", own)
     sync_folder(place)
     return index
 

@@ -6,6 +6,7 @@
     ├── lock                       held while a server uses the store
     ├── format.json                of which version of rhytid the store is
     ├── cache/                     compiled kernels, where `serve` has no other place for them
+    ├── packages/<id>/             skin packages of an asset, thrown away with any change of it
     ├── partial/                   changes being prepared or thrown away; emptied on opening
     └── assets/<id>/
         ├── request/               what a caller sent, until the asset is built: a sealed folder
@@ -28,7 +29,7 @@ from rhytid.domain.folds import Folds
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.stiffness import Stiffness
-from rhytid.durable import reported
+from rhytid.durable import is_folder, reported
 from rhytid.errors import NotFoundError, StorageError, StoreFormatError
 from rhytid.storage.canonical import damaged
 from rhytid.storage.folders import StoreFolders
@@ -48,6 +49,7 @@ from rhytid.storage.manifest import (
     read_manifest,
     read_verified,
 )
+from rhytid.storage.packages import KeptPackages
 from rhytid.storage.records import (
     FACTS,
     MESH,
@@ -71,14 +73,22 @@ class AssetStore:
     state after it. Opening takes the lock and removes what interrupted changes left behind.
 
     shared: another process, which started this one, holds the lock; several may then use the store,
-    each with assets of its own.
+    each with assets of its own.  packages: bytes of the skin packages that are kept; None: any.
 
     Every method raises StorageError where the disk fails or a file is not what was written, and
     NotFoundError for an id that is not stored.
     """
 
-    def __init__(self, folder: Path, *, shared: bool = False) -> None:
+    def __init__(self, folder: Path, *, shared: bool = False, packages: int | None = None) -> None:
         self._folders = StoreFolders(folder, shared=shared)
+        self.packages = KeptPackages(folder / "packages", self._folders.partial, packages)
+        if shared:
+            return
+        try:
+            self.packages.sweep([home.name for home in self._folders.homes()])
+        except BaseException:
+            self.close()
+            raise
 
     def close(self) -> None:
         """Release the lock of the store."""
@@ -171,6 +181,7 @@ class AssetStore:
                 return
         self._folders.discard(home / SHAPES, f"the shapes of asset {id} cannot be replaced")
         self._folders.seal(home, SHAPES, files)
+        self.packages.forget(id)
 
     def shapes(self, id: str) -> Expressions:
         """The named shapes of an asset; raises NotFoundError where it has none."""
@@ -183,20 +194,33 @@ class AssetStore:
         files = read_manifest(self._folders.existing(id, SHAPES), f"{SHAPES} {id}")
         return sum(file.nbytes for file in files.values())
 
+    def shapes_digests(self, id: str) -> dict[str, str]:
+        """Digests of the files of its named shapes, by name; none where it has none."""
+        try:
+            files = read_manifest(self._folders.existing(id, SHAPES), f"{SHAPES} {id}")
+        except NotFoundError:
+            return {}
+        return {name: file.sha256 for name, file in files.items()}
+
     def contents(self, id: str) -> dict[str, StoredFile]:
         """Sizes and digests of the files of a built asset, as they were written; only the manifest
         is read."""
         return read_manifest(self._folders.existing(id, ASSET), f"{ASSET} {id}")
 
     def snapshot(self, id: str) -> Snapshot:
-        """A built asset with its present settings as one file, every byte of it verified; close
-        it."""
+        """A built asset with its present settings and its named shapes as one file, every byte of
+        it verified; close it."""
         folder = self._folders.existing(id, ASSET)
-        files = read_manifest(folder, f"{ASSET} {id}")
         overlay = write_overlay(f"{ASSET} {id}", self.overlay(id) or self._settings(folder, id))
-        named = {f"{ASSET}/{name}": file for name, file in files.items()}
-        index = SnapshotIndex.of(id, {**named, OVERLAY: StoredFile.of(overlay)})
-        made = Snapshot(index, {f"{ASSET}/{name}": folder / name for name in files}, overlay)
+        with self._folders.unchanged():  # shapes are replaced in two steps
+            sealed = [ASSET, SHAPES] if is_folder(folder.parent / SHAPES) else [ASSET]
+            files = {
+                f"{kind}/{name}": file
+                for kind in sealed
+                for name, file in read_manifest(folder.parent / kind, f"{kind} {id}").items()
+            }
+            index = SnapshotIndex.of(id, {**files, OVERLAY: StoredFile.of(overlay)})
+            made = Snapshot(index, {name: folder.parent / name for name in files}, overlay)
         try:
             made.check()
         except BaseException:
@@ -224,12 +248,14 @@ class AssetStore:
         with reported(f"{ASSET} {unpacked.id} cannot be written"):
             if holds_something(home):
                 self.delete(unpacked.id)
-            return self._folders.install(unpacked.place, home, ASSET, [OVERLAY])
+            before = [OVERLAY, SHAPES] if unpacked.has_shapes else [OVERLAY]
+            return self._folders.install(unpacked.place, home, ASSET, before)
 
     def put_overlay(self, id: str, settings: AssetSettings) -> None:
         """Replace the present settings of a built asset."""
         path = self._folders.existing(id, ASSET).parent / OVERLAY
         self._folders.replace(path, write_overlay(f"asset {id}", settings))
+        self.packages.forget(id)
 
     def overlay(self, id: str) -> AssetSettings | None:
         """The present settings, or None of an asset of an older version that never changed."""
@@ -245,7 +271,7 @@ class AssetStore:
 
     def delete(self, id: str) -> None:
         """Remove an asset, its request and its changed settings, all at once."""
-        self._folders.remove(id)
+        self._folders.remove(id, first=lambda: self.packages.forget(id))
 
     def _is_intact(self, id: str) -> bool:
         """Whether a built asset can be read, with its settings."""

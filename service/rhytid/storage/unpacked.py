@@ -6,11 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.expressions import Expressions
 from rhytid.domain.tiles import mesh_udims
-from rhytid.durable import reported
+from rhytid.durable import is_folder, reported
 from rhytid.errors import SnapshotError, StorageError
 from rhytid.storage.build_facts import BuildFacts
-from rhytid.storage.homes import ASSET
+from rhytid.storage.homes import ASSET, SHAPES
+from rhytid.storage.kept_shapes import read_shapes
 from rhytid.storage.manifest import read_verified
 from rhytid.storage.records import StoredAsset, read_overlay
 from rhytid.storage.snapshot_index import OVERLAY
@@ -18,17 +20,23 @@ from rhytid.storage.snapshot_index import OVERLAY
 
 @dataclass(frozen=True, eq=False)
 class UnpackedAsset:
-    """A built asset with its present settings, whose files are in the folder `place`."""
+    """A built asset with its present settings, whose files are in the folder `place`.
+
+    has_shapes: whether named shapes of its mesh are there, too.
+    """
 
     id: str
     asset: StoredAsset
     settings: AssetSettings
     place: Path
+    has_shapes: bool
 
     @classmethod
     def read(cls, id: str, place: Path) -> UnpackedAsset:
         """Read what `unpack` wrote; raises SnapshotError where it is no asset that can be drawn."""
         files = read_verified(place / ASSET, f"{ASSET} {id}")
+        has_shapes = is_folder(place / SHAPES)
+        shapes = read_verified(place / SHAPES, f"{SHAPES} {id}") if has_shapes else {}
         with reported("a snapshot cannot be read"):
             overlay = (place / OVERLAY).read_bytes()
         try:
@@ -36,9 +44,11 @@ class UnpackedAsset:
             asset = StoredAsset.read(files, Path(ASSET))
             settings = read_overlay(f"{ASSET} {id}", overlay, Path(OVERLAY))
             _check(asset)
+            if has_shapes:
+                _check_shapes(read_shapes(shapes, Path(SHAPES)), asset)
         except (StorageError, SnapshotError) as exc:
             raise SnapshotError(f"what it holds cannot be used: {exc}") from exc
-        return cls(id, asset, settings, place)
+        return cls(id, asset, settings, place, has_shapes)
 
 
 def _check(asset: StoredAsset) -> None:
@@ -51,3 +61,10 @@ def _check(asset: StoredAsset) -> None:
         if index is not None and len(index) and index.max() >= triangles:
             raise SnapshotError(f"{name} of the graph names a triangle that the mesh does not have")
     BuildFacts.of(asset)
+
+
+def _check_shapes(shapes: Expressions, asset: StoredAsset) -> None:
+    """Raise SnapshotError where shapes are of another mesh."""
+    own, theirs = len(asset.mesh.positions), shapes.positions.shape[1]
+    if own != theirs:
+        raise SnapshotError(f"its shapes have {theirs} vertices each, its mesh has {own}")

@@ -70,8 +70,8 @@ def synthesize(
 
     progress(fraction, stage) is called often and may raise CancelledError. fields: what differs
     from place to place, in place of what settings, controls and folds say of it. folds: where the
-    face folds, for lines to run there; without them these run level. call: runs each step on
-    the device's thread. Raises MeshError where the mesh has no room for pores, or its UV none for
+    face folds, for lines to run there; without them these run level. call: runs each step in
+    a task of the device. Raises MeshError where the mesh has no room for pores, or its UV none for
     the wrinkles, and what `wrinkles_in_all` does.
     """
     report = rising(progress)

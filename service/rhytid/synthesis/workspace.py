@@ -13,7 +13,7 @@ from numpy.typing import DTypeLike, NDArray
 from rhytid.device.runtime import Buffer, Device
 
 T = TypeVar("T")
-# Runs one call on the thread that owns the device.
+# Runs one call in a task of the device.
 Caller = Callable[..., Any]
 _GROUP = 64
 
@@ -26,7 +26,7 @@ def directly(task: Callable[..., T], *arguments: Any, **named: Any) -> T:
 class Workspace:
     """Buffers and launches of a `with` block; what the block made is released at its end.
 
-    call: runs each single step on the device's thread, so that others may use it in between.
+    call: runs each single step in a task of the device, so that others may use it in between.
     """
 
     def __init__(self, device: Device, call: Caller = directly) -> None:

@@ -20,6 +20,7 @@ from rhytid_client.calls.frame_calls import (
 )
 from rhytid_client.calls.job_calls import cancel, job, wait
 from rhytid_client.calls.map_calls import bin_tile, bins, map, tile, tiles
+from rhytid_client.calls.package_calls import package
 from rhytid_client.calls.service_calls import devices, health, metrics, ready
 from rhytid_client.calls.snapshot_calls import restore, snapshot
 
@@ -43,6 +44,7 @@ __all__ = [
     "map",
     "mesh",
     "metrics",
+    "package",
     "positions",
     "put_frame",
     "ready",

@@ -1,8 +1,8 @@
-"""The start page `/`, and the pages of `/docs`, which load nothing from other hosts."""
+"""The start `/`: the viewer or, as JSON, where to go; and the pages of `/docs`. Pages load nothing
+from other hosts."""
 
 from __future__ import annotations
 
-import html
 from importlib import resources
 from typing import Any
 
@@ -15,7 +15,9 @@ from rhytid import __version__
 from rhytid.api.accept import preferred
 from rhytid.api.dependencies import NoQuery
 from rhytid.api.documentation import problems
+from rhytid.api.routes.viewer import viewer_answer
 from rhytid.api.schemas import Root
+from rhytid_viewer import PAGE
 
 JSON, HTML = "application/json", "text/html"
 # Swagger UI, as the package fastapi-swagger holds it.
@@ -40,7 +42,7 @@ router = APIRouter(tags=["service"])
     dependencies=[NoQuery],
 )
 async def root(request: Request) -> Response:
-    """The version, and the paths to start from: as JSON, or as a page where `Accept` prefers
+    """The version, and the paths to start from, as JSON; the viewer, a page, where `Accept` prefers
     `text/html`."""
     prefix = request.scope.get("root_path", "")
     places = {name: prefix + path for name, path in PLACES.items()}
@@ -48,20 +50,9 @@ async def root(request: Request) -> Response:
     if preferred(request, (JSON, HTML)) == JSON:
         found: dict[str, Any] = {"name": "rhytid", "version": __version__, **places}
         return JSONResponse(found, headers=headers)
-    return HTMLResponse(_page(places), headers=headers)
-
-
-def _page(places: dict[str, str]) -> str:
-    links = "".join(
-        f'<li>{name}: <a href="{html.escape(path)}">{html.escape(path)}</a></li>'
-        for name, path in places.items()
-    )
-    return (
-        '<!doctype html><html lang="en"><meta charset="utf-8"><title>rhytid</title>'
-        f"<h1>rhytid {__version__}</h1>"
-        "<p>Displacement tiles for animated faces. Start with the docs.</p>"
-        f"<ul>{links}</ul></html>"
-    )
+    page = viewer_answer(PAGE, request)
+    page.headers.update(headers)
+    return page
 
 
 @router.get("/docs", include_in_schema=False)

@@ -4,27 +4,30 @@
 // Texels are (column, row) of a UDIM's map, row 0 at the top (v = 1). Displacement is in mesh units
 // along the outward normal, furrows negative.
 
-uniform sampler2DArray rhytid_maps;       // codes of the precomputed maps, R8_SNORM
+uniform usampler2DArray rhytid_wrinkles; // of the maps of each bin, numbers of sets
+uniform sampler2DArray rhytid_wrinkle_codes; // what the sets stand for: codes of each sample
+uniform sampler2DArray rhytid_maps; // codes of the other precomputed maps, R8_SNORM
 uniform usampler2DArray rhytid_triangles; // the triangle of each texel
-uniform sampler2D rhytid_weights;         // of the frame, made by the pass of weights.frag, RGBA32F
-#if RHYTID_CUSHION
-uniform sampler2DArray rhytid_cushion_maps;
+uniform sampler2D rhytid_weights; // of the frame, made by the pass weights, RGBA32F
+#if CUSHION
+uniform usampler2DArray rhytid_cushions; // as rhytid_wrinkles, coarse
+uniform sampler2DArray rhytid_cushion_codes;
 uniform usampler2DArray rhytid_cushion_triangles;
-uniform sampler2D rhytid_cushion;         // of the frame, made by the pass of cushion.frag, R32F
+uniform sampler2D rhytid_cushion; // of the frame, made by the pass cushion, R32F
 #endif
 
-// What the codes of two samples of a layer are multiplied by in a triangle, in units of the merge; the
+// What the codes of two samples of a layer are multiplied by in a face, in units of the merge; the
 // first of them; the rise of the depth over the tilts. Of the layer after the pores: how much of the
 // grain shows.
-vec4 rhytid_weights_of(uint triangle, int layer)
+vec4 rhytid_weights_of(int face, int layer)
 {
-    int t = int(triangle), row = t / RHYTID_TRIANGLES_A_ROW;
-    ivec2 at = ivec2(t - row * RHYTID_TRIANGLES_A_ROW, layer * RHYTID_ROWS + row);
-    return texelFetch(rhytid_weights, at, 0);
+    int row = face / RHYTID_TRIANGLES_A_ROW;
+    int column = face - row * RHYTID_TRIANGLES_A_ROW;
+    return rhytid_load(rhytid_weights, ivec2(column, layer * RHYTID_ROWS + row));
 }
 
 // How the heights of layers meet (Alg. 3, line 14), in units of the merge.
-#if RHYTID_MERGE_MIN
+#if MERGE_MIN
 const vec3 RHYTID_NONE_MET = vec3(1e30, 0.0, 0.0);
 
 vec3 rhytid_meet(vec3 met, float height)
@@ -36,8 +39,9 @@ float rhytid_height_of(vec3 met)
 {
     return met.x;
 }
-#elif RHYTID_MERGE_SOFT // the two deepest valleys meet softly, the highest bulge is added
-const vec3 RHYTID_NONE_MET = vec3(0.0);
+#elif MERGE_SOFT
+// The two deepest valleys meet softly, the highest bulge is added.
+const vec3 RHYTID_NONE_MET = vec3(0.0, 0.0, 0.0);
 
 vec3 rhytid_meet(vec3 met, float height)
 {
@@ -55,10 +59,13 @@ float rhytid_height_of(vec3 met)
 vec2 rhytid_mellow(vec2 met, float height)
 {
     float grown = exp2(min(abs(height), 121.9)) - 1.0;
-    return met + (height > 0.0 ? vec2(0.0, grown) : vec2(grown, 0.0));
+    if (height > 0.0) {
+        return vec2(met.x, met.y + grown);
+    }
+    return vec2(met.x + grown, met.y);
 }
 
-#if RHYTID_MERGE_SIGNED
+#if MERGE_SIGNED
 const vec3 RHYTID_NONE_MET = vec3(1.0, 1.0, 0.0);
 
 vec3 rhytid_meet(vec3 met, float height)
@@ -72,23 +79,24 @@ float rhytid_height_of(vec3 met)
 }
 #endif
 
-float rhytid_code(sampler2DArray maps, ivec3 at)
+// What two samples of a bin come to. number: of the set of all of them.
+float rhytid_blended(sampler2DArray codes, int number, vec4 w)
 {
-    return 127.0 * texelFetch(maps, at, 0).r;
+    ivec2 at = ivec2(number % RHYTID_SETS_A_ROW, number / RHYTID_SETS_A_ROW);
+    int first = int(w.z);
+    return w.x * rhytid_code(codes, at, first) + w.y * rhytid_code(codes, at, first + 1);
 }
 
-#if RHYTID_CUSHION
-// One sample of the broad layer, mesh units: of the pass of cushion.frag. at: from the first of the
-// apron on.
+#if CUSHION
+// One sample of the broad layer, mesh units: of the pass cushion. at: from the first of the apron on.
 float rhytid_cushion_sample(ivec2 at)
 {
-    uint triangle = texelFetch(rhytid_cushion_triangles, ivec3(at, 0), 0).r;
-    vec2 met = vec2(1.0);
+    int face = rhytid_number(rhytid_cushion_triangles, at, 0);
+    vec2 met = vec2(1.0, 1.0);
     for (int n = 0; n < RHYTID_BINS; n++) {
-        vec4 w = rhytid_weights_of(triangle, n);
-        int map = n * RHYTID_SAMPLES + int(w.z);
-        float d = w.x * rhytid_code(rhytid_cushion_maps, ivec3(at, map)) +
-                  w.y * rhytid_code(rhytid_cushion_maps, ivec3(at, map + 1));
+        vec4 w = rhytid_weights_of(face, n);
+        int number = rhytid_number(rhytid_cushions, at, n);
+        float d = rhytid_blended(rhytid_cushion_codes, number, w);
         met = rhytid_mellow(met, RHYTID_CUSHION_GAIN * d);
     }
     return RHYTID_CUSHION_UNIT * log2(met.y / met.x);
@@ -98,21 +106,27 @@ float rhytid_cushion_sample(ivec2 at)
 vec4 rhytid_spline(float t)
 {
     float u = 1.0 - t;
-    return vec4(u * u * u, (3.0 * t - 6.0) * t * t + 4.0, ((3.0 - 3.0 * t) * t + 3.0) * t + 1.0,
-                t * t * t) / 6.0;
+    float second = (3.0 * t - 6.0) * t * t + 4.0;
+    float third = ((3.0 - 3.0 * t) * t + 3.0) * t + 1.0;
+    return vec4(u * u * u / 6.0, second / 6.0, third / 6.0, t * t * t / 6.0);
 }
 
 // The broad layer at a texel, by a uniform cubic B-spline.
 float rhytid_cushion_at(ivec2 texel)
 {
-    vec2 at = (vec2(texel) + 0.5) / float(RHYTID_CUSHION_FACTOR) + float(RHYTID_CUSHION_APRON) - 0.5;
-    ivec2 first = ivec2(floor(at)) - 1;
-    vec4 x = rhytid_spline(fract(at.x)), y = rhytid_spline(fract(at.y));
+    float x = (float(texel.x) + 0.5) / float(RHYTID_CUSHION_FACTOR) + float(RHYTID_CUSHION_APRON) - 0.5;
+    float y = (float(texel.y) + 0.5) / float(RHYTID_CUSHION_FACTOR) + float(RHYTID_CUSHION_APRON) - 0.5;
+    int left = int(floor(x)) - 1;
+    int top = int(floor(y)) - 1;
+    vec4 across = rhytid_spline(fract(x));
+    vec4 down = rhytid_spline(fract(y));
     float sum = 0.0;
-    for (int row = 0; row < 4; row++)
-        for (int column = 0; column < 4; column++)
-            sum += y[row] * x[column] *
-                   texelFetch(rhytid_cushion, first + ivec2(column, row), 0).r;
+    for (int row = 0; row < 4; row++) {
+        for (int column = 0; column < 4; column++) {
+            float found = rhytid_load(rhytid_cushion, ivec2(left + column, top + row)).x;
+            sum += down[row] * across[column] * found;
+        }
+    }
     return sum;
 }
 #endif
@@ -121,30 +135,33 @@ float rhytid_cushion_at(ivec2 texel)
 float rhytid_height(ivec2 texel)
 {
     ivec2 part = texel / RHYTID_PAGE;
-    int page = part.y * RHYTID_PAGES_A_ROW + part.x, base = page * RHYTID_MAPS;
+    int page = part.y * RHYTID_PAGES_A_ROW + part.x;
+    int base = page * RHYTID_MAPS;
     ivec2 inner = texel - part * RHYTID_PAGE;
-    uint triangle = texelFetch(rhytid_triangles, ivec3(inner, page), 0).r;
+    int face = rhytid_number(rhytid_triangles, inner, page);
     vec3 met = RHYTID_NONE_MET;
-    for (int n = 0; n <= RHYTID_BINS; n++) {
-        vec4 w = rhytid_weights_of(triangle, n);
-        int map = base + n * RHYTID_SAMPLES + int(w.z);
-        float d = w.x * rhytid_code(rhytid_maps, ivec3(inner, map)) +
-                  w.y * rhytid_code(rhytid_maps, ivec3(inner, map + 1));
-#if RHYTID_TILT
-        if (n < RHYTID_BINS)
-            d += d * w.w * rhytid_code(rhytid_maps, ivec3(inner, base + RHYTID_FIRST_TILT + n));
+    for (int n = 0; n < RHYTID_BINS; n++) {
+        vec4 w = rhytid_weights_of(face, n);
+        int number = rhytid_number(rhytid_wrinkles, inner, page * RHYTID_BINS + n);
+        float d = rhytid_blended(rhytid_wrinkle_codes, number, w);
+#if TILT
+        d += d * w.w * rhytid_code(rhytid_maps, inner, base + RHYTID_FIRST_TILT + n);
 #endif
         met = rhytid_meet(met, d);
     }
-    float height = RHYTID_UNIT * rhytid_height_of(met);
-#if RHYTID_CUSHION
+    vec4 p = rhytid_weights_of(face, RHYTID_BINS);
+    int pore = base + RHYTID_FIRST_PORES + int(p.z);
+    float here = p.x * rhytid_code(rhytid_maps, inner, pore);
+    float next = p.y * rhytid_code(rhytid_maps, inner, pore + 1);
+    float height = RHYTID_UNIT * rhytid_height_of(rhytid_meet(met, here + next));
+#if CUSHION
     height += rhytid_cushion_at(texel);
 #endif
-#if RHYTID_GRAIN
-    float gain = rhytid_weights_of(triangle, RHYTID_BINS + 1).x;
+#if GRAIN
+    vec4 gain = rhytid_weights_of(face, RHYTID_BINS + 1);
     float left = clamp(1.0 + height / RHYTID_DEPTH, 0.25, 1.0);
-    height += RHYTID_GRAIN_STEP * gain * left *
-              rhytid_code(rhytid_maps, ivec3(inner, base + RHYTID_FIRST_GRAIN));
+    float grain = rhytid_code(rhytid_maps, inner, base + RHYTID_FIRST_GRAIN);
+    height += RHYTID_GRAIN_STEP * gain.x * left * grain;
 #endif
     return height;
 }

@@ -10,12 +10,13 @@ struct RhytidStretch {
 };
 
 // x within -low and high; soft by a knee.
-vec2 rhytid_held(vec2 x, float low, float high)
+float rhytid_held(float x, float low, float high)
 {
-#if RHYTID_SOFT_LIMITS
-    x = clamp(x, -1.5 * low, 1.5 * high);
-    vec2 above = max(x - 0.5 * high, 0.0), below = min(x + 0.5 * low, 0.0);
-    return x - above * above / (2.0 * high) + below * below / (2.0 * low);
+#if SOFT_LIMITS
+    float within = clamp(x, -1.5 * low, 1.5 * high);
+    float above = max(within - 0.5 * high, 0.0);
+    float below = min(within + 0.5 * low, 0.0);
+    return within - above * above / (2.0 * high) + below * below / (2.0 * low);
 #else
     return clamp(x, -low, high);
 #endif
@@ -25,51 +26,60 @@ vec2 rhytid_held(vec2 x, float low, float high)
 float rhytid_scale(float r, float exponent, float most)
 {
     const float LOG2_E = 1.44269504;
-#if RHYTID_SOFT_LIMITS
-    float power = rhytid_held(vec2(LOG2_E * exponent * r), log2(RHYTID_SCALE_LIMIT), log2(most)).x;
+#if SOFT_LIMITS
+    float power = rhytid_held(LOG2_E * exponent * r, log2(RHYTID_SCALE_LIMIT), log2(most));
 #else
     float power = clamp(LOG2_E * exponent * r, -100.0, 100.0);
 #endif
     return clamp(exp2(power), 1.0 / RHYTID_SCALE_LIMIT, most);
 }
 
+// Log rho within the limit.
+float rhytid_limited(float value)
+{
+    const float most = RHYTID_LOG_STRETCH_LIMIT;
+    float within = clamp(value, -2.0 * most, 2.0 * most);
+    return clamp(rhytid_held(within, most, most), -most, most);
+}
+
 // at: column and row of a triangle in the weights.
 RhytidStretch rhytid_stretch_of(ivec2 at)
 {
-    at.x *= 2;
-    const float most = RHYTID_LOG_STRETCH_LIMIT;
-    vec2 logs = clamp(texelFetch(rhytid_stretch, at + ivec2(1, 0), 0).xy, -2.0 * most, 2.0 * most);
-    logs = clamp(rhytid_held(logs, most, most), -most, most);
-    return RhytidStretch(logs, texelFetch(rhytid_stretch, at, 0));
+    vec4 logs = rhytid_load(rhytid_stretch, ivec2(2 * at.x + 1, at.y));
+    RhytidStretch found;
+    found.logs = vec2(rhytid_limited(logs.x), rhytid_limited(logs.y));
+    found.axes = rhytid_load(rhytid_stretch, ivec2(2 * at.x, at.y));
+    return found;
 }
 
 // Alg. 1, lines 4 and 5: log stretch across wrinkles along theta.
 float rhytid_across(vec2 theta, RhytidStretch s)
 {
-    vec2 away = vec2(dot(theta, s.axes.xy), dot(theta, s.axes.zw));
-    away = max(1.0 - abs(away), 0.0);
-    return dot(away, s.logs) / (away.x + away.y + 1e-6);
-}
-
-float rhytid_step(int n, int sample_)
-{
-    return n == RHYTID_BINS ? RHYTID_PORE_STEPS[sample_] : RHYTID_STEPS[sample_];
+    float first = max(1.0 - abs(dot(theta, s.axes.xy)), 0.0);
+    float second = max(1.0 - abs(dot(theta, s.axes.zw)), 0.0);
+    return (first * s.logs.x + second * s.logs.y) / (first + second + 1e-6);
 }
 
 // Alg. 3, lines 7 to 10, of bin n, or of the pores: what the codes of two samples are multiplied by, in
 // units of the merge; the first of them; the rise of the depth over the codes of tilts.
 vec4 rhytid_layer(int n, RhytidStretch s)
 {
-    bool pores = n == RHYTID_BINS;
-    int samples = pores ? RHYTID_PORE_SAMPLES : RHYTID_SAMPLES;
-    float exponent = pores ? RHYTID_PORE_EXPONENT : RHYTID_EXPONENT;
-    float most = pores ? RHYTID_PORE_DEPTH_LIMIT : RHYTID_SCALE_LIMIT;
-    bool oriented = !pores && RHYTID_BINS > 1;
+    int samples = RHYTID_SAMPLES;
+    float exponent = RHYTID_EXPONENT;
+    float most = RHYTID_SCALE_LIMIT;
+    if (n == RHYTID_BINS) {
+        samples = RHYTID_PORE_SAMPLES;
+        exponent = RHYTID_PORE_EXPONENT;
+        most = RHYTID_PORE_DEPTH_LIMIT;
+    }
+    bool oriented = n < RHYTID_BINS && RHYTID_BINS > 1;
     float r = 0.5 * (s.logs.x + s.logs.y);
-    if (oriented)
+    if (oriented) {
         r = rhytid_across(RHYTID_DIRECTIONS[3 * n], s);
-    float depth = rhytid_scale(r, -exponent, most), rise = 0.0;
-#if RHYTID_TILT
+    }
+    float depth = rhytid_scale(r, -exponent, most);
+    float rise = 0.0;
+#if TILT
     if (oriented) {
         float before = rhytid_across(RHYTID_DIRECTIONS[3 * n + 1], s);
         float after = rhytid_across(RHYTID_DIRECTIONS[3 * n + 2], s);
@@ -85,14 +95,22 @@ vec4 rhytid_layer(int n, RhytidStretch s)
     int first = min(int(at), samples - 2);
     float share = at - float(first);
     depth /= RHYTID_UNIT;
-    return vec4((1.0 - share) * depth * rhytid_step(n, first),
-                share * depth * rhytid_step(n, first + 1), float(first), rise);
+    float here = (1.0 - share) * depth;
+    float next = share * depth;
+    if (n == RHYTID_BINS) {
+        here *= RHYTID_PORE_STEPS[first];
+        next *= RHYTID_PORE_STEPS[first + 1];
+    } else {
+        here *= RHYTID_STEPS[first];
+        next *= RHYTID_STEPS[first + 1];
+    }
+    return vec4(here, next, float(first), rise);
 }
 
 // How much of the grain shows.
 float rhytid_grain_gain(RhytidStretch s)
 {
-#if RHYTID_GRAIN
+#if GRAIN
     return 0.5 * (rhytid_scale(s.logs.x, -RHYTID_GRAIN_EXPONENT, RHYTID_SCALE_LIMIT) +
                   rhytid_scale(s.logs.y, -RHYTID_GRAIN_EXPONENT, RHYTID_SCALE_LIMIT));
 #else
@@ -106,7 +124,8 @@ vec4 rhytid_weights_at(ivec2 texel)
 {
     int layer = texel.y / RHYTID_ROWS;
     RhytidStretch s = rhytid_stretch_of(ivec2(texel.x, texel.y - layer * RHYTID_ROWS));
-    if (layer > RHYTID_BINS)
+    if (layer > RHYTID_BINS) {
         return vec4(rhytid_grain_gain(s), 0.0, 0.0, 0.0);
+    }
     return rhytid_layer(layer, s);
 }

@@ -69,7 +69,13 @@ export function logStretch(positions, indices, rest, out) {
   }
 }
 
-// The singular values of [[a, b], [0, d]] and the right singular vectors in UV.
+/**
+ * The singular values of [[a, b], [0, d]] and the right singular vectors in UV.
+ * @param {number} a @param {number} b @param {number} d
+ * @param {Float64Array} rest
+ * @param {number} at of the triangle
+ * @param {Float32Array} out
+ */
 function principal(a, b, d, rest, at, out) {
   const sum = a + d, difference = a - d;
   const larger =
@@ -88,6 +94,14 @@ function principal(a, b, d, rest, at, out) {
   out[at + 5] = Math.max(Math.log(smaller), LEAST_LOG);
 }
 
+/**
+ * A direction in the frame of the triangle, as unit vector in UV.
+ * @param {number} x @param {number} y
+ * @param {Float64Array} rest
+ * @param {number} at of the triangle
+ * @param {Float32Array} out
+ * @param {number} to where in out
+ */
 function axis(x, y, rest, at, out, to) {
   const u = rest[at + 4] * x + rest[at + 5] * y, v = rest[at + 6] * x + rest[at + 7] * y;
   const length = Math.sqrt(u * u + v * v);
@@ -95,6 +109,7 @@ function axis(x, y, rest, at, out, to) {
   out[to + 1] = v / length;
 }
 
+/** @param {Float32Array} out @param {number} at of the triangle */
 function unstretched(out, at) {
   out[at] = out[at + 3] = 1;
   out[at + 1] = out[at + 2] = out[at + 4] = out[at + 5] = 0;

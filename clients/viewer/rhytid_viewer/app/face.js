@@ -1,0 +1,150 @@
+// A face that is shown: its view, kept in step with the state of the page.
+
+import { SkinView } from "../view/skin_view.js";
+import { byId, oncePerPicture } from "./dom.js";
+import { showProbe } from "./probe_line.js";
+
+/**
+ * @typedef {import('./state.js').State} State
+ * @typedef {import('./address.js').Place} Place
+ * @typedef {(udim: number, texel: readonly [number, number]) => {height: number, level: number} | null} ExactAt
+ */
+
+// Pictures further apart than so many milliseconds are no movement.
+const STILL = 300;
+// More pixels than these a CSS pixel are not seen, and cost.
+const DENSEST = 2;
+
+export class Face {
+  /**
+   * @param {HTMLCanvasElement} canvas
+   * @param {import('../view/types.js').SkinPackage} skin
+   * @param {import('./state.js').Store} store
+   * @param {{drawn: () => void, moved: () => void, posed: () => void, exactAt: ExactAt}} told drawn: a
+   *   picture is there; moved: the camera is elsewhere; posed: another pose is set
+   * @throws {import('../view/skin_view.js').Unsupported}
+   */
+  constructor(canvas, skin, store, told) {
+    this.canvas = canvas;
+    this.skin = skin;
+    this.store = store;
+    this.told = told;
+    this.view = new SkinView(canvas, skin);
+    this.home = this.place();
+    this.gone = false;
+    /** Pictures a second while something moves, 0 while nothing does. */
+    this.rate = 0;
+    this.drawnAt = 0;
+    this.redraw = oncePerPicture(() => this.draw());
+    /** Where the pointer is, CSS pixels in the canvas. @type {[number, number] | null} */
+    this.pointer = null;
+    this.probeSoon = oncePerPicture(() => this.probe());
+    this.sizes = new ResizeObserver(() => this.fit());
+    this.sizes.observe(byId("picture-area", HTMLElement));
+    this.pose(store.state);
+    this.options(store.state);
+    this.fit();
+  }
+
+  get shapes() {
+    return this.skin.mesh.shapes.map((shape) => shape.name);
+  }
+
+  /** @param {State} state @param {ReadonlySet<keyof State>} changed */
+  follow(state, changed) {
+    if (changed.has("weights")) this.pose(state);
+    this.options(state);
+    this.redraw();
+  }
+
+  /** @param {State} state */
+  pose(state) {
+    this.view.setWeights(Float32Array.from(this.shapes, (name) => state.weights[name] ?? 0));
+    this.told.posed();
+  }
+
+  /** @param {State} state */
+  options({ method, strength, colours, axes, split, light }) {
+    this.view.setOptions({ method, strength, colours, axes, split, light });
+  }
+
+  fit() {
+    const { clientWidth, clientHeight } = this.canvas;
+    const density = Math.min(window.devicePixelRatio || 1, DENSEST);
+    const [width, height] = [clientWidth, clientHeight].map((side) => Math.max(1, Math.round(side * density)));
+    if (this.canvas.width !== width || this.canvas.height !== height) {
+      Object.assign(this.canvas, { width, height });
+      this.told.moved();
+    }
+    this.redraw();
+  }
+
+  draw() {
+    if (this.gone) return;
+    this.view.draw();
+    this.probeSoon();
+    const now = performance.now();
+    const apart = now - this.drawnAt;
+    this.drawnAt = now;
+    const rate = 1000 / Math.max(apart, 1);
+    this.rate = apart > STILL ? 0 : this.rate ? 0.9 * this.rate + 0.1 * rate : rate;
+    this.told.drawn();
+  }
+
+  /** Do something with the camera. @param {(camera: SkinView["camera"]) => void} change */
+  move(change) {
+    change(this.view.camera);
+    this.told.moved();
+    this.redraw();
+  }
+
+  /** @returns {Place} */
+  place() {
+    const { target, distance, yaw, pitch, fov } = this.view.camera;
+    return { target: [...target], distance, yaw, pitch, fov };
+  }
+
+  /** @param {Place} place */
+  moveTo({ target, ...others }) {
+    this.move((camera) => Object.assign(camera, { ...others, target: [...target] }));
+  }
+
+  /** Look at what lies there. @param {number} x @param {number} y CSS pixels in the canvas */
+  centre(x, y) {
+    const found = this.view.probe(x, y);
+    if (!found) return;
+    const { centre } = this.skin.manifest.mesh;
+    const [px, py, pz] = found.position.map((value, axis) => value - centre[axis]);
+    this.move((camera) => (camera.target = [px, py, pz]));
+  }
+
+  /** @param {number} x @param {number} y CSS pixels in the canvas */
+  pointAt(x, y) {
+    this.pointer = [x, y];
+    this.probeSoon();
+  }
+
+  probe() {
+    if (this.gone || !this.pointer) return;
+    const found = this.view.probe(...this.pointer);
+    const exact = found && this.told.exactAt(found.udim, found.texel);
+    if (found && exact) found.displacement = exact.height;
+    showProbe(found, this.skin.manifest, exact?.level ?? 0);
+  }
+
+  /** Save the picture as a file. */
+  async save() {
+    const blob = await this.view.picture();
+    const link = document.createElement("a");
+    link.href = URL.createObjectURL(blob);
+    link.download = `rhytid-${this.skin.manifest.asset}-${this.store.state.method}.png`;
+    link.click();
+    setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
+  }
+
+  dispose() {
+    this.gone = true;
+    this.sizes.disconnect();
+    this.view.dispose();
+  }
+}

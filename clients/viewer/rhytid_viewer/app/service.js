@@ -1,0 +1,168 @@
+// Where skin comes from: a running service, or the package beside the page.
+
+const KEY = "rhytid-key";
+// Milliseconds until a job is asked about again.
+const POLL = 250;
+
+/** An answer that is no success. */
+export class Refused extends Error {
+  /** @param {number} status @param {string} detail */
+  constructor(status, detail) {
+    super(detail);
+    this.status = status;
+  }
+}
+
+/**
+ * What the service says of an asset.
+ * @typedef {{id: string, state: string, job: string | null, reason: string | null, vertices: number,
+ *   triangles: number, settings: Record<string, any>}} Asset
+ * @typedef {{id: string, state: string, progress: number, stage: string, detail: string}} Job
+ */
+
+/** Calls of a service. */
+export class Service {
+  /**
+   * @param {URL} root of the service
+   * @param {(wrong: boolean) => Promise<string>} askKey asks a person for a key; wrong: the one that
+   *   was used is not valid
+   */
+  constructor(root, askKey) {
+    this.root = root;
+    this.askKey = askKey;
+    /** @type {Promise<string> | null} */
+    this.asking = null;
+  }
+
+  /** Headers that every call has. @returns {Record<string, string>} */
+  headers() {
+    const key = sessionStorage.getItem(KEY);
+    return key ? { Authorization: `Bearer ${key}` } : {};
+  }
+
+  /** @param {string} path such as v1/assets */
+  url(path) {
+    return new URL(path, this.root).href;
+  }
+
+  /**
+   * Ask, with a key where one is needed.
+   * @param {string} path
+   * @param {RequestInit} [options]
+   * @returns {Promise<Response>} a success
+   * @throws {Refused} with what the service says; TypeError where it is not reached
+   */
+  async call(path, options = {}) {
+    for (;;) {
+      const used = this.headers();
+      const given = /** @type {Record<string, string>} */ (options.headers ?? {});
+      const answer = await fetch(this.url(path), { ...options, headers: { ...used, ...given } });
+      if (answer.ok) return answer;
+      if (answer.status !== 401) throw await refused(answer);
+      await this.newKey(Boolean(used.Authorization));
+    }
+  }
+
+  /** Ask for a key, once for all calls that need one. @param {boolean} wrong */
+  async newKey(wrong) {
+    this.asking ??= this.askKey(wrong).finally(() => (this.asking = null));
+    sessionStorage.setItem(KEY, await this.asking);
+  }
+
+  /** @returns {Promise<Asset[]>} */
+  async assets() {
+    return (await this.call("v1/assets")).json();
+  }
+
+  /** Whether it answers. @returns {Promise<boolean>} */
+  async alive() {
+    try {
+      const signal = AbortSignal.timeout(5000);
+      return (await fetch(this.url("healthz"), { signal, cache: "no-store" })).ok;
+    } catch {
+      return false;
+    }
+  }
+
+  /**
+   * Files of the package of an asset. A service makes it when it is first asked for.
+   * @param {string} asset
+   * @param {(job: Job) => void} onMaking
+   * @returns {import('../view/types.js').Read}
+   */
+  reader(asset, onMaking) {
+    return async (path, onProgress) => {
+      for (;;) {
+        // Coarser levels are not shown.
+        const answer = await this.call(`v1/assets/${asset}/package/${path}?levels=1`);
+        if (answer.status !== 202) return body(answer, onProgress);
+        await this.made(await answer.json(), onMaking);
+      }
+    };
+  }
+
+  /** Until a job has ended. @param {Job} job @param {(job: Job) => void} onProgress */
+  async made(job, onProgress) {
+    let now = job;
+    while (now.state === "queued" || now.state === "running") {
+      onProgress(now);
+      await new Promise((resolve) => setTimeout(resolve, POLL));
+      now = await (await this.call(`v1/jobs/${job.id}`)).json();
+    }
+    if (now.state !== "done") throw new Error(now.detail || `The package was ${now.state}.`);
+  }
+}
+
+/** Files beside the page. @param {URL} root @returns {import('../view/types.js').Read} */
+export function packageReader(root) {
+  return async (path, onProgress) => {
+    const answer = await fetch(new URL(path, root));
+    if (!answer.ok) throw new Refused(answer.status, `${path}: the server answers ${answer.status}`);
+    return body(answer, onProgress);
+  };
+}
+
+/** Whether a service gave this page: it tells of itself as JSON. @param {URL} root */
+export async function isService(root) {
+  const answer = await fetch(root, { headers: { Accept: "application/json" } });
+  if (!answer.headers.get("content-type")?.startsWith("application/json")) return null;
+  const told = await answer.json();
+  return told?.name === "rhytid" ? /** @type {Record<string, string>} */ (told) : null;
+}
+
+/**
+ * @param {Response} answer
+ * @param {((bytes: number, total: number) => void) | undefined} onProgress
+ */
+async function body(answer, onProgress) {
+  if (!onProgress || !answer.body) return answer.arrayBuffer();
+  const total = Number(answer.headers.get("content-length") ?? 0);
+  const pieces = [];
+  let bytes = 0;
+  for await (const piece of chunks(answer.body)) {
+    pieces.push(piece);
+    bytes += piece.length;
+    onProgress(bytes, Math.max(total, bytes));
+  }
+  return new Blob(pieces).arrayBuffer();
+}
+
+/**
+ * @param {ReadableStream<Uint8Array<ArrayBuffer>>} stream
+ * @returns {AsyncGenerator<Uint8Array<ArrayBuffer>>}
+ */
+export async function* chunks(stream) {
+  const reader = stream.getReader();
+  for (let next = await reader.read(); !next.done; next = await reader.read()) yield next.value;
+}
+
+/** @param {Response} answer */
+async function refused(answer) {
+  let detail = `${answer.status} ${answer.statusText}`;
+  try {
+    detail = (await answer.json()).detail ?? detail;
+  } catch {
+    // Not from the service, such as the page of a proxy.
+  }
+  return new Refused(answer.status, detail);
+}

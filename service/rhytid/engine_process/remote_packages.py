@@ -1,0 +1,21 @@
+"""Skin packages of an engine in another process."""
+
+from __future__ import annotations
+
+from rhytid.engine.messages import JobInfo, Package
+from rhytid.engine_process.remote_jobs import RemoteJobs
+from rhytid.engine_process.requests import Request
+from rhytid.engine_process.supervisors import Supervisors
+
+
+class RemotePackages:
+    """The calls of `PackageService`."""
+
+    def __init__(self, supervisor: Supervisors, jobs: RemoteJobs) -> None:
+        self._supervisor, self._jobs = supervisor, jobs
+
+    def of(self, asset: str, levels: int = 1) -> Package | JobInfo:
+        """As `PackageService.of`."""
+        request = Request("packages.of", (asset, levels))
+        found: Package | JobInfo = self._supervisor.call(request)
+        return self._jobs.keep(found) if isinstance(found, JobInfo) else found

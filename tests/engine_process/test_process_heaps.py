@@ -1,0 +1,59 @@
+"""Memory of the C library in the process of the device."""
+
+from __future__ import annotations
+
+import platform
+import subprocess
+import sys
+
+import pytest
+
+pytestmark = pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="others have no settings")
+
+# Prints how many heaps there are, apart from the first, when eight threads have allocated.
+HEAPS = """
+import ctypes, threading
+from rhytid.engine_process import heaps
+heaps.keep_few()
+allocate, met = ctypes.CDLL(None).malloc, threading.Barrier(9)
+def work():
+    allocate(100_000)
+    met.wait()
+    met.wait()
+for _ in range(8):
+    threading.Thread(target=work, daemon=True).start()
+met.wait()
+starts = [int(line.partition("-")[0], 16) for line in open("/proc/self/maps")]
+print(sum(start % (64 << 20) == 0 for start in starts))
+"""
+# Prints by how many MiB it shrinks: every second block of 64 KiB was freed.
+SHRINKS = """
+import ctypes, os, sys
+from rhytid.engine_process import heaps
+library = ctypes.CDLL(None)
+library.malloc.restype = library.memset.restype = ctypes.c_void_p
+library.free.argtypes = library.memset.argtypes = None
+blocks = [ctypes.c_void_p(library.malloc(1 << 16)) for _ in range(1024)]
+for block in blocks:
+    library.memset(block, 1, 1 << 16)
+for block in blocks[::2]:
+    library.free(block)
+def resident():
+    return int(open("/proc/self/statm").read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+before = resident()
+heaps.give_back()
+print((before - resident()) >> 20)
+"""
+
+
+def printed(program: str) -> int:
+    command = [sys.executable, "-c", program]
+    return int(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+
+
+def test_threads_share_few_heaps() -> None:
+    assert printed(HEAPS) <= 1
+
+
+def test_gaps_go_back_to_the_system() -> None:
+    assert printed(SHRINKS) >= 16
