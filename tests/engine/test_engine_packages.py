@@ -44,7 +44,7 @@ def made(engine: Engine, asset: str, levels: int = 1) -> Package:
 
 def kept(engine: Engine) -> list[Path]:
     """Every package on disk; nothing else is left behind."""
-    store = engine._store._partial.parent
+    store = engine._store._folders.partial.parent
     assert list((store / "partial").iterdir()) == []
     return sorted((store / "packages").glob("*/*"))
 

@@ -16,15 +16,17 @@ out vec2 v_uv;
 flat out vec3 v_along_u;
 flat out vec3 v_along_v;
 flat out float v_stretch;
+flat out float v_crosses;
 
 void main() {
   vec3 p = position_of(a_vertex), n = normal_of(a_vertex);
   v_position = p;
   v_normal = n;
   v_uv = a_uv;
-  v_along_u = gradient_of(a_triangle, 0);
-  v_along_v = gradient_of(a_triangle, 1);
-  vec4 logs = stretch_of(a_triangle, 1);
+  v_crosses = float(crosses());
+  v_along_u = gradient_of(triangle_of(), 0);
+  v_along_v = gradient_of(triangle_of(), 1);
+  vec4 logs = stretch_of(triangle_of(), 1);
   v_stretch = 0.5 * (logs.x + logs.y);
   float away = sqrt(max(1.0 - dot(n, u_light) * dot(n, u_light), 0.0));
   v_shadow = 0.5 + 0.5 * (u_shadow_matrix * vec4(p + u_shadow_offset * (0.5 + away) * n, 1.0)).xyz;
@@ -41,8 +43,7 @@ export const STRETCH_COLOURS = [
   [0.36, 0.015, 0.02],
 ];
 
-const FRAGMENT = `#version 300 es
-precision highp float;
+const FRAGMENT = `precision highp float;
 precision highp int;
 precision highp sampler2D;
 precision highp sampler2DShadow;
@@ -57,6 +58,7 @@ uniform sampler2DShadow u_shadow;
 uniform float u_shadow_spread;
 uniform float u_unit;               // of relief, mesh units, with the strength
 uniform vec3 u_light;
+uniform vec3 u_fill;                // towards a weak light from the other side
 uniform vec3 u_eye;
 uniform bool u_colours;
 uniform float u_cavity;             // how much darker it is at the largest displacement
@@ -67,14 +69,16 @@ in vec2 v_uv;
 flat in vec3 v_along_u;
 flat in vec3 v_along_v;
 flat in float v_stretch;
+flat in float v_crosses;
 out vec4 o_colour;
 
 const float PI = 3.14159265;
 const vec3 SKIN = vec3(0.51, 0.37, 0.315);
 const vec3 LIGHT = vec3(1.04, 1.0, 0.96); // what white that faces it sends back
 const vec3 SHINE = 3.4 * vec3(0.96, 1.0, 1.04);
-const vec3 SKY = vec3(0.23, 0.24, 0.26);
-const vec3 GROUND = vec3(0.10, 0.088, 0.08);
+const vec3 FILL = vec3(0.18, 0.188, 0.203);
+const vec3 SKY = vec3(0.16, 0.168, 0.18);
+const vec3 GROUND = vec3(0.075, 0.066, 0.06);
 
 // Slopes over a texel, by a cubic B-spline through the heights: two taps of the filter beside each other
 // are a pair of samples, weighted.
@@ -153,6 +157,9 @@ vec3 srgb(vec3 x) {
 
 void main() {
   vec2 dx = dFdx(v_uv), dy = dFdy(v_uv);
+#if CROSSING
+  if (v_crosses > 0.5 && (any(lessThan(v_uv, vec2(0.0))) || any(greaterThanEqual(v_uv, vec2(1.0))))) discard;
+#endif
   vec3 n = normalize(v_normal), v = normalize(u_eye - v_position);
   if (!gl_FrontFacing) {
     o_colour = vec4(srgb(vec3(0.018, 0.014, 0.013) * (0.6 + 0.4 * abs(dot(n, v)))), 1.0);
@@ -179,10 +186,11 @@ void main() {
   const vec3 WRAP = vec3(0.16, 0.08, 0.06);
   vec3 key = vec3(wrapped(dot(soft, u_light), WRAP).r, wrapped(dot(bumpy, u_light), WRAP).gb);
   float cavity = clamp(1.0 + u_cavity * relief.x, 0.5, 1.1);
-  vec3 around = mix(GROUND, SKY, 0.5 + 0.5 * bumpy.y) + 0.12 * max(dot(bumpy, v), 0.0);
+  float half_ = 0.5 + 0.5 * dot(bumpy, u_fill);
+  vec3 around = mix(GROUND, SKY, 0.5 + 0.5 * bumpy.y) + FILL * half_ * half_;
   vec3 colour = skin * (LIGHT * lit * key + cavity * around);
   float gloss = 0.6 * shine(bumpy, v, u_light, 0.09 + 2.0 * rough) + 0.4 * shine(bumpy, v, u_light, 0.025 + 2.0 * rough);
-  colour += (u_colours ? 0.4 : 1.0) * SHINE * lit * gloss;
+  colour += (u_colours ? 0.4 : 1.0) * (SHINE * lit * gloss + 2.0 * FILL * shine(bumpy, v, u_fill, 0.12 + 2.0 * rough));
   float grazing = pow(1.0 - max(dot(bumpy, v), 0.0), 5.0);
   colour += cavity * (0.02 + 0.25 * grazing) * SKY;
   o_colour = vec4(srgb(colour), 1.0);
@@ -193,7 +201,7 @@ export class Surface {
   constructor(gl, mesh) {
     this._gl = gl;
     this._mesh = mesh;
-    this._program = new Program(gl, 'surface', VERTEX, FRAGMENT);
+    this._program = new Program(gl, 'surface', VERTEX, `#version 300 es\n#define CROSSING ${Number(mesh.crossing)}\n${FRAGMENT}`);
     this._corners = mesh.vertexArray(this._program);
   }
 
