@@ -47,7 +47,7 @@ class Grains:
             self._planes = GrainPlanes(device, mesh, settings.shape.grain_size, shares)
 
     def codes(self, squares: Sequence[Square]) -> list[Buffer] | None:
-        """Of tiles (row, column, texels per side) of level 0."""
+        """Codes of tiles (row, column, texels per side) of level 0."""
         if self._planes is None:
             return None
         for square in squares:
@@ -58,7 +58,7 @@ class Grains:
         return [self._codes[square] for square in squares]
 
     def add(self, out: Buffer, stretch: StretchBuffers, square: Square) -> None:
-        """To the heights of a square of level 0 in a frame."""
+        """Add grain to the heights of a square of level 0 in a frame."""
         if self._planes is None:
             return
         side = self._settings.tile_size

@@ -134,7 +134,7 @@ export class Textures {
       R32F: { internal: gl.R32F, format: gl.RED, type: gl.FLOAT, bytes: 4 },
       RGBA16F: { internal: gl.RGBA16F, format: gl.RGBA, type: gl.HALF_FLOAT, bytes: 8 },
       RGBA32F: { internal: gl.RGBA32F, format: gl.RGBA, type: gl.FLOAT, bytes: 16 },
-      DEPTH: { internal: gl.DEPTH_COMPONENT24, format: gl.DEPTH_COMPONENT, type: gl.UNSIGNED_INT, bytes: 4 },
+      DEPTH: { internal: gl.DEPTH_COMPONENT16, format: gl.DEPTH_COMPONENT, type: gl.UNSIGNED_SHORT, bytes: 2 },
     };
   }
 

@@ -6,6 +6,7 @@ import { Textures } from './gl.js';
 /** @typedef {import('./pose.js').Pose} Pose */
 
 const A_ROW = 1024;
+const CROSSING = 1 << 30; // marks triangles that are drawn in several UDIMs, a part in each
 
 /** How a vertex shader reads them. */
 export const MESH = `
@@ -20,6 +21,8 @@ uniform int u_triangles_a_row;
 in uint a_vertex;
 in uint a_triangle;
 in vec2 a_uv;
+uint triangle_of() { return a_triangle & ${CROSSING - 1}u; }
+bool crosses() { return a_triangle >= ${CROSSING}u; }
 
 vec3 position_of(uint i) { return texelFetch(u_positions, ivec2(i & ${A_ROW - 1}u, i / ${A_ROW}u), 0).xyz; }
 vec3 normal_of(uint i) { return texelFetch(u_normals, ivec2(i & ${A_ROW - 1}u, i / ${A_ROW}u), 0).xyz; }
@@ -47,10 +50,14 @@ export class MeshTextures {
     this.positions = textures.plain('RGBA32F', A_ROW, this._vertices.length / 4 / A_ROW);
     this.normals = textures.plain('RGBA32F', A_ROW, this._vertices.length / 4 / A_ROW);
     this.gradients = textures.plain('RGBA32F', A_ROW, this._halves.length / 4 / A_ROW);
-    /** UDIM of every triangle. */
+    /** UDIMs that every triangle reaches into. */
     this.udims = udimsOf(mesh, manifest.udims);
+    /** Whether triangles cross borders of UDIMs. */
+    this.crossing = this.udims.some((those) => those.length > 1);
     /** The corners to draw by UDIM: the first, and how many. @type {Map<number, [number, number]>} */
     this.parts = new Map();
+    /** All corners. */
+    this.corners = 3 * this.udims.reduce((sum, those) => sum + those.length, 0);
     this._corners = this._order(mesh, manifest.udims);
   }
 
@@ -91,20 +98,21 @@ export class MeshTextures {
 
   /** @param {import('./types.js').PackageMesh} mesh @param {number[]} udims */
   _order(mesh, udims) {
-    const vertices = new Uint32Array(mesh.indices.length), triangles = new Uint32Array(mesh.indices.length);
-    const uvs = new Float32Array(2 * mesh.indices.length);
+    const vertices = new Uint32Array(this.corners), triangles = new Uint32Array(this.corners);
+    const uvs = new Float32Array(2 * this.corners);
     let to = 0;
     for (const udim of udims) {
       const first = to, [column, row] = origin(udim);
-      for (let corner = 0; corner < mesh.indices.length; corner++) {
-        const triangle = Math.floor(corner / 3), vertex = mesh.indices[corner];
-        if (this.udims[triangle] !== udim) continue;
-        vertices[to] = vertex;
-        triangles[to] = triangle;
-        uvs[2 * to] = mesh.uvs[2 * vertex] - column;
-        uvs[2 * to + 1] = mesh.uvs[2 * vertex + 1] + row;
-        to++;
-      }
+      this.udims.forEach((those, triangle) => {
+        if (!those.includes(udim)) return;
+        for (let corner = 0; corner < 3; corner++, to++) {
+          const vertex = mesh.indices[3 * triangle + corner];
+          vertices[to] = vertex;
+          triangles[to] = those.length > 1 ? triangle | CROSSING : triangle;
+          uvs[2 * to] = mesh.uvs[2 * vertex] - column;
+          uvs[2 * to + 1] = mesh.uvs[2 * vertex + 1] + row;
+        }
+      });
       this.parts.set(udim, [first, to - first]);
     }
     return {
@@ -128,19 +136,32 @@ export function origin(udim) {
   return [(udim - 1001) % 10, Math.floor((udim - 1001) / 10)];
 }
 
-/** The UDIM of every triangle, by its middle. @param {import('./types.js').PackageMesh} mesh @param {number[]} udims */
-function udimsOf(mesh, udims) {
-  const out = new Uint16Array(mesh.indices.length / 3);
-  for (let t = 0; t < out.length; t++) {
-    let u = 0, v = 0;
-    for (let corner = 0; corner < 3; corner++) {
-      u += mesh.uvs[2 * mesh.indices[3 * t + corner]] / 3;
-      v += (1 - mesh.uvs[2 * mesh.indices[3 * t + corner] + 1]) / 3;
-    }
-    const udim = 1001 + Math.floor(u) + 10 * Math.floor(v);
-    out[t] = udims.includes(udim) ? udim : udims[0];
-  }
-  return out;
+/** UDIM at a place. @param {number} u @param {number} v down */
+export function udimAt(u, v) {
+  return 1001 + Math.floor(u) + 10 * Math.floor(1 - v);
+}
+
+/**
+ * The UDIMs that every triangle reaches into by more than rounding; the first is that of its middle.
+ * @param {import('./types.js').PackageMesh} mesh @param {number[]} udims that there are
+ */
+function udimsOf({ uvs, indices }, udims) {
+  return Array.from({ length: indices.length / 3 }, (_, t) => {
+    const corners = [0, 1, 2].map((corner) => 2 * indices[3 * t + corner]);
+    const us = corners.map((at) => uvs[at]), vs = corners.map((at) => 1 - uvs[at + 1]);
+    const middle = 1001 + Math.floor((us[0] + us[1] + us[2]) / 3) + 10 * Math.floor((vs[0] + vs[1] + vs[2]) / 3);
+    const found = [middle];
+    for (let row = inside(Math.min(...vs), 1); row <= inside(Math.max(...vs), -1); row++)
+      for (let column = inside(Math.min(...us), 1); column <= inside(Math.max(...us), -1); column++)
+        found.push(1001 + column + 10 * row);
+    const there = found.filter((udim, i) => udims.includes(udim) && found.indexOf(udim) === i);
+    return there.length ? there : [udims[0]];
+  });
+}
+
+/** The whole part of a bound that lies a little further inside. @param {number} at @param {number} sign */
+function inside(at, sign) {
+  return Math.floor(at + sign * 1e-5);
 }
 
 /** Room for so many texels of four floats in whole rows. @param {number} texels */

@@ -39,8 +39,8 @@ export class Shadow {
     this.texel = (2 * radius) / SIDE;
   }
 
-  /** @param {Vector} light towards it, of length 1 @param {number} count of corners */
-  draw(light, count) {
+  /** @param {Vector} light towards it, of length 1 */
+  draw(light) {
     const gl = this._gl;
     const right = normalized(cross(Math.abs(light[1]) < 0.9 ? [0, 1, 0] : [1, 0, 0], light));
     this.matrix = product(orthographic(this._radius), lookMatrix([0, 0, 0], right, cross(light, right), light));
@@ -50,7 +50,7 @@ export class Shadow {
     gl.disable(gl.CULL_FACE);
     gl.clear(gl.DEPTH_BUFFER_BIT);
     gl.bindVertexArray(this._corners);
-    gl.drawArrays(gl.TRIANGLES, 0, count);
+    gl.drawArrays(gl.TRIANGLES, 0, this._mesh.corners);
     gl.bindVertexArray(null);
   }
 }

@@ -5,7 +5,7 @@ import { Camera } from './camera.js';
 import { ExactTiles } from './exact_tiles.js';
 import { Textures, Unsupported, createContext } from './gl.js';
 import { Heights } from './heights.js';
-import { MeshTextures, origin } from './mesh_textures.js';
+import { MeshTextures, origin, udimAt } from './mesh_textures.js';
 import { pick } from './pick.js';
 import { Pose } from './pose.js';
 import { Slopes } from './relief.js';
@@ -168,12 +168,12 @@ export class SkinView {
     const hit = pick(this._pose.positions, indices, from, direction);
     if (!hit) return null;
     const { triangle, weights } = hit, { resolution, mesh } = this._manifest;
-    const udim = this._mesh.udims[triangle], [column, row] = origin(udim);
-    const uv = [-column, row];
-    weights.forEach((weight, corner) => {
-      for (const axis of [0, 1]) uv[axis] += weight * uvs[2 * indices[3 * triangle + corner] + axis];
-    });
-    const [s, t] = uv.map((at) => Math.max(0, Math.min(resolution - 1, Math.floor(at * resolution))));
+    const [u, v] = [0, 1].map((axis) =>
+      weights.reduce((sum, weight, corner) => sum + weight * uvs[2 * indices[3 * triangle + corner] + axis], 0),
+    );
+    const those = this._mesh.udims[triangle], udim = those.find((one) => one === udimAt(u, v)) ?? those[0];
+    const [column, row] = origin(udim);
+    const [s, t] = [u - column, v + row].map((at) => Math.max(0, Math.min(resolution - 1, Math.floor(at * resolution))));
     const stretch = this._pose.stretch.subarray(8 * triangle);
     const where = add(add(from, scaled(direction, hit.distance)), /** @type {Vector} */ (mesh.centre));
     return {
@@ -217,7 +217,7 @@ export class SkinView {
     });
     camera.radius = this._radius;
     camera.distance = (1.05 * this._radius) / Math.sin(camera.fov / 2);
-    camera.range = [this._radius / 2000, 4 * camera.distance];
+    camera.range = [this._radius / 300, 4 * camera.distance];
     return camera;
   }
 
@@ -229,7 +229,7 @@ export class SkinView {
     if (method !== 'neutral') this._draw('posed', this._pose.stretch);
     if (stale.mesh) this._heights.begin(this._pose.stretch);
     stale.mesh = false;
-    if (stale.shadow) this._shadow.draw(normalized(light), this.skinPackage.mesh.indices.length);
+    if (stale.shadow) this._shadow.draw(normalized(light));
     stale.shadow = false;
   }
 

@@ -16,15 +16,17 @@ out vec2 v_uv;
 flat out vec3 v_along_u;
 flat out vec3 v_along_v;
 flat out float v_stretch;
+flat out float v_crosses;
 
 void main() {
   vec3 p = position_of(a_vertex), n = normal_of(a_vertex);
   v_position = p;
   v_normal = n;
   v_uv = a_uv;
-  v_along_u = gradient_of(a_triangle, 0);
-  v_along_v = gradient_of(a_triangle, 1);
-  vec4 logs = stretch_of(a_triangle, 1);
+  v_crosses = float(crosses());
+  v_along_u = gradient_of(triangle_of(), 0);
+  v_along_v = gradient_of(triangle_of(), 1);
+  vec4 logs = stretch_of(triangle_of(), 1);
   v_stretch = 0.5 * (logs.x + logs.y);
   float away = sqrt(max(1.0 - dot(n, u_light) * dot(n, u_light), 0.0));
   v_shadow = 0.5 + 0.5 * (u_shadow_matrix * vec4(p + u_shadow_offset * (0.5 + away) * n, 1.0)).xyz;
@@ -41,8 +43,7 @@ export const STRETCH_COLOURS = [
   [0.36, 0.015, 0.02],
 ];
 
-const FRAGMENT = `#version 300 es
-precision highp float;
+const FRAGMENT = `precision highp float;
 precision highp int;
 precision highp sampler2D;
 precision highp sampler2DShadow;
@@ -68,6 +69,7 @@ in vec2 v_uv;
 flat in vec3 v_along_u;
 flat in vec3 v_along_v;
 flat in float v_stretch;
+flat in float v_crosses;
 out vec4 o_colour;
 
 const float PI = 3.14159265;
@@ -155,6 +157,9 @@ vec3 srgb(vec3 x) {
 
 void main() {
   vec2 dx = dFdx(v_uv), dy = dFdy(v_uv);
+#if CROSSING
+  if (v_crosses > 0.5 && (any(lessThan(v_uv, vec2(0.0))) || any(greaterThanEqual(v_uv, vec2(1.0))))) discard;
+#endif
   vec3 n = normalize(v_normal), v = normalize(u_eye - v_position);
   if (!gl_FrontFacing) {
     o_colour = vec4(srgb(vec3(0.018, 0.014, 0.013) * (0.6 + 0.4 * abs(dot(n, v)))), 1.0);
@@ -196,7 +201,7 @@ export class Surface {
   constructor(gl, mesh) {
     this._gl = gl;
     this._mesh = mesh;
-    this._program = new Program(gl, 'surface', VERTEX, FRAGMENT);
+    this._program = new Program(gl, 'surface', VERTEX, `#version 300 es\n#define CROSSING ${Number(mesh.crossing)}\n${FRAGMENT}`);
     this._corners = mesh.vertexArray(this._program);
   }
 

@@ -3,7 +3,7 @@
 import { origin } from './mesh_textures.js';
 
 /** @typedef {import('./types.js').TileAddress} TileAddress */
-/** @typedef {{positions: Float32Array, indices: Uint32Array, uvs: Float32Array, udims: Uint16Array}} Posed */
+/** @typedef {{positions: Float32Array, indices: Uint32Array, uvs: Float32Array, udims: number[][]}} Posed udims: of every triangle */
 /** @typedef {{resolution: number, tile: number}} Grid texels a side of a map and of a tile */
 /** @typedef {{triangle: number, texels: number, pixels: number, middle: number}} Seen areas, and how
  *   far from the middle of the picture */
@@ -116,7 +116,6 @@ function levelOf(seen, grid) {
  * @param {number} side of the map @param {number} tile texels a side, both of the level
  */
 function* tilesOf({ indices, uvs, udims }, triangle, level, side, tile) {
-  const udim = udims[triangle], [column, row] = origin(udim);
   const corners = [0, 1, 2].map((corner) => indices[3 * triangle + corner]);
   const count = side / tile;
   /** @param {number[]} places */
@@ -125,7 +124,10 @@ function* tilesOf({ indices, uvs, udims }, triangle, level, side, tile) {
     const held = (at) => Math.max(0, Math.min(count - 1, Math.floor(at * count)));
     return [held(Math.min(...places)), held(Math.max(...places))];
   };
-  const columns = span(corners.map((i) => uvs[2 * i] - column)), rows = span(corners.map((i) => uvs[2 * i + 1] + row));
-  for (let y = rows[0]; y <= rows[1]; y++)
-    for (let x = columns[0]; x <= columns[1]; x++) yield { udim, level, row: y, column: x };
+  for (const udim of udims[triangle]) {
+    const [column, row] = origin(udim);
+    const columns = span(corners.map((i) => uvs[2 * i] - column)), rows = span(corners.map((i) => uvs[2 * i + 1] + row));
+    for (let y = rows[0]; y <= rows[1]; y++)
+      for (let x = columns[0]; x <= columns[1]; x++) yield { udim, level, row: y, column: x };
+  }
 }
