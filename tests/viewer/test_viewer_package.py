@@ -124,6 +124,10 @@ def test_keys_do_what_the_list_says(look: Look) -> None:
     keys.down("l")
     assert changed("ArrowLeft") == {"light"}
     keys.up("l")
+    look.page.focus("#light")
+    before = look.state()["light"]
+    assert changed("ArrowRight", "ArrowUp") == {"light"}
+    assert np.linalg.norm(np.subtract(look.state()["light"], before)) > 0.05
     assert changed("r") == {"camera", "light"}
     assert look.state()["camera"] == at_first["camera"]
     look.page.get_by_label("smile", exact=True).focus()

@@ -117,6 +117,22 @@ def test_tiles_of_an_outdated_pose_are_not_shown(
     assert http.get(frame).status_code == 404
 
 
+def test_a_frame_that_the_service_forgot_is_sent_again(
+    open_page: Opened, served: Served, http: httpx.Client
+) -> None:
+    page = open_page(f"{served.url}#weights=smile:1&method=exact").ready()
+    page.until(EXACT)
+    frame = page.page.evaluate("rhytid.served.exact.frame")
+    http.delete(frame).raise_for_status()
+    page.page.focus("#canvas")
+    for _ in range(12):
+        page.page.keyboard.press("+")
+    page.still()
+    page.until(EXACT)
+
+    assert http.get(frame).status_code == 200
+
+
 def test_a_restart_of_the_service_is_survived(open_page: Opened, served: Served) -> None:
     page = open_page(f"{served.url}#weights=smile:1&method=exact&split=0.3").ready()
     page.until(EXACT)

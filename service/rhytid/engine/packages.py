@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import threading
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 
@@ -16,7 +17,7 @@ from rhytid.engine.keys import package_key
 from rhytid.engine.messages import JobInfo, Package
 from rhytid.engine.tile_service import TileService
 from rhytid.errors import CancelledError, ConflictError, LimitError, NotFoundError, SettingsError
-from rhytid.skin_package.maps import SkinMaps
+from rhytid.skin_package.maps import SkinMaps, check_settings
 from rhytid.skin_package.package import PackageWriter
 from rhytid.storage.packages import files
 from rhytid.storage.store import AssetStore
@@ -96,13 +97,10 @@ class PackageService:
             making = self._making.get(name)
             if making is not None and not making.job.ended:
                 return making
-        maps = self._maps(asset)  # it may have to load the asset
-        with self._lock:
-            making = self._making.get(name)
-            if making is not None and not making.job.ended:
-                return making
+            with _refused(asset):
+                check_settings(asset.settings)
             begun = threading.Event()
-            work = partial(self._work, name, begun, maps, asset, levels)
+            work = partial(self._work, name, begun, asset, levels)
             job = self._jobs.start("package", asset.id, work, small=asset.small)
             made = self._making[name] = _Making(job)
             begun.set()
@@ -113,30 +111,21 @@ class PackageService:
         if self._making.get(name) is made:
             del self._making[name]
 
-    def _maps(self, asset: Asset) -> SkinMaps:
-        try:
-            return SkinMaps.of(self._source, asset.id)
-        except (SettingsError, LimitError) as error:
-            raise ConflictError(f"asset {asset.id} cannot be packaged: {error}") from error
-
     def _work(
-        self,
-        name: tuple[str, str],
-        begun: threading.Event,
-        maps: SkinMaps,
-        asset: Asset,
-        levels: int,
-        job: Job,
+        self, name: tuple[str, str], begun: threading.Event, asset: Asset, levels: int, job: Job
     ) -> None:
         begun.wait()
         making = self._making[name]
         try:
-            self._write(job, name[1], maps, asset, levels)
+            self._write(job, name[1], asset, levels)
         except BaseException as error:
             making.error = error
             raise
 
-    def _write(self, job: Job, key: str, maps: SkinMaps, asset: Asset, levels: int) -> None:
+    def _write(self, job: Job, key: str, asset: Asset, levels: int) -> None:
+        job.progress(0.0, "reading the asset")
+        with _refused(asset):
+            maps = SkinMaps.of(self._source, asset.id)
         shapes = None
         with suppress(NotFoundError):  # none came
             shapes = self._store.shapes(asset.id)
@@ -159,3 +148,12 @@ class PackageService:
         """Raise CancelledError where the asset has changed since its package was begun."""
         if self._key(asset, levels) != key:
             raise CancelledError(f"asset {asset.id} was changed: ask for its package again")
+
+
+@contextmanager
+def _refused(asset: Asset) -> Iterator[None]:
+    """What a package cannot hold is not possible in the present state of the asset."""
+    try:
+        yield
+    except (SettingsError, LimitError) as error:
+        raise ConflictError(f"asset {asset.id} cannot be packaged: {error}") from error

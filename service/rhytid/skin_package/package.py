@@ -19,10 +19,11 @@ from rhytid.skin_package.describe import Written, described
 from rhytid.skin_package.languages import LANGUAGES
 from rhytid.skin_package.manifest import Manifest, schema
 from rhytid.skin_package.maps import CUSHIONS, WRINKLES, Room, SkinMaps
+from rhytid.skin_package.materialx import materialx_texts
 from rhytid.skin_package.paging import Paging, pyramid
 from rhytid.skin_package.runtime.stretch import rest_of
 from rhytid.skin_package.runtime_files import runtime
-from rhytid.skin_package.shaders import shader_texts
+from rhytid.skin_package.shaders import COMPUTE, shader_texts
 from rhytid.skin_package.textures import SetFiles, TextureFiles, index_channel
 
 MANIFEST, SCHEMA, MESH, REST = "manifest.json", "manifest.schema.json", "skin.glb", "triangles.bin"
@@ -105,7 +106,7 @@ class PackageWriter:
 
     def _begin(self) -> None:
         (self._folder / "textures").mkdir(parents=True, exist_ok=True)
-        for dialect in LANGUAGES:
+        for dialect in {*LANGUAGES, *COMPUTE, "materialx"}:
             (self._folder / "shaders" / dialect).mkdir(parents=True, exist_ok=True)
         (self._folder / MANIFEST).unlink(missing_ok=True)
         for name in TEXTURES:  # those of an earlier package, which may have had other UDIMs
@@ -141,8 +142,9 @@ class PackageWriter:
             None if coarse is None else coarse.described(),
         )
         manifest = described(self._maps, self._mesh, self._shapes, written)
-        for name, text in shader_texts(manifest).items():
-            self._write(name, text.encode())
+        texts = {name: text.encode() for name, text in shader_texts(manifest).items()}
+        for name, data in (texts | materialx_texts(manifest)).items():
+            self._write(name, data)
         self._write("stretch.py", runtime("stretch.py").encode())
         self._write("stretch.js", rhytid_viewer.read("stretch.js"))
         self._write_viewer()
