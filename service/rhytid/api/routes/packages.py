@@ -13,6 +13,7 @@ from rhytid.api.dependencies import AssetId, EngineDep, Memory, NoRepeats, Slot
 from rhytid.api.documentation import UNCHANGED, Responses, binary, problems
 from rhytid.api.encoding import WORKING, etag, matches
 from rhytid.api.package_files import KINDS, TEXT, ZIP, media_type, opened, part
+from rhytid.api.problems import problem
 from rhytid.api.request_memory import PIECE
 from rhytid.api.schemas import Job, PackageQuery
 from rhytid.engine.messages import JobInfo
@@ -20,6 +21,7 @@ from rhytid.engine.messages import JobInfo
 MAKING: Responses = {
     202: {"model": Job, "description": "It is being made: ask again when the job has ended"}
 }
+FILES = binary(*KINDS.values(), TEXT)
 FAULTS = problems(404, 409, 413, 422, 503, 507)
 FilePath = Annotated[str, Path(description="path of a file, such as `manifest.json`")]
 router = APIRouter(prefix="/v1/assets/{asset}/package", tags=["assets"], dependencies=[NoRepeats])
@@ -62,9 +64,9 @@ def package(
     operation_id="getPackageFile",
     response_class=Response,
     responses={
-        **binary(*KINDS.values(), TEXT),
+        **FILES,
         **MAKING,
-        206: {"description": "The bytes of one range"},
+        206: {**FILES[200], "description": "The bytes of one range"},
         **UNCHANGED,
         **FAULTS,
         **problems(416),
@@ -97,7 +99,8 @@ def file(
     try:
         wanted = part(asked, size)
     except ValueError:
-        return Response(status_code=416, headers={"Content-Range": f"bytes */{size}"})
+        about = {"Content-Range": f"bytes */{size}"}
+        return problem(416, f"{path} has {size} bytes: {asked} names none of them", headers=about)
     start, end = wanted or (0, size)
     if wanted is not None:
         headers["Content-Range"] = f"bytes {start}-{end - 1}/{size}"
