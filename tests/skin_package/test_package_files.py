@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -215,6 +216,32 @@ def test_more_sets_than_a_texture_holds_are_refused(monkeypatch: pytest.MonkeyPa
     level = np.random.default_rng(1).integers(-128, 128, (3, 40, 40), np.int8)
     with pytest.raises(LimitError, match="sets of codes are more than a texture holds, 1024"):
         in_sets([level], 3)
+
+
+@pytest.mark.parametrize("table", [1 << 10, 1 << 23])
+def test_sets_are_numbered_in_order_whatever_a_table_holds(
+    table: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sets, "TABLE", table)
+    monkeypatch.setattr(sets, "STRIP", 1000)
+    level = np.random.default_rng(2).integers(-20, 20, (8, 60, 60), np.int8)
+    (numbers,), codes = in_sets([level], 4)
+    rows = level.reshape(2, 4, -1).swapaxes(1, 2).reshape(-1, 4)
+    wanted, places = np.unique(rows.view(np.uint8), axis=0, return_inverse=True)
+
+    assert np.array_equal(codes.reshape(4, -1)[:, : len(wanted)].T.view(np.uint8), wanted)
+    assert np.array_equal(numbers.reshape(-1), places.reshape(-1))
+
+
+def test_sets_take_little_memory() -> None:
+    level = np.random.default_rng(4).integers(-128, 128, (4, 1024, 1024), np.int8)
+    tracemalloc.start()
+    _, codes = in_sets([level], 4)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert codes.size > 3 << 20
+    assert most < 10 * level.nbytes
+    assert most < 4 * 1024**2 + sets.BESIDE
 
 
 def test_levels_of_an_array_are_aligned(tmp_path: Path) -> None:
