@@ -1,7 +1,7 @@
 // A face that is shown: its view, kept in step with the state of the page.
 
 import { SkinView } from "../view/skin_view.js";
-import { byId, oncePerPicture } from "./dom.js";
+import { afterQuiet, byId, oncePerPicture } from "./dom.js";
 import { showProbe } from "./probe_line.js";
 
 /**
@@ -12,6 +12,10 @@ import { showProbe } from "./probe_line.js";
 
 // Pictures further apart than so many milliseconds are no movement.
 const STILL = 300;
+const QUIET = 120;
+// Of so many pictures, in no more than so many milliseconds, a rate is told.
+const FEWEST = 10;
+const RUN = 3000;
 // More pixels than these a CSS pixel are not seen, and cost.
 const DENSEST = 2;
 
@@ -35,10 +39,14 @@ export class Face {
     /** Pictures a second while something moves, 0 while nothing does. */
     this.rate = 0;
     this.drawnAt = 0;
+    /** Pictures that followed each other, and when the first of them was. */
+    this.run = { count: 0, since: 0 };
     this.redraw = oncePerPicture(() => this.draw());
     /** Where the pointer is, CSS pixels in the canvas. @type {[number, number] | null} */
     this.pointer = null;
     this.probeSoon = oncePerPicture(() => this.probe());
+    // Reading a height back waits for the picture: not while pictures follow each other.
+    this.probeLater = afterQuiet(QUIET, () => this.probe());
     this.sizes = new ResizeObserver(() => this.fit());
     this.sizes.observe(byId("picture-area", HTMLElement));
     this.pose(store.state);
@@ -82,13 +90,18 @@ export class Face {
   draw() {
     if (this.gone) return;
     this.view.draw();
-    this.probeSoon();
-    const now = performance.now();
-    const apart = now - this.drawnAt;
-    this.drawnAt = now;
-    const rate = 1000 / Math.max(apart, 1);
-    this.rate = apart > STILL ? 0 : this.rate ? 0.9 * this.rate + 0.1 * rate : rate;
+    this.probeLater();
+    this.count(performance.now());
     this.told.drawn();
+  }
+
+  /** Count a picture. @param {number} now milliseconds */
+  count(now) {
+    if (now - this.drawnAt > STILL) this.run = { count: 0, since: now };
+    else this.run.count += 1;
+    this.drawnAt = now;
+    this.rate = this.run.count < FEWEST ? 0 : (1000 * this.run.count) / (now - this.run.since);
+    if (now - this.run.since > RUN) this.run = { count: FEWEST, since: now - (1000 * FEWEST) / (this.rate || 1) };
   }
 
   /** Do something with the camera. @param {(camera: SkinView["camera"]) => void} change */

@@ -113,13 +113,27 @@ export class Service {
   }
 }
 
-/** Files beside the page. @param {URL} root @returns {import('../view/types.js').Read} */
-export function packageReader(root) {
+/**
+ * Files beside the page, each packed by gzip where the page says so.
+ * @param {URL} root
+ * @param {boolean} packed
+ * @returns {import('../view/types.js').Read}
+ */
+export function packageReader(root, packed) {
   return async (path, onProgress) => {
-    const answer = await fetch(new URL(path, root));
+    const answer = await fetch(new URL(packed ? `${path}.gz` : path, root));
     if (!answer.ok) throw new Refused(answer.status, `${path}: the server answers ${answer.status}`);
-    return body(answer, onProgress);
+    const found = await body(answer, onProgress);
+    return packed ? unpacked(found) : found;
   };
+}
+
+/** A server may have unpacked it already. @param {ArrayBuffer} file @returns {Promise<ArrayBuffer>} */
+async function unpacked(file) {
+  const [first, second] = new Uint8Array(file);
+  if (first !== 0x1f || second !== 0x8b) return file;
+  const stream = new Blob([file]).stream().pipeThrough(new DecompressionStream("gzip"));
+  return new Response(stream).arrayBuffer();
 }
 
 /** Whether a service gave this page: it tells of itself as JSON. @param {URL} root */
@@ -144,7 +158,14 @@ async function body(answer, onProgress) {
     bytes += piece.length;
     onProgress(bytes, Math.max(total, bytes));
   }
-  return new Blob(pieces).arrayBuffer();
+  // Not by a Blob: Chromium gives its bytes back slowly, or, where they are many, not at all.
+  const out = new Uint8Array(bytes);
+  let at = 0;
+  for (const piece of pieces) {
+    out.set(piece, at);
+    at += piece.length;
+  }
+  return out.buffer;
 }
 
 /**

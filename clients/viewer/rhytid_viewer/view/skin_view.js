@@ -216,7 +216,9 @@ export class SkinView {
       return hit && add(from, scaled(direction, hit.distance));
     });
     camera.radius = this._radius;
-    camera.distance = (1.05 * this._radius) / Math.sin(camera.fov / 2);
+    const { middle, half } = boxOf(this.skinPackage.mesh.positions);
+    camera.target = middle;
+    camera.distance = (1.1 * Math.max(half[0], half[1])) / Math.tan(camera.fov / 2) + half[2];
     camera.range = [this._radius / 300, 4 * camera.distance];
     return camera;
   }
@@ -314,6 +316,18 @@ function radiusOf(positions) {
   for (let i = 0; i < positions.length; i += 3)
     most = Math.max(most, Math.hypot(positions[i], positions[i + 1], positions[i + 2]));
   return most;
+}
+
+/** The middle of the box around all vertices, and half of its sides. @param {Float32Array} positions */
+function boxOf(positions) {
+  const [low, high] = [[Infinity, Infinity, Infinity], [-Infinity, -Infinity, -Infinity]];
+  positions.forEach((at, i) => {
+    low[i % 3] = Math.min(low[i % 3], at);
+    high[i % 3] = Math.max(high[i % 3], at);
+  });
+  /** @param {number} sign */
+  const mean = (sign) => /** @type {Vector} */ (high.map((at, i) => (at + sign * low[i]) / 2));
+  return { middle: mean(1), half: mean(-1) };
 }
 
 /** sRGB from 0 to 255. @param {number} x linear */
