@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import threading
+import tracemalloc
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -19,6 +20,7 @@ from rhytid.domain.stiffness import Stiffness
 from rhytid.engine import packages as module
 from rhytid.engine.engine import Engine
 from rhytid.engine.messages import JobInfo, Package
+from rhytid.engine.package_memory import making_bytes
 from rhytid.errors import (
     CancelledError,
     ChangedError,
@@ -28,6 +30,7 @@ from rhytid.errors import (
     LimitError,
     NotFoundError,
 )
+from rhytid.skin_package.maps import SkinMaps
 from rhytid.skin_package.package import PackageWriter
 from skin_package.conftest import write_package
 
@@ -261,21 +264,57 @@ def test_a_server_that_ends_while_one_is_made_makes_it_again(
 def test_small_assets_leave_the_thread_of_small_jobs_free(
     engine: Engine, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asset = built(engine, new_asset())
+    assets = [built(engine, new_asset(seed=seed)) for seed in (1, 2)]
     monkeypatch.setattr(module, "PATIENCE", 0.0)
     steps = PackageWriter.steps
-    going, go = threading.Event(), threading.Event()
-    held = [going.set, lambda: go.wait(60)]
-    monkeypatch.setattr(PackageWriter, "steps", lambda self: [*held, *steps(self)])
+    go = threading.Event()
+    monkeypatch.setattr(PackageWriter, "steps", lambda self: [go.wait, *steps(self)])
     try:
-        job = engine.packages.of(asset)
-        assert isinstance(job, JobInfo)
-        assert going.wait(60)
-        other = engine.assets.create(new_asset(seed=2))
-        assert finish(engine, other.job).state == "done"
+        jobs = [engine.packages.of(asset) for asset in assets]
+        other = engine.assets.create(new_asset(seed=3))
+        assert engine.jobs.get(str(other.job)).wait(20)
     finally:
         go.set()
-    assert finish(engine, job.id).state == "done"
+    for job in jobs:
+        assert isinstance(job, JobInfo)
+        assert finish(engine, job.id).state == "done"
+
+
+def test_an_engine_that_is_closed_while_one_is_made_makes_it_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "PATIENCE", 0.0)
+    steps = PackageWriter.steps
+    making, closing = threading.Event(), threading.Event()
+    held = [making.set, closing.wait]
+    with running(tmp_path) as engine:
+        asset = built(engine, new_asset())
+        monkeypatch.setattr(PackageWriter, "steps", lambda self: [*held, *steps(self)])
+        job = engine.packages.of(asset)
+        assert isinstance(job, JobInfo)
+        assert making.wait(60)
+        threading.Timer(0.2, closing.set).start()
+    assert list((tmp_path / "partial").iterdir()) == []
+    monkeypatch.setattr(PackageWriter, "steps", steps)
+    monkeypatch.setattr(module, "PATIENCE", 60.0)
+    with running(tmp_path) as engine:
+        assert engine.packages.of(asset, begin=False) is None
+        assert "manifest.json" in made(engine, asset).files
+
+
+@pytest.mark.parametrize("preset", [pytest.param("best", marks=pytest.mark.slow), "paper"])
+def test_the_estimate_of_memory_holds(engine: Engine, preset: str, tmp_path: Path) -> None:
+    asset = built(engine, new_asset(preset=preset, resolution=512))
+    maps, mesh = SkinMaps.of(engine, asset), engine._store.mesh(asset)
+    writer = PackageWriter(maps, mesh, None, tmp_path, 16)
+    tracemalloc.start()
+    try:
+        for step in writer.steps():
+            step()
+        most = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert most <= making_bytes(maps, mesh, None) <= 2 * most
 
 
 def test_memory_is_held_while_it_is_made(engine: Engine, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from rhytid import durable
 from rhytid.errors import LimitError, StorageError
-from rhytid.storage.package_archive import read_archive, write_archive
+from rhytid.storage.package_archive import CHECKED, read_archive, write_archive
 from rhytid.storage.packages import KeptPackages
 
 ASSET, KEY = "0123456789abcdef", "key"
@@ -142,12 +142,19 @@ def test_only_archives_of_known_assets_survive_a_sweep(
 
 def test_an_archive_that_is_not_ours_is_damaged(tmp_path: Path) -> None:
     (tmp_path / "files").mkdir()
-    for name, data in {"a": b"12", "b": b"34"}.items():
+    for name, data in {"a": b"12", "b": b"34", "large": bytes(CHECKED + 1)}.items():
         (tmp_path / "files" / name).write_bytes(data)
     file = tmp_path / "a.zip"
     write_archive(tmp_path / "files", file, lambda: None)
     whole = file.read_bytes()
-    for ruined in (whole[:-1], b"x" + whole, whole.replace(b"12", b"13"), whole[:40]):
+    assert whole.count(b"large") == 2
+    renamed = whole[:-100] + whole[-100:].replace(b"large", b"other")
+    middle = len(whole) // 2
+    shorter = whole[:middle] + whole[middle + 100 :]
+    small = whole.replace(b"12", b"13")
+    size, larger = ((CHECKED + more).to_bytes(4, "little") for more in (1, 2))
+    resized = whole[:-100] + whole[-100:].replace(size, larger)
+    for ruined in (whole[:-1], b"x" + whole, small, whole[:40], renamed, shorter, resized):
         file.write_bytes(ruined)
         with file.open("rb") as archive, pytest.raises(StorageError, match="is damaged"):
             read_archive(archive, file)
