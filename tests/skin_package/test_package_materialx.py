@@ -15,6 +15,7 @@ import pytest
 from meshes import deform
 from rhytid.skin_package.runtime import stretch
 from skin_package.conftest import Written
+from skin_package.test_package_compile import compiled
 
 GENERATORS = {
     "genglsl": genglsl.GlslShaderGenerator,
@@ -58,6 +59,16 @@ def test_generators_take_what_there_is_of_their_language(
     text = generated(document, written.folder, target).getSourceCode("pixel")
     assert ("rhytid_height_at(file, " in text) == (target != "genosl")
     assert ("NG_rhytid_height_float(file_, " in text) == (target == "genosl")
+
+
+@pytest.mark.glslang
+@pytest.mark.parametrize("target", ["genglsl", "essl"])
+def test_what_they_generate_compiles(
+    document: mx.Document, written: Written, target: str, tmp_path: Path
+) -> None:
+    shader = generated(document, written.folder, target)
+    for stage, kind in (("vertex", "vert"), ("pixel", "frag")):
+        assert compiled(shader.getSourceCode(stage), kind, (), tmp_path) == ""
 
 
 @pytest.mark.peers
