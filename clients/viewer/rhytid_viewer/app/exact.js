@@ -10,7 +10,8 @@ import { Refused } from "./service.js";
 
 /**
  * @typedef {import('../view/types.js').TileAddress} TileAddress
- * @typedef {{wanted: number, shown: number, problem: string | null}} Progress
+ * @typedef {{wanted: number, shown: number, problem: string | null}} Progress wanted is 0 until it is
+ *   known what is in view
  */
 
 const AT_ONCE = 3;
@@ -114,6 +115,7 @@ export class ExactTiles {
   /** @param {number} [milliseconds] */
   later(milliseconds = QUIET) {
     clearTimeout(this.timer);
+    if (milliseconds === QUIET) this.onProgress({ wanted: 0, shown: 0, problem: null });
     this.timer = window.setTimeout(() => this.refresh(), milliseconds);
   }
 

@@ -192,5 +192,6 @@ function titleOf({ id, settings, triangles }) {
 /** @param {import('./exact.js').Progress} progress */
 function noted({ wanted, shown, problem }) {
   if (problem) return `exact: ${problem}`;
+  if (wanted === 0) return "exact: …";
   return shown < wanted ? `exact: ${shown} of ${wanted} tiles` : `exact: all ${wanted} tiles`;
 }
