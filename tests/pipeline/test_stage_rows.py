@@ -55,7 +55,7 @@ def test_blocks_are_drawn_whole_where_they_fit(device, small):
 def test_a_kernel_that_needs_more_is_refused_with_both_numbers(device):
     tiny = Device(replace(device.info, local_memory=PROMISED // 2), device.budget.limit)
     with pytest.raises(DeviceError, match=r"kernel redraw needs 38\d+ bytes .* has 16384"):
-        tiny.kernel("redraw", "redraw", {"BLOCK": BLOCK, "ROWS": BLOCK, "ITEMS": 1})
+        tiny.programs.kernel("redraw", "redraw", {"BLOCK": BLOCK, "ROWS": BLOCK, "ITEMS": 1})
 
 
 @pytest.mark.parametrize("program", ["redraw", "bins"])
@@ -63,7 +63,7 @@ def test_a_kernel_that_needs_more_is_refused_with_both_numbers(device):
 def test_half_blocks_fit_into_what_is_promised(small, program, lanes):
     defines = {"BLOCK": BLOCK, "ROWS": small.shape.rows, "ITEMS": lanes}
     options = [*BUILD_OPTIONS, *(f"-D{k}={v}" for k, v in defines.items())]
-    built = small.build(rhytid_kernels.source(program), options)
+    built = small.programs.build(rhytid_kernels.source(program), options)
     asked = cl.kernel_work_group_info.LOCAL_MEM_SIZE
     for kernel in built.all_kernels():
         assert 0 < kernel.get_work_group_info(asked, small.info.handle) < PROMISED
