@@ -12,22 +12,25 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from uuid import uuid4
 
-from rhytid.errors import DiskFullError, StorageError
+from rhytid.errors import DiskFullError, StorageError, TooManyFilesError
 from rhytid.unfinished import unfinished
 
 _log = logging.getLogger(__name__)
 # A full disk; a quota that is used up; a file beyond the largest that the system or a limit allows.
 _FULL = {errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC)}
+# As many files are open as this process, or the system, may have.
+_OPEN = {errno.EMFILE, errno.ENFILE}
 
 
 @contextmanager
 def reported(doing: str) -> Iterator[None]:
-    """The border where an OSError becomes a StorageError, on a full disk a DiskFullError."""
+    """The border where an OSError becomes a StorageError: on a full disk a DiskFullError, where
+    too many files are open a TooManyFilesError."""
     try:
         yield
     except OSError as exc:
-        kind = DiskFullError if exc.errno in _FULL else StorageError
-        raise kind(f"{doing}: {exc}") from exc
+        kinds = {**dict.fromkeys(_FULL, DiskFullError), **dict.fromkeys(_OPEN, TooManyFilesError)}
+        raise kinds.get(exc.errno, StorageError)(f"{doing}: {exc}") from exc
 
 
 def is_folder(path: Path) -> bool:
@@ -94,10 +97,16 @@ def whole(file: Path) -> Iterator[Path]:
 
 def discard(path: Path, partial: Path) -> None:
     """Make `path` disappear by one rename into `partial`, then free its space."""
+    remove_tree(set_aside(path, partial))
+
+
+def set_aside(path: Path, partial: Path) -> Path:
+    """Make `path` disappear by one rename into `partial`; where it is now, for `remove_tree`."""
     aside = partial / uuid4().hex
     path.replace(aside)
-    sync_folder(path.parent)
-    remove_tree(aside)
+    with suppress(FileNotFoundError):  # another change took the folder around it
+        sync_folder(path.parent)
+    return aside
 
 
 def remove_tree(folder: Path) -> None:

@@ -14,7 +14,8 @@
     ├── NotFoundError            no such asset, frame, job, UDIM or tile
     ├── ConflictError            right, but not now
     │   ├── NotReadyError        the asset is still building (``retry_after`` seconds)
-    │   └── ReadOnlyError        ``neutral`` cannot be written
+    │   ├── ReadOnlyError        ``neutral`` cannot be written
+    │   └── ChangedError         the asset is not any more what the caller began with
     ├── LimitError               larger than this server allows; the message has both numbers
     │   ├── FrameMemoryError     the memory for frames is full
     │   └── HostMemoryError      one request needs more memory than all may hold together
@@ -28,6 +29,7 @@
     ├── CancelledError           the caller cancelled the job
     ├── StorageError             the store is damaged or cannot be written
     │   ├── DiskFullError        there is no room left for what was to be written
+    │   ├── TooManyFilesError    as many files are open as may be (``retry_after`` seconds)
     │   └── StoreFormatError     another version of rhytid wrote this
     └── DeviceError
         ├── NoDeviceError        no OpenCL device computes here; the message names ways to get one
@@ -111,6 +113,10 @@ class ReadOnlyError(ConflictError):
     """The frame ``neutral`` always exists and cannot be written."""
 
 
+class ChangedError(ConflictError):
+    """The asset is not any more what the caller has begun to read."""
+
+
 class LimitError(RhytidError):
     """Larger than this server allows."""
 
@@ -178,6 +184,13 @@ class DiskFullError(StorageError):
         "the disk of the server is full, and nothing of this was kept: "
         "free some of it, or delete assets"
     )
+
+
+class TooManyFilesError(StorageError):
+    """As many files are open as this process, or the system, may have."""
+
+    retry_after = 5
+    public = "the server has as many files open as it may: ask again"
 
 
 class StoreFormatError(StorageError):

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import io
+import os
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 from zipfile import ZIP_STORED, ZipFile
@@ -12,12 +15,14 @@ import pytest
 
 from api.asking import built, is_problem
 from api.fake_engine import FakeEngine
-from api.fake_packages import FILES
+from api.fake_packages import FILES, archive
 from api.live import serving
-from api.patch import upload
-from rhytid.api.package_files import OpenPackage, opened, part
+from api.patch import obj, upload
+from rhytid.api.package_files import KEY, OpenPackage, opened, part
+from rhytid.api.routes.viewer import SAFE
 from rhytid.engine.messages import Package
 from rhytid.errors import BusyError
+from rhytid.storage.package_archive import read_archive
 from rhytid_client import Client
 
 TEXTURE = "textures/maps.1001.ktx2"
@@ -73,7 +78,7 @@ def test_ranges_that_are_none(client: httpx.Client, path: str) -> None:
         whole = client.get(f"{path}/{TEXTURE}", headers={"Range": asked})
         assert (whole.status_code, len(whole.content)) == (200, 512000)
     beyond = client.get(f"{path}/{TEXTURE}", headers={"Range": "bytes=512000-"})
-    assert "has 512000 bytes: bytes=512000- names none" in is_problem(beyond, 416)
+    is_problem(beyond, 416)
     assert beyond.headers["content-range"] == "bytes */512000"
     other = {"Range": "bytes=0-9", "If-Range": '"another"'}
     assert client.get(f"{path}/{TEXTURE}", headers=other).status_code == 200
@@ -112,13 +117,92 @@ def test_while_it_is_made_the_job_is_told(tmp_path: Path) -> None:
 
 
 def test_a_package_that_is_removed_meanwhile_is_asked_for_again(tmp_path: Path) -> None:
-    (tmp_path / "a").write_bytes(b"12")
-    found = [Package("one", tmp_path / "gone", {"a": 2}), Package("two", tmp_path, {"a": 2})]
+    file, gone = tmp_path / "two.zip", tmp_path / "gone.zip"
+    archive({"a": b"12"}, file)
+    with file.open("rb") as read:
+        parts = read_archive(read, file)
+    found = [Package("one", gone, 2, {}), Package("two", file, file.stat().st_size, parts)]
     came = opened(lambda: found.pop(0))
     assert isinstance(came, OpenPackage)
     assert came.key == "two"
-    (tmp_path / "a").unlink()
-    assert b"".join(came.pieces("a", 0, 2)) == b"12"
+    file.unlink()
+    assert b"".join(came.pieces(came.place("a"))) == b"12"
     came.close()
     with pytest.raises(BusyError):
-        opened(lambda: Package("one", tmp_path / "gone", {"a": 2}))
+        opened(lambda: Package("one", gone, 2, {}))
+
+
+def test_an_answer_that_nobody_reads_holds_one_file(client: httpx.Client, path: str) -> None:
+    """Beside its connection, whether it is a zip or a file."""
+    client.get(path)
+    for asked in (path, f"{path}/{TEXTURE}"):
+        with ExitStack() as unread:
+            before = len(list(Path("/proc/self/fd").iterdir()))
+            for _ in range(8):
+                unread.enter_context(client.stream("GET", asked))
+            # Both ends of the connections are in this process.
+            assert len(list(Path("/proc/self/fd").iterdir())) - before <= 8 * 3, asked
+
+
+def test_no_file_left_to_open_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    def full(*_: Any, **__: Any) -> None:
+        raise OSError(errno.EMFILE, os.strerror(errno.EMFILE), str(tmp_path))
+
+    engine: Any = FakeEngine()
+    with serving(engine) as client:
+        path = f"/v1/assets/{built(client, upload())}/package"
+        client.get(path)
+        package = engine.packages.of(path.split("/")[3])
+        monkeypatch.setattr(engine.packages, "of", lambda *_, **__: package)
+        monkeypatch.setattr(Path, "open", full)
+        answer = client.get(f"{path}/manifest.json")
+        monkeypatch.undo()
+    is_problem(answer, 503, "open-files")
+    assert answer.headers["retry-after"] == "5"
+    assert str(tmp_path) not in answer.text
+
+
+def test_files_of_two_packages_are_not_mixed() -> None:
+    engine: Any = FakeEngine()
+    with serving(engine) as client:
+        path = f"/v1/assets/{built(client, upload())}/package"
+        first = client.get(f"{path}/manifest.json")
+        asked = {"key": first.headers[KEY]}
+        assert client.get(f"{path}/{TEXTURE}", params=asked).status_code == 200
+        assert client.get(path, params=asked).headers[KEY] == asked["key"]
+        engine.packages.version = 2
+        is_problem(client.get(f"{path}/{TEXTURE}", params=asked), 409, "changed")
+        is_problem(client.get(path, params=asked), 409, "changed")
+        again = client.get(f"{path}/manifest.json")
+        assert again.headers[KEY] != asked["key"]
+        assert again.headers["etag"] != first.headers["etag"]
+        is_problem(client.get(path, params={"key": ""}), 422)
+
+
+def test_nothing_in_a_package_runs_beside_the_keys_of_the_page(
+    client: httpx.Client, path: str
+) -> None:
+    texture = f"{path}/{TEXTURE}"
+    tag = {"If-None-Match": client.get(texture).headers["etag"]}
+    answers = [client.get(path), client.get(f"{path}/index.html"), client.get(texture, headers=tag)]
+    answers += [
+        client.get(texture, headers={"Range": asked}) for asked in ("bytes=0-1", "bytes=-0")
+    ]
+    assert [answer.status_code for answer in answers] == [200, 200, 304, 206, 416]
+    for answer in answers:
+        assert {name: answer.headers.get(name) for name in SAFE} == SAFE
+
+
+def test_a_package_that_is_made_takes_a_place_among_the_jobs_of_its_caller() -> None:
+    engine: Any = FakeEngine(polls=3)
+    with serving(engine, key_jobs=1) as client:
+        one, two = (built(client, upload(obj(seed))) for seed in (1, 2))
+        made = client.get(f"/v1/assets/{one}/package")
+        assert made.status_code == 202
+        is_problem(client.get(f"/v1/assets/{two}/package"), 429, "quota")
+        # Who asks how far it is needs no other place.
+        assert client.get(f"/v1/assets/{one}/package/manifest.json").status_code == 202
+        while client.get(made.headers["location"]).json()["state"] != "done":
+            pass
+        assert client.get(f"/v1/assets/{two}/package").status_code == 202
+        assert client.get(f"/v1/assets/{one}/package").status_code == 200

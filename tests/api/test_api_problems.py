@@ -49,7 +49,7 @@ def test_every_deliberate_error_has_a_status_and_no_two_kinds_share_a_name() -> 
 def test_what_is_kept_to_the_log_is_what_500_is_answered_for() -> None:
     secret = {e for e in TREE if errors.public_message(e("/srv/secret")) != "/srv/secret"}
     # These have a reason that callers may know, in words of their own.
-    told = {errors.DiskFullError, errors.StoreFormatError}
+    told = {errors.DiskFullError, errors.StoreFormatError, errors.TooManyFilesError}
     failed = {e for e in TREE if kind_of(e("x")).status == 500}
     assert secret | {errors.RhytidError} == failed | told
     assert not failed & told

@@ -120,14 +120,17 @@ def test_tiles_of_an_outdated_pose_are_not_shown(
 def test_a_frame_that_the_service_forgot_is_sent_again(
     open_page: Opened, served: Served, http: httpx.Client
 ) -> None:
-    page = open_page(f"{served.url}#weights=smile:1&method=exact").ready()
+    page = open_page(f"{served.url}#weights=smile:1").ready()
+    page.page.focus("#canvas")
+    for _ in range(20):
+        page.page.keyboard.press("+")
+    page.page.keyboard.press("3")
     page.until(EXACT)
     frame = page.page.evaluate("rhytid.served.exact.frame")
+    close = page.page.evaluate("rhytid.served.exact.tiles.size")
     http.delete(frame).raise_for_status()
-    page.page.focus("#canvas")
-    for _ in range(12):
-        page.page.keyboard.press("+")
-    page.still()
+    page.page.keyboard.press("r")
+    page.until(f"rhytid.served.exact.tiles.size > {close}")
     page.until(EXACT)
 
     assert http.get(frame).status_code == 200

@@ -19,6 +19,7 @@ from rhytid.api.encoding import SCALE, WARNINGS
 from rhytid.api.job_shares import JobShares
 from rhytid.api.live.places import LivePlaces
 from rhytid.api.metrics import Metrics, Observe
+from rhytid.api.package_files import KEY
 from rhytid.api.request_head import CheckHead
 from rhytid.api.request_ids import HEADER, RequestIds
 from rhytid.api.request_memory import HoldUntilSent
@@ -65,7 +66,7 @@ ROUTERS = (
 SHARED: dict[str, Any] = {
     "allow_methods": ("GET", "HEAD", "PUT", "POST", "PATCH", "DELETE"),
     "allow_headers": ("Authorization", "Content-Type", "If-None-Match", HEADER),
-    "expose_headers": ("ETag", "Location", "Retry-After", HEADER, SCALE, WARNINGS),
+    "expose_headers": ("ETag", "Location", "Retry-After", HEADER, KEY, SCALE, WARNINGS),
     "max_age": 600,
 }
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import AbstractContextManager
+from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -63,6 +64,10 @@ async def _memory(request: Request) -> RequestMemory:
 def _job_share(request: Request) -> Iterator[JobShare]:
     with request.app.state.job_shares.one(Caller.of(request.scope)) as share:
         yield share
+
+
+async def _job_places(request: Request) -> Any:
+    return partial(request.app.state.job_shares.one, Caller.of(request.scope))
 
 
 async def _metrics(request: Request) -> Any:
@@ -129,6 +134,8 @@ Memory = Annotated[RequestMemory, Depends(_memory)]
 # A place among the unfinished jobs of the caller. It comes before the body in a signature, so that
 # who has too many is refused before it is read; raises QuotaError.
 JobPlace = Annotated[JobShare, Depends(_job_share)]
+# The same for a route that finds out by itself whether it needs one.
+JobPlaces = Annotated[Callable[[], AbstractContextManager[JobShare]], Depends(_job_places)]
 MetricsDep = Annotated[Metrics, Depends(_metrics)]
 Strict = Annotated[bool, Query(description=STRICT)]
 Allow = Annotated[

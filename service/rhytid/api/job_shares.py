@@ -15,7 +15,7 @@ REMEMBERED = 1000
 
 
 class JobShare:
-    """A place for one job, until it has ended."""
+    """A place for one job, until it has ended; several that name the same job are one."""
 
     def __init__(self, caller: str) -> None:
         self.caller = caller
@@ -57,9 +57,10 @@ class JobShares:
         try:
             yield share
         finally:
-            if share.job is None:
-                with self._lock:
-                    self._shares.remove(share)
+            with self._lock:
+                others = [one for one in self._shares if one is not share]
+                if share.job is None or any(_same(share, one) for one in others):
+                    self._shares = others
 
     def _count(self, caller: Caller) -> int:
         return sum(share.caller == caller.name for share in self._shares)
@@ -71,3 +72,7 @@ class JobShares:
             return self._info(share.job).state not in ENDED_STATES
         except NotFoundError:
             return False
+
+
+def _same(one: JobShare, other: JobShare) -> bool:
+    return (one.caller, one.job) == (other.caller, other.job)

@@ -1,16 +1,19 @@
-"""Files of a skin package as answers: one of them or a part of it, or all as one zip."""
+"""Skin packages as answers: one file of a package, all of it as a zip, or a range of either."""
 
 from __future__ import annotations
 
-import io
 import re
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import suppress
 from pathlib import PurePosixPath
-from typing import BinaryIO
-from zipfile import ZIP_STORED, ZipFile, ZipInfo
 
+from fastapi import Request, Response
+from fastapi.responses import StreamingResponse
+
+from rhytid.api.encoding import etag, matches
+from rhytid.api.problems import problem
 from rhytid.api.request_memory import PIECE
+from rhytid.api.routes.viewer import SAFE
 from rhytid.durable import reported
 from rhytid.engine.messages import JobInfo, Package
 from rhytid.errors import BusyError, NotFoundError
@@ -28,97 +31,88 @@ KINDS = {
     ".mtlx": "application/xml",
 }
 TEXT = "text/plain; charset=utf-8"
+# The key of the package that an answer is of.
+KEY = "X-Rhytid-Package"
+KEY_HEADER = {
+    "headers": {
+        KEY: {
+            "schema": {"type": "string"},
+            "description": "key of the package, as the query parameter `key` takes it",
+        }
+    }
+}
 # One range; what is no such range is answered with the whole file.
 _RANGE = re.compile(r"bytes=(\d{0,18})-(\d{0,18})", re.ASCII)
-# Bytes of a zip beside names and contents: of each file its local header, what follows its bytes,
-# and its entry in the directory; the end. From 4 GiB on they are more.
-_EACH, _END, _MOST = 30 + 16 + 46, 22, 1 << 31
 
 
 class OpenPackage:
-    """Files of a package, held open, so that they stay whole when it is removed; close it."""
+    """A package held open, so that it stays whole when it is removed; close it."""
 
-    def __init__(self, package: Package, only: str | None = None) -> None:
-        """only: the path of one file; raises NotFoundError where there is none, and
-        FileNotFoundError where the package is not there any more."""
-        self.key = package.key
-        self.sizes = package.files
-        if only is not None:
-            if only not in package.files:
-                raise NotFoundError(f"the package has no file {only!r}")
-            self.sizes = {only: package.files[only]}
-        self._files: dict[str, BinaryIO] = {}
-        with ExitStack() as opened:
-            for name in self.sizes:
-                self._files[name] = opened.enter_context((package.folder / name).open("rb"))
-            self._opened = opened.pop_all()
+    def __init__(self, package: Package) -> None:
+        """Raises OSError where it cannot be opened, or is not there any more."""
+        self.key, self.nbytes, self.files = package.key, package.nbytes, package.files
+        self._file = package.file.open("rb")
 
     def close(self) -> None:
-        """Close the files; a second call does nothing."""
-        self._opened.close()
+        """Close the file; a second call does nothing."""
+        self._file.close()
 
-    def pieces(self, name: str, start: int, end: int) -> Iterator[bytes]:
-        """The bytes of a file from `start` to before `end`."""
-        file, left = self._files[name], end - start
-        with reported(f"{name} of a package cannot be read"):
-            file.seek(start)
-            while left and (piece := file.read(min(left, PIECE))):
+    def place(self, name: str | None) -> range:
+        """Where the bytes of a file are, or of all as one zip; raises NotFoundError."""
+        if name is None:
+            return range(self.nbytes)
+        if name not in self.files:
+            raise NotFoundError(f"the package has no file {name!r}")
+        return self.files[name]
+
+    def pieces(self, place: range) -> Iterator[bytes]:
+        """These bytes."""
+        left = len(place)
+        with reported("a package cannot be read"):
+            self._file.seek(place.start)
+            while left and (piece := self._file.read(min(left, PIECE))):
                 left -= len(piece)
                 yield piece
 
-    def zipped(self) -> Iterator[bytes]:
-        """All files as one zip, stored. The same package gives the same bytes."""
-        sink = _Sink()
-        with ZipFile(sink, "w", ZIP_STORED) as out:
-            for name, size in self.sizes.items():
-                about = ZipInfo(name)
-                about.file_size, about.external_attr = size, 0o644 << 16
-                with out.open(about, "w") as member:
-                    for piece in self.pieces(name, 0, size):
-                        member.write(piece)
-                        yield sink.taken()
-                yield sink.taken()
-        yield sink.taken()
 
-    @property
-    def zip_size(self) -> int | None:
-        """Bytes of `zipped`; None of very large ones, where it is not known."""
-        names = sum(2 * len(name.encode()) for name in self.sizes)
-        size = sum(self.sizes.values()) + names + _EACH * len(self.sizes) + _END
-        return size if size < _MOST else None
+def opened(find: Callable[[], Package | JobInfo]) -> OpenPackage | JobInfo:
+    """The package that `find` names, or the job that makes it.
 
-
-class _Sink(io.RawIOBase):
-    """What is written, until it is taken."""
-
-    def __init__(self) -> None:
-        self._held = bytearray()
-
-    def writable(self) -> bool:
-        return True
-
-    def write(self, data: object) -> int:
-        view = memoryview(data)  # type: ignore[arg-type]
-        self._held += view
-        return view.nbytes
-
-    def taken(self) -> bytes:
-        held = bytes(self._held)
-        self._held.clear()
-        return held
-
-
-def opened(find: Callable[[], Package | JobInfo], only: str | None = None) -> OpenPackage | JobInfo:
-    """The files of the package that `find` names, or the job that makes it."""
+    Raises TooManyFilesError where no more files can be opened."""
     for _ in range(3):
         found = find()
         if isinstance(found, JobInfo):
             return found
-        try:
-            return OpenPackage(found, only)
-        except FileNotFoundError:  # removed since: it is made again
-            continue
+        with reported("a package cannot be opened"), suppress(FileNotFoundError):
+            return OpenPackage(found)
+        # It was removed since: it is made again.
     raise BusyError("packages are removed as fast as they are made: there is no room for them")
+
+
+def sent(request: Request, found: OpenPackage, name: str | None) -> Response:
+    """A file of a package, or all as one zip: 304 where the client has it, 206 with a range of its
+    bytes where it asks for one, 416 where there are none in that range."""
+    place = found.place(name)
+    tag = etag(found.key, name or ZIP)
+    headers = {**SAFE, KEY: found.key, "ETag": tag, "Cache-Control": "no-cache"}
+    if matches(request.headers.get("if-none-match"), tag):
+        return Response(status_code=304, headers=headers)
+    headers["Accept-Ranges"] = "bytes"
+    asked = request.headers.get("range")
+    if request.headers.get("if-range", tag) != tag:
+        asked = None
+    try:
+        wanted = part(asked, len(place))
+    except ValueError:
+        headers = {**SAFE, KEY: found.key, "Content-Range": f"bytes */{len(place)}"}
+        return problem(416, f"{asked}: there are {len(place)} bytes", headers=headers)
+    start, end = wanted or (0, len(place))
+    if wanted is not None:
+        headers["Content-Range"] = f"bytes {start}-{end - 1}/{len(place)}"
+    headers["Content-Length"] = str(end - start)
+    kind = ZIP if name is None else media_type(name)
+    status = 200 if wanted is None else 206
+    return StreamingResponse(found.pieces(place[start:end]), status, headers, kind)
 
 
 def media_type(name: str) -> str:

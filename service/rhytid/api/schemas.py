@@ -111,6 +111,13 @@ class PackageQuery(_Query):
     """How much of a skin package there is."""
 
     levels: int = Field(1, ge=1, le=16, description="levels of the maps; 1 is the finest alone")
+    key: str | None = Field(
+        None,
+        min_length=1,
+        max_length=64,
+        description="`X-Rhytid-Package` of the first file that was read: 409 where the package of "
+        "the asset is another one now, so that files of two are not mixed",
+    )
 
 
 class _Answer(BaseModel):

@@ -91,7 +91,9 @@ class Engine:
             self.jobs,
             limit,
         )
-        self.packages = PackageService(registry, self.assets, self.tiles, self._store, self.jobs)
+        self.packages = PackageService(
+            registry, self.assets, self.tiles, self._store, self.jobs, self.memory
+        )
         self.snapshots = SnapshotService(registry, self._store, stored)
         registration.open_store(only)
 

@@ -48,11 +48,11 @@ def package_key(
     settings: AssetSettings,
     shapes: Mapping[str, str],
     levels: int,
-    drawn_by: str,
-    version: str,
+    written_by: str,
 ) -> str:
-    """Names a skin package.  shapes: digests by name.  version: of what writes it."""
-    return _digest([asset, settings.as_json(), dict(shapes), levels, drawn_by, version])
+    """Names a skin package.  shapes: digests by name.  written_by: the device, the version of the
+    drawing, and that of what writes it."""
+    return _digest([asset, settings.as_json(), dict(shapes), levels, written_by])
 
 
 def _digest(parts: list[Any]) -> str:

@@ -167,12 +167,13 @@ class FrameStretch:
 
 @dataclass(frozen=True)
 class Package:
-    """A skin package on disk.
+    """A skin package on disk, as one zip.
 
-    key: two with the same one have the same bytes.  folder: on the machine of the engine.  files:
-    their bytes, by path in the folder.
+    key: two with the same one have the same bytes.  file: the zip, on the machine of the engine.
+    files: where in it their bytes are, by path in the package.
     """
 
     key: str
-    folder: Path
-    files: dict[str, int]
+    file: Path
+    nbytes: int
+    files: dict[str, range]

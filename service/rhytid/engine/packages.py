@@ -7,28 +7,47 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 
-from rhytid import __version__
 from rhytid.engine.asset_registry import AssetRegistry
 from rhytid.engine.asset_service import AssetService
 from rhytid.engine.assets import Asset
+from rhytid.engine.byte_budget import ByteBudget
 from rhytid.engine.jobs import Job, Jobs
 from rhytid.engine.keys import package_key
 from rhytid.engine.messages import JobInfo, Package
+from rhytid.engine.package_memory import making_bytes
 from rhytid.engine.tile_service import TileService
-from rhytid.errors import CancelledError, ConflictError, LimitError, NotFoundError, SettingsError
+from rhytid.errors import (
+    CancelledError,
+    ChangedError,
+    ConflictError,
+    LimitError,
+    NotFoundError,
+    SettingsError,
+)
 from rhytid.skin_package.maps import SkinMaps, check_settings
 from rhytid.skin_package.package import PackageWriter
-from rhytid.storage.packages import files
+from rhytid.skin_package.paging import MOST_SIDE
+from rhytid.skin_package.version import package_version
 from rhytid.storage.store import AssetStore
 
 # Seconds that a caller waits for a package before it is told of the job.
 PATIENCE = 1.0
 
 
+@dataclass(frozen=True)
+class _Wanted:
+    """A package that is to be made."""
+
+    asset: Asset
+    levels: int
+    key: str
+
+
 @dataclass
-class _Making:
-    """A job, and what it failed with."""
+class _PackageJob:
+    """The job that makes a package, and what it failed with."""
 
     job: Job
     error: BaseException | None = None
@@ -43,7 +62,10 @@ class _Source:
 
 
 class PackageService:
-    """Gives the packages of ready assets; makes them where they are not there."""
+    """Gives the packages of ready assets; makes them where they are not there.
+
+    memory: what making one takes is held of it.
+    """
 
     def __init__(
         self,
@@ -52,102 +74,119 @@ class PackageService:
         tiles: TileService,
         store: AssetStore,
         jobs: Jobs,
+        memory: ByteBudget,
     ) -> None:
-        self._assets, self._store, self._jobs = registry, store, jobs
+        self._assets, self._store, self._jobs, self._memory = registry, store, jobs, memory
         self._source = _Source(assets, tiles)
         self._lock = threading.Lock()
-        self._making: dict[tuple[str, str], _Making] = {}
+        self._unfinished: dict[str, _PackageJob] = {}
 
-    def of(self, asset: str, levels: int = 1) -> Package | JobInfo:
+    def of(
+        self, asset: str, levels: int = 1, key: str | None = None, begin: bool = True
+    ) -> Package | JobInfo | None:
         """The package of an asset with so many levels of its maps; the job that makes it, where
-        that takes longer than a second.
+        that takes longer than a second.  key: that of the package that the caller has begun to
+        read.  begin: start that job; otherwise None where there is neither.
 
-        Raises ConflictError where packages do not know a setting of the asset, LimitError where it
-        is larger than the packages that are kept may be, and what the job fails with meanwhile.
+        Raises ChangedError where the package has another key now, ConflictError where packages do
+        not know a setting of the asset, LimitError where it is larger than the packages that are
+        kept may be, HostMemoryError and HostBusyError for lack of memory, and what the job fails
+        with meanwhile.
         """
         found = self._assets.get(asset)
         while True:
             found.check_ready()
-            key = self._key(found, levels)
-            if (kept := self._kept(asset, key)) is not None:
-                return kept
-            making = self._made(found, key, levels)
+            wanted = self._wanted(found, levels)
+            if key is not None and key != wanted.key:
+                raise ChangedError(
+                    f"the asset has changed: begin again (its package is {wanted.key}, not {key})"
+                )
+            if (kept := self._store.packages.find(asset, wanted.key)) is not None:
+                return Package(wanted.key, kept.file, kept.nbytes, kept.files)
+            making = self._job_of(wanted, begin)
+            if making is None:
+                return None
             if not making.job.wait(PATIENCE):
                 return making.job.info
             if (state := making.job.info.state) != "done":
                 raise making.error or CancelledError(f"the job of the package was {state}")
 
-    def _key(self, asset: Asset, levels: int) -> str:
+    def _wanted(self, asset: Asset, levels: int) -> _Wanted:
+        """Levels beyond one texel are none, and change no key."""
+        levels = min(levels, min(asset.settings.resolution, MOST_SIDE).bit_length())
         shapes = self._store.shapes_digests(asset.id)
-        drawn_by = self._source.tiles.drawn_by
-        return package_key(asset.id, asset.settings, shapes, levels, drawn_by, __version__)
+        written_by = f"{self._source.tiles.drawn_by} {package_version()}"
+        key = package_key(asset.id, asset.settings, shapes, levels, written_by)
+        return _Wanted(asset, levels, key)
 
-    def _kept(self, asset: str, key: str) -> Package | None:
-        folder = self._store.packages.find(asset, key)
-        if folder is None:
-            return None
-        found = dict(files(folder))
-        # Without its manifest it is being removed.
-        return Package(key, folder, found) if "manifest.json" in found else None
-
-    def _made(self, asset: Asset, key: str, levels: int) -> _Making:
+    def _job_of(self, wanted: _Wanted, begin: bool) -> _PackageJob | None:
         """The job that makes a package: the one that does already, or a new one."""
-        name = asset.id, key
         with self._lock:
-            making = self._making.get(name)
-            if making is not None and not making.job.ended:
+            if (making := self._unfinished.get(wanted.key)) is not None or not begin:
                 return making
-            with _refused(asset):
-                check_settings(asset.settings)
+        with self._lock:
+            if (making := self._unfinished.get(wanted.key)) is not None:
+                return making
+            with _refused(wanted.asset):
+                check_settings(wanted.asset.settings)
+            # Never small: the thread of small jobs gives builds and frames their turn at once.
             begun = threading.Event()
-            work = partial(self._work, name, begun, asset, levels)
-            job = self._jobs.start("package", asset.id, work, small=asset.small)
-            made = self._making[name] = _Making(job)
+            work = partial(self._work, wanted, begun)
+            job = self._jobs.start("package", wanted.asset.id, work)
+            making = self._unfinished[wanted.key] = _PackageJob(job)
             begun.set()
-            job.when_ended(partial(self._ended, name, made))
-            return made
+        job.when_ended(partial(self._ended, wanted.key))
+        return making
 
-    def _ended(self, name: tuple[str, str], made: _Making) -> None:
-        if self._making.get(name) is made:
-            del self._making[name]
+    def _ended(self, key: str) -> None:
+        del self._unfinished[key]
 
-    def _work(
-        self, name: tuple[str, str], begun: threading.Event, asset: Asset, levels: int, job: Job
-    ) -> None:
+    def _work(self, wanted: _Wanted, begun: threading.Event, job: Job) -> None:
         begun.wait()
-        making = self._making[name]
+        making = self._unfinished[wanted.key]
+        hold = self._memory.hold("jobs")
         try:
-            self._write(job, name[1], asset, levels)
+            job.progress(0.0, "reading the asset")
+            with _refused(wanted.asset):
+                maps = SkinMaps.of(self._source, wanted.asset.id)  # it may have to be loaded
+            shapes = None
+            with suppress(NotFoundError):  # none came
+                shapes = self._store.shapes(wanted.asset.id)
+            mesh = self._store.mesh(wanted.asset.id)
+            hold.grow(making_bytes(maps, mesh, shapes))
+            with self._store.packages.making(wanted.asset.id) as folder:
+                writer = PackageWriter(maps, mesh, shapes, folder, wanted.levels)
+                self._write(job, wanted, writer)
+                self._keep(job, wanted, folder)
         except BaseException as error:
             making.error = error
             raise
+        finally:
+            hold.release()
 
-    def _write(self, job: Job, key: str, asset: Asset, levels: int) -> None:
-        job.progress(0.0, "reading the asset")
-        with _refused(asset):
-            maps = SkinMaps.of(self._source, asset.id)
-        shapes = None
-        with suppress(NotFoundError):  # none came
-            shapes = self._store.shapes(asset.id)
-        mesh, packages = self._store.mesh(asset.id), self._store.packages
-        with packages.making(asset.id) as folder:
-            writer = PackageWriter(maps, mesh, shapes, folder, levels)
-            packages.make_room(writer.texture_bytes)
-            steps = writer.steps()
-            for done, step in enumerate(steps):
-                part = f"part {done + 1} of {len(steps)}"
-                job.progress(done / len(steps), "writing the package", part)
-                self._check(asset, key, levels)
-                step()
-            job.progress(1.0, "writing the package")  # raises where it was cancelled
-            with asset.kept():
-                self._check(asset, key, levels)
-                packages.keep(asset.id, key, folder)
+    def _write(self, job: Job, wanted: _Wanted, writer: PackageWriter) -> None:
+        self._store.packages.make_room(writer.texture_bytes)
+        steps = writer.steps()
+        for done, step in enumerate(steps):
+            part = f"part {done + 1} of {len(steps)}"
+            job.progress(done / len(steps), "writing the package", part)
+            self._check(wanted)
+            step()
 
-    def _check(self, asset: Asset, key: str, levels: int) -> None:
+    def _keep(self, job: Job, wanted: _Wanted, folder: Path) -> None:
+        packages = self._store.packages
+        # Both raise where the job was cancelled.
+        packages.seal(folder, partial(job.progress, 1.0, "writing the package"))
+        job.progress(1.0, "writing the package")
+        with wanted.asset.kept():
+            self._check(wanted)
+            packages.keep(wanted.asset.id, wanted.key, folder)
+
+    def _check(self, wanted: _Wanted) -> None:
         """Raise CancelledError where the asset has changed since its package was begun."""
-        if self._key(asset, levels) != key:
-            raise CancelledError(f"asset {asset.id} was changed: ask for its package again")
+        if self._wanted(wanted.asset, wanted.levels).key != wanted.key:
+            asset = wanted.asset.id
+            raise CancelledError(f"asset {asset} was changed: ask for its package again")
 
 
 @contextmanager

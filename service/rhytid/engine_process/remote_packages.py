@@ -14,8 +14,10 @@ class RemotePackages:
     def __init__(self, supervisor: Supervisors, jobs: RemoteJobs) -> None:
         self._supervisor, self._jobs = supervisor, jobs
 
-    def of(self, asset: str, levels: int = 1) -> Package | JobInfo:
+    def of(
+        self, asset: str, levels: int = 1, key: str | None = None, begin: bool = True
+    ) -> Package | JobInfo | None:
         """As `PackageService.of`."""
-        request = Request("packages.of", (asset, levels))
-        found: Package | JobInfo = self._supervisor.call(request)
+        request = Request("packages.of", (asset, levels, key, begin))
+        found: Package | JobInfo | None = self._supervisor.call(request)
         return self._jobs.keep(found) if isinstance(found, JobInfo) else found

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import MappingProxyType
@@ -130,17 +130,15 @@ class StoreFolders:
             if is_folder(folder):
                 durable.discard(folder, self.partial)
 
-    def remove(self, id: str, first: Callable[[], None]) -> None:
-        """Remove the home of an asset at one rename; raises NotFoundError where it is empty.
-
-        first: called before, where it is not.
-        """
+    def remove(self, id: str) -> None:
+        """Remove the home of an asset at one rename; raises NotFoundError where it is empty."""
         home = self.home(id)
         with self._changing, reported(f"asset {id} cannot be removed"):
             if not holds_something(home):
                 raise NotFoundError(f"no asset {id} in the store")
-            first()
-            durable.discard(home, self.partial)
+            aside = durable.set_aside(home, self.partial)
+        # Others need not wait until gigabytes are removed.
+        durable.remove_tree(aside)
 
     def _abandon(self, home: Path) -> None:
         """Remove a home that a change which failed left without an asset."""

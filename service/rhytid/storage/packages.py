@@ -4,54 +4,90 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 
 from rhytid import durable
 from rhytid.durable import is_folder, reported
 from rhytid.errors import LimitError, StorageError
+from rhytid.storage.package_archive import read_archive, write_archive
 
 LIMIT = "RHYTID_PACKAGES_MB"
+_SUFFIX, _FILES, _ARCHIVE = ".zip", "files", "package.zip"
 _log = logging.getLogger(__name__)
 
 
+@dataclass(frozen=True)
+class KeptPackage:
+    """file: the archive.  files: where the bytes of each are in it.  inode: of the archive."""
+
+    file: Path
+    nbytes: int
+    files: dict[str, range]
+    inode: int
+
+
 class KeptPackages:
-    """Folders `folder`/ASSET/NAME, whole as soon as they are there.
+    """Archives `folder`/ASSET/NAME.zip, whole as soon as they are there.
 
     limit: bytes of all of them; those that were asked for longest ago go first. None: no bound.
-    Every method raises StorageError where the disk fails, DiskFullError where it is full.
+    Every method raises StorageError where the disk fails, DiskFullError where it is full. Safe from
+    any thread, and beside other processes that use the same folder.
     """
 
     def __init__(self, folder: Path, partial: Path, limit: int | None) -> None:
         self._folder, self._partial, self._limit = folder, partial, limit
+        # What was read of archives before.
+        self._read: dict[Path, KeptPackage] = {}
 
-    def find(self, asset: str, name: str) -> Path | None:
-        """The folder of a package; None where it is not kept."""
-        found = self._folder / asset / name
-        if not is_folder(found):
-            return None
+    def find(self, asset: str, name: str) -> KeptPackage | None:
+        """A package; None where it is not kept, or is damaged."""
+        file = self._at(asset, name)
+        with reported(f"{file} cannot be read"):
+            try:
+                facts = file.stat()
+                known = self._read.get(file)
+                if known is None or (known.inode, known.nbytes) != (facts.st_ino, facts.st_size):
+                    self._read.pop(file, None)
+                    known = self._read[file] = _opened(file)
+            except (FileNotFoundError, NotADirectoryError, IsADirectoryError):
+                self._read.pop(file, None)
+                return None
+            except StorageError as error:
+                _log.warning("a package is made anew: %s", error)
+                return None
         with suppress(OSError):  # it was removed, or the disk is read-only
-            os.utime(found)
-        return found
+            os.utime(file)
+        return known
 
     @contextmanager
     def making(self, asset: str) -> Iterator[Path]:
-        """A folder to write a package into, removed afterwards unless `keep` has taken it."""
+        """A folder to write a package into, removed afterwards with all that is in it."""
         with (
             reported(f"the package of asset {asset} cannot be written"),
             durable.workplace(self._partial) as place,
         ):
-            made = place / "package"
+            made = place / _FILES
             made.mkdir()
             yield made
 
+    def seal(self, made: Path, between: Callable[[], None] = lambda: None) -> None:
+        """Make an archive of what was written into `made`, and make room for it.  between: called
+        before each file. Raises LimitError where it is larger than all may be."""
+        archive = made.with_name(_ARCHIVE)
+        write_archive(made, archive, between)
+        self.make_room(archive.stat().st_size)
+
     def keep(self, asset: str, name: str, made: Path) -> None:
-        """Move a package to its place; raises LimitError where it is larger than all may be."""
-        self.make_room(sum(size for _, size in files(made)))
+        """Move the archive of `made` to its place; one that is there is replaced."""
+        file = self._at(asset, name)
         with reported(f"the package of asset {asset} cannot be kept"):
-            (self._folder / asset).mkdir(parents=True, exist_ok=True)
-            durable.install(made, self._folder / asset / name)
+            file.parent.mkdir(parents=True, exist_ok=True)
+            if is_folder(file):  # nothing of ours, and in the way
+                self._remove(file)
+            durable.install(made.with_name(_ARCHIVE), file)
 
     def make_room(self, nbytes: int) -> None:
         """Remove what was asked for longest ago until so many bytes fit."""
@@ -62,54 +98,66 @@ class KeptPackages:
                 f"the package has {nbytes} bytes: all that are kept may have {self._limit}, "
                 f"by {LIMIT}"
             )
-        with reported("packages cannot be counted"):
-            kept = sorted((_used(at), _size(at), at) for at in self._kept())
+        kept = sorted(self._kept())
         left = sum(size for _, size, _ in kept)
         for _, size, at in kept:
             if left + nbytes <= self._limit:
                 return
-            self._remove(at)
-            left -= size
+            if self._remove(at):
+                left -= size
 
     def forget(self, asset: str) -> None:
         """Remove the packages of an asset; what resists is made anew all the same."""
-        try:
-            if is_folder(self._folder / asset):
-                self._remove(self._folder / asset)
-        except StorageError as error:
-            _log.warning("%s", error)
+        self._remove(self._folder / asset)
 
     def sweep(self, assets: list[str]) -> None:
-        """Remove those of assets that there are not."""
-        with reported(f"{self._folder} cannot be read"), suppress(FileNotFoundError):
-            for at in self._folder.iterdir():
-                if at.name not in assets:
+        """Remove what is no package of one of these assets. What cannot be removed, or read, is
+        left as it is: the store is of use without it."""
+        for home in _entries(self._folder):
+            if home.name not in assets:
+                self._remove(home)
+                continue
+            for at in _entries(home):
+                if at.suffix != _SUFFIX or not at.is_file():
                     self._remove(at)
 
-    def _kept(self) -> Iterator[Path]:
-        with suppress(FileNotFoundError, NotADirectoryError):
-            for home in self._folder.iterdir():
-                with suppress(FileNotFoundError, NotADirectoryError):
-                    yield from home.iterdir()
+    def _at(self, asset: str, name: str) -> Path:
+        return self._folder / asset / f"{name}{_SUFFIX}"
 
-    def _remove(self, at: Path) -> None:
-        with reported(f"{at} cannot be removed"), suppress(FileNotFoundError):
+    def _kept(self) -> Iterator[tuple[float, int, Path]]:
+        """When each was asked for, its bytes, its place."""
+        for home in _entries(self._folder):
+            for at in _entries(home):
+                with suppress(OSError):  # others remove some meanwhile
+                    facts = at.stat()
+                    yield facts.st_mtime, facts.st_size, at
+
+    def _remove(self, at: Path) -> bool:
+        """Whether it is gone."""
+        for file in [file for file in self._read.copy() if file == at or at in file.parents]:
+            self._read.pop(file, None)
+        try:
             durable.discard(at, self._partial)
+        except (FileNotFoundError, NotADirectoryError):
+            return True
+        except OSError as error:
+            _log.warning("%s is left as it is: %s", at, error)
+            return False
+        return True
 
 
-def files(folder: Path) -> list[tuple[str, int]]:
-    """The files of a folder, by path in it, and their bytes."""
-    found = sorted(file for file in folder.rglob("*") if file.is_file())
-    return [(file.relative_to(folder).as_posix(), file.stat().st_size) for file in found]
+def _opened(file: Path) -> KeptPackage:
+    with file.open("rb") as archive:
+        facts = os.fstat(archive.fileno())
+        return KeptPackage(file, facts.st_size, read_archive(archive, file), facts.st_ino)
 
 
-def _used(at: Path) -> float:
-    with suppress(FileNotFoundError):
-        return at.stat().st_mtime
-    return 0.0
-
-
-def _size(at: Path) -> int:
-    with suppress(FileNotFoundError):
-        return sum(size for _, size in files(at))
-    return 0
+def _entries(folder: Path) -> list[Path]:
+    """What is in a folder, ascending; nothing where there is none or it cannot be read."""
+    try:
+        return sorted(folder.iterdir())
+    except FileNotFoundError:
+        return []
+    except OSError as error:
+        _log.warning("%s is left as it is: %s", folder, error)
+        return []

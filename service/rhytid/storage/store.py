@@ -6,7 +6,8 @@
     ├── lock                       held while a server uses the store
     ├── format.json                of which version of rhytid the store is
     ├── cache/                     compiled kernels, where `serve` has no other place for them
-    ├── packages/<id>/             skin packages of an asset, thrown away with any change of it
+    ├── packages/<id>/             skin packages of an asset, one zip each; they go with its
+    │                              settings, shapes or itself, or for the room of others
     ├── partial/                   changes being prepared or thrown away; emptied on opening
     └── assets/<id>/
         ├── request/               what a caller sent, until the asset is built: a sealed folder
@@ -271,7 +272,8 @@ class AssetStore:
 
     def delete(self, id: str) -> None:
         """Remove an asset, its request and its changed settings, all at once."""
-        self._folders.remove(id, first=lambda: self.packages.forget(id))
+        self._folders.remove(id)
+        self.packages.forget(id)
 
     def _is_intact(self, id: str) -> bool:
         """Whether a built asset can be read, with its settings."""

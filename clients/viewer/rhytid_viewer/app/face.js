@@ -3,10 +3,20 @@
 import { SkinView } from "../view/skin_view.js";
 import { afterQuiet, byId, oncePerPicture } from "./dom.js";
 import { showProbe } from "./probe_line.js";
+import { weightOf } from "./state.js";
 
 /**
  * @typedef {import('./state.js').State} State
  * @typedef {import('./address.js').Place} Place
+ * @typedef {object} Told
+ * @property {() => void} drawn a picture is there
+ * @property {() => void} moved the camera is elsewhere
+ * @property {() => void} posed another pose is set
+ * @property {ExactAt} exactAt
+ * @property {() => void} lost the graphics are lost: nothing is drawn from now on
+ * @property {() => void} restored there are graphics again, without anything of this face
+ * @property {(error: unknown) => void} failed nothing can be drawn
+ *
  * @typedef {(udim: number, texel: readonly [number, number]) => {height: number, level: number} | null} ExactAt
  */
 
@@ -24,8 +34,7 @@ export class Face {
    * @param {HTMLCanvasElement} canvas
    * @param {import('../view/types.js').SkinPackage} skin
    * @param {import('./state.js').Store} store
-   * @param {{drawn: () => void, moved: () => void, posed: () => void, exactAt: ExactAt}} told drawn: a
-   *   picture is there; moved: the camera is elsewhere; posed: another pose is set
+   * @param {Told} told
    * @throws {import('../view/skin_view.js').Unsupported}
    */
   constructor(canvas, skin, store, told) {
@@ -34,6 +43,8 @@ export class Face {
     this.store = store;
     this.told = told;
     this.view = new SkinView(canvas, skin);
+    // They are on the GPU; if they are lost there the package is read again.
+    skin.textures.clear();
     this.home = this.place();
     this.gone = false;
     /** Pictures a second while something moves, 0 while nothing does. */
@@ -47,6 +58,8 @@ export class Face {
     this.probeSoon = oncePerPicture(() => this.probe());
     // Reading a height back waits for the picture: not while pictures follow each other.
     this.probeLater = afterQuiet(QUIET, () => this.probe());
+    canvas.addEventListener("webglcontextlost", (event) => this.lost(event));
+    canvas.addEventListener("webglcontextrestored", () => told.restored());
     this.sizes = new ResizeObserver(() => this.fit());
     this.sizes.observe(byId("picture-area", HTMLElement));
     this.pose(store.state);
@@ -67,7 +80,7 @@ export class Face {
 
   /** @param {State} state */
   pose(state) {
-    this.view.setWeights(Float32Array.from(this.shapes, (name) => state.weights[name] ?? 0));
+    this.view.setWeights(Float32Array.from(this.shapes, (name) => weightOf(state.weights, name)));
     this.told.posed();
   }
 
@@ -89,7 +102,13 @@ export class Face {
 
   draw() {
     if (this.gone) return;
-    this.view.draw();
+    try {
+      this.view.draw();
+    } catch (error) {
+      this.gone = true;
+      this.told.failed(error);
+      return;
+    }
     this.probeLater();
     this.count(performance.now());
     this.told.drawn();
@@ -153,6 +172,14 @@ export class Face {
     link.download = `rhytid-${this.skin.manifest.asset}-${this.store.state.method}.png`;
     link.click();
     setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
+  }
+
+  /** @param {Event} event */
+  lost(event) {
+    if (this.gone) return;
+    event.preventDefault(); // else it is never restored
+    this.gone = true;
+    this.told.lost();
   }
 
   dispose() {

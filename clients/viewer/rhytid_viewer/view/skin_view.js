@@ -45,17 +45,22 @@ export class SkinView {
     this.skinPackage = skinPackage;
     this._manifest = manifest;
     this._gl = createContext(canvas);
-    this._textures = new Textures(this._gl);
-    this._pose = new Pose(skinPackage);
-    this._radius = radiusOf(mesh.positions);
-    this._heights = new Heights(this._gl, this._textures, skinPackage);
-    this._slopes = new Slopes(this._gl, this._textures, manifest);
-    this._mesh = new MeshTextures(this._gl, this._textures, skinPackage);
-    this._surface = new Surface(this._gl, this._mesh);
-    this._axes = new Axes(this._gl, this._textures, this._mesh, mesh, this._radius);
-    this._shadow = new Shadow(this._gl, this._textures, this._mesh, 1.1 * this._radius);
-    this._exact = new ExactTiles(this._textures, this._slopes, manifest.resolution);
-    this._nothing = this._textures.plain('R8_UINT', 1, 1);
+    try {
+      this._textures = new Textures(this._gl);
+      this._pose = new Pose(skinPackage);
+      this._radius = radiusOf(mesh.positions);
+      this._heights = new Heights(this._gl, this._textures, skinPackage);
+      this._slopes = new Slopes(this._gl, this._textures, manifest);
+      this._mesh = new MeshTextures(this._gl, this._textures, skinPackage);
+      this._surface = new Surface(this._gl, this._mesh);
+      this._axes = new Axes(this._gl, this._textures, this._mesh, mesh, this._radius);
+      this._shadow = new Shadow(this._gl, this._textures, this._mesh, 1.1 * this._radius);
+      this._exact = new ExactTiles(this._textures, this._slopes, manifest.resolution);
+      this._nothing = this._textures.plain('R8_UINT', 1, 1);
+    } catch (error) {
+      this.dispose();
+      throw error;
+    }
     this._options = { ...DEFAULTS };
     this._neutralStretch = Float32Array.from(this._pose.stretch);
     const relief = () => new ReliefMaps(this._heights, this._slopes, manifest.resolution);
@@ -81,12 +86,18 @@ export class SkinView {
   setWeights(weights) {
     this._pose.set(weights);
     this._exact.clear();
+    this._heights.changed();
     this._relief.posed.forget();
     this._stale.mesh = this._stale.shadow = true;
   }
 
-  /** @param {Partial<ViewOptions>} options those that change */
+  /**
+   * Change how it looks. To leave the method `exact` forgets all tiles and gives their memory back.
+   * @param {Partial<ViewOptions>} options those that change
+   */
   setOptions(options) {
+    const leaves = options.method !== undefined && options.method !== 'exact';
+    if (leaves && this._options.method === 'exact') this._exact.free();
     this._options = { ...this._options, ...options };
     if (options.light) this._stale.shadow = true;
   }
@@ -229,7 +240,7 @@ export class SkinView {
     if (stale.mesh) this._mesh.write(this._pose);
     if (method === 'neutral' || split !== null) this._draw('neutral', this._neutralStretch);
     if (method !== 'neutral') this._draw('posed', this._pose.stretch);
-    if (stale.mesh) this._heights.begin(this._pose.stretch);
+    this._heights.begin(this._pose.stretch); // colours and axes read it
     stale.mesh = false;
     if (stale.shadow) this._shadow.draw(normalized(light));
     stale.shadow = false;
@@ -241,7 +252,7 @@ export class SkinView {
     if (!maps.stale(this._manifest.udims)) return;
     const { posed, matrix, width, height } = this._seen();
     const cells = finestTilesInView(posed, { resolution: this._manifest.resolution, tile: maps.cell }, matrix, width, height);
-    if (maps.draw(cells, stretch)) this._stale.mesh = true; // colours and axes read the stretch of the pose
+    maps.draw(cells, stretch);
   }
 
   /** What is in the picture is found by these. */
@@ -294,9 +305,7 @@ export class SkinView {
   _displacement(udim, column, row) {
     const neutral = this._options.method === 'neutral';
     this._heights.begin(neutral ? this._neutralStretch : this._pose.stretch);
-    const [found] = this._heights.read(udim, [column, row, 1, 1]);
-    if (neutral) this._stale.mesh = true;
-    return found;
+    return this._heights.read(udim, [column, row, 1, 1])[0];
   }
 }
 
