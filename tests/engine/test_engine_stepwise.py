@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,7 @@ import pytest
 from engine.engines import BINNED, REDRAW, built, draw, new_asset, rest, running
 from rhytid.device.elsewhere import Elsewhere
 from rhytid.domain.tiles import TileAddress
+from rhytid.engine.device_asset import DeviceAsset
 from rhytid.engine.engine import Engine
 from rhytid.engine.messages import NewAsset
 from rhytid.pipeline.bin_maker import BinMaker
@@ -140,3 +143,52 @@ def test_half_made_maps_are_given_back_when_their_asset_changes(
             assert np.isfinite(draw(engine, asset, "neutral", BINNED, ADDRESS)).all()
             engine.assets.delete(asset)
         assert engine._device.budget.used == 0
+
+
+def test_nothing_is_warmed_up_with_settings_that_came_meanwhile(
+    tmp_path: Path, held: Held, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    warmed: list[float] = []
+    warm_up = DeviceAsset.warm_up_blend
+
+    def counted(resident: DeviceAsset, address: TileAddress) -> None:
+        warmed.append(resident.mesh.settings.depth)
+        warm_up(resident, address)
+
+    monkeypatch.setattr(DeviceAsset, "warm_up_blend", counted)
+    with running(tmp_path) as engine:
+        asset = started(engine, held, new_asset())
+        engine.assets.change(asset, {"depth": 0.5})
+        held.free.set()
+        rest(engine)
+    assert warmed == [0.5]  # by the job of the change alone
+
+
+def test_others_run_between_the_kernels_that_are_warmed_up(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    order: list[str] = []
+    others: list[threading.Thread] = []
+    stretch, blend = DeviceAsset.warm_up_stretch, DeviceAsset.warm_up_blend
+
+    def first(resident: DeviceAsset) -> None:
+        stretch(resident)
+        order.append("stretch")
+        task = partial(order.append, "other")
+        call = partial(engine._on_device.run_patiently, task)
+        others.append(threading.Thread(target=call))
+        others[-1].start()
+        while engine._worker.waiting == 0:
+            time.sleep(0.001)
+
+    def then(resident: DeviceAsset, address: TileAddress) -> None:
+        order.append("blend")
+        blend(resident, address)
+
+    monkeypatch.setattr(DeviceAsset, "warm_up_stretch", first)
+    monkeypatch.setattr(DeviceAsset, "warm_up_blend", then)
+    with running(tmp_path) as engine:
+        built(engine, new_asset())
+        for other in others:
+            other.join()
+    assert order == ["stretch", "other", "blend"]

@@ -17,9 +17,10 @@ from rhytid.domain.tiles import TileAddress
 from rhytid.errors import LimitError, SettingsError
 from rhytid.formats.gltf import read_glb_shapes
 from rhytid.formats.ktx2 import ktx2_pieces
-from rhytid.skin_package import sets
+from rhytid.skin_package import package, sets
 from rhytid.skin_package.manifest import Manifest, schema
-from rhytid.skin_package.maps import check_settings
+from rhytid.skin_package.maps import SkinMaps, check_settings
+from rhytid.skin_package.package import PackageWriter
 from rhytid.skin_package.paging import Paging, pyramid
 from rhytid.skin_package.runtime import stretch
 from rhytid.skin_package.sets import in_sets
@@ -242,6 +243,21 @@ def test_sets_take_little_memory() -> None:
     assert codes.size > 3 << 20
     assert most < 10 * level.nbytes
     assert most < 4 * 1024**2 + sets.BESIDE
+
+
+@pytest.mark.parametrize("levels", [1, None])
+def test_a_package_takes_the_memory_that_it_says(
+    levels: int | None, written: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(package, "BESIDE", 1 << 20)  # few sets occur here
+    maps = SkinMaps.of(written.engine, written.asset)
+    writer = PackageWriter(maps, written.mesh, written.shapes, tmp_path, levels)
+    tracemalloc.start()
+    for step in writer.steps():
+        step()
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert most < writer.host_bytes < 2 * most
 
 
 def test_levels_of_an_array_are_aligned(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from rhytid.domain.ageing import USUAL_AGE
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.graph_origin import GraphOrigin
+from rhytid.domain.tiles import TileAddress
 from rhytid.engine.assets import Asset
 from rhytid.engine.device_asset import DeviceAsset
 from rhytid.engine.device_assets import DeviceAssets
@@ -116,8 +117,19 @@ class AssetBuilder:
                 return
             self._on_device.make_bins(asset, address)
             if done == 0:
-                warm_up = partial(DeviceAsset.warm_up_blend, address=address)
-                self._on_device.use(asset, warm_up, patiently=True)
+                self._warm_up(asset, settings, address)
+
+    def _warm_up(self, asset: Asset, settings: AssetSettings, address: TileAddress) -> None:
+        """Compile what blends a tile of which there are maps, in tasks between which others run:
+        a change of settings, for one, with which there are none."""
+
+        def unless_changed(warm_up: Callable[[DeviceAsset], None], resident: DeviceAsset) -> None:
+            if asset.settings == settings:
+                warm_up(resident)
+
+        blend = partial(DeviceAsset.warm_up_blend, address=address)
+        for warm_up in (DeviceAsset.warm_up_stretch, blend):
+            self._on_device.use(asset, partial(unless_changed, warm_up), patiently=True)
 
     def _build(self, job: Job, asset: Asset) -> None:
         with self._failing(job, asset):

@@ -51,8 +51,14 @@ class DeviceAsset:
             self.drawing.to_host(NEUTRAL_FRAME, MapQuery(), udim, 1, 0, 0, BLOCK // 2)
         self.mesh.kept.clear()
 
+    def warm_up_stretch(self) -> None:
+        """Compute and keep by what a frame is blended, so that no request waits for the kernels to
+        compile."""
+        if self.mesh.stiffness is None:  # else it has no use for that
+            self.frames.coefficients(NEUTRAL_FRAME, MapQuery("binned").stretch)
+
     def warm_up_blend(self, address: TileAddress) -> None:
-        """Blend one tile, so that no request waits for the kernels to compile."""
+        """Blend one tile, for the same reason."""
         for buffer in self.bins.blended(NEUTRAL_FRAME, MapQuery("binned"), [address]):
             buffer.release()
 

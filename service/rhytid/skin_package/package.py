@@ -101,7 +101,7 @@ class PackageWriter:
             plain * (1 + share) + wrinkles,  # with pages and their levels
             2 * wrinkles,
             (wrinkles + numbers) * share + BESIDE,
-            2 * cushions + BESIDE,
+            4 * cushions + BESIDE,
             3 * 4 * texels,  # triangles
         )
         page = 16 * self._paging.size**2  # in float32 for the levels, or as bytes of a file
