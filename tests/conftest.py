@@ -29,7 +29,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Generator[None, object, object]:
     """Leave what collecting made out of garbage collection, which else goes through all of it, some
-    800,000 objects, every few tests: a fifth of the processor time."""
+    800,000 objects, every few tests: up to a fifth of the processor time."""
     gc.disable()
     try:
         return (yield)

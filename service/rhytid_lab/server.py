@@ -24,11 +24,11 @@ def served(store: Path, device: str, *options: str) -> Iterator[str]:
 
     device: its number.  options: further ones of the command.
 
-    Raises RhytidError with what the server said where it does not start.
+    Raises RhytidError with what the server printed where it does not start.
     """
     command = [sys.executable, "-m", "rhytid", "serve", "--port", "0"]
     command += ["--store", str(store), "--device", device, "--without-keys", *options]
-    log = store.parent / "server.log"  # not a pipe: nobody would read what a server has to say
+    log = store.parent / "server.log"  # not a pipe: nobody would read it
     with (
         log.open("w") as output,
         subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT) as process,
@@ -45,7 +45,7 @@ def served(store: Path, device: str, *options: str) -> Iterator[str]:
 
 @contextmanager
 def connected(url: str) -> Iterator[rhytid_client.Client]:
-    """A client of a server; what it raises in the block becomes a RhytidError of the same words."""
+    """A client of a server; its errors in the block become a RhytidError with the same message."""
     with closing(rhytid_client.Client(url)) as client:
         try:
             yield client
@@ -61,4 +61,4 @@ def _url(process: subprocess.Popen[bytes], log: Path) -> str:
             return found[1]
         time.sleep(0.05)
     said = log.read_text(encoding="utf-8").strip()[-500:]
-    raise RhytidError(f"the server did not start: {said or 'it said nothing'}")
+    raise RhytidError(f"the server did not start: {said or 'it printed nothing'}")

@@ -202,7 +202,7 @@ def test_a_large_answer_stays_in_memory_where_the_disk_has_no_room(
 
 def test_a_client_that_takes_nothing_is_dropped(engine: SmallEngine, tmp_path: Path) -> None:
     with (
-        serving(engine, store=tmp_path, stall_seconds=0.2) as client,
+        serving(engine, store=tmp_path, stall_seconds=1.0) as client,
         connected(client) as reader,
     ):
         path = map_path(client, 2048)

@@ -29,7 +29,7 @@ DEMO = "demo --mesh face.npz --out out --resolution 2048 --wrinkles 30000"
 FOLDERS = ("redraw", "binned", "textures", "shaders", "glsl-es-300", "glsl-410")
 slow = pytest.mark.slow
 RUNS = [
-    (SYNTHESIZE, "synthesis: "),
+    pytest.param(SYNTHESIZE, "synthesis: ", marks=slow),
     (BAKE, "building: "),
     (DEMO, "build: "),
     pytest.param(SYNTHESIZE, "synthesis: (?!pores)", marks=slow),

@@ -162,6 +162,7 @@ def test_serve_asks_for_the_keys_that_there_are(
         assert running.wait(60) == 0
 
 
+@pytest.mark.slow
 def test_serve_goes_without_keys_where_it_is_told_to(tmp_path: Path) -> None:
     with process(*SERVE, "--without-keys", folder=tmp_path) as running:
         assert PlainClient(address(running)).devices()

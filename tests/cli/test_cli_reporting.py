@@ -64,11 +64,10 @@ def test_without_a_terminal_long_work_tells_lines(
     told = capsys.readouterr().err
     time.sleep(0.2)
     assert capsys.readouterr().err == ""
-    assert set(told.splitlines()) == {
-        "rhytid: work: 50 %, half, 0 s, 0 s left",
-        "rhytid: baking: frame 1 of 2, 0 s",
-        "rhytid: baking: frame 2 of 2, 0 s, 0 s left",
-        "rhytid: baking: frame 2 of 2, 1 s, 0 s left",
+    assert set(re.sub(r"[0-9]+ s\b", "N s", told).splitlines()) == {
+        "rhytid: work: 50 %, half, N s, N s left",
+        "rhytid: baking: frame 1 of 2, N s",
+        "rhytid: baking: frame 2 of 2, N s, N s left",
     }
 
 

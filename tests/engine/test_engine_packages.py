@@ -8,12 +8,15 @@ import threading
 import tracemalloc
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from engine.engines import MIB, built, finish, new_asset, rest, running
+from rhytid.domain.stiffness import Stiffness
 from rhytid.engine import packages as module
 from rhytid.engine.engine import Engine
 from rhytid.engine.messages import JobInfo, Package
@@ -52,7 +55,7 @@ def read(package: Package, name: str) -> bytes:
 
 def kept(engine: Engine) -> list[Path]:
     """Every package on disk; nothing else is left behind."""
-    store = engine._store._partial.parent
+    store = engine._store._folders.partial.parent
     assert list((store / "partial").iterdir()) == []
     return sorted((store / "packages").glob("*/*"))
 
@@ -100,6 +103,10 @@ def test_it_goes_with_the_asset_and_with_its_settings(engine: Engine) -> None:
 def test_what_a_package_cannot_hold_is_a_conflict(engine: Engine) -> None:
     asset = built(engine, new_asset(bins={"merge": "mellow"}))
     with pytest.raises(ConflictError, match=r"cannot be packaged: bins\.merge is mellow"):
+        engine.packages.of(asset)
+    stiff = Stiffness({1001: np.zeros((4, 4), np.float32)})
+    asset = built(engine, replace(new_asset(), stiffness=stiff))
+    with pytest.raises(ConflictError, match=r"cannot be packaged: .* stiffness map"):
         engine.packages.of(asset)
 
 

@@ -58,7 +58,7 @@ def test_it_has_no_place_in_packages(made):
     engine, asset, plain = made
     with pytest.raises(SettingsError, match="the asset has a stiffness map"):
         SkinMaps.of(engine, asset)
-    assert SkinMaps.of(engine, plain).names == ("wrinkles", "pores")
+    assert set(SkinMaps.of(engine, plain).bins.layers) == {"wrinkles", "pores"}
     with pytest.raises(NotFoundError, match="no cushions"):
         engine.tiles.cushion_triangles(plain, 1001)
 

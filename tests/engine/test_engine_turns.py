@@ -182,16 +182,19 @@ def test_what_would_take_too_long_is_refused_at_once(
 
 def test_a_call_runs_on_its_own_thread_where_nothing_else_runs() -> None:
     with closing(DeviceWorker(1)) as worker, ThreadPoolExecutor(1) as pool:
+        own = pool.submit(threading.get_ident).result()
         with pytest.raises(KeyError):
-            worker.call(lambda: {}["absent"])
-        assert worker.call(threading.get_ident) == threading.get_ident()
+            pool.submit(worker.call, lambda: {}["absent"]).result(60)
+        assert pool.submit(worker.call, threading.get_ident).result(60) == own
         with occupied(worker):
             other = pool.submit(worker.call, threading.get_ident)
             until(lambda: worker.waiting == 1)
-        assert other.result(60) not in {
-            threading.get_ident(),
-            pool.submit(threading.get_ident).result(),
-        }
+        assert other.result(60) not in (threading.get_ident(), own)
+
+
+def test_an_interrupt_meets_no_task_of_the_device() -> None:
+    with closing(DeviceWorker(1)) as worker:
+        assert worker.call(threading.current_thread) is not threading.main_thread()
 
 
 def test_calls_of_many_threads_never_overlap() -> None:

@@ -84,11 +84,11 @@ def test_waves_survive_a_restart(tmp_path):
         assert same([engine.tiles.plan_map(asset, "neutral", QUERIES[0], 1001, 0).draw()], [before])
 
 
-@pytest.mark.parametrize("bad", [-0.1, "wide", 1e31])
-def test_bad_waves_are_refused_by_name(engine, bad):
+def test_bad_waves_are_refused_by_name(engine):
     asset = built(engine, new_asset(MESH))
-    with pytest.raises(SettingsError, match=r"shape\.wave_amplitude"):
-        engine.assets.change(asset, {"shape": {"wave_amplitude": bad}})
+    for bad in (-0.1, "wide", 1e31):
+        with pytest.raises(SettingsError, match=r"shape\.wave_amplitude"):
+            engine.assets.change(asset, {"shape": {"wave_amplitude": bad}})
 
 
 @pytest.mark.slow

@@ -40,10 +40,20 @@ def sources(package: str) -> list[Path]:
     return sorted((PACKAGES[package] / package).rglob("*.py"))
 
 
-@cache
-def nodes(file: Path) -> list[ast.AST]:
-    """Every node of the syntax tree of a file."""
-    return list(ast.walk(ast.parse(file.read_text(encoding="utf-8"), str(file))))
+# What holds statements: imports are in no expression.
+_BODIES = ("body", "orelse", "finalbody", "handlers", "cases")
+
+
+def tree(file: Path) -> ast.Module:
+    return ast.parse(file.read_text(encoding="utf-8"), str(file))
+
+
+def _statements(node: ast.AST) -> Iterator[ast.AST]:
+    """Everything below a node but for expressions."""
+    for name in _BODIES:
+        for inner in getattr(node, name, ()):
+            yield inner
+            yield from _statements(inner)
 
 
 @cache
@@ -56,7 +66,7 @@ def imports(file: Path) -> list[Import]:
 
 
 def _imports(file: Path) -> Iterator[Import]:
-    for node in nodes(file):
+    for node in _statements(tree(file)):
         if isinstance(node, ast.Import):
             for alias in node.names:
                 yield Import(file, node.lineno, alias.name, 0)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 import rhytid_kernels
-from rhytid.device.runtime import BUILD_OPTIONS
+from rhytid.device.programs import BUILD_OPTIONS
 from rhytid.errors import KernelBuildError
 
 pytestmark = pytest.mark.slow
@@ -73,14 +73,14 @@ def test_a_program_compiles_alone(device: Device, name: str, defines: tuple[str,
     fitting = (d.replace("ROWS=MOST", f"ROWS={device.shape.rows}") for d in defines)
     options = [*BUILD_OPTIONS, STRICT, *(f"-D{define}" for define in fitting)]
 
-    device.build(rhytid_kernels.source(name), options)
+    device.programs.build(rhytid_kernels.source(name), options)
 
 
 def test_a_warning_stops_the_build(device: Device) -> None:
     silent = "int f(int x) { } __kernel void k(__global int *x) { x[0] = f(x[0]); }"
 
     with pytest.raises(KernelBuildError):
-        device.build(silent, [*BUILD_OPTIONS, STRICT])
+        device.programs.build(silent, [*BUILD_OPTIONS, STRICT])
 
 
 def test_there_are_programs() -> None:

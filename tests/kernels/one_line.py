@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 import rhytid_kernels
-from rhytid.device.runtime import BUILD_OPTIONS, Device
+from rhytid.device.programs import BUILD_OPTIONS
+from rhytid.device.runtime import Device
 from rhytid.device.trial import cl
 
 _C_TYPES = {"f4": "float", "i4": "int", "u4": "uint", "i1": "char", "i2": "short"}
@@ -82,8 +83,8 @@ def vector(*values: float, kind: DTypeLike = np.float32) -> np.void:
 
 @cache
 def _kernel(device: Device, text: str, kernel: str, options: tuple[str, ...]) -> Any:
-    program = device.build(rhytid_kernels.expand(text), [*BUILD_OPTIONS, *options])
-    return device.fitting(getattr(program, kernel))
+    program = device.programs.build(rhytid_kernels.expand(text), [*BUILD_OPTIONS, *options])
+    return device.programs.fitting(getattr(program, kernel))
 
 
 def _c_type(array: NDArray[Any]) -> str:

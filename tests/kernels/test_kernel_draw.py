@@ -134,8 +134,13 @@ def test_any_number_of_work_items_gives_the_same_bits(device):
         np.testing.assert_array_equal(drawn(device, lines, discs, Shape(), items), one)
 
 
-@pytest.mark.parametrize("items", [1, 16, 32])
-@pytest.mark.parametrize("rows", [16, 32])
+@pytest.mark.parametrize(
+    ("rows", "items"),
+    [
+        *[(16, 1), (16, 32), (32, 16)],
+        *(pytest.param(*shape, marks=pytest.mark.slow) for shape in [(16, 16), (32, 1), (32, 32)]),
+    ],
+)
 def test_any_number_of_rows_in_a_group_gives_the_same_bits(device, rows, items):
     lines, discs = wrinkles(5, 60), pores(6, 60)
     whole = drawn(device, lines, discs, Shape())

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import InputError, MeshError
 from rhytid.pictures.crops import surface_crop
-from rhytid.pictures.places import Place, find_places
+from rhytid.pictures.flat_patches import FlatPatch, most_stretched_patches
 from rhytid.pictures.sheet import GAP, MARGIN
 from rhytid_lab.samples.sphere import RADIUS, sphere, sphere_stretch
 from rhytid_lab.sheets.contact import contact_sheet, relative_rms
@@ -27,24 +27,26 @@ def performance(mesh: Mesh, ratios: tuple[float, float] = RATIOS) -> Performance
     return Performance(mesh.positions, deformed, mesh.faces, mesh.triangle_uv(), axes, values)
 
 
-def centre_place(ratios: tuple[float, float]) -> Place:
-    """A place at the middle of the map, uv and mesh units alike, x along u."""
-    return Place(np.zeros(3), 0, np.array([0.5, 0.5]), np.eye(2), np.diag(np.log(ratios)))
+def centre_patch(ratios: tuple[float, float]) -> FlatPatch:
+    """A patch at the middle of the map, uv and mesh units alike, x along u."""
+    return FlatPatch(np.zeros(3), 0, np.array([0.5, 0.5]), np.eye(2), np.diag(np.log(ratios)))
 
 
-def test_places_carry_the_principal_stretch() -> None:
+def test_patches_carry_the_principal_stretch() -> None:
     mesh = sphere(48)
     frame = performance(mesh)
     corners = mesh.positions[mesh.faces]
-    stretched, compressed = find_places(corners, frame.triangle_uv, frame.axes, frame.ratios, 0.5)
-    for place in (stretched, compressed):
-        assert place.centre[2] > 2
-        np.testing.assert_allclose(np.sort(place.principal[0]), (0.8, 1.25), rtol=0.03)
-        per_unit = np.linalg.norm(place.to_uv, axis=0)
+    stretched, compressed = most_stretched_patches(
+        corners, frame.triangle_uv, frame.axes, frame.ratios, 0.5
+    )
+    for patch in (stretched, compressed):
+        assert patch.centre[2] > 2
+        np.testing.assert_allclose(np.sort(patch.principal[0]), (0.8, 1.25), rtol=0.03)
+        per_unit = np.linalg.norm(patch.to_uv, axis=0)
         np.testing.assert_allclose(per_unit, 0.48 / (RADIUS * np.sqrt(2)), rtol=0.25)
 
 
-def test_places_find_the_patch_that_changes_most() -> None:
+def test_patches_find_the_patch_that_changes_most() -> None:
     mesh = sphere(48)
     frame = performance(mesh)
     corners = mesh.positions[mesh.faces].astype(np.float64)
@@ -52,18 +54,20 @@ def test_places_find_the_patch_that_changes_most() -> None:
     ratios = np.ones((len(corners), 2))
     ratios[np.linalg.norm(centre - (1.5, 1.0, 4.66), axis=1) < 1, 0] = 1.3
     ratios[np.linalg.norm(centre - (-1.5, -1.0, 4.66), axis=1) < 1, 1] = 0.7
-    stretched, compressed = find_places(corners, frame.triangle_uv, frame.axes, ratios, 0.5)
+    stretched, compressed = most_stretched_patches(
+        corners, frame.triangle_uv, frame.axes, ratios, 0.5
+    )
     assert np.linalg.norm(stretched.centre - (1.5, 1.0, 4.66)) < 0.8
     assert np.linalg.norm(compressed.centre - (-1.5, -1.0, 4.66)) < 0.8
     assert stretched.principal[0][0] > 1.25
     assert compressed.principal[0][0] < 0.75
 
 
-def test_no_place_for_a_patch_larger_than_the_chart() -> None:
+def test_no_patch_is_larger_than_the_chart() -> None:
     mesh = sphere(8)
     frame = performance(mesh)
     with pytest.raises(MeshError, match="no patch of radius 9"):
-        find_places(
+        most_stretched_patches(
             mesh.positions[mesh.faces], frame.triangle_uv, frame.axes, frame.ratios, radius=9.0
         )
 
@@ -73,8 +77,8 @@ def test_crops_are_at_true_scale(deformed: bool) -> None:
     size = 64
     along = (np.arange(size) + 0.5) / size
     u, v = np.meshgrid(along, 1 - along)
-    x = surface_crop(u - 0.5, centre_place(RATIOS), 0.5, 20, deformed)
-    y = surface_crop(v - 0.5, centre_place(RATIOS), 0.5, 20, deformed)
+    x = surface_crop(u - 0.5, centre_patch(RATIOS), 0.5, 20, deformed)
+    y = surface_crop(v - 0.5, centre_patch(RATIOS), 0.5, 20, deformed)
     shrink = RATIOS if deformed else (1.0, 1.0)
     assert x[0, -1] == pytest.approx(0.5 * 0.475 / shrink[0])
     assert y[0, -1] == pytest.approx(0.5 * 0.475 / shrink[1])
@@ -101,8 +105,8 @@ def test_patches_of_a_sheet_lie_on_their_surface() -> None:
     corners = frame.neutral[frame.faces].astype(np.float64)
     triangle = int(np.argmax(corners.mean(axis=1)[:, 2]))
     uv = frame.triangle_uv[triangle].mean(axis=0)
-    place = Place(corners[triangle].mean(axis=0), triangle, uv, np.eye(2), np.zeros((2, 2)))
-    views = patch_views(frame, place, 0.5)
+    patch = FlatPatch(corners[triangle].mean(axis=0), triangle, uv, np.eye(2), np.zeros((2, 2)))
+    views = patch_views(frame, patch, 0.5)
     assert all(view.seen.covered.all() for view in views.values())
     middle = SIZE // 2
     for view in views.values():

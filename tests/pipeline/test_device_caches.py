@@ -26,7 +26,7 @@ from rhytid.device.select import choose
 device = Device(choose(os.environ.get("RHYTID_DEVICE")), 1 << 20)
 text = "__kernel void twice(__global float *x) { x[get_global_id(0)] *= 2.0f; }"
 buffer = device.full(4, np.float32(2.0))
-device.build(text, []).twice(device._queue, (4,), None, buffer.handle)
+device.programs.build(text, []).twice(device._queue, (4,), None, buffer.handle)
 print(device.read(buffer, (4,), np.float32).tolist(), os.environ.get("XDG_CACHE_HOME"))
 """
 HERE = object()  # a folder that can be written

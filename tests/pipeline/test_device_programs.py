@@ -16,7 +16,7 @@ def test_a_program_is_compiled_once_for_its_kernels_and_anew_for_other_defines(d
     monkeypatch.setattr(trial, "compile_program", counted)
     for defines in ({}, {"OTHER": 1}, {}):
         for name in ("count_triangles", "list_triangles"):
-            kernel = own.kernel("vectors", name, defines)
+            kernel = own.programs.kernel("vectors", name, defines)
             assert kernel.function_name == name
-            assert own.kernel("vectors", name, defines) is kernel
+            assert own.programs.kernel("vectors", name, defines) is kernel
     assert options == [[], ["-DOTHER=1"]]

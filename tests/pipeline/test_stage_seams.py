@@ -33,6 +33,7 @@ from synthesis.seam_places import seam_places
 N = 8
 BAND = 0.02  # of the rms of the heights
 BENT = {"curvature": 1.0, "taper": 1.0}
+SWOLLEN = {**BENT, "cushion": 0.7, "grain": 0.02, "grain_size": 0.02}
 SWOLLEN = {**BENT, "cushion": 0.7}
 
 
@@ -249,16 +250,16 @@ def test_copies_answer_to_stretch_as_their_originals(device: Device, made, angle
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("sampling", ["nearest", "smooth"])
 @pytest.mark.parametrize(
-    ("waves", "bent"),
+    ("sampling", "waves", "bent"),
     [
-        (0.0, {}),
-        (0.01, {}),
-        (0.01, BENT),
-        (0.0, {**BENT, "cushion": 0.7, "grain": 0.02, "grain_size": 0.02}),
+        pytest.param("nearest", 0.0, {}, id="straight-nearest"),
+        pytest.param("smooth", 0.01, {}, id="wavy-smooth"),
+        pytest.param("nearest", 0.01, BENT, id="bent-nearest"),
+        pytest.param("smooth", 0.01, BENT, id="bent-smooth"),
+        pytest.param("nearest", 0.0, SWOLLEN, id="swollen-nearest"),
+        pytest.param("smooth", 0.0, SWOLLEN, id="swollen-smooth"),
     ],
-    ids=["straight", "wavy", "bent", "swollen"],
 )
 def test_maps_are_equal_on_both_sides(
     device: Device, made, sampling: str, waves: float, bent: dict[str, float]

@@ -39,8 +39,9 @@ class Renderer:
             self._add_sets("rhytid_cushions", "rhytid_cushion_codes", cushion)
             self._textures["rhytid_cushion_triangles"] = self._array(cushion["triangles"])
 
-    def heights(self, stretch: NDArray[np.float32]) -> NDArray[np.float32]:
-        """(R, R) mesh units, row 0 at the top.  stretch: the texture of a frame."""
+    def heights(self, stretch: NDArray[np.float32], last: str = "height") -> NDArray[np.float32]:
+        """(R, R) mesh units, row 0 at the top.  stretch: the texture of a frame.  last: the pass
+        that draws them, or a program that `take` was given."""
         rows, columns, _ = stretch.shape
         made = self.gl.texture((columns, rows), 4, stretch.tobytes(), dtype="f4")
         made.filter = moderngl.NEAREST, moderngl.NEAREST
@@ -52,8 +53,18 @@ class Renderer:
             side = self.manifest["cushion"]["textures"]["size"]
             self._textures["rhytid_cushion"] = self._draw("cushion", (side, side))
         side = self.manifest["resolution"]
-        out = self._draw("height", (side, side))
+        out = self._draw(last, (side, side))
         return np.frombuffer(out.read(), np.float32).reshape(side, side)
+
+    def take(self, name: str, vertex: str, fragment: str) -> None:
+        """A program of another generator in place of the last pass; it has texture coordinates."""
+        self._passes[name] = self.gl.program(vertex, fragment_shader=fragment)
+        # Both triangles of the target; v is up.
+        corners = [(x, y) for x, y in ((0, 0), (1, 0), (0, 1), (1, 0), (1, 1), (0, 1))]
+        rows = [(2 * x - 1, 2 * y - 1, 0, x, 1 - y) for x, y in corners]
+        self._square = self.gl.buffer(np.array(rows, np.float32).tobytes())
+        for matrix in ("u_worldMatrix", "u_viewProjectionMatrix"):
+            self._passes[name][matrix].write(np.eye(4, dtype=np.float32).tobytes())
 
     def release(self) -> None:
         self.gl.release()
@@ -84,7 +95,11 @@ class Renderer:
             if uniform in program:
                 texture.use(place)
                 program[uniform].value = place
-        self.gl.vertex_array(program, []).render(moderngl.TRIANGLES, vertices=3)
+        if "i_position" in program:
+            content = [(self._square, "3f 2f", "i_position", "i_texcoord_0")]
+            self.gl.vertex_array(program, content).render(moderngl.TRIANGLES)
+        else:
+            self.gl.vertex_array(program, []).render(moderngl.TRIANGLES, vertices=3)
         self.gl.finish()
         return out
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ from rhytid.skin_package.maps import check_settings
 from rhytid.skin_package.paging import Paging, pyramid
 from rhytid.skin_package.runtime import stretch
 from rhytid.skin_package.sets import in_sets
+from rhytid.skin_package.textures import SetFiles
 from skin_package.conftest import Written
 from skin_package.ktx2 import Texture, read_ktx2
 
@@ -58,6 +60,8 @@ def test_the_manifest_fits_its_schema_and_names_every_file(written: Written) -> 
     named = {
         "manifest.json", "manifest.schema.json", found.mesh.file, found.stretch.rest,
         found.stretch.python, found.stretch.javascript, *shaders,
+        *found.stretch.compute.values(),
+        found.materialx.document, *found.materialx.implementations.values(),
         *(file for array in arrays for file in array.files.values()), *rhytid_viewer.laid_out(),
     }  # fmt: skip
     there = {str(f.relative_to(written.folder)) for f in written.folder.rglob("*") if f.is_file()}
@@ -214,6 +218,32 @@ def test_more_sets_than_a_texture_holds_are_refused(monkeypatch: pytest.MonkeyPa
         in_sets([level], 3)
 
 
+@pytest.mark.parametrize("table", [1 << 10, 1 << 23])
+def test_sets_are_numbered_in_order_whatever_a_table_holds(
+    table: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sets, "TABLE", table)
+    monkeypatch.setattr(sets, "STRIP", 1000)
+    level = np.random.default_rng(2).integers(-20, 20, (8, 60, 60), np.int8)
+    (numbers,), codes = in_sets([level], 4)
+    rows = level.reshape(2, 4, -1).swapaxes(1, 2).reshape(-1, 4)
+    wanted, places = np.unique(rows.view(np.uint8), axis=0, return_inverse=True)
+
+    assert np.array_equal(codes.reshape(4, -1)[:, : len(wanted)].T.view(np.uint8), wanted)
+    assert np.array_equal(numbers.reshape(-1), places.reshape(-1))
+
+
+def test_sets_take_little_memory() -> None:
+    level = np.random.default_rng(4).integers(-128, 128, (4, 1024, 1024), np.int8)
+    tracemalloc.start()
+    _, codes = in_sets([level], 4)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert codes.size > 3 << 20
+    assert most < 10 * level.nbytes
+    assert most < 4 * 1024**2 + sets.BESIDE
+
+
 def test_levels_of_an_array_are_aligned(tmp_path: Path) -> None:
     levels = pyramid(np.arange(3 * 4 * 4).reshape(3, 4, 4).astype(np.int8), 3)
     file = tmp_path / "a.ktx2"
@@ -221,3 +251,25 @@ def test_levels_of_an_array_are_aligned(tmp_path: Path) -> None:
 
     for found, level in zip(read_ktx2(file).levels, levels, strict=True):
         assert np.array_equal(found, level)
+
+
+def test_udims_with_fewer_sets_take_fewer_bytes(tmp_path: Path) -> None:
+    (tmp_path / "textures").mkdir()
+    files = SetFiles(tmp_path / "textures", "wrinkles", 1, 3)
+    random = np.random.default_rng(3)
+    few, many = (random.integers(-most, most, (3, 512, 512), np.int8) for most in (2, 100))
+    files.write(1001, [many])
+    files.write(1002, [few])
+    numbers, codes = files.described()
+
+    assert numbers.format == "R32_UINT"
+    assert [read_ktx2(tmp_path / numbers.files[udim]).format for udim in ("1001", "1002")] == [
+        98,
+        74,
+    ]
+    for udim, maps in (("1001", many), ("1002", few)):
+        found = read_ktx2(tmp_path / codes.files[udim]).levels[0].reshape(3, -1)
+        assert np.array_equal(
+            found[:, read_ktx2(tmp_path / numbers.files[udim]).levels[0][0]], maps
+        )
+    assert numbers.bytes == 6 * 512**2

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import shutil
 import subprocess
 from pathlib import Path
@@ -25,6 +26,7 @@ from rhytid.skin_package.runtime import stretch
 from skin_package.conftest import Written, write_package
 
 pytestmark = pytest.mark.peers
+log = logging.getLogger(__name__)
 DIALECTS = ("glsl-es-300", "glsl-410", "hlsl", "wgsl")
 # Codes of 8 bits: what float32 rounds, and codes of grain below -127.
 CLOSE = 1.0
@@ -95,8 +97,9 @@ def test_it_finds_its_way_over_pages(
     write_package(written.engine, written.asset, tmp_path)
     moved = deform(written.mesh.positions, 4, 0.1)
 
-    found = worst(written.engine, written.asset, written.mesh, tmp_path, "glsl-es-300", moved)
-    assert found < CLOSE
+    for dialect in DIALECTS:
+        found = worst(written.engine, written.asset, written.mesh, tmp_path, dialect, moved)
+        assert found < CLOSE, dialect
 
 
 def test_every_udim_has_its_textures(tmp_path: Path) -> None:
@@ -107,8 +110,9 @@ def test_every_udim_has_its_textures(tmp_path: Path) -> None:
         moved = deform(new.mesh.positions, 3, 0.1)
         for udim in (1002, 1011):
             package = tmp_path / "skin"
-            found = worst(engine, asset, new.mesh, package, "glsl-es-300", moved, udim)
-            assert found < CLOSE
+            for dialect in DIALECTS:
+                found = worst(engine, asset, new.mesh, package, dialect, moved, udim)
+                assert found < CLOSE, dialect
 
 
 @pytest.mark.face
@@ -122,8 +126,10 @@ def test_it_draws_the_real_face(tmp_path: Path, face: face_data.Face, preset: st
         write_package(engine, asset, tmp_path / "skin")
         for name in ("smile", "jaw_open", "brow_furrow"):
             moved = face.composite(name)
-            found = worst(engine, asset, mesh, tmp_path / "skin", "glsl-es-300", moved)
-            assert found < CLOSE
+            for dialect in DIALECTS:
+                found = worst(engine, asset, mesh, tmp_path / "skin", dialect, moved)
+                log.info("%s, %s, %s: within %.4f codes", preset, name, dialect, found)
+                assert found < CLOSE
 
 
 def test_javascript_gives_the_bits_of_numpy(written: Written, tmp_path: Path) -> None:

@@ -69,13 +69,13 @@ def restored(store: AssetStore, data: bytes) -> bool:
 
 
 def files(store: AssetStore, id: str = ID) -> dict[str, bytes]:
-    home = store._assets / id
+    home = store._folders.assets / id
     found = (path for path in home.rglob("*") if path.is_file())
     return {str(path.relative_to(home)): path.read_bytes() for path in found}
 
 
 def untouched(store: AssetStore) -> bool:
-    return not any(store._assets.iterdir()) and not any(store._partial.iterdir())
+    return not any(store._folders.assets.iterdir()) and not any(store._folders.partial.iterdir())
 
 
 def test_a_restored_asset_is_the_asset_byte_for_byte(filled: AssetStore, other: AssetStore) -> None:
@@ -84,7 +84,7 @@ def test_a_restored_asset_is_the_asset_byte_for_byte(filled: AssetStore, other: 
     assert other.overlay(ID) == filled.overlay(ID)
     assert other.asset(ID).extra == EXTRA
     assert other.shapes(ID).names == ("jawOpen", "Lächeln")
-    assert not any(other._partial.iterdir())
+    assert not any(other._folders.partial.iterdir())
 
 
 def test_without_shapes_it_is_of_the_format_that_older_versions_read(
@@ -140,7 +140,7 @@ def test_a_request_for_it_is_answered(
 @pytest.mark.parametrize("name", ["asset/mesh.safetensors", "asset/manifest.json", "overlay.json"])
 def test_a_damaged_asset_is_healed_and_gives_no_snapshot(filled: AssetStore, name: str) -> None:
     data, whole = taken(filled), files(filled)
-    path = filled._assets / ID / name
+    path = filled._folders.assets / ID / name
     path.write_bytes(path.read_bytes()[:-1] + b"?")
     with pytest.raises(StorageError, match=Path(name).name):
         filled.snapshot(ID)
@@ -285,7 +285,7 @@ def test_what_is_no_snapshot_of_an_asset_is_refused(
     with pytest.raises(SnapshotError, match=why) as raised:
         restored(other, changed(taken(filled), change))
     assert untouched(other)
-    assert str(other._assets.parent) not in str(raised.value), "no path of this machine"
+    assert str(other._folders.assets.parent) not in str(raised.value), "no path of this machine"
 
 
 def test_sizes_that_are_none_are_refused(filled: AssetStore, other: AssetStore) -> None:
@@ -346,7 +346,7 @@ def test_a_full_disk_at_every_step_leaves_nothing(filled: AssetStore, other: Ass
         if other.ids():
             assert files(other) == whole
             other.delete(ID)
-        assert not any(other._assets.iterdir())
+        assert not any(other._folders.assets.iterdir())
     assert refused > 12
 
 

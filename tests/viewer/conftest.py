@@ -44,11 +44,11 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def package(store: Path) -> Iterator[str]:
     """The URL of its package, from a web server that knows nothing of it."""
-    handler = partial(_Quiet, directory=str(store.parent / "package"))
+    handler = partial(_Quiet, directory=str(store.parent))
     with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
         thread = threading.Thread(target=server.serve_forever)
         thread.start()
-        yield f"http://127.0.0.1:{server.server_address[1]}/"
+        yield f"http://127.0.0.1:{server.server_address[1]}/package/"
         server.shutdown()
         thread.join()
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import runpy
+import shutil
 from collections.abc import Callable
 from itertools import combinations
 from pathlib import Path
@@ -12,6 +14,7 @@ from urllib.parse import urlsplit
 import numpy as np
 import pytest
 
+from house.syntax import ROOT
 from viewer.conftest import CHROMIUM
 from viewer.looking import FLAGS, Look, differ
 
@@ -124,6 +127,10 @@ def test_keys_do_what_the_list_says(look: Look) -> None:
     keys.down("l")
     assert changed("ArrowLeft") == {"light"}
     keys.up("l")
+    look.page.focus("#light")
+    before = look.state()["light"]
+    assert changed("ArrowRight", "ArrowUp") == {"light"}
+    assert np.linalg.norm(np.subtract(look.state()["light"], before)) > 0.05
     assert changed("r") == {"camera", "light"}
     assert look.state()["camera"] == at_first["camera"]
     look.page.get_by_label("smile", exact=True).focus()
@@ -246,6 +253,18 @@ def test_a_browser_without_webgl2_says_so(playwright: Playwright, package: str) 
         look.keep("without_webgl2")
     finally:
         browser.close()
+
+
+def test_a_packed_page_shows_the_same(
+    look: Look, open_page: Opened, package: str, store: Path
+) -> None:
+    packed = shutil.copytree(store.parent / "package", store.parent / "packed")
+    runpy.run_path(str(ROOT / "docs" / "viewer_page.py"))["pack"](packed)
+    other = open_page(package.replace("/package/", "/packed/")).ready()
+
+    assert {f.suffix for f in (packed / "textures").iterdir()} == {".gz"}
+    assert differ(other.picture(), look.picture()) == 0
+    assert other.said == []
 
 
 def test_a_page_out_of_a_folder_says_how_to_serve_it(open_page: Opened, store: Path) -> None:

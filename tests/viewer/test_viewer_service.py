@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -17,6 +18,7 @@ from api.fake_engine import FakeEngine
 from api.live import serving
 from rhytid.access.api_key import new_key
 from rhytid.access.key_file import write_keys
+from rhytid_lab.samples.face import procedural_face
 from viewer.looking import Look, differ
 from viewer.serving import Served
 
@@ -115,6 +117,25 @@ def test_tiles_of_an_outdated_pose_are_not_shown(
     assert http.get(frame).status_code == 404
 
 
+def test_a_frame_that_the_service_forgot_is_sent_again(
+    open_page: Opened, served: Served, http: httpx.Client
+) -> None:
+    page = open_page(f"{served.url}#weights=smile:1").ready()
+    page.page.focus("#canvas")
+    for _ in range(20):
+        page.page.keyboard.press("+")
+    page.page.keyboard.press("3")
+    page.until(EXACT)
+    frame = page.page.evaluate("rhytid.served.exact.frame")
+    close = page.page.evaluate("rhytid.served.exact.tiles.size")
+    http.delete(frame).raise_for_status()
+    page.page.keyboard.press("r")
+    page.until(f"rhytid.served.exact.tiles.size > {close}")
+    page.until(EXACT)
+
+    assert http.get(frame).status_code == 200
+
+
 def test_a_restart_of_the_service_is_survived(open_page: Opened, served: Served) -> None:
     page = open_page(f"{served.url}#weights=smile:1&method=exact&split=0.3").ready()
     page.until(EXACT)
@@ -135,7 +156,29 @@ def test_a_restart_of_the_service_is_survived(open_page: Opened, served: Served)
     assert after == before
 
 
-def test_a_key_is_asked_for_and_kept_for_the_tab(open_page: Opened, tmp_path: Any) -> None:
+def test_a_mesh_is_sent_and_shown(open_page: Opened, served: Served, tmp_path: Path) -> None:
+    sample = procedural_face(16)
+    mesh = {name: getattr(sample.mesh, name) for name in ("positions", "faces", "uv", "face_uv")}
+    shapes = np.stack([sample.pose({name: 1.0}) for name in ("smile", "frown")])
+    np.savez(tmp_path / "small.npz", **mesh, shapes=shapes, names=np.array(["smile", "frown"]))
+    page = open_page(served.url).ready()
+    before = page.state()["asset"]
+
+    page.page.set_input_files("#upload-file", tmp_path / "small.npz")
+    page.page.select_option("#files-resolution", "1024")
+    page.page.click("#files-use")
+    page.until("!document.getElementById('job').hidden")
+    page.until(f"rhytid.store.state.asset !== '{before}' && rhytid.face.shapes.length === 2", 120)
+
+    assert page.page.evaluate("rhytid.face.skin.manifest.stretch.triangles") == 512
+    assert not page.page.locator("#job").is_visible()
+    (tmp_path / "flat.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    page.page.set_input_files("#upload-file", tmp_path / "flat.obj")
+    page.page.click("#files-use")
+    page.until("document.getElementById('banner').textContent.includes('texture coordinate')")
+
+
+def test_a_key_is_asked_for_and_kept_for_the_tab(open_page: Opened, tmp_path: Path) -> None:
     shown, key = new_key("artist", {"read", "compute"})
     write_keys(tmp_path / "keys.json", [key])
     with serving(FakeEngine(), keys=tmp_path / "keys.json") as client:

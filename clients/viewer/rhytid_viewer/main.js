@@ -19,7 +19,8 @@ try {
   } else {
     page.withoutService();
     addIntake(page, null);
-    await page.show(packageReader(root), camera);
+    const packed = document.documentElement.dataset.packed === "gz";
+    await page.show(packageReader(root, packed), camera);
   }
 } catch (error) {
   page.failed(error);

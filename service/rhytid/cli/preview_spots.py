@@ -13,7 +13,7 @@ from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import busiest_udim, triangles_inside, udim_origin
 from rhytid.errors import InputError, MeshError
 from rhytid.meshes.closest import closest
-from rhytid.pictures.places import flat_places
+from rhytid.pictures.flat_patches import flattest_patches
 from rhytid.pictures.surface_patch import Frame
 
 Floats = NDArray[np.float64]
@@ -49,7 +49,7 @@ def flat_spots(mesh: Mesh, sides: Sequence[float]) -> Spots:
     uv = mesh.triangle_uv()[inside] - udim_origin(udim)
     for side in sides:
         with suppress(MeshError):
-            found = flat_places(corners, uv, side / 2)
+            found = flattest_patches(corners, uv, side / 2)
             spots = [
                 Spot(p.uv, Frame.of(corners[p.triangle]), float(abs(np.linalg.det(p.to_uv)) ** 0.5))
                 for p in found

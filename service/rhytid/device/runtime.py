@@ -7,75 +7,29 @@ import time
 from collections.abc import Callable, Hashable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
-from types import MappingProxyType
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 import rhytid_kernels
-from rhytid.device import trial, watch
+from rhytid.device import trial
 from rhytid.device.budget import MemoryBudget
+from rhytid.device.buffer import Buffer
 from rhytid.device.buffer_pool import BufferPool
+from rhytid.device.driver_errors import driver_errors
 from rhytid.device.elsewhere import Elsewhere, by_owner, making
 from rhytid.device.figures import DROPPED, Figures
 from rhytid.device.memory import usual_device_memory
 from rhytid.device.paces import FIRST_WORK, Paces
+from rhytid.device.programs import NO_DEFINES, Programs
 from rhytid.device.select import Candidate
 from rhytid.device.shape import launch_shapes
-from rhytid.device.sigint import without_sigint
 from rhytid.device.trial import cl
 from rhytid.device.work_groups import LaunchPiece, launch_pieces
-from rhytid.errors import DeviceError, DeviceMemoryError, KernelBuildError
+from rhytid.errors import DeviceMemoryError
 
 T = TypeVar("T")
-BUILD_OPTIONS = ("-cl-std=CL1.2",)
-_Defines = tuple[tuple[str, object], ...]
-NO_DEFINES: Mapping[str, object] = MappingProxyType({})
-
-
-@contextmanager
-def _device_errors() -> Iterator[None]:
-    """The one place where errors of the OpenCL runtime become ours."""
-    watch.begin_call()
-    try:
-        with without_sigint():
-            yield
-    except cl.MemoryError as error:
-        raise DeviceMemoryError(f"the OpenCL driver is out of memory: {error}") from error
-    except cl.Error as error:
-        raise DeviceError(f"the OpenCL driver failed: {error}") from error
-    finally:
-        watch.end_call()
-
-
-class Buffer:
-    """Bytes on the device, counted in its budget until released."""
-
-    def __init__(self, device: Device, nbytes: int, host: NDArray[Any] | None = None) -> None:
-        spare = device.budget.reserve(nbytes, reuse=host is None)
-        device.born.append(self)
-        self.nbytes = nbytes
-        self.handle: Any = spare
-        self._device = device
-        self._released = False
-        if spare is None:
-            self.handle = device.allocate(nbytes, host)
-
-    def release(self) -> None:
-        """Give the memory back; a second call does nothing."""
-        elsewhere = self._device.elsewhere
-        if elsewhere is None:
-            self._release()
-        else:
-            elsewhere.step(self._release)
-
-    def _release(self) -> None:
-        if not self._released:
-            self._released = True
-            self._device.budget.free(self.nbytes)
-            if self.handle is not None:
-                self._device.pool.leave(self.handle, self.nbytes)
 
 
 class Device:
@@ -101,11 +55,10 @@ class Device:
         self._others = threading.local()
         self.shapes = launch_shapes(candidate.kind, candidate.local_memory, candidate.largest_group)
         self.shape = self.shapes[0]
-        with _device_errors():
+        with driver_errors():
             self.context = trial.open_context(candidate.handle)
             self._queue = cl.CommandQueue(self.context)
-        self._programs: dict[tuple[str, _Defines], Any] = {}
-        self._kernels: dict[tuple[str, str, _Defines], Any] = {}
+        self.programs = Programs(self.context, candidate)
 
     @property
     def elsewhere(self) -> Elsewhere | None:
@@ -178,7 +131,7 @@ class Device:
         flags = cl.mem_flags.READ_WRITE
         if host is not None:
             flags |= cl.mem_flags.COPY_HOST_PTR
-        with _device_errors():
+        with driver_errors():
             return cl.Buffer(self.context, flags, max(nbytes, 1), hostbuf=host)
 
     @making
@@ -196,7 +149,7 @@ class Device:
     def full(self, count: int, value: np.generic) -> Buffer:
         """A buffer of `count` times a numpy scalar."""
         buffer = Buffer(self, count * value.nbytes)
-        with _device_errors():
+        with driver_errors():
             cl.enqueue_fill_buffer(self._queue, buffer.handle, value, 0, buffer.nbytes)
         return buffer
 
@@ -212,7 +165,7 @@ class Device:
     @contextmanager
     def _reading(self) -> Iterator[None]:
         """Waits for all launches, so that the copy to the host in the block is timed alone."""
-        with _device_errors():
+        with driver_errors():
             self._queue.finish()
             start = time.perf_counter_ns()
             yield
@@ -249,7 +202,7 @@ class Device:
     ) -> None:
         first, stride = to
         row, column = divmod(first, stride)
-        with _device_errors():
+        with driver_errors():
             cl.enqueue_copy(
                 self._queue, target.handle, source.handle, region=(item * side, side, 1),
                 src_origin=(0, 0, 0), dst_origin=(item * column, row, 0),
@@ -271,7 +224,9 @@ class Device:
         if self.elsewhere is None:
             self._launch(program, kernel, size, arguments, group, defines)
         else:
-            self.kernel(program, kernel, defines)  # compiled here, while others use the device
+            self.programs.kernel(
+                program, kernel, defines
+            )  # compiled here, while others use the device
             launch = partial(self._launch, program, kernel, size, arguments, group, defines)
             self.elsewhere.later(launch)
 
@@ -285,58 +240,22 @@ class Device:
         defines: Mapping[str, object],
     ) -> None:
         handles = [a.handle if isinstance(a, Buffer) else a for a in arguments]
-        compiled = self.kernel(program, kernel, defines)
+        compiled = self.programs.kernel(program, kernel, defines)
         pieces = (
             launch_pieces(size, self.info.largest_group)
             if group is None
             else [LaunchPiece(None, size, group)]
         )
-        with _device_errors():
+        with driver_errors():
             for piece in pieces:
                 compiled(self._queue, piece.size, piece.group, *handles, global_offset=piece.offset)
 
     @by_owner
     def finish(self) -> None:
         """Wait until everything enqueued is done; raises DeviceError where the queue broke."""
-        with _device_errors():
+        with driver_errors():
             self._queue.finish()
-
-    def kernel(self, program: str, kernel: str, defines: Mapping[str, object] = NO_DEFINES) -> Any:
-        """A compiled kernel; its program is compiled once for each set of defines.
-
-        Raises KernelBuildError.
-        """
-        given = tuple(sorted(defines.items()))
-        key = (program, kernel, given)
-        if key not in self._kernels:
-            self._kernels[key] = self.fitting(cl.Kernel(self._program(program, given), kernel))
-        return self._kernels[key]
-
-    def _program(self, name: str, defines: _Defines) -> Any:
-        if (name, defines) not in self._programs:
-            options = [*BUILD_OPTIONS, *(f"-D{key}={value}" for key, value in defines)]
-            self._programs[name, defines] = self.build(rhytid_kernels.source(name), options)
-        return self._programs[name, defines]
-
-    def fitting(self, kernel: Any) -> Any:
-        """The kernel itself; raises DeviceError where a work-group has too little local memory for
-        it, which some drivers tell in words of their own and others not at all."""
-        asked = cl.kernel_work_group_info.LOCAL_MEM_SIZE
-        needed = kernel.get_work_group_info(asked, self.info.handle)
-        if needed > self.info.local_memory:
-            raise DeviceError(
-                f"kernel {kernel.function_name} needs {needed} bytes of local memory: "
-                f"{self.info.name} has {self.info.local_memory}"
-            )
-        return kernel
 
     def digest(self, program: str) -> str:
         """Twelve hexadecimal digits that change with the source of a program."""
         return rhytid_kernels.digest(program)
-
-    def build(self, text: str, options: list[str]) -> Any:
-        """A program from source text; raises KernelBuildError with the compiler's log."""
-        try:
-            return trial.compile_program(self.context, text, options)
-        except cl.RuntimeError as error:
-            raise KernelBuildError(str(error)) from error

@@ -8,8 +8,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.device.buffer import Buffer
 from rhytid.device.paces import WorkPace
-from rhytid.device.runtime import Buffer
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.device_frames import DeviceFrames
 from rhytid.engine.device_grain import DeviceGrain

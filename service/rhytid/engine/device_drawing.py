@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.device.runtime import Buffer
+from rhytid.device.buffer import Buffer
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.device_bins import DeviceBins
 from rhytid.engine.device_frames import DeviceFrames

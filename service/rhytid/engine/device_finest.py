@@ -10,7 +10,7 @@ from contextlib import AbstractContextManager, contextmanager
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.device.runtime import Buffer
+from rhytid.device.buffer import Buffer
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.device_drawing import DeviceDrawing
 from rhytid.engine.device_mesh import DeviceMesh

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.device.runtime import Buffer
+from rhytid.device.buffer import Buffer
 from rhytid.engine.device_mesh import DeviceMesh
 from rhytid.engine.frames import Frame
 from rhytid.engine.messages import MapQuery

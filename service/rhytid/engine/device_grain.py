@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 
-from rhytid.device.runtime import Buffer
+from rhytid.device.buffer import Buffer
 from rhytid.engine.device_frames import DeviceFrames
 from rhytid.engine.device_mesh import DeviceMesh
 from rhytid.engine.frames import Frame

@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from rhytid.device.runtime import Buffer
+from rhytid.device.buffer import Buffer
 from rhytid.engine.device_frames import DeviceFrames
 from rhytid.engine.device_mesh import DeviceMesh
 from rhytid.engine.frames import NEUTRAL_FRAME

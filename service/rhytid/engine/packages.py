@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import threading
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -25,7 +26,7 @@ from rhytid.errors import (
     NotFoundError,
     SettingsError,
 )
-from rhytid.skin_package.maps import SkinMaps
+from rhytid.skin_package.maps import SkinMaps, check_settings
 from rhytid.skin_package.package import PackageWriter
 from rhytid.skin_package.paging import MOST_SIDE
 from rhytid.skin_package.version import package_version
@@ -123,13 +124,14 @@ class PackageService:
         with self._lock:
             if (making := self._unfinished.get(wanted.key)) is not None or not begin:
                 return making
-        maps = self._maps(wanted.asset)  # it may have to load the asset
         with self._lock:
             if (making := self._unfinished.get(wanted.key)) is not None:
                 return making
+            with _refused(wanted.asset):
+                check_settings(wanted.asset.settings)
             # Never small: the thread of small jobs gives builds and frames their turn at once.
             begun = threading.Event()
-            work = partial(self._work, wanted, maps, begun)
+            work = partial(self._work, wanted, begun)
             job = self._jobs.start("package", wanted.asset.id, work)
             making = self._unfinished[wanted.key] = _PackageJob(job)
             begun.set()
@@ -139,17 +141,14 @@ class PackageService:
     def _ended(self, key: str) -> None:
         del self._unfinished[key]
 
-    def _maps(self, asset: Asset) -> SkinMaps:
-        try:
-            return SkinMaps.of(self._source, asset.id)
-        except (SettingsError, LimitError) as error:
-            raise ConflictError(f"asset {asset.id} cannot be packaged: {error}") from error
-
-    def _work(self, wanted: _Wanted, maps: SkinMaps, begun: threading.Event, job: Job) -> None:
+    def _work(self, wanted: _Wanted, begun: threading.Event, job: Job) -> None:
         begun.wait()
         making = self._unfinished[wanted.key]
         hold = self._memory.hold("jobs")
         try:
+            job.progress(0.0, "reading the asset")
+            with _refused(wanted.asset):
+                maps = SkinMaps.of(self._source, wanted.asset.id)  # it may have to be loaded
             shapes = None
             with suppress(NotFoundError):  # none came
                 shapes = self._store.shapes(wanted.asset.id)
@@ -188,3 +187,12 @@ class PackageService:
         if self._wanted(wanted.asset, wanted.levels).key != wanted.key:
             asset = wanted.asset.id
             raise CancelledError(f"asset {asset} was changed: ask for its package again")
+
+
+@contextmanager
+def _refused(asset: Asset) -> Iterator[None]:
+    """What a package cannot hold is not possible in the present state of the asset."""
+    try:
+        yield
+    except (SettingsError, LimitError) as error:
+        raise ConflictError(f"asset {asset.id} cannot be packaged: {error}") from error

@@ -21,7 +21,7 @@ _Task = tuple["Future[Any]", Callable[[], Any]]
 
 class DeviceWorker:
     """Runs calls one after the other: on the thread of the caller where nothing else runs or waits,
-    which saves waking two threads, else on a thread of its own.
+    which saves waking two threads, else on a thread of its own. A call must not call again.
 
     Each call belongs to a turn, such as the asset that it draws. Turns with calls in the queue are
     served in rotation, one call each; calls of one turn are served in the order in which they came.
@@ -71,18 +71,16 @@ class DeviceWorker:
 
     def _run(self, task: Callable[[], T], turn: Hashable, *, block: bool) -> T:
         timed = partial(self._figures.task, task, time.perf_counter_ns())
-        alone = False
-        try:  # also where an interrupt comes
-            with self._changed:
-                alone = not (self._runs or self._turns or self._closed)
-                if alone:
-                    self._runs = True
-                else:
-                    future = self._queued(timed, turn, block)
+        with self._changed:
+            alone = not (self._runs or self._turns or self._closed or _interruptible())
             if alone:
+                self._runs = True
+            else:
+                future = self._queued(timed, turn, block)
+        if alone:
+            try:
                 return timed()
-        finally:
-            if alone:
+            finally:
                 self._finished()
         try:
             return future.result()
@@ -133,6 +131,11 @@ class DeviceWorker:
             self._runs = False
             if self._turns or self._closed:
                 self._changed.notify_all()
+
+
+def _interruptible() -> bool:
+    """Whether an interrupt may stop this thread at any instruction, within a task too."""
+    return threading.current_thread() is threading.main_thread()
 
 
 def _perform(future: Future[T], task: Callable[[], T]) -> None:

@@ -42,28 +42,28 @@ _PARENT_DIES = 1
 _log = logging.getLogger(__name__)
 
 
-def main(control: int, report: int, counted: int, parent: int) -> NoReturn:
-    """Run the process.  control, report, counted: descriptors of the control socket, and of the
-    memory for the report and for figures.  parent: the process that started this one."""
+def main(control: int, report: int, figures_memory: int, parent: int) -> NoReturn:
+    """Run the process.  control, report, figures_memory: descriptors of the control socket, and
+    of the memory for the report and for figures.  parent: the process that started this one."""
     _end_with(parent)
     heaps.keep_few()
-    for descriptor in (control, report, counted):
+    for descriptor in (control, report, figures_memory):
         os.set_inheritable(descriptor, False)
     # The server ends this process: signals of a terminal or a service manager are for the server.
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     with suppress(OSError, ValueError):  # without stderr
         faulthandler.enable()
-    told = Control(socket.socket(fileno=control))
-    found = told.receive()
+    server = Control(socket.socket(fileno=control))
+    found = server.receive()
     if found is None:
         os._exit(0)
     start: Start = found[0]
     _log_as(start)
     memory = mapped(report, mmap.PAGESIZE)
     report_to(Report(memory.data[:SIZE]), start.settings.launch_seconds)
-    written = Figures(mapped(counted, figures.SIZE).data)
-    _Process(told).run(start, written)
+    counters = Figures(mapped(figures_memory, figures.SIZE).data)
+    _Process(server).run(start, counters)
 
 
 class _Process:
@@ -72,36 +72,36 @@ class _Process:
         self._closing = threading.Event()
         self._calls: Calls | None = None
 
-    def run(self, start: Start, written: Figures) -> NoReturn:
+    def run(self, start: Start, counters: Figures) -> NoReturn:
         threading.Thread(target=self._listen, name="rhytid-control", daemon=True).start()
         try:
-            engine = Engine(start.settings, start.refused, written, start.assets)
+            engine = Engine(start.settings, start.refused, counters, start.assets)
         except Exception as error:  # noqa: BLE001 the server raises it
             if not isinstance(error, RhytidError | OSError):
                 _log.exception("the engine does not start")
-            self._tell(Started(_sendable(error)))
+            self._notify(Started(_sendable(error)))
             _exit(1)
-        self._calls = Calls(engine, lambda token: self._tell(FramesStored(token)))
-        self._tell(Started(None))
+        self._calls = Calls(engine, lambda token: self._notify(FramesStored(token)))
+        self._notify(Started(None))
         heaps.keep_giving_back(self._closing)
         self._closing.wait()
         engine.close()
         _exit(0)
 
     def _listen(self) -> None:
-        """Take in what the server tells; end where it is gone."""
-        while (heard := self._control.receive()) is not None:
-            word, descriptors = heard
-            if isinstance(word, OpenLine):
+        """Handle messages of the server; end where it is gone."""
+        while (received := self._control.receive()) is not None:
+            message, descriptors = received
+            if isinstance(message, OpenLine):
                 line = socket.socket(fileno=descriptors[0])
                 threading.Thread(target=self._answer, args=(line,), daemon=True).start()
-            elif isinstance(word, Close):
+            elif isinstance(message, Close):
                 self._closing.set()
         os._exit(0)
 
-    def _tell(self, word: Any) -> None:
+    def _notify(self, message: Any) -> None:
         with suppress(OSError):  # `_listen` finds that the server is gone
-            self._control.send(word)
+            self._control.send(message)
 
     def _answer(self, line: socket.socket) -> None:
         """Answer the calls of one line until it is closed."""

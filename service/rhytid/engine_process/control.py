@@ -1,4 +1,4 @@
-"""What a server and the process of its device tell each other beside calls."""
+"""Messages between a server and the process of its device, beside calls."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from rhytid.settings import ServiceSettings
 
 @dataclass(frozen=True)
 class Start:
-    """The first that a process is told.
+    """The first message to a process.
 
     refused: ids of assets that are not to be built, and why.  log_level: of what it logs; 0 = only
     what Python writes by itself, warnings.  assets: those of the store that are this device's;
@@ -59,13 +59,13 @@ class Control:
         self.line = line
         self._sending = threading.Lock()
 
-    def send(self, word: Any, *descriptors: int) -> None:
-        """Tell the other side; raises OSError where it is gone."""
+    def send(self, message: Any, *descriptors: int) -> None:
+        """Send a message; raises OSError where it is gone."""
         with self._sending:
-            send(self.line, Message(pack(word).body, descriptors=descriptors))
+            send(self.line, Message(pack(message).body, descriptors=descriptors))
 
     def receive(self) -> tuple[Any, tuple[int, ...]] | None:
-        """What the other side tells next, and descriptors, which are the caller's to close; None
-        where it is gone."""
+        """The next message of the other side, and descriptors, which are the caller's to close;
+        None where it is gone."""
         found = receive(self.line, descriptors=True)
         return None if found is None else (pickle.loads(found.body), found.descriptors)

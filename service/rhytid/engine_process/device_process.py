@@ -25,7 +25,7 @@ from rhytid.engine_process.wire import close_all, readable
 _log = logging.getLogger(__name__)
 # Seconds between two looks at what the process does.
 LOOK = 0.1
-# Seconds that it has to end by itself once it is told to.
+# Seconds that it has to end by itself once it is asked to.
 CLOSING = 4.0
 # It gets the path of this process, not what lies in the folder that it is started in.
 _CODE = (
@@ -37,9 +37,9 @@ _CODE = (
 class DeviceProcess:
     """A process with an engine, and the lines to it.
 
-    told: takes what it tells beside answers.  answers: called once it answers calls.  counted:
-    descriptor of the memory for its figures, which stays the caller's.
-    started: done then; has the error where it does not start.  ending: set by whoever
+    on_message: called with its messages beside answers.  on_ready: called once it answers calls.
+    figures_memory: descriptor of the memory for its figures, which stays the caller's.
+    started: done once it answers; has the error where it does not start.  ending: set by whoever
     called `watch`, after it returned. `watch` must run for as long as the process lives, on the
     thread that made it: the system ends the process together with that thread.
     """
@@ -47,25 +47,25 @@ class DeviceProcess:
     def __init__(
         self,
         start: Start,
-        told: Callable[[Any], None],
-        answers: Callable[[DeviceProcess], None],
-        counted: int,
+        on_message: Callable[[Any], None],
+        on_ready: Callable[[DeviceProcess], None],
+        figures_memory: int,
     ) -> None:
         self.started: Future[None] = Future()
         self.ending: Future[Ending] = Future()
-        self._limit, self._told = start.settings.launch_seconds, told
-        self._answers = answers
+        self._limit, self._on_message = start.settings.launch_seconds, on_message
+        self._on_ready = on_ready
         near, far = socket.socketpair()
         self._control = Control(near)
         memory = shared_file(mmap.PAGESIZE)
         self.report = Report(mapped(memory, mmap.PAGESIZE).data[:SIZE])
         with far:
-            self._process = _spawned(far.fileno(), memory, counted)
+            self._process = _spawned(far.fileno(), memory, figures_memory)
         os.close(memory)
         self.lines = Lines(self._new_line)
         self._late: float | None = None
         self._close_by: float | None = None
-        with suppress(OSError):  # it has ended already: `watch` tells
+        with suppress(OSError):  # it has ended already: `watch` reports it
             self._control.send(start)
 
     @property
@@ -87,7 +87,7 @@ class DeviceProcess:
     def watch(self) -> Ending:
         """Wait for its end, and end it where a call of the driver takes too long."""
         try:
-            while self._hears():
+            while self._handle_message():
                 if self._late is None and self.report.late:
                     self._late = self._limit
                     self.kill()
@@ -101,23 +101,23 @@ class DeviceProcess:
         self.lines.close()
         return ending
 
-    def _hears(self) -> bool:
-        """Take in what the process tells within a moment; False where it is gone."""
+    def _handle_message(self) -> bool:
+        """Handle a message of the process, if one comes within LOOK; False where it is gone."""
         if not readable(self._control.line, LOOK):
             return True
-        heard = self._control.receive()
-        if heard is None:
+        received = self._control.receive()
+        if received is None:
             return False
-        word, descriptors = heard
+        message, descriptors = received
         close_all(descriptors)
-        if isinstance(word, Started):
-            if word.error is None:
+        if isinstance(message, Started):
+            if message.error is None:
                 self.started.set_result(None)
-                self._answers(self)
+                self._on_ready(self)
             else:
-                self.started.set_exception(word.error)
+                self.started.set_exception(message.error)
         else:
-            self._told(word)
+            self._on_message(message)
         return True
 
     def _new_line(self) -> Line:
@@ -127,8 +127,8 @@ class DeviceProcess:
         return Line(near)
 
 
-def _spawned(control: int, report: int, counted: int) -> subprocess.Popen[bytes]:
-    descriptors = (control, report, counted)
+def _spawned(control: int, report: int, figures_memory: int) -> subprocess.Popen[bytes]:
+    descriptors = (control, report, figures_memory)
     numbers = [str(number) for number in (*descriptors, os.getpid())]
     command = [sys.executable, "-c", _CODE, os.pathsep.join(sys.path), os.pathsep, *numbers]
     # A session of its own: an interrupt at the terminal is for the server, which ends it.

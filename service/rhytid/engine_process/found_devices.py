@@ -18,7 +18,7 @@ ALL = "all"
 _LONGEST = 300.0
 _CODE = (
     "import sys; sys.path[:] = sys.argv[1].split(sys.argv[2]); "
-    "from rhytid.engine_process.found_devices import tell; tell()"
+    "from rhytid.engine_process.found_devices import print_devices; print_devices()"
 )
 
 
@@ -33,7 +33,7 @@ class FoundDevice:
     memory: int
 
 
-def tell() -> None:
+def print_devices() -> None:
     """Print the devices of this process that compute, as JSON."""
     from rhytid.device.memory import usual_device_memory
     from rhytid.device.select import candidates, computes
@@ -50,13 +50,13 @@ def found_devices() -> list[FoundDevice]:
     """Every device that computes; raises NoDeviceError where there is none."""
     command = [sys.executable, "-c", _CODE, os.pathsep.join(sys.path), os.pathsep]
     try:
-        told = subprocess.run(
+        output = subprocess.run(
             command, stdin=subprocess.DEVNULL, capture_output=True, timeout=_LONGEST, check=True
         ).stdout
     except (subprocess.CalledProcessError, subprocess.TimeoutExpired) as error:
         raise NoDeviceError(f"the devices cannot be tried: {error}") from error
     # Drivers print, too.
-    found = [FoundDevice(**one) for one in json.loads(told.splitlines()[-1])]
+    found = [FoundDevice(**one) for one in json.loads(output.splitlines()[-1])]
     if not found:
         raise NoDeviceError("no OpenCL device here computes")
     return found

@@ -1,4 +1,4 @@
-"""Jobs that callers were told of, kept by the server: they outlive the process that ran them."""
+"""Jobs whose ids callers have, kept by the server: they outlive the process that ran them."""
 
 from __future__ import annotations
 

@@ -143,7 +143,7 @@ class RemoteAssets:
         return self._jobs.keep(self._supervisor.call(request))
 
     def _noted(self, info: AssetInfo) -> AssetInfo:
-        """The asset, whose job is remembered: somebody is told of it."""
+        """The asset, whose job is remembered: a caller gets its id."""
         if info.state == "building" and info.job is not None:
             self._jobs.note(info.job, info.id)
         return info

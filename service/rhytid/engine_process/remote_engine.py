@@ -50,7 +50,7 @@ class RemoteEngine:
         self.memory = ByteBudget(host_memory, "RHYTID_HOST_MEMORY_MB")
         self._uploads = UploadHolds(self.memory)
         jobs = JobLedger()
-        self._supervisor = Supervisors(settings, self._told, partial(self._lost, jobs))
+        self._supervisor = Supervisors(settings, self._on_message, partial(self._lost, jobs))
         frames = FrameLedger(settings.frame_memory or usual_frame_memory(), self._put)
         self.frames = RemoteFrames(self._supervisor, frames)
         self.tiles = RemoteTiles(self._supervisor, frames)
@@ -107,9 +107,9 @@ class RemoteEngine:
     def _put(self, process: DeviceProcess, asset: str, name: str, positions: Positions) -> None:
         self._supervisor.ask(process, Request("frames.put", (asset, name, positions)))
 
-    def _told(self, word: Any) -> None:
-        if isinstance(word, FramesStored):
-            self._uploads.release(word.token)
+    def _on_message(self, message: Any) -> None:
+        if isinstance(message, FramesStored):
+            self._uploads.release(message.token)
 
     def _lost(self, jobs: JobLedger, process: DeviceProcess, its: Callable[[str], bool]) -> None:
         jobs.lose(its)

@@ -44,11 +44,11 @@ class RemoteJobs:
         return JobInfo(**{**vars(self._cancelled(job, lost.asset)), "id": id})
 
     def keep(self, info: JobInfo) -> JobInfo:
-        """Remember a job that a caller is told of; the job itself."""
+        """Remember a job whose id a caller gets; the job itself."""
         return self._ledger.keep(info)
 
     def note(self, id: str, asset: str) -> None:
-        """Remember a job of an asset, of which a caller is told the id."""
+        """Remember a job of an asset, whose id a caller gets."""
         if not self._ledger.knows(id):
             with suppress(NotFoundError):
                 self._ledger.keep(self._now(id, asset))

@@ -37,22 +37,22 @@ _log = logging.getLogger(__name__)
 class Supervisor:
     """One device's process, whichever it is now.
 
-    told: takes what a process tells beside answers.  ended: called when one has ended, before the
-    next starts.  assets: those of the store that are this device's; None = all.  figures: what the
-    device has done, in all of its processes.
+    on_message: called with messages of a process beside answers.  on_end: called when one has
+    ended, before the next starts.  assets: those of the store that are this device's; None = all.
+    figures: what the device has done, in all of its processes.
     """
 
     def __init__(
         self,
         settings: ServiceSettings,
-        told: Callable[[Any], None],
-        ended: Callable[[DeviceProcess], None],
+        on_message: Callable[[Any], None],
+        on_end: Callable[[DeviceProcess], None],
         assets: Callable[[], frozenset[str]] | None = None,
     ) -> None:
         self.restarts: Counter[str] = Counter()
-        self._counted = shared_file(figures.SIZE)
-        self.figures = Figures(mapped(self._counted, figures.SIZE).data)
-        self._settings, self._told, self._ended = settings, told, ended
+        self._figures_memory = shared_file(figures.SIZE)
+        self.figures = Figures(mapped(self._figures_memory, figures.SIZE).data)
+        self._settings, self._on_message, self._on_end = settings, on_message, on_end
         self._assets = assets
         self._refusals = Refusals()
         # Who is blamed, by the number of what is asked.
@@ -94,9 +94,9 @@ class Supervisor:
                 self._made.close()
         self._thread.join()
         with self._changed:
-            counted, self._counted = self._counted, -1
-        if counted >= 0:
-            os.close(counted)
+            memory, self._figures_memory = self._figures_memory, -1
+        if memory >= 0:
+            os.close(memory)
 
     def call(self, request: Request, prepare: Callable[[DeviceProcess], None] | None = None) -> Any:
         """The answer to a request; sent again where the process ends meanwhile.
@@ -178,7 +178,7 @@ class Supervisor:
             process = self._make()
             ending = process.watch()
             good = time.monotonic() - began > _GOOD
-            if first and self._ready_never(process, ending):
+            if first and self._failed_to_start(process, ending):
                 return
             self._settle(process, ending)
             first = False
@@ -190,7 +190,7 @@ class Supervisor:
     def _make(self) -> DeviceProcess:
         level, assets = logging.getLogger("rhytid").level, self._assets and self._assets()
         start = Start(self._settings, self._refusals.builds(), level, assets)
-        process = DeviceProcess(start, self._told, self._publish, self._counted)
+        process = DeviceProcess(start, self._on_message, self._publish, self._figures_memory)
         with self._changed:
             self._made = process
             if self._closing:
@@ -214,7 +214,7 @@ class Supervisor:
             )
             if ending.blames:
                 self._blame(ending)
-        self._ended(process)
+        self._on_end(process)
         process.ending.set_result(ending)
 
     def _blame(self, ending: Ending) -> None:
@@ -227,7 +227,7 @@ class Supervisor:
             _log.error("it worked on a job of asset %s", asset)
             self._refusals.strike_build(asset, ending)
 
-    def _ready_never(self, process: DeviceProcess, ending: Ending) -> bool:
+    def _failed_to_start(self, process: DeviceProcess, ending: Ending) -> bool:
         """Whether the first process did not start: then there is no service."""
         if process.started.done() and process.started.exception() is None:
             return False

@@ -1,4 +1,4 @@
-"""The processes of all devices of a server: each asset is on one of them."""
+"""The processes of all devices of a server; each asset is on one device."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from rhytid.storage.snapshots import asset_of
 from rhytid.storage.store import AssetStore
 
 Prepare = Callable[[DeviceProcess], None]
-# Called with a process that has ended, and with what tells whether an asset was its.
-Ended = Callable[[DeviceProcess, Callable[[str], bool]], None]
-# Bytes that a wrinkle takes on the device, about; how many are grown where nothing says it.
+# Called with a process that has ended, and with a function that says whether an asset was its.
+OnEnd = Callable[[DeviceProcess, Callable[[str], bool]], None]
+# Bytes that a wrinkle takes on the device, about; how many there are, about, where no setting says.
 _WRINKLE, _WRINKLES = 64, 300_000
 
 
@@ -42,15 +42,15 @@ class Supervisors:
     def __init__(
         self,
         settings: ServiceSettings,
-        told: Callable[[Any], None],
-        ended: Ended,
+        on_message: Callable[[Any], None],
+        on_end: OnEnd,
     ) -> None:
         self._store: AssetStore | None = None
-        self._placement, self._ended = Placement([0]), ended
+        self._placement, self._on_end = Placement([0]), on_end
         # An asset is placed or removed by one thread at a time.
         self._changing = KeyedLocks()
         if not settings.devices:
-            self.all = [Supervisor(settings, told, partial(self._one_ended, 0))]
+            self.all = [Supervisor(settings, on_message, partial(self._one_ended, 0))]
             return
         chosen = named_devices(settings.devices, found_devices())
         each = [settings_of(one, chosen, settings) for one in chosen]
@@ -60,13 +60,16 @@ class Supervisors:
             self._placement.place(asset, nbytes)
         self.all = [
             Supervisor(
-                one, told, partial(self._one_ended, number), partial(self._placement.on, number)
+                one,
+                on_message,
+                partial(self._one_ended, number),
+                partial(self._placement.on, number),
             )
             for number, one in enumerate(each)
         ]
 
     def _one_ended(self, number: int, process: DeviceProcess) -> None:
-        self._ended(process, lambda asset: (self._placement.of(asset) or 0) == number)
+        self._on_end(process, lambda asset: (self._placement.of(asset) or 0) == number)
 
     @property
     def waiting(self) -> int:
@@ -168,7 +171,7 @@ class Supervisors:
             self.all[number].call(Request("assets.info", (asset,)))
         except NotFoundError:
             return False
-        except Exception:  # noqa: BLE001 the first error is what the caller is told
+        except Exception:  # noqa: BLE001 the caller gets the first error
             return True
         return True
 

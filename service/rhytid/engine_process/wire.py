@@ -1,7 +1,7 @@
 """Messages over a Unix socket: a head, sizes of arrays, a pickle; descriptors of shared memory go
 beside them.
 
-On a line one side asks and the other answers; on the control socket each tells what it has to.
+On a line one side asks and the other answers; on the control socket both send messages.
 """
 
 from __future__ import annotations

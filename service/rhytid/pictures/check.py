@@ -1,4 +1,4 @@
-"""Where a mesh has problems: the mesh from three sides and its UV, with these places coloured."""
+"""Problems of a mesh as a picture: it from three sides and its UV, their triangles coloured."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def _solid(
     corners = positions[mesh.faces]
     middles = view.pixels(corners.mean(axis=1), SIDE)
     areas = _areas(corners)
-    # What faces away is on the other side; what has no area faces nowhere.
+    # Triangles that face away are on the other side; those without area face nowhere.
     a, b, c = np.moveaxis(corners[..., :2], 1, 0)
     away = np.cross(np.pad(b - a, ((0, 0), (0, 1))), np.pad(c - a, ((0, 0), (0, 1))))[:, 2] < 0
     return marked(picture, _boxes(middles, np.where(away, -1.0, areas), problems))
@@ -93,7 +93,7 @@ def _map(
     mesh: Mesh, udim: int, colours: NDArray[np.float64], problems: Sequence[Problem]
 ) -> Picture:
     local = mesh.triangle_uv() - udim_origin(udim)
-    # What has a problem is drawn over what has none.
+    # Triangles with a problem are drawn over the others.
     order = np.argsort(~np.any([p.triangles for p in problems], axis=0), kind="stable")
     seen = rasterize_uv(local[order], SIDE)
     picture = to_picture(seen.flat(colours[order], _EMPTY))

@@ -1,4 +1,4 @@
-"""Crops of a displacement map as they lie on the surface, at true scale."""
+"""Crops of a displacement map as they are on the surface, at true scale."""
 
 from __future__ import annotations
 
@@ -7,21 +7,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.pictures.places import Place
+from rhytid.pictures.flat_patches import FlatPatch
 
 
 def surface_crop(
-    displacement: NDArray[Any], place: Place, side: float, pixels: int, deformed: bool
+    displacement: NDArray[Any], patch: FlatPatch, side: float, pixels: int, deformed: bool
 ) -> NDArray[np.float64]:
-    """(pixels, pixels) heights on a square of `side` mesh units around a place.
+    """(pixels, pixels) heights on a square of `side` mesh units around a patch.
 
     displacement: (R, R), row 0 at the top.  deformed: measure `side` on the deformed surface, so
     that stretched skin shows less of the map.  The spacing is side / pixels.
     """
     along = ((np.arange(pixels) + 0.5) / pixels - 0.5) * side
     x, y = np.meshgrid(along, -along)
-    to_uv = place.to_uv @ np.linalg.inv(place.shape) if deformed else place.to_uv
-    u, v = (place.uv[i] + to_uv[i, 0] * x + to_uv[i, 1] * y for i in (0, 1))
+    to_uv = patch.to_uv @ np.linalg.inv(patch.shape) if deformed else patch.to_uv
+    u, v = (patch.uv[i] + to_uv[i, 0] * x + to_uv[i, 1] * y for i in (0, 1))
     size = len(displacement)
     return spline_samples(displacement, (1 - v) * size - 0.5, u * size - 0.5)
 

@@ -1,4 +1,4 @@
-"""A picture of where skin folds: the preferred lines on the shaded face, coloured by size."""
+"""A picture of the folds of skin: the preferred lines on the shaded face, coloured by strength."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rhytid.domain.folds import Folds
 from rhytid.pictures.shade_mesh import View, shade_mesh, vertex_normals
 
 # Pixels between two strokes, and along the longest of them.
-_APART, _LONG = 9.0, 17.0
+_SPACING, _LENGTH = 9.0, 17.0
 # Root mean square log compression that is drawn in the strongest colour.
 _MOST = 0.12
 _FINE = 2
@@ -37,8 +37,8 @@ def fold_picture(
     lines = np.cross(normal, axis)[:, :2] * (1, -1)
     share = np.minimum(strength / _MOST, 1.0)
     pixels = view.pixels(positions, size * _FINE)
-    for i in _spread(pixels, positions, normal):
-        half = lines[i] * _FINE * _LONG * (0.15 + 0.35 * np.sqrt(share[i]))
+    for i in _spaced_vertices(pixels, positions, normal):
+        half = lines[i] * _FINE * _LENGTH * (0.15 + 0.35 * np.sqrt(share[i]))
         half *= 0.3 + 0.7 * eccentricity[i] ** 0.5
         colour = (_FAINT + (_STRONG - _FAINT) * share[i]).astype(int)
         ends = [tuple(pixels[i] - half), tuple(pixels[i] + half)]
@@ -46,13 +46,13 @@ def fold_picture(
     return image.resize((size, size), Image.Resampling.LANCZOS)
 
 
-def _spread(
+def _spaced_vertices(
     pixels: NDArray[np.float64], positions: NDArray[Any], normal: NDArray[np.float64]
 ) -> NDArray[np.intp]:
     """Vertices that face the viewer, the nearest one of each cell of the picture."""
     seen = np.flatnonzero(normal[:, 2] > 0.08)
     seen = seen[np.argsort(-np.asarray(positions, np.float64)[seen, 2], kind="stable")]
-    cells = np.floor(pixels[seen] / (_FINE * _APART)).astype(np.int64)
+    cells = np.floor(pixels[seen] / (_FINE * _SPACING)).astype(np.int64)
     first = np.unique(cells, axis=0, return_index=True)[1]
     found: NDArray[np.intp] = seen[first]
     return found

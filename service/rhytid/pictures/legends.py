@@ -1,4 +1,4 @@
-"""What makes a picture readable: colour bars, the wheel, scale bars, arrows, frames."""
+"""Legends and marks: colour bars, the wheel, scale bars, arrows, squares."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ ColourMap = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 @lru_cache
 def font(size: float) -> Font:
-    """Pillow's own font at a size in pixels; it has ASCII and Latin letters only."""
+    """Pillow's own font at a size in pixels, with ASCII and Latin letters only."""
     return ImageFont.load_default(size)
 
 
@@ -62,7 +62,7 @@ def wheel_legend(width: int, label: str) -> Picture:
 
 
 def blank_strip(width: int, label: str = "") -> Picture:
-    """A strip (STRIP, width, 3) with centred text, to stand where others have a legend."""
+    """A strip (STRIP, width, 3) with centred text, in place of a legend."""
     image = Image.new("RGB", (width, STRIP), "white")
     ImageDraw.Draw(image).text((width / 2, 8), label, fill=INK, font=font(13), anchor="ma")
     return np.asarray(image)
@@ -129,7 +129,7 @@ def _text(
     anchor: str,
     fill: tuple[int, int, int] = INK,
 ) -> None:
-    """Legible on any ground: ink on a white plate."""
+    """Text in ink on a white plate, legible on any ground."""
     box = draw.multiline_textbbox(place, text, font=font(15), anchor=anchor)
     draw.rounded_rectangle([box[0] - 5, box[1] - 3, box[2] + 5, box[3] + 4], 4, fill=_GLOW)
     draw.multiline_text(place, text, fill=fill, font=font(15), anchor=anchor)

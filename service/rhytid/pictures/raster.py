@@ -1,4 +1,4 @@
-"""Which triangle covers each pixel: the ground of every picture of a mesh or of its UV map."""
+"""Which triangle covers each pixel: the base of every picture of a mesh or of its UV map."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where each region of a face is looked at: its flattest patch, and where it folds if it does."""
+"""A view of each region of a face: its flattest patch, where it folds if it does."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 from rhytid.domain.regions import REGIONS
 from rhytid.pictures.surface_patch import Frame, SurfacePatch, surface_patch
 
-# Of the largest share of a region: where its patch may lie.
+# Where the patch of a region may lie: at this part of its largest share or more.
 _INSIDE = 0.85
-# Places that are looked at, at most.
+# Triangles that are rated, at most.
 _CANDIDATES = 400
-# Of these so many are looked at closely, at so many pixels per side.
-_LIKELY, _COARSE = 40, 24
+# Of these the best so many are drawn, at so many pixels per side.
+_BEST, _COARSE = 40, 24
 # Regions that are known by their folds.
 _FOLDING = ("forehead", "eye_corner", "lip")
-# What nothing folds counts so much beside what folds most.
+# Weight of skin without folds, where skin that folds most has 1.
 _REST = 0.15
 
 
@@ -54,15 +54,15 @@ def region_views(
     """
     views = []
     for region in (name for name in REGIONS if name in masks):
-        liking = np.asarray(masks[region], np.float64)
+        weight = np.asarray(masks[region], np.float64)
         if region in _FOLDING:
-            liking = liking * (_REST + folds / max(float(folds.max()), 1e-30))
-        if liking.max() <= 0.0:
+            weight = weight * (_REST + folds / max(float(folds.max()), 1e-30))
+        if weight.max() <= 0.0:
             continue
-        likely = _likely(np.asarray(corners, np.float64), liking, side)
-        seen = [_patch(corners, triangle_uv, t, side, _COARSE).seen.covered.mean() for t in likely]
+        best = _best_triangles(np.asarray(corners, np.float64), weight, side)
+        seen = [_patch(corners, triangle_uv, t, side, _COARSE).seen.covered.mean() for t in best]
         # The best one that no rim of the mesh cuts, else the one that is cut least.
-        triangle = int(likely[int(np.argmax(np.round(seen, 1)))])
+        triangle = int(best[int(np.argmax(np.round(seen, 1)))])
         surface = _patch(corners, triangle_uv, triangle, side, pixels)
         views.append(RegionView(region, triangle, surface))
     return views
@@ -74,25 +74,25 @@ def _patch(
     return surface_patch(corners, triangle_uv, Frame.of(corners[triangle]), side, pixels)
 
 
-def _likely(
-    corners: NDArray[np.float64], liking: NDArray[np.float64], side: float
+def _best_triangles(
+    corners: NDArray[np.float64], weight: NDArray[np.float64], side: float
 ) -> NDArray[np.intp]:
-    """Triangles around which a patch is liked and flat, the best first."""
+    """Triangles around which a patch has much weight and is flat, the best first."""
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     centre = corners.mean(axis=1)
     area = np.linalg.norm(normal, axis=1)
-    inside = np.flatnonzero((liking >= _INSIDE * np.percentile(liking, 99.5)) & (area > 0))
+    inside = np.flatnonzero((weight >= _INSIDE * np.percentile(weight, 99.5)) & (area > 0))
     chosen = inside[:: max(1, len(inside) // _CANDIDATES)]
     score, around = np.empty(len(chosen)), np.empty(len(chosen))
     for i, triangle in enumerate(chosen):
         near = np.sum((centre - centre[triangle]) ** 2, axis=1) <= (0.7 * side) ** 2
         near[triangle] = True
         flat = np.linalg.norm(normal[near].sum(axis=0)) / area[near].sum()
-        score[i] = flat**8 * np.average(liking[near], weights=area[near])
+        score[i] = flat**8 * np.average(weight[near], weights=area[near])
         around[i] = area[near].sum()
     # Half a patch at a rim is flatter than a whole one.
     score *= np.minimum(around / np.percentile(around, 80), 1.0) ** 2
-    found: NDArray[np.intp] = chosen[np.argsort(-score, kind="stable")][:_LIKELY]
+    found: NDArray[np.intp] = chosen[np.argsort(-score, kind="stable")][:_BEST]
     return found
 
 

@@ -1,4 +1,4 @@
-"""Relief shading of a displacement crop, so that micro relief reads like skin (Fig. 2, right)."""
+"""Relief shading of a displacement crop, so that micro relief looks like skin (Fig. 2, right)."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def lit(
 ) -> NDArray[np.float64]:
     """(H, W, 3) sRGB of skin with unit normals (H, W, 3) under one distant light.
 
-    exposure: multiplies what the light gives, not the light from all around.
+    exposure: multiplies the direct light, not the ambient.
     """
     to_light = np.array(light) / np.linalg.norm(light)
     half = to_light + np.array([0.0, 0.0, 1.0])

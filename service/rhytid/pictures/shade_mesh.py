@@ -63,7 +63,7 @@ def shade_mesh(
 
 
 def vertex_normals(positions: NDArray[Any], faces: NDArray[Any]) -> NDArray[np.float64]:
-    """(V, 3) unit normals; corners weighted as in Max 1999, exact on a sphere however it is cut."""
+    """(V, 3) unit normals; corners weighted as in Max 1999, exact on every triangulated sphere."""
     p = np.asarray(positions, np.float64)
     normals = np.zeros_like(p)
     for corner in range(3):

@@ -15,7 +15,7 @@ from rhytid.pictures.relief import flat_light, lit
 
 # Sides that a triangle may lie in front of the middle of a patch or behind it.
 _DEPTH = 1.0
-# At most, where the form of the mesh shows: parts of it face the light, and must not burn out.
+# The largest exposure where the form of the mesh shows: parts that face the light must not clip.
 _FORM_EXPOSURE = 1.2
 
 

@@ -1,4 +1,4 @@
-"""A sheet that says what the templates of a mesh show, with their legends."""
+"""A sheet that explains the templates of a mesh, with their legends."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What to paint over: the charts of a UDIM, which way is up on them, and how large texels are."""
+"""Templates to paint over: the charts of a UDIM, which way is up, and the size of texels."""
 
 from __future__ import annotations
 

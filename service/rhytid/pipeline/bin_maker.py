@@ -15,8 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.device.buffer import Buffer
 from rhytid.device.buffer_group import BufferGroup
-from rhytid.device.runtime import NO_DEFINES, Buffer, Device
+from rhytid.device.programs import NO_DEFINES
+from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.stiffness import Stiffness
 from rhytid.pipeline.bins import (

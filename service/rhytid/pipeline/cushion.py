@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.device.runtime import Buffer, Device
+from rhytid.device.buffer import Buffer
+from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.pipeline.cushion_elements import APRON, COARSE_BLOCK, LEAST_HALF_WIDTH, WIDENED
 from rhytid.pipeline.elements import UdimElements

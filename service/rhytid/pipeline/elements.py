@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.device.buffer import Buffer
 from rhytid.device.paces import WorkPace
-from rhytid.device.runtime import Buffer, Device
+from rhytid.device.runtime import Device
 from rhytid.pipeline.cells import CellLists
 from rhytid.pipeline.copies import OriginBuffers
 from rhytid.pipeline.cushion_elements import CushionArrays

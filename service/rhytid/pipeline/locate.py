@@ -8,7 +8,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.device.runtime import Buffer, Device
+from rhytid.device.buffer import Buffer
+from rhytid.device.runtime import Device
 from rhytid.domain.mesh import Mesh, has_area
 from rhytid.domain.tiles import udim_origin
 from rhytid.pipeline.cells import cells_that_fit, list_by_cell

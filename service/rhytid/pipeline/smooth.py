@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rhytid.device.buffer import Buffer
 from rhytid.device.buffer_group import BufferGroup
-from rhytid.device.runtime import Buffer, Device
+from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.mesh import Mesh
 from rhytid.pipeline.elements import UdimElements

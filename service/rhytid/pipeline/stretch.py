@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.device.runtime import Buffer, Device
+from rhytid.device.buffer import Buffer
+from rhytid.device.runtime import Device
 from rhytid.domain.mesh import Mesh
 from rhytid.pipeline.stretch_buffers import LogLimit, StretchBuffers, StretchModel, in_two_parts
 from rhytid.pipeline.tension import Tension

@@ -12,8 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.device.buffer import Buffer
 from rhytid.device.buffer_group import BufferGroup
-from rhytid.device.runtime import NO_DEFINES, Buffer, Device
+from rhytid.device.programs import NO_DEFINES
+from rhytid.device.runtime import Device
 
 # Texels that kernels take at once, WIDTH of vectors.clh: the smallest levels are padded to it.
 VECTOR = 16

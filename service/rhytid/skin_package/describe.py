@@ -11,6 +11,8 @@ from rhytid.domain.mesh import Mesh
 from rhytid.skin_package import manifest as m
 from rhytid.skin_package.languages import BINDINGS, LANGUAGES
 from rhytid.skin_package.maps import CUSHIONS, WRINKLES, SkinMaps
+from rhytid.skin_package.materialx import materialx_files
+from rhytid.skin_package.shaders import COMPUTE, stretch_file
 
 TRIANGLES_A_ROW = 1024
 
@@ -47,6 +49,7 @@ def described(
         stretch=_stretch(len(mesh.faces)),
         weights=_weights(maps, len(mesh.faces)),
         shaders={dialect: _shaders(dialect, written.cushions is not None) for dialect in LANGUAGES},
+        materialx=materialx_files(),
         texture_bytes=codes + sum(one.bytes for one in found),
         texture_bytes_of_level_0=codes + sum(one.bytes_of_level_0 for one in found),
         conventions=m.CONVENTIONS,
@@ -157,6 +160,7 @@ def _stretch(triangles: int) -> m.Stretch:
         rest="triangles.bin",
         python="stretch.py",
         javascript="stretch.js",
+        compute={name: stretch_file(name) for name in COMPUTE},
     )
 
 

@@ -38,7 +38,7 @@ _WGSL = {
     "sampler2DArray": "texture_2d_array<f32>",
     "sampler2D": "texture_2d<f32>",
 }
-_TYPE = rf"({'|'.join(_WGSL)}|RhytidStretch)"
+_TYPE = rf"({'|'.join(_WGSL)}|RhytidStretch|RhytidTriangle)"
 _FUNCTION = re.compile(rf"{_TYPE} (\w+)\((.*)\)")
 _UNIFORM = re.compile(rf"uniform {_TYPE} (\w+);(.*)")
 _GLOBAL = re.compile(rf"const {_TYPE} (\w+) = (.*)")

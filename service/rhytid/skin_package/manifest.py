@@ -35,7 +35,9 @@ class Textures(_Part):
     """A texture array of every UDIM. Layer page * maps + map."""
 
     files: dict[str, str] = Field(description="KTX2 file by UDIM")
-    format: str = Field(description="R8_SNORM, R16_UINT or R32_UINT")
+    format: str = Field(
+        description="R8_SNORM, R16_UINT or R32_UINT; a file of another UDIM may be narrower"
+    )
     size: int = Field(ge=1, description="texels a side")
     maps: int = Field(ge=1, description="maps of a page")
     pages: int = Field(ge=1, description="parts that a UDIM is cut into, row by row")
@@ -112,6 +114,10 @@ class Stretch(_Part):
     rest: str = Field(description="file: 8 doubles of each triangle, little-endian")
     python: str
     javascript: str
+    compute: dict[str, str] = Field(
+        description="compute shaders that write the texture, by language: positions, indices and "
+        "rest as float32 in buffers 0 to 2, 64 triangles a group"
+    )
 
 
 class Weights(_Part):
@@ -142,6 +148,13 @@ class Shaders(_Part):
     bindings: dict[str, int] | None = Field(description="of the textures in group 0, in WGSL")
 
 
+class MaterialX(_Part):
+    """The shader as a node."""
+
+    document: str
+    implementations: dict[str, str] = Field(description="of the node, by target of MaterialX")
+
+
 class Manifest(_Part):
     """All of it."""
 
@@ -166,6 +179,7 @@ class Manifest(_Part):
     stretch: Stretch
     weights: Weights
     shaders: dict[str, Shaders]
+    materialx: MaterialX
     texture_bytes: int = Field(description="of all textures but that of the stretch")
     texture_bytes_of_level_0: int
     conventions: dict[str, str]
@@ -181,7 +195,7 @@ CONVENTIONS = {
     "log_stretch": "natural logarithm of deformed over neutral length, not clamped",
     "triangle": "index in the order of skin.glb; stretch.triangles where there is none",
 }
-LEFT_OUT = ["smooth sampling", "stiffness", "MaterialX"]
+LEFT_OUT = ["smooth sampling", "stiffness"]
 
 
 def schema() -> dict[str, Any]:

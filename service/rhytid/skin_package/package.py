@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 import rhytid_viewer
 from rhytid.domain.expressions import Expressions
@@ -19,10 +20,12 @@ from rhytid.skin_package.describe import Written, described
 from rhytid.skin_package.languages import LANGUAGES
 from rhytid.skin_package.manifest import Manifest, schema
 from rhytid.skin_package.maps import CUSHIONS, WRINKLES, Room, SkinMaps
+from rhytid.skin_package.materialx import materialx_texts
 from rhytid.skin_package.paging import Paging, pyramid
 from rhytid.skin_package.runtime.stretch import rest_of
 from rhytid.skin_package.runtime_files import runtime
-from rhytid.skin_package.shaders import shader_texts
+from rhytid.skin_package.sets import BESIDE
+from rhytid.skin_package.shaders import COMPUTE, shader_texts
 from rhytid.skin_package.textures import SetFiles, TextureFiles, index_channel
 
 MANIFEST, SCHEMA, MESH, REST = "manifest.json", "manifest.schema.json", "skin.glb", "triangles.bin"
@@ -85,6 +88,29 @@ class PackageWriter:
         texel = (layers + 2 * self._bins) * share + self._index_bytes
         return int(udims * maps.settings.resolution**2 * texel)
 
+    @property
+    def host_bytes(self) -> int:
+        """Bytes that the arrays of the steps take at once, at most: of one UDIM, and the mesh."""
+        maps, texels = self._maps, self._maps.settings.resolution**2
+        share = sum(0.25**level for level in range(self._levels))
+        plain = texels * sum(map(maps.count, maps.names))
+        wrinkles, numbers = texels * maps.count(WRINKLES), 4 * texels * self._bins
+        cushions = (maps.cushion_side**2 if self._cushions else 0) * maps.count(WRINKLES)
+        arrays = max(
+            2 * plain + wrinkles,  # when they become one array
+            plain * (1 + share) + wrinkles,  # with pages and their levels
+            2 * wrinkles,
+            (wrinkles + numbers) * share + BESIDE,
+            2 * cushions + BESIDE,
+            3 * 4 * texels,  # triangles
+        )
+        page = 16 * self._paging.size**2  # in float32 for the levels, or as bytes of a file
+        shapes = 0 if self._shapes is None else self._shapes.positions.nbytes
+        faces = self._mesh.faces.nbytes
+        # Beside what is given: with seams split, and as bytes of a file.
+        mesh = 4 * (shapes + self._mesh.positions.nbytes + faces) + 16 * 8 * len(self._mesh.faces)
+        return int(arrays + cushions + page + mesh)
+
     def _textures(self) -> list[TextureFiles]:
         every = (self._codes, self._triangles, self._cushion_triangles)
         return [one for one in every if one is not None]
@@ -105,7 +131,7 @@ class PackageWriter:
 
     def _begin(self) -> None:
         (self._folder / "textures").mkdir(parents=True, exist_ok=True)
-        for dialect in LANGUAGES:
+        for dialect in {*LANGUAGES, *COMPUTE, "materialx"}:
             (self._folder / "shaders" / dialect).mkdir(parents=True, exist_ok=True)
         (self._folder / MANIFEST).unlink(missing_ok=True)
         for name in TEXTURES:  # those of an earlier package, which may have had other UDIMs
@@ -120,15 +146,21 @@ class PackageWriter:
 
     def _write_textures(self, room: Room) -> None:
         engine, asset, udim = self._maps.engine, self._maps.asset, room.udim
-        every = np.concatenate([room.maps[name] for name in self._maps.names])
-        self._codes.write(udim, pyramid(self._paging.cut(every), self._levels))
-        self._wrinkles.write(udim, pyramid(self._paging.cut(room.maps[WRINKLES]), self._levels))
+        self._codes.write(udim, self._taken(room, *self._maps.names))
+        self._wrinkles.write(udim, self._taken(room, WRINKLES))
         triangles = engine.tiles.triangles(asset, udim)[None]
         self._triangles.write(udim, [self._paging.cut(triangles)])
         if self._cushions is not None and self._cushion_triangles is not None:
             self._cushions.write(udim, [room.maps[CUSHIONS]])
             coarse = engine.tiles.cushion_triangles(asset, udim)[None]
             self._cushion_triangles.write(udim, [coarse])
+
+    def _taken(self, room: Room, *names: str) -> list[NDArray[np.integer]]:
+        """Maps out of a room, which has them no longer, as pages of every level."""
+        every = np.concatenate([room.maps.pop(name) for name in names])
+        pages = self._paging.cut(every)
+        del every  # where it was cut, before the coarser levels take their place
+        return pyramid(pages, self._levels)
 
     def _finish(self) -> None:
         """Everything that is text; the manifest says that the package is whole."""
@@ -141,8 +173,9 @@ class PackageWriter:
             None if coarse is None else coarse.described(),
         )
         manifest = described(self._maps, self._mesh, self._shapes, written)
-        for name, text in shader_texts(manifest).items():
-            self._write(name, text.encode())
+        texts = {name: text.encode() for name, text in shader_texts(manifest).items()}
+        for name, data in (texts | materialx_texts(manifest)).items():
+            self._write(name, data)
         self._write("stretch.py", runtime("stretch.py").encode())
         self._write("stretch.js", rhytid_viewer.read("stretch.js"))
         self._write_viewer()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 from rhytid.skin_package.languages import LANGUAGES, Language, chosen, runtime_of
 from rhytid.skin_package.manifest import Blend, Layer, Manifest
@@ -25,7 +26,31 @@ def shader_texts(manifest: Manifest) -> dict[str, str]:
         for one, file in shaders.passes.items():
             functions = libraries["weights" if one == "weights" else "skin"]
             found[file] = f"{language.head}{functions}{entry(language, one)}"
+    for name, file in manifest.stretch.compute.items():
+        found[file] = stretch_text(manifest, COMPUTE[name])
     return found
+
+
+# What compute shaders of stretch are written in, by what the manifest calls it.
+COMPUTE = {
+    "glsl-430": replace(LANGUAGES["glsl-410"], head="#version 430\n"),
+    "hlsl": LANGUAGES["hlsl"],
+    "wgsl": LANGUAGES["wgsl"],
+}
+
+
+def stretch_file(name: str) -> str:
+    """The file of the compute shader of stretch in a language of COMPUTE."""
+    return f"shaders/{name}/stretch.comp{COMPUTE[name].suffix}"
+
+
+def stretch_text(manifest: Manifest, language: Language) -> str:
+    """The compute shader of stretch."""
+    stretch = manifest.stretch
+    named = (("TRIANGLES", stretch.triangles), ("TRIANGLES_A_ROW", stretch.triangles_a_row))
+    numbers = "\n".join(language.number("int", f"RHYTID_{n}", str(v)) for n, v in named)
+    functions = language.translated(runtime("stretch.glsl"))
+    return f"{language.head}{numbers}\n\n{functions}\n{runtime_of(language, 'stretch.txt')}"
 
 
 def library(manifest: Manifest, language: Language, name: str) -> str:

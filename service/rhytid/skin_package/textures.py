@@ -34,6 +34,7 @@ class TextureFiles:
     files: dict[str, str] = field(default_factory=dict)
     shape: tuple[int, ...] = ()
     levels: int = 0
+    formats: set[str] = field(default_factory=set)
     bytes: int = 0
     finest: int = 0
 
@@ -46,6 +47,7 @@ class TextureFiles:
         item = CHANNELS[self.channel].dtype.itemsize
         self.files[str(udim)] = f"{self.folder.name}/{file.name}"
         self.levels = len(levels)
+        self.formats.add(_FORMATS[self.channel])
         self.finest += levels[0].size * item
         self.bytes += sum(level.size for level in levels) * item
 
@@ -54,7 +56,7 @@ class TextureFiles:
         layers, size, _ = self.shape
         return Textures(
             files=self.files,
-            format=_FORMATS[self.channel],
+            format=max(self.formats, key=[*_FORMATS.values()].index),
             size=size,
             maps=self.maps,
             pages=layers // self.maps,

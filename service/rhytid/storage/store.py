@@ -18,15 +18,11 @@
 
 from __future__ import annotations
 
-import json
-import threading
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
-from rhytid import durable
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.controls import Controls
 from rhytid.domain.expressions import Expressions
@@ -36,27 +32,23 @@ from rhytid.domain.mesh import Mesh
 from rhytid.domain.stiffness import Stiffness
 from rhytid.durable import is_folder, reported
 from rhytid.errors import NotFoundError, StorageError, StoreFormatError
-from rhytid.storage.canonical import canonical, check_format, damaged
+from rhytid.storage.canonical import damaged
+from rhytid.storage.folders import StoreFolders
 from rhytid.storage.homes import (
     ASSET,
-    ID,
     REQUEST,
     SHAPES,
     holds_something,
-    homes,
     is_built,
     is_readable,
     is_requested,
-    sweep,
 )
 from rhytid.storage.kept_shapes import read_shapes, shape_files
-from rhytid.storage.lock import FolderLock
 from rhytid.storage.manifest import (
     StoredFile,
     read_file,
     read_manifest,
     read_verified,
-    write_with_manifest,
 )
 from rhytid.storage.packages import KeptPackages
 from rhytid.storage.records import (
@@ -74,11 +66,6 @@ from rhytid.storage.snapshot_index import OVERLAY, SnapshotIndex
 from rhytid.storage.snapshots import Readable, Snapshot, unpack
 from rhytid.storage.unpacked import UnpackedAsset
 
-# Of the store as a whole: raise it when an older version must not open a new store.
-FORMAT = 1
-_FORMAT = "format.json"
-_NOTHING: Mapping[str, bytes] = MappingProxyType({})
-
 
 class AssetStore:
     """Assets in a folder, for one process at a time; safe to call from several threads.
@@ -94,28 +81,19 @@ class AssetStore:
     """
 
     def __init__(self, folder: Path, *, shared: bool = False, packages: int | None = None) -> None:
-        self._assets = folder / "assets"
-        self._partial = folder / "partial"
-        self.packages = KeptPackages(folder / "packages", self._partial, packages)
-        self._changing = threading.Lock()
-        with reported(f"store {folder} cannot be opened"):
-            self._assets.mkdir(parents=True, exist_ok=True)
-            self._partial.mkdir(exist_ok=True)
-            self._lock = None if shared else FolderLock(folder)
-            if shared:
-                return
-            try:
-                _check_format(folder / _FORMAT, self._partial)
-                sweep(self._assets, self._partial)
-                self.packages.sweep([home.name for home in homes(self._assets)])
-            except BaseException:
-                self.close()
-                raise
+        self._folders = StoreFolders(folder, shared=shared)
+        self.packages = KeptPackages(folder / "packages", self._folders.partial, packages)
+        if shared:
+            return
+        try:
+            self.packages.sweep([home.name for home in self._folders.homes()])
+        except BaseException:
+            self.close()
+            raise
 
     def close(self) -> None:
         """Release the lock of the store."""
-        if self._lock is not None:
-            self._lock.release()
+        self._folders.close()
 
     def __enter__(self) -> AssetStore:
         return self
@@ -127,12 +105,14 @@ class AssetStore:
         """Ids of the built assets, ascending; one that is damaged, or whose folder cannot be read,
         is listed and raises when read."""
         return [
-            home.name for home in homes(self._assets) if not is_readable(home) or is_built(home)
+            home.name for home in self._folders.homes() if not is_readable(home) or is_built(home)
         ]
 
     def pending(self) -> list[str]:
         """Ids that were requested and are not built yet, ascending."""
-        waiting = (home for home in homes(self._assets) if is_readable(home) and is_requested(home))
+        waiting = (
+            home for home in self._folders.homes() if is_readable(home) and is_requested(home)
+        )
         return [home.name for home in waiting if not is_built(home)]
 
     def put_request(
@@ -147,14 +127,14 @@ class AssetStore:
     ) -> None:
         """Store what a caller sent until the asset is built; nothing is changed for an id that is
         there."""
-        home = self._home(id)
+        home = self._folders.home(id)
         if not holds_something(home):
             request = StoredRequest(mesh, settings, graph, stiffness, controls, folds)
-            self._put(home, REQUEST, request.files())
+            self._folders.seal(home, REQUEST, request.files())
 
     def request(self, id: str) -> StoredRequest:
         """What a caller sent for an asset that is not built yet."""
-        folder = self._existing(id, REQUEST)
+        folder = self._folders.existing(id, REQUEST)
         return StoredRequest.read(read_verified(folder, f"{REQUEST} {id}"), folder)
 
     def put_asset(
@@ -171,24 +151,22 @@ class AssetStore:
         `settings` are resolved; `extra` is a JSON object. Raises StorageError where the asset is
         there already: it does not change, only `delete` removes it.
         """
-        home = self._home(id)
+        home = self._folders.home(id)
         asset = StoredAsset(mesh, graph, settings, dict(extra), stiffness)
         overlay = write_overlay(f"asset {id}", settings)
-        if not self._put(home, ASSET, asset.files(), {OVERLAY: overlay}):
+        if not self._folders.seal(home, ASSET, asset.files(), {OVERLAY: overlay}):
             raise StorageError(f"asset {id} is stored already, and stored assets do not change")
-        with self._changing, reported(f"the request of asset {id} cannot be removed"):
-            if is_requested(home):
-                durable.discard(home / REQUEST, self._partial)
+        self._folders.discard(home / REQUEST, f"the request of asset {id} cannot be removed")
 
     def asset(self, id: str) -> StoredAsset:
         """A built asset, every byte of it verified."""
-        folder = self._existing(id, ASSET)
+        folder = self._folders.existing(id, ASSET)
         return StoredAsset.read(read_verified(folder, f"{ASSET} {id}"), folder)
 
     def mesh(self, id: str) -> Mesh:
         """The mesh of an asset, built or not; nothing else of it is read."""
-        kind = ASSET if is_built(self._home(id)) else REQUEST
-        folder = self._existing(id, kind)
+        kind = ASSET if is_built(self._folders.home(id)) else REQUEST
+        folder = self._folders.existing(id, kind)
         return decode_mesh(read_file(folder, f"{kind} {id}", MESH), folder / MESH)
 
     def put_shapes(self, id: str, shapes: Expressions) -> None:
@@ -196,33 +174,31 @@ class AssetStore:
 
         Where they are there as they are, nothing is written.
         """
-        home, files = self._home(id), shape_files(shapes)
+        home, files = self._folders.home(id), shape_files(shapes)
         if not holds_something(home):
             raise NotFoundError(f"no asset {id} in the store")
         with suppress(StorageError, NotFoundError):
-            if read_verified(self._existing(id, SHAPES), f"{SHAPES} {id}") == files:
+            if read_verified(self._folders.existing(id, SHAPES), f"{SHAPES} {id}") == files:
                 return
-        with self._changing, reported(f"the shapes of asset {id} cannot be replaced"):
-            if is_folder(home / SHAPES):
-                durable.discard(home / SHAPES, self._partial)
-        self._put(home, SHAPES, files)
+        self._folders.discard(home / SHAPES, f"the shapes of asset {id} cannot be replaced")
+        self._folders.seal(home, SHAPES, files)
         self.packages.forget(id)
 
     def shapes(self, id: str) -> Expressions:
         """The named shapes of an asset; raises NotFoundError where it has none."""
-        folder = self._existing(id, SHAPES)
+        folder = self._folders.existing(id, SHAPES)
         return read_shapes(read_verified(folder, f"{SHAPES} {id}"), folder)
 
     def shapes_nbytes(self, id: str) -> int:
         """Bytes of the named shapes of an asset; only the manifest is read. Raises NotFoundError
         where it has none."""
-        files = read_manifest(self._existing(id, SHAPES), f"{SHAPES} {id}")
+        files = read_manifest(self._folders.existing(id, SHAPES), f"{SHAPES} {id}")
         return sum(file.nbytes for file in files.values())
 
     def shapes_digests(self, id: str) -> dict[str, str]:
         """Digests of the files of its named shapes, by name; none where it has none."""
         try:
-            files = read_manifest(self._existing(id, SHAPES), f"{SHAPES} {id}")
+            files = read_manifest(self._folders.existing(id, SHAPES), f"{SHAPES} {id}")
         except NotFoundError:
             return {}
         return {name: file.sha256 for name, file in files.items()}
@@ -230,14 +206,14 @@ class AssetStore:
     def contents(self, id: str) -> dict[str, StoredFile]:
         """Sizes and digests of the files of a built asset, as they were written; only the manifest
         is read."""
-        return read_manifest(self._existing(id, ASSET), f"{ASSET} {id}")
+        return read_manifest(self._folders.existing(id, ASSET), f"{ASSET} {id}")
 
     def snapshot(self, id: str) -> Snapshot:
         """A built asset with its present settings and its named shapes as one file, every byte of
         it verified; close it."""
-        folder = self._existing(id, ASSET)
+        folder = self._folders.existing(id, ASSET)
         overlay = write_overlay(f"{ASSET} {id}", self.overlay(id) or self._settings(folder, id))
-        with self._changing:  # shapes are replaced in two steps
+        with self._folders.unchanged():  # shapes are replaced in two steps
             sealed = [ASSET, SHAPES] if is_folder(folder.parent / SHAPES) else [ASSET]
             files = {
                 f"{kind}/{name}": file
@@ -257,10 +233,7 @@ class AssetStore:
     def unpacked(self, stream: Readable, nbytes: int) -> Iterator[UnpackedAsset]:
         """The asset of a snapshot of so many bytes, checked in full and stored nowhere yet; see
         `install`. Raises SnapshotError naming what is wrong with it, and where."""
-        with (
-            reported("a snapshot cannot be unpacked"),
-            durable.workplace(self._partial) as place,
-        ):
+        with reported("a snapshot cannot be unpacked"), self._folders.workplace() as place:
             index = unpack(stream, nbytes, place)
             yield UnpackedAsset.read(index.asset, place)
 
@@ -272,29 +245,22 @@ class AssetStore:
         """
         if self._is_intact(unpacked.id):
             return False
-        home = self._home(unpacked.id)
+        home = self._folders.home(unpacked.id)
         with reported(f"{ASSET} {unpacked.id} cannot be written"):
             if holds_something(home):
                 self.delete(unpacked.id)
             before = [OVERLAY, SHAPES] if unpacked.has_shapes else [OVERLAY]
-            return self._install(unpacked.place, home, ASSET, before)
+            return self._folders.install(unpacked.place, home, ASSET, before)
 
     def put_overlay(self, id: str, settings: AssetSettings) -> None:
         """Replace the present settings of a built asset."""
-        path = self._existing(id, ASSET).parent / OVERLAY
-        with (
-            reported(f"{path} cannot be written"),
-            durable.workplace(self._partial) as place,
-        ):
-            durable.write_file(place / OVERLAY, write_overlay(f"asset {id}", settings))
-            if is_folder(path):  # nothing of ours, and in the way
-                durable.discard(path, self._partial)
-            durable.install(place / OVERLAY, path)
+        path = self._folders.existing(id, ASSET).parent / OVERLAY
+        self._folders.replace(path, write_overlay(f"asset {id}", settings))
         self.packages.forget(id)
 
     def overlay(self, id: str) -> AssetSettings | None:
         """The present settings, or None of an asset of an older version that never changed."""
-        folder = self._existing(id, ASSET)
+        folder = self._folders.existing(id, ASSET)
         path = folder.parent / OVERLAY
         with reported(f"{path} cannot be read"), suppress(FileNotFoundError):
             return read_overlay(f"asset {id}", path.read_bytes(), path)
@@ -306,57 +272,8 @@ class AssetStore:
 
     def delete(self, id: str) -> None:
         """Remove an asset, its request and its changed settings, all at once."""
-        home = self._home(id)
-        with self._changing, reported(f"asset {id} cannot be removed"):
-            if not holds_something(home):
-                raise NotFoundError(f"no asset {id} in the store")
-            aside = durable.set_aside(home, self._partial)
-        # Others need not wait until gigabytes are removed.
+        self._folders.remove(id)
         self.packages.forget(id)
-        durable.remove_tree(aside)
-
-    def _put(
-        self,
-        home: Path,
-        kind: str,
-        files: Mapping[str, bytes],
-        before: Mapping[str, bytes] = _NOTHING,
-    ) -> bool:
-        """Seal `files` as home/kind; False, and nothing done, where that is there already.
-
-        before: files that stand in `home` as soon as home/kind does.
-        """
-        with (
-            reported(f"{kind} {home.name} cannot be written"),
-            durable.workplace(self._partial) as place,
-        ):
-            write_with_manifest(place / kind, f"{kind} {home.name}", files)
-            for name, data in before.items():
-                durable.write_file(place / name, data)
-            return self._install(place, home, kind, before)
-
-    def _install(self, place: Path, home: Path, kind: str, before: Iterable[str]) -> bool:
-        """Make place/kind visible as home/kind, after the files `before`; False, and nothing done,
-        where that is there already."""
-        with self._changing:
-            if is_folder(home / kind):
-                return False
-            try:
-                home.mkdir(exist_ok=True)
-                durable.sync_folder(self._assets)
-                for name in before:
-                    durable.install(place / name, home / name)
-                durable.install(place / kind, home / kind)
-            except OSError:
-                self._abandon(home)
-                raise
-        return True
-
-    def _abandon(self, home: Path) -> None:
-        """Remove a home that a change which failed left without an asset."""
-        with suppress(OSError, StorageError):
-            if not holds_something(home):
-                durable.discard(home, self._partial)
 
     def _is_intact(self, id: str) -> bool:
         """Whether a built asset can be read, with its settings."""
@@ -372,28 +289,3 @@ class AssetStore:
     def _settings(self, folder: Path, id: str) -> AssetSettings:
         facts = read_file(folder, f"{ASSET} {id}", FACTS)
         return decode_settings(facts, folder / FACTS)
-
-    def _home(self, id: str) -> Path:
-        if not ID.fullmatch(id):
-            raise NotFoundError(f"no asset {id!r}: ids are 16 hexadecimal digits")
-        return self._assets / id
-
-    def _existing(self, id: str, kind: str) -> Path:
-        folder = self._home(id) / kind
-        if not is_folder(folder):
-            raise NotFoundError(f"no {kind} {id} in the store")
-        return folder
-
-
-def _check_format(path: Path, partial: Path) -> None:
-    """Raise StoreFormatError for a store of a newer version. One of a version that wrote no format
-    is of format 1, and is marked so."""
-    with suppress(FileNotFoundError):
-        try:
-            check_format(json.loads(path.read_bytes()), FORMAT, path)
-        except (ValueError, RecursionError) as exc:
-            raise damaged(path, f"not JSON ({exc})") from exc
-        return
-    with durable.workplace(partial) as place:
-        durable.write_file(place / _FORMAT, canonical({"format": FORMAT}))
-        durable.install(place / _FORMAT, path)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from rhytid.device.runtime import Buffer
+from rhytid.device.buffer import Buffer
 from rhytid.synthesis.workspace import Workspace
 
 

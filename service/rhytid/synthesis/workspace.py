@@ -10,7 +10,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from rhytid.device.runtime import Buffer, Device
+from rhytid.device.buffer import Buffer
+from rhytid.device.runtime import Device
 
 T = TypeVar("T")
 # Runs one call in a task of the device.
@@ -79,7 +80,9 @@ class Workspace:
         Plain ints go as int32 and floats as float32. How it is cut into blocks may not matter to
         the kernel.  report: called with the share that is done after each block, and may raise.
         """
-        self._device.kernel(program, kernel, defines or {})  # compiled here, not on its thread
+        self._device.programs.kernel(
+            program, kernel, defines or {}
+        )  # compiled here, not on its thread
         values, first = [_scalar(a) for a in arguments], 0
         while first < count:
             first = self._call(self._block, program, kernel, first, count, values, defines or {})

@@ -1,4 +1,4 @@
-"""Cavity maps: how far a place lies below what is around it."""
+"""Cavity maps: how far a texel lies below its surroundings."""
 
 from __future__ import annotations
 

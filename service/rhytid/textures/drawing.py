@@ -1,4 +1,4 @@
-"""What each profile writes. A writer is given the path, the map, and the facts of its profile."""
+"""The writers of the profiles. Each takes the path, the map, and the facts of its profile."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _WHITE, _MIDDLE = 65535, 32768
 
 
 def plain_facts(map: FrameMap) -> Facts:
-    """Of floats: displacement in mesh units as it is."""
+    """For files of floats: displacement in mesh units as it is."""
     return {"scale": 1.0, "midlevel": 0.0}
 
 
@@ -45,7 +45,7 @@ def normal_dx_facts(map: FrameMap) -> Facts:
 
 
 def cavity_facts(map: FrameMap) -> Facts:
-    """How far a place lies below what is around it is (1 - value) times `scale`."""
+    """How far a texel lies below its surroundings is (1 - value) times `scale`."""
     return {"scale": map.depth, "midlevel": 1.0}
 
 
@@ -89,8 +89,8 @@ def write_normals(path: Path, map: FrameMap, facts: Facts) -> None:
 
 
 def write_cavity(path: Path, map: FrameMap, facts: Facts) -> None:
-    """Grey PNG of 8 bits: white is as high as what is around it or higher, black as much lower as
-    a furrow of strength 1 is deep, or more."""
+    """Grey PNG of 8 bits: white is as high as its surroundings or higher, black lower by the depth
+    of a furrow of strength 1, or more."""
     values = cavity_map(map.heights(), map.chart(), map.depth)
     _png(path, _bytes(values), map, facts, values)
 

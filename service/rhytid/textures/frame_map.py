@@ -1,4 +1,4 @@
-"""What profiles draw from, and what their files say of themselves."""
+"""What profiles draw from, and the attributes of their files."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from rhytid.textures.padding import Padding
 from rhytid.textures.tangents import Posed
 
 Facts = dict[str, str | int | float]
-# Numbers, not colours: what OpenEXR calls it, and in words.
+# The values are data, not colours: the attribute of OpenEXR, and in plain words.
 _RAW: Facts = {"colour_space": "raw", "colorInteropID": "data"}
 
 
 @dataclass(frozen=True, eq=False)
 class FrameMap:
-    """One UDIM of one frame. What takes work is a call that does it once.
+    """One UDIM of one frame. What takes long is a call, which computes it once.
 
     header: of the map.  depth: of a furrow of strength 1, mesh units.  heights: (R, R) float32
     displacement, mesh units, row 0 at the top.  padding: what its texels next to islands show.
@@ -47,7 +47,10 @@ class FrameMap:
 
 
 def attributes(header: TileHeader, facts: Facts, values: NDArray[Any]) -> Facts:
-    """What is written beside the texels. facts: of the profile, `scale` among them; values: what
-    the texels stand for, of which `minimum` and `maximum` are taken."""
+    """The attributes written beside the texels.
+
+    facts: of the profile, `scale` among them.  values: what the texels stand for; their `minimum`
+    and `maximum` are attributes.
+    """
     ends = {"minimum": float(values.min()), "maximum": float(values.max())}
     return {**header.attributes(), **facts, **ends, **_RAW}

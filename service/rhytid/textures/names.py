@@ -1,4 +1,4 @@
-"""The names of the profiles, for the command line, which says them before anything is imported."""
+"""The names of the profiles, for the command line, which lists them before anything is imported."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ from rhytid.textures.chart import TEXELS, Chart
 from rhytid.textures.tangents import Posed, dot, unit
 
 FloatArray = NDArray[np.float64]
-# How much a neighbour outside of the islands counts: where there is no other.
+# Weight of a neighbour outside of the islands: it counts where there is no other.
 _OUTSIDE = 1e-9
 
 
@@ -45,7 +45,7 @@ def _normals(
     tangent = np.einsum("kc,kcx->kx", weights, posed.tangents[found])
     sign = posed.signs[found][:, None]
     du, across_u, dv = posed.scale[found].T[..., None]
-    # A triangle without area in space has no slopes: it is as flat as it can be told.
+    # A triangle without area in space has no slopes: it is taken as flat.
     flat = (du <= 0.0) | (dv <= 0.0)
     along = np.where(flat, 0.0, slopes[:, :1] / np.where(flat, 1.0, du))
     across = np.where(flat, 0.0, (slopes[:, 1:] - across_u * along) / np.where(flat, 1.0, dv))
@@ -83,7 +83,7 @@ def _slopes(heights: NDArray[np.float32], chart: Chart, rows: slice) -> FloatArr
     def step(
         row: NDArray[np.int64], column: NDArray[np.int64]
     ) -> tuple[FloatArray, NDArray[np.float64]]:
-        """How much higher the neighbours are, and how far away: 0 where they are not used."""
+        """How much higher the neighbours are, and their distance in texels: 0 where not used."""
         same = island[np.ix_(row - offset, column)] == island[np.ix_(here - offset, index)]
         higher = heights[np.ix_(row, column)].astype(np.float64) - heights[rows]
         moved = (row != here)[:, None] | (column != index)[None]

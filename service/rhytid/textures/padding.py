@@ -1,4 +1,4 @@
-"""Displacement of texels next to the islands of the UV layout, for filters that read over their
+"""Displacement of texels next to the islands of the UV layout, for filters that read across their
 borders."""
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The profiles: which file each writes, and what is in it."""
+"""The profiles: the file that each writes, and its contents."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ _UDIM_FIRST, _FRAME_FIRST = "{udim}.{frame}", "{frame}.{udim}"
 class Profile:
     """One kind of texture file.
 
-    key: what its files of a map are remembered by; another one where the same map would give other
-    bytes.  extension: with its dot.  middle: between NAME and extension.  texel_bytes: before
-    compression.  write: draws and writes one file, whole or not at all.  facts: what a reader must
-    know, the same for all files of an asset.  described: whether it is in a file beside them, too.
-    drawn: whether it shows displacement, and not only the stretch of the frame.  posed: whether it
-    reads the positions of the frame, too.  tiled: whether it needs OpenImageIO.
+    key: identifies the bytes that it writes of a map: a change of the writer needs another key.
+    extension: with its dot.  middle: between NAME and extension.  texel_bytes: before compression.
+    write: draws and writes one file, whole or not at all.  facts: what a reader must know, the same
+    for all files of an asset.  described: whether it is in a file beside them, too.  drawn: whether
+    it shows displacement, and not only the stretch of the frame.  posed: whether it reads the
+    positions of the frame, too.  tiled: whether it needs OpenImageIO.
     """
 
     name: str

@@ -18,7 +18,7 @@ _TINY = 1e-300
 
 @dataclass(frozen=True, eq=False)
 class Posed:
-    """A frame, ready for normal maps.
+    """Normals, tangents and derivatives of a frame, for normal maps.
 
     normals (F, 3, 3): of corners, means of the triangles at a vertex by their angles, over seams
     too.  tangents (F, 3, 3): of corners, MikkTSpace's.  signs (F,): -1 where UV are mirrored.

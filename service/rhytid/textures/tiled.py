@@ -15,8 +15,8 @@ from rhytid.errors import InputError, StorageError
 Texels = NDArray[np.float32]
 # Texels a side of a tile in the file, as `maketx` has them.
 _TILE = 64
-# What marks a file whose levels are a texture's, so that nobody makes them anew; and what a
-# renderer's texture system takes beyond the border.
+# Marks a file that has levels already, so that no tool makes them again; and says what a renderer's
+# texture system reads beyond the border.
 _TEXTURE = {"textureformat": "Plain Texture", "wrapmodes": "clamp,clamp", "compression": "zip"}
 
 

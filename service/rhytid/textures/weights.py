@@ -1,4 +1,4 @@
-"""How much skin is stretched and compressed, as weights that a rig blends wrinkle maps by."""
+"""Stretch and compression of skin, as weights by which a rig blends wrinkle maps."""
 
 from __future__ import annotations
 

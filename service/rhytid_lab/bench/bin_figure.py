@@ -11,8 +11,8 @@ from PIL import Image
 from rhytid.domain.tiles import TileAddress
 from rhytid.pictures.colours import signed_grey
 from rhytid.pictures.crops import surface_crop
+from rhytid.pictures.flat_patches import FlatPatch
 from rhytid.pictures.images import Picture, to_picture
-from rhytid.pictures.places import Place
 from rhytid.pictures.relief import relief
 from rhytid.pictures.sheet import Panel, sheet
 from rhytid.pipeline.bins import quantisation_steps, sample_stretches
@@ -25,9 +25,9 @@ _ROWS = ("compression", "neutral", "stretch")
 
 def figure_4(scene: Scene) -> Image.Image:
     """Columns: the orientation bins and the pores; each cell is displacement and relief."""
-    skin, place = scene.skin, scene.places[0]
+    skin, patch = scene.skin, scene.patches[0]
     side = 0.75 * scene.side
-    address, local = _within_tile(skin, place, side)
+    address, local = _within_tile(skin, patch, side)
     bins = skin.settings.bins
     middle, last = bins.samples // 2, bins.samples - 1
     rows = []
@@ -61,25 +61,25 @@ def _direction(layer: int, count: int) -> str:
     return names.get(share, f"{180 * share:g} deg from N")
 
 
-def _within_tile(skin: Skin, place: Place, side: float) -> tuple[TileAddress, Place]:
-    """The tile of a place, and the place in that tile's own coordinates, moved so that it fits."""
+def _within_tile(skin: Skin, patch: FlatPatch, side: float) -> tuple[TileAddress, FlatPatch]:
+    """The tile of a patch, and the patch in the tile's own coordinates, moved so that it fits."""
     grid = skin.settings.grid
     count = grid.count(0)
-    down = np.array([place.uv[0], 1 - place.uv[1]]) * count
+    down = np.array([patch.uv[0], 1 - patch.uv[1]]) * count
     column, row = np.clip(np.floor(down).astype(int), 0, count - 1)
-    to_uv = place.to_uv * count
+    to_uv = patch.to_uv * count
     reach = 0.75 * side * float(np.linalg.norm(to_uv, 2))
     within = np.clip(down - (column, row), min(reach, 0.5), max(1 - reach, 0.5))
-    local = replace(place, uv=np.array([within[0], 1 - within[1]]), to_uv=to_uv)
+    local = replace(patch, uv=np.array([within[0], 1 - within[1]]), to_uv=to_uv)
     return TileAddress(skin.udim, 0, int(row), int(column)), local
 
 
 def _crop(
-    skin: Skin, address: TileAddress, place: Place, layer: int, sample: int, side: float
+    skin: Skin, address: TileAddress, patch: FlatPatch, layer: int, sample: int, side: float
 ) -> NDArray[np.float64]:
     step = quantisation_steps(skin.settings)[layer, sample]
     codes = skin.bin_map(address, layer * skin.settings.bins.samples + sample)
-    return surface_crop(codes * step, place, side, _SIZE, deformed=False)
+    return surface_crop(codes * step, patch, side, _SIZE, deformed=False)
 
 
 def _cell(title: str, heights: NDArray[np.float64], skin: Skin, side: float) -> Panel:

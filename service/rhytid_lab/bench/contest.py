@@ -39,7 +39,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Left:
-    """An implementation of a case that has no time, and why. off: its result was wrong."""
+    """An implementation of a case that was not timed, and why.  off: its result was wrong."""
 
     case: str
     implementation: str
@@ -49,7 +49,7 @@ class Left:
 
 @dataclass
 class Standings:
-    """What came out. copy_seconds: of one map copy on the device, over all rounds."""
+    """All results.  copy_seconds: of one map copy on the device, over all rounds."""
 
     copy_seconds: float = 0.0
     entries: list[Entry] = field(default_factory=list)
@@ -142,7 +142,7 @@ class Contest:
         return None
 
     def _time(self, rivals: list[_Rival]) -> None:
-        """In turn, a map copy before each, so that what else the machine does meets them alike.
+        """Time them in turn, a map copy before each, so that other work slows all alike.
 
         Short ones run once before that, untimed, as they would from frame to frame: threads that
         slept meanwhile share a core for their first milliseconds.

@@ -11,15 +11,15 @@ from PIL import Image
 
 from rhytid.domain.tiles import triangles_inside, udim_origin
 from rhytid.pictures.colours import diverging
+from rhytid.pictures.flat_patches import FlatPatch, most_stretched_patches
 from rhytid.pictures.images import Picture
 from rhytid.pictures.legends import axis_arrows, blank_strip, scale_bar, wheel_legend
-from rhytid.pictures.places import Place, find_places
 from rhytid.pictures.shade_mesh import View, shade_mesh
 from rhytid.pictures.sheet import Panel, sheet
 from rhytid_lab.bench.skin import COLUMNS, Column, Map, Skin
 from rhytid_lab.bench.subject import Subject
 from rhytid_lab.sheets.contact import relative_rms
-from rhytid_lab.sheets.contact_rows import SIZE, stack, with_places
+from rhytid_lab.sheets.contact_rows import SIZE, stack, with_patches
 from rhytid_lab.sheets.skin_rows import STEEP, patch_views
 from rhytid_lab.sheets.stretch_colours import Performance, axis_colours, stretch_bar, stretch_limit
 
@@ -32,12 +32,12 @@ _CONVOLVED = "(c) The neutral map blurred along stretched axes, sharpened along 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """One frame of a subject, the two places to look at, and the side of a crop, mesh units."""
+    """One frame of a subject, the two patches to look at, and the side of a crop, mesh units."""
 
     skin: Skin
     frame: str
     performance: Performance
-    places: tuple[Place, Place]
+    patches: tuple[FlatPatch, FlatPatch]
     side: float
     unit_mm: float
 
@@ -51,8 +51,8 @@ def scene(subject: Subject, skin: Skin, spacing: float, unit_mm: float) -> Scene
     p = performance
     extent = float(np.ptp(p.neutral, axis=0).max())
     side = min(CROP_SPACINGS * spacing, _CROP_SHARE * extent)
-    places = find_places(p.neutral[p.faces], p.triangle_uv, p.axes, p.ratios, side / 2)
-    return Scene(skin, subject.strongest, performance, places, side, unit_mm)
+    patches = most_stretched_patches(p.neutral[p.faces], p.triangle_uv, p.axes, p.ratios, side / 2)
+    return Scene(skin, subject.strongest, performance, patches, side, unit_mm)
 
 
 def performance_of(subject: Subject, skin: Skin, name: str) -> Performance:
@@ -85,13 +85,13 @@ def figure_1(scene: Scene, maps: dict[str, Map]) -> tuple[Image.Image, dict[str,
     columns = [column for column in COLUMNS if column.letter]
     rows = [_faces(scene)]
     errors: dict[str, Any] = {}
-    for name, place in zip("AB", scene.places, strict=True):
-        view = patch_views(scene.performance, place, scene.side)["redraw"]
+    for name, patch in zip("AB", scene.patches, strict=True):
+        view = patch_views(scene.performance, patch, scene.side)["redraw"]
         crops = {c.title: view.heights(maps[c.title]) for c in columns}
         pictures = {c.title: view.picture(maps[c.title], STEEP) for c in columns}
-        rows.append([_skin(scene, name, place, c, pictures[c.title]) for c in columns])
+        rows.append([_skin(scene, name, patch, c, pictures[c.title]) for c in columns])
         errors[name] = {c.title: relative_rms(crops[c.title], crops["redraw"]) for c in columns[1:]}
-        errors[name]["ratios"] = [float(x) for x in place.principal[0]]
+        errors[name]["ratios"] = [float(x) for x in patch.principal[0]]
     caption = (
         f"(a) The neutral face and the frame '{scene.frame}': patch A is the most stretched one, "
         "B the most compressed one. (b) The neutral map on the deformed skin, unchanged. "
@@ -112,7 +112,7 @@ def _faces(scene: Scene) -> list[Panel]:
 
     def panel(title: str, x: NDArray[Any], strip: Picture, colours: Any = None) -> Panel:
         picture = shade_mesh(x, frame.faces, SIZE, view, colours)
-        boxed = with_places(picture, x[frame.faces], scene.places, view, scene.side)
+        boxed = with_patches(picture, x[frame.faces], scene.patches, view, scene.side)
         return Panel(title, stack(boxed, strip))
 
     largest = np.take_along_axis(logs, np.abs(logs).argmax(axis=1)[:, None], axis=1)[:, 0]
@@ -124,9 +124,9 @@ def _faces(scene: Scene) -> list[Panel]:
     return panels
 
 
-def _skin(scene: Scene, name: str, place: Place, column: Column, picture: Picture) -> Panel:
+def _skin(scene: Scene, name: str, patch: FlatPatch, column: Column, picture: Picture) -> Panel:
     if column is COLUMNS[0]:
-        ratios, angles = place.principal
+        ratios, angles = patch.principal
         label = f"to {ratios[0]:.2f} along the arrows\nto {ratios[1]:.2f} across"
         picture = axis_arrows(picture, angles[0], ratios[0] > 1, label)
         picture = scale_bar(picture, SIZE / (scene.side * scene.unit_mm), "1 mm")

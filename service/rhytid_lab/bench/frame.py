@@ -1,7 +1,7 @@
 """What one frame costs on a device: stretch, redraw, blend, convolution, and the maps made ahead.
 
 Every case but `stretch` starts from the stretch of the triangles, which is on the device already:
-the paper tells of the two apart, and whoever does the same elsewhere starts there too. Times come
+the paper gives the two apart, and whoever does the same elsewhere starts there too. Times come
 with their ratio to *one map copy* taken in the same run: a kernel that reads and writes R² float32.
 """
 
@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.device.runtime import Buffer, Device
+from rhytid.device.buffer import Buffer
+from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
@@ -99,7 +100,7 @@ class FrameBench:
         self._copied = tuple(device.full(size * size, np.float32(1.0)) for _ in range(2))
 
     def run(self, case: str) -> None:
-        """Do one case of CASES, or `copy`, and wait for its end."""
+        """Run one case of CASES, or `copy`, and wait for its end."""
         if case == "copy":
             vectors = self.settings.resolution**2 // 16
             self.device.launch("copy", "copy_map", (vectors,), *self._copied)
@@ -108,7 +109,7 @@ class FrameBench:
         self.device.finish()
 
     def ready(self, case: str) -> None:
-        """Make what the case finds there from frame to frame."""
+        """Make what the case takes from frame to frame."""
         if case == "binned" and not self._bins:
             self._precompute()
         if case == "convolved" and not self._neutral:
@@ -123,7 +124,7 @@ class FrameBench:
         return Cost(case, own, own / copy)
 
     def seconds(self, case: str) -> float:
-        """Of one run."""
+        """Seconds of one run."""
         self.device.finish()
         start = time.perf_counter()
         self.run(case)
@@ -164,7 +165,7 @@ class FrameBench:
         return np.block([maps[i : i + count] for i in range(0, len(maps), count)])
 
     def scene(self) -> Scene:
-        """The same frame for others."""
+        """The same frame for other implementations."""
         count, read = self._frame.count, self.device.read
         return Scene(
             self.mesh,
@@ -196,7 +197,7 @@ class FrameBench:
         return [(row, column, side) for row in starts for column in starts]
 
     def _make(self, case: str) -> list[Buffer]:
-        """The buffers that a case leaves."""
+        """Run a case; the buffers of its result."""
         work: dict[str, Callable[[], list[Buffer]]] = {
             "stretch": self._stretch,
             "redraw": lambda: self._drawn(self._frame, 0, 0, self.settings.resolution),

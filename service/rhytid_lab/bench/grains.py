@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.device.runtime import Buffer, Device
+from rhytid.device.buffer import Buffer
+from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.mesh import Mesh
 from rhytid.pipeline.grain import (
@@ -47,7 +48,7 @@ class Grains:
             self._planes = GrainPlanes(device, mesh, settings.shape.grain_size, shares)
 
     def codes(self, squares: Sequence[Square]) -> list[Buffer] | None:
-        """Of tiles (row, column, texels per side) of level 0."""
+        """Codes of tiles (row, column, texels per side) of level 0."""
         if self._planes is None:
             return None
         for square in squares:
@@ -58,7 +59,7 @@ class Grains:
         return [self._codes[square] for square in squares]
 
     def add(self, out: Buffer, stretch: StretchBuffers, square: Square) -> None:
-        """To the heights of a square of level 0 in a frame."""
+        """Add grain to the heights of a square of level 0 in a frame."""
         if self._planes is None:
             return
         side = self._settings.tile_size

@@ -20,7 +20,7 @@ class HostCopy:
         self._threads = ThreadPoolExecutor(count)
 
     def seconds(self) -> float:
-        """Of one copy."""
+        """Seconds of one copy."""
         start = time.perf_counter()
         list(self._threads.map(np.copyto, self._to, self._from))
         return time.perf_counter() - start

@@ -32,7 +32,7 @@ TILE, WARM_UP = 512, 60
 
 @dataclass(frozen=True, eq=False)
 class _Take:
-    """A face, and what it does.  shapes: positions by name.  weights: (N, E)."""
+    """A face and its animation.  shapes: positions by name.  weights: (N, E)."""
 
     mesh: dict[str, NDArray[Any]]
     shapes: dict[str, NDArray[np.float32]]
@@ -72,7 +72,7 @@ def main() -> None:
 
 
 def _run(live: Live, weights: NDArray[np.float32], count: int, rate: float) -> _Times:
-    """Send so many frames at their times, and note what comes."""
+    """Send so many frames at their times, and note what arrives."""
     times, busy = _Times(), _busy()
     start = time.perf_counter() + 0.1
 
@@ -97,7 +97,7 @@ def _run(live: Live, weights: NDArray[np.float32], count: int, rate: float) -> _
 
 
 def _busy() -> float:
-    """Seconds of processors that the processes have used which this one started, and theirs."""
+    """Processor seconds of the processes that this one started, and of their children."""
     found, ticks, ids = set[int](), 0, [os.getpid()]
     while ids:
         of = Path(f"/proc/{ids.pop()}/task").glob("*/children")

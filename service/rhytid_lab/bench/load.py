@@ -22,7 +22,7 @@ _TIMEOUT = 60.0
 
 @dataclass(frozen=True)
 class Load:
-    """How a server did. seconds: of each answer.  span: from the first question to the last
+    """Times of a server.  seconds: of each answer.  span: from the first request to the last
     answer."""
 
     seconds: tuple[float, ...]

@@ -12,7 +12,7 @@ from rhytid_lab.plots import Point, scatter
 
 
 def pareto(found: Sequence[Accuracy]) -> Figure:
-    """Mean relative rms over blending time; colours tell the merge."""
+    """Mean relative rms over blending time; colours stand for merges."""
     best = front(found)
     points = [
         Point(

@@ -42,7 +42,7 @@ _BINS = (1, 2, 4, 8, 16)
 
 @dataclass(frozen=True)
 class Growth:
-    """One case at one place of a series. x: what the series counts. map_copies: of a frame's."""
+    """One case at one point of a series.  x: what the series counts. map_copies: of a frame's."""
 
     series: str
     x: int

@@ -1,4 +1,4 @@
-"""Whom the report is about: a mesh with a few expressions, and the wrinkles that grow on it."""
+"""What the report draws and measures: a mesh with a few expressions, and wrinkles grown on it."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from rhytid_lab.samples.sphere import SPHERE_STRETCHES, sphere, sphere_stretch
 
 FACE_KEYS = ("smile", "jaw_open", "brow_furrow", "brow_raise", "pucker")
 MOST_FRAMES = len(FACE_KEYS)
-# As dense as figures and studies are drawn, at this many texels per side: what they tell depends on
+# As dense as figures and studies are drawn, at this many texels per side: what they show depends on
 # how many texels lie between pores.
 USUAL_WRINKLES, USUAL_SIZE = 300_000, 4096
 

@@ -76,7 +76,7 @@ def add_command(commands: Commands) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Put a face on the device, time its cases and tell them."""
+    """Put a face on the device, time its cases and print them."""
     if arguments.scaling is not None:
         _run_scaling(arguments)
         return
@@ -88,13 +88,13 @@ def run(arguments: argparse.Namespace) -> None:
 def _run_scaling(arguments: argparse.Namespace) -> None:
     from rhytid_lab.bench.scaling import SERIES, Scaling, plot
     from rhytid_lab.bench.subject import USUAL_WRINKLES
-    from rhytid_lab.commands.bench_skin import scaled_settings, tell_need
+    from rhytid_lab.commands.bench_skin import print_need, scaled_settings
 
     if arguments.spacing is not None:
         raise InputError("--spacing: series are counted in wrinkles: give --wrinkles")
     device, mesh, deformed = _frame_on_device(arguments)
     wrinkles = arguments.wrinkles or USUAL_WRINKLES
-    tell_need(device, mesh, scaled_settings(arguments), CASES, wrinkles)
+    print_need(device, mesh, scaled_settings(arguments), CASES, wrinkles)
     scaling = Scaling(device, mesh, deformed, arguments.size, wrinkles, arguments.repeats)
     arguments.scaling.mkdir(parents=True, exist_ok=True)
     found = []
@@ -160,7 +160,7 @@ def _run_cases(bench: FrameBench, arguments: argparse.Namespace) -> None:
         "results": [asdict(entry) for entry in standings.entries],
     }
     report(figures, table(HEADER, _rows(standings)), arguments.json)
-    _tell_left(standings, to_stderr=arguments.json == STDOUT)
+    _print_untimed(standings, to_stderr=arguments.json == STDOUT)
 
 
 def _add_names(
@@ -211,8 +211,9 @@ def _rows(standings: Standings) -> list[tuple[str, ...]]:
     return [copy, *sorted(rows, key=lambda row: CASES.index(row[0]))]
 
 
-def _tell_left(standings: Standings, *, to_stderr: bool) -> None:
-    """Where no table was printed tell who has no time; raise where a result was wrong."""
+def _print_untimed(standings: Standings, *, to_stderr: bool) -> None:
+    """Print which implementations were not timed, where no table has them; raise where a result
+    was wrong."""
     if to_stderr:
         for left in standings.left:
             print(f"{left.case}: {left.implementation}: {left.reason}", file=sys.stderr)

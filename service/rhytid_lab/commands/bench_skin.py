@@ -31,7 +31,7 @@ def skin(
 ) -> tuple[WrinkleGraph, AssetSettings]:
     """The wrinkles of the arguments, given or synthesised, and the settings to draw them with.
 
-    Tells the memory that the bench needs, and raises DeviceMemoryError before any work where there
+    Prints the memory that the bench needs, and raises DeviceMemoryError before any work where there
     is less.
     """
     settings = _settings(arguments, graph=density(arguments))
@@ -39,11 +39,11 @@ def skin(
         graph = graph_file(arguments.graph)
         check_graph(graph, mesh, force=arguments.force)
         settings = settings.for_graph(graph.origin)
-        tell_need(device, mesh, settings, _cases(arguments), graph.wrinkles)
+        print_need(device, mesh, settings, _cases(arguments), graph.wrinkles)
         return graph, settings
     settings = settings.for_synthesis()
     wrinkles = wrinkles_in_all(Surface.of(mesh), settings.graph, Fields())
-    tell_need(device, mesh, settings, _cases(arguments), wrinkles)
+    print_need(device, mesh, settings, _cases(arguments), wrinkles)
     with share_bar("synthesis") as show:
         made = synthesize(mesh, settings.graph, device, show)
     return made.graph, settings.resolved(made.spacing)
@@ -54,7 +54,7 @@ def scaled_settings(arguments: argparse.Namespace) -> AssetSettings:
     return _settings(arguments, bins={"count": _MOST_BINS})
 
 
-def tell_need(
+def print_need(
     device: Device, mesh: Mesh, settings: AssetSettings, cases: Collection[str], wrinkles: float
 ) -> None:
     """Say on stderr what the bench needs; raises DeviceMemoryError where there is less."""

@@ -73,7 +73,7 @@ def add_command(commands: Commands) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Serve, send, draw, and tell what came of it and where it lies."""
+    """Serve, send and draw, then print figures and where the files are."""
     if arguments.frames and arguments.mesh is None:
         arguments.usage_error("--frames needs --mesh: the neutral face that they deform")
     from rhytid.cli.warned import Warned

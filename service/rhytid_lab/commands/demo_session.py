@@ -1,4 +1,4 @@
-"""The demo's conversation with the server, timed step by step."""
+"""What the demo asks of the server, timed step by step."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Session:
         self.sizes: list[float] = []
 
     @property
-    def places(self) -> list[FramePlace]:
+    def frames(self) -> list[FramePlace]:
         """Every frame of the animation."""
         return self.face.frames.places
 
@@ -84,13 +84,13 @@ class Session:
 
     def send_frames(self) -> None:
         """Send every frame, then calibrate from the one that stretches most."""
-        for place in counted(self.places, "frames", "frame"):
-            positions = self.face.frames.read(place)
+        for frame in counted(self.frames, "frames", "frame"):
+            positions = self.face.frames.read(frame)
             with self.watch.step("stretch"):
-                frame = self.client.put_frame(self.asset, place.label, positions, raw=True)
-            self.warned.frame((InputWarning(**asdict(w)) for w in frame.warnings), place.name)
-            self.sizes.append(frame.log_stretch["abs_p90"])
-        most = self.places[self.sizes.index(max(self.sizes))]
+                stored = self.client.put_frame(self.asset, frame.label, positions, raw=True)
+            self.warned.frame((InputWarning(**asdict(w)) for w in stored.warnings), frame.name)
+            self.sizes.append(stored.log_stretch["abs_p90"])
+        most = self.frames[self.sizes.index(max(self.sizes))]
         with self.watch.step("calibrate, bins"), share_bar("calibrate") as show:
             job = self.client.calibrate(self.asset, self.face.frames.read(most))
             self.client.wait(job, progress=lambda job: show(job.progress, job.stage))
@@ -103,18 +103,18 @@ class Session:
             folder.mkdir(exist_ok=True)
             for earlier in folder.glob("face.*.exr"):  # of a longer animation, perhaps
                 earlier.unlink()
-            for place in counted(self.places, method, "frame"):
+            for frame in counted(self.frames, method, "frame"):
                 for udim in self.asset.udims:
                     with self.watch.step(f"{method}, as EXR"):
-                        map = self.map(place, udim, method, "exr")
-                    with whole(folder / f"face.{udim}.{place.label}.exr") as aside:
+                        map = self.map(frame, udim, method, "exr")
+                    with whole(folder / f"face.{udim}.{frame.label}.exr") as aside:
                         aside.write_bytes(map.content)
 
-    def map(self, place: FramePlace, udim: int, method: Method, format: TileFormat = "npy") -> Tile:
+    def map(self, frame: FramePlace, udim: int, method: Method, format: TileFormat = "npy") -> Tile:
         """A whole map of a frame."""
         stretch, sampling = self.query["stretch"], self.query["sampling"]
         return self.client.map(
-            self.asset, place.label, udim,
+            self.asset, frame.label, udim,
             method=method, stretch=stretch, sampling=sampling, format=format,
         )  # fmt: skip
 
@@ -131,7 +131,7 @@ class Session:
             "wrinkles": self.asset.wrinkles,
             "resolution": settings["resolution"],
             "udims": list(self.asset.udims),
-            "frames": len(self.places),
+            "frames": len(self.frames),
             **self.query,
             "r_max": round(settings["bins"]["r_max"], 4),
             "steps": self.watch.figures(),
@@ -146,7 +146,7 @@ class StepClock:
         self._step, self._start = "synthesis", time.perf_counter()
 
     def follow(self, job: Job) -> None:
-        """Hear how far the job is."""
+        """Follow the progress of the job."""
         self._show(job.progress, job.stage)
         step = _STEPS.get(job.stage, self._step)
         if step != self._step:

@@ -43,19 +43,19 @@ def write_sheets(session: Session, unit_mm: float) -> list[dict[str, Any]]:
     udim = busiest_udim(session.face.mesh)
     figures = []
     for index in counted(indices, "sheets", "sheet"):
-        place = session.places[index]
-        maps = _maps(session, place, udim)
+        frame = session.frames[index]
+        maps = _maps(session, frame, udim)
         with session.watch.step("contact sheet"):
-            name = f"contact_{place.label}.png"
-            performance = _performance(session, place, udim)
-            note = f"Frame {place.name}, UDIM {udim}."
+            name = f"contact_{frame.label}.png"
+            performance = _performance(session, frame, udim)
+            note = f"Frame {frame.name}, UDIM {udim}."
             sheet = contact_sheet(performance, maps, unit_mm=unit_mm, note=note)
             with whole(session.out / name) as aside:
                 sheet.save(aside)
         rms = relative_rms(maps["binned"], maps["redraw"])
         figures.append(
             {
-                "frame": place.label,
+                "frame": frame.label,
                 "abs_p90": session.sizes[index],
                 "relative_rms": rms,
                 "sheet": name,
@@ -64,21 +64,21 @@ def write_sheets(session: Session, unit_mm: float) -> list[dict[str, Any]]:
     return figures
 
 
-def _maps(session: Session, place: FramePlace, udim: int) -> dict[str, NDArray[Any]]:
+def _maps(session: Session, frame: FramePlace, udim: int) -> dict[str, NDArray[Any]]:
     maps: dict[str, NDArray[Any]] = {}
     for method in METHODS:
         with session.watch.step(f"{method}, as npy"):
-            map = session.map(place, udim, method)
+            map = session.map(frame, udim, method)
         maps[method] = map.array
     return maps
 
 
-def _performance(session: Session, place: FramePlace, udim: int) -> Performance:
-    mesh, stretch = session.face.mesh, session.client.stretch(session.asset, place.label)
+def _performance(session: Session, frame: FramePlace, udim: int) -> Performance:
+    mesh, stretch = session.face.mesh, session.client.stretch(session.asset, frame.label)
     inside = triangles_inside(mesh, udim)
     return Performance(
         neutral=mesh.positions,
-        deformed=session.face.frames.read(place),
+        deformed=session.face.frames.read(frame),
         faces=mesh.faces[inside],
         triangle_uv=mesh.triangle_uv()[inside] - udim_origin(udim),
         axes=stretch.axes[inside],

@@ -1,4 +1,4 @@
-"""The contact sheet of one frame: the face, its stretch, and its skin at two places."""
+"""The contact sheet of one frame: the face, its stretch, and its skin at two patches."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from rhytid.errors import InputError
-from rhytid.pictures.places import find_places
+from rhytid.pictures.flat_patches import most_stretched_patches
 from rhytid.pictures.sheet import sheet
 from rhytid_lab.sheets.contact_rows import METHODS, face_row
 from rhytid_lab.sheets.skin_rows import grazing_row, patch_views, skin_row
@@ -24,7 +24,7 @@ def contact_sheet(
     unit_mm: float = 10.0,
     note: str = "",
 ) -> Image.Image:
-    """One sheet: the face and its stretch above, the skin of two places below.
+    """One sheet: the face and its stretch above, the skin of two patches below.
 
     displacement: (R, R) mesh units, row 0 at the top, by method: neutral, redraw, binned.
     crop_mm: side of a crop on the surface.  unit_mm: millimetres a mesh unit.  note: added to
@@ -34,13 +34,13 @@ def contact_sheet(
     _check(displacement)
     side = crop_mm / unit_mm
     corners = np.asarray(frame.neutral)[frame.faces]
-    places = find_places(corners, frame.triangle_uv, frame.axes, frame.ratios, side / 2)
-    rows = [face_row(frame, places, side)]
+    patches = most_stretched_patches(corners, frame.triangle_uv, frame.axes, frame.ratios, side / 2)
+    rows = [face_row(frame, patches, side)]
     crops: list[dict[str, NDArray[Any]]] = []
-    for name, place in zip("AB", places, strict=True):
-        views = patch_views(frame, place, side)
+    for name, patch in zip("AB", patches, strict=True):
+        views = patch_views(frame, patch, side)
         crops.append({m: views[m].heights(displacement[m]) for m in METHODS})
-        rows.append(skin_row(name, place, views, displacement, side, unit_mm))
+        rows.append(skin_row(name, patch, views, displacement, side, unit_mm))
         rows.append(grazing_row(name, views, displacement, side, unit_mm))
     return sheet(rows, _caption(displacement, crops, crop_mm, note))
 

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.pictures.colours import diverging
+from rhytid.pictures.flat_patches import FlatPatch
 from rhytid.pictures.images import Picture
 from rhytid.pictures.legends import blank_strip, marked, wheel_legend
-from rhytid.pictures.places import Place
 from rhytid.pictures.shade_mesh import View, shade_mesh
 from rhytid.pictures.sheet import Panel
 from rhytid_client import Method
@@ -21,8 +21,8 @@ METHODS: tuple[Method, ...] = ("neutral", "redraw", "binned")
 _MARKS = ((96, 20, 150), (190, 25, 30))
 
 
-def face_row(frame: Performance, places: tuple[Place, Place], side: float) -> list[Panel]:
-    """Neutral, deformed, both ratios, the first axis; squares of `side` mesh units mark places."""
+def face_row(frame: Performance, patches: tuple[FlatPatch, FlatPatch], side: float) -> list[Panel]:
+    """Neutral, deformed, both ratios, the first axis; squares of `side` mesh units mark patches."""
     view = View.around(np.concatenate([frame.neutral, frame.deformed]))
     logs = frame.logs
     limit = stretch_limit(logs)
@@ -30,7 +30,9 @@ def face_row(frame: Performance, places: tuple[Place, Place], side: float) -> li
 
     def panel(title: str, x: NDArray[Any], strip: Picture, colours: Any = None) -> Panel:
         picture = shade_mesh(x, frame.faces, SIZE, view, colours)
-        return Panel(title, stack(with_places(picture, x[frame.faces], places, view, side), strip))
+        return Panel(
+            title, stack(with_patches(picture, x[frame.faces], patches, view, side), strip)
+        )
 
     plain, bar = blank_strip(SIZE), stretch_bar(SIZE, limit)
     wheel = wheel_legend(SIZE, "direction in UV; grey: no axis")
@@ -43,11 +45,15 @@ def face_row(frame: Performance, places: tuple[Place, Place], side: float) -> li
     ]
 
 
-def with_places(
-    picture: Picture, corners: NDArray[Any], places: tuple[Place, Place], view: View, side: float
+def with_patches(
+    picture: Picture,
+    corners: NDArray[Any],
+    patches: tuple[FlatPatch, FlatPatch],
+    view: View,
+    side: float,
 ) -> Picture:
-    """A picture of a mesh with a square of `side` mesh units around each place, A and B."""
-    centres = [view.pixels(corners[place.triangle].mean(axis=0), SIZE) for place in places]
+    """A picture of a mesh with a square of `side` mesh units around each patch, A and B."""
+    centres = [view.pixels(corners[patch.triangle].mean(axis=0), SIZE) for patch in patches]
     width = SIZE / view.height * side
     boxes = zip(centres, "AB", _MARKS, strict=True)
     return marked(picture, [(centre, width, name, colour) for centre, name, colour in boxes])

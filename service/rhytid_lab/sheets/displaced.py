@@ -14,7 +14,7 @@ from rhytid.pictures.relief import lit
 from rhytid.pictures.shade_mesh import View, vertex_normals
 
 _SUPERSAMPLING = 2
-# More from the front than on flat crops: a whole ball is to be seen.
+# More from the front than on flat crops: a whole sphere is shown.
 _LIGHT = (-0.42, 0.46, 0.78)
 
 

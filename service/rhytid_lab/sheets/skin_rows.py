@@ -1,4 +1,4 @@
-"""The rows of a contact sheet that show the skin of one place, on its surface."""
+"""The rows of a contact sheet that show the skin of one patch, on its surface."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.pictures.colours import diverging, signed_grey
+from rhytid.pictures.flat_patches import FlatPatch
 from rhytid.pictures.images import Picture, to_picture
 from rhytid.pictures.legends import axis_arrows, blank_strip, colour_bar, scale_bar
-from rhytid.pictures.places import Place
 from rhytid.pictures.shade_mesh import vertex_normals
 from rhytid.pictures.sheet import Panel
 from rhytid.pictures.surface_patch import Frame, SurfacePatch, surface_patch
@@ -24,14 +24,14 @@ STEEP, GRAZING = 45.0, 15.0
 _AROUND = 2.0
 
 
-def patch_views(frame: Performance, place: Place, side: float) -> dict[str, SurfacePatch]:
-    """The patch of a place by method, and `face`: the deformed face around it.
+def patch_views(frame: Performance, patch: FlatPatch, side: float) -> dict[str, SurfacePatch]:
+    """The patch by method, and `face`: the deformed face around it.
 
     Neutral skin is seen on the neutral surface, the others on the deformed one, from a frame that
     turned with the skin.
     """
     neutral, deformed = (np.asarray(x)[frame.faces] for x in (frame.neutral, frame.deformed))
-    before, after = (corners[place.triangle] for corners in (neutral, deformed))
+    before, after = (corners[patch.triangle] for corners in (neutral, deformed))
     rest = Frame.of(before)
     moved = rest.carried(before, after)
     normals = vertex_normals(frame.deformed, frame.faces)[frame.faces]
@@ -46,7 +46,7 @@ def patch_views(frame: Performance, place: Place, side: float) -> dict[str, Surf
 
 def skin_row(
     name: str,
-    place: Place,
+    patch: FlatPatch,
     views: Mapping[str, SurfacePatch],
     maps: Mapping[str, NDArray[Any]],
     side: float,
@@ -56,7 +56,7 @@ def skin_row(
 
     views: of `patch_views`, `side` mesh units wide.  maps: (R, R) displacement by method.
     """
-    ratios, angles = place.principal
+    ratios, angles = patch.principal
     crops = {method: views[method].heights(maps[method]) for method in METHODS}
     limit = max(float(np.percentile(np.abs(crops["redraw"]), 99.5)), 1e-30)
     pictures = {method: views[method].picture(maps[method], STEEP) for method in METHODS}

@@ -9,7 +9,7 @@ from zlib import crc32
 from rhytid_client.hosts.trouble import Trouble
 from rhytid_client.saving import write_whole
 
-# Characters of a name: the server takes frames of 64, and some are of the session.
+# Characters of a name: the server takes 64 for a frame, some of which `Server.drawn` adds.
 _LONGEST = 40
 
 

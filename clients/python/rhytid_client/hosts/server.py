@@ -124,7 +124,7 @@ class Server:
     ) -> tuple[dict[int, bytes], tuple[str, ...]]:
         """The maps of positions (V, 3) as files by UDIM, and warnings; raises Trouble.
 
-        who: names the mesh among those of this session.
+        who: names the mesh among those of this process.
         """
         frame = f"host-{SESSION}-{who}"
         with self.client() as client:

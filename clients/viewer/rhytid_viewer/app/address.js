@@ -28,7 +28,7 @@ export function written(state, camera) {
   if (camera) {
     found.set("camera", listed([...camera.target, camera.distance, camera.yaw, camera.pitch, camera.fov]));
   }
-  const weights = Object.entries(state.weights).map(([name, value]) => `${name}:${short(value)}`);
+  const weights = Object.entries(state.weights).map(([name, value]) => `${escaped(name)}:${short(value)}`);
   if (weights.length) found.set("weights", weights.join(","));
   return found.toString().replaceAll("%2C", ",").replaceAll("%3A", ":");
 }
@@ -56,14 +56,24 @@ export function read(hash) {
 
 /** @param {string | null} text */
 function weightsOf(text) {
-  /** @type {Record<string, number>} */
-  const found = {};
+  /** @type {Map<string, number>} */
+  const found = new Map();
   for (const part of (text ?? "").split(",")) {
     const at = part.lastIndexOf(":");
     const value = clamped(part.slice(at + 1), -10, 10);
-    if (at > 0 && value) found[part.slice(0, at)] = value;
+    if (at > 0 && value) found.set(unescaped(part.slice(0, at)), value);
   }
-  return found;
+  return Object.fromEntries(found);
+}
+
+/** A comma ends a weight; in a name it is written as %2C. @param {string} name */
+function escaped(name) {
+  return name.replace(/[%,]/g, encodeURIComponent);
+}
+
+/** @param {string} text */
+function unescaped(text) {
+  return text.replace(/%(2C|25)/g, decodeURIComponent);
 }
 
 /** @param {number[] | null} all @returns {Place | null} */

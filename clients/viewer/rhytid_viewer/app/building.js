@@ -1,6 +1,7 @@
 // Sends a mesh and follows the job that grows its skin.
 
 import { byId } from "./dom.js";
+import { passing } from "./retry.js";
 import { Refused, chunks } from "./service.js";
 
 /**
@@ -67,7 +68,7 @@ export class Building {
     this.job = id;
     for (;;) {
       const job = await this.listen(id).catch((error) => {
-        if (error instanceof Refused) throw error;
+        if (error instanceof Refused && !passing(error)) throw error;
         return null;
       });
       if (job?.state === "done") return;

@@ -2,6 +2,7 @@
 
 import { openNpz, readNpy } from "./npy.js";
 import { meantShapes } from "./shape_names.js";
+import { weightOf } from "./state.js";
 
 /**
  * @typedef {object} Clip
@@ -70,7 +71,7 @@ function ofJson(value) {
   }
   const poses = Array.isArray(value) ? value : eased(Object.values(value ?? {}));
   const names = [...new Set(poses.flatMap((pose) => Object.keys(pose ?? {})))];
-  return { names, fps: FPS, frames: poses.map((pose) => names.map((name) => Number(pose?.[name] ?? 0))) };
+  return { names, fps: FPS, frames: poses.map((pose) => names.map((name) => Number(weightOf(pose ?? {}, name) ?? 0))) };
 }
 
 /** Every pose for two seconds, from rest and back. @param {Record<string, number>[]} poses */
@@ -141,15 +142,15 @@ export function sampler(clip, shapes) {
     const at = Math.min(Math.max(seconds * clip.fps, 0), clip.frames.length - 1);
     const [before, after] = [clip.frames[Math.floor(at)], clip.frames[Math.ceil(at)]];
     const share = at - Math.floor(at);
-    /** @type {Record<string, number>} */
-    const found = {};
+    /** @type {Map<string, number>} */
+    const found = new Map();
     meant.forEach((indices, column) => {
       const weight = before[column] + share * (after[column] - before[column]);
       for (const index of weight ? indices : []) {
-        found[shapes[index]] = (found[shapes[index]] ?? 0) + weight;
+        found.set(shapes[index], (found.get(shapes[index]) ?? 0) + weight);
       }
     });
-    return found;
+    return Object.fromEntries(found);
   };
 }
 

@@ -17,12 +17,21 @@ export async function purposeOf(file) {
   if (ending === ".json" || ending === ".csv") return only("weights");
   if (ending === ".npy") return { purpose: "weights", also: ["shapes"] };
   if (ending !== ".npz") return only("nothing");
-  const names = openNpz(await file.arrayBuffer());
+  const names = await membersOf(file);
   const mesh = names.has("faces");
   const weights = names.has("weights");
   if (mesh) return { purpose: "mesh", also: weights ? ["weights", "shapes"] : ["shapes"] };
   if (weights) return { purpose: "weights", also: [] };
   return { purpose: names.has("shapes") || names.has("frames") ? "shapes" : "nothing", also: [] };
+}
+
+/** @param {File} file @throws {Error} that names the file */
+async function membersOf(file) {
+  try {
+    return openNpz(await file.arrayBuffer());
+  } catch (error) {
+    throw new Error(`${file.name}: ${error instanceof Error ? error.message : error}`, { cause: error });
+  }
 }
 
 /** @param {Purpose} purpose @returns {{purpose: Purpose, also: Purpose[]}} */

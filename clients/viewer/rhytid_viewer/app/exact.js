@@ -1,15 +1,17 @@
 // Tiles of the service's `redraw` for what is in view.
 //
-// The posed positions go to the service as a frame of this page's own name; tiles are asked for one by
+// The posed positions go to the service as a frame, of a name for each pose; tiles are asked for one by
 // one, a few at a time, so that what is outdated is cancelled at once, by a new pose or another view. A
 // live connection would draw an outdated frame to its end.
 
 import { readNpy, writeNpy } from "./npy.js";
+import { reason } from "./messages.js";
 import { Refused } from "./service.js";
 
 /**
  * @typedef {import('../view/types.js').TileAddress} TileAddress
- * @typedef {{wanted: number, shown: number, problem: string | null}} Progress
+ * @typedef {{wanted: number, shown: number, problem: string | null}} Progress wanted is 0 until it is
+ *   known what is in view
  */
 
 const AT_ONCE = 3;
@@ -32,10 +34,12 @@ export class ExactTiles {
     this.view = view;
     this.onProgress = onProgress;
     this.onFailure = onFailure;
-    const name = `viewer-${crypto.getRandomValues(new Uint32Array(2)).join("-")}`;
-    this.frame = `v1/assets/${asset}/frames/${name}`;
+    this.frames = `v1/assets/${encodeURIComponent(asset)}/frames`;
+    /** Of the pose that is set: no frame ever has the positions of two. */
+    this.frame = this.newName();
     this.on = false;
-    this.sent = false;
+    /** The sending of the frame, once it has begun. @type {Promise<unknown> | null} */
+    this.sending = null;
     /** Whether the frame was sent again because the service had forgotten it. */
     this.resent = false;
     this.timer = 0;
@@ -48,13 +52,18 @@ export class ExactTiles {
   turn(on) {
     if (this.on === on) return;
     this.on = on;
-    if (on) this.later();
-    else this.stop();
+    if (!on) {
+      this.stop();
+      return;
+    }
+    // The view has given their memory back.
+    for (const { tile, size, heights } of this.tiles.values()) this.view.setExactTile(tile, size, heights);
+    this.later();
   }
 
   /** Another pose is set, which the view has no tiles of. */
   posed() {
-    this.sent = false;
+    this.forget();
     this.tiles.clear();
     this.stop();
     if (this.on) this.later();
@@ -67,18 +76,34 @@ export class ExactTiles {
 
   /** The service answers again: it may know nothing of the frame. */
   again() {
-    this.sent = false;
+    this.sending = null;
     if (this.on) this.later();
   }
 
-  /** Forget the frame in the service. */
+  /** Forget the frame in the service: the page is left, or another face is shown. */
   dispose() {
     this.turn(false);
-    if (this.sent) {
-      const options = { method: "DELETE", keepalive: true, headers: this.service.headers() };
-      fetch(this.service.url(this.frame), options).catch(() => {});
-    }
-    this.sent = false;
+    if (this.sending) this.remove(this.frame);
+    this.forget();
+  }
+
+  /** Another frame from now on; the one before is deleted. */
+  forget() {
+    const { frame, sending } = this;
+    this.frame = this.newName();
+    this.sending = null;
+    // A frame that is still on its way would be stored after it was deleted.
+    sending?.catch(() => {}).then(() => this.remove(frame));
+  }
+
+  newName() {
+    return `${this.frames}/viewer-${crypto.getRandomValues(new Uint32Array(2)).join("-")}`;
+  }
+
+  /** @param {string} frame */
+  remove(frame) {
+    const options = { method: "DELETE", keepalive: true, headers: this.service.headers() };
+    fetch(this.service.url(frame), options).catch(() => {});
   }
 
   stop() {
@@ -90,6 +115,7 @@ export class ExactTiles {
   /** @param {number} [milliseconds] */
   later(milliseconds = QUIET) {
     clearTimeout(this.timer);
+    if (milliseconds === QUIET) this.onProgress({ wanted: 0, shown: 0, problem: null });
     this.timer = window.setTimeout(() => this.refresh(), milliseconds);
   }
 
@@ -119,12 +145,21 @@ export class ExactTiles {
 
   /** @param {AbortSignal} signal */
   async sendFrame(signal) {
-    if (this.sent) return;
+    // Not cancelled with the tiles: a service stores what it has begun to read.
+    const sending = (this.sending ??= this.put());
+    try {
+      await sending;
+    } catch (error) {
+      if (this.sending === sending) this.sending = null;
+      throw error;
+    }
+    signal.throwIfAborted();
+  }
+
+  put() {
     const positions = this.view.positions();
     const body = writeNpy(positions, [positions.length / 3, 3]);
-    const headers = { "Content-Type": "application/x-npy" };
-    await this.service.call(this.frame, { method: "PUT", body, headers, signal });
-    this.sent = true;
+    return this.service.call(this.frame, { method: "PUT", body, headers: { "Content-Type": "application/x-npy" } });
   }
 
   /** @param {TileAddress} tile @param {AbortSignal} signal */
@@ -171,10 +206,12 @@ export class ExactTiles {
   /** @param {unknown} error @param {Progress} progress */
   failed(error, progress) {
     this.stop();
-    if (!(error instanceof Refused)) {
+    if (error instanceof TypeError) {
       this.onProgress({ ...progress, problem: "the service does not answer" });
       this.onFailure();
-    } else if (error.status === 404 && this.sent && !this.resent) {
+    } else if (!(error instanceof Refused)) {
+      this.onProgress({ ...progress, problem: reason(error) });
+    } else if (error.status === 404 && this.sending && !this.resent) {
       // Who restarted knows no frame.
       this.resent = true;
       this.again();

@@ -1,17 +1,31 @@
 // A face that is shown: its view, kept in step with the state of the page.
 
 import { SkinView } from "../view/skin_view.js";
-import { byId, oncePerPicture } from "./dom.js";
+import { afterQuiet, byId, oncePerPicture } from "./dom.js";
 import { showProbe } from "./probe_line.js";
+import { weightOf } from "./state.js";
 
 /**
  * @typedef {import('./state.js').State} State
  * @typedef {import('./address.js').Place} Place
+ * @typedef {object} Told
+ * @property {() => void} drawn a picture is there
+ * @property {() => void} moved the camera is elsewhere
+ * @property {() => void} posed another pose is set
+ * @property {ExactAt} exactAt
+ * @property {() => void} lost the graphics are lost: nothing is drawn from now on
+ * @property {() => void} restored there are graphics again, without anything of this face
+ * @property {(error: unknown) => void} failed nothing can be drawn
+ *
  * @typedef {(udim: number, texel: readonly [number, number]) => {height: number, level: number} | null} ExactAt
  */
 
 // Pictures further apart than so many milliseconds are no movement.
 const STILL = 300;
+const QUIET = 120;
+// Of so many pictures, in no more than so many milliseconds, a rate is told.
+const FEWEST = 10;
+const RUN = 3000;
 // More pixels than these a CSS pixel are not seen, and cost.
 const DENSEST = 2;
 
@@ -20,8 +34,7 @@ export class Face {
    * @param {HTMLCanvasElement} canvas
    * @param {import('../view/types.js').SkinPackage} skin
    * @param {import('./state.js').Store} store
-   * @param {{drawn: () => void, moved: () => void, posed: () => void, exactAt: ExactAt}} told drawn: a
-   *   picture is there; moved: the camera is elsewhere; posed: another pose is set
+   * @param {Told} told
    * @throws {import('../view/skin_view.js').Unsupported}
    */
   constructor(canvas, skin, store, told) {
@@ -30,15 +43,23 @@ export class Face {
     this.store = store;
     this.told = told;
     this.view = new SkinView(canvas, skin);
+    // They are on the GPU; if they are lost there the package is read again.
+    skin.textures.clear();
     this.home = this.place();
     this.gone = false;
     /** Pictures a second while something moves, 0 while nothing does. */
     this.rate = 0;
     this.drawnAt = 0;
+    /** Pictures that followed each other, and when the first of them was. */
+    this.run = { count: 0, since: 0 };
     this.redraw = oncePerPicture(() => this.draw());
     /** Where the pointer is, CSS pixels in the canvas. @type {[number, number] | null} */
     this.pointer = null;
     this.probeSoon = oncePerPicture(() => this.probe());
+    // Reading a height back waits for the picture: not while pictures follow each other.
+    this.probeLater = afterQuiet(QUIET, () => this.probe());
+    canvas.addEventListener("webglcontextlost", (event) => this.lost(event));
+    canvas.addEventListener("webglcontextrestored", () => told.restored());
     this.sizes = new ResizeObserver(() => this.fit());
     this.sizes.observe(byId("picture-area", HTMLElement));
     this.pose(store.state);
@@ -59,7 +80,7 @@ export class Face {
 
   /** @param {State} state */
   pose(state) {
-    this.view.setWeights(Float32Array.from(this.shapes, (name) => state.weights[name] ?? 0));
+    this.view.setWeights(Float32Array.from(this.shapes, (name) => weightOf(state.weights, name)));
     this.told.posed();
   }
 
@@ -81,14 +102,25 @@ export class Face {
 
   draw() {
     if (this.gone) return;
-    this.view.draw();
-    this.probeSoon();
-    const now = performance.now();
-    const apart = now - this.drawnAt;
-    this.drawnAt = now;
-    const rate = 1000 / Math.max(apart, 1);
-    this.rate = apart > STILL ? 0 : this.rate ? 0.9 * this.rate + 0.1 * rate : rate;
+    try {
+      this.view.draw();
+    } catch (error) {
+      this.gone = true;
+      this.told.failed(error);
+      return;
+    }
+    this.probeLater();
+    this.count(performance.now());
     this.told.drawn();
+  }
+
+  /** Count a picture. @param {number} now milliseconds */
+  count(now) {
+    if (now - this.drawnAt > STILL) this.run = { count: 0, since: now };
+    else this.run.count += 1;
+    this.drawnAt = now;
+    this.rate = this.run.count < FEWEST ? 0 : (1000 * this.run.count) / (now - this.run.since);
+    if (now - this.run.since > RUN) this.run = { count: FEWEST, since: now - (1000 * FEWEST) / (this.rate || 1) };
   }
 
   /** Do something with the camera. @param {(camera: SkinView["camera"]) => void} change */
@@ -140,6 +172,14 @@ export class Face {
     link.download = `rhytid-${this.skin.manifest.asset}-${this.store.state.method}.png`;
     link.click();
     setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
+  }
+
+  /** @param {Event} event */
+  lost(event) {
+    if (this.gone) return;
+    event.preventDefault(); // else it is never restored
+    this.gone = true;
+    this.told.lost();
   }
 
   dispose() {

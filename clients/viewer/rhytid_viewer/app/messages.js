@@ -1,6 +1,7 @@
 // What the page tells besides the picture.
 
 import { byId } from "./dom.js";
+import { isKey } from "./service.js";
 
 const SECONDS = 8;
 let timer = 0;
@@ -53,6 +54,14 @@ export function askKey(wrong) {
   dialog.showModal();
   return new Promise((resolve) => {
     dialog.oncancel = (event) => event.preventDefault();
-    dialog.onclose = () => resolve(field.value.trim());
+    dialog.onclose = () => {
+      const key = field.value.trim();
+      if (isKey(key)) resolve(key);
+      else {
+        line.hidden = false;
+        line.textContent = "This is no key: keys have ASCII letters, digits and signs alone, without spaces.";
+        dialog.showModal();
+      }
+    };
   });
 }

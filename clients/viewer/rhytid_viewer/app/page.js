@@ -19,7 +19,9 @@ const REMEDY = "Turn on hardware acceleration in its settings, or take a current
 
 /**
  * @typedef {object} Told what the page tells whoever has tiles to bring
- * @property {(face: Face) => void} shown another face is shown
+ * @property {(face: Face, asset: string | null) => void} shown another face is shown
+ * @property {() => void} lost the graphics of the face are lost
+ * @property {(asset: string, place: import('./address.js').Place | null) => void} restore there are graphics again: load it anew
  * @property {() => void} posed
  * @property {() => void} moved
  * @property {import('./face.js').ExactAt} exactAt
@@ -36,7 +38,7 @@ export class Page {
     /** @type {Face | null} */
     this.face = null;
     /** @type {Told} */
-    this.told = { shown() {}, posed() {}, moved() {}, exactAt: () => null };
+    this.told = { shown() {}, posed() {}, moved() {}, lost() {}, restore() {}, exactAt: () => null };
     /** What the service has to say at the end of the status. */
     this.note = "";
     this.player = new Player(this.store);
@@ -55,42 +57,97 @@ export class Page {
   }
 
   /**
-   * Load a package and show it; the one before stays until then.
+   * Load a package and show it; the one before stays until then, and where this one fails.
    * @param {import('../view/types.js').Read} read
    * @param {import('./address.js').Place | null} place of the camera, else as it looks at first
+   * @param {{asset?: string | null, signal?: AbortSignal}} [options] asset: its id, in a service; signal:
+   *   aborted where another one is to be shown
+   * @throws {unknown} the reason of the signal too
    */
-  async show(read, place) {
+  async show(read, place, { asset = null, signal } = {}) {
+    signal?.throwIfAborted();
     const skin = await loadPackage(read, ({ file, bytes, files, of }) => {
-      message("Loading the skin", `${file}, ${megabytes(bytes)}`, of ? files / of : 0);
+      if (!signal?.aborted) message("Loading the skin", `${file}, ${megabytes(bytes)}`, of ? files / of : 0);
     });
-    this.face?.dispose();
-    this.face = null;
-    this.freshCanvas();
-    this.face = new Face(this.canvas, skin, this.store, {
+    signal?.throwIfAborted();
+    const before = this.store.state.asset;
+    const face = this.newFace(skin, () => this.restore(read, asset));
+    if (before !== null && before !== asset) this.store.set({ weights: {} });
+    this.store.set({ asset });
+    this.face = face;
+    message(null);
+    banner(null);
+    this.shapes.fill(this.face.shapes);
+    this.player.face(this.face.shapes);
+    if (place) this.face.moveTo(place);
+    this.light.show();
+    this.told.shown(this.face, asset);
+    this.face.redraw();
+  }
+
+  /**
+   * A face in place of the one before, which stays where this one cannot be made. A canvas has one
+   * context in its life: another face gets another canvas.
+   * @param {import('../view/types.js').SkinPackage} skin
+   * @param {() => void} restored the graphics are back after they were lost
+   */
+  newFace(skin, restored) {
+    const before = this.canvas;
+    this.canvas = /** @type {HTMLCanvasElement} */ (before.cloneNode());
+    before.replaceWith(this.canvas);
+    try {
+      /** @type {Face} */
+      const face = new Face(this.canvas, skin, this.store, {
+        ...this.toldByFace(),
+        restored: () => this.face === face && restored(),
+      });
+      this.face?.dispose();
+      this.face = null;
+      addGestures(this);
+      return face;
+    } catch (error) {
+      this.canvas.replaceWith(before);
+      this.canvas = before;
+      throw error;
+    }
+  }
+
+  /** What a face tells. */
+  toldByFace() {
+    return {
       drawn: () => this.showStatus(),
       posed: () => this.told.posed(),
-      exactAt: (udim, texel) => this.told.exactAt(udim, texel),
+      exactAt: (/** @type {Parameters<import('./face.js').ExactAt>} */ ...at) => this.told.exactAt(...at),
       moved: () => {
         this.told.moved();
         this.light.show();
         this.writeSoon();
       },
-    });
-    message(null);
-    this.shapes.fill(this.face.shapes);
-    this.player.face(this.face.shapes);
-    if (place) this.face.moveTo(place);
-    this.light.show();
-    this.told.shown(this.face);
-    this.face.redraw();
+      lost: () => {
+        this.told.lost();
+        banner("The browser has lost the graphics of this page. The picture comes back with them; if it does not, reload the page.", { stays: true });
+      },
+      failed: (/** @type {unknown} */ error) => this.failed(error),
+    };
   }
 
-  /** A canvas has one context in its life: another face gets another canvas. */
-  freshCanvas() {
-    const next = /** @type {HTMLCanvasElement} */ (this.canvas.cloneNode());
-    this.canvas.replaceWith(next);
-    this.canvas = next;
-    addGestures(this);
+  /**
+   * Read a face that was lost again, and show it as it was.
+   * @param {import('../view/types.js').Read} read
+   * @param {string | null} asset
+   */
+  async restore(read, asset) {
+    const place = this.face?.place() ?? null;
+    if (asset !== null) {
+      this.told.restore(asset, place);
+      return;
+    }
+    try {
+      await this.show(read, place);
+    } catch (error) {
+      message(null);
+      this.failed(error);
+    }
   }
 
   /** There is no service: exact tiles cannot be had. */

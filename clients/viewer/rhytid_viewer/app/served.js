@@ -29,18 +29,28 @@ export class Served {
     this.assets = [];
     /** @type {ExactTiles | null} */
     this.exact = null;
+    /** The asset that is shown, or is to be as soon as it is loaded. @type {string | null} */
+    this.chosen = null;
+    /** Ends the loading of an asset when another one is chosen. */
+    this.loading = new AbortController();
     this.showPlaces(places);
     addIntake(page, (upload) => this.build(upload));
     this.select.addEventListener("change", () => this.choose(this.select.value, null));
     page.store.listen((state, changed) => changed.has("method") && this.turn(state.method));
     page.told = {
-      shown: (face) => this.shown(face),
+      shown: (face, asset) => this.shown(face, asset),
       posed: () => this.exact?.posed(),
       moved: () => this.exact?.moved(),
+      lost: () => {
+        this.exact?.dispose();
+        this.exact = null;
+      },
+      restore: (asset, place) => void this.choose(asset, place),
       exactAt: (udim, texel) => this.exact?.heightAt(udim, texel) ?? null,
     };
     window.addEventListener("pagehide", () => this.exact?.dispose());
-    window.addEventListener("hashchange", () => this.followAddress());
+    window.addEventListener("pageshow", (event) => event.persisted && this.turn(page.store.state.method));
+    window.addEventListener("hashchange", () => void this.followAddress());
   }
 
   /**
@@ -73,31 +83,36 @@ export class Served {
     });
     this.select.replaceChildren(...options);
     byId("asset-field", HTMLLabelElement).hidden = !options.length;
-    this.select.value = this.page.store.state.asset ?? "";
+    this.select.value = this.chosen ?? "";
   }
 
-  /** @param {string} id @param {Place | null} place */
+  /**
+   * Show an asset in place of what is shown or is being loaded.
+   * @param {string} id
+   * @param {Place | null} place
+   */
   async choose(id, place) {
-    const before = this.page.store.state.asset;
-    this.page.store.set({ asset: id });
+    this.loading.abort();
+    this.loading = new AbortController();
+    const { signal } = this.loading;
+    this.chosen = id;
     this.select.value = id;
-    if (before !== null && before !== id) this.page.store.set({ weights: {} });
     try {
       const making = (/** @type {import('./service.js').Job} */ job) =>
         message("The service makes the package of this asset", job.stage, job.progress);
-      await this.page.show(this.service.reader(id, making), place);
+      await this.page.show(this.service.reader(id, making, signal), place, { asset: id, signal });
     } catch (error) {
-      this.page.store.set({ asset: before });
-      this.select.value = before ?? "";
+      if (signal.aborted) return;
+      this.chosen = this.page.store.state.asset;
+      this.select.value = this.chosen ?? "";
       message(null);
       this.page.failed(error);
     }
   }
 
-  /** @param {import('./face.js').Face} face */
-  shown(face) {
+  /** @param {import('./face.js').Face} face @param {string | null} asset */
+  shown(face, asset) {
     this.exact?.dispose();
-    const { asset, method } = this.page.store.state;
     this.exact = new ExactTiles(
       this.service,
       asset ?? "",
@@ -108,7 +123,7 @@ export class Served {
       },
       () => this.connection.check(),
     );
-    this.turn(method);
+    this.turn(this.page.store.state.method);
   }
 
   /** @param {string} method */
@@ -117,9 +132,19 @@ export class Served {
     if (method !== "exact") this.page.note = "";
   }
 
-  followAddress() {
+  /** Another address: its asset, where the service lists it. */
+  async followAddress() {
     const asset = new URLSearchParams(location.hash.slice(1)).get("asset");
-    if (asset !== null && asset !== this.page.store.state.asset) this.choose(asset, null);
+    if (asset === null || asset === this.chosen) return;
+    try {
+      await this.refresh();
+    } catch (error) {
+      banner(reason(error), { stays: true });
+      return;
+    }
+    const found = this.assets.some(({ id, state }) => id === asset && state === "ready");
+    if (found) await this.choose(asset, null);
+    else banner(`The service has no asset ${asset} that is ready.`, { stays: true });
   }
 
   /** @param {boolean} online */
@@ -130,7 +155,7 @@ export class Served {
     }
     try {
       await this.refresh();
-      const { asset } = this.page.store.state;
+      const asset = this.chosen;
       if (asset === null) await this.begin(null, null);
       else if (this.assets.every((one) => one.id !== asset)) {
         banner("The service is back, without this asset. What is loaded stays; send the mesh again for exact tiles.", { stays: true });
@@ -167,5 +192,6 @@ function titleOf({ id, settings, triangles }) {
 /** @param {import('./exact.js').Progress} progress */
 function noted({ wanted, shown, problem }) {
   if (problem) return `exact: ${problem}`;
+  if (wanted === 0) return "exact: …";
   return shown < wanted ? `exact: ${shown} of ${wanted} tiles` : `exact: all ${wanted} tiles`;
 }

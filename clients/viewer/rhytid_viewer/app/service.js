@@ -1,16 +1,16 @@
 // Where skin comes from: a running service, or the package beside the page.
 
+import { Refused, patiently, pause } from "./retry.js";
+
 const KEY = "rhytid-key";
 // Milliseconds until a job is asked about again.
 const POLL = 250;
 
-/** An answer that is no success. */
-export class Refused extends Error {
-  /** @param {number} status @param {string} detail */
-  constructor(status, detail) {
-    super(detail);
-    this.status = status;
-  }
+export { Refused };
+
+/** Whether a text can be a key: what a header takes. @param {string} text */
+export function isKey(text) {
+  return /^[\x21-\x7e]+$/.test(text);
 }
 
 /**
@@ -37,7 +37,8 @@ export class Service {
   /** Headers that every call has. @returns {Record<string, string>} */
   headers() {
     const key = sessionStorage.getItem(KEY);
-    return key ? { Authorization: `Bearer ${key}` } : {};
+    if (key !== null && !isKey(key)) sessionStorage.removeItem(KEY);
+    return key && isKey(key) ? { Authorization: `Bearer ${key}` } : {};
   }
 
   /** @param {string} path such as v1/assets */
@@ -88,38 +89,57 @@ export class Service {
    * Files of the package of an asset. A service makes it when it is first asked for.
    * @param {string} asset
    * @param {(job: Job) => void} onMaking
+   * @param {AbortSignal} [signal] ends the reading
    * @returns {import('../view/types.js').Read}
    */
-  reader(asset, onMaking) {
-    return async (path, onProgress) => {
-      for (;;) {
-        // Coarser levels are not shown.
-        const answer = await this.call(`v1/assets/${asset}/package/${path}?levels=1`);
-        if (answer.status !== 202) return body(answer, onProgress);
-        await this.made(await answer.json(), onMaking);
-      }
-    };
+  reader(asset, onMaking, signal) {
+    // Coarser levels are not shown.
+    const url = (/** @type {string} */ path) => `v1/assets/${encodeURIComponent(asset)}/package/${path}?levels=1`;
+    return (path, onProgress) =>
+      patiently(async () => {
+        for (;;) {
+          const answer = await this.call(url(path), { signal });
+          if (answer.status !== 202) return body(answer, onProgress);
+          await this.made(await answer.json(), onMaking, signal);
+        }
+      }, signal);
   }
 
-  /** Until a job has ended. @param {Job} job @param {(job: Job) => void} onProgress */
-  async made(job, onProgress) {
+  /** Until a job has ended. @param {Job} job @param {(job: Job) => void} onProgress @param {AbortSignal} [signal] */
+  async made(job, onProgress, signal) {
     let now = job;
     while (now.state === "queued" || now.state === "running") {
+      signal?.throwIfAborted();
       onProgress(now);
-      await new Promise((resolve) => setTimeout(resolve, POLL));
-      now = await (await this.call(`v1/jobs/${job.id}`)).json();
+      await pause(POLL, signal);
+      now = await patiently(async () => (await this.call(`v1/jobs/${job.id}`, { signal })).json(), signal);
     }
     if (now.state !== "done") throw new Error(now.detail || `The package was ${now.state}.`);
   }
 }
 
-/** Files beside the page. @param {URL} root @returns {import('../view/types.js').Read} */
-export function packageReader(root) {
-  return async (path, onProgress) => {
-    const answer = await fetch(new URL(path, root));
-    if (!answer.ok) throw new Refused(answer.status, `${path}: the server answers ${answer.status}`);
-    return body(answer, onProgress);
+/**
+ * Files beside the page, each packed by gzip where the page says so.
+ * @param {URL} root
+ * @param {boolean} packed
+ * @returns {import('../view/types.js').Read}
+ */
+export function packageReader(root, packed) {
+  const read = async (/** @type {string} */ path, /** @type {Parameters<typeof body>[1]} */ onProgress) => {
+    const answer = await fetch(new URL(packed ? `${path}.gz` : path, root));
+    if (answer.status !== 200) throw new Refused(answer.status, `${path}: the server answers ${answer.status}`);
+    const found = await body(answer, onProgress);
+    return packed ? unpacked(found) : found;
   };
+  return (path, onProgress) => patiently(() => read(path, onProgress));
+}
+
+/** A server may have unpacked it already. @param {ArrayBuffer} file @returns {Promise<ArrayBuffer>} */
+async function unpacked(file) {
+  const [first, second] = new Uint8Array(file);
+  if (first !== 0x1f || second !== 0x8b) return file;
+  const stream = new Blob([file]).stream().pipeThrough(new DecompressionStream("gzip"));
+  return new Response(stream).arrayBuffer();
 }
 
 /** Whether a service gave this page: it tells of itself as JSON. @param {URL} root */
@@ -144,7 +164,14 @@ async function body(answer, onProgress) {
     bytes += piece.length;
     onProgress(bytes, Math.max(total, bytes));
   }
-  return new Blob(pieces).arrayBuffer();
+  // Not by a Blob: Chromium gives its bytes back slowly, or, where they are many, not at all.
+  const out = new Uint8Array(bytes);
+  let at = 0;
+  for (const piece of pieces) {
+    out.set(piece, at);
+    at += piece.length;
+  }
+  return out.buffer;
 }
 
 /**

@@ -2,6 +2,7 @@
 
 import { byId, make } from "./dom.js";
 import { ORDER, groupOf } from "./shape_names.js";
+import { weightOf } from "./state.js";
 
 export class ShapesPanel {
   /**
@@ -59,7 +60,7 @@ export class ShapesPanel {
   showWeights(weights) {
     let moved = 0;
     for (const [name, { row, slider, value }] of this.rows) {
-      const weight = weights[name] ?? 0;
+      const weight = weightOf(weights, name);
       if (weight) moved += 1;
       const text = weight.toFixed(2);
       if (value.value === text && slider.valueAsNumber === weight) continue;

@@ -71,6 +71,15 @@ export class Store {
   }
 }
 
+/**
+ * The weight of a shape, 0 where none is set: a shape may have any name, such as `constructor`.
+ * @param {Readonly<Record<string, number>>} weights
+ * @param {string} name
+ */
+export function weightOf(weights, name) {
+  return Object.hasOwn(weights, name) ? weights[name] : 0;
+}
+
 /** @param {unknown} one @param {unknown} other */
 function same(one, other) {
   return one === other || JSON.stringify(one) === JSON.stringify(other);

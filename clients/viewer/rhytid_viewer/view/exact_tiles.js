@@ -4,7 +4,9 @@ import { Target, Textures } from './gl.js';
 import { Slopes } from './relief.js';
 
 /** @typedef {import('./types.js').TileAddress} TileAddress */
-/** @typedef {{heights: WebGLTexture, present: WebGLTexture, slopes: Target, cell: number, cells: Uint8Array, stale: boolean}} Level */
+/** @typedef {{heights: WebGLTexture, present: WebGLTexture, slopes: Target, cell: number, cells: Uint8Array, stale: Set<number>}} Level stale: cells whose slopes are to be drawn */
+
+const MARGIN = 2; // texels around a cell whose slopes read it
 
 export class ExactTiles {
   /**
@@ -38,7 +40,7 @@ export class ExactTiles {
     if (heights)
       this._textures.write(found.heights, 'R32F', column * size, row * size, size, size, heights);
     this._textures.write(found.present, 'R8_UINT', 0, 0, count, count, found.cells);
-    found.stale = true;
+    found.stale.add(row * count + column);
   }
 
   /** Forget all tiles. The room for them stays. */
@@ -46,8 +48,18 @@ export class ExactTiles {
     for (const found of this._levels.values()) {
       if (!found.cells.some((there) => there)) continue;
       const count = Math.sqrt(found.cells.length);
+      found.cells.forEach((there, at) => there && found.stale.add(at));
       this._textures.write(found.present, 'R8_UINT', 0, 0, count, count, found.cells.fill(0));
     }
+  }
+
+  /** Forget all tiles and give their memory back. */
+  free() {
+    for (const { heights, present, slopes } of this._levels.values()) {
+      slopes.remove();
+      for (const texture of [heights, present, slopes.texture]) this._textures.remove(texture);
+    }
+    this._levels.clear();
   }
 
   /**
@@ -62,8 +74,8 @@ export class ExactTiles {
     for (const level of levels) {
       const found = this._levels.get(`${udim}/${level}`);
       if (!found || !found.cells.some((there) => there)) continue;
-      if (found.stale) this._slopes.drawTiles(found.slopes, found.heights, found.present, found.cell);
-      found.stale = false;
+      if (found.stale.size) this._slopes.drawTiles(found.slopes, found.heights, found.present, found.cell, partsOf(found));
+      found.stale.clear();
       return { tiles: found.slopes.texture, present: found.present };
     }
     return null;
@@ -82,10 +94,21 @@ export class ExactTiles {
         slopes: this._slopes.room(side),
         cell: size,
         cells: new Uint8Array(count * count),
-        stale: false,
+        stale: new Set(),
       };
       this._levels.set(name, found);
     }
     return found;
   }
+}
+
+/** Column, row, columns and rows of what stale cells change. @param {Level} level */
+function partsOf({ slopes, cell, stale }) {
+  const across = slopes.width / cell;
+  const held = (/** @type {number} */ at) => Math.max(0, Math.min(slopes.width, at));
+  return [...stale].map((at) => {
+    const [column, row] = [at % across, Math.floor(at / across)];
+    const [x, y] = [held(column * cell - MARGIN), held(row * cell - MARGIN)];
+    return [x, y, held((column + 1) * cell + MARGIN) - x, held((row + 1) * cell + MARGIN) - y];
+  });
 }

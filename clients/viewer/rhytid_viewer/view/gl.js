@@ -123,6 +123,7 @@ export class Textures {
     this._gl = gl;
     /** @type {Map<WebGLTexture, number>} */
     this._bytes = new Map();
+    this._most = { side: gl.getParameter(gl.MAX_TEXTURE_SIZE), layers: gl.getParameter(gl.MAX_ARRAY_TEXTURE_LAYERS) };
     this.anisotropy = gl.getExtension('EXT_texture_filter_anisotropic');
     /** @type {Record<string, Format>} */
     this.formats = {
@@ -146,11 +147,14 @@ export class Textures {
   /**
    * An empty texture without filter.
    * @param {string} format @param {number} width @param {number} height @param {number} [levels]
+   * @throws {Unsupported} where the graphics take none of this size; Error where they have no memory
    */
   plain(format, width, height, levels = 1) {
     const gl = this._gl, { internal, bytes } = this.formats[format];
+    this._checkSize(width, height, 1);
     const texture = this._bound(gl.TEXTURE_2D);
     gl.texStorage2D(gl.TEXTURE_2D, levels, internal, width, height);
+    this._checkMemory(texture, `${width} x ${height} texels of ${format}`);
     let sum = 0;
     for (let level = 0; level < levels; level++)
       sum += Math.max(width >> level, 1) * Math.max(height >> level, 1) * bytes;
@@ -172,12 +176,14 @@ export class Textures {
     return texture;
   }
 
-  /** @param {import('./types.js').TextureArray} array */
+  /** @param {import('./types.js').TextureArray} array @throws {Unsupported} as `plain` does */
   array(array) {
     const gl = this._gl, { width, height, layers, texels } = array;
     const { internal, format, type, bytes } = this.formats[array.format];
+    this._checkSize(width, height, layers);
     const texture = this._bound(gl.TEXTURE_2D_ARRAY);
     gl.texStorage3D(gl.TEXTURE_2D_ARRAY, 1, internal, width, height, layers);
+    this._checkMemory(texture, `${width} x ${height} x ${layers} texels of ${array.format}`);
     gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
     const size = width * height;
     for (let layer = 0; layer < layers; layer++) {
@@ -205,6 +211,26 @@ export class Textures {
   remove(texture) {
     this._gl.deleteTexture(texture);
     this._bytes.delete(texture);
+  }
+
+  /** @param {number} width @param {number} height @param {number} layers */
+  _checkSize(width, height, layers) {
+    const { side, layers: most } = this._most;
+    if (Math.max(width, height) > side)
+      throw new Unsupported(`The graphics here take textures of ${side} texels a side at most; this skin has one of ${width} x ${height}.`);
+    if (layers > most)
+      throw new Unsupported(`The graphics here take ${most} layers of a texture at most; this skin has one of ${layers}.`);
+  }
+
+  /** @param {WebGLTexture} texture @param {string} what it is */
+  _checkMemory(texture, what) {
+    const gl = this._gl, error = gl.getError();
+    if (error === gl.NO_ERROR) return;
+    gl.deleteTexture(texture);
+    if (error === gl.CONTEXT_LOST_WEBGL) throw new Unsupported('The graphics of this page are lost.');
+    if (error === gl.OUT_OF_MEMORY)
+      throw new Error(`The graphics have no memory for ${what}, beside the ${Math.round(this.bytes / 1e6)} MB that the page has.`);
+    throw new Error(`The graphics refuse ${what} (error ${error} of WebGL).`);
   }
 
   /** @param {number} target */
@@ -241,6 +267,11 @@ export class Target {
     gl.framebufferTexture2D(gl.FRAMEBUFFER, point, gl.TEXTURE_2D, texture, 0);
     if (gl.checkFramebufferStatus(gl.FRAMEBUFFER) !== gl.FRAMEBUFFER_COMPLETE)
       throw new Unsupported('The graphics here cannot draw into textures that the viewer needs.');
+  }
+
+  /** Free it; the texture stays. */
+  remove() {
+    this._gl.deleteFramebuffer(this._framebuffer);
   }
 
   /** Draw into it from now on. */

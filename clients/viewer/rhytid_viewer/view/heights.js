@@ -22,6 +22,8 @@ export class Heights {
     this._udims = new Map();
     for (const [udim, found] of skinPackage.textures) this._udims.set(udim, uploaded(textures, found));
     const { stretch, weights, resolution, cushion } = manifest;
+    /** What `begin` took, until it changes. @type {Float32Array | null} */
+    this._begun = null;
     this.stretch = textures.plain('RGBA32F', stretch.width, stretch.height);
     /** @param {string} format @param {number} width @param {number} height */
     const target = (format, width, height) =>
@@ -37,8 +39,18 @@ export class Heights {
     return this._of(udim).rhytid_triangles;
   }
 
-  /** Take the stretch of a frame. @param {Float32Array} stretch of stretchTexture */
+  /** The numbers of a stretch are others now. */
+  changed() {
+    this._begun = null;
+  }
+
+  /**
+   * Take the stretch of a frame; the one that was taken last is not sent again.
+   * @param {Float32Array} stretch of stretchTexture
+   */
   begin(stretch) {
+    if (this._begun === stretch) return;
+    this._begun = stretch;
     const { width, height } = this._manifest.stretch;
     this._textures.write(this.stretch, 'RGBA32F', 0, 0, width, height, stretch);
     this._programs.weights.use({}, { rhytid_stretch: this.stretch });

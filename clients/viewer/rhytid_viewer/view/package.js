@@ -11,6 +11,7 @@ import { readKtx2 } from './ktx2.js';
 /** @typedef {(path: string) => Promise<ArrayBuffer>} ReadFile */
 
 const DIALECT = 'glsl-es-300';
+const PARTS = ['mesh', 'blend', 'layers', 'textures', 'triangles', 'wrinkles', 'stretch', 'weights', 'shaders'];
 
 /**
  * Read all files of a package; level 0 of its maps alone.
@@ -30,7 +31,10 @@ export async function loadPackage(read, onProgress) {
     parsed(manifest.stretch.rest, readFile, readRest),
     readShaders(manifest, readFile),
     readTextures(manifest, readFile),
-  ]);
+  ]).catch((error) => {
+    counter.quiet(); // files that are still read must not hide what is wrong
+    throw error;
+  });
   checkSizes(manifest, mesh, rest);
   return { manifest, mesh, rest, shaders, textures, bytes: counter.bytes };
 }
@@ -47,6 +51,11 @@ class Counter {
     this._sizes = new Map();
     this._files = 0;
     this.of = 1;
+  }
+
+  /** Tell of nothing more. */
+  quiet() {
+    this._onProgress = () => {};
   }
 
   get bytes() {
@@ -89,6 +98,8 @@ function readManifest(bytes) {
   const found = JSON.parse(text(bytes));
   if (found.format !== 'rhytid-skin') throw new Error('is no manifest of a skin package');
   if (found.version !== 1) throw new Error(`version ${found.version} of skin packages is not known here`);
+  for (const part of PARTS)
+    if (!found[part]) throw new Error(`has no ${part}: another version of rhytid wrote this package`);
   if (!found.shaders?.[DIALECT]) throw new Error(`has no shaders of ${DIALECT}`);
   return found;
 }
@@ -159,7 +170,9 @@ async function readArray(facts, udim, readFile) {
   const found = await parsed(file, readFile, readKtx2);
   const { width, height, layers, format } = found;
   const same = width === facts.size && height === facts.size && layers === facts.maps * facts.pages;
-  if (!same || format !== facts.format)
+  // Of several UDIMs some may need fewer bytes for their numbers.
+  const narrower = format === 'R16_UINT' && facts.format === 'R32_UINT';
+  if (!same || (format !== facts.format && !narrower))
     throw new Error(`${file}: ${width} x ${height} x ${layers} texels of ${format}, not what manifest.json says`);
   return found;
 }

@@ -130,15 +130,16 @@ export class Slopes {
    * @param {WebGLTexture} heights
    * @param {WebGLTexture} present
    * @param {number} cell texels a side
+   * @param {number[][]} parts to be filled
    */
-  drawTiles(target, heights, present, cell) {
+  drawTiles(target, heights, present, cell, parts) {
     const uniforms = { ...this._uniforms, u_none: -1, u_cell: cell };
     this._guarded.use(uniforms, {
       u_heights: heights,
       u_triangles: this._noTriangles,
       u_present: present,
     });
-    this._finish(target);
+    this._finish(target, parts);
   }
 
   /** @param {Target} target @param {number[][]} [parts] */

@@ -45,7 +45,6 @@ export class ReliefMaps {
    * Draw what is not there yet.
    * @param {TileAddress[]} cells that are in view
    * @param {Float32Array} stretch of the pose
-   * @returns {boolean} whether anything was drawn
    */
   draw(cells, stretch) {
     /** @type {Map<number, TileAddress[]>} */
@@ -62,7 +61,6 @@ export class ReliefMaps {
       const { target } = this._of(udim);
       this._slopes.draw(target, heights, this._heights.triangles(udim), those.map((cell) => this._part(cell, 0)));
     }
-    return wanted.size > 0;
   }
 
   /** @param {number} udim */

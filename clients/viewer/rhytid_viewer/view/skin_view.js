@@ -45,17 +45,22 @@ export class SkinView {
     this.skinPackage = skinPackage;
     this._manifest = manifest;
     this._gl = createContext(canvas);
-    this._textures = new Textures(this._gl);
-    this._pose = new Pose(skinPackage);
-    this._radius = radiusOf(mesh.positions);
-    this._heights = new Heights(this._gl, this._textures, skinPackage);
-    this._slopes = new Slopes(this._gl, this._textures, manifest);
-    this._mesh = new MeshTextures(this._gl, this._textures, skinPackage);
-    this._surface = new Surface(this._gl, this._mesh);
-    this._axes = new Axes(this._gl, this._textures, this._mesh, mesh, this._radius);
-    this._shadow = new Shadow(this._gl, this._textures, this._mesh, 1.1 * this._radius);
-    this._exact = new ExactTiles(this._textures, this._slopes, manifest.resolution);
-    this._nothing = this._textures.plain('R8_UINT', 1, 1);
+    try {
+      this._textures = new Textures(this._gl);
+      this._pose = new Pose(skinPackage);
+      this._radius = radiusOf(mesh.positions);
+      this._heights = new Heights(this._gl, this._textures, skinPackage);
+      this._slopes = new Slopes(this._gl, this._textures, manifest);
+      this._mesh = new MeshTextures(this._gl, this._textures, skinPackage);
+      this._surface = new Surface(this._gl, this._mesh);
+      this._axes = new Axes(this._gl, this._textures, this._mesh, mesh, this._radius);
+      this._shadow = new Shadow(this._gl, this._textures, this._mesh, 1.1 * this._radius);
+      this._exact = new ExactTiles(this._textures, this._slopes, manifest.resolution);
+      this._nothing = this._textures.plain('R8_UINT', 1, 1);
+    } catch (error) {
+      this.dispose();
+      throw error;
+    }
     this._options = { ...DEFAULTS };
     this._neutralStretch = Float32Array.from(this._pose.stretch);
     const relief = () => new ReliefMaps(this._heights, this._slopes, manifest.resolution);
@@ -81,12 +86,18 @@ export class SkinView {
   setWeights(weights) {
     this._pose.set(weights);
     this._exact.clear();
+    this._heights.changed();
     this._relief.posed.forget();
     this._stale.mesh = this._stale.shadow = true;
   }
 
-  /** @param {Partial<ViewOptions>} options those that change */
+  /**
+   * Change how it looks. To leave the method `exact` forgets all tiles and gives their memory back.
+   * @param {Partial<ViewOptions>} options those that change
+   */
   setOptions(options) {
+    const leaves = options.method !== undefined && options.method !== 'exact';
+    if (leaves && this._options.method === 'exact') this._exact.free();
     this._options = { ...this._options, ...options };
     if (options.light) this._stale.shadow = true;
   }
@@ -216,7 +227,9 @@ export class SkinView {
       return hit && add(from, scaled(direction, hit.distance));
     });
     camera.radius = this._radius;
-    camera.distance = (1.05 * this._radius) / Math.sin(camera.fov / 2);
+    const { middle, half } = boxOf(this.skinPackage.mesh.positions);
+    camera.target = middle;
+    camera.distance = (1.1 * Math.max(half[0], half[1])) / Math.tan(camera.fov / 2) + half[2];
     camera.range = [this._radius / 300, 4 * camera.distance];
     return camera;
   }
@@ -227,7 +240,7 @@ export class SkinView {
     if (stale.mesh) this._mesh.write(this._pose);
     if (method === 'neutral' || split !== null) this._draw('neutral', this._neutralStretch);
     if (method !== 'neutral') this._draw('posed', this._pose.stretch);
-    if (stale.mesh) this._heights.begin(this._pose.stretch);
+    this._heights.begin(this._pose.stretch); // colours and axes read it
     stale.mesh = false;
     if (stale.shadow) this._shadow.draw(normalized(light));
     stale.shadow = false;
@@ -239,7 +252,7 @@ export class SkinView {
     if (!maps.stale(this._manifest.udims)) return;
     const { posed, matrix, width, height } = this._seen();
     const cells = finestTilesInView(posed, { resolution: this._manifest.resolution, tile: maps.cell }, matrix, width, height);
-    if (maps.draw(cells, stretch)) this._stale.mesh = true; // colours and axes read the stretch of the pose
+    maps.draw(cells, stretch);
   }
 
   /** What is in the picture is found by these. */
@@ -292,9 +305,7 @@ export class SkinView {
   _displacement(udim, column, row) {
     const neutral = this._options.method === 'neutral';
     this._heights.begin(neutral ? this._neutralStretch : this._pose.stretch);
-    const [found] = this._heights.read(udim, [column, row, 1, 1]);
-    if (neutral) this._stale.mesh = true;
-    return found;
+    return this._heights.read(udim, [column, row, 1, 1])[0];
   }
 }
 
@@ -314,6 +325,18 @@ function radiusOf(positions) {
   for (let i = 0; i < positions.length; i += 3)
     most = Math.max(most, Math.hypot(positions[i], positions[i + 1], positions[i + 2]));
   return most;
+}
+
+/** The middle of the box around all vertices, and half of its sides. @param {Float32Array} positions */
+function boxOf(positions) {
+  const [low, high] = [[Infinity, Infinity, Infinity], [-Infinity, -Infinity, -Infinity]];
+  positions.forEach((at, i) => {
+    low[i % 3] = Math.min(low[i % 3], at);
+    high[i % 3] = Math.max(high[i % 3], at);
+  });
+  /** @param {number} sign */
+  const mean = (sign) => /** @type {Vector} */ (high.map((at, i) => (at + sign * low[i]) / 2));
+  return { middle: mean(1), half: mean(-1) };
 }
 
 /** sRGB from 0 to 255. @param {number} x linear */

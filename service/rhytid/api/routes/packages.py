@@ -20,7 +20,6 @@ from rhytid.engine.messages import JobInfo, Package
 MAKING: Responses = {
     202: {"model": Job, "description": "It is being made: ask again when the job has ended"}
 }
-PARTS: Responses = {206: {"description": "The bytes of one range", **KEY_HEADER}}
 FAULTS = problems(404, 409, 413, 416, 422, 429, 503, 507)
 FilePath = Annotated[str, Path(description="path of a file, such as `manifest.json`")]
 router = APIRouter(prefix="/v1/assets/{asset}/package", tags=["assets"], dependencies=[NoRepeats])
@@ -28,8 +27,9 @@ router = APIRouter(prefix="/v1/assets/{asset}/package", tags=["assets"], depende
 
 def _documented(*media_types: str) -> Responses:
     whole: Responses = {200: {**binary(*media_types)[200], **KEY_HEADER}}
+    part: Responses = {206: {**whole[200], "description": "The bytes of one range"}}
     unchanged: Responses = {304: {**UNCHANGED[304], **KEY_HEADER}}
-    return {**whole, **MAKING, **PARTS, **unchanged, **FAULTS}
+    return {**whole, **MAKING, **part, **unchanged, **FAULTS}
 
 
 @router.get("", operation_id="getPackage", response_class=Response, responses=_documented(ZIP))

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.device.runtime import Buffer
+from rhytid.device.buffer import Buffer
 from rhytid.synthesis.edges.incidence import starts_of
 from rhytid.synthesis.fields.fields import Fields
 from rhytid.synthesis.pores.area_capacity import spacings

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.device.runtime import Buffer
+from rhytid.device.buffer import Buffer
 from rhytid.synthesis.edges.incidence import Incidence
 from rhytid.synthesis.workspace import Workspace
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.device.runtime import Buffer
+from rhytid.device.buffer import Buffer
 from rhytid.synthesis.pores.device_points import DevicePoints
 from rhytid.synthesis.pores.lattice import Lattice
 from rhytid.synthesis.surface import Points

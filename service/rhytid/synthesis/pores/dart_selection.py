@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.device.runtime import Buffer
+from rhytid.device.buffer import Buffer
 from rhytid.synthesis.edges.rounds import KEPT, until_decided
 from rhytid.synthesis.fields.fields import Fields
 from rhytid.synthesis.grid import Grid

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.device.runtime import Buffer
+from rhytid.device.buffer import Buffer
 from rhytid.synthesis.fields.fields import Fields
 from rhytid.synthesis.hashes import Words, random4, triangle_keys
 from rhytid.synthesis.pores.area_capacity import densities, spacings

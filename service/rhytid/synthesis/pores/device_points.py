@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from rhytid.device.runtime import Buffer
+from rhytid.device.buffer import Buffer
 from rhytid.synthesis.grid import Grid
 from rhytid.synthesis.pores.lattice import Lattice
 from rhytid.synthesis.surface import Points

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.device.runtime import Buffer
+from rhytid.device.buffer import Buffer
 from rhytid.synthesis.edges.edges import DEFINES, Edges
 from rhytid.synthesis.edges.incidence import Incidence
 from rhytid.synthesis.hashes import place_keys

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.device.runtime import Buffer
+from rhytid.device.buffer import Buffer
 from rhytid.synthesis.edges.edges import DEFINES
 from rhytid.synthesis.edges.incidence import Incidence
 from rhytid.synthesis.progress import Progress, part

@@ -1,4 +1,4 @@
-"""Other ways to do the same: what rhytid is timed beside.
+"""Other implementations, which rhytid is timed beside.
 
 One module per implementation; each has CASES, from the name of a case to what prepares it.
 """

@@ -1,4 +1,4 @@
-"""What every implementation of a case gives: something to run, and what it made."""
+"""What every implementation of a case has: a run, and its result."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ class Run(Protocol):
     """One case of one implementation, with all that stays from frame to frame made already."""
 
     def run(self) -> None:
-        """Do it once, to its end; what it makes stays where it was made."""
+        """Run it once, to its end; the result stays where it was made."""
         ...
 
     def result(self) -> Floats:
-        """What the last run made, on the host, as FrameBench.result has it."""
+        """The result of the last run, on the host, as of FrameBench.result."""
         ...
 
     def release(self) -> None:
-        """Give everything back."""
+        """Release everything."""
         ...
 
 
@@ -37,14 +37,14 @@ class HostRun:
     made: Floats | None = None
 
     def run(self) -> None:
-        """Call it."""
+        """Call the function."""
         self.made = self.work()
 
     def result(self) -> Floats:
-        """What it gave."""
+        """Its result."""
         assert self.made is not None
         return self.made
 
     def release(self) -> None:
-        """Forget what it gave."""
+        """Forget its result."""
         self.made = None

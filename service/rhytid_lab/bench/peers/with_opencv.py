@@ -1,4 +1,4 @@
-"""`convolved` with OpenCV: every tap reads the map through a table of places (`remap`)."""
+"""`convolved` with OpenCV: every tap reads the map through a table of coordinates (`remap`)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Where to look: the patches of a face that an expression stretches and compresses most."""
+"""Patches of a mesh that are small enough to be taken as flat: those that an expression stretches
+and compresses most, and the flattest ones."""
 
 from __future__ import annotations
 
@@ -20,8 +21,8 @@ _REACH = 2.1
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
-    """A patch of the surface, small enough to be taken as flat.
+class FlatPatch:
+    """A patch of the surface.
 
     centre: (3,) on the neutral surface.  triangle: the one it lies in.  uv: (2,).
     to_uv: (2, 2), uv per mesh unit along the tangent axes x (right) and y (up) of the patch.
@@ -50,8 +51,8 @@ class Place:
 
 
 @dataclass(frozen=True, eq=False)
-class Patches:
-    """Triangles (F,) as plain arrays, seen as samples of a surface and of its stretch.
+class _Triangles:
+    """Triangles (F,) as samples of a surface and of its stretch.
 
     centre, normal: (F, 3).  area: (F,).  uv: (F, 3, 2).
     jacobian: (F, 3, 2), ∂X/∂(u, v).  tensor: (F, 3, 3), Σ log ρᵢ q̂ᵢq̂ᵢᵀ, clamped.
@@ -65,49 +66,50 @@ class Patches:
     tensor: NDArray[np.float64]
 
 
-def find_places(
+def most_stretched_patches(
     corners: NDArray[Any],
     triangle_uv: NDArray[Any],
     axes: NDArray[Any],
     ratios: NDArray[Any],
     radius: float,
-) -> tuple[Place, Place]:
+) -> tuple[FlatPatch, FlatPatch]:
     """The most stretched and the most compressed patch that face the viewer.
 
     corners: (F, 3, 3) neutral.  triangle_uv: (F, 3, 2) local to the UDIM.  axes: (F, 2, 2).
     ratios: (F, 2).  radius: of a patch, mesh units; its square must lie inside the UV chart.
     Raises MeshError where no patch of that size fits.
     """
-    patches = _patches(corners, triangle_uv, axes, ratios)
-    chosen = _candidates(patches, radius)
-    tensors, flatness = _means(patches, chosen, radius)
+    triangles = _triangles(corners, triangle_uv, axes, ratios)
+    chosen = _candidates(triangles, radius)
+    tensors, flatness = _means(triangles, chosen, radius)
     values = np.linalg.eigvalsh(tensors) * flatness[:, None]
     most, least = int(np.argmax(values[:, 2])), int(np.argmin(values[:, 0]))
-    stretched = _place(patches, int(chosen[most]), tensors[most])
-    return stretched, _place(patches, int(chosen[least]), tensors[least])
+    stretched = _patch(triangles, int(chosen[most]), tensors[most])
+    return stretched, _patch(triangles, int(chosen[least]), tensors[least])
 
 
-def flat_places(
+def flattest_patches(
     corners: NDArray[Any], triangle_uv: NDArray[Any], radius: float
-) -> tuple[Place, ...]:
+) -> tuple[FlatPatch, ...]:
     """The flattest patch that faces the viewer, and the flattest of those far from it, if any.
 
-    As `find_places`, of a mesh at rest. Raises MeshError where no patch of that size fits.
+    As `most_stretched_patches`, of a mesh at rest. Raises MeshError where no patch of that size
+    fits.
     """
     rest = np.ones((len(corners), 2))
-    patches = _patches(corners, triangle_uv, np.tile(np.eye(2), (len(corners), 1, 1)), rest)
-    chosen = _candidates(patches, radius)
-    tensors, flatness = _means(patches, chosen, radius)
+    triangles = _triangles(corners, triangle_uv, np.tile(np.eye(2), (len(corners), 1, 1)), rest)
+    chosen = _candidates(triangles, radius)
+    tensors, flatness = _means(triangles, chosen, radius)
     first = int(np.argmax(flatness))
-    away = np.linalg.norm(patches.centre[chosen] - patches.centre[chosen[first]], axis=1)
+    away = np.linalg.norm(triangles.centre[chosen] - triangles.centre[chosen[first]], axis=1)
     far = away >= max(0.5 * away.max(), 3.0 * radius)
     second = [int(np.argmax(np.where(far, flatness, -1.0)))] if far.any() else []
-    return tuple(_place(patches, int(chosen[i]), tensors[i]) for i in (first, *second))
+    return tuple(_patch(triangles, int(chosen[i]), tensors[i]) for i in (first, *second))
 
 
-def _patches(
+def _triangles(
     corners: NDArray[Any], uv: NDArray[Any], axes: NDArray[Any], ratios: NDArray[Any]
-) -> Patches:
+) -> _Triangles:
     x, t = np.asarray(corners, np.float64), np.asarray(uv, np.float64)
     normal = np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
     area = np.linalg.norm(normal, axis=1) / 2
@@ -121,10 +123,10 @@ def _patches(
     logs = np.clip(np.log(np.maximum(ratios, 1e-6)), -_LOG_LIMIT, _LOG_LIMIT)
     tensor = np.einsum("fi,fic,fid->fcd", logs, along, along)
     unit = normal / np.maximum(2 * area[:, None], 1e-30)
-    return Patches(x.mean(axis=1), unit, np.where(usable, area, 0.0), t, jacobian, tensor)
+    return _Triangles(x.mean(axis=1), unit, np.where(usable, area, 0.0), t, jacobian, tensor)
 
 
-def _candidates(p: Patches, radius: float) -> NDArray[np.int64]:
+def _candidates(p: _Triangles, radius: float) -> NDArray[np.int64]:
     """Triangles around which the reach of a crop is covered by the chart and faces the viewer."""
     covered = rasterize_uv(p.uv, _COVERAGE_SIZE).covered
     missing = np.pad(np.cumsum(np.cumsum(~covered, axis=0), axis=1), ((1, 0), (1, 0)))
@@ -149,9 +151,9 @@ def _candidates(p: Patches, radius: float) -> NDArray[np.int64]:
 
 
 def _means(
-    p: Patches, chosen: NDArray[np.int64], radius: float
+    p: _Triangles, chosen: NDArray[np.int64], radius: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Mean tensors (C, 3, 3) of the patches by area, and how flat each is, 0…1."""
+    """Mean tensors (C, 3, 3) of the patches by area, and how flat each patch is, 0…1."""
     tensors, flatness = np.empty((len(chosen), 3, 3)), np.empty(len(chosen))
     for i, triangle in enumerate(chosen):
         near = np.sum((p.centre - p.centre[triangle]) ** 2, axis=1) <= radius * radius
@@ -162,11 +164,11 @@ def _means(
     return tensors, flatness
 
 
-def _place(p: Patches, triangle: int, tensor: NDArray[np.float64]) -> Place:
+def _patch(p: _Triangles, triangle: int, tensor: NDArray[np.float64]) -> FlatPatch:
     normal = p.normal[triangle]
     right = np.cross((0.0, 1.0, 0.0), normal)
     right /= np.linalg.norm(right)
     frame = np.stack([right, np.cross(normal, right)])
     to_uv = np.linalg.inv(frame @ p.jacobian[triangle])
     uv = p.uv[triangle].mean(axis=0)
-    return Place(p.centre[triangle], triangle, uv, to_uv, frame @ tensor @ frame.T)
+    return FlatPatch(p.centre[triangle], triangle, uv, to_uv, frame @ tensor @ frame.T)

@@ -1,0 +1,62 @@
+"""Compiled programs and kernels of a device."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any
+
+import rhytid_kernels
+from rhytid.device import trial
+from rhytid.device.select import Candidate
+from rhytid.device.trial import cl
+from rhytid.errors import DeviceError, KernelBuildError
+
+BUILD_OPTIONS = ("-cl-std=CL1.2",)
+_Defines = tuple[tuple[str, object], ...]
+NO_DEFINES: Mapping[str, object] = MappingProxyType({})
+
+
+class Programs:
+    """Programs of a context, each compiled once for each set of defines."""
+
+    def __init__(self, context: Any, candidate: Candidate) -> None:
+        self._context, self._info = context, candidate
+        self._programs: dict[tuple[str, _Defines], Any] = {}
+        self._kernels: dict[tuple[str, str, _Defines], Any] = {}
+
+    def kernel(self, program: str, kernel: str, defines: Mapping[str, object] = NO_DEFINES) -> Any:
+        """A compiled kernel; its program is compiled once for each set of defines.
+
+        Raises KernelBuildError.
+        """
+        given = tuple(sorted(defines.items()))
+        key = (program, kernel, given)
+        if key not in self._kernels:
+            self._kernels[key] = self.fitting(cl.Kernel(self._program(program, given), kernel))
+        return self._kernels[key]
+
+    def _program(self, name: str, defines: _Defines) -> Any:
+        if (name, defines) not in self._programs:
+            options = [*BUILD_OPTIONS, *(f"-D{key}={value}" for key, value in defines)]
+            self._programs[name, defines] = self.build(rhytid_kernels.source(name), options)
+        return self._programs[name, defines]
+
+    def fitting(self, kernel: Any) -> Any:
+        """The kernel itself; raises DeviceError where a work-group has too little local memory for
+        it, which some drivers tell in words of their own and others not at all."""
+        asked = cl.kernel_work_group_info.LOCAL_MEM_SIZE
+        needed = kernel.get_work_group_info(asked, self._info.handle)
+        if needed > self._info.local_memory:
+            raise DeviceError(
+                f"kernel {kernel.function_name} needs {needed} bytes of local memory: "
+                f"{self._info.name} has {self._info.local_memory}"
+            )
+        return kernel
+
+    def build(self, text: str, options: list[str]) -> Any:
+        """A program from source text; raises KernelBuildError with the compiler's log."""
+        try:
+            return trial.compile_program(self._context, text, options)
+        except cl.RuntimeError as error:
+            raise KernelBuildError(str(error)) from error
