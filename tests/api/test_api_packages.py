@@ -18,10 +18,12 @@ from api.fake_engine import FakeEngine
 from api.fake_packages import FILES, archive
 from api.live import serving
 from api.patch import obj, upload
+from rhytid.api.access import Caller
+from rhytid.api.job_shares import JobShares
 from rhytid.api.package_files import KEY, OpenPackage, opened, part
 from rhytid.api.routes.viewer import SAFE
-from rhytid.engine.messages import Package
-from rhytid.errors import BusyError
+from rhytid.engine.messages import JobInfo, Package
+from rhytid.errors import BusyError, QuotaError
 from rhytid.storage.package_archive import read_archive
 from rhytid_client import Client
 
@@ -110,6 +112,8 @@ def test_while_it_is_made_the_job_is_told(tmp_path: Path) -> None:
         with Client(str(client.base_url)) as rhytid:
             assert rhytid.package(asset, tmp_path / "skin") == tmp_path / "skin"
             rhytid.package(asset, tmp_path / "skin.zip")
+        again = client.get(f"/v1/assets/{asset}/package", params={"levels": 2})
+        assert (again.status_code, again.headers.get("content-disposition")) == (202, None)
     for name, data in FILES.items():
         assert (tmp_path / "skin" / name).read_bytes() == data
     assert len(ZipFile(tmp_path / "skin.zip").infolist()) == len(FILES)
@@ -206,3 +210,16 @@ def test_a_package_that_is_made_takes_a_place_among_the_jobs_of_its_caller() -> 
             pass
         assert client.get(f"/v1/assets/{two}/package").status_code == 202
         assert client.get(f"/v1/assets/{one}/package").status_code == 200
+
+
+def test_requests_of_the_same_job_are_one_place() -> None:
+    """Files of a package that is not there yet are asked for at once."""
+    running = JobInfo("job", "asset", "package", "running", 0.0, "", "")
+    shares, caller = JobShares(lambda _: running), Caller("one", rate=1, jobs=2)
+    with shares.one(caller) as first, shares.one(caller) as second:
+        first.take("job")
+        second.take("job")
+    with shares.one(caller) as other:
+        other.take("another")
+    with pytest.raises(QuotaError), shares.one(caller):
+        pass

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import threading
-import tracemalloc
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -20,7 +19,6 @@ from rhytid.domain.stiffness import Stiffness
 from rhytid.engine import packages as module
 from rhytid.engine.engine import Engine
 from rhytid.engine.messages import JobInfo, Package
-from rhytid.engine.package_memory import making_bytes
 from rhytid.errors import (
     CancelledError,
     ChangedError,
@@ -30,8 +28,8 @@ from rhytid.errors import (
     LimitError,
     NotFoundError,
 )
-from rhytid.skin_package.maps import SkinMaps
 from rhytid.skin_package.package import PackageWriter
+from rhytid.storage.packages import KeptPackages
 from skin_package.conftest import write_package
 
 
@@ -239,6 +237,25 @@ def test_damaged_ones_are_made_again(engine: Engine) -> None:
     assert made(engine, asset).files == found.files
 
 
+def test_the_asset_is_free_while_room_is_made(
+    engine: Engine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asset = built(engine, new_asset())
+    lock = engine.packages._assets.get(asset).lock
+    free: list[bool] = []
+
+    def look(_: KeptPackages, nbytes: int) -> None:
+        with ThreadPoolExecutor(1) as other:  # the thread that asks may hold it
+            taken = other.submit(lock.acquire, False).result()
+            free.append(taken)
+            if taken:
+                other.submit(lock.release).result()
+
+    monkeypatch.setattr(KeptPackages, "make_room", look)
+    made(engine, asset)
+    assert free == [True, True]
+
+
 def test_two_requests_at_once_make_it_once(engine: Engine) -> None:
     asset = built(engine, new_asset())
     with ThreadPoolExecutor(8) as threads:
@@ -300,21 +317,6 @@ def test_an_engine_that_is_closed_while_one_is_made_makes_it_again(
     with running(tmp_path) as engine:
         assert engine.packages.of(asset, begin=False) is None
         assert "manifest.json" in made(engine, asset).files
-
-
-@pytest.mark.parametrize("preset", [pytest.param("best", marks=pytest.mark.slow), "paper"])
-def test_the_estimate_of_memory_holds(engine: Engine, preset: str, tmp_path: Path) -> None:
-    asset = built(engine, new_asset(preset=preset, resolution=512))
-    maps, mesh = SkinMaps.of(engine, asset), engine._store.mesh(asset)
-    writer = PackageWriter(maps, mesh, None, tmp_path, 16)
-    tracemalloc.start()
-    try:
-        for step in writer.steps():
-            step()
-        most = tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
-    assert most <= making_bytes(maps, mesh, None) <= 2 * most
 
 
 def test_memory_is_held_while_it_is_made(engine: Engine, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rhytid import durable
 from rhytid.domain.asset_settings import PRESETS, AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
@@ -131,6 +132,28 @@ def test_deleted_asset_leaves_nothing(
             store.delete(ID)
         store.put_asset(ID, mesh, graph, settings, {})
         assert store.overlay(ID) == settings
+
+
+def test_others_do_not_wait_until_a_deleted_asset_is_gone_from_the_disk(
+    folder: Path,
+    mesh: Mesh,
+    graph: WrinkleGraph,
+    settings: AssetSettings,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with AssetStore(folder) as store:
+        store.put_asset(ID, mesh, graph, settings, {})
+        (folder / "packages" / ID).mkdir(parents=True)
+        removed: list[tuple[Path, bool]] = []
+
+        def look(gone: Path) -> None:
+            removed.append((gone, store._folders._changing.locked()))
+
+        monkeypatch.setattr(durable, "remove_tree", look)
+        store.delete(ID)
+        assert len(removed) == 2
+        assert not any(locked for _, locked in removed)
+        assert store.ids() == []
 
 
 BAD_IDS = ["", "..", "../../etc/passwd0", "ABCDEF0123456789", "0" * 15, "0" * 17, "0" * 16 + "\n"]

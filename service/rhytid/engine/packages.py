@@ -16,7 +16,6 @@ from rhytid.engine.byte_budget import ByteBudget
 from rhytid.engine.jobs import Job, Jobs
 from rhytid.engine.keys import package_key
 from rhytid.engine.messages import JobInfo, Package
-from rhytid.engine.package_memory import making_bytes
 from rhytid.engine.tile_service import TileService
 from rhytid.errors import (
     CancelledError,
@@ -153,9 +152,9 @@ class PackageService:
             with suppress(NotFoundError):  # none came
                 shapes = self._store.shapes(wanted.asset.id)
             mesh = self._store.mesh(wanted.asset.id)
-            hold.grow(making_bytes(maps, mesh, shapes))
             with self._store.packages.making(wanted.asset.id) as folder:
                 writer = PackageWriter(maps, mesh, shapes, folder, wanted.levels)
+                hold.grow(writer.host_bytes)
                 self._write(job, wanted, writer)
                 self._keep(job, wanted, folder)
         except BaseException as error:

@@ -46,7 +46,8 @@ def package(
     shaders, manifest (docs/package.md). It is made when it is first asked for, as a job, and kept
     until the asset is changed or others need the room."""
     answer = _answer(request, asset, None, engine, places, slot, memory, query)
-    answer.headers["Content-Disposition"] = f'attachment; filename="{asset}.skin.zip"'
+    if answer.media_type == ZIP:
+        answer.headers["Content-Disposition"] = f'attachment; filename="{asset}.skin.zip"'
     return answer
 
 
