@@ -83,7 +83,6 @@ export class ExactTiles {
   /** Forget the frame in the service: the page is left, or another face is shown. */
   dispose() {
     this.turn(false);
-    if (this.sending) this.remove(this.frame);
     this.forget();
   }
 
