@@ -53,7 +53,7 @@ export class Page {
     });
     addControls(this);
     addGestures(this);
-    window.addEventListener("hashchange", () => this.readAddress());
+    window.addEventListener("hashchange", ({ newURL }) => this.readAddress(new URL(newURL).hash));
   }
 
   /**
@@ -156,9 +156,9 @@ export class Page {
     this.look.allowExact(false);
   }
 
-  /** What the address says; a face is looked for by who has some. */
-  readAddress() {
-    const { state, camera } = address.read(location.hash);
+  /** What the address says; a face is looked for by who has some. @param {string} [hash] */
+  readAddress(hash = location.hash) {
+    const { state, camera } = address.read(hash);
     const { asset, ...others } = state;
     this.player.pause();
     this.store.set(others);

@@ -50,7 +50,7 @@ export class Served {
     };
     window.addEventListener("pagehide", () => this.exact?.dispose());
     window.addEventListener("pageshow", (event) => event.persisted && this.turn(page.store.state.method));
-    window.addEventListener("hashchange", () => void this.followAddress());
+    window.addEventListener("hashchange", ({ newURL }) => void this.followAddress(new URL(newURL).hash));
   }
 
   /**
@@ -132,16 +132,18 @@ export class Served {
     if (method !== "exact") this.page.note = "";
   }
 
-  /** Another address: its asset, where the service lists it. */
-  async followAddress() {
-    const asset = new URLSearchParams(location.hash.slice(1)).get("asset");
+  /** Another address: its asset, where the service lists it. @param {string} hash */
+  async followAddress(hash) {
+    const asset = new URLSearchParams(hash.slice(1)).get("asset");
     if (asset === null || asset === this.chosen) return;
+    const { loading } = this;
     try {
       await this.refresh();
     } catch (error) {
       banner(reason(error), { stays: true });
       return;
     }
+    if (loading !== this.loading) return; // something else was chosen meanwhile
     const found = this.assets.some(({ id, state }) => id === asset && state === "ready");
     if (found) await this.choose(asset, null);
     else banner(`The service has no asset ${asset} that is ready.`, { stays: true });
