@@ -66,4 +66,9 @@ def serving(engine: Any, **settings: Any) -> Iterator[_Client]:
             yield client
     finally:
         server.should_exit = True
-        thread.join()
+        thread.join(30)
+        if thread.is_alive():
+            waits = [*server.server_state.tasks, *server.server_state.connections]
+            server.force_exit = True
+            thread.join()
+            raise AssertionError(f"the server waited for {waits}")

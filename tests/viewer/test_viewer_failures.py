@@ -173,3 +173,26 @@ def test_an_answer_that_is_no_file_is_told(open_page: Opened, package: str) -> N
     look.page.route("**/manifest.json", lambda route: route.fulfill(status=202, body=body))
     look.page.goto(package)
     look.until("document.getElementById('message-detail').textContent.includes('202')")
+
+
+def test_files_of_one_package_are_read_and_begun_again_where_the_asset_changes(
+    open_page: Opened, served: Served
+) -> None:
+    look = open_page("about:blank")
+    changed: list[str] = []
+
+    def answer(route: Route) -> None:
+        if changed:
+            route.continue_()
+        else:
+            changed.append(route.request.url)
+            route.fulfill(status=409, json={"detail": "the asset has changed: begin again"})
+
+    look.page.route("**/package/textures/*", answer)
+    look.page.goto(served.url)
+    look.ready()
+    files = [url for url in look.asked if "/package/" in url]
+    assert len(changed) == 1
+    assert sum("/package/manifest.json" in url for url in files) == 2
+    assert all("key=" in url for url in files if "/package/manifest.json" not in url)
+    assert look.page.evaluate(f"{BANNER}.hidden")

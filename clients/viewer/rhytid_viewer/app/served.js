@@ -6,6 +6,7 @@ import { byId, make } from "./dom.js";
 import { ExactTiles } from "./exact.js";
 import { addIntake } from "./intake.js";
 import { askKey, banner, message, reason } from "./messages.js";
+import { Refused } from "./retry.js";
 import { Service } from "./service.js";
 
 /**
@@ -90,8 +91,9 @@ export class Served {
    * Show an asset in place of what is shown or is being loaded.
    * @param {string} id
    * @param {Place | null} place
+   * @param {boolean} again whether to begin once more where the asset changes while it is read
    */
-  async choose(id, place) {
+  async choose(id, place, again = true) {
     this.loading.abort();
     this.loading = new AbortController();
     const { signal } = this.loading;
@@ -103,6 +105,10 @@ export class Served {
       await this.page.show(this.service.reader(id, making, signal), place, { asset: id, signal });
     } catch (error) {
       if (signal.aborted) return;
+      if (again && error instanceof Refused && error.status === 409) {
+        await this.choose(id, place, false);
+        return;
+      }
       this.chosen = this.page.store.state.asset;
       this.select.value = this.chosen ?? "";
       message(null);

@@ -86,20 +86,29 @@ export class Service {
   }
 
   /**
-   * Files of the package of an asset. A service makes it when it is first asked for.
+   * Files of one package of an asset. A service makes it when it is first asked for. Where the asset
+   * changes while its files are read they are refused with status 409.
    * @param {string} asset
    * @param {(job: Job) => void} onMaking
    * @param {AbortSignal} [signal] ends the reading
    * @returns {import('../view/types.js').Read}
    */
   reader(asset, onMaking, signal) {
-    // Coarser levels are not shown.
-    const url = (/** @type {string} */ path) => `v1/assets/${encodeURIComponent(asset)}/package/${path}?levels=1`;
+    /** The package that the first file was of. @type {string | null} */
+    let key = null;
+    const url = (/** @type {string} */ path) => {
+      const query = new URLSearchParams({ levels: "1" }); // coarser ones are not shown
+      if (key !== null) query.set("key", key);
+      return `v1/assets/${encodeURIComponent(asset)}/package/${path}?${query}`;
+    };
     return (path, onProgress) =>
       patiently(async () => {
         for (;;) {
           const answer = await this.call(url(path), { signal });
-          if (answer.status !== 202) return body(answer, onProgress);
+          if (answer.status !== 202) {
+            key ??= answer.headers.get("X-Rhytid-Package");
+            return body(answer, onProgress);
+          }
           await this.made(await answer.json(), onMaking, signal);
         }
       }, signal);
@@ -164,7 +173,6 @@ async function body(answer, onProgress) {
     bytes += piece.length;
     onProgress(bytes, Math.max(total, bytes));
   }
-  // Not by a Blob: Chromium gives its bytes back slowly, or, where they are many, not at all.
   const out = new Uint8Array(bytes);
   let at = 0;
   for (const piece of pieces) {
