@@ -79,6 +79,10 @@ def test_an_asset_that_is_late_does_not_replace_a_later_choice(
     late = [{**one, "id": "late"} for one in listed if one["id"] == real]
     page.page.route("**/v1/assets", lambda route: route.fulfill(json=listed + late))
     page.page.route("**/v1/assets/late/**", lambda route: held.append(route))
+
+    def deliver(route: Route) -> None:
+        route.continue_(url=route.request.url.replace("/late/", f"/{real}/"))
+
     page.page.evaluate("rhytid.served.refresh()")
     page.page.select_option("#asset", "late")
     page.page.wait_for_timeout(100)
@@ -87,9 +91,11 @@ def test_an_asset_that_is_late_does_not_replace_a_later_choice(
     page.page.select_option("#asset", real)
     page.until("rhytid.face !== before && rhytid.face.drawnAt > 0")
     page.page.evaluate("globalThis.before = rhytid.face")
+    page.page.unroute("**/v1/assets/late/**")
+    page.page.route("**/v1/assets/late/**", deliver)
     for route in held:
-        route.fulfill(status=500, json={"detail": "too late"})
-    page.still()
+        deliver(route)
+    page.page.wait_for_timeout(2000)
 
     assert page.page.evaluate("rhytid.face === before")
     assert page.state()["asset"] == real

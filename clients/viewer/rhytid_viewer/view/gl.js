@@ -215,6 +215,7 @@ export class Textures {
 
   /** @param {number} width @param {number} height @param {number} layers */
   _checkSize(width, height, layers) {
+    if (this._gl.isContextLost()) throw new Unsupported('The graphics of this page are lost.');
     const { side, layers: most } = this._most;
     if (Math.max(width, height) > side)
       throw new Unsupported(`The graphics here take textures of ${side} texels a side at most; this skin has one of ${width} x ${height}.`);
