@@ -201,5 +201,5 @@ function titleOf({ id, settings, triangles }) {
 function noted({ wanted, shown, problem }) {
   if (problem) return `exact: ${problem}`;
   if (wanted === 0) return "exact: …";
-  return shown < wanted ? `exact: ${shown} of ${wanted} tiles` : `exact: all ${wanted} tiles`;
+  return shown < wanted ? `exact: ${shown} of ${wanted} tiles` : `exact: all ${wanted} ${wanted === 1 ? "tile" : "tiles"}`;
 }
