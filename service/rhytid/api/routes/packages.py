@@ -6,13 +6,13 @@ from dataclasses import asdict
 from functools import partial
 from typing import Annotated
 
-from fastapi import APIRouter, Path, Query, Request, Response
+from fastapi import APIRouter, Depends, Path, Query, Request, Response
 from fastapi.responses import JSONResponse
 
 from rhytid.api.dependencies import AssetId, EngineDep, JobPlaces, Memory, NoRepeats, Slot
 from rhytid.api.documentation import UNCHANGED, Responses, binary, problems
 from rhytid.api.encoding import WORKING
-from rhytid.api.package_files import KEY_HEADER, KINDS, TEXT, ZIP, opened, sent
+from rhytid.api.package_files import KEY_HEADER, KINDS, TEXT, ZIP, OpenPackage, opened, sent
 from rhytid.api.request_memory import PIECE
 from rhytid.api.schemas import Job, PackageQuery
 from rhytid.engine.messages import JobInfo, Package
@@ -32,56 +32,16 @@ def _documented(*media_types: str) -> Responses:
     return {**whole, **MAKING, **part, **unchanged, **FAULTS}
 
 
-@router.get("", operation_id="getPackage", response_class=Response, responses=_documented(ZIP))
-def package(
-    request: Request,
+def _found(
     asset: AssetId,
     engine: EngineDep,
     places: JobPlaces,
     slot: Slot,
     memory: Memory,
     query: Annotated[PackageQuery, Query()],
-) -> Response:
-    """The skin package of a built asset as a zip, stored: mesh with its named shapes, textures,
-    shaders, manifest (docs/package.md). It is made when it is first asked for, as a job, and kept
-    until the asset is changed or others need the room."""
-    answer = _answer(request, asset, None, engine, places, slot, memory, query)
-    if answer.media_type == ZIP:
-        answer.headers["Content-Disposition"] = f'attachment; filename="{asset}.skin.zip"'
-    return answer
-
-
-@router.get(
-    "/{path:path}",
-    operation_id="getPackageFile",
-    response_class=Response,
-    responses=_documented(*KINDS.values(), TEXT),
-)
-def file(
-    request: Request,
-    asset: AssetId,
-    path: FilePath,
-    engine: EngineDep,
-    places: JobPlaces,
-    slot: Slot,
-    memory: Memory,
-    query: Annotated[PackageQuery, Query()],
-) -> Response:
-    """One file of a skin package, as a web page reads it; a range of its bytes where `Range` asks
-    for one."""
-    return _answer(request, asset, path, engine, places, slot, memory, query)
-
-
-def _answer(
-    request: Request,
-    asset: str,
-    path: str | None,
-    engine: EngineDep,
-    places: JobPlaces,
-    slot: Slot,
-    memory: Memory,
-    query: PackageQuery,
-) -> Response:
+) -> OpenPackage | JobInfo:
+    """The package that is asked for, held open until the answer is sent, or the job that makes
+    it."""
     memory.answer(WORKING * PIECE)
 
     def find() -> Package | JobInfo:
@@ -97,7 +57,37 @@ def _answer(
 
     with slot:
         found = opened(find)
+    return found if isinstance(found, JobInfo) else memory.closing(found)
+
+
+Found = Annotated[OpenPackage | JobInfo, Depends(_found)]
+
+
+@router.get("", operation_id="getPackage", response_class=Response, responses=_documented(ZIP))
+def package(request: Request, asset: AssetId, found: Found) -> Response:
+    """The skin package of a built asset as a zip, stored: mesh with its named shapes, textures,
+    shaders, manifest (docs/package.md). It is made when it is first asked for, as a job, and kept
+    until the asset is changed or others need the room."""
+    answer = _answer(request, found, None)
+    if answer.media_type == ZIP:
+        answer.headers["Content-Disposition"] = f'attachment; filename="{asset}.skin.zip"'
+    return answer
+
+
+@router.get(
+    "/{path:path}",
+    operation_id="getPackageFile",
+    response_class=Response,
+    responses=_documented(*KINDS.values(), TEXT),
+)
+def file(request: Request, asset: AssetId, path: FilePath, found: Found) -> Response:
+    """One file of a skin package, as a web page reads it; a range of its bytes where `Range` asks
+    for one."""
+    return _answer(request, found, path)
+
+
+def _answer(request: Request, found: OpenPackage | JobInfo, path: str | None) -> Response:
     if isinstance(found, JobInfo):
         headers = {"Location": f"/v1/jobs/{found.id}", "Retry-After": "1"}
         return JSONResponse(asdict(found), 202, {**headers, "Cache-Control": "no-store"})
-    return sent(request, memory.closing(found), path)
+    return sent(request, found, path)
