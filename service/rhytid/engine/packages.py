@@ -119,12 +119,9 @@ class PackageService:
         return _Wanted(asset, levels, key)
 
     def _job_of(self, wanted: _Wanted, begin: bool) -> _PackageJob | None:
-        """The job that makes a package: the one that does already, or a new one."""
+        """The job that makes a package: the one that does already, or a new one where `begin`."""
         with self._lock:
             if (making := self._unfinished.get(wanted.key)) is not None or not begin:
-                return making
-        with self._lock:
-            if (making := self._unfinished.get(wanted.key)) is not None:
                 return making
             with _refused(wanted.asset):
                 check_settings(wanted.asset.settings)
