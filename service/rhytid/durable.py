@@ -17,9 +17,10 @@ from rhytid.unfinished import unfinished
 
 _log = logging.getLogger(__name__)
 # A full disk; a quota that is used up; a file beyond the largest that the system or a limit allows.
-_FULL = {errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC)}
+_FULL = (errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC))
 # As many files are open as this process, or the system, may have.
-_OPEN = {errno.EMFILE, errno.ENFILE}
+_OPEN = (errno.EMFILE, errno.ENFILE)
+_KINDS = {**dict.fromkeys(_FULL, DiskFullError), **dict.fromkeys(_OPEN, TooManyFilesError)}
 
 
 @contextmanager
@@ -29,8 +30,7 @@ def reported(doing: str) -> Iterator[None]:
     try:
         yield
     except OSError as exc:
-        kinds = {**dict.fromkeys(_FULL, DiskFullError), **dict.fromkeys(_OPEN, TooManyFilesError)}
-        raise kinds.get(exc.errno, StorageError)(f"{doing}: {exc}") from exc
+        raise _KINDS.get(exc.errno, StorageError)(f"{doing}: {exc}") from exc
 
 
 def is_folder(path: Path) -> bool:
