@@ -8,7 +8,7 @@ import re
 import pytest
 
 from rhytid.skin_package.languages import BINDINGS, LANGUAGES, chosen
-from rhytid.skin_package.runtime_files import runtime
+from rhytid.skin_package.runtime import runtime
 from skin_package.conftest import Written
 
 SOURCE = """

@@ -13,7 +13,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from rhytid.skin_package.runtime_files import runtime
+from rhytid.skin_package.runtime import runtime
 
 Vector = tuple[float, float]
 _HLSL = {

@@ -22,8 +22,8 @@ from rhytid.skin_package.manifest import Manifest, schema
 from rhytid.skin_package.maps import CUSHIONS, WRINKLES, Room, SkinMaps
 from rhytid.skin_package.materialx import materialx_texts
 from rhytid.skin_package.paging import Paging, pyramid
+from rhytid.skin_package.runtime import runtime
 from rhytid.skin_package.runtime.stretch import rest_of
-from rhytid.skin_package.runtime_files import runtime
 from rhytid.skin_package.sets import BESIDE
 from rhytid.skin_package.shaders import COMPUTE, shader_texts
 from rhytid.skin_package.textures import SetFiles, TextureFiles, index_channel

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from rhytid.skin_package.languages import LANGUAGES, Language, chosen, runtime_of
 from rhytid.skin_package.manifest import Blend, Layer, Manifest
-from rhytid.skin_package.runtime_files import runtime
+from rhytid.skin_package.runtime import runtime
 
 MERGES = ("min", "soft", "signed")
 
