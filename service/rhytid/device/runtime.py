@@ -33,8 +33,8 @@ T = TypeVar("T")
 
 
 class Device:
-    """A context and an in-order queue on one device. Used by one thread at a time, and by
-    others in the block of `from_elsewhere`.
+    """A context and an in-order queue on one device. Used by one thread at a time, and by others
+    in the block of `from_elsewhere`.
 
     memory: bytes that may be taken; None = a share of what it has.
     shapes: how drawing can be cut.  shape: how it is; the usual one, until a faster one is set.
@@ -224,9 +224,8 @@ class Device:
         if self.elsewhere is None:
             self._launch(program, kernel, size, arguments, group, defines)
         else:
-            self.programs.kernel(
-                program, kernel, defines
-            )  # compiled here, while others use the device
+            # Compiled here, while others use the device.
+            self.programs.kernel(program, kernel, defines)
             launch = partial(self._launch, program, kernel, size, arguments, group, defines)
             self.elsewhere.later(launch)
 

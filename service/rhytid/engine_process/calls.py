@@ -42,8 +42,8 @@ Drawn = tuple[Tile, Facts, str]
 
 
 class Calls:
-    """Performs calls on an engine.  stored: called with the token
-    of an upload once its frames are stored."""
+    """Performs calls on an engine.  stored: called with the token of an upload once its frames are
+    stored."""
 
     def __init__(self, engine: Engine, stored: Callable[[int], None]) -> None:
         self._engine, self._stored = engine, stored
