@@ -1,8 +1,8 @@
 // Sends a mesh and follows the job that grows its skin.
 
 import { byId } from "./dom.js";
-import { passing } from "./retry.js";
-import { Refused, chunks } from "./service.js";
+import { Refused, passing, pause } from "./retry.js";
+import { chunks } from "./service.js";
 
 /**
  * @typedef {import('./service.js').Asset} Asset
@@ -75,7 +75,7 @@ export class Building {
       if (job?.state === "failed" || job?.state === "cancelled") {
         throw new Error(job.detail || `The build was ${job.state}.`);
       }
-      await new Promise((resolve) => setTimeout(resolve, 1000));
+      await pause(1000);
     }
   }
 

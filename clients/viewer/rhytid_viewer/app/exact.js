@@ -6,7 +6,7 @@
 
 import { readNpy, writeNpy } from "./npy.js";
 import { reason } from "./messages.js";
-import { Refused } from "./service.js";
+import { Refused } from "./retry.js";
 
 /**
  * @typedef {import('../view/types.js').TileAddress} TileAddress

@@ -6,8 +6,6 @@ const KEY = "rhytid-key";
 // Milliseconds until a job is asked about again.
 const POLL = 250;
 
-export { Refused };
-
 /** Whether a text can be a key: what a header takes. @param {string} text */
 export function isKey(text) {
   return /^[\x21-\x7e]+$/.test(text);
