@@ -13,6 +13,7 @@ from rhytid.cli.bake_output import Output
 from rhytid.cli.bake_record import BakeRecord
 from rhytid.cli.baking import Baker
 from rhytid.cli.frame_files import FrameFiles
+from rhytid.cli.frame_range import FrameRange
 from rhytid.cli.timing import Stopwatch
 from rhytid.cli.warned import Warned
 from rhytid.domain.mesh import Mesh
@@ -35,7 +36,8 @@ QUERY = ("method", "stretch", "sampling")
 def baker(engine: FakeEngine, folder: Path, values: list[float], **changes: Any) -> Baker:
     """A baker of frames full of one value each."""
     frames = np.stack([np.full((4, 3), value, np.float32) for value in values])
-    output = Output(folder, "face", profiles_of(changes.get("profiles", ["float"])))
+    part = FrameRange.parse(changes["part"]) if "part" in changes else None
+    output = Output(folder, "face", profiles_of(changes.get("profiles", ["float"])), part)
     query = MapQuery(**{key: changes[key] for key in QUERY if key in changes})
     files = FrameFiles(MeshFile(SQUARE, frames), [])
     return Baker(
@@ -44,6 +46,7 @@ def baker(engine: FakeEngine, folder: Path, values: list[float], **changes: Any)
 
 
 def bake(engine: FakeEngine, folder: Path, values: list[float], **changes: Any) -> Baker:
+    folder.mkdir(exist_ok=True)
     baking = baker(engine, folder, values, **changes)
     baking.run()
     return baking

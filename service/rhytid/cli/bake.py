@@ -9,6 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rhytid.cli.frame_range import FrameRange
 from rhytid.cli.options import (
     FRAME_FILES,
     MESH_FILES,
@@ -45,6 +46,11 @@ if TYPE_CHECKING:
     from rhytid.cli.baking import Baker
     from rhytid.cli.warned import Warned
 
+# Options that say how an asset is built.
+_BUILDING = (
+    "graph", "spacing", "wrinkles", "seed", "lines", "region", "set", "map", "region_mask", "unit",
+    "resolution", "settings", "stiffness", "shapes", "force",
+)  # fmt: skip
 SUMMARY = "Write the displacement of an animation as textures; continues where it was interrupted."
 DETAILS = """
 Files are called NAME.<UDIM>.<FRAME>.exr, those of other profiles than float and half otherwise:
@@ -52,7 +58,9 @@ docs/textures.md has all names. FRAME is the number that a geometry cache gives;
 frame file holds one frame, the number at the end of its name, or its name where not all have a
 number; else frames are counted from 0001.
 Maps that were baked from the same inputs are skipped. With --method binned the range of the
-precomputed maps comes from the frame that stretches most, unless the settings give bins.r_max."""
+precomputed maps comes from the frame that stretches most, unless the settings give bins.r_max.
+--frame-range bakes a part: several commands may bake parts into one DIR at once. Where frames have
+names and no numbers, they count from 1."""
 
 
 def add_command(commands: Commands) -> None:
@@ -86,8 +94,12 @@ def add_command(commands: Commands) -> None:
     add("--geometry", choices=("glb", "ply"), help=geometry)
     levels = "how many times --geometry cuts each triangle in four, 0 to 8"
     add("--subdivide", type=int, choices=range(9), default=2, metavar="N", help=levels)
-    store = "keep the built asset here (default: a temporary folder)"
+    store = "keep the built asset here, or take --asset from here (default: a temporary folder)"
     add("--store", type=Path, metavar="DIR", help=store)
+    asset = "use this built asset of --store, with its settings; builds none"
+    add("--asset", metavar="ID", help=asset)
+    part = "bake these frames alone, by their numbers: 1-10,15,20-30:2 (default: all)"
+    add("--frame-range", type=FrameRange.parse, metavar="RANGE", help=part)
     add_device(parser)
     add_strict(parser)
     add_json(parser)
@@ -97,6 +109,7 @@ def add_command(commands: Commands) -> None:
 def run(arguments: argparse.Namespace) -> None:
     """Read everything, build the asset, bake, and report the times."""
     refuse_without_effect(arguments)
+    _refuse_beside_asset(arguments)
     if arguments.half and arguments.profile:
         arguments.usage_error("--half is --profile half: use one")
     from rhytid.cli.warned import Warned
@@ -108,28 +121,42 @@ def run(arguments: argparse.Namespace) -> None:
 def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     # Imported here, so that --help does not wait for OpenCL.
     from rhytid.cli.bake_inputs import BakeInputs
-    from rhytid.cli.bake_output import Output
-    from rhytid.cli.baking import Baker, build
+    from rhytid.cli.baking import Baker, build, stored
     from rhytid.engine.engine import Engine
 
     given = BakeInputs.read(arguments, warned)
-    size = given.size()
-    note(f"rhytid: {size.text()}")
+    if given.new is not None:
+        note(f"rhytid: {given.size(given.new.settings.resolution).text()}")
     arguments.out.mkdir(parents=True, exist_ok=True)
     watch = Stopwatch()
     with _service(arguments) as service, closing(Engine(service)) as engine:
-        with watch.step("build"):
-            asset = build(engine, given.new, warned)
-        output = Output(arguments.out, given.name, given.profiles)
+        if given.new is None:
+            asset = stored(engine, arguments.asset, given.mesh)
+        else:
+            with watch.step("build"):
+                asset = build(engine, given.new, warned)
+        output = given.output(arguments.out)
         query = MapQuery(arguments.method, arguments.stretch, arguments.sampling)
         baker = Baker(
-            engine, asset, given.new.mesh, query, given.frames, output, watch, warned,
-            given.geometry,
-        )  # fmt: skip
-        if arguments.method == "binned" and not given.range_given:
+            engine, asset, given.mesh, query, given.frames, output, watch, warned, given.geometry
+        )
+        if arguments.method == "binned" and not given.range_fixed:
             baker.calibrate()
         baker.run()
-    _report(arguments, baker, watch, size)
+    _report(arguments, baker, watch, given.size(asset.settings["resolution"]))
+
+
+def _refuse_beside_asset(arguments: argparse.Namespace) -> None:
+    """End with a usage error where `--asset` is given without `--store`, or with an option that
+    says how an asset is built."""
+    if arguments.asset is None:
+        return
+    if arguments.store is None:
+        arguments.usage_error("--asset needs --store: the folder that holds it")
+    for name in _BUILDING:
+        if getattr(arguments, name):
+            option = "--" + name.replace("_", "-")
+            arguments.usage_error(f"{option} says how to build an asset, --asset is built: use one")
 
 
 @contextmanager

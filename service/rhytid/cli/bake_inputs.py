@@ -8,14 +8,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rhytid.cli.bake_output import BakeSize
+from rhytid.cli.bake_output import BakeSize, Output
 from rhytid.cli.baking import Geometry
 from rhytid.cli.frame_files import FrameFiles
+from rhytid.cli.frame_range import FrameRange
 from rhytid.cli.input_files import graph_file, mesh_file, shape_files, stiffness_files
 from rhytid.cli.options import base_name, cache_clip
 from rhytid.cli.skin_options import skin_controls, skin_settings
 from rhytid.cli.warned import Warned
 from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.mesh import Mesh
 from rhytid.domain.settings_changes import settings_unused
 from rhytid.domain.tiles import mesh_udims
 from rhytid.engine.messages import NewAsset
@@ -29,42 +31,56 @@ from rhytid.textures.profiles import Profile, profiles_of
 class BakeInputs:
     """What the arguments and the files that they name ask for.
 
-    name: first part of the names of files.  range_given: whether the settings fix the range of the
-    precomputed maps.
+    new: the asset to build; None where a built one is used.  part: the frames to bake, None = all.
+    name: first part of the names of files.  range_fixed: whether the settings, or the asset, fix
+    the range of the precomputed maps.
     """
 
-    new: NewAsset
+    mesh: Mesh
+    new: NewAsset | None
     frames: FrameFiles
+    part: FrameRange | None
     profiles: tuple[Profile, ...]
     geometry: Geometry | None
     name: str
-    range_given: bool
+    range_fixed: bool
 
     @classmethod
     def read(cls, arguments: argparse.Namespace, warned: Warned) -> BakeInputs:
         """Read everything, and warn of what is doubtful in it. Raises InputError and LimitError
         naming the file."""
         profiles = profiles_of(arguments.profile or (["half"] if arguments.half else ["float"]))
-        given = asset_settings(arguments)
-        settings = AssetSettings.parse(given)
+        given = {} if arguments.asset else asset_settings(arguments)
+        AssetSettings.parse(given)
         clip = cache_clip(arguments)
         mesh = mesh_file(arguments.mesh, clip)
-        if mesh.unit is not None and "unit" not in given:
-            settings = AssetSettings.parse({**given, "unit": mesh.unit})
         warned.notes(mesh.notes)
-        frames, name = FrameFiles(mesh, arguments.frames, clip), arguments.mesh.name
-        warned.inputs(mesh.mesh, name, settings.length_unit, settings.resolution, frames)
+        frames, part = FrameFiles(mesh, arguments.frames, clip), arguments.frame_range
+        if part is not None:
+            part.select(frames.places)
+        new = None
+        if arguments.asset is None:
+            if mesh.unit is not None:
+                given = {"unit": mesh.unit, **given}
+            settings = AssetSettings.parse(given)
+            name, unit = arguments.mesh.name, settings.length_unit
+            warned.inputs(mesh.mesh, name, unit, settings.resolution, frames)
+            new = new_asset(arguments, mesh, settings, clip, warned)
         geometry = None
         if arguments.geometry is not None:
             geometry = Geometry(mesh.mesh, arguments.geometry, arguments.subdivide)
-        new = new_asset(arguments, mesh, settings, clip, warned)
+        fixed = new is None or "r_max" in given.get("bins", {})
         name = arguments.name or _own_name(arguments.mesh)
-        return cls(new, frames, profiles, geometry, name, "r_max" in given.get("bins", {}))
+        return cls(mesh.mesh, new, frames, part, profiles, geometry, name, fixed)
 
-    def size(self) -> BakeSize:
-        """Bytes that the maps take at most."""
-        udims, frames = len(mesh_udims(self.new.mesh)), len(self.frames.places)
-        return BakeSize.of(self.profiles, self.new.settings.resolution, udims, frames)
+    def output(self, folder: Path) -> Output:
+        """Where the maps go."""
+        return Output(folder, self.name, self.profiles, self.part)
+
+    def size(self, resolution: int) -> BakeSize:
+        """Bytes that the maps take at most, of so many texels per side."""
+        udims, frames = len(mesh_udims(self.mesh)), self.output(Path()).places(self.frames.places)
+        return BakeSize.of(self.profiles, resolution, udims, len(frames))
 
 
 def new_asset(

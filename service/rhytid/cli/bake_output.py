@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import glob
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from rhytid import __version__
 from rhytid.cli.bake_record import BakeRecord
 from rhytid.cli.frame_files import FramePlace
+from rhytid.cli.frame_range import FrameRange
 from rhytid.domain.wording import plural
 from rhytid.durable import whole, write_file
 from rhytid.textures.frame_map import Facts, FrameMap
@@ -20,11 +23,15 @@ FLOATS = (PROFILES["float"],)
 
 @dataclass(frozen=True)
 class Output:
-    """Files in `folder` whose names begin with NAME, by the profiles."""
+    """Files in `folder` whose names begin with NAME, by the profiles.
+
+    part: the frames that are baked, where these are not all.
+    """
 
     folder: Path
     name: str
     profiles: tuple[Profile, ...] = FLOATS
+    part: FrameRange | None = None
 
     def file(self, profile: Profile, udim: int, frame: FramePlace) -> Path:
         """The file of one map."""
@@ -34,9 +41,17 @@ class Output:
         """The file of one displaced surface."""
         return self.folder / f"{self.name}.{frame.label}.{format}"
 
+    def places(self, all: Sequence[FramePlace]) -> Sequence[FramePlace]:
+        """The frames that are baked, of all; raises InputError for one that there is not."""
+        return all if self.part is None else self.part.select(all)
+
     def record(self) -> BakeRecord:
-        """What is done already."""
-        return BakeRecord(self.folder / f"{self.name}.bake.json")
+        """What is done already, by this part and by others."""
+        part = "" if self.part is None else f".{self.part.file_text()}"
+        own = self.folder / f"{self.name}.bake{part}.json"
+        others = [self.folder / f"{self.name}.bake.json"]
+        others += self.folder.glob(f"{glob.escape(self.name)}.bake.*.json")
+        return BakeRecord(own, others)
 
     def describe(self, drawn: FrameMap) -> None:
         """Write what a reader must know of PNG files: NAME.<PROFILE>.json, if it is not there."""

@@ -1,9 +1,10 @@
-"""What is baked already: a file of content keys beside the maps."""
+"""What is baked already: files of content keys beside the maps."""
 
 from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -15,19 +16,23 @@ class BakeRecord:
     """The maps that a bake has written, each with the key of its inputs and a hash of its bytes.
 
     A map is done only while both still hold: other inputs, or a file that was damaged or removed,
-    make it due again. Raises StorageError where the record itself is damaged.
+    make it due again. Each part of an animation that is baked by itself has a record of its own,
+    so that several can be baked into one folder at once. Raises StorageError where a record itself
+    is damaged.
+
+    path: of the record that is written.  others: those of other parts, which are read.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, others: Iterable[Path] = ()) -> None:
         self._path = path
-        self._maps: dict[str, dict[str, str]] = _load(path)
+        self._maps = _load(path)
+        self._found = [self._maps, *(_load(other) for other in others if other != path)]
 
     def done(self, file: Path, key: str) -> bool:
         """Whether `file` is what was written for `key`."""
-        entry = self._maps.get(file.name)
-        if entry is None or entry["key"] != key or not file.is_file():
-            return False
-        return entry["sha256"] == _digest(file)
+        entries = [entry for maps in self._found if (entry := maps.get(file.name)) is not None]
+        digests = {entry["sha256"] for entry in entries if entry["key"] == key}
+        return bool(digests) and file.is_file() and _digest(file) in digests
 
     def add(self, file: Path, key: str) -> None:
         """Note that `file` was written for `key`; on the disk when this returns."""

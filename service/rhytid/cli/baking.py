@@ -24,7 +24,7 @@ from rhytid.domain.mesh import Mesh
 from rhytid.durable import whole, write_file
 from rhytid.engine.jobs import Job
 from rhytid.engine.messages import AssetInfo, JobInfo, MapQuery, NewAsset
-from rhytid.errors import ConflictError
+from rhytid.errors import ConflictError, InputError
 from rhytid.meshes.displaced import Subdivided
 from rhytid.meshes.export import mesh_format
 from rhytid.textures.frame_map import FrameMap
@@ -70,7 +70,8 @@ class Baker:
     skipped: int = 0
 
     def calibrate(self) -> None:
-        """Set the range of the precomputed maps from the frame that stretches most."""
+        """Set the range of the precomputed maps from the frame that stretches most, of all frames:
+        parts that are drawn apart fit together."""
         places = counted(self.frames.places, "measuring", "frame")
         most = max(places, key=lambda place: self._measure(place))
         with self.watch.step("bins"):
@@ -80,7 +81,8 @@ class Baker:
     def run(self) -> None:
         """Write every file that is not done."""
         record, sources = self.output.record(), MapSources(self.engine, self.asset, self.mesh)
-        for place in counted(self.frames.places, "baking", "frame"):
+        places = self.output.places(self.frames.places)
+        for place in counted(places, "baking", "frame"):
             with self.watch.step("stretch"):
                 self._put(place)
             surface = sources.surface(place.label, partial(self.frames.read, place))
@@ -182,6 +184,17 @@ def build(engine: Engine, new: NewAsset, warned: Warned) -> AssetInfo:
         settings = AssetSettings.parse(asset.settings)
         warned.lengths(settings, asset.statistics["spacing"])
     warned.notice(asset.notices)
+    return asset
+
+
+def stored(engine: Engine, id: str, mesh: Mesh) -> AssetInfo:
+    """A built asset of the store; raises InputError where it is of another mesh, NotFoundError
+    where it is not there, and ConflictError where it is not ready."""
+    asset = engine.assets.info(id)
+    if asset.state != "ready":
+        raise ConflictError(f"asset {id} is not built: {asset.reason or asset.state}")
+    if not engine.assets.mesh(id).same(mesh):
+        raise InputError(f"asset {id} is of another mesh than --mesh")
     return asset
 
 

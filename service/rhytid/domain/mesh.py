@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -57,6 +57,11 @@ class Mesh:
         centre = fixed_array(self.centre, "centre", (3,), np.float64, MeshError)
         object.__setattr__(self, "centre", centre)
         self._check()
+
+    def same(self, other: Mesh) -> bool:
+        """Whether all arrays are equal."""
+        names = [one.name for one in fields(self)]
+        return all(np.array_equal(getattr(self, n), getattr(other, n)) for n in names)
 
     def _check(self) -> None:
         if len(self.faces) != len(self.face_uv):

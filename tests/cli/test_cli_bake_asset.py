@@ -1,0 +1,83 @@
+"""`rhytid bake --asset`: an asset that is built already, as on another machine."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cli.running import write_animation
+from meshes import SmallMesh
+from rhytid.cli import main
+
+SMALL = ("--resolution", "256", "--wrinkles", "400", "--method", "binned")
+
+
+def test_parts_by_a_restored_asset_are_what_one_bake_writes(
+    tmp_path: Path, small_mesh: SmallMesh, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mesh = str(write_animation(tmp_path / "shot.npz", small_mesh, 3))
+    here, there = (str(tmp_path / name) for name in ("here", "there"))
+    whole, parts = tmp_path / "whole", tmp_path / "parts"
+    assert main(["bake", "--mesh", mesh, "--out", str(whole), "--store", here, *SMALL]) == 0
+    [asset] = [home.name for home in (tmp_path / "here" / "assets").iterdir()]
+    snapshot = str(tmp_path / "face.tar")
+    assert main(["snapshot", asset, "--store", here, "--out", snapshot]) == 0
+    assert main(["restore", snapshot, "--store", there]) == 0
+
+    given = ["bake", "--mesh", mesh, "--out", str(parts), "--store", there, "--asset", asset]
+    for part in ("1-2", "3"):
+        assert main([*given, "--method", "binned", "--frame-range", part]) == 0
+
+    files = sorted(file.name for file in whole.glob("*.exr"))
+    assert files == [f"shot.1001.{frame:04d}.exr" for frame in (1, 2, 3)]
+    assert files == sorted(file.name for file in parts.glob("*.exr"))
+    for name in files:
+        assert (whole / name).read_bytes() == (parts / name).read_bytes()
+
+    other = str(write_animation(tmp_path / "other.npz", small_mesh, 1))
+    moved = main([*given[:2], other, *given[3:]])
+    assert moved == 0  # the same neutral with other frames
+    capsys.readouterr()
+    assert main([*given[:-1], "0" * 16]) == 1
+    assert f"no asset '{'0' * 16}'" in capsys.readouterr().err
+    assert main([*given, "--frame-range", "2-5"]) == 1
+    assert "no frame 4-5; there are 1-3" in capsys.readouterr().err
+
+
+def test_an_asset_of_another_mesh_is_refused(
+    tmp_path: Path, small_mesh: SmallMesh, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mesh = write_animation(tmp_path / "shot.npz", small_mesh, 1)
+    store = str(tmp_path / "store")
+    given = ["bake", "--out", str(tmp_path / "maps"), "--store", store]
+    assert main([*given, "--mesh", str(mesh), *SMALL]) == 0
+    [asset] = [home.name for home in (tmp_path / "store" / "assets").iterdir()]
+    with np.load(mesh) as arrays:
+        np.savez(tmp_path / "big.npz", **{**arrays, "positions": arrays["positions"] * 2})
+
+    assert main([*given, "--mesh", str(tmp_path / "big.npz"), "--asset", asset]) == 1
+    assert f"asset {asset} is of another mesh than --mesh" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        ([], "--asset needs --store"),
+        (["--store", "s", "--seed", "2"], "--seed says how to build an asset"),
+        (["--store", "s", "--resolution", "512"], "--resolution says how to build an asset"),
+    ],
+)
+def test_options_that_build_are_refused_beside_an_asset(
+    more: list[str],
+    message: str,
+    tmp_path: Path,
+    small_mesh: SmallMesh,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    mesh = str(write_animation(tmp_path / "shot.npz", small_mesh, 1))
+
+    with pytest.raises(SystemExit):
+        main(["bake", "--mesh", mesh, "--out", str(tmp_path), "--asset", "a" * 16, *more])
+    assert message in capsys.readouterr().err
