@@ -9,7 +9,7 @@ import pytest
 
 from house.markdown import table
 from house.pages import ROOT
-from rhytid.api import device_slots, encoding, parts, rates, request_memory, uploads
+from rhytid.api import device_slots, encoding, parts, rates, uploads
 from rhytid.api.live import drawing, places, session, wire
 from rhytid.cli import connections, web_sockets
 from rhytid.decoding import decoder, limits
@@ -29,7 +29,7 @@ NUMBERS: dict[str, tuple[float, ...]] = {
     "of one address": (connections.ConnectionLimits.of(USUAL).most_of_one,),
     "time for the head": (USUAL.stall_seconds,),
     "time for each": (connections.PROGRESS, USUAL.stall_seconds),
-    "time in which a client": (request_memory.PIECE, USUAL.stall_seconds),
+    "time in which a client": (connections.TAKEN, USUAL.stall_seconds),
     "head of a request": (connections.DEFAULT_MAX_INCOMPLETE_EVENT_SIZE,),
     "requests per second": (USUAL.key_rate,),
     "unfinished jobs": (USUAL.key_jobs,),

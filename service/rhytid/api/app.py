@@ -46,14 +46,15 @@ from rhytid.settings import ServiceSettings
 if TYPE_CHECKING:
     from rhytid.engine_process.any_engine import AnyEngine
 
+# Looked through in this order for each request: what is asked for most comes first.
 ROUTERS = (
+    tiles.router,
     assets.router,
     graphs.router,
     meshes.router,
     snapshots.router,
     packages.router,
     frames.router,
-    tiles.router,
     live.router,
     bins.router,
     jobs.router,
@@ -103,13 +104,13 @@ def create_app(engine: AnyEngine, settings: ServiceSettings) -> FastAPI:
     app.state.routes = [route for route in every if isinstance(route, APIRoute)]
     for router in ROUTERS:
         app.include_router(router)
-    app.add_middleware(HoldUntilSent, stalled=settings.stall_seconds)
     if settings.origins:
         app.add_middleware(CORSMiddleware, allow_origins=settings.origins, **SHARED)
     app.add_middleware(CheckHead, hosts=settings.hosts, origins=settings.origins)
     app.add_middleware(Draining, drain=app.state.drain)
     app.add_middleware(Observe, metrics=app.state.metrics, tracer=tracer())
     app.add_middleware(RequestIds)
+    app.add_middleware(HoldUntilSent)
     problems.install(app)
     app.openapi = partial(describe, app)  # type: ignore[method-assign]
     return app

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -74,6 +75,23 @@ async def _metrics(request: Request) -> Any:
     return request.app.state.metrics
 
 
+@dataclass(frozen=True)
+class Drawing:
+    """What a request for a tile or a map works with. One dependency in place of four: solving one
+    takes about as long as parsing the head of a request."""
+
+    engine: Engine
+    metrics: Metrics
+    slot: AbstractContextManager[None]
+    memory: RequestMemory
+
+
+async def _drawing(request: Request) -> Drawing:
+    state = request.app.state
+    slot = state.slots.one(ClientGone(request))
+    return Drawing(state.engine, state.metrics, slot, RequestMemory.of(request))
+
+
 async def no_query(request: Request) -> None:
     """Refuse every query parameter that the route does not declare; raises QueryError naming the
     first."""
@@ -136,6 +154,7 @@ Memory = Annotated[RequestMemory, Depends(_memory)]
 JobPlace = Annotated[JobShare, Depends(_job_share)]
 # The same for a route that finds out by itself whether it needs one.
 JobPlaces = Annotated[Callable[[], AbstractContextManager[JobShare]], Depends(_job_places)]
+DrawingDep = Annotated[Drawing, Depends(_drawing)]
 MetricsDep = Annotated[Metrics, Depends(_metrics)]
 Strict = Annotated[bool, Query(description=STRICT)]
 Allow = Annotated[

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from rhytid import __version__
 from rhytid.api.request_memory import PIECE, RequestMemory
 from rhytid.api.spool import Spool
-from rhytid.device.figures import Figures, working_on
+from rhytid.device.figures import working_on
 from rhytid.domain.warnings import InputWarning
 from rhytid.engine.byte_budget import Hold
 from rhytid.engine.messages import AssetContent, FrameStretch
@@ -27,8 +27,7 @@ from rhytid.formats.tile_header import TileHeader
 from rhytid.formats.tiles import FORMATS, Encoded, encode
 
 if TYPE_CHECKING:
-    from prometheus_client import Counter
-
+    from rhytid.api.dependencies import Drawing
     from rhytid.engine.tile_plan import TilePlan
 
 NPY = "application/x-npy"
@@ -67,15 +66,13 @@ def answer(
     request: Request,
     format: str,
     plan: Callable[[], TilePlan],
-    drawn: Counter,
-    slot: AbstractContextManager[None],
-    memory: RequestMemory,
+    method: str,
+    drawing: Drawing,
 ) -> Response:
     """The encoded displacement, 304 where the client has it, headers alone for HEAD.
 
-    plan: what the address stands for now.  drawn: counts what is drawn.  memory: holds the bytes of
-    the answer until they are sent. Only drawing takes a slot; raises BusyError, and what
-    `RequestMemory.answer` does.
+    plan: what the address stands for now, drawn by `method`. Only drawing takes a slot; raises
+    BusyError, and what `RequestMemory.answer` does.
     """
     check_format(format)
     wanted = plan()
@@ -88,16 +85,16 @@ def answer(
         if headers_alone:
             about = {**validators, **scale_header(format, wanted.header)}
             return bodiless(about, FORMATS[format].media_type)
-    with slot, memory.making(wanted.nbytes):
+    memory = drawing.memory
+    with drawing.slot, memory.making(wanted.nbytes):
         hold = memory.answer(WORKING * wanted.nbytes)
         tile = wanted.draw()
-        figures: Figures = request.app.state.metrics.figures
-        with working_on(wanted.header.method), figures.stage("encode"):
+        with working_on(method), drawing.metrics.figures.stage("encode"):
             encoded = encode(tile, format, wanted.header)
         del tile
         hold.resize(len(encoded.body))
         file = memory.aside(encoded.body) if len(encoded.body) >= LARGE else None
-    drawn.inc()
+    drawing.metrics.tiles_of(method).inc()
     now = plan().key if wanted.key_now is None else wanted.key_now()
     # Where it was replaced while it was drawn, these bytes may belong to either content.
     tags = _validators(wanted, format) if now == wanted.key else {"Cache-Control": "no-store"}

@@ -7,7 +7,6 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Protocol, TypeVar
 
-import anyio
 from fastapi import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -18,9 +17,11 @@ from rhytid.errors import HostBusyError, StorageError
 
 logger = logging.getLogger(__name__)
 _KEY = "rhytid.held"
-# Bytes that are passed to the server at a time. So much of an answer may still be in its buffers
-# after its memory was given back.
-PIECE = 1 << 18
+# In the scope of a request: messages of its answer that the server has taken.
+PIECES = "rhytid.pieces"
+# Bytes that are passed to the server at a time, and as the last of an answer. So much of it may
+# still be in the server's buffers after its memory was given back.
+PIECE, LAST = 1 << 20, 1 << 16
 # What is decoded of an upload, and the bytes that it is decoded from, over these bytes.
 DECODED = 3
 
@@ -35,8 +36,8 @@ Closed = TypeVar("Closed", bound=_Closable)
 class RequestMemory:
     """What one request holds of the budgets; given back when its answer is sent, or it fails.
 
-    host: bytes of memory.  spool: bytes of uploads and large answers on disk, in `folder` (None =
-    that of temporary files).
+    host: bytes of memory.  spool: bytes of uploads and large answers on disk, in `folder`, where it
+    is there, else where temporary files are.
     """
 
     def __init__(
@@ -44,7 +45,7 @@ class RequestMemory:
         held: ExitStack,
         host: ByteBudget,
         spool: ByteBudget,
-        folder: Path | None,
+        folder: Path,
         large: LargeAnswers,
     ) -> None:
         self._held, self._host, self._spool, self._folder = held, host, spool, folder
@@ -54,10 +55,8 @@ class RequestMemory:
     @classmethod
     def of(cls, request: Request) -> RequestMemory:
         """Of a request that `HoldUntilSent` passed on."""
-        state = request.app.state
-        partial = state.settings.store / "partial"
-        folder = partial if partial.is_dir() else None
-        held = request.scope[_KEY]
+        state, held = request.app.state, request.scope[_KEY]
+        folder = state.settings.store / "partial"
         return cls(held, state.engine.memory, state.spool, folder, state.large)
 
     def hold(self, purpose: str) -> Hold:
@@ -99,7 +98,8 @@ class RequestMemory:
 
     def spooled(self, purpose: str = "uploads") -> Spool:
         """A file for the body."""
-        spool = Spool(self._spool.hold(purpose), self._folder)
+        folder = self._folder if self._folder.is_dir() else None
+        spool = Spool(self._spool.hold(purpose), folder)
         self._held.callback(spool.close)
         return spool
 
@@ -108,11 +108,12 @@ class HoldUntilSent:
     """ASGI middleware: hands answers out in pieces, and gives back what a request holds when the
     last is on its way or the client is gone.
 
-    stalled: seconds in which a client must take a piece; it is disconnected where it does not.
+    It is the outermost, so that pieces pass no other. It counts them in the scope, by which
+    `cli.connections` sees whether a client takes its answer.
     """
 
-    def __init__(self, app: ASGIApp, stalled: float) -> None:
-        self.app, self._stalled = app, stalled
+    def __init__(self, app: ASGIApp) -> None:
+        self.app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass the request on with an empty stack of what it holds."""
@@ -121,35 +122,29 @@ class HoldUntilSent:
             return
         with ExitStack() as held:
             scope[_KEY] = held
-            await self.app(scope, receive, _Pieces(scope, send, self._stalled))
+            await self.app(scope, receive, _Pieces(scope, send))
 
 
 class _Pieces:
     """Sends bodies piece by piece: the server takes the next once the client has read most of the
     one before."""
 
-    def __init__(self, scope: Scope, send: Send, stalled: float) -> None:
-        self._path, self._send, self._stalled = scope["path"], send, stalled
-        self._dropped = False
+    def __init__(self, scope: Scope, send: Send) -> None:
+        self._scope, self._send = scope, send
+        scope[PIECES] = 0
 
     async def __call__(self, message: Message) -> None:
         body = message.get("body", b"")
-        if len(body) <= PIECE:
+        if len(body) <= LAST:
             await self._one(message)
             return
-        view = memoryview(body)
-        for start in range(0, len(body), PIECE):
-            more = start + PIECE < len(body) or message.get("more_body", False)
-            piece = bytes(view[start : start + PIECE])
-            await self._one({**message, "body": piece, "more_body": more})
+        rest = memoryview(body)
+        while len(rest) > LAST:
+            size = min(PIECE, len(rest) - LAST)
+            await self._one({**message, "body": rest[:size], "more_body": True})
+            rest = rest[size:]
+        await self._one({**message, "body": rest})
 
     async def _one(self, message: Message) -> None:
-        if self._dropped:
-            return
-        with anyio.move_on_after(self._stalled) as waiting:
-            await self._send(message)
-        if waiting.cancelled_caught:
-            # The server sees an answer without an end, and closes the connection.
-            self._dropped = True
-            path = self._path.encode("unicode_escape").decode("ascii")
-            logger.warning("%s: the client took nothing for %g seconds", path, self._stalled)
+        await self._send(message)
+        self._scope[PIECES] += 1

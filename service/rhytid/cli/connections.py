@@ -18,19 +18,21 @@ from h11._connection import DEFAULT_MAX_INCOMPLETE_EVENT_SIZE
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from rhytid.api.problems import MEDIA_TYPE
+from rhytid.api.request_memory import PIECES
 from rhytid.settings import ServiceSettings
 
 logger = logging.getLogger(__name__)
-# Bytes of a body that must come within the time for progress, or its end.
-PROGRESS = 1 << 14
+# Bytes of a body that must come within the time for progress, or its end; bytes of an answer that
+# must be taken within it.
+PROGRESS, TAKEN = 1 << 14, 1 << 18
 # Looks at a connection within that time.
 _LOOKS = 4
 
 
 @dataclass(frozen=True)
 class ConnectionLimits:
-    """stalled: seconds for a head, and for each PROGRESS bytes of a body.  most: connections open
-    at once; one address may have half of them."""
+    """stalled: seconds for a head, for each PROGRESS bytes of a body and each TAKEN bytes of an
+    answer.  most: connections open at once; one address may have half of them."""
 
     stalled: float
     most: int
@@ -133,14 +135,20 @@ class LimitedConnection(H11Protocol):
             return "end", None, 0
         if self.cycle is None or self.cycle.response_complete:
             return "head", self.cycle, 0
-        # While the server does not read, it is not the client that makes no progress. Who does not
-        # read an answer is dropped where it is sent: `request_memory`.
+        if self.cycle.response_started and self.flow.write_paused:
+            left = self.transport.get_write_buffer_size() // TAKEN
+            return "answer", (self.cycle, self.cycle.scope.get(PIECES, 0)), left
+        # While the server does not read, it is not the client that makes no progress.
         if self.cycle.more_body and not self.flow.read_paused:
             return "body", self.cycle, self._received // PROGRESS
         return None, None, 0
 
     def _stalled(self, waited_for: str) -> None:
         if waited_for == "end":  # and its client does not read the rest
+            self.transport.abort()
+        elif waited_for == "answer":
+            path = self.cycle.scope["path"].encode("unicode_escape").decode("ascii")
+            logger.warning("%s: the client took nothing for %g seconds", path, self.limits.stalled)
             self.transport.abort()
         elif waited_for == "body" and not self.cycle.response_started:
             rule = f"{PROGRESS} bytes or its end must come within {self.limits.stalled:g} seconds"

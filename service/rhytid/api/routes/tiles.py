@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rhytid.api.dependencies import (
     AssetId,
     Column,
+    DrawingDep,
     EngineDep,
     FrameName,
     Level,
@@ -49,10 +50,7 @@ router = APIRouter(prefix="/v1/assets/{asset}", tags=["tiles"], dependencies=[No
 )
 def tile(
     request: Request,
-    engine: EngineDep,
-    metrics: MetricsDep,
-    slot: Slot,
-    memory: Memory,
+    drawing: DrawingDep,
     asset: AssetId,
     frame: FrameName,
     udim: Udim,
@@ -63,8 +61,8 @@ def tile(
 ) -> Response:
     """One tile of displacement; `If-None-Match` is answered without drawing it."""
     wanted, at = query.map_query(), TileAddress(udim, level, row, column)
-    plan = partial(engine.tiles.plan, asset, frame, wanted, at)
-    return answer(request, query.format, plan, metrics.tiles_of(wanted.method), slot, memory)
+    plan = partial(drawing.engine.tiles.plan, asset, frame, wanted, at)
+    return answer(request, query.format, plan, wanted.method, drawing)
 
 
 @router.head("/frames/{frame}/maps/{udim}", include_in_schema=False)
@@ -76,10 +74,7 @@ def tile(
 )
 def whole_map(
     request: Request,
-    engine: EngineDep,
-    metrics: MetricsDep,
-    slot: Slot,
-    memory: Memory,
+    drawing: DrawingDep,
     asset: AssetId,
     frame: FrameName,
     udim: Udim,
@@ -87,8 +82,8 @@ def whole_map(
 ) -> Response:
     """A whole map of one UDIM; equals its tiles bit for bit."""
     wanted, level = query.map_query(), query.level
-    plan = partial(engine.tiles.plan_map, asset, frame, wanted, udim, level)
-    return answer(request, query.format, plan, metrics.tiles_of(wanted.method), slot, memory)
+    plan = partial(drawing.engine.tiles.plan_map, asset, frame, wanted, udim, level)
+    return answer(request, query.format, plan, wanted.method, drawing)
 
 
 @router.post(
