@@ -7,7 +7,8 @@ import logging
 import os
 import shutil
 import stat
-from collections.abc import Iterable, Iterator
+import time
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from uuid import uuid4
@@ -20,6 +21,10 @@ _log = logging.getLogger(__name__)
 _FULL = (errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC))
 # As many files are open as this process, or the system, may have.
 _OPEN = (errno.EMFILE, errno.ENFILE)
+# Begins the names of folders that hold unfinished files; seconds until such a folder is abandoned.
+_UNFINISHED, _ABANDONED = ".unfinished-", 24 * 3600.0
+# The mode of a file that others may read.
+READABLE = 0o644
 _KINDS = {**dict.fromkeys(_FULL, DiskFullError), **dict.fromkeys(_OPEN, TooManyFilesError)}
 
 
@@ -30,7 +35,12 @@ def reported(doing: str) -> Iterator[None]:
     try:
         yield
     except OSError as exc:
-        raise _KINDS.get(exc.errno, StorageError)(f"{doing}: {exc}") from exc
+        raise kind_of(exc)(f"{doing}: {exc}") from exc
+
+
+def kind_of(failure: OSError) -> type[StorageError]:
+    """What a failure is to callers: StorageError where it is neither of its kinds."""
+    return _KINDS.get(failure.errno, StorageError) if failure.errno else StorageError
 
 
 def is_folder(path: Path) -> bool:
@@ -51,6 +61,12 @@ def write_pieces(path: Path, pieces: Iterable[bytes]) -> None:
     with path.open("xb") as file:
         file.writelines(pieces)
         file.flush()
+        os.fsync(file.fileno())
+
+
+def sync_file(path: Path) -> None:
+    """Put what another program's code has written into a file on the disk."""
+    with path.open("rb+") as file:
         os.fsync(file.fileno())
 
 
@@ -75,9 +91,10 @@ def install(source: Path, target: Path) -> None:
 
 
 @contextmanager
-def workplace(partial: Path) -> Iterator[Path]:
-    """A fresh folder in `partial` to prepare a change in, removed afterwards."""
-    place = partial / uuid4().hex
+def workplace(partial: Path, prefix: str = "") -> Iterator[Path]:
+    """A fresh folder in `partial` to prepare a change in, removed afterwards; its name begins with
+    the prefix."""
+    place = partial / f"{prefix}{uuid4().hex}"
     place.mkdir()
     with unfinished(place):
         try:
@@ -87,12 +104,44 @@ def workplace(partial: Path) -> Iterator[Path]:
 
 
 @contextmanager
+def shared_workplace(folder: Path) -> Iterator[Path]:
+    """A hidden folder in `folder` whose files other users of other machines may read, removed
+    afterwards.
+
+    A process that is killed meanwhile leaves it: see `sweep`. What lasts longer than a day touches
+    it now and then.
+    """
+    with workplace(folder, _UNFINISHED) as place:
+        place.chmod(0o755)
+        yield place
+
+
+@contextmanager
 def whole(file: Path) -> Iterator[Path]:
-    """A path to write to, in place of `file`, which is there when the block has ended well."""
-    with workplace(file.parent) as place:
+    """A path to write to, in place of `file`, which is there when the block has ended well.
+
+    A process that is killed meanwhile leaves a hidden folder beside `file`: see `sweep`.
+    """
+    with workplace(file.parent, _UNFINISHED) as place:
         aside = place / file.name
         yield aside
         install(aside, file)
+
+
+def sweep(folder: Path, ours: Callable[[str], bool] | None = None) -> None:
+    """Remove what writers of files in `folder` left there that were killed, a day later: nobody is
+    at work in it any more.
+
+    ours: whether a file of that name is one that nobody writes any more; what holds nothing else is
+    removed at once.
+    """
+    before = time.time() - _ABANDONED
+    for left in folder.glob(f"{_UNFINISHED}*"):
+        with suppress(FileNotFoundError):  # it was in use, and is done
+            names = [file.name for file in left.iterdir()]
+            known = ours is not None and bool(names) and all(map(ours, names))
+            if known or left.stat().st_mtime < before:
+                remove_tree(left)
 
 
 def discard(path: Path, partial: Path) -> None:

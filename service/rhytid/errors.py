@@ -21,16 +21,20 @@
     │   └── HostMemoryError      one request needs more memory than all may hold together
     ├── BusyError                the queue of the device is full (``retry_after`` seconds)
     │   ├── HostBusyError        other requests hold the memory (``retry_after`` seconds)
+    │   ├── FetchingError        the asset comes from the shared store (``retry_after`` seconds)
     │   └── DrainingError        the server is shutting down (``retry_after`` seconds)
     ├── AccessError              the caller may not do this
     │   ├── ApiKeyError          it shows no key, or none that is valid
     │   └── ScopeError           its key is for other things
     ├── QuotaError               more than one caller may ask for (``retry_after`` seconds)
     ├── CancelledError           the caller cancelled the job
+    ├── FarmError                a cluster does not answer, or its workers cannot do the work
     ├── StorageError             the store is damaged or cannot be written
     │   ├── DiskFullError        there is no room left for what was to be written
     │   ├── TooManyFilesError    as many files are open as may be (``retry_after`` seconds)
-    │   └── StoreFormatError     another version of rhytid wrote this
+    │   ├── StoreFormatError     another version of rhytid wrote this
+    │   ├── SharedStoreError     the shared store cannot be used (``retry_after`` seconds)
+    │   └── SharedDamageError    an object of the shared store is not what was written
     └── DeviceError
         ├── NoDeviceError        no OpenCL device computes here; the message names ways to get one
         ├── KernelBuildError     a kernel does not compile; carries the build log
@@ -141,6 +145,12 @@ class HostBusyError(BusyError):
     retry_after = 5
 
 
+class FetchingError(BusyError):
+    """The asset is being fetched from the shared store."""
+
+    retry_after = 1
+
+
 class DrainingError(BusyError):
     """The server is shutting down: what comes now is for the next one."""
 
@@ -169,6 +179,10 @@ class QuotaError(RhytidError):
 
 class CancelledError(RhytidError):
     """The caller cancelled the job."""
+
+
+class FarmError(RhytidError):
+    """A cluster does not answer, or its workers cannot do the work."""
 
 
 class StorageError(RhytidError):
@@ -200,6 +214,19 @@ class StoreFormatError(StorageError):
         "another version of rhytid stored this, and this one cannot read it: "
         "update the server, or delete the asset"
     )
+
+
+class SharedStoreError(StorageError):
+    """The shared store cannot be reached, or refuses; names the object."""
+
+    retry_after = 5
+    public = "the shared store cannot be used: the server's log has the reason"
+
+
+class SharedDamageError(StorageError):
+    """An object of the shared store is not what was written; names the object."""
+
+    public = "the asset is damaged in the shared store: send it again"
 
 
 class DeviceError(RhytidError):

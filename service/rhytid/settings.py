@@ -17,8 +17,11 @@ LOG_FORMATS = ("text", "json")
 class ServiceSettings:
     """How this process runs.
 
-    store: folder of the assets.  device: part of an OpenCL device's or platform's name, or the
-    number that `rhytid devices` shows; None = the best that computes.
+    store: folder of the assets.  shared_store: where assets are that several machines share, a
+    folder or s3://BUCKET/PREFIX, whose copies `store` then holds; None = nowhere.
+    store_limit: bytes of these copies; None = any.
+    device: part of an OpenCL device's or platform's name, or the number that `rhytid devices`
+    shows; None = the best that computes.
     device_memory, frame_memory, host_memory, upload_limit, spool: bytes; None = a share of what the
     device or the machine has.  host_memory: that answers and uploads hold at once.  spool: of
     uploads on disk at once.  packages: of skin packages that are kept.
@@ -38,6 +41,8 @@ class ServiceSettings:
     """
 
     store: Path = Path("rhytid-store")
+    shared_store: str | None = None
+    store_limit: int | None = None
     device: str | None = None
     devices: tuple[str, ...] = ()
     device_memory: int | None = None
@@ -70,9 +75,9 @@ class ServiceSettings:
 
     @classmethod
     def from_environment(cls, environment: Mapping[str, str] = os.environ) -> ServiceSettings:
-        """Read RHYTID_STORE, RHYTID_DEVICE, RHYTID_DEVICE_MEMORY_MB, RHYTID_FRAME_MEMORY_MB,
-        RHYTID_HOST_MEMORY_MB, RHYTID_UPLOAD_LIMIT_MB, RHYTID_SPOOL_MB, RHYTID_PACKAGES_MB,
-        RHYTID_QUEUE, RHYTID_JOBS,
+        """Read RHYTID_STORE, RHYTID_SHARED_STORE, RHYTID_STORE_MB, RHYTID_DEVICE,
+        RHYTID_DEVICE_MEMORY_MB, RHYTID_FRAME_MEMORY_MB, RHYTID_HOST_MEMORY_MB,
+        RHYTID_UPLOAD_LIMIT_MB, RHYTID_SPOOL_MB, RHYTID_PACKAGES_MB, RHYTID_QUEUE, RHYTID_JOBS,
         RHYTID_DRAW_SECONDS, RHYTID_CACHE, RHYTID_LAUNCH_SECONDS, RHYTID_STALL_SECONDS,
         RHYTID_CONNECTIONS, RHYTID_DRAIN_SECONDS, RHYTID_LOG_FORMAT, RHYTID_KEYS_FILE,
         RHYTID_ALLOWED_HOSTS, RHYTID_CORS_ORIGINS, RHYTID_KEY_RATE, RHYTID_KEY_JOBS and
@@ -82,6 +87,8 @@ class ServiceSettings:
         upload_limit, spool = _upload_limits(given)
         return cls(
             store=given.path("RHYTID_STORE") or cls.store,
+            shared_store=given.text("RHYTID_SHARED_STORE"),
+            store_limit=given.mebibytes("RHYTID_STORE_MB"),
             device=given.text("RHYTID_DEVICE"),
             device_memory=given.mebibytes("RHYTID_DEVICE_MEMORY_MB"),
             frame_memory=given.mebibytes("RHYTID_FRAME_MEMORY_MB"),

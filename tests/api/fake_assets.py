@@ -98,7 +98,7 @@ class FakeAssets(Part):
         found.settings = found.settings.changed(changes)
         return self.info(asset)
 
-    def delete(self, asset: str) -> None:
+    def delete(self, asset: str, *, shared: bool = False) -> None:
         del self.state.jobs[self.state.find(asset).job]
         del self.state.assets[asset]
 

@@ -94,10 +94,8 @@ def test_uploads_lie_on_disk_until_their_client_is_gone(
 ) -> None:
     open_ones = [uploading(client, 12 * MIB, 100 * MIB) for _ in range(3)]
     soon(lambda: use(client, "spool")["used"] >= 33 * MIB)
-    assert use(client, "spool")["purposes"] == {
-        "uploads": use(client, "spool")["used"],
-        "answers": 0,
-    }
+    now = use(client, "spool")  # more bytes may come between two looks
+    assert now["purposes"] == {"uploads": now["used"], "answers": 0}
     assert list((tmp_path / "partial").iterdir()) == []  # they have no names
     for connection in open_ones:
         connection.close()

@@ -22,6 +22,8 @@ from rhytid.engine.engine import Engine
 from rhytid.formats.graphs import write_graph
 from rhytid.settings import ServiceSettings
 
+pytestmark = pytest.mark.release
+
 PAGE = Path(__file__).parents[2] / "docs" / "binned.md"
 MESH = bumpy_grid(10, 1)
 RESOLUTION, SIDE, ROW, COLUMN = 256, 64, 1, 2

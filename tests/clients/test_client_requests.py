@@ -115,6 +115,14 @@ ASSETS = [
     ),
     Case("delete_asset", ("a",), "DELETE /v1/assets/a", b"", lambda r: r is None),
     Case(
+        "delete_asset",
+        ("a",),
+        "DELETE /v1/assets/a?shared=true",
+        b"",
+        lambda r: r is None,
+        options={"shared": True},
+    ),
+    Case(
         "graph",
         ("a",),
         "GET /v1/assets/a/graph?format=safetensors",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import warnings
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import httpx
@@ -14,6 +15,7 @@ import pytest
 from clients.shells import Script, Shell
 from rhytid_client import InputWarning, RequestError, RhytidWarning
 from rhytid_client.npy import decode
+from rhytid_client.warned import silent
 
 WARNED = [{"code": "frame-scaled", "detail": "100 times", "where": "frame a", "later": 1}]
 FOUND = (InputWarning("frame-scaled", "100 times", "frame a"),)
@@ -54,6 +56,17 @@ def test_the_line_that_called_is_named() -> None:
     with pytest.warns(RhytidWarning) as told:
         Shell("sync", Script(answer("put_frame"))).put_frame("a", "f", POSITIONS)
     assert told[0].filename == __file__
+
+
+def test_one_thread_is_silent_and_others_are_not() -> None:
+    """Python's own filters are shared: a host that set them would set those of its user."""
+    with silent(), ThreadPoolExecutor(1) as pool:
+        Shell("sync", Script(answer("put_frame"))).put_frame("a", "f", POSITIONS)
+        other = Shell("sync", Script(answer("put_frame")))
+        with pytest.warns(RhytidWarning):
+            pool.submit(other.put_frame, "a", "f", POSITIONS).result()
+    with pytest.warns(RhytidWarning):
+        Shell("sync", Script(answer("put_frame"))).put_frame("a", "f", POSITIONS)
 
 
 @pytest.mark.parametrize("call", ["asset", "frame"])

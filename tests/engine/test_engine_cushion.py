@@ -53,7 +53,11 @@ def test_a_stiffness_is_followed(device):
         np.testing.assert_allclose(found, wanted, atol=1e-3 * DEPTH)
 
 
-@pytest.mark.parametrize("choice", [BEST, {"bins": MELLOW}], ids=["best", "mellow"])
+@pytest.mark.parametrize(
+    "choice",
+    [BEST, pytest.param({"bins": MELLOW}, marks=pytest.mark.slow)],
+    ids=["best", "mellow"],
+)
 @pytest.mark.parametrize("sampling", ["nearest", "smooth"])
 def test_tiles_equal_crops_bit_for_bit(device, sampling, choice):
     shape = {**GRAINY, **SWOLLEN}

@@ -13,6 +13,8 @@ from rhytid.engine.messages import NewAsset
 from rhytid_lab.commands import demo
 from synthesis import sheets
 
+pytestmark = pytest.mark.release
+
 DRAFT, LEVEL = 512, 2
 # 4 cm a side, over 410 texels of the draft.
 SHEET = sheets.sheet(scale=4.0)

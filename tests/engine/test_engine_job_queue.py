@@ -112,6 +112,18 @@ def test_an_error_ends_its_job_alone(jobs: Jobs) -> None:
     assert jobs.start("build", "a", nothing).wait(60)
 
 
+def test_transfers_keep_no_others_waiting(jobs: Jobs) -> None:
+    """Not their asset, not the queue, and pushes no fetches."""
+    gate = Gate()
+    first, *others = (jobs.start("push", f"{n}", gate, always=True) for n in range(2 * MOST))
+    assert gate.entered.wait(60)
+    for kind, asset in (("build", "0"), ("frames", "0"), ("fetch", "other")):
+        assert jobs.start(kind, asset, nothing).wait(60)
+    assert first.info.state == "running"
+    assert {push.info.state for push in others} == {"queued"}
+    gate.free.set()
+
+
 def test_closing_cancels_what_waits_and_what_is_at_work() -> None:
     jobs, gate = Jobs(MOST), Gate()
     at_work = jobs.start("build", "a", gate)

@@ -210,6 +210,7 @@ def test_no_task_draws_more_than_a_piece_and_others_get_their_turn(
     assert order.count("piece") == (16 if query == BINNED else 4)
 
 
+@pytest.mark.slow
 def test_the_same_bits_under_any_memory_in_any_order(tmp_path):
     wanted = [(query, address) for query in QUERIES for address in addresses()]
     with running(tmp_path) as engine:

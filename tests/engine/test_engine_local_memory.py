@@ -14,6 +14,8 @@ from rhytid.device import select
 from rhytid.domain.stiffness import Stiffness
 from rhytid.engine.messages import METHODS, SAMPLINGS, MapQuery, NewAsset
 
+pytestmark = pytest.mark.release
+
 PROMISED = 32 << 10
 MERGES = ({"merge": "min"}, {"merge": "mellow"}, {"merge": "signed"}, {"preset": "best"})
 

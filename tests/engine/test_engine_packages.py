@@ -162,6 +162,7 @@ def test_a_full_disk_is_told_and_leaves_nothing(
     assert kept(engine) == []
 
 
+@pytest.mark.slow
 def test_those_asked_for_longest_ago_make_room(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -213,6 +214,7 @@ def test_another_key_is_told_that_the_asset_has_changed(engine: Engine) -> None:
     assert len(engine.jobs._known()) == jobs
 
 
+@pytest.mark.slow
 def test_damaged_ones_are_made_again(engine: Engine) -> None:
     asset = built(engine, new_asset())
     found = made(engine, asset)

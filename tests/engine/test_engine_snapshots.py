@@ -239,6 +239,7 @@ def test_the_command_line_writes_and_reads_them(
         assert engine.assets.info(made.asset).state == "ready"
 
 
+@pytest.mark.slow
 def test_a_server_starts_with_restored_assets(made: Made, tmp_path: Path) -> None:
     file = tmp_path / "sent.rhytid.tar"
     file.write_bytes(made.data)

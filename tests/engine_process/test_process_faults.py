@@ -19,7 +19,7 @@ from api.asking import NPY, built, is_problem, npy
 from api.patch import obj, smile, upload
 from engine_process.served import TILE, Served, alive, await_value, children, serving
 
-pytestmark = [pytest.mark.slow, pytest.mark.attack]
+pytestmark = [pytest.mark.slow, pytest.mark.attack, pytest.mark.release]
 # Kernels that tiles with `stretch=uv` launch, and builds, and nothing else.
 UV, SYNTHESIS = "stretch_uv", "throw_darts"
 

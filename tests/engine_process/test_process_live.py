@@ -16,7 +16,7 @@ from engine_process.served import await_value, children, serving
 from rhytid_client import Client, ProblemError
 from rhytid_client.live.blocking import Live
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.release]
 
 
 def drawn(live: Live, weight: float) -> bool:

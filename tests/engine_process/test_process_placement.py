@@ -131,6 +131,7 @@ class One:
 def two() -> Supervisors:
     made = Supervisors.__new__(Supervisors)
     made.all = [One(), One()]  # type: ignore[list-item]
+    made._shared = False
     made._placement, made._changing = Placement([1 << 40, 1 << 40]), KeyedLocks()
     return made
 
@@ -153,6 +154,28 @@ def test_requests_go_to_the_device_of_their_asset(two: Supervisors) -> None:
     with pytest.raises(NotFoundError):
         two.call(Request("frames.all", (ids[1],)))
     assert two._placement.on(1) == frozenset()
+
+
+def test_an_asset_that_is_fetched_stays_where_it_was_asked_for(two: Supervisors) -> None:
+    """A shared store may have what no device has yet."""
+    two._shared = True
+    second = two.all[1]
+    two.call(sent(1))
+    fetched, missing = "a" * 16, "b" * 16
+    second.known.add(fetched)  # type: ignore[attr-defined] the device that has more room finds it
+    assert two._placement.of(fetched) is None
+
+    assert two.call(Request("frames.all", (fetched,))) == "frames.all"
+    assert two._placement.of(fetched) == 1
+    for asset in (missing, "no-id"):
+        with pytest.raises(NotFoundError):
+            two.call(Request("frames.all", (asset,)))
+        assert two._placement.of(asset) is None
+
+    second.lost = True  # type: ignore[attr-defined]
+    with pytest.raises(DeviceLostError):
+        two.call(Request("frames.all", (fetched,)))
+    assert two._placement.of(fetched) == 1
 
 
 def test_a_job_is_found_on_whichever_device_it_is(two: Supervisors) -> None:

@@ -17,7 +17,7 @@ from api.asking import NPY, built, is_problem, npy
 from api.patch import obj, smile, upload
 from engine_process.served import TILE, Served, await_value, children, serving
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.release]
 ASSETS = 4
 
 

@@ -148,7 +148,9 @@ def test_a_damaged_asset_is_healed_and_gives_no_snapshot(filled: AssetStore, nam
     assert files(filled) == whole
 
 
-@pytest.mark.parametrize("step", [13, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "step", [61, pytest.param(1, marks=[pytest.mark.slow, pytest.mark.release])]
+)
 def test_every_byte_counts(filled: AssetStore, other: AssetStore, step: int) -> None:
     data = bytearray(taken(filled))
     for at in range(0, len(data), step):

@@ -157,6 +157,7 @@ JobPlaces = Annotated[Callable[[], AbstractContextManager[JobShare]], Depends(_j
 DrawingDep = Annotated[Drawing, Depends(_drawing)]
 MetricsDep = Annotated[Metrics, Depends(_metrics)]
 Strict = Annotated[bool, Query(description=STRICT)]
+Shared = Annotated[bool, Query(description="remove it from the shared store, too")]
 Allow = Annotated[
     list[str],
     Query(default_factory=list, description=ALLOW, json_schema_extra={"items": CODE}),

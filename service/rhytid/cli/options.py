@@ -77,6 +77,12 @@ def add_json(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_progress(parser: argparse.ArgumentParser) -> None:
+    """`--progress`: whom progress is reported to."""
+    who = "report to a person, or in the lines that workers of Open Job Description read"
+    parser.add_argument("--progress", choices=("person", "openjd"), default="person", help=who)
+
+
 def add_several(parser: argparse._ActionsContainer, option: str, **named: Any) -> None:
     """An option of one value or more, that may be given more than once."""
     parser.add_argument(option, nargs="+", action="extend", default=[], **named)
@@ -182,6 +188,15 @@ def _unit(text: str) -> str:
     return text
 
 
+def add_shared_store(parser: argparse.ArgumentParser) -> None:
+    """`--shared-store PLACE`."""
+    told = (
+        "where assets are that several machines share: a folder that all mount, or "
+        "s3://BUCKET/PREFIX with the extra s3 (default: of RHYTID_SHARED_STORE, else none)"
+    )
+    parser.add_argument("--shared-store", metavar="PLACE", help=told)
+
+
 def add_device(parser: argparse.ArgumentParser, more: str = "") -> None:
     """`--device D`."""
     device = f"number or part of the name of a device{more} (default: RHYTID_DEVICE, or chosen)"
@@ -231,6 +246,13 @@ def port_number(text: str) -> int:
     """A TCP port, or 0; as an argparse type."""
     if not (text.isascii() and text.isdigit() and int(text) <= MAX_PORT):
         raise argparse.ArgumentTypeError(f"{text!r}: a whole number from 0 to {MAX_PORT}")
+    return int(text)
+
+
+def positive(text: str) -> int:
+    """A whole number from 1; as an argparse type."""
+    if not (text.isascii() and text.isdigit() and int(text) > 0):
+        raise argparse.ArgumentTypeError(f"{text!r}: a whole number from 1")
     return int(text)
 
 

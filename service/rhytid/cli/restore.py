@@ -6,13 +6,21 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rhytid.cli.options import Commands, add_json, new_command, readable
+from rhytid.cli.options import (
+    Commands,
+    add_json,
+    add_progress,
+    add_shared_store,
+    new_command,
+    readable,
+)
 from rhytid.cli.progress import working
 from rhytid.cli.reporting import report
-from rhytid.cli.snapshot import RUNNING, SUFFIX, add_store, opened
+from rhytid.cli.snapshot import RUNNING, SUFFIX, add_store, mirrored
 from rhytid.errors import SnapshotError
 
 if TYPE_CHECKING:
+    from rhytid.storage.shared.mirror import StoreMirror
     from rhytid.storage.store import AssetStore
 
 
@@ -23,30 +31,35 @@ def add_command(commands: Commands) -> None:
     parser = new_command(commands, "restore", summary, example)
     parser.description = (
         f"{summary} Every byte is checked first. What is there already stays as it is; what is "
-        f"damaged there is replaced. {RUNNING}"
+        f"damaged there is replaced. {RUNNING} With a shared store they are put there, too."
     )
     what = "files of `rhytid snapshot`, or of a server"
     parser.add_argument("files", nargs="+", type=readable, metavar="FILE", help=what)
     add_store(parser)
+    add_shared_store(parser)
+    add_progress(parser)
     add_json(parser)
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> None:
     """Take in every file; ends at the first that cannot be used."""
-    with opened(arguments.store, new=True) as store:
-        found = [_restored(store, file) for file in arguments.files]
+    with mirrored(arguments.store, arguments.shared_store, new=True) as (store, mirror):
+        found = [_restored(store, mirror, file) for file in arguments.files]
     lines = [f"{one['asset']}: {'restored' if one['new'] else 'there already'}" for one in found]
     report({"restored": found}, "\n".join(lines), arguments.json)
 
 
-def _restored(store: AssetStore, path: Path) -> dict[str, object]:
+def _restored(store: AssetStore, mirror: StoreMirror | None, path: Path) -> dict[str, object]:
     try:
         with (
             working(f"reading {path}"),
             path.open("rb") as file,
             store.unpacked(file, path.stat().st_size) as unpacked,
         ):
-            return {"file": str(path), "asset": unpacked.id, "new": store.install(unpacked)}
+            found = {"file": str(path), "asset": unpacked.id, "new": store.install(unpacked)}
+            if mirror is not None:
+                found["shared"] = mirror.push(unpacked.id, lambda share, file: None)
+            return found
     except SnapshotError as error:
         raise SnapshotError(f"{path}: {error}") from error

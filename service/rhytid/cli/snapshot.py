@@ -8,13 +8,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rhytid.cli.options import Commands, add_json, new_command
+from rhytid.cli.options import Commands, add_json, add_shared_store, new_command
 from rhytid.cli.progress import working
 from rhytid.cli.reporting import report
-from rhytid.cli.serve import chosen
+from rhytid.cli.serve import chosen, sharing
 from rhytid.errors import InputError
 
 if TYPE_CHECKING:
+    from rhytid.storage.shared.mirror import StoreMirror
     from rhytid.storage.store import AssetStore
 
 SUFFIX = ".rhytid.tar"
@@ -26,11 +27,14 @@ def add_command(commands: Commands) -> None:
     summary = "Write a built asset into one file, which `rhytid restore` and servers take."
     example = f"rhytid snapshot 0123456789abcdef --out face{SUFFIX}"
     parser = new_command(commands, "snapshot", summary, example)
-    parser.description = f"{summary} {RUNNING}"
+    parser.description = (
+        f"{summary} {RUNNING} Of a shared store an asset is fetched first, where DIR lacks it."
+    )
     parser.add_argument("asset", metavar="ASSET", help="id of the asset")
     out = f"file, or a folder that is there (default: ASSET{SUFFIX})"
     parser.add_argument("--out", type=Path, metavar="FILE", help=out)
     add_store(parser)
+    add_shared_store(parser)
     add_json(parser)
     parser.set_defaults(run=run)
 
@@ -53,6 +57,21 @@ def opened(store: Path | None, *, new: bool) -> Iterator[AssetStore]:
         yield found
 
 
+@contextmanager
+def mirrored(
+    store: Path | None, shared_store: str | None, *, new: bool
+) -> Iterator[tuple[AssetStore, StoreMirror | None]]:
+    """The store of the arguments beside the shared one, if there is one; raises what `opened` and
+    `place_of` do."""
+    from rhytid.storage.shared.mirror import StoreMirror
+    from rhytid.storage.shared.shared_store import SharedStore
+
+    place = sharing(store, None, shared_store).shared_store
+    shared = None if place is None else SharedStore.at(place)
+    with opened(store, new=new or shared is not None) as found:
+        yield found, None if shared is None else StoreMirror(found, shared)
+
+
 def run(arguments: argparse.Namespace) -> None:
     """Check the asset and write the file, which is there when it is whole."""
     from rhytid.durable import whole, write_pieces
@@ -61,11 +80,21 @@ def run(arguments: argparse.Namespace) -> None:
     if out.is_dir():
         out /= f"{arguments.asset}{SUFFIX}"
     with (
-        opened(arguments.store, new=False) as store,
+        mirrored(arguments.store, arguments.shared_store, new=False) as (store, mirror),
         working(f"writing {out}"),
+        _fetched(store, mirror, arguments.asset),
         store.snapshot(arguments.asset) as made,
         whole(out) as aside,
     ):
         write_pieces(aside, made.pieces())
     figures = {"asset": arguments.asset, "file": str(out), "bytes": made.nbytes}
     report(figures, f"{out}: {made.nbytes} bytes", arguments.json)
+
+
+@contextmanager
+def _fetched(store: AssetStore, mirror: StoreMirror | None, asset: str) -> Iterator[None]:
+    """Fetch an asset that the store lacks from the shared one, if there is one."""
+    if mirror is not None and asset not in store.ids():
+        with mirror.fetched(asset, lambda share, file: None) as unpacked:
+            mirror.take(unpacked)
+    yield

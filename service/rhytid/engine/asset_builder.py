@@ -18,6 +18,7 @@ from rhytid.engine.device_asset import DeviceAsset
 from rhytid.engine.device_assets import DeviceAssets
 from rhytid.engine.given_graphs import graph_lengths
 from rhytid.engine.jobs import Job, Jobs
+from rhytid.engine.shared_assets import SharedAssets
 from rhytid.engine.spacing import mean_spacing
 from rhytid.errors import CancelledError, FatalRequestError, NotFoundError, public_message
 from rhytid.pipeline.draw_limit import DrawLimit
@@ -33,19 +34,23 @@ _BINS_SHARE = 0.6
 
 
 class AssetBuilder:
-    """Runs builds as jobs: synthesis, storing, upload. Bins follow as a job of their own."""
+    """Runs builds as jobs: synthesis, storing, upload. Bins follow as a job of their own.
+
+    What the shared store has is fetched in place of a synthesis, and what is built is pushed.
+    """
 
     def __init__(
         self,
         device: Device,
         on_device: DeviceAssets,
         store: AssetStore,
+        shared: SharedAssets,
         jobs: Jobs,
         limit: DrawLimit,
         refused: Mapping[str, str],
     ) -> None:
         self._device, self._on_device = device, on_device
-        self._store, self._jobs = store, jobs
+        self._store, self._shared, self._jobs = store, shared, jobs
         self._limit, self._refused = limit, refused
 
     def start(
@@ -60,7 +65,7 @@ class AssetBuilder:
             raise FatalRequestError(self._refused[asset.id])
 
         def work(job: Job) -> None:
-            self._build(job, asset)
+            self._make(job, asset)
             if afterwards is not None:
                 afterwards(job)
             self.prepare_bins(asset)
@@ -92,6 +97,7 @@ class AssetBuilder:
         except BaseException:
             self._store.put_overlay(asset.id, old)
             raise
+        self._shared.push(asset.id)
 
     def prepare_bins(self, asset: Asset) -> None:
         """Make the level-0 maps of the fast method ahead, as a job, if they fit; else each is made
@@ -131,21 +137,28 @@ class AssetBuilder:
         for warm_up in (DeviceAsset.warm_up_stretch, blend):
             self._on_device.use(asset, partial(unless_changed, warm_up), patiently=True)
 
-    def _build(self, job: Job, asset: Asset) -> None:
+    def _make(self, job: Job, asset: Asset) -> None:
+        """Fetch an asset of the shared store, or else build and push it."""
         with self._failing(job, asset):
-            wanted = self._store.request(asset.id)
-            graph, grown = self._graph(job, wanted)
-            job.progress(_SYNTHESIS, "placing pores and wrinkles")
-            made = self._on_device.place(wanted.mesh, graph, wanted.settings, wanted.stiffness)
-            try:
-                settings, distance = self._keep(job, asset, wanted, graph, grown, made)
-            except BaseException:
-                self._on_device.give_up(made)
-                raise
-            job.progress(_SYNTHESIS, "uploading")
-            self._on_device.finish(asset, made, graph, settings)
-            with asset.kept():
-                asset.built(graph, settings, distance)
+            if self._shared.take(job, asset):
+                return
+            self._build(job, asset)
+        self._shared.push(asset.id)
+
+    def _build(self, job: Job, asset: Asset) -> None:
+        wanted = self._store.request(asset.id)
+        graph, grown = self._graph(job, wanted)
+        job.progress(_SYNTHESIS, "placing pores and wrinkles")
+        made = self._on_device.place(wanted.mesh, graph, wanted.settings, wanted.stiffness)
+        try:
+            settings, distance = self._keep(job, asset, wanted, graph, grown, made)
+        except BaseException:
+            self._on_device.give_up(made)
+            raise
+        job.progress(_SYNTHESIS, "uploading")
+        self._on_device.finish(asset, made, graph, settings)
+        with asset.kept():
+            asset.built(graph, settings, distance)
 
     def _keep(
         self,

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import threading
+import time
+from collections.abc import Callable
 
 from rhytid.engine.assets import Asset
 from rhytid.engine.frames import FrameMemory
@@ -10,10 +12,14 @@ from rhytid.errors import NotFoundError
 
 
 class AssetRegistry:
-    """Assets by id. Looking one up never waits for a device or a disk."""
+    """Assets by id. Looking one up never waits for a device or a disk.
+
+    elsewhere: brings the asset of an id that is not registered, or raises NotFoundError.
+    """
 
     def __init__(self, frame_memory: int) -> None:
         self.frame_memory = FrameMemory(frame_memory)
+        self.elsewhere: Callable[[str], Asset] = _nowhere
         self._lock = threading.Lock()
         self._assets: dict[str, Asset] = {}
 
@@ -23,10 +29,10 @@ class AssetRegistry:
             return self._assets.get(id)
 
     def get(self, id: str) -> Asset:
-        """The asset of that id; raises NotFoundError."""
-        found = self.find(id)
-        if found is None:
-            raise NotFoundError(f"no asset {id!r}")
+        """The asset of that id, which may be brought from elsewhere; raises NotFoundError, and
+        FetchingError while it is brought."""
+        found = self.find(id) or self.elsewhere(id)
+        found.used = time.monotonic()
         return found
 
     def all(self) -> list[Asset]:
@@ -46,3 +52,7 @@ class AssetRegistry:
             else:
                 self._assets[id] = new
         return True
+
+
+def _nowhere(id: str) -> Asset:
+    raise NotFoundError(f"no asset {id!r}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from dataclasses import replace
 from functools import cache, partial
 from typing import Any, TypeVar
@@ -32,6 +32,7 @@ from rhytid.engine.frame_service import checked_frame
 from rhytid.engine.jobs import Job, Jobs
 from rhytid.engine.keys import content_key
 from rhytid.engine.messages import AssetContent, AssetInfo, JobInfo, NewAsset
+from rhytid.engine.shared_assets import SharedAssets
 from rhytid.errors import NotFoundError, SettingsError
 from rhytid.pipeline.draw_limit import DrawLimit
 from rhytid.pipeline.folds import measured_folds
@@ -52,13 +53,15 @@ class AssetService:
         device: Device,
         on_device: DeviceAssets,
         store: AssetStore,
+        shared: SharedAssets,
         builder: AssetBuilder,
         jobs: Jobs,
         limit: DrawLimit,
     ) -> None:
         self._assets, self._registration = registry, registration
         self._device, self._on_device = device, on_device
-        self._store, self._builder, self._jobs = store, builder, jobs
+        self._store, self._shared = store, shared
+        self._builder, self._jobs = builder, jobs
         self._limit = limit
 
     def create(
@@ -101,6 +104,8 @@ class AssetService:
             # Where the build failed meanwhile, nothing of the asset is kept.
             with asset.kept(), suppress(NotFoundError):
                 self._store.put_shapes(asset.id, new.shapes)
+                if asset.state == "ready":
+                    self._shared.push(asset.id)
         info = asset.info()
         return replace(info, warnings=(*info.warnings, *_changed(asset, upload.settings), *sent))
 
@@ -147,9 +152,32 @@ class AssetService:
         self._builder.prepare_bins(found)
         return found.info()
 
-    def delete(self, asset: str) -> None:
-        """Remove an asset from memory, device and disk; cancels what is being made of it."""
+    def resized(self, asset: str, resolution: int) -> AssetInfo:
+        """An asset of the skin of a ready one at another resolution: its mesh, wrinkles, stiffness
+        and present settings; nothing is synthesised. Raises what `create` does."""
         found = self._assets.get(asset)
+        graph, stored = self.graph(asset), self._store.asset(asset)
+        side = min(found.settings.tile_size, resolution)
+        settings = replace(found.settings, resolution=resolution, tile_size=side)
+        return self.create(NewAsset(stored.mesh, settings, graph, stiffness=stored.stiffness))
+
+    def delete(self, asset: str, *, shared: bool = False) -> None:
+        """Remove an asset from memory, device and disk; cancels what is being made of it.
+
+        shared: from the shared store, too, where it may be alone; otherwise it stays there. Raises
+        QueryError where there is none.
+        """
+        found = self._assets.find(asset)
+        if found is not None:
+            self._delete(found)
+        if shared:
+            with suppress(NotFoundError) if found is not None else nullcontext():
+                self._shared.remove(asset)
+        elif found is None:
+            raise NotFoundError(f"no asset {asset!r}")
+
+    def _delete(self, found: Asset) -> None:
+        asset = found.id
         with found.lock:
             found.check_known()
             with suppress(NotFoundError):  # a cancelled build has left nothing in the store

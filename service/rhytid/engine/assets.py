@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
@@ -23,12 +24,13 @@ from rhytid.domain.texel_sizes import usual_uv_length
 from rhytid.domain.tiles import TileAddress, mesh_udims
 from rhytid.domain.warnings import InputWarning
 from rhytid.engine.device_asset import DeviceAsset
-from rhytid.engine.frames import Frame, FrameMemory, Frames
+from rhytid.engine.frames import LEFT, Frame, FrameMemory, Frames
 from rhytid.engine.jobs import Job
 from rhytid.engine.messages import AssetInfo
 from rhytid.errors import (
     CancelledError,
     ConflictError,
+    FetchingError,
     NotFoundError,
     NotReadyError,
     StorageError,
@@ -41,7 +43,8 @@ _SMALL_WRINKLES, _SMALL_RESOLUTION = 50_000, 2048
 class Asset:
     """One asset.
 
-    state: building, then ready or failed; removed at last. A failed asset that is sent again is
+    state: building, then ready or failed; removed at last, or left: it is in the shared store alone
+    and will be another object here. A failed asset that is sent again is
     another object. Its parts on the device may be dropped and loaded again while it is ready.
     """
 
@@ -67,6 +70,8 @@ class Asset:
     mesh: Callable[[], Mesh] | None = None
     # The number of wrinkles it will have.
     wanted: int = MOST_WRINKLES
+    # When it was last asked for, in seconds of time.monotonic.
+    used: float = field(default_factory=time.monotonic)
     # Held while its state, its settings or its files change, or it is brought to the device.
     lock: threading.RLock = field(default_factory=threading.RLock)
     # Held while something of it is made step by step that tasks lack.
@@ -145,16 +150,22 @@ class Asset:
     @contextmanager
     def kept(self) -> Iterator[None]:
         """Holds the lock, so that it is not removed within the block. Raises CancelledError if it
-        was removed before."""
+        was removed before, FetchingError if it has left."""
         with self.lock:
+            self._check_here()
             if self.state == "removed":
                 raise CancelledError(f"asset {self.id} was removed")
             yield
 
     def check_known(self) -> None:
-        """Raise NotFoundError where it was removed."""
+        """Raise NotFoundError where it was removed, FetchingError where it has left."""
+        self._check_here()
         if self.state == "removed":
             raise NotFoundError(f"asset {self.id} was removed")
+
+    def _check_here(self) -> None:
+        if self.state == "left":
+            raise FetchingError(LEFT)
 
     def check_ready(self) -> None:
         """Raise NotReadyError while it builds, ConflictError where it failed, NotFoundError where

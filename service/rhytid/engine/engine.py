@@ -18,9 +18,12 @@ from rhytid.engine.byte_budget import ByteBudget
 from rhytid.engine.device_assets import DeviceAssets
 from rhytid.engine.frame_service import FrameService
 from rhytid.engine.jobs import Jobs
+from rhytid.engine.local_room import LocalRoom
 from rhytid.engine.messages import DeviceInfo
 from rhytid.engine.opening import open_device
 from rhytid.engine.packages import PackageService
+from rhytid.engine.restored_assets import RestoredAssets
+from rhytid.engine.shared_assets import SharedAssets
 from rhytid.engine.snapshots import SnapshotService
 from rhytid.engine.stored_assets import StoredAssets
 from rhytid.engine.tile_batcher import MOST_TILES, TileBatcher
@@ -29,6 +32,8 @@ from rhytid.engine.worker import DeviceWorker
 from rhytid.errors import BusyError, DeviceError
 from rhytid.pipeline.draw_limit import DrawLimit
 from rhytid.settings import ServiceSettings
+from rhytid.storage.shared.mirror import StoreMirror
+from rhytid.storage.shared.shared_store import SharedStore
 from rhytid.storage.store import AssetStore
 
 # Work-items of the kernel that tells whether the device computes.
@@ -45,7 +50,8 @@ class Engine:
     memory: bytes that requests and jobs hold on the host.  assets, frames, tiles, jobs, snapshots,
     packages: the calls. Every one raises NotFoundError for an unknown id, NotReadyError while the
     asset builds, ConflictError where it failed to build, and BusyError where too many calls wait
-    already.
+    already; with a shared store, FetchingError while the asset is fetched, SharedDamageError, and
+    SharedStoreError.  shared: that store.
     """
 
     def __init__(
@@ -55,13 +61,13 @@ class Engine:
         figures: Figures | None = None,
         only: Collection[str] | None = None,
     ) -> None:
+        # Before a device is opened: what is wrong with it is found at once.
+        shared = SharedStore.at(settings.shared_store) if settings.shared_store else None
         figures = figures or Figures()
         figures.begin()
         self._device = open_device(settings, figures=figures)
         self.figures = {str(self._device.info.index): figures}
-        self._store = AssetStore(
-            settings.store, shared=only is not None, packages=settings.packages
-        )
+        self._store = AssetStore(settings.store, lock=only is None, packages=settings.packages)
         self._worker = DeviceWorker(settings.queue, figures)
         self._on_device = DeviceAssets(self._device, self._worker, self._store)
         host_memory = settings.host_memory or usual_host_memory()
@@ -69,15 +75,18 @@ class Engine:
         self.jobs = Jobs(settings.jobs, figures)
         registry = AssetRegistry(settings.frame_memory or usual_frame_memory())
         limit = DrawLimit(settings.draw_seconds, self._device.work_pace)
+        stored = StoredAssets(self._store, self._on_device, registry.frame_memory)
+        restored = RestoredAssets(registry, self._store, stored)
+        self.shared = self._shared_assets(settings, shared, registry, restored)
+        registry.elsewhere = self.shared.get
         builder = AssetBuilder(
-            self._device, self._on_device, self._store, self.jobs, limit, refused
+            self._device, self._on_device, self._store, self.shared, self.jobs, limit, refused
         )
         # Between two tasks a GPU waits for the host, a processor does not.
         most = 1 if self._device.info.kind == "cpu" else MOST_TILES
         batcher = TileBatcher(self._worker, self._device.task, most)
         self.frames = FrameService(registry, self._on_device)
         self.tiles = TileService(registry, self._on_device, self._device, batcher, settings.queue)
-        stored = StoredAssets(self._store, self._on_device, registry.frame_memory)
         registration = AssetRegistration(
             registry, self._store, stored, builder, self.frames, self.jobs, self.memory
         )
@@ -87,6 +96,7 @@ class Engine:
             self._device,
             self._on_device,
             self._store,
+            self.shared,
             builder,
             self.jobs,
             limit,
@@ -94,11 +104,13 @@ class Engine:
         self.packages = PackageService(
             registry, self.assets, self.tiles, self._store, self.jobs, self.memory
         )
-        self.snapshots = SnapshotService(registry, self._store, stored)
+        self.snapshots = SnapshotService(registry, self._store, restored, self.shared)
         registration.open_store(only)
+        self.shared.open()
 
     def close(self) -> None:
         """Stop the jobs, finish the tasks that wait for the device, and close the store."""
+        self.shared.close()
         self.jobs.close()
         self._worker.close()
         self._store.close()
@@ -125,6 +137,23 @@ class Engine:
     def restarts(self) -> dict[str, int]:
         """None: this engine is part of the process that asks. As `RemoteEngine.restarts`."""
         return {}
+
+    def _shared_assets(
+        self,
+        settings: ServiceSettings,
+        shared: SharedStore | None,
+        registry: AssetRegistry,
+        restored: RestoredAssets,
+    ) -> SharedAssets:
+        """Those of the shared store, if there is one, with the limit of the local one."""
+        mirror = room = None
+        if shared is not None:
+            mirror = StoreMirror(self._store, shared)
+            if settings.store_limit is not None:
+                room = LocalRoom(
+                    settings.store_limit, mirror, registry, self._store, self._on_device, self.jobs
+                )
+        return SharedAssets(mirror, registry, restored, self.jobs, room)
 
     def _probe(self) -> bool:
         """Launch the kernel that devices are tried with, and check what it wrote."""

@@ -13,7 +13,7 @@ from rhytid.domain.frame import NEUTRAL
 from rhytid.domain.warnings import InputWarning
 from rhytid.engine.log_stretch import NAMES, LogStretch
 from rhytid.engine.messages import FrameInfo
-from rhytid.errors import FrameMemoryError, NotFoundError, ReadOnlyError
+from rhytid.errors import FetchingError, FrameMemoryError, NotFoundError, ReadOnlyError
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +30,9 @@ class Frame:
 
 
 NEUTRAL_FRAME = Frame(None, NEUTRAL)
+
+
+LEFT = "the asset has left this machine for the shared store: ask again"
 
 
 class FrameMemory:
@@ -69,7 +72,7 @@ class Frames:
         self._memory = memory
         self._lock = threading.Lock()
         self._frames: dict[str, _Stored] = {}
-        self._closed = False
+        self._closed = self._left = False
 
     def put(
         self,
@@ -83,6 +86,8 @@ class Frames:
         assert frame.positions is not None
         refuse_neutral(name)
         with self._lock:
+            if self._left:
+                raise FetchingError(LEFT)
             if self._closed:
                 raise NotFoundError("the asset was removed")
             self._memory.change(frame.positions.nbytes - self._bytes(name))
@@ -118,6 +123,13 @@ class Frames:
             self._closed = True
             self._memory.change(-sum(self._bytes(name) for name in self._frames))
             self._frames.clear()
+
+    def leave(self) -> bool:
+        """Store no more, because the asset leaves this machine; False, and nothing is done, where
+        there is a frame."""
+        with self._lock:
+            self._left = not self._frames
+            return self._left
 
     def _entry(self, name: str) -> _Stored:
         with self._lock:

@@ -9,20 +9,21 @@ import secrets
 import threading
 from collections import Counter, OrderedDict
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 from rhytid.device import watch
 from rhytid.device.figures import JOB_KINDS, Figures, working_on
 from rhytid.domain.wording import plural
+from rhytid.engine.job_lanes import LANES, LARGE, TRANSFERS, Lane, Queued
 from rhytid.engine.messages import ENDED_STATES, JobInfo
 from rhytid.errors import BusyError, CancelledError, NotFoundError, RhytidError, public_message
 
 # Kinds of jobs by priority, highest first.
 KINDS = JOB_KINDS
 # A new job of these kinds replaces those of the same asset that still wait.
-_SUPERSEDED = ("calibration", "bins")
+_SUPERSEDED = ("calibration", "bins", "push")
 _REMEMBERED = 1000
 _log = logging.getLogger(__name__)
 
@@ -114,38 +115,29 @@ class Job:
         return self.info.state in ENDED_STATES
 
 
-@dataclass(frozen=True, eq=False)
-class _Queued:
-    job: Job
-    work: Callable[[Job], None]
-    small: bool
-
-    @property
-    def asset(self) -> str:
-        return self.job.info.asset
-
-
 class Jobs:
     """Runs jobs by the priority of their kind, then in the order in which they came.
 
     Two threads take jobs from the queue, one of them small jobs only, so that these never wait for
-    a large job of another asset. Jobs of one asset run one after the other. A job that gives way is
-    queued again, behind those of higher priority.  most: jobs that may wait.  figures: counts them.
+    a large job of another asset. Jobs of one asset run one after the other. Two more threads take
+    what waits for a shared store, one of them fetches only; these run beside other jobs of their
+    asset. A job that gives way is queued again, behind those of higher priority.  most: jobs that
+    may wait.  figures: counts them.
     """
 
     def __init__(self, most: int, figures: Figures | None = None) -> None:
         self._most = most
         self._figures = figures or Figures()
         self._jobs: OrderedDict[str, Job] = OrderedDict()
-        self._queue: list[_Queued] = []
-        # Per asset at work: whether its thread takes small jobs only.
-        self._at_work: dict[str, bool] = {}
+        self._queue: list[Queued] = []
+        # What is at work, and where.
+        self._at_work: dict[tuple[str, bool], Lane] = {}
         self._running: Counter[str] = Counter()
         self._closed = False
         self._changed = threading.Condition()
         self._threads = [
-            threading.Thread(target=self._run_all, args=(small,), name=name, daemon=True)
-            for name, small in (("rhytid-jobs", False), ("rhytid-small-jobs", True))
+            threading.Thread(target=self._run_all, args=(lane,), name=lane.name, daemon=True)
+            for lane in LANES
         ]
         for thread in self._threads:
             thread.start()
@@ -170,13 +162,13 @@ class Jobs:
         with self._changed:
             if kind in _SUPERSEDED:
                 self._supersede(kind, asset)
-            if len(self._queue) >= self._most and not always:
+            if self._beside(kind) >= self._most and not always:
                 raise BusyError(
                     f"{plural(self._most, 'job waits', 'jobs wait')} already (RHYTID_JOBS)"
                 )
             job.when_ended(partial(self._count_end, job))
             self._jobs[job.info.id] = job
-            self._put(_Queued(job, work, small))
+            self._put(Queued(job, work, small))
             self._forget()
             self._note()
             self._changed.notify_all()
@@ -201,7 +193,11 @@ class Jobs:
 
     def cancel_all(self, asset: str, *, resumes: bool = False) -> None:
         """Ask every job of an asset to stop."""
-        self._cancel([job for job in self._known() if job.info.asset == asset], resumes)
+        self._cancel(self.of(asset), resumes)
+
+    def of(self, asset: str) -> list[Job]:
+        """The jobs of an asset that are known."""
+        return [job for job in self._known() if job.info.asset == asset]
 
     def close(self) -> None:
         """Cancel what is left and wait for its end."""
@@ -226,22 +222,28 @@ class Jobs:
             self._queue.remove(queued)
             queued.job.update(state="cancelled", detail="a newer job does the same")
 
-    def _put(self, queued: _Queued) -> None:
+    def _beside(self, kind: str) -> int:
+        """How many jobs wait that count with those of a kind: a shared store that is away must not
+        keep others out."""
+        if kind in TRANSFERS:
+            return sum(queued.kind == kind for queued in self._queue)
+        return sum(not queued.transfers for queued in self._queue)
+
+    def _put(self, queued: Queued) -> None:
         self._queue.append(queued)
         self._queue.sort(key=lambda queued: _rank(queued.job))
 
     def _waits(self, job: Job) -> bool:
         """Whether a job waits that the thread of this one would do first."""
         with self._changed:
-            small = self._at_work.get(job.info.asset, False)
+            lane = self._at_work.get((job.info.asset, False), LARGE)
             return any(
-                _rank(queued.job) < _rank(job) and self._may(queued, small)
-                for queued in self._queue
+                _rank(queued.job) < _rank(job) and self._may(queued, lane) for queued in self._queue
             )
 
-    def _may(self, queued: _Queued, small: bool) -> bool:
-        """Whether a thread may do a job now.  small: it takes small ones alone."""
-        return queued.asset not in self._at_work and (queued.small or not small)
+    def _may(self, queued: Queued, lane: Lane) -> bool:
+        """Whether the thread of a lane may do a job now."""
+        return queued.turn not in self._at_work and lane.takes(queued)
 
     def _forget(self) -> None:
         ended = [id for id, job in self._jobs.items() if job.ended]
@@ -258,14 +260,14 @@ class Jobs:
     def _count_end(self, job: Job) -> None:
         self._figures.count("ended", job.info.kind, job.info.state)
 
-    def _run_all(self, small: bool) -> None:
-        while (queued := self._take(small)) is not None:
+    def _run_all(self, lane: Lane) -> None:
+        while (queued := self._take(lane)) is not None:
             again = False
             try:
                 again = _run(queued)
             finally:
                 with self._changed:
-                    del self._at_work[queued.asset]
+                    del self._at_work[queued.turn]
                     if again:
                         self._put(queued)
                     self._running[queued.job.info.kind] -= 1
@@ -273,18 +275,18 @@ class Jobs:
                     self._changed.notify_all()
             del queued  # lets go of the work's data while this thread waits
 
-    def _take(self, small: bool) -> _Queued | None:
-        """The next job of this thread; None once the queue is closed and empty."""
+    def _take(self, lane: Lane) -> Queued | None:
+        """The next job of this thread; None once the queue is closed and has none for it."""
         with self._changed:
             while True:
-                queued = next((q for q in self._queue if self._may(q, small)), None)
+                queued = next((q for q in self._queue if self._may(q, lane)), None)
                 if queued is not None:
                     self._queue.remove(queued)
-                    self._at_work[queued.asset] = small
+                    self._at_work[queued.turn] = lane
                     self._running[queued.job.info.kind] += 1
                     self._note()
                     return queued
-                if self._closed and (small or not self._queue):
+                if self._closed and not any(map(lane.takes, self._queue)):
                     return None
                 self._changed.wait()
 
@@ -298,7 +300,7 @@ def asset_number(asset: str) -> int:
     return int(asset, 16) if re.fullmatch("[0-9a-f]{16}", asset) else 0
 
 
-def _run(queued: _Queued) -> bool:
+def _run(queued: Queued) -> bool:
     """Do the work of a job; whether it is to be queued again."""
     job = queued.job
     try:

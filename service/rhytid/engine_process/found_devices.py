@@ -79,13 +79,15 @@ def settings_of(
     device: FoundDevice, among: Sequence[FoundDevice], settings: ServiceSettings
 ) -> ServiceSettings:
     """The settings of one device among several: processors share the memory of the machine, and
-    all devices that of frames."""
+    all devices that of frames and the disk."""
     cpus = sum(one.kind == "cpu" for one in among)
     share = device.memory // cpus if device.kind == "cpu" else device.memory
     frames = settings.frame_memory or usual_frame_memory()
+    limit = settings.store_limit
     return replace(
         settings,
         device=str(device.index),
         device_memory=settings.device_memory or share,
         frame_memory=frames // len(among),
+        store_limit=None if limit is None else limit // len(among),
     )

@@ -15,12 +15,12 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.engine.byte_budget import Hold
 from rhytid.engine.messages import AssetContent, AssetInfo, JobInfo, NewAsset
+from rhytid.engine_process.caller import Caller
 from rhytid.engine_process.device_process import DeviceProcess
 from rhytid.engine_process.frame_ledger import FrameLedger
 from rhytid.engine_process.remote_jobs import RemoteJobs
 from rhytid.engine_process.remote_tiles import RemoteTiles
 from rhytid.engine_process.requests import Request
-from rhytid.engine_process.supervisors import Supervisors
 from rhytid.engine_process.upload_holds import UploadHolds
 from rhytid.errors import NotFoundError
 
@@ -30,7 +30,7 @@ class RemoteAssets:
 
     def __init__(
         self,
-        supervisor: Supervisors,
+        supervisor: Caller,
         frames: FrameLedger,
         jobs: RemoteJobs,
         uploads: UploadHolds,
@@ -86,9 +86,9 @@ class RemoteAssets:
         self._supervisor.forget(asset)
         return found
 
-    def delete(self, asset: str) -> None:
-        """Remove an asset from memory, device and disk; cancels what is being made of it."""
-        request = Request("assets.delete", (asset,))
+    def delete(self, asset: str, *, shared: bool = False) -> None:
+        """As `AssetService.delete`."""
+        request = Request("assets.delete", (asset,), {"shared": shared})
         try:
             self._supervisor.call(request)
         except NotFoundError:

@@ -11,17 +11,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from rhytid.domain.warnings import InputWarning
 from rhytid.engine.messages import FrameInfo, FrameStretch
+from rhytid.engine_process.caller import Caller
 from rhytid.engine_process.device_process import DeviceProcess
 from rhytid.engine_process.frame_ledger import FrameLedger
 from rhytid.engine_process.requests import Request
-from rhytid.engine_process.supervisors import Supervisors
 from rhytid.errors import NotFoundError
 
 
 class RemoteFrames:
     """The calls of `FrameService` that a server makes."""
 
-    def __init__(self, supervisor: Supervisors, ledger: FrameLedger) -> None:
+    def __init__(self, supervisor: Caller, ledger: FrameLedger) -> None:
         self._supervisor, self._ledger = supervisor, ledger
 
     def put(

@@ -6,16 +6,16 @@ from contextlib import suppress
 from functools import partial
 
 from rhytid.engine.messages import AssetInfo, JobInfo
+from rhytid.engine_process.caller import Caller
 from rhytid.engine_process.job_ledger import JobLedger, resumed
 from rhytid.engine_process.requests import Request
-from rhytid.engine_process.supervisors import Supervisors
 from rhytid.errors import NotFoundError
 
 
 class RemoteJobs:
     """The calls of `Jobs` that a server makes."""
 
-    def __init__(self, supervisor: Supervisors, ledger: JobLedger) -> None:
+    def __init__(self, supervisor: Caller, ledger: JobLedger) -> None:
         self._supervisor, self._ledger = supervisor, ledger
 
     def info(self, id: str) -> JobInfo:

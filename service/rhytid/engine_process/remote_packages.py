@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from rhytid.engine.messages import JobInfo, Package
+from rhytid.engine_process.caller import Caller
 from rhytid.engine_process.remote_jobs import RemoteJobs
 from rhytid.engine_process.requests import Request
-from rhytid.engine_process.supervisors import Supervisors
 
 
 class RemotePackages:
     """The calls of `PackageService`."""
 
-    def __init__(self, supervisor: Supervisors, jobs: RemoteJobs) -> None:
+    def __init__(self, supervisor: Caller, jobs: RemoteJobs) -> None:
         self._supervisor, self._jobs = supervisor, jobs
 
     def of(

@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from rhytid.engine.messages import AssetInfo
+from rhytid.engine_process.caller import Caller
 from rhytid.engine_process.requests import Request
-from rhytid.engine_process.supervisors import Supervisors
 from rhytid.storage.snapshots import PIECE, Readable, Snapshot
 
 
 class RemoteSnapshots:
     """The calls of `SnapshotService`."""
 
-    def __init__(self, supervisor: Supervisors) -> None:
+    def __init__(self, supervisor: Caller) -> None:
         self._supervisor = supervisor
 
     def of(self, asset: str) -> Snapshot:

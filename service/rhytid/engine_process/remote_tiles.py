@@ -12,11 +12,11 @@ from rhytid.domain.bin_manifest import BinManifest
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.messages import MapQuery
 from rhytid.engine.tile_plan import TilePlan
+from rhytid.engine_process.caller import Caller
 from rhytid.engine_process.device_process import DeviceProcess
 from rhytid.engine_process.frame_ledger import FrameLedger
 from rhytid.engine_process.remote_plan import Facts, RemotePlan
 from rhytid.engine_process.requests import Request
-from rhytid.engine_process.supervisors import Supervisors
 
 _MOST_SIDES = 10_000
 
@@ -24,7 +24,7 @@ _MOST_SIDES = 10_000
 class RemoteTiles:
     """The calls of `TileService`."""
 
-    def __init__(self, supervisor: Supervisors, frames: FrameLedger) -> None:
+    def __init__(self, supervisor: Caller, frames: FrameLedger) -> None:
         self._supervisor, self._frames = supervisor, frames
         # Texels by kind, asset and level: an asset of another size has another id.
         self._sides: dict[tuple[str, str, int], int] = {}

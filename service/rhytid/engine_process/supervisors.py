@@ -20,6 +20,7 @@ from rhytid.engine_process.requests import Request
 from rhytid.engine_process.supervisor import Supervisor
 from rhytid.errors import DeviceLostError, NotFoundError, StorageError
 from rhytid.settings import ServiceSettings
+from rhytid.storage.homes import ID
 from rhytid.storage.snapshot_index import BLOCK, LONGEST_INDEX
 from rhytid.storage.snapshots import asset_of
 from rhytid.storage.store import AssetStore
@@ -46,6 +47,7 @@ class Supervisors:
         on_end: OnEnd,
     ) -> None:
         self._store: AssetStore | None = None
+        self._shared = settings.shared_store is not None
         self._placement, self._on_end = Placement([0]), on_end
         # An asset is placed or removed by one thread at a time.
         self._changing = KeyedLocks()
@@ -115,6 +117,8 @@ class Supervisors:
             return self._of_job(request)
         if request.name == "assets.delete":
             return self._deleted(request)
+        if self._shared and request.asset and self._placement.of(request.asset) is None:
+            return self._fetched(request, prepare)
         return self._of(request.asset).call(request, prepare)
 
     def _of(self, asset: str) -> Supervisor:
@@ -141,6 +145,16 @@ class Supervisors:
     def _placed(self, request: Request, prepare: Prepare | None) -> Any:
         """The answer to a request that brings an asset, which may be there already."""
         asset, nbytes = _NEW[request.name](request.positional[0])
+        return self._placed_as(asset, nbytes, request, prepare)
+
+    def _fetched(self, request: Request, prepare: Prepare | None) -> Any:
+        """The answer to a request for an asset that may be in the shared store alone, of a size
+        that is not known yet."""
+        if not ID.fullmatch(request.asset):
+            return self._of(request.asset).call(request, prepare)
+        return self._placed_as(request.asset, _WRINKLE * _WRINKLES, request, prepare)
+
+    def _placed_as(self, asset: str, nbytes: int, request: Request, prepare: Prepare | None) -> Any:
         with self._changing.holding(asset):
             number, new = self._placement.place(asset, nbytes)
             try:

@@ -26,19 +26,19 @@ _NOTHING: Mapping[str, bytes] = MappingProxyType({})
 class StoreFolders:
     """A folder per asset, its home, with sealed folders in it; and a place to prepare changes in.
 
-    Opening takes the lock and removes what interrupted changes left behind.  shared: another
+    Opening takes the lock and removes what interrupted changes left behind.  lock: False: another
     process holds the lock and has done both.  Methods raise StorageError where the disk fails.
     """
 
-    def __init__(self, folder: Path, *, shared: bool) -> None:
+    def __init__(self, folder: Path, *, lock: bool) -> None:
         self.assets = folder / "assets"
         self.partial = folder / "partial"
         self._changing = threading.Lock()
         with reported(f"store {folder} cannot be opened"):
             self.assets.mkdir(parents=True, exist_ok=True)
             self.partial.mkdir(exist_ok=True)
-            self._lock = None if shared else FolderLock(folder)
-            if shared:
+            self._lock = FolderLock(folder) if lock else None
+            if not lock:
                 return
             try:
                 _check_format(folder / _FORMAT, self.partial)

@@ -14,6 +14,7 @@ from rhytid.errors import StorageError
 ID = re.compile(r"[0-9a-f]{16}", re.ASCII)
 # Beside them what is no part of the content that an id names: the shapes that move its mesh.
 REQUEST, ASSET, SHAPES = "request", "asset", "shapes"
+SHARED = "shared.json"
 _log = logging.getLogger(__name__)
 
 

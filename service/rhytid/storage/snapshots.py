@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import BinaryIO, Protocol
 
@@ -111,19 +111,27 @@ def unpack(stream: Readable, nbytes: int, place: Path) -> SnapshotIndex:
         more = "is cut off" if nbytes < index.nbytes else "goes on after its end"
         raise SnapshotError(f"it {more}: it has {nbytes} bytes, {INDEX} says {index.nbytes}")
     source.expect(bytes(padding(size)), INDEX)
-    sealed = (ASSET, SHAPES) if index.has_shapes else (ASSET,)
-    for kind in sealed:
+    with sealed(index, place):
+        for name, file in index.files.items():
+            source.expect(header(name, file.nbytes), f"the header of {name}")
+            write_pieces(place / name, source.content(name, file))
+            source.expect(bytes(padding(file.nbytes)), f"the end of {name}")
+        source.expect(END, "the end")
+    return index
+
+
+@contextmanager
+def sealed(index: SnapshotIndex, place: Path) -> Iterator[None]:
+    """The block writes the files of a snapshot into the folder `place`; then its folders are
+    sealed. What is written is not compared with the index."""
+    kinds = (ASSET, SHAPES) if index.has_shapes else (ASSET,)
+    for kind in kinds:
         (place / kind).mkdir()
-    for name, file in index.files.items():
-        source.expect(header(name, file.nbytes), f"the header of {name}")
-        write_pieces(place / name, source.content(name, file))
-        source.expect(bytes(padding(file.nbytes)), f"the end of {name}")
-    source.expect(END, "the end")
-    for kind in sealed:
+    yield
+    for kind in kinds:
         own = {Path(name).name: f for name, f in index.files.items() if name.startswith(f"{kind}/")}
         seal(place / kind, f"{kind} {index.asset}", own)
     sync_folder(place)
-    return index
 
 
 def asset_of(stream: Readable) -> str:

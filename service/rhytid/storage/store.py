@@ -13,13 +13,16 @@
         ├── request/               what a caller sent, until the asset is built: a sealed folder
         ├── asset/                 the built asset, never changed: a sealed folder
         ├── shapes/                named shapes of its mesh, if any came: a sealed folder
-        └── overlay.json           the present settings, replaced as a whole
+        ├── overlay.json           the present settings, replaced as a whole
+        └── shared.json            in which state a shared store was given it, if one was
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import shutil
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +33,7 @@ from rhytid.domain.folds import Folds
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.stiffness import Stiffness
-from rhytid.durable import is_folder, reported
+from rhytid.durable import is_folder, remove_tree, reported
 from rhytid.errors import NotFoundError, StorageError, StoreFormatError
 from rhytid.storage.canonical import damaged
 from rhytid.storage.folders import StoreFolders
@@ -38,6 +41,7 @@ from rhytid.storage.homes import (
     ASSET,
     REQUEST,
     SHAPES,
+    SHARED,
     holds_something,
     is_built,
     is_readable,
@@ -73,17 +77,18 @@ class AssetStore:
     Each change happens at one rename: after a crash the store holds the state before it or the
     state after it. Opening takes the lock and removes what interrupted changes left behind.
 
-    shared: another process, which started this one, holds the lock; several may then use the store,
-    each with assets of its own.  packages: bytes of the skin packages that are kept; None: any.
+    lock: False: another process, which started this one, holds the lock; several may then use the
+    store, each with assets of its own.  packages: bytes of the skin packages that are kept; None:
+    any.
 
     Every method raises StorageError where the disk fails or a file is not what was written, and
     NotFoundError for an id that is not stored.
     """
 
-    def __init__(self, folder: Path, *, shared: bool = False, packages: int | None = None) -> None:
-        self._folders = StoreFolders(folder, shared=shared)
+    def __init__(self, folder: Path, *, lock: bool = True, packages: int | None = None) -> None:
+        self._folders = StoreFolders(folder, lock=lock)
         self.packages = KeptPackages(folder / "packages", self._folders.partial, packages)
-        if shared:
+        if not lock:
             return
         try:
             self.packages.sweep([home.name for home in self._folders.homes()])
@@ -211,17 +216,11 @@ class AssetStore:
     def snapshot(self, id: str) -> Snapshot:
         """A built asset with its present settings and its named shapes as one file, every byte of
         it verified; close it."""
-        folder = self._folders.existing(id, ASSET)
-        overlay = write_overlay(f"{ASSET} {id}", self.overlay(id) or self._settings(folder, id))
+        home = self._folders.existing(id, ASSET).parent
         with self._folders.unchanged():  # shapes are replaced in two steps
-            sealed = [ASSET, SHAPES] if is_folder(folder.parent / SHAPES) else [ASSET]
-            files = {
-                f"{kind}/{name}": file
-                for kind in sealed
-                for name, file in read_manifest(folder.parent / kind, f"{kind} {id}").items()
-            }
-            index = SnapshotIndex.of(id, {**files, OVERLAY: StoredFile.of(overlay)})
-            made = Snapshot(index, {name: folder.parent / name for name in files}, overlay)
+            index, overlay = self._index(id)
+            paths = {name: home / name for name in index.files if name != OVERLAY}
+            made = Snapshot(index, paths, overlay)
         try:
             made.check()
         except BaseException:
@@ -229,13 +228,25 @@ class AssetStore:
             raise
         return made
 
+    def index(self, id: str) -> SnapshotIndex:
+        """What the snapshot of a built asset begins with; its arrays are not read."""
+        with self._folders.unchanged():
+            return self._index(id)[0]
+
     @contextmanager
     def unpacked(self, stream: Readable, nbytes: int) -> Iterator[UnpackedAsset]:
         """The asset of a snapshot of so many bytes, checked in full and stored nowhere yet; see
         `install`. Raises SnapshotError naming what is wrong with it, and where."""
+        with self.unpacked_by(lambda place: unpack(stream, nbytes, place)) as unpacked:
+            yield unpacked
+
+    @contextmanager
+    def unpacked_by(self, write: Callable[[Path], SnapshotIndex]) -> Iterator[UnpackedAsset]:
+        """As `unpacked`, of an asset whose files `write` writes into an empty folder, as `unpack`
+        does."""
         with reported("a snapshot cannot be unpacked"), self._folders.workplace() as place:
-            index = unpack(stream, nbytes, place)
-            yield UnpackedAsset.read(index.asset, place)
+            index = write(place)
+            yield UnpackedAsset.read(index, place)
 
     def install(self, unpacked: UnpackedAsset) -> bool:
         """Store the asset of a snapshot; False, and nothing is changed, where it is there intact.
@@ -251,6 +262,29 @@ class AssetStore:
                 self.delete(unpacked.id)
             before = [OVERLAY, SHAPES] if unpacked.has_shapes else [OVERLAY]
             return self._folders.install(unpacked.place, home, ASSET, before)
+
+    def with_own_shapes(self, unpacked: UnpackedAsset) -> UnpackedAsset:
+        """The asset of a snapshot, not stored yet, with the named shapes that the store has for it,
+        if any, in place of its own."""
+        own, place = self._folders.home(unpacked.id) / SHAPES, unpacked.place / SHAPES
+        with reported(f"the shapes of asset {unpacked.id} cannot be copied"):
+            if not is_folder(own):
+                return unpacked
+            if unpacked.has_shapes:
+                remove_tree(place)
+            shutil.copytree(own, place)
+        return replace(unpacked, has_shapes=True)
+
+    def note_shared(self, id: str, note: bytes) -> None:
+        """Keep a note of what a shared store has of a built asset, in place of another."""
+        self._folders.replace(self._folders.existing(id, ASSET).parent / SHARED, note)
+
+    def shared_note(self, id: str) -> bytes | None:
+        """The note of `note_shared`; None where there is none."""
+        path = self._folders.existing(id, ASSET).parent / SHARED
+        with reported(f"{path} cannot be read"), suppress(FileNotFoundError):
+            return path.read_bytes()
+        return None
 
     def put_overlay(self, id: str, settings: AssetSettings) -> None:
         """Replace the present settings of a built asset."""
@@ -274,6 +308,18 @@ class AssetStore:
         """Remove an asset, its request and its changed settings, all at once."""
         self._folders.remove(id)
         self.packages.forget(id)
+
+    def _index(self, id: str) -> tuple[SnapshotIndex, bytes]:
+        """Of a snapshot, with its overlay."""
+        folder = self._folders.existing(id, ASSET)
+        overlay = write_overlay(f"{ASSET} {id}", self.overlay(id) or self._settings(folder, id))
+        kinds = [ASSET, SHAPES] if is_folder(folder.parent / SHAPES) else [ASSET]
+        files = {
+            f"{kind}/{name}": file
+            for kind in kinds
+            for name, file in read_manifest(folder.parent / kind, f"{kind} {id}").items()
+        }
+        return SnapshotIndex.of(id, {**files, OVERLAY: StoredFile.of(overlay)}), overlay
 
     def _is_intact(self, id: str) -> bool:
         """Whether a built asset can be read, with its settings."""

@@ -15,25 +15,32 @@ from rhytid.storage.homes import ASSET, SHAPES
 from rhytid.storage.kept_shapes import read_shapes
 from rhytid.storage.manifest import read_verified
 from rhytid.storage.records import StoredAsset, read_overlay
-from rhytid.storage.snapshot_index import OVERLAY
+from rhytid.storage.snapshot_index import OVERLAY, SnapshotIndex
 
 
 @dataclass(frozen=True, eq=False)
 class UnpackedAsset:
     """A built asset with its present settings, whose files are in the folder `place`.
 
-    has_shapes: whether named shapes of its mesh are there, too.
+    index: what its snapshot begins with.  has_shapes: whether named shapes of its mesh are there,
+    too.
     """
 
-    id: str
+    index: SnapshotIndex
     asset: StoredAsset
     settings: AssetSettings
     place: Path
     has_shapes: bool
 
+    @property
+    def id(self) -> str:
+        """The id of the asset."""
+        return self.index.asset
+
     @classmethod
-    def read(cls, id: str, place: Path) -> UnpackedAsset:
+    def read(cls, index: SnapshotIndex, place: Path) -> UnpackedAsset:
         """Read what `unpack` wrote; raises SnapshotError where it is no asset that can be drawn."""
+        id = index.asset
         files = read_verified(place / ASSET, f"{ASSET} {id}")
         has_shapes = is_folder(place / SHAPES)
         shapes = read_verified(place / SHAPES, f"{SHAPES} {id}") if has_shapes else {}
@@ -48,7 +55,7 @@ class UnpackedAsset:
                 _check_shapes(read_shapes(shapes, Path(SHAPES)), asset)
         except (StorageError, SnapshotError) as exc:
             raise SnapshotError(f"what it holds cannot be used: {exc}") from exc
-        return cls(id, asset, settings, place, has_shapes)
+        return cls(index, asset, settings, place, has_shapes)
 
 
 def _check(asset: StoredAsset) -> None:

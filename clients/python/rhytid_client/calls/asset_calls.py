@@ -110,9 +110,10 @@ def change_asset(asset: Asset | str, settings: Mapping[str, Any]) -> Flow[Asset]
     return parse.one(Asset, (yield changes))
 
 
-def delete_asset(asset: Asset | str) -> Flow[None]:
-    """Remove an asset with its frames."""
-    parse.content((yield request("DELETE", "v1", "assets", asset_id(asset))))
+def delete_asset(asset: Asset | str, *, shared: bool = False) -> Flow[None]:
+    """Remove an asset with its frames.  shared: from the store that servers share, too."""
+    params = {"shared": "true"} if shared else {}
+    parse.content((yield request("DELETE", "v1", "assets", asset_id(asset), params=params)))
 
 
 def graph(asset: Asset | str, *, format: GraphFormat = "safetensors") -> Flow[bytes]:

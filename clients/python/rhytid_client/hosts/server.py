@@ -4,7 +4,6 @@ than one request."""
 from __future__ import annotations
 
 import secrets
-import warnings
 from collections.abc import Generator, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
@@ -15,12 +14,13 @@ from urllib.parse import urlsplit
 from numpy.typing import ArrayLike, NDArray
 
 from rhytid_client.choices import Method, Sampling, TileFormat
-from rhytid_client.errors import RhytidError, RhytidWarning
+from rhytid_client.errors import RhytidError
 from rhytid_client.hosts.meshes import MeshArrays
 from rhytid_client.hosts.trouble import Trouble, message_of
 from rhytid_client.hosts.work import Step
 from rhytid_client.plain_client import PlainClient
 from rhytid_client.results import Asset
+from rhytid_client.warned import silent
 
 CONNECT_SECONDS = 3.0
 WAIT_SECONDS = 30.0
@@ -65,9 +65,8 @@ class Server:
     def client(self) -> Iterator[PlainClient]:
         """A client; what goes wrong with it is raised as Trouble."""
         try:
-            with warnings.catch_warnings():
-                # They come with the results, too, from where hosts show them.
-                warnings.simplefilter("ignore", RhytidWarning)
+            # They come with the results, too, from where hosts show them.
+            with silent():
                 yield PlainClient(
                     address(self.url), key=self.key, connect=CONNECT_SECONDS, max_wait=WAIT_SECONDS
                 )

@@ -18,6 +18,7 @@ from rhytid.api.dependencies import (
     MetricsDep,
     NoQuery,
     Parts,
+    Shared,
     Slot,
     Strict,
 )
@@ -89,7 +90,12 @@ def listing(engine: EngineDep) -> Any:
     return engine.assets.all()
 
 
-@router.get("/{asset}", operation_id="getAsset", response_model=Asset, responses=problems(404, 422))
+@router.get(
+    "/{asset}",
+    operation_id="getAsset",
+    response_model=Asset,
+    responses=problems(404, 409, 422, 503),
+)
 def show(asset: AssetId, engine: EngineDep) -> Any:
     """One asset, with its settings resolved."""
     return engine.assets.info(asset)
@@ -115,8 +121,9 @@ def change(asset: AssetId, changes: Json, engine: EngineDep, slot: Slot) -> Any:
     operation_id="deleteAsset",
     status_code=204,
     response_model=None,
-    responses=problems(404, 409, 422),
+    responses=problems(404, 409, 422, 503),
 )
-def delete(asset: AssetId, engine: EngineDep) -> None:
-    """Remove an asset, its frames and its files."""
-    engine.assets.delete(asset)
+def delete(asset: AssetId, engine: EngineDep, shared: Shared = False) -> None:
+    """Remove an asset, its frames and its files. In a shared store it stays, and is fetched from
+    there when it is used again, unless `shared`."""
+    engine.assets.delete(asset, shared=shared)

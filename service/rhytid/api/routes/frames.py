@@ -37,7 +37,7 @@ router = APIRouter(prefix="/v1/assets/{asset}", tags=["frames"], dependencies=[N
     "/frames",
     operation_id="listFrames",
     response_model=list[Frame],
-    responses=problems(404, 409, 422),
+    responses=problems(404, 409, 422, 503),
 )
 def listing(asset: AssetId, engine: EngineDep) -> Any:
     """Every frame of an asset, `neutral` among them."""
@@ -106,7 +106,7 @@ def show(
     operation_id="deleteFrame",
     status_code=204,
     response_model=None,
-    responses=problems(404, 409, 422),
+    responses=problems(404, 409, 422, 503),
 )
 def delete(asset: AssetId, frame: FrameName, engine: EngineDep) -> None:
     """Delete a frame; `neutral` cannot be deleted."""

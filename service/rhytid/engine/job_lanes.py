@@ -1,0 +1,59 @@
+"""Which thread does which jobs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rhytid.engine.jobs import Job
+
+# Kinds that wait for a shared store, and keep neither the device nor other jobs of their asset.
+TRANSFERS = ("fetch", "push")
+
+
+@dataclass(frozen=True, eq=False)
+class Queued:
+    """A job that waits, and its work.  small: whether it is short."""
+
+    job: Job
+    work: Callable[[Job], None]
+    small: bool
+
+    @property
+    def asset(self) -> str:
+        """The id of its asset."""
+        return self.job.info.asset
+
+    @property
+    def kind(self) -> str:
+        """One of `JOB_KINDS`."""
+        return self.job.info.kind
+
+    @property
+    def transfers(self) -> bool:
+        """Whether it waits for a shared store."""
+        return self.kind in TRANSFERS
+
+    @property
+    def turn(self) -> tuple[str, bool]:
+        """Jobs of one turn run one after the other."""
+        return self.asset, self.transfers
+
+
+@dataclass(frozen=True, eq=False)
+class Lane:
+    """Jobs that one thread takes."""
+
+    name: str
+    takes: Callable[[Queued], bool]
+
+
+LARGE = Lane("rhytid-jobs", lambda queued: not queued.transfers)
+LANES = (
+    LARGE,
+    Lane("rhytid-small-jobs", lambda queued: queued.small and not queued.transfers),
+    Lane("rhytid-transfers", lambda queued: queued.transfers),
+    Lane("rhytid-fetches", lambda queued: queued.kind == "fetch"),
+)

@@ -1,0 +1,108 @@
+"""A folder that several machines mount, as the place of a shared store."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
+from typing import TypeVar
+
+from rhytid import durable
+from rhytid.durable import remove_tree, sync_file, sync_folder, write_file
+from rhytid.errors import InputError, SharedStoreError
+from rhytid.storage.shared.place import reached
+
+T = TypeVar("T")
+# Seconds after which what is in `partial` has no writer any more.
+_ABANDONED = 24 * 3600.0
+
+
+class FolderPlace:
+    """Objects as files below a folder, written aside in its `partial` and renamed.
+
+    Raises InputError where the folder is not there: it may have to be mounted.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        if not folder.is_dir():
+            raise InputError(f"shared store {folder}: no such folder; make it, or mount it")
+        self._folder, self._partial = folder.resolve(), folder.resolve() / "partial"
+
+    def __str__(self) -> str:
+        return str(self._folder)
+
+    def check(self) -> None:
+        """As `Place.check`; removes what writers that ended long ago left behind."""
+        with reached(f"shared store {self} cannot be read"):
+            self._partial.mkdir(exist_ok=True)
+            for left in self._partial.iterdir():
+                with suppress(FileNotFoundError):  # its writer removed it
+                    if time.time() - left.stat().st_mtime > _ABANDONED:
+                        remove_tree(left)
+
+    def size(self, name: str) -> int | None:
+        """As `Place.size`."""
+        return self._found(name, lambda path: path.stat().st_size)
+
+    def read(self, name: str) -> bytes | None:
+        """As `Place.read`."""
+        return self._found(name, Path.read_bytes)
+
+    def fetch(self, name: str, to: Path) -> bool:
+        """As `Place.fetch`."""
+        if self._found(name, lambda path: shutil.copyfile(path, to)) is None:
+            return False
+        with reached(f"{to} cannot be written"):
+            sync_file(to)
+        return True
+
+    def write(self, name: str, data: bytes) -> None:
+        """As `Place.write`."""
+        self._install(name, lambda aside: write_file(aside, data))
+
+    def send(self, name: str, source: Path) -> None:
+        """As `Place.send`."""
+        self._install(name, partial(_copy, source))
+
+    def names(self, folder: str) -> list[str]:
+        """As `Place.names`."""
+        found = self._found(folder, lambda path: sorted(file.name for file in path.iterdir()))
+        return found or []
+
+    def remove(self, name: str) -> None:
+        """As `Place.remove`, and its folder, where that is empty then."""
+        path = self._folder / name
+        with reached(f"{path} cannot be removed"):
+            path.unlink(missing_ok=True)
+            with suppress(OSError):  # others are in it, or it is gone
+                path.parent.rmdir()
+
+    def _found(self, name: str, look: Callable[[Path], T]) -> T | None:
+        path = self._folder / name
+        with reached(f"{path} cannot be read"), suppress(FileNotFoundError):
+            return look(path)
+        if not self._folder.is_dir():
+            raise SharedStoreError(f"shared store {self} is gone: is it mounted?")
+        return None
+
+    def _install(self, name: str, write: Callable[[Path], None]) -> None:
+        path = self._folder / name
+        with reached(f"{path} cannot be written"):
+            self._partial.mkdir(exist_ok=True)
+            with durable.workplace(self._partial) as place:
+                aside = place / path.name
+                write(aside)
+                while True:
+                    path.parent.mkdir(parents=True, exist_ok=True)
+                    with suppress(FileNotFoundError):  # `remove` took the empty folder
+                        durable.install(aside, path)
+                        break
+            sync_folder(path.parent.parent)
+
+
+def _copy(source: Path, to: Path) -> None:
+    shutil.copyfile(source, to)
+    sync_file(to)

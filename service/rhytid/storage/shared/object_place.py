@@ -1,0 +1,111 @@
+"""A bucket of an object store that speaks S3, as the place of a shared store."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from rhytid.durable import sync_file
+from rhytid.errors import InputError
+from rhytid.storage.shared.place import reached
+
+# Seconds to connect, and without a byte: of what is small, for which callers wait, and of the rest.
+_CONNECT, _QUICK, _SILENT = 3, 5, 20
+# How often what fails for lack of a connection is tried, by botocore times by s3fs.
+_ATTEMPTS, _TRIES = 1, 3
+# Bytes of a part, and parts that are sent at once: this much of a large object is in memory.
+_PART, _AT_ONCE = 16 << 20, 2
+
+
+class ObjectPlace:
+    """Objects of a bucket, below a prefix, by fsspec and s3fs.
+
+    An object is visible once all of it was sent. Keys, region and endpoint are those that other
+    programs of S3 take: AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, AWS_ENDPOINT_URL, a profile, or
+    the role of the machine. Raises InputError where the extra `s3` is not installed.
+    """
+
+    def __init__(self, url: str) -> None:
+        self._url = url.rstrip("/")
+        self._bucket = self._url.removeprefix("s3://").partition("/")[0]
+        self._files, self._small = _file_system(_SILENT), _file_system(_QUICK)
+
+    def __str__(self) -> str:
+        return self._url
+
+    def check(self) -> None:
+        """As `Place.check`."""
+        with reached(f"{self} cannot be read"):
+            # Asks for one object: a prefix may hold many.
+            self._small.call_s3("list_objects_v2", Bucket=self._bucket, MaxKeys=1)
+
+    def size(self, name: str) -> int | None:
+        """As `Place.size`."""
+        with reached(f"{self._path(name)} cannot be read"), suppress(FileNotFoundError):
+            return int(self._small.info(self._path(name), refresh=True)["size"])
+        return None
+
+    def read(self, name: str) -> bytes | None:
+        """As `Place.read`."""
+        with reached(f"{self._path(name)} cannot be read"), suppress(FileNotFoundError):
+            return bytes(self._small.cat_file(self._path(name)))
+        return None
+
+    def fetch(self, name: str, to: Path) -> bool:
+        """As `Place.fetch`."""
+        with reached(f"{self._path(name)} cannot be fetched"):
+            try:
+                self._files.get_file(self._path(name), str(to))
+            except FileNotFoundError:
+                return False
+            sync_file(to)
+        return True
+
+    def write(self, name: str, data: bytes) -> None:
+        """As `Place.write`."""
+        with reached(f"{self._path(name)} cannot be written"):
+            self._files.pipe_file(self._path(name), data)
+
+    def send(self, name: str, source: Path) -> None:
+        """As `Place.send`."""
+        with reached(f"{self._path(name)} cannot be written"):
+            self._files.put_file(
+                str(source), self._path(name), chunksize=_PART, max_concurrency=_AT_ONCE
+            )
+
+    def names(self, folder: str) -> list[str]:
+        """As `Place.names`."""
+        with reached(f"{self._path(folder)} cannot be listed"), suppress(FileNotFoundError):
+            found = self._small.ls(self._path(folder), detail=False, refresh=True)
+            return sorted(str(path).rpartition("/")[2] for path in found)
+        return []
+
+    def remove(self, name: str) -> None:
+        """As `Place.remove`."""
+        with reached(f"{self._path(name)} cannot be removed"), suppress(FileNotFoundError):
+            self._files.rm_file(self._path(name))
+
+    def _path(self, name: str) -> str:
+        return f"{self._url}/{name}"
+
+
+def _file_system(silent: int) -> Any:
+    """The file system of fsspec, with nothing remembered of what it has seen.  silent: seconds
+    without a byte after which it is asked again."""
+    try:
+        from s3fs import S3FileSystem
+    except ImportError as exc:
+        raise InputError(
+            f"a shared store on s3:// needs the extra s3: pip install 'rhytid[s3]' ({exc})"
+        ) from exc
+    limits = {
+        "connect_timeout": _CONNECT,
+        "read_timeout": silent,
+        "retries": {"total_max_attempts": _ATTEMPTS},
+    }
+    files = S3FileSystem(
+        config_kwargs=limits, use_listings_cache=False, skip_instance_cache=True, anon=False
+    )
+    files.retries = _TRIES
+    return files

@@ -1,0 +1,78 @@
+"""Where a shared store keeps its objects: a folder, or a bucket of an object store."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Protocol
+
+from rhytid.durable import kind_of
+from rhytid.errors import InputError, RhytidError, SharedStoreError, StorageError
+
+_SCHEME = re.compile(r"[a-zA-Z][a-zA-Z0-9+.-]+://")
+_BUCKET = re.compile(r"s3://[a-z0-9][a-z0-9.-]{1,61}[a-z0-9](?:/[^/]+)*/?")
+
+
+class Place(Protocol):
+    """Named bytes that several machines reach.
+
+    A name is a path with slashes. What is written under a name is there whole or not at all, and
+    replaces what was there. Methods raise SharedStoreError naming the object where the place cannot
+    be used, and DiskFullError where a disk is full.
+    """
+
+    def check(self) -> None:
+        """Raise SharedStoreError where nothing can be read here."""
+
+    def size(self, name: str) -> int | None:
+        """Bytes of an object; None where there is none."""
+
+    def read(self, name: str) -> bytes | None:
+        """A small object; None where there is none."""
+
+    def fetch(self, name: str, to: Path) -> bool:
+        """Copy an object to the new file `to`; False where there is none."""
+
+    def write(self, name: str, data: bytes) -> None:
+        """Write a small object."""
+
+    def send(self, name: str, source: Path) -> None:
+        """Write an object with the bytes of a file."""
+
+    def names(self, folder: str) -> list[str]:
+        """Names of the objects that lie in a folder, without it, ascending."""
+
+    def remove(self, name: str) -> None:
+        """Remove an object, if it is there."""
+
+
+def place_of(text: str) -> Place:
+    """The place that an option names: the path of a folder, or s3://BUCKET/PREFIX.
+
+    Raises InputError where it is neither, or the extra that it needs is missing.
+    """
+    if not _SCHEME.match(text):
+        from rhytid.storage.shared.folder_place import FolderPlace
+
+        return FolderPlace(Path(text))
+    if not _BUCKET.fullmatch(text):
+        raise InputError(f"shared store {text!r}: must be a folder, or like s3://bucket/prefix")
+    from rhytid.storage.shared.object_place import ObjectPlace
+
+    return ObjectPlace(text)
+
+
+@contextmanager
+def reached(doing: str) -> Iterator[None]:
+    """The border where what libraries raise becomes SharedStoreError, or DiskFullError."""
+    try:
+        yield
+    except RhytidError:
+        raise
+    except OSError as exc:
+        kind = kind_of(exc)
+        raise (SharedStoreError if kind is StorageError else kind)(f"{doing}: {exc}") from exc
+    except Exception as exc:  # clients of object stores have many kinds of their own
+        raise SharedStoreError(f"{doing}: {type(exc).__name__}: {exc}") from exc

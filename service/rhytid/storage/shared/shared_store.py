@@ -1,0 +1,181 @@
+"""Assets that several machines share.
+
+::
+
+    PLACE/
+    ├── manifests/<id>.json        what an asset is made of: the index of its snapshot, written last
+    ├── objects/<id>/<sha256>      its files, never changed, by the SHA-256 of their bytes
+    └── partial/                   of a folder: files that are being written
+
+Nothing is locked. A manifest is replaced as a whole, and objects are there before a manifest names
+them, so that a reader finds an asset as one writer left it, or not at all.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+
+from rhytid.durable import remove_tree
+from rhytid.errors import NotFoundError, SharedDamageError
+from rhytid.storage.manifest import StoredFile
+from rhytid.storage.shared.manifests import SharedManifests
+from rhytid.storage.shared.place import Place, place_of
+from rhytid.storage.snapshot_index import SnapshotIndex
+from rhytid.storage.snapshots import PIECE, Snapshot, sealed
+
+# Called with the share of the work that is done and the file that comes next; may raise to end it.
+Report = Callable[[float, str], None]
+# How often an asset is fetched again that is replaced meanwhile.
+_TRIES = 3
+
+
+class _Missing(Exception):
+    """An object that a manifest names is not there."""
+
+
+class SharedStore:
+    """Assets at a place that several machines reach; safe from any thread.
+
+    Methods raise SharedStoreError where the place cannot be used.
+    """
+
+    def __init__(self, place: Place) -> None:
+        self._place, self._manifests = place, SharedManifests(place)
+
+    @classmethod
+    def at(cls, text: str) -> SharedStore:
+        """At the place that an option names; raises what `place_of` does."""
+        return cls(place_of(text))
+
+    def __str__(self) -> str:
+        return str(self._place)
+
+    def check(self) -> None:
+        """Raise SharedStoreError where nothing can be read there."""
+        self._place.check()
+
+    def ids(self) -> list[str]:
+        """Ids of the assets, ascending; none of them is read."""
+        return self._manifests.ids()
+
+    def index(self, id: str) -> SnapshotIndex:
+        """What an asset is made of.
+
+        Raises NotFoundError where it is not there, SharedDamageError naming its manifest, and
+        StoreFormatError where a newer version of rhytid wrote that.
+        """
+        data = self._manifests.read(id)
+        if data is None:
+            raise NotFoundError(f"no asset {id} in the shared store")
+        return self._manifests.decode(id, data)
+
+    def push(self, made: Snapshot, report: Report, *, anew: bool = False) -> bool:
+        """Write a snapshot, its manifest last; False where all of it was there already.
+
+        Objects of the right size are left as they are, unless `anew`.  Raises StoreFormatError,
+        and changes nothing, where a newer version of rhytid wrote the asset.
+        """
+        index = made.index
+        before = self._before(index.asset)
+        written = [self._put(made, name, report, anew) for name in index.files]
+        if before == index.encode():
+            return any(written)
+        report(1.0, "manifest")
+        self._manifests.write(index)
+        return True
+
+    def fetch(self, id: str, into: Path, report: Report) -> SnapshotIndex:
+        """Write the files of an asset into the empty folder `into`, as `unpack` does, each compared
+        with its SHA-256; what is written on failure is left there.
+
+        Raises what `index` does, and SharedDamageError naming the first object that is not what was
+        written.
+        """
+        for _ in range(_TRIES):
+            index = self.index(id)
+            try:
+                with sealed(index, into):
+                    self._fetch_all(index, into, report)
+            except _Missing as missing:
+                if self._manifests.read(id) == index.encode():
+                    raise SharedDamageError(str(missing)) from None
+                for left in into.iterdir():
+                    remove_tree(left)
+            else:
+                return index
+        raise SharedDamageError(f"asset {id} in {self} was replaced {_TRIES} times meanwhile")
+
+    def holds(self, index: SnapshotIndex) -> bool:
+        """Whether an asset is there as `index` says, its files by their sizes."""
+        id = index.asset
+        return self._manifests.read(id) == index.encode() and all(
+            self._place.size(_object(id, file)) == file.nbytes for file in index.files.values()
+        )
+
+    def remove(self, id: str) -> None:
+        """Remove an asset, its manifest first; raises NotFoundError where it is not there."""
+        known = self._manifests.remove(id)
+        folder = _object_folder(id)
+        for name in self._place.names(folder):
+            self._place.remove(f"{folder}/{name}")
+        if not known:
+            raise NotFoundError(f"no asset {id} in the shared store")
+
+    def _before(self, id: str) -> bytes | None:
+        """The manifest that is there; None where it is to be written anew."""
+        try:
+            before = self._manifests.read(id)
+        except SharedDamageError:
+            return None
+        if before is not None:
+            self._manifests.check_version(id, before)
+        return before
+
+    def _put(self, made: Snapshot, name: str, report: Report, anew: bool) -> bool:
+        """Whether a file had to be written."""
+        index, paths, overlay = made.parts
+        file, files = index.files[name], list(index.files)
+        report(files.index(name) / len(files), name)
+        target = _object(index.asset, file)
+        if not anew and self._place.size(target) == file.nbytes:
+            return False
+        if name in paths:
+            self._place.send(target, paths[name])
+        else:
+            self._place.write(target, overlay)
+        return True
+
+    def _fetch_all(self, index: SnapshotIndex, into: Path, report: Report) -> None:
+        done, whole = 0, sum(file.nbytes for file in index.files.values())
+        for name, file in index.files.items():
+            report(done / max(whole, 1), name)
+            self._fetch(_object(index.asset, file), file, into / name)
+            done += file.nbytes
+
+    def _fetch(self, name: str, wanted: StoredFile, to: Path) -> None:
+        size = self._place.size(name)  # what is too large is not fetched
+        if size is None or (size == wanted.nbytes and not self._place.fetch(name, to)):
+            raise _Missing(f"{self}/{name} is missing, and the manifest of the asset names it")
+        if size != wanted.nbytes:
+            why = f"it has {size} bytes, the manifest says {wanted.nbytes}"
+            raise self._manifests.damaged(name, why)
+        if _sha256(to) != wanted.sha256:
+            raise self._manifests.damaged(name, "it does not have the SHA-256 that names it")
+
+
+def _object_folder(id: str) -> str:
+    return f"objects/{id}"
+
+
+def _object(id: str, file: StoredFile) -> str:
+    return f"{_object_folder(id)}/{file.sha256}"
+
+
+def _sha256(path: Path) -> str:
+    digest = hashlib.sha256()
+    with path.open("rb") as file:
+        while piece := file.read(PIECE):
+            digest.update(piece)
+    return digest.hexdigest()

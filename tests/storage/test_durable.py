@@ -1,0 +1,62 @@
+"""Files that are whole, and what is left where their writer is killed."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from rhytid.durable import sweep, whole
+
+WRITER = """
+import os, signal, sys
+from pathlib import Path
+from rhytid.durable import whole
+with whole(Path(sys.argv[1])) as aside:
+    aside.write_text("half")
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_a_killed_writer_leaves_no_half_file_and_what_is_left_is_swept(tmp_path: Path) -> None:
+    ended = subprocess.run([sys.executable, "-c", WRITER, str(tmp_path / "map.exr")])
+    assert ended.returncode == -signal.SIGKILL
+    [left] = tmp_path.iterdir()
+    assert left.name.startswith(".unfinished-")
+
+    sweep(tmp_path)
+    assert left.exists()  # its writer may be another machine, at work
+    days = left.stat().st_mtime - 25 * 3600
+    os.utime(left, (days, days))
+    (tmp_path / "kept").mkdir()
+    os.utime(tmp_path / "kept", (days, days))
+    sweep(tmp_path)
+    assert [file.name for file in tmp_path.iterdir()] == ["kept"]
+
+
+def test_a_file_is_there_when_its_block_ends_well(tmp_path: Path) -> None:
+    file = tmp_path / "map.exr"
+    with pytest.raises(FileNotFoundError), whole(file):
+        (tmp_path / "no such folder" / "map.exr").write_text("half")
+    assert [*tmp_path.iterdir()] == []
+    with whole(file) as aside:
+        aside.write_text("all")
+        assert not file.exists()
+    assert [*tmp_path.iterdir()] == [file]
+
+
+def test_what_nobody_writes_any_more_is_removed_at_once(tmp_path: Path) -> None:
+    for name, files in {"a": ["mine"], "b": ["other"], "c": [], "d": ["mine", "other"]}.items():
+        (tmp_path / f".unfinished-{name}").mkdir()
+        for file in files:
+            (tmp_path / f".unfinished-{name}" / file).touch()
+    (tmp_path / "mine").touch()
+
+    sweep(tmp_path, lambda name: name == "mine")
+
+    left = sorted(path.name for path in tmp_path.iterdir())
+    assert left == [".unfinished-b", ".unfinished-c", ".unfinished-d", "mine"]
