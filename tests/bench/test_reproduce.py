@@ -27,7 +27,7 @@ from rhytid_lab.bench.skin import COLUMNS
 from rhytid_lab.bench.subject import built_in_face, most_stretched
 from rhytid_lab.commands import reproduce
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.release]
 
 PICTURES = ("figure_1", "figure_3", "figure_4", "figure_5", "pareto")
 

@@ -17,6 +17,8 @@ from rhytid_lab.bench import service
 from rhytid_lab.bench.load import Load, load, merged
 from rhytid_lab.server import served
 
+pytestmark = pytest.mark.release
+
 
 class Counting(BaseHTTPRequestHandler):
     """Answers with the path, and 404 where it is /missing."""
@@ -76,6 +78,7 @@ def test_loads_add_up() -> None:
     assert (found.per_second, found.percentile(50)) == (0.5, 2.0)
 
 
+@pytest.mark.slow
 def test_a_server_that_does_not_start_says_why(tmp_path: Path) -> None:
     with (
         pytest.raises(RhytidError, match="no OpenCL device matches"),

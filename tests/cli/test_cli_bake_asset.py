@@ -10,6 +10,7 @@ import pytest
 from cli.running import write_animation
 from meshes import SmallMesh
 from rhytid.cli import main
+from rhytid.formats.exr import read_exr
 
 SMALL = ("--resolution", "256", "--wrinkles", "400", "--method", "binned")
 
@@ -64,9 +65,11 @@ def test_an_asset_of_another_mesh_is_refused(
 @pytest.mark.parametrize(
     ("more", "message"),
     [
-        ([], "--asset needs --store"),
+        ([], "--asset needs --store or --shared-store"),
         (["--store", "s", "--seed", "2"], "--seed says how to build an asset"),
-        (["--store", "s", "--resolution", "512"], "--resolution says how to build an asset"),
+        (["--store", "s", "--unit", "cm"], "--unit says how to build an asset"),
+        (["--store", "s", "--frames-folder", "."], "give both"),
+        (["--chunk", "0"], "a whole number from 1"),
     ],
 )
 def test_options_that_build_are_refused_beside_an_asset(
@@ -81,3 +84,28 @@ def test_options_that_build_are_refused_beside_an_asset(
     with pytest.raises(SystemExit):
         main(["bake", "--mesh", mesh, "--out", str(tmp_path), "--asset", "a" * 16, *more])
     assert message in capsys.readouterr().err
+
+
+def test_another_resolution_is_the_same_skin(
+    tmp_path: Path, small_mesh: SmallMesh, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mesh = str(write_animation(tmp_path / "shot.npz", small_mesh, 1))
+    given = ["bake", "--mesh", mesh, "--store", str(tmp_path / "store")]
+    assert main([*given, "--out", str(tmp_path / "small"), *SMALL]) == 0
+    [asset] = [home.name for home in (tmp_path / "store" / "assets").iterdir()]
+
+    given += ["--asset", asset, "--method", "binned"]
+    assert main([*given, "--out", str(tmp_path / "large"), "--resolution", "512"]) == 0
+    assert main([*given, "--out", str(tmp_path / "again"), "--resolution", "256"]) == 0
+    name = "shot.1001.0001.exr"
+    again = (tmp_path / "again" / name).read_bytes()
+    assert again == (tmp_path / "small" / name).read_bytes()
+    # Nothing of the skin depends on how many texels it is drawn with.
+    built = ["bake", "--mesh", mesh, "--out", str(tmp_path / "built"), *SMALL]
+    assert main([*built, "--resolution", "512"]) == 0
+    made, built_so = (read_exr(tmp_path / folder / name)[0] for folder in ("large", "built"))
+    assert made.shape == (512, 512)
+    np.testing.assert_array_equal(made, built_so)
+    capsys.readouterr()
+    assert main([*given, "--out", str(tmp_path / "odd"), "--resolution", "300"]) == 1
+    assert "resolution" in capsys.readouterr().err

@@ -209,19 +209,20 @@ def test_a_skin_grown_on_a_stage_is_that_of_the_same_npz(
 
 
 @pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.face
 def test_the_real_face_as_a_stage_has_the_maps_of_its_npz(tmp_path: Path, face: Face) -> None:
-    names = list(face.composites)[:5]
+    names = list(face.composites)[:3]
     poses = np.stack([face.composite(name) for name in names])
     mesh = SmallMesh(face.positions, face.faces, face.uv, face.face_uv)
     np.savez(tmp_path / "face.npz", **mesh._asdict(), frames=poses)
-    samples = dict(zip(range(101, 106), poses, strict=True))
+    samples = dict(zip(range(101, 104), poses, strict=True))
     write_usd(tmp_path / "face.usdc", 0.01, samples=samples, **usd_mesh(mesh))
     for suffix in (".npz", ".usdc"):
         given = ["bake", "--mesh", str(tmp_path / f"face{suffix}"), "--resolution", "512"]
         assert main([*given, "--out", str(tmp_path / suffix)]) == 0
 
-    for number in range(1, 6):
+    for number in range(1, 4):
         ours = read_exr(tmp_path / ".usdc" / f"face.1001.{100 + number:04d}.exr")[0]
         theirs = read_exr(tmp_path / ".npz" / f"face.1001.{number:04d}.exr")[0]
         np.testing.assert_array_equal(ours, theirs)

@@ -17,6 +17,8 @@ from rhytid.domain.mesh import Mesh
 from rhytid.errors import InputError
 from rhytid.pictures.control_sheet import PATCH
 
+pytestmark = pytest.mark.release
+
 MIDDLE = [0.3, 0.0, 0.0]
 
 
@@ -81,9 +83,8 @@ def test_pressed_skin_shows_what_answers_to_stretch(skins: ControlSkins) -> None
     assert contrast(deeper[0]) < contrast(deeper[1]) < contrast(deeper[2])
 
 
-@pytest.mark.parametrize(
-    "names", [("depth",), pytest.param(("depth", "strength"), marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("names", [("depth",), ("depth", "strength")])
 def test_the_picture_has_what_was_asked_for(
     names: tuple[str, ...], tmp_path: Path, small_mesh: SmallMesh
 ) -> None:

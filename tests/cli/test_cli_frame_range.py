@@ -7,9 +7,12 @@ import json
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from cli.fake_baking import FakeEngine
 from cli.test_cli_resume import bake, baker, maps
+from rhytid.cli.bake_output import Output
 from rhytid.cli.frame_files import FramePlace
 from rhytid.cli.frame_range import FrameRange, frame_numbers
 from rhytid.errors import InputError
@@ -42,16 +45,26 @@ def test_what_is_no_range_is_refused(text: str) -> None:
         FrameRange.parse(text)
 
 
-@pytest.mark.parametrize("text", ["1", "1-4", "1-3,7,9-12", "-3--1,5"])
+@pytest.mark.parametrize(
+    "text", ["1", "1-4", "1-3,7,9-12", "-3--1,5", "1-9:2", "1-7:3,8", "2,5,20-60:20", "1-2,9"]
+)
 def test_the_text_of_a_range_is_read_back(text: str) -> None:
     assert FrameRange.parse(text).text() == text
 
 
 def test_the_name_of_a_file_has_a_bounded_length() -> None:
-    odd, even = (FrameRange.of(range(first, 500, 2)) for first in (1, 2))
-    assert len(odd.file_text()) == 16
+    odd, even = (FrameRange.of(n * n + first for n in range(40)) for first in (1, 2))
+    assert len(odd.file_text()) == 17
+    assert FrameRange.of_file_text(odd.file_text()) is None
+    assert FrameRange.of_file_text("1-9x2") == FrameRange.parse("1-9:2")
     assert odd.file_text() != even.file_text()
+    assert FrameRange.parse("1-9:2").file_text() == "1-9x2"
     assert FrameRange.parse("1-30").file_text() == "1-30"
+
+
+@given(st.sets(st.integers(-50, 50), min_size=1))
+def test_any_range_is_read_back(numbers: set[int]) -> None:
+    assert FrameRange.parse(FrameRange.of(numbers).text()) == FrameRange.of(numbers)
 
 
 def test_chunks_hold_every_frame_once() -> None:
@@ -112,3 +125,23 @@ def test_a_part_is_calibrated_with_all_frames(tmp_path: Path) -> None:
     engine = FakeEngine()
     baker(engine, tmp_path, VALUES, method="binned", part="1-2").calibrate()
     assert engine.calibrated == [0.75]
+
+
+def test_a_part_reads_the_records_that_concern_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for text in ("1-10", "11-20", "5-15", "40", "h0123456789abcdef"):
+        (tmp_path / f"face.bake.{text}.json").write_text('{"maps": {}}')
+    read: list[str] = []
+
+    def load(path: Path) -> dict[str, dict[str, str]]:
+        read.append(path.name)
+        return {}
+
+    monkeypatch.setattr("rhytid.cli.bake_record._load", load)
+    Output(tmp_path, "face", part=FrameRange.parse("11-20")).record()
+    wanted = ["", ".11-20", ".5-15", ".h0123456789abcdef"]
+    assert sorted(set(read)) == sorted(f"face.bake{text}.json" for text in wanted)
+    read.clear()
+    Output(tmp_path, "face").record()
+    assert len(set(read)) == 6

@@ -13,6 +13,8 @@ from meshes import SmallMesh
 from rhytid.cli import main, progress
 from rhytid.formats.graphs import read_graph
 
+pytestmark = pytest.mark.release
+
 
 def shapes_of(mesh: SmallMesh) -> np.ndarray:
     factors = np.float32([[0.8, 1, 1], [0.9, 1, 1]])

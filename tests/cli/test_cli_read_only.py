@@ -18,6 +18,8 @@ from exr_images import exr
 from meshes import SmallMesh
 from rhytid_client import Client
 
+pytestmark = pytest.mark.release
+
 # The store is at /mnt; every other place that is a file system for temporary files is read-only.
 SCRIPT = """
 set -e

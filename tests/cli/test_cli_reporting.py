@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from rhytid.cli import progress
-from rhytid.cli.progress import Voice, counted, detail, note, share_bar, speaking, working
+from rhytid.cli.progress import Voice, counted, detail, job_line, note, share_bar, speaking, working
 from rhytid.cli.reporting import report, table
 from rhytid.cli.timing import Stopwatch
 from rhytid.domain.wording import plural, waiting
@@ -194,3 +194,21 @@ def test_key_frames_are_large_and_apart(sizes: list[float], frames: list[int]) -
 
 def test_key_frames_are_few() -> None:
     assert len(key_frames([1.0] * 100)) == 4
+
+
+def test_a_job_is_told_in_its_own_lines(capsys: pytest.CaptureFixture[str]) -> None:
+    with speaking(Voice(for_job=True)):
+        for _ in counted("ab", "baking", "frame"):
+            pass
+        with share_bar("work") as show:
+            show(0.5, "half")
+        job_line("fail", "two\nlines")
+    told = [
+        "openjd_status: baking: frame 1 of 2",
+        "openjd_progress: 50.0",
+        "openjd_status: baking: frame 2 of 2",
+        "openjd_progress: 100.0",
+        "openjd_status: work: half",
+        "openjd_fail: two lines",
+    ]
+    assert capsys.readouterr() == ("\n".join(told) + "\n", "")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 
 import pytest
@@ -34,6 +35,34 @@ def test_several_devices_are_in_processes_of_their_own(
     assert main(["serve", "--store", str(store), "--devices", "all", *other]) == 1
     assert f"--devices and {other[0]} cannot be given together" in capsys.readouterr().err
     assert not (store / "assets").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (("--replicas", "2"), "--replicas is for --ray"),
+        (("--ray", "--in-process"), "--ray and --in-process cannot be given together"),
+        (("--ray", "--shared-store", "there"), "a fleet shares the folder of its store, and not"),
+        (("--ray", "--replicas", "2-1"), "replicas '2-1': a number from 1 on, or two such as 2-8"),
+    ],
+)
+def test_options_of_a_fleet_go_together(
+    options: tuple[str, ...], told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["serve", "--store", str(tmp_path / "store"), *options]) == 1
+    assert told in capsys.readouterr().err
+    assert not (tmp_path / "store").exists()
+
+
+def test_a_fleet_without_ray_names_the_extra(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in [name for name in sys.modules if name.startswith("rhytid.fleet")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "ray", None)
+    assert main(["serve", "--store", str(tmp_path / "store"), "--ray"]) == 1
+    said = capsys.readouterr().err
+    assert "--ray needs the extra ray, and ray is missing: pip install 'rhytid[ray]'" in said
 
 
 def test_the_log_has_two_formats() -> None:

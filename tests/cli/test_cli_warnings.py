@@ -17,6 +17,8 @@ from rhytid.errors import StrictError
 from rhytid.storage.store import AssetStore
 from rhytid_lab.samples.face import procedural_face
 
+pytestmark = pytest.mark.release
+
 SMALL = ("--resolution", "256", "--wrinkles", "400")
 SAMPLE = procedural_face(16)
 ARRAYS = {name: getattr(SAMPLE.mesh, name) for name in ("positions", "faces", "uv", "face_uv")}

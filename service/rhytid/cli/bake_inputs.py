@@ -10,8 +10,9 @@ from typing import Any
 
 from rhytid.cli.bake_output import BakeSize, Output
 from rhytid.cli.baking import Geometry
-from rhytid.cli.frame_files import FrameFiles
+from rhytid.cli.frame_files import FrameFiles, FramePlace
 from rhytid.cli.frame_range import FrameRange
+from rhytid.cli.frames_list import check_sources, read_frames_list
 from rhytid.cli.input_files import graph_file, mesh_file, shape_files, stiffness_files
 from rhytid.cli.options import base_name, cache_clip
 from rhytid.cli.skin_options import skin_controls, skin_settings
@@ -55,9 +56,9 @@ class BakeInputs:
         clip = cache_clip(arguments)
         mesh = mesh_file(arguments.mesh, clip)
         warned.notes(mesh.notes)
-        frames, part = FrameFiles(mesh, arguments.frames, clip), arguments.frame_range
-        if part is not None:
-            part.select(frames.places)
+        files = arguments.frames or _listed(arguments)
+        frames, part = FrameFiles(mesh, files, clip), arguments.frame_range
+        check_sources(frames.places if part is None else part.select(frames.places))
         new = None
         if arguments.asset is None:
             if mesh.unit is not None:
@@ -81,6 +82,14 @@ class BakeInputs:
         """Bytes that the maps take at most, of so many texels per side."""
         udims, frames = len(mesh_udims(self.mesh)), self.output(Path()).places(self.frames.places)
         return BakeSize.of(self.profiles, resolution, udims, len(frames))
+
+
+def _listed(arguments: argparse.Namespace) -> list[Path] | list[FramePlace]:
+    """What `--frames-list` lists."""
+    listing: Path | None = arguments.frames_list
+    if listing is None:
+        return []
+    return read_frames_list(listing, arguments.frames_folder or listing.parent)
 
 
 def new_asset(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import glob
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -41,6 +41,18 @@ class Output:
         """The file of one displaced surface."""
         return self.folder / f"{self.name}.{frame.label}.{format}"
 
+    def names(
+        self, frames: Iterable[FramePlace], udims: Sequence[int], geometry: str | None = None
+    ) -> set[str]:
+        """The names of all files of these frames.  geometry: the format of their surfaces, if they
+        have any."""
+        found = set()
+        for frame in frames:
+            found |= {self.file(one, udim, frame).name for one in self.profiles for udim in udims}
+            if geometry is not None:
+                found.add(self.geometry_file(frame, geometry).name)
+        return found
+
     def places(self, all: Sequence[FramePlace]) -> Sequence[FramePlace]:
         """The frames that are baked, of all; raises InputError for one that there is not."""
         return all if self.part is None else self.part.select(all)
@@ -50,8 +62,17 @@ class Output:
         part = "" if self.part is None else f".{self.part.file_text()}"
         own = self.folder / f"{self.name}.bake{part}.json"
         others = [self.folder / f"{self.name}.bake.json"]
-        others += self.folder.glob(f"{glob.escape(self.name)}.bake.*.json")
+        others += filter(self._concerns, self.folder.glob(f"{glob.escape(self.name)}.bake.*.json"))
         return BakeRecord(own, others)
+
+    def _concerns(self, record: Path) -> bool:
+        """Whether the record of another part may hold frames of this one: of a film in thousands of
+        parts each task reads few of their records."""
+        text = record.name.removeprefix(f"{self.name}.bake.").removesuffix(".json")
+        other = FrameRange.of_file_text(text)
+        if self.part is None or other is None:
+            return True
+        return not set(self.part.numbers).isdisjoint(other.numbers)
 
     def describe(self, drawn: FrameMap) -> None:
         """Write what a reader must know of PNG files: NAME.<PROFILE>.json, if it is not there."""

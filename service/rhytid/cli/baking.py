@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache, cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -80,9 +80,14 @@ class Baker:
 
     def run(self) -> None:
         """Write every file that is not done."""
-        record, sources = self.output.record(), MapSources(self.engine, self.asset, self.mesh)
         places = self.output.places(self.frames.places)
-        for place in counted(places, "baking", "frame"):
+        self.write(counted(places, "baking", "frame"))
+
+    def write(self, places: Iterable[FramePlace]) -> None:
+        """Write the files of these frames that are not done; a frame is done when the next one is
+        asked for."""
+        record, sources = self.output.record(), self._sources
+        for place in places:
             with self.watch.step("stretch"):
                 self._put(place)
             surface = sources.surface(place.label, partial(self.frames.read, place))
@@ -99,6 +104,10 @@ class Baker:
             if self.geometry is not None:
                 self._surface(self.geometry, record, place, plans, heights, surface)
             self.engine.frames.delete(self.asset.id, place.label)
+
+    @cached_property
+    def _sources(self) -> MapSources:
+        return MapSources(self.engine, self.asset, self.mesh)
 
     def _plan(self, place: FramePlace, udim: int) -> TilePlan:
         return self.engine.tiles.plan_map(self.asset.id, place.label, self.query, udim, 0)
@@ -180,6 +189,7 @@ def build(engine: Engine, new: NewAsset, warned: Warned) -> AssetInfo:
         raise ConflictError(f"the asset could not be built: {reason}")
     # Maps that are made ahead would be for a range that is not calibrated yet.
     engine.jobs.cancel_all(asset.id)
+    engine.shared.push(asset.id)
     if new.graph is None and asset.statistics is not None:
         settings = AssetSettings.parse(asset.settings)
         warned.lengths(settings, asset.statistics["spacing"])
@@ -187,15 +197,24 @@ def build(engine: Engine, new: NewAsset, warned: Warned) -> AssetInfo:
     return asset
 
 
-def stored(engine: Engine, id: str, mesh: Mesh) -> AssetInfo:
-    """A built asset of the store; raises InputError where it is of another mesh, NotFoundError
-    where it is not there, and ConflictError where it is not ready."""
+def stored(engine: Engine, id: str, mesh: Mesh, resolution: int | None = None) -> AssetInfo:
+    """A built asset of the store, or the same skin at another resolution.
+
+    Raises InputError where it is of another mesh, NotFoundError where it is not there, and
+    ConflictError where it is not ready.
+    """
     asset = engine.assets.info(id)
     if asset.state != "ready":
         raise ConflictError(f"asset {id} is not built: {asset.reason or asset.state}")
     if not engine.assets.mesh(id).same(mesh):
         raise InputError(f"asset {id} is of another mesh than --mesh")
-    return asset
+    if resolution in (None, asset.settings["resolution"]):
+        return asset
+    resized = engine.assets.resized(id, resolution)
+    if resized.job is not None:
+        finish(engine, engine.jobs.get(resized.job).info, "resizing")
+    engine.jobs.cancel_all(resized.id)
+    return engine.assets.info(resized.id)
 
 
 def finish(engine: Engine, job: JobInfo, what: str) -> None:

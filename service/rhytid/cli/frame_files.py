@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from rhytid.cli.input_files import frame_set
 from rhytid.cli.options import is_file_name
 from rhytid.domain.frame import NEUTRAL, frame_label
+from rhytid.domain.wording import plural
 from rhytid.errors import FrameError
 from rhytid.formats.frame_set import Clip, FrameSet
 from rhytid.formats.meshes import MeshFile
@@ -37,29 +38,44 @@ class FramePlace:
 
 
 class FrameFiles:
-    """The frames of some files, or of the mesh file where no files are given.
+    """The frames of some files, or of the mesh file where no files are given; or those that are
+    listed one by one, whose files are then not looked into before they are read.
 
     Frames are read when they are asked for; one file is kept, of a geometry cache one frame. Raises
     FrameError naming the file that cannot be used, or where there is no frame at all.
     """
 
-    def __init__(self, mesh: MeshFile, files: Sequence[Path], clip: Clip | None = None) -> None:
+    def __init__(
+        self,
+        mesh: MeshFile,
+        files: Sequence[Path] | Sequence[FramePlace],
+        clip: Clip | None = None,
+    ) -> None:
         self._vertices, self._centre = len(mesh.mesh.positions), mesh.mesh.centre
         self._clip = clip
         nothing = FrameSet.of(np.empty((0, self._vertices, 3), np.float32))
         own_frames = None if files else mesh.frame_set
         self._kept: tuple[Path | None, FrameSet] = (None, own_frames or nothing)
+        listed = [place for place in files if isinstance(place, FramePlace)]
+        self.places = listed or self._found([file for file in files if isinstance(file, Path)])
+        if not self.places:
+            raise FrameError("no frames: name files of frames, or a mesh file that holds frames")
+
+    def _found(self, files: Sequence[Path]) -> list[FramePlace]:
         sources: list[Path | None] = [*files] or [None]
         counts, own = zip(*[self._facts(source) for source in sources], strict=True)
         labels = own_labels(sources, own) or frame_labels(sources, counts)
         where = [(f, i) for f, n in zip(sources, counts, strict=True) for i in range(n)]
-        self.places = [FramePlace(n, f, i) for n, (f, i) in zip(labels, where, strict=True)]
-        if not self.places:
-            raise FrameError("no frames: name files of frames, or a mesh file that holds frames")
+        return [FramePlace(n, f, i) for n, (f, i) in zip(labels, where, strict=True)]
 
     def read(self, place: FramePlace) -> Frames:
-        """(V, 3) float32 positions of one frame, less the centre of its mesh."""
-        return self._file(place.file).read(place.index)
+        """(V, 3) float32 positions of one frame, less the centre of its mesh; raises FrameError
+        where its file holds fewer."""
+        frames = self._file(place.file)
+        if place.index >= len(frames):
+            held = plural(len(frames), "frame")
+            raise FrameError(f"frame {place.name}: index {place.index}, the file holds {held}")
+        return frames.read(place.index)
 
     def _facts(self, file: Path | None) -> tuple[int, tuple[int, ...] | None]:
         """How many frames a file holds, and the numbers that it gives them."""

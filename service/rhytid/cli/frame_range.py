@@ -5,9 +5,8 @@ from __future__ import annotations
 import argparse
 import hashlib
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import groupby
 from typing import TYPE_CHECKING
 
 from rhytid.errors import InputError
@@ -17,6 +16,7 @@ if TYPE_CHECKING:
 
 _PART = re.compile(r"(-?\d+)(?:-(-?\d+)(?::(\d+))?)?", re.ASCII)
 _LABEL = re.compile(r"-?\d+", re.ASCII)
+_DIGEST = re.compile(r"h[0-9a-f]{16}")
 # Numbers in one range, and characters of its text in the name of a file.
 _MOST, _LONGEST = 1_000_000, 64
 
@@ -40,13 +40,22 @@ class FrameRange:
 
     def text(self) -> str:
         """The range as `parse` reads it."""
-        runs = groupby(enumerate(self.numbers), lambda at: at[1] - at[0])
-        return ",".join(_run([number for _, number in run]) for _, run in runs)
+        return ",".join(map(_run, _runs(self.numbers)))
 
     def file_text(self) -> str:
         """The range as part of the name of a file; a long one as a digest."""
-        text = self.text()
-        return text if len(text) <= _LONGEST else hashlib.sha256(text.encode()).hexdigest()[:16]
+        text = self.text().replace(":", "x")  # which names of files may have everywhere
+        return text if len(text) <= _LONGEST else f"h{_hash(text)}"
+
+    @classmethod
+    def of_file_text(cls, text: str) -> FrameRange | None:
+        """The inverse of `file_text`; None of a digest."""
+        if _DIGEST.fullmatch(text):
+            return None
+        try:
+            return cls.parse(text.replace("x", ":"))
+        except argparse.ArgumentTypeError:
+            return None
 
     def chunks(self, frames: int) -> list[FrameRange]:
         """The range in ranges of so many frames; the last may have fewer."""
@@ -72,6 +81,10 @@ def frame_numbers(places: Sequence[FramePlace]) -> list[int]:
     return list(range(1, len(places) + 1))
 
 
+def _hash(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
 def _numbers(part: str) -> range:
     match = _PART.fullmatch(part.strip())
     if match is None:
@@ -85,6 +98,22 @@ def _numbers(part: str) -> range:
     return numbers
 
 
+def _runs(numbers: Sequence[int]) -> Iterator[Sequence[int]]:
+    """Numbers in even steps, as many as there are of each; two are a run in steps of 1 alone."""
+    start = 0
+    while start < len(numbers):
+        rest = numbers[start : start + 2]
+        step, end = rest[-1] - rest[0], start + len(rest)
+        while end < len(numbers) and numbers[end] - numbers[end - 1] == step:
+            end += 1
+        if end - start == 2 and step > 1:
+            end -= 1
+        yield numbers[start:end]
+        start = end
+
+
 def _run(numbers: Sequence[int]) -> str:
-    first, last = numbers[0], numbers[-1]
-    return str(first) if first == last else f"{first}-{last}"
+    if len(numbers) == 1:
+        return str(numbers[0])
+    step = numbers[1] - numbers[0]
+    return f"{numbers[0]}-{numbers[-1]}{f':{step}' if step > 1 else ''}"

@@ -1,4 +1,8 @@
-"""How far a command is, on stderr: a bar on a terminal, elsewhere a line every ten seconds."""
+"""How far a command is, on stderr: a bar on a terminal, elsewhere a line every ten seconds.
+
+For a task of a render farm the same is printed on stdout, as the worker agents of Open Job
+Description read it.
+"""
 
 from __future__ import annotations
 
@@ -24,10 +28,14 @@ _LAST = 9
 
 @dataclass(frozen=True)
 class Voice:
-    """How much a command says beside its results, warnings and errors."""
+    """How much a command says beside its results, warnings and errors.
+
+    for_job: whether progress goes to a worker agent of Open Job Description, not to a person.
+    """
 
     quiet: bool = False
     verbose: bool = False
+    for_job: bool = False
 
 
 _voice = Voice()
@@ -61,6 +69,12 @@ def detail(line: str) -> None:
         note(f"rhytid: {line}")
 
 
+def job_line(kind: str, text: str) -> None:
+    """Tell a worker agent of Open Job Description something: `progress` (0 to 100), `status` or
+    `fail`. A line break in the text would end it."""
+    print(f"openjd_{kind}: {' '.join(text.split())}", flush=True)
+
+
 @contextmanager
 def share_bar(what: str) -> Iterator[Callable[[float, str], None]]:
     """For work that knows its share from 0 to 1: call with the share and the stage."""
@@ -76,6 +90,8 @@ def share_bar(what: str) -> Iterator[Callable[[float, str], None]]:
         def show(share: float, stage: str) -> None:
             nonlocal last
             if stage != last[1]:
+                if _voice.for_job:
+                    job_line("status", f"{what}: {stage}")
                 detail(f"{what}: {stage}, after {pace.seconds():.1f} s")
             last = share, stage
             pace.reached(share)
@@ -94,9 +110,13 @@ def counted(things: Sequence[Any], what: str, unit: str) -> Iterable[Any]:
 
     with _shown(line, total=many, desc=what, unit=unit) as bar:
         for thing in things:
+            if _voice.for_job:
+                job_line("status", f"{what}: {unit} {steps.done + 1} of {many}")
             yield thing
             steps.ended()
             bar.update()
+            if _voice.for_job:
+                job_line("progress", f"{100 * steps.done / many:.1f}")
 
 
 @contextmanager
@@ -111,9 +131,9 @@ def working(what: str) -> Iterator[None]:
 def _shown(line: Callable[[float], str], **bar: Any) -> Iterator[tqdm]:
     """A bar on a terminal; elsewhere what `line` says after so many seconds. A thread of its own
     keeps both going: a step may take long."""
-    terminal = sys.stderr.isatty()
+    terminal, silent = sys.stderr.isatty(), _voice.quiet or _voice.for_job
     ended, start = threading.Event(), time.monotonic()
-    with tqdm(disable=_voice.quiet or not terminal, **bar) as shown:
+    with tqdm(disable=silent or not terminal, **bar) as shown:
 
         def tell() -> None:
             while not ended.wait(_LOOK if terminal else _EVERY):
@@ -124,7 +144,7 @@ def _shown(line: Callable[[float], str], **bar: Any) -> Iterator[tqdm]:
                     print(f"rhytid: {said}", file=sys.stderr, flush=True)
 
         teller = threading.Thread(target=tell, daemon=True)
-        if not _voice.quiet:
+        if not silent:
             teller.start()
         try:
             yield shown

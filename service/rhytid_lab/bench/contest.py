@@ -28,13 +28,15 @@ _ONCE = ("precompute",)
 @dataclass(frozen=True)
 class Entry:
     """One implementation of one case. map_copies: of the device that it runs on, which for some is
-    the host. max_difference: to ours, see `worst_difference`."""
+    the host. max_difference: to ours, see `worst_difference`. processor_seconds: of all threads of
+    this process, which on a processor that others use, too, is steadier than `seconds`."""
 
     case: str
     implementation: str
     seconds: float
     map_copies: float
     max_difference: float
+    processor_seconds: float
 
 
 @dataclass(frozen=True)
@@ -68,6 +70,14 @@ class _Rival:
     on_host: bool = False
     short: bool = True
     seconds: list[float] = field(default_factory=list)
+    processor: list[float] = field(default_factory=list)
+
+    def time(self) -> None:
+        """Run it once, timed."""
+        start, processor = time.perf_counter(), time.process_time()
+        self.run()
+        self.seconds.append(time.perf_counter() - start)
+        self.processor.append(time.process_time() - processor)
 
 
 class Contest:
@@ -96,7 +106,8 @@ class Contest:
             for rival in rivals:
                 seconds = statistics.median(rival.seconds)
                 share = seconds / copies[rival.on_host]
-                entry = Entry(case, rival.name, seconds, share, rival.difference)
+                used = statistics.median(rival.processor)
+                entry = Entry(case, rival.name, seconds, share, rival.difference, used)
                 self.standings.entries.append(entry)
         return self.standings
 
@@ -153,9 +164,7 @@ class Contest:
                     rival.run()
                 self._copies[rival.on_host].append(self._copy(rival.on_host))
                 if number < rival.repeats:
-                    start = time.perf_counter()
-                    rival.run()
-                    rival.seconds.append(time.perf_counter() - start)
+                    rival.time()
 
     def _copy(self, on_host: bool) -> float:
         if on_host and self._host is not None:

@@ -1,7 +1,8 @@
 """What the process of the device adds to a tile: `python -m rhytid_lab.bench.process_cost`.
 
 Two real servers on loopback, one with its engine in a process of its own and one without, are asked
-for the same tile in turns by one client, so that both meet the same noise of the machine.
+for the same tile in turns by one client, so that both meet the same noise of the machine. With
+`--ray`: one with its engine in a process of its own, and one over a replica of Ray Serve.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ METHODS = ("redraw", "binned")
 WARM_UP = 20
 # Of `rhytid serve`, for each of the two.
 SERVERS = {"in process": ("--in-process",), "own process": ()}
+OF_RAY = {"own process": (), "replica": ("--ray",)}
 
 
 def main() -> None:
@@ -31,16 +33,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--device", default="0", help="number of the device")
     parser.add_argument("--requests", type=int, default=400, help="of each server and method")
+    parser.add_argument("--ray", action="store_true", help="compare with a replica of Ray Serve")
     arguments = parser.parse_args()
+    servers = OF_RAY if arguments.ray else SERVERS
     print(f"one tile of {TILE}², npy, milliseconds")  # noqa: T201
     with ExitStack() as stack:
         paths = [
-            stack.enter_context(_tile(arguments.device, options)) for options in SERVERS.values()
+            stack.enter_context(_tile(arguments.device, options)) for options in servers.values()
         ]
         for method in METHODS:
             times = _in_turns(paths, method, arguments.requests)
             listed = [
-                f"{name} {_figures(found)}" for name, found in zip(SERVERS, times, strict=True)
+                f"{name} {_figures(found)}" for name, found in zip(servers, times, strict=True)
             ]
             difference = statistics.median(times[1]) - statistics.median(times[0])
             print(f"{method}: {', '.join(listed)}, p50 {1000 * difference:+.3f}")  # noqa: T201

@@ -1,0 +1,138 @@
+"""The options of `rhytid bake`, and which of them exclude each other."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from rhytid.cli.dask_options import add_dask, refuse_dask_conflicts
+from rhytid.cli.frame_range import FrameRange
+from rhytid.cli.options import (
+    FRAME_FILES,
+    MESH_FILES,
+    Commands,
+    add_caches,
+    add_device,
+    add_force,
+    add_json,
+    add_profiles,
+    add_progress,
+    add_query,
+    add_several,
+    add_shared_store,
+    add_stiffness,
+    add_strict,
+    base_name,
+    new_command,
+    positive,
+    readable,
+)
+from rhytid.cli.serve import sharing
+from rhytid.cli.skin_options import refuse_without_effect, skin_options
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.engine.messages import METHODS
+
+# Options that say how an asset is built.
+_BUILDING = (
+    "graph", "spacing", "wrinkles", "seed", "lines", "region", "set", "map", "region_mask", "unit",
+    "settings", "stiffness", "shapes", "force",
+)  # fmt: skip
+# Frames per task of a job of a render farm.
+CHUNK = 10
+SUMMARY = "Write the displacement of an animation as textures; continues where it was interrupted."
+DETAILS = """
+Files are called NAME.<UDIM>.<FRAME>.exr, those of other profiles than float and half otherwise:
+docs/textures.md has all names. FRAME is the number that a geometry cache gives; else, where each
+frame file holds one frame, the number at the end of its name, or its name where not all have a
+number; else frames are counted from 0001.
+Maps that were baked from the same inputs are skipped. With --method binned the range of the
+precomputed maps comes from the frame that stretches most, unless the settings give bins.r_max.
+--frame-range bakes a part: several commands may bake parts into one DIR at once. Where frames have
+names and no numbers, they count from 1."""
+
+
+def bake_parser(commands: Commands) -> argparse.ArgumentParser:
+    """The parser of `bake`, added to the commands."""
+    example = "rhytid bake --mesh face.obj --frames shot/*.obj --out maps"
+    skin = skin_options("NEUTRAL", graph=True)
+    parser = new_command(commands, "bake", SUMMARY, example, skin)
+    parser.description = SUMMARY + DETAILS
+    parser.epilog = f"{parser.epilog}, or with: --method convolved --sampling smooth"
+    add = parser.add_argument
+    add("--mesh", type=readable, required=True, metavar="NEUTRAL", help=MESH_FILES)
+    frames = f"{FRAME_FILES}; not needed where NEUTRAL holds frames"
+    add_several(parser, "--frames", type=readable, metavar="FILE", help=frames)
+    listed = "a text file that lists files of frames, or frames, in place of --frames"
+    add("--frames-list", type=readable, metavar="FILE", help=listed)
+    beside = "folder that the names in --frames-list are relative to (default: its own folder)"
+    add("--frames-folder", type=Path, metavar="DIR", help=beside)
+    add_caches(parser)
+    add("--out", type=Path, required=True, metavar="DIR", help="folder of the maps")
+    add(
+        "--name",
+        type=base_name,
+        metavar="NAME",
+        help="first part of file names (default: NEUTRAL's)",
+    )
+    size = f"texels per side, a power of two (default: {AssetSettings().resolution})"
+    add("--resolution", type=int, metavar="R", help=size)
+    add("--method", choices=METHODS, default="redraw", help="how to draw")
+    add_query(parser)
+    add_force(parser)
+    add_stiffness(parser)
+    add("--settings", type=readable, metavar="FILE", help="asset settings as JSON")
+    add_profiles(parser)
+    geometry = "write each frame as a displaced surface, too: NAME.<FRAME>.glb"
+    add("--geometry", choices=("glb", "ply"), help=geometry)
+    levels = "how many times --geometry cuts each triangle in four, 0 to 8"
+    add("--subdivide", type=int, choices=range(9), default=2, metavar="N", help=levels)
+    store = "keep the built asset here, or take --asset from here (default: a temporary folder)"
+    add("--store", type=Path, metavar="DIR", help=store)
+    add_shared_store(parser)
+    asset = "use this built asset of --store, or of --shared-store, with its settings; builds none"
+    add("--asset", metavar="ID", help=asset)
+    bundle = "write a job of a render farm into DIR (Open Job Description); bakes no map"
+    add("--openjd", type=Path, metavar="DIR", help=bundle)
+    chunk = (
+        f"frames per task of --openjd (default: {CHUNK}) or --dask (default: such that each worker "
+        "gets four tasks, 50 at most)"
+    )
+    add("--chunk", type=positive, metavar="N", help=chunk)
+    part = "bake these frames alone, by their numbers: 1-10,15,20-30:2 (default: all)"
+    add("--frame-range", type=FrameRange.parse, metavar="RANGE", help=part)
+    add_dask(parser)
+    add_device(parser)
+    add_strict(parser)
+    add_json(parser)
+    add_progress(parser)
+    parser.set_defaults(usage_error=parser.error)
+    return parser
+
+
+def refuse_conflicts(arguments: argparse.Namespace) -> None:
+    """End with a usage error where an option excludes another, or has no effect beside it."""
+    refuse_without_effect(arguments)
+    _refuse_beside_asset(arguments)
+    refuse_dask_conflicts(arguments)
+    if arguments.half and arguments.profile:
+        arguments.usage_error("--half is --profile half: use one")
+    if arguments.frames and arguments.frames_list:
+        arguments.usage_error("--frames and --frames-list both say which frames: use one")
+    if arguments.chunk and arguments.openjd is None and arguments.dask is None:
+        arguments.usage_error("--chunk says how many frames a task has: give --openjd or --dask")
+    if arguments.frames_folder and not arguments.frames_list:
+        arguments.usage_error("--frames-folder is where the files of --frames-list are: give both")
+
+
+def _refuse_beside_asset(arguments: argparse.Namespace) -> None:
+    """The same where `--asset` is given without a store, or with an option that says how an asset
+    is built."""
+    if arguments.asset is None:
+        return
+    shared_store = sharing(None, None, arguments.shared_store).shared_store
+    if arguments.store is None and shared_store is None:
+        arguments.usage_error("--asset needs --store or --shared-store: where it is")
+    for name in _BUILDING:
+        if getattr(arguments, name):
+            option = "--" + name.replace("_", "-")
+            arguments.usage_error(f"{option} says how to build an asset, --asset is built: use one")

@@ -1,0 +1,99 @@
+"""A bake as plain data, for processes on other machines."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from rhytid import __version__
+from rhytid.cli.frame_files import FramePlace
+from rhytid.cli.frames_list import frame_sources
+from rhytid.domain.mesh import Mesh
+from rhytid.engine.messages import MapQuery
+from rhytid.errors import InputError
+from rhytid.formats.frame_set import Clip
+
+
+@dataclass(frozen=True)
+class SharedFile:
+    """A file that is read on several machines, at the same path."""
+
+    path: str
+    nbytes: int
+
+    @classmethod
+    def of(cls, path: Path) -> SharedFile:
+        """The file at a path."""
+        place = path.resolve()
+        return cls(str(place), place.stat().st_size)
+
+    def check(self) -> Path:
+        """Its path; raises InputError naming it where it is not here, or has another size."""
+        path = Path(self.path)
+        if not path.is_file():
+            raise InputError(f"no such file: {path}; paths of a cluster are the same everywhere")
+        if path.stat().st_size != self.nbytes:
+            raise InputError(f"{path} has {path.stat().st_size} bytes, not {self.nbytes}")
+        return path
+
+
+@dataclass(frozen=True)
+class WorkerJob:
+    """What a worker has to know to bake some of the frames.
+
+    mesh_digest: of the arrays of the mesh.  frames: all of them, whose files have absolute paths.
+    files: these, where a frame is baked.  snapshot: of the built asset, whose id is `asset`.  out:
+    the folder of the maps.  geometry: the format of displaced surfaces, if there are any.  version:
+    of rhytid, where the job was made.
+    """
+
+    mesh: SharedFile
+    mesh_digest: str
+    frames: tuple[FramePlace, ...]
+    files: tuple[SharedFile, ...]
+    clip: Clip
+    snapshot: SharedFile
+    asset: str
+    out: str
+    name: str
+    profiles: tuple[str, ...]
+    geometry: str | None
+    subdivide: int
+    query: MapQuery
+    strict: bool
+    allow: tuple[str, ...]
+    version: str = __version__
+
+    def check(self) -> None:
+        """Raise InputError where mesh or snapshot are not here, or this is another version."""
+        if self.version != __version__:
+            raise InputError(f"rhytid {__version__} is here, the bake is of {self.version}")
+        self.mesh.check()
+        self.snapshot.check()
+
+    def check_mesh(self, mesh: Mesh) -> None:
+        """Raise InputError where the file of the mesh holds another than the job was made of."""
+        if mesh_digest(mesh) != self.mesh_digest:
+            raise InputError(
+                f"{self.mesh.path} holds another mesh than on the machine that began the bake"
+            )
+
+    def check_frames(self, places: Iterable[FramePlace]) -> None:
+        """Raise InputError where the file of one of these frames is not here, or is another."""
+        paths = set(map(str, frame_sources([*places])))
+        for file in self.files:
+            if file.path in paths:
+                file.check()
+
+
+def mesh_digest(mesh: Mesh) -> str:
+    """SHA-256 of the arrays of a mesh: its file may hold the frames of a film, too."""
+    digest = hashlib.sha256()
+    for array in (mesh.positions, mesh.faces, mesh.uv, mesh.face_uv, mesh.centre):
+        digest.update(f"{array.dtype.str} {array.shape}".encode())
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
