@@ -30,7 +30,7 @@ from rhytid.cli import (
     transfer,
     warnings,
 )
-from rhytid.cli.progress import Voice, speaking
+from rhytid.cli.progress import Voice, job_line, speaking
 from rhytid.cli.termination import INTERRUPTED, Interruption
 from rhytid.errors import RhytidError
 
@@ -61,7 +61,8 @@ def run(argv: Sequence[str] | None, interruption: Interruption) -> int:
     """Run one command and return its exit status, as `main` has it."""
     arguments = build_parser().parse_args(argv)
     interruption.command = arguments.command
-    voice = Voice(arguments.quiet, arguments.verbose)
+    for_job = getattr(arguments, "progress", None) == "openjd"
+    voice = Voice(arguments.quiet, arguments.verbose, for_job)
     try:
         with speaking(voice), _logging(voice):
             arguments.run(arguments)
@@ -77,6 +78,8 @@ def run(argv: Sequence[str] | None, interruption: Interruption) -> int:
         if voice.verbose:
             traceback.print_exc()
         print(f"rhytid {arguments.command}: {_line(error)}", file=sys.stderr)
+        if for_job:
+            job_line("fail", f"rhytid {arguments.command}: {_line(error)}")
         return 1
     return 0
 

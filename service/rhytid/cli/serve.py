@@ -6,18 +6,30 @@ import argparse
 import logging
 import socket
 import threading
-from contextlib import closing, suppress
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, closing, contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from rhytid import __version__
-from rhytid.cli.options import Commands, add_device, new_command, port_number
+from rhytid.cli.fleet_options import add_fleet, fleet_of
+from rhytid.cli.options import (
+    Commands,
+    add_device,
+    add_shared_store,
+    new_command,
+    port_number,
+)
 from rhytid.cli.progress import voice
 from rhytid.cli.termination import TERMINATED, Terminated, end_now
 from rhytid.errors import InputError
 from rhytid.logs import log_to_stderr
 from rhytid.settings import LOG_FORMATS, ServiceSettings
+
+if TYPE_CHECKING:
+    from rhytid.engine_process.any_engine import AnyEngine
 
 PORT = 8717
 ALL = "all"
@@ -38,6 +50,7 @@ def add_command(commands: Commands) -> None:
     parser.add_argument("--port", type=port_number, default=PORT, metavar="PORT", help=port)
     store = "folder of the assets (default: of RHYTID_STORE, else rhytid-store)"
     parser.add_argument("--store", type=Path, metavar="DIR", help=store)
+    add_shared_store(parser)
     without = "ask for no API keys: for a server behind a proxy that knows who may use it"
     parser.add_argument("--without-keys", action="store_true", help=without)
     add_device(parser)
@@ -50,6 +63,7 @@ def add_command(commands: Commands) -> None:
         "compute in the process of the server; otherwise the device has one, which is restarted"
     )
     parser.add_argument("--in-process", action="store_true", help=inside)
+    add_fleet(parser)
     form = "lines of the log on stderr (default: of RHYTID_LOG_FORMAT, else text)"
     parser.add_argument("--log-format", choices=LOG_FORMATS, help=form)
     parser.set_defaults(run=run)
@@ -66,9 +80,9 @@ def device_numbers(text: str) -> tuple[str, ...]:
 def run(arguments: argparse.Namespace) -> None:
     """Listen, print the address, and serve."""
     # Imported here, so that --help does not wait for OpenCL and the web framework.
-    from rhytid.cli.server import asks_keys, listen
+    from rhytid.cli.server import asks_keys, engine_of, listen
 
-    settings = _with_places(chosen(arguments.store, arguments.device))
+    settings = _with_places(sharing(arguments.store, arguments.device, arguments.shared_store))
     settings = replace(
         settings,
         log_format=arguments.log_format or settings.log_format,
@@ -77,24 +91,41 @@ def run(arguments: argparse.Namespace) -> None:
     if settings.devices and (arguments.device or arguments.in_process):
         other = "--device" if arguments.device else "--in-process"
         raise InputError(f"--devices and {other} cannot be given together")
+    fleet = fleet_of(arguments, settings)
     listening = listen(arguments.host, arguments.port)
     with closing(listening):
         ask = asks_keys(listening, settings.key_file, without=arguments.without_keys)
-        _serve(listening, replace(settings, ask_keys=ask), in_process=arguments.in_process)
+        settings = replace(settings, ask_keys=ask)
+        if fleet is not None:
+            _serve(listening, settings, fleet(settings))
+        else:
+            made = partial(engine_of, settings, in_process=arguments.in_process)
+            _serve(listening, settings, _closing(made))
 
 
-def _serve(listening: socket.socket, settings: ServiceSettings, *, in_process: bool) -> None:
+@contextmanager
+def _closing(make: Callable[[], AnyEngine]) -> Iterator[AnyEngine]:
+    """What is made once the block begins, closed after it."""
+    with closing(make()) as made:
+        yield made
+
+
+def _serve(
+    listening: socket.socket, settings: ServiceSettings, engine_for: AbstractContextManager[Any]
+) -> None:
     from rhytid.api.tracing import send_spans
     from rhytid.cli.connections import allow_files
-    from rhytid.cli.server import address_of, engine_of, server_of
+    from rhytid.cli.server import address_of, server_of
 
     log_to_stderr(settings.log_format, logging.getLevelName(_log_level().upper()), "server")
     if settings.traces:
         send_spans()
     allow_files(settings.connections)
-    with closing(engine_of(settings, in_process=in_process)) as engine:
+    with engine_for as engine:
         used = [f"{d.name} ({d.platform})" for d in engine.devices() if d.selected]
         where = f"{' and '.join(used)}, store {settings.store}"
+        if settings.shared_store:
+            where += f", shared store {settings.shared_store}"
         print(f"rhytid {__version__} on {address_of(listening)}, {where}", flush=True)
         with suppress(Terminated):  # SIGTERM ends a server
             by = settings.drain_seconds + LAST
@@ -126,6 +157,16 @@ def _log_level() -> str:
 
 
 def chosen(store: Path | None, device: str | None) -> ServiceSettings:
-    """The settings of the environment, which the command line overrides."""
+    """The settings of the environment, which the command line overrides; without a shared store."""
+    return replace(sharing(store, device, None), shared_store=None)
+
+
+def sharing(store: Path | None, device: str | None, shared_store: str | None) -> ServiceSettings:
+    """As `chosen`, with the shared store."""
     found = ServiceSettings.from_environment()
-    return replace(found, store=store or found.store, device=device or found.device)
+    return replace(
+        found,
+        store=store or found.store,
+        device=device or found.device,
+        shared_store=shared_store or found.shared_store,
+    )

@@ -1,0 +1,108 @@
+"""The application of Ray Serve: `serve run rhytid.fleet.app:application`."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from ray import serve
+from ray.serve import Application
+from ray.serve.config import RequestRouterConfig
+
+from rhytid.api.app import create_app
+from rhytid.device.memory import usual_frame_memory
+from rhytid.fleet.board import Board
+from rhytid.fleet.options import FleetOptions, check_settings
+from rhytid.fleet.ray_engine import RayEngine
+from rhytid.fleet.replica import EngineReplica
+from rhytid.fleet.router import AssetRouter
+from rhytid.logs import log_to_stderr
+from rhytid.settings import ServiceSettings
+
+REPLICAS, BOARD = "Replicas", "Board"
+# Seconds between two looks of Ray at a replica, until an answer, and that calls have to finish when
+# a replica is ended.
+_HEALTH, _HEALTH_ANSWER, _GRACE = 2.0, 30.0, 20.0
+# Calls that wait in an ingress, for each that a replica may work on.
+_QUEUED = 4
+
+
+def application(given: Mapping[str, object]) -> Application:
+    """An ingress over replicas, for `serve run` and `serve deploy`.
+
+    given: options of `FleetOptions` by name; what they do not say comes from the environment of the
+    machine that this runs on. Raises SettingsError.
+    """
+    settings = ServiceSettings.from_environment()
+    check_settings(settings)
+    options = FleetOptions.read({"store": settings.store, **given})
+    settings = replace(settings, store=options.store)
+    board, replicas = deployments(settings, options)
+
+    def http() -> Any:  # Serve asks whether it is a function: a partial is none
+        return _http(settings, options)
+
+    ingress = serve.deployment(num_replicas=options.ingresses, ray_actor_options={"num_cpus": 0})(
+        serve.ingress(http)(Ingress)
+    )
+    return ingress.bind(replicas, board)
+
+
+def deployments(
+    settings: ServiceSettings, options: FleetOptions
+) -> tuple[Application, Application]:
+    """The board, and the replicas over it."""
+    limit = (settings.frame_memory or usual_frame_memory()) * options.most
+    board = serve.deployment(name=BOARD, num_replicas=1, ray_actor_options={"num_cpus": 0},
+        max_ongoing_requests=10_000)(Board).bind(limit)  # fmt: skip
+    routing = RequestRouterConfig(
+        request_router_class=AssetRouter, request_router_kwargs={"spread": options.spread}
+    )
+    several: dict[str, Any] = {"num_replicas": options.least}
+    if options.most > options.least:
+        several = {"autoscaling_config": autoscaling(options)}
+    replicas = serve.deployment(
+        name=REPLICAS,
+        ray_actor_options={"num_cpus": options.cpus, "num_gpus": options.gpus},
+        max_ongoing_requests=options.calls,
+        max_queued_requests=_QUEUED * options.calls,
+        request_router_config=routing,
+        health_check_period_s=_HEALTH,
+        health_check_timeout_s=_HEALTH_ANSWER,
+        graceful_shutdown_timeout_s=_GRACE,
+        **several,
+    )(EngineReplica)
+    return board, replicas.bind(settings, options, board)
+
+
+def autoscaling(options: FleetOptions) -> dict[str, Any]:
+    """By how many calls wait at a replica. A replica that leaves takes what it has loaded with it,
+    so that it goes late."""
+    return {
+        "min_replicas": options.least,
+        "max_replicas": options.most,
+        "target_ongoing_requests": max(options.calls // 2, 1),
+        "upscale_delay_s": 15,
+        "downscale_delay_s": 600,
+    }
+
+
+class Ingress:
+    """Serves HTTP as `rhytid serve` does, and has no state that others lack.
+
+    replicas, board: handles, which make both part of the application.
+    """
+
+    def __init__(self, replicas: Any, board: Any) -> None:
+        self._parts = (replicas, board)
+
+
+def _http(settings: ServiceSettings, options: FleetOptions) -> Any:
+    """The application of an ingress, made where it runs."""
+    name = serve.get_replica_context().app_name
+    log_to_stderr(settings.log_format, logging.INFO, "ingress")
+    handles = (serve.get_deployment_handle(part, name) for part in (REPLICAS, BOARD))
+    engine: Any = RayEngine(settings, options, *handles)
+    return create_app(engine, settings)

@@ -1,0 +1,146 @@
+"""Calls to replicas, made again where a replica is lost."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+from ray.exceptions import ObjectLostError, RayActorError, RayError, WorkerCrashedError
+from ray.serve.exceptions import BackPressureError, RayServeException
+
+from rhytid.device.figures import keep_spans, spans_are_kept
+from rhytid.engine import wanted
+from rhytid.engine.checked_upload import content_id
+from rhytid.engine_process.device_process import DeviceProcess
+from rhytid.engine_process.requests import Request
+from rhytid.errors import BusyError, CancelledError, DeviceLostError
+from rhytid.fleet.envelopes import Answer, ElsewhereError, Envelope, packed
+from rhytid.fleet.frame_versions import FrameVersions
+from rhytid.fleet.job_names import JobName
+from rhytid.logs import request_id
+
+# How often a call is made, where its replica is lost each time.
+SENT = 5
+# Seconds between two looks whether somebody still waits, and until it is asked whether there are
+# replicas at all.
+LOOK, PATIENCE = 0.2, 15.0
+_LOST = (RayActorError, ObjectLostError, WorkerCrashedError)
+# What any replica of the asset's order may draw.
+_SPREAD = frozenset(("draw_tile", "draw_map", "draw_once"))
+_OF_FRAME = ("frames.info", "frames.positions", "frames.stretch", "frames.delete")
+_log = logging.getLogger(__name__)
+
+
+class FleetCaller:
+    """What `Supervisors` is for the engine in another process, for one on replicas of Ray.
+
+    handle: of the deployment of the replicas.  present: whether any has reported of late. All calls
+    of the engine can be made twice, so that a call is made again where its replica is lost.
+    """
+
+    def __init__(self, handle: Any, versions: FrameVersions, present: Callable[[], bool]) -> None:
+        self._handle, self._versions, self._present = handle, versions, present
+        self._lock = threading.Lock()
+        self.waiting = 0
+        # Actors of replicas that were lost with a call of this ingress.
+        self._gone: set[str] = set()
+
+    def call(self, request: Request, prepare: Callable[[DeviceProcess], None] | None = None) -> Any:
+        """As `Supervisors.call`; replicas see to frames and assets, so that nothing is prepared."""
+        with self._lock:
+            self.waiting += 1
+        try:
+            return self._called(request)
+        finally:
+            with self._lock:
+                self.waiting -= 1
+
+    @property
+    def lost(self) -> int:
+        """Replicas that ended while they worked on a call of this ingress."""
+        return len(self._gone)
+
+    def forget(self, asset: str) -> None:
+        """Nothing: processes of the replicas keep what was refused."""
+
+    def _called(self, request: Request) -> Any:
+        to = JobName.read(request.positional[0]).replica if _is_of_job(request) else ""
+        for _ in range(SENT):
+            request.sent += 1
+            try:
+                return self._opened(request, self._sent(self._envelope(request, to)))
+            except ElsewhereError as error:
+                to, request.sent = error.replica, request.sent - 1
+            except _LOST as error:
+                self._gone.add(str(getattr(error, "actor_id", "")))
+                _log.warning("%s is sent again: its replica is lost (%s)", request, type(error))
+        raise DeviceLostError("the replica ended again and again; try later")
+
+    def _envelope(self, request: Request, to: str) -> Envelope:
+        name, positional = request.name, request.positional
+        version = 0
+        if name.endswith(("_tile", "_map")):
+            version = positional[-1]
+        elif name in _OF_FRAME:
+            version = self._versions.version(*positional[:2])
+        body, arrays = packed((positional, dict(request.named)))
+        return Envelope(
+            name, _asset_of(request), to, name in _SPREAD, version, body, arrays,
+            request_id.get(), spans_are_kept(),
+        )  # fmt: skip
+
+    def _sent(self, envelope: Envelope) -> Answer:
+        response = self._handle.call.remote(envelope)
+        began = time.monotonic()
+        while True:
+            try:
+                answer: Answer = response.result(timeout_s=LOOK)
+                return answer
+            except TimeoutError:  # noqa: PERF203
+                began = self._still_wanted(response, began)
+            except BackPressureError as error:
+                raise BusyError("too many calls wait for the replicas") from error
+            except _LOST:
+                raise
+            except (RayError, RayServeException) as error:
+                raise DeviceLostError(f"the fleet does not answer: {error}") from error
+
+    def _still_wanted(self, response: Any, began: float) -> float:
+        """When the wait began, or now; raises CancelledError where nobody waits any more, and
+        DeviceLostError where there is no replica."""
+        try:
+            wanted.check()
+            if time.monotonic() - began > PATIENCE:
+                began = time.monotonic()
+                if not self._present():
+                    raise DeviceLostError("no replica is running; try later")
+        except (CancelledError, DeviceLostError):
+            response.cancel()
+            raise
+        return began
+
+    def _opened(self, request: Request, answer: Answer) -> Any:
+        keep_spans(answer.spans)
+        if answer.version:
+            asset, frame = request.positional[:2]
+            self._versions.note(asset, frame, answer.version)
+        if answer.good:
+            return answer.value()
+        error = answer.value()
+        try:
+            raise error
+        finally:  # as `Supervisor.ask`
+            del error
+
+
+def _is_of_job(request: Request) -> bool:
+    return request.name.startswith("jobs.")
+
+
+def _asset_of(request: Request) -> str:
+    if request.name == "create":
+        return content_id(request.positional[0])
+    return JobName.read(request.positional[0]).asset if _is_of_job(request) else request.asset

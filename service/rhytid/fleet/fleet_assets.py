@@ -1,0 +1,74 @@
+"""Assets of a fleet, as an ingress sees them."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from concurrent.futures import ThreadPoolExecutor
+
+from rhytid.engine.byte_budget import Hold
+from rhytid.engine.messages import AssetInfo, NewAsset
+from rhytid.engine_process.remote_assets import RemoteAssets
+from rhytid.engine_process.remote_jobs import RemoteJobs
+from rhytid.engine_process.remote_tiles import RemoteTiles
+from rhytid.engine_process.requests import Request
+from rhytid.engine_process.upload_holds import UploadHolds
+from rhytid.errors import NotFoundError
+from rhytid.fleet.caller import FleetCaller
+from rhytid.fleet.frame_versions import FrameVersions
+from rhytid.fleet.shared_folder import Revision, SharedFolder
+
+# Assets that are asked for at once when all are listed.
+_AT_ONCE = 8
+_Revisions = tuple[Revision, Revision]
+
+
+class FleetAssets(RemoteAssets):
+    """The calls of `AssetService`."""
+
+    def __init__(
+        self,
+        caller: FleetCaller,
+        frames: FrameVersions,
+        jobs: RemoteJobs,
+        uploads: UploadHolds,
+        tiles: RemoteTiles,
+        shared: SharedFolder,
+    ) -> None:
+        super().__init__(caller, frames, jobs, uploads, tiles)
+        self._shared = shared
+        self._known: dict[str, tuple[_Revisions, AssetInfo]] = {}
+
+    def create(
+        self,
+        new: NewAsset,
+        *,
+        strict: bool = False,
+        allow: Collection[str] = (),
+        hold: Hold | None = None,
+    ) -> AssetInfo:
+        """As `AssetService.create`; the replica has the frames when this returns."""
+        named = {"strict": strict, "allow": tuple(allow)}
+        info: AssetInfo = self._supervisor.call(Request("create", (new,), named))
+        return self._noted(info)
+
+    def all(self) -> list[AssetInfo]:
+        """Every asset of the shared folder. One that no replica has loaded is loaded for it; what
+        was found of ready ones is kept."""
+        ids = self._shared.ids()
+        with ThreadPoolExecutor(_AT_ONCE) as pool:
+            found = [info for info in pool.map(self._found, ids) if info is not None]
+        self._known = {one: known for one, known in self._known.items() if one in ids}
+        return found
+
+    def _found(self, asset: str) -> AssetInfo | None:
+        now = (self._shared.revision(asset), self._shared.settings_revision(asset))
+        known = self._known.get(asset)
+        if known is not None and known[0] == now:
+            return known[1]
+        try:
+            info = self.info(asset)
+        except NotFoundError:  # removed since
+            return None
+        if info.state == "ready" and now[0] is not None:
+            self._known[asset] = (now, info)
+        return info

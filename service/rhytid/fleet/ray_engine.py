@@ -1,0 +1,101 @@
+"""An engine whose calls go to replicas: the same calls, and the same errors."""
+
+from __future__ import annotations
+
+import itertools
+from collections import Counter
+from dataclasses import replace
+from typing import Any
+
+from rhytid.device.figures import Figures
+from rhytid.device.memory import usual_host_memory
+from rhytid.engine.byte_budget import ByteBudget
+from rhytid.engine.messages import DeviceInfo
+from rhytid.engine_process.job_ledger import JobLedger
+from rhytid.engine_process.remote_frames import RemoteFrames
+from rhytid.engine_process.remote_jobs import RemoteJobs
+from rhytid.engine_process.remote_packages import RemotePackages
+from rhytid.engine_process.remote_tiles import RemoteTiles
+from rhytid.engine_process.requests import Request
+from rhytid.engine_process.upload_holds import UploadHolds
+from rhytid.errors import DeviceLostError
+from rhytid.fleet.caller import FleetCaller
+from rhytid.fleet.fleet_assets import FleetAssets
+from rhytid.fleet.fleet_snapshots import FleetSnapshots
+from rhytid.fleet.frame_versions import FrameVersions
+from rhytid.fleet.options import FleetOptions
+from rhytid.fleet.presence import Presence
+from rhytid.fleet.remote_board import RemoteBoard
+from rhytid.fleet.shared_folder import SharedFolder
+from rhytid.settings import ServiceSettings
+
+
+class RayEngine:
+    """What `Engine` is, on replicas of Ray Serve. Blocking; safe from any thread, and from as many
+    processes as there are ingresses: none of them knows what others do not.
+
+    replicas, board: handles of their deployments. Calls raise what those of `Engine` do, and
+    DeviceLostError where no replica answers.
+    """
+
+    def __init__(
+        self, settings: ServiceSettings, options: FleetOptions, replicas: Any, board: Any
+    ) -> None:
+        host_memory = settings.host_memory or usual_host_memory()
+        self.memory = ByteBudget(host_memory, "RHYTID_HOST_MEMORY_MB")
+        self._presence = Presence(RemoteBoard(board))
+        versions = FrameVersions()
+        self._caller = FleetCaller(replicas, versions, self._present)
+        shared = SharedFolder(options.store / "shared")
+        self.frames = RemoteFrames(self._caller, versions)
+        self.tiles = RemoteTiles(self._caller, versions)
+        self.jobs = RemoteJobs(self._caller, JobLedger())
+        uploads = UploadHolds(self.memory)
+        self.assets = FleetAssets(self._caller, versions, self.jobs, uploads, self.tiles, shared)
+        self.packages = RemotePackages(self._caller, self.jobs)
+        self.snapshots = FleetSnapshots(self._caller, shared)
+
+    def close(self) -> None:
+        """Look after the replicas no more; they belong to who started them."""
+        self._presence.close()
+
+    def ready(self) -> bool:
+        """Whether a kernel computes on the device of a replica."""
+        try:
+            return bool(self._present() and self._caller.call(Request("ready")))
+        except DeviceLostError:
+            return False
+
+    def devices(self) -> list[DeviceInfo]:
+        """The device of each replica, by the name of the replica."""
+        return [
+            replace(one.device, restarts=sum(one.restarts.values()))
+            for one in self._presence.look()
+        ]
+
+    @property
+    def figures(self) -> dict[str, Figures]:
+        """What each device does, in the order of `devices`."""
+        numbers = map(str, itertools.count())
+        reports = self._presence.reports
+        return {
+            number: Figures(memoryview(bytearray(one.figures)))
+            for number, one in zip(numbers, reports, strict=False)
+        }
+
+    @property
+    def waiting(self) -> int:
+        """Calls of this ingress that are not answered yet."""
+        return self._caller.waiting
+
+    @property
+    def restarts(self) -> dict[str, int]:
+        """How often the processes of devices were started again, by what had ended them; a replica
+        that this ingress has lost counts as killed."""
+        found = Counter({"killed": self._caller.lost})
+        for one in self._presence.reports:
+            found.update(one.restarts)
+        return dict(found)
+
+    def _present(self) -> bool:
+        return bool(self._presence.look())

@@ -1,0 +1,135 @@
+"""A replica: the engine of one device, and what it lacks fetched on first use."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import os
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+from ray import serve
+
+from rhytid.device.figures import SIZE, spans_of_request
+from rhytid.engine import wanted
+from rhytid.engine_process.found_devices import found_devices, named_devices, settings_of
+from rhytid.engine_process.remote_engine import RemoteEngine
+from rhytid.errors import DeviceLostError, RhytidError
+from rhytid.fleet.board import Report
+from rhytid.fleet.envelopes import Answer, ElsewhereError, Envelope
+from rhytid.fleet.frame_sync import FrameSync
+from rhytid.fleet.local_place import LocalPlace
+from rhytid.fleet.options import FleetOptions
+from rhytid.fleet.remote_board import RemoteBoard
+from rhytid.fleet.replica_assets import ReplicaAssets
+from rhytid.fleet.replica_calls import ReplicaCalls
+from rhytid.fleet.shared_folder import SharedFolder
+from rhytid.logs import log_to_stderr, request_id
+from rhytid.settings import ServiceSettings
+
+# Seconds between two reports, and for which the device may compute nothing.
+REPORT, ILL = 2.0, 120.0
+_log = logging.getLogger(__name__)
+
+
+class EngineReplica:
+    """One replica of the deployment.  board: handle of the deployment of the board."""
+
+    def __init__(self, settings: ServiceSettings, options: FleetOptions, board: Any) -> None:
+        self._name = serve.get_replica_context().replica_id.unique_id
+        log_to_stderr(settings.log_format, logging.INFO, f"replica {self._name}")
+        self._place = LocalPlace(options.local)
+        own = replace(_of_device(settings, self._place.number), store=self._place.store)
+        self._engine = RemoteEngine(own)
+        self._board = RemoteBoard(board)
+        frames = FrameSync(self._engine.frames, self._board)
+        shared = SharedFolder(options.store / "shared")
+        shared.sweep()
+        self._assets = ReplicaAssets(
+            self._engine, shared, self._board, frames, self._name, options.assets
+        )
+        self._calls = ReplicaCalls(self._engine, self._assets, frames, self._board, self._name)
+        self._pool = ThreadPoolExecutor(options.calls, "rhytid-call")
+        self._closing = threading.Event()
+        self._well = time.monotonic()
+        reported = threading.Event()
+        work = partial(self._keep_reporting, reported)
+        threading.Thread(target=work, name="rhytid-report", daemon=True).start()
+        reported.wait(REPORT)  # so that it is known before it is asked
+
+    async def call(self, envelope: Envelope) -> Answer:
+        """Perform a call; errors of the engine are answers, too. Where the caller does not wait any
+        more, drawing stops at its next piece."""
+        gone = threading.Event()
+        loop = asyncio.get_running_loop()
+        try:
+            work = partial(self._performed, envelope, gone.is_set)
+            return await loop.run_in_executor(self._pool, work)
+        except asyncio.CancelledError:
+            gone.set()
+            raise
+
+    async def check_health(self) -> None:
+        """Asked by Ray: raises where the device has not computed for long. Its process is started
+        again before by its supervisor."""
+        if await asyncio.to_thread(self._engine.ready):
+            self._well = time.monotonic()
+        if time.monotonic() - self._well > ILL:
+            raise DeviceLostError(f"the device has not computed for {ILL:.0f} s")
+
+    def __del__(self) -> None:
+        """Ray ends the replica."""
+        closing = getattr(self, "_closing", None)
+        if closing is not None:
+            closing.set()
+            self._assets.close()
+            self._engine.close()
+            self._place.close()
+
+    def _performed(self, envelope: Envelope, gone: Callable[[], bool]) -> Answer:
+        request_id.set(envelope.request_id)
+        kept = spans_of_request() if envelope.traced else nullcontext(())
+        with kept as spans, wanted.unless(gone):
+            try:
+                value, version = self._calls.perform(envelope)
+                return Answer.of(value, spans=list(spans), version=version)
+            except (ElsewhereError, RhytidError, OSError) as error:
+                return Answer.of(error, good=False, spans=list(spans))
+            except Exception as error:  # noqa: BLE001 the ingress raises it
+                _log.exception("%s failed", envelope.name)
+                text = f"{type(error).__name__}: {error}"
+                return Answer.of(RuntimeError(text), good=False)
+
+    def _keep_reporting(self, reported: threading.Event) -> None:
+        while not self._closing.is_set():
+            self._report()
+            reported.set()
+            self._closing.wait(REPORT)
+
+    def _report(self) -> None:
+        try:
+            self._board.report(self._said())
+        except RhytidError as error:
+            _log.warning("the replica cannot report: %s", error)
+
+    def _said(self) -> Report:
+        device = next(one for one in self._engine.devices() if one.selected)
+        figures = next(iter(self._engine.figures.values()), None)
+        memory = bytes(SIZE) if figures is None else figures.copied()
+        return Report(self._name, os.getpid(), device, memory, self._engine.restarts)
+
+
+def _of_device(settings: ServiceSettings, number: int) -> ServiceSettings:
+    """The settings of the replica that is the nth of its machine: its device is the nth of those
+    that are named."""
+    if not settings.devices:
+        return settings
+    chosen = named_devices(settings.devices, found_devices())
+    one = settings_of(chosen[number % len(chosen)], chosen, settings)
+    return replace(one, devices=())

@@ -1,0 +1,40 @@
+"""Which replica a call goes to: each asset has its own order of the replicas."""
+
+from __future__ import annotations
+
+from ray.serve.request_router import PendingRequest, RequestRouter, RunningReplica
+
+from rhytid.fleet.envelopes import Envelope
+from rhytid.fleet.order import order
+
+
+class AssetRouter(RequestRouter):  # type: ignore[misc]
+    """Rendezvous hashing: a replica that comes or goes moves its own share of the assets alone.
+
+    A call goes to the first replica of its asset; where as many calls as it may have wait there,
+    drawing goes to the next of `spread`.
+    """
+
+    def initialize_state(self, spread: int = 2) -> None:
+        """spread: replicas on which an asset may be."""
+        self._spread = spread
+
+    async def choose_replicas(
+        self,
+        candidate_replicas: list[RunningReplica],
+        pending_request: PendingRequest | None = None,
+    ) -> list[list[RunningReplica]]:
+        """Replicas that may be asked, in the order in which they are tried."""
+        if pending_request is None:
+            return [candidate_replicas]
+        pending_request.routing_context.should_backoff = True
+        envelope = pending_request.args[0] if pending_request.args else None
+        if not isinstance(envelope, Envelope) or not (envelope.asset or envelope.to):
+            return [candidate_replicas]
+        by_name = {one.replica_id.unique_id: one for one in candidate_replicas}
+        if envelope.to in by_name:
+            return [[by_name[envelope.to]]]
+        if not envelope.asset:
+            return [candidate_replicas]
+        names = order(envelope.asset, by_name)
+        return [[by_name[name]] for name in names[: self._spread if envelope.spread else 1]]

@@ -1,0 +1,183 @@
+"""The folder that all replicas share: what an asset is, whichever of them has it loaded.
+
+::
+
+    shared/
+    ├── assets/<id>.tar       a built asset as a snapshot
+    ├── assets/<id>.json      its present settings, once they were changed
+    ├── uploads/<id>          what a caller sent, until the asset is built
+    ├── uploads/<id>.owner    the replica that builds it
+    ├── packages/<id>-<key>.zip
+    └── given/                files on their way between an ingress and a replica
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import time
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+from uuid import uuid4
+
+from rhytid.durable import remove_tree, reported, whole, write_file, write_pieces
+from rhytid.engine.messages import Package
+from rhytid.errors import StorageError
+from rhytid.storage.homes import ID
+from rhytid.storage.snapshots import Snapshot
+
+# Skin packages of an asset that stay, by when they were placed.
+_PACKAGES = 4
+# What is not finished, and seconds after which nobody writes it any more.
+_UNFINISHED, _LEFT = re.compile(r"[0-9a-f]{32}", re.ASCII), 86_400
+Revision = tuple[int, int] | None
+
+
+class SharedFolder:
+    """Files that any replica may read and write; each appears whole, by one rename.
+
+    Raises StorageError where the folder cannot be read or written. Two that write the same asset
+    write the same bytes, so that it does not matter which comes last.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._assets, self._uploads = folder / "assets", folder / "uploads"
+        self._packages, self._given = folder / "packages", folder / "given"
+        with reported(f"{folder} cannot be used"):
+            for place in (self._assets, self._uploads, self._packages, self._given):
+                place.mkdir(parents=True, exist_ok=True)
+
+    def sweep(self) -> None:
+        """Remove what was left by who ended while they wrote, a day ago or earlier."""
+        before = time.time() - _LEFT
+        for place in (self._assets, self._uploads, self._packages, self._given):
+            with reported(f"{place} cannot be read"):
+                left = [path for path in place.iterdir() if _UNFINISHED.fullmatch(path.name)]
+            for path in left:
+                with suppress(FileNotFoundError):
+                    if path.stat().st_mtime < before:
+                        remove_tree(path)
+
+    def ids(self) -> list[str]:
+        """Ids of assets that are built or are to be, ascending."""
+        with reported(f"{self._assets} cannot be read"):
+            built = {path.stem for path in self._assets.glob("*.tar")}
+            sent = {path.name for path in self._uploads.iterdir()}
+        return sorted(name for name in built | sent if ID.fullmatch(name))
+
+    def revision(self, asset: str) -> Revision:
+        """Another for another snapshot of the asset; None where there is none."""
+        return _revision(self._snapshot(asset))
+
+    def settings_revision(self, asset: str) -> Revision:
+        """Another for other settings; None where they were never changed."""
+        return _revision(self._settings(asset))
+
+    def put_snapshot(self, asset: str, snapshot: Snapshot) -> None:
+        """Place a built asset, with its present settings; its upload is not needed any more."""
+        with reported(f"asset {asset} cannot be shared"), whole(self._snapshot(asset)) as aside:
+            write_pieces(aside, snapshot.pieces())
+        self.remove_upload(asset)
+
+    def open_snapshot(self, asset: str) -> Any:
+        """The snapshot of an asset, open; raises FileNotFoundError where it has gone."""
+        return self._snapshot(asset).open("rb")
+
+    def put_settings(self, asset: str, settings: Mapping[str, Any]) -> None:
+        """Replace the present settings of an asset."""
+        text = json.dumps(settings, sort_keys=True).encode()
+        path = self._settings(asset)
+        with reported(f"settings of {asset} cannot be shared"), whole(path) as aside:
+            write_file(aside, text)
+
+    def settings(self, asset: str) -> dict[str, Any]:
+        """The present settings of an asset; empty where they were never changed."""
+        with reported(f"settings of {asset} cannot be read"), suppress(FileNotFoundError):
+            text = self._settings(asset).read_bytes()
+            try:
+                found: dict[str, Any] = json.loads(text)
+            except ValueError as error:
+                raise StorageError(f"settings of {asset} are damaged: {error}") from error
+            return found
+        return {}
+
+    def put_upload(self, asset: str, owner: str, pieces: Iterable[bytes]) -> None:
+        """Keep what a caller sent, in place of what was kept."""
+        self.own(asset, owner)
+        with reported(f"upload {asset} cannot be kept"), whole(self._uploads / asset) as aside:
+            write_pieces(aside, pieces)
+
+    def own(self, asset: str, owner: str) -> None:
+        """Say which replica builds an asset."""
+        with reported(f"upload {asset} cannot be kept"), whole(self._owner(asset)) as aside:
+            write_file(aside, owner.encode())
+
+    def owner(self, asset: str) -> str | None:
+        """The replica that builds an asset; None where nothing of it was sent, or it is built."""
+        with reported(f"upload {asset} cannot be read"), suppress(FileNotFoundError):
+            if (self._uploads / asset).stat():
+                return self._owner(asset).read_text()
+        return None
+
+    def upload(self, asset: str) -> bytes:
+        """What a caller sent; raises FileNotFoundError where it has gone."""
+        return (self._uploads / asset).read_bytes()
+
+    def remove_upload(self, asset: str) -> None:
+        """What was sent is not needed any more."""
+        with reported(f"upload {asset} cannot be removed"):
+            (self._uploads / asset).unlink(missing_ok=True)
+            self._owner(asset).unlink(missing_ok=True)
+
+    def remove(self, asset: str) -> None:
+        """Remove all of an asset: its snapshot goes first, by which it is there."""
+        with reported(f"asset {asset} cannot be removed"):
+            self._snapshot(asset).unlink(missing_ok=True)
+            self._settings(asset).unlink(missing_ok=True)
+            for package in self._packages.glob(f"{asset}-*.zip"):
+                package.unlink(missing_ok=True)
+        self.remove_upload(asset)
+
+    def give(self, pieces: Iterable[bytes]) -> Path:
+        """A new file on its way; who takes it removes it."""
+        path = self._given / uuid4().hex
+        with reported("a file cannot be passed on"):
+            write_pieces(path, pieces)
+        return path
+
+    def share_package(self, asset: str, package: Package) -> Package:
+        """A skin package where every ingress can read it; older ones of the asset go."""
+        place = self._packages / f"{asset}-{package.key}.zip"
+        with reported(f"a package of {asset} cannot be shared"):
+            if not place.exists():
+                with whole(place) as aside:
+                    shutil.copyfile(package.file, aside)
+                files = sorted(self._packages.glob(f"{asset}-*.zip"), key=_placed, reverse=True)
+                for old in files[_PACKAGES:]:
+                    old.unlink(missing_ok=True)
+        return Package(package.key, place, package.nbytes, package.files)
+
+    def _snapshot(self, asset: str) -> Path:
+        return self._assets / f"{asset}.tar"
+
+    def _settings(self, asset: str) -> Path:
+        return self._assets / f"{asset}.json"
+
+    def _owner(self, asset: str) -> Path:
+        return self._uploads / f"{asset}.owner"
+
+
+def _revision(path: Path) -> Revision:
+    with reported(f"{path} cannot be read"), suppress(FileNotFoundError):
+        found = path.stat()
+        return found.st_mtime_ns, found.st_ino
+    return None
+
+
+def _placed(path: Path) -> int:
+    with suppress(FileNotFoundError):
+        return path.stat().st_mtime_ns
+    return 0

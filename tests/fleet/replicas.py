@@ -1,0 +1,33 @@
+"""The replicas of a fleet, looked at from outside."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Any
+
+from engine_process.served import alive
+from rhytid.fleet.job_names import JobName
+
+
+def replicas(fleet: Any) -> dict[str, int]:
+    """Process ids by the names of the replicas that report and are there."""
+    reports = fleet._presence.look()
+    return {one.replica: one.pid for one in reports if alive(one.pid)}
+
+
+def replica_of(job: str) -> str:
+    return JobName.read(job).replica
+
+
+@contextmanager
+def sent_to(fleet: Any, replica: str) -> Iterator[None]:
+    """Calls that are made in the block go to a replica, whichever asset they are about."""
+    caller = fleet._caller
+    made = caller._envelope
+    caller._envelope = lambda request, to: replace(made(request, to), to=replica)
+    try:
+        yield
+    finally:
+        caller._envelope = made

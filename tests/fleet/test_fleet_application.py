@@ -1,0 +1,40 @@
+"""The application that `serve deploy` takes, as far as Ray checks it without running it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rhytid.errors import SettingsError
+from rhytid.fleet.app import application, deployments
+from rhytid.fleet.options import FleetOptions
+from rhytid.settings import ServiceSettings
+
+
+def config_of(**options: Any) -> Any:
+    _, replicas = deployments(ServiceSettings(), FleetOptions(**options))
+    return replicas._bound_deployment._deployment_config
+
+
+def test_the_count_of_replicas_is_fixed_or_follows_the_load() -> None:
+    fixed, moving = config_of(least=3, most=3), config_of(least=2, most=8, calls=10)
+    assert (fixed.num_replicas, fixed.autoscaling_config) == (3, None)
+    found = moving.autoscaling_config
+    assert (found.min_replicas, found.max_replicas) == (2, 8)
+    assert found.target_ongoing_requests == 5
+    assert moving.max_ongoing_requests == 10
+
+
+def test_a_replica_asks_for_its_share_of_a_machine() -> None:
+    _, replicas = deployments(ServiceSettings(), FleetOptions(cpus=2.0, gpus=1.0))
+    wanted = replicas._bound_deployment.ray_actor_options
+    assert (wanted["num_cpus"], wanted["num_gpus"]) == (2.0, 1.0)
+
+
+def test_the_application_is_made_of_options(tmp_path: Path) -> None:
+    made = application({"store": str(tmp_path), "replicas": "2", "ingresses": "3"})
+    assert made._bound_deployment.num_replicas == 3
+    with pytest.raises(SettingsError, match="no option 'device' of a fleet"):
+        application({"device": "0"})

@@ -1,0 +1,155 @@
+"""What a fleet is made of, without Ray: where assets are placed, what is shared, what is known."""
+
+from __future__ import annotations
+
+import asyncio
+import pickle
+import time
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from engine.engines import new_asset
+from rhytid.engine.messages import JobInfo
+from rhytid.errors import NotFoundError, SettingsError, StorageError
+from rhytid.fleet.board import Board
+from rhytid.fleet.envelopes import Answer, ElsewhereError
+from rhytid.fleet.frame_versions import FrameVersions
+from rhytid.fleet.job_names import JobName, named_job
+from rhytid.fleet.kept_uploads import read_upload, written_upload
+from rhytid.fleet.local_place import LocalPlace
+from rhytid.fleet.options import FleetOptions
+from rhytid.fleet.order import order
+
+ASSET = "0123456789abcdef"
+NAMES = [f"replica{number}" for number in range(10)]
+
+
+def test_an_asset_stays_where_it_is_when_another_replica_goes() -> None:
+    assets = [f"{number:016x}" for number in range(2000)]
+    before = {asset: order(asset, NAMES)[0] for asset in assets}
+    after = {asset: order(asset, NAMES[1:])[0] for asset in assets}
+    moved = [asset for asset in assets if before[asset] != after[asset]]
+    assert set(moved) == {asset for asset in assets if before[asset] == NAMES[0]}
+    assert max(Counter(before.values()).values()) < 1.4 * len(assets) / len(NAMES)
+
+
+def test_the_second_replica_is_the_first_of_those_that_are_left() -> None:
+    first, second, *_ = order(ASSET, NAMES)
+    assert order(ASSET, [name for name in NAMES if name != first])[0] == second
+
+
+def test_the_id_of_a_job_names_its_replica() -> None:
+    info = JobInfo("00ff", ASSET, "build", "running", 0.5, "pores", "")
+    named = named_job(info, "abc12XYZ")
+    assert JobName.read(named.id) == JobName("00ff", "build", ASSET, "abc12XYZ")
+    assert replace(named, id="00ff") == info
+    for wrong in ("00ff", f"00ff-build-{ASSET}", f"00ff-build-{ASSET}-a/b", f"{named.id}\n"):
+        with pytest.raises(NotFoundError, match="no job"):
+            JobName.read(wrong)
+
+
+def test_the_board_keeps_frames_under_its_budget() -> None:
+    async def use() -> None:
+        positions = np.ones((10, 3), np.float32)
+        board = Board(2 * positions.nbytes)
+        first = await board.keep(ASSET, "a", positions)
+        second = await board.keep(ASSET, "a", 2 * positions)
+        assert second > first
+        version, kept = await board.frame(ASSET, "a")
+        assert version == second
+        assert kept is not None
+        assert kept[0, 0] == 2
+        await board.keep(ASSET, "b", positions)
+        beyond = await board.keep(ASSET, "c", positions)
+        assert beyond > second
+        assert set(await board.versions(ASSET)) == {"a", "b"}
+        gone = await board.remove(ASSET, "a")
+        assert await board.frame(ASSET, "a") == (gone, None)
+        await board.keep(ASSET, "c", positions)
+        assert set(await board.versions(ASSET)) == {"a", "b", "c"}
+        await board.forget(ASSET)
+        assert await board.versions(ASSET) == {}
+        assert await board.frame(ASSET, "b") == (0, None)
+
+    asyncio.run(use())
+
+
+def test_a_board_that_starts_again_has_larger_versions() -> None:
+    async def use() -> None:
+        before = await Board(1000).remove(ASSET, "a")
+        time.sleep(0.001)
+        assert await Board(1000).remove(ASSET, "a") > before
+
+    asyncio.run(use())
+
+
+def test_an_ingress_knows_the_newest_version() -> None:
+    known = FrameVersions()
+    assert known.version(ASSET, "a") == 0
+    known.note(ASSET, "a", 7)
+    known.note(ASSET, "a", 5)
+    assert known.version(ASSET, "a") == 7
+
+
+def test_an_upload_that_is_kept_comes_back() -> None:
+    new = replace(new_asset(), frames=np.zeros((2, 9, 3), np.float32))
+    data = b"".join(written_upload(new))
+    found = read_upload(data)
+    assert np.array_equal(found.mesh.positions, new.mesh.positions)
+    assert found.settings == new.settings
+    assert found.frames is not None
+    assert found.frames.shape == (2, 9, 3)
+    for wrong in (b"", data[:40], data[:-1000], b"\x00" * len(data)):
+        with pytest.raises(StorageError, match="damaged"):
+            read_upload(wrong)
+
+
+class Harm:
+    def __reduce__(self) -> Any:
+        return print, ("harm",)
+
+
+def test_an_upload_runs_no_code() -> None:
+    body = pickle.dumps(Harm())
+    data = len(body).to_bytes(8, "little") + bytes(8) + body
+    with pytest.raises(StorageError, match="not expected here"):
+        read_upload(data)
+
+
+def test_answers_and_errors_come_back() -> None:
+    array = np.arange(10_000, dtype=np.float32)
+    answer = Answer.of({"a": array, "b": 1})
+    assert answer.arrays[0].nbytes == array.nbytes
+    assert np.array_equal(answer.value()["a"], array)
+    error = Answer.of(ElsewhereError("abc"), good=False).value()
+    assert isinstance(error, ElsewhereError)
+    assert error.replica == "abc"
+
+
+def test_options_are_read_or_refused() -> None:
+    found = FleetOptions.read({"replicas": "2-8", "store": "/mnt/x", "gpus": "1", "spread": 3})
+    assert (found.least, found.most, found.store) == (2, 8, Path("/mnt/x"))
+    assert (found.gpus, found.spread) == (1.0, 3)
+    for wrong in ({"replicas": "8-2"}, {"replicas": "0"}, {"spread": "0"}, {"cpus": "x"}):
+        with pytest.raises(SettingsError, match=f"{next(iter(wrong))}.* must be|number from 1 on"):
+            FleetOptions.read(wrong)
+    with pytest.raises(SettingsError, match="no option 'least' of a fleet: there are assets"):
+        FleetOptions.read({"least": 1})
+
+
+def test_each_replica_of_a_machine_has_its_place(tmp_path: Path) -> None:
+    first, second = LocalPlace(tmp_path), LocalPlace(tmp_path)
+    assert (first.number, second.number) == (0, 1)
+    first.store.mkdir()
+    (first.store / "left").touch()
+    first.close()
+    third = LocalPlace(tmp_path)
+    assert third.number == 0
+    assert not third.store.exists()
+    second.close()
+    third.close()

@@ -1,0 +1,178 @@
+"""Two replicas behind one server: what they draw, what they share, and what is lost with one.
+
+One file, so that one process has all of it, and one Ray.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import signal
+import threading
+import zipfile
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+
+from api.asking import NPY, array_of, built, npy
+from api.live import serving
+from api.patch import obj, smile, upload
+from engine.engines import running
+from engine_process.served import await_value
+from fleet.replicas import replica_of, replicas, sent_to
+from live.speaker import speaking
+from rhytid.fleet.order import order
+
+pytestmark = pytest.mark.slow
+TILE = "tiles/1001/0/0/0"
+LOOKS = {"shape": {"taper": 0.2}, "response": {"log_stretch_limit": 0.4}, "depth": 0.5}
+
+
+@pytest.fixture(scope="session")
+def assets(client: httpx.Client) -> list[str]:
+    """Assets that lie on both replicas, each with a frame."""
+    found = [built(client, upload(obj(1.0 + n))) for n in range(6)]
+    for asset in found:
+        path = f"/v1/assets/{asset}/frames/smile"
+        client.put(path, content=npy(smile()), headers=NPY).raise_for_status()
+    return found
+
+
+def tile(client: httpx.Client, asset: str, **query: str) -> httpx.Response:
+    return client.get(f"/v1/assets/{asset}/frames/smile/{TILE}", params={"format": "npy", **query})
+
+
+@pytest.fixture(scope="session")
+def single(tmp_path_factory: pytest.TempPathFactory) -> Iterator[httpx.Client]:
+    with running(tmp_path_factory.mktemp("single")) as engine, serving(engine) as alone:
+        yield alone
+
+
+@pytest.mark.parametrize("method", ["redraw", "binned"])
+def test_tiles_are_those_of_the_single_server(
+    client: httpx.Client, single: httpx.Client, assets: list[str], method: str
+) -> None:
+    assert built(single, upload(obj(1.0))) == assets[0]
+    path = f"/v1/assets/{assets[0]}/frames/smile"
+    single.put(path, content=npy(smile()), headers=NPY).raise_for_status()
+    ours, theirs = (tile(one, assets[0], method=method) for one in (client, single))
+    assert np.array_equal(array_of(ours), array_of(theirs))
+    assert ours.headers["etag"] == theirs.headers["etag"]
+
+
+def test_assets_are_spread_over_the_replicas(fleet: Any, assets: list[str]) -> None:
+    names = replicas(fleet)
+    assert len(names) == 2
+    assert {order(asset, names)[0] for asset in assets} <= set(names)
+    for asset in assets:
+        job = fleet.assets.calibrate(asset, smile())
+        assert replica_of(job.id) == order(asset, names)[0]
+
+
+def test_the_other_replica_draws_the_same(fleet: Any, client: httpx.Client) -> None:
+    """A replica that has neither the asset nor its frame fetches both, and what changes later."""
+    asset = built(client, upload(obj(1.07)))
+    frame = f"/v1/assets/{asset}/frames/smile"
+    client.put(frame, content=npy(smile()), headers=NPY).raise_for_status()
+    other = order(asset, replicas(fleet))[1]
+
+    def drawn() -> tuple[bytes, bytes]:
+        first = tile(client, asset)
+        with sent_to(fleet, other):
+            second = tile(client, asset)
+        assert first.headers["etag"] == second.headers["etag"]
+        return first.content, second.content
+
+    before, copy = drawn()
+    assert before == copy
+    client.put(frame, content=npy(smile(0.2)), headers=NPY).raise_for_status()
+    moved, copy = drawn()
+    assert moved == copy != before
+    client.patch(f"/v1/assets/{asset}", json=LOOKS).raise_for_status()
+    changed, copy = drawn()
+    assert changed == copy != moved
+    client.delete(frame).raise_for_status()
+    with sent_to(fleet, other):
+        assert tile(client, asset).status_code == 404
+    client.delete(f"/v1/assets/{asset}").raise_for_status()
+    with sent_to(fleet, other):
+        assert client.get(f"/v1/assets/{asset}").status_code == 404
+
+
+def test_a_live_connection_goes_to_a_replica(client: httpx.Client, assets: list[str]) -> None:
+    with speaking(client, assets[0]) as speaker:
+        speaker.open(tiles=[[1001, 0, 0, 0]], method="redraw", format="f32")
+        speaker.positions(1, smile())
+        (drawn,), _ = speaker.answer()
+    assert np.array_equal(drawn.values, array_of(tile(client, assets[0], method="redraw")))
+
+
+def test_a_package_and_a_snapshot_come_by_the_folder(
+    client: httpx.Client, single: httpx.Client, assets: list[str]
+) -> None:
+    path = f"/v1/assets/{assets[1]}"
+    made = client.get(f"{path}/package")
+    if made.status_code == 202:
+        job = made.headers["location"]
+        await_value(lambda: client.get(job).json()["state"] == "done")
+    package = client.get(f"{path}/package").raise_for_status()
+    assert zipfile.ZipFile(io.BytesIO(package.content)).testzip() is None
+    about = {"Content-Type": "application/x-tar"}
+    snapshot = client.get(f"{path}/snapshot").raise_for_status().content
+    assert single.post("/v1/snapshots", content=snapshot, headers=about).status_code == 201
+    assert single.get(f"{path}/snapshot").content == snapshot
+    assert client.post("/v1/snapshots", content=snapshot, headers=about).status_code == 200
+    client.delete(path).raise_for_status()
+    assert client.post("/v1/snapshots", content=snapshot, headers=about).status_code == 201
+    assert client.get(f"{path}/snapshot").content == snapshot
+
+
+def test_no_request_is_lost_with_a_replica(fleet: Any, client: httpx.Client) -> None:
+    assets = [built(client, upload(obj(31.0 + n))) for n in range(4)]
+    frames = [f"/v1/assets/{asset}/frames/smile" for asset in assets]
+    for frame in frames:
+        client.put(frame, content=npy(smile()), headers=NPY).raise_for_status()
+    wanted = {frame: client.get(f"{frame}/{TILE}").raise_for_status().content for frame in frames}
+    names = replicas(fleet)
+    victim = order(assets[0], names)[0]
+    stopping, answers = threading.Event(), []
+
+    def ask(frame: str) -> None:
+        while not stopping.is_set():
+            answer = client.get(f"{frame}/{TILE}")
+            answers.append((answer.status_code, answer.content == wanted[frame]))
+
+    with ThreadPoolExecutor(len(frames)) as pool:
+        asking = [pool.submit(ask, frame) for frame in frames]
+        try:
+            await_value(lambda: len(answers) > 20)
+            os.kill(names[victim], signal.SIGKILL)
+            await_value(lambda: set(replicas(fleet)) - set(names))
+            after = len(answers)
+            await_value(lambda: len(answers) > after + 20)
+        finally:
+            stopping.set()
+    for one in asking:
+        one.result()
+    assert set(answers) == {(200, True)}
+    assert client.get("/readyz").status_code == 200
+    await_value(lambda: len(replicas(fleet)) == 2)
+
+
+def test_a_build_goes_on_elsewhere(fleet: Any, client: httpx.Client) -> None:
+    names = await_value(lambda: len(found := replicas(fleet)) == 2 and found)
+    many = upload(obj(47.0), resolution=1024, graph={"wrinkles": 60_000})
+    made = client.post("/v1/assets", files=many).raise_for_status().json()
+    builder = replica_of(made["job"])
+    os.kill(names[builder], signal.SIGKILL)
+    listed = client.get("/v1/assets").json()
+    assert made["id"] in {one["id"] for one in listed}
+    path = f"/v1/jobs/{made['job']}"
+    job = await_value(lambda: (now := client.get(path).json())["state"] == "done" and now)
+    assert job["id"] == made["job"]
+    found = client.get(f"/v1/assets/{made['id']}").json()
+    assert (found["state"], found["wrinkles"] > 1000) == ("ready", True)

@@ -1,0 +1,147 @@
+"""The folder that replicas share, and the frames that one brings itself."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from engine.engines import built, new_asset, running
+from rhytid.engine.messages import Package
+from rhytid.errors import DeviceLostError, NotFoundError
+from rhytid.fleet import frame_sync
+from rhytid.fleet.frame_sync import FrameSync
+from rhytid.fleet.shared_folder import SharedFolder
+
+ASSET = "0123456789abcdef"
+POSITIONS = np.ones((4, 3), np.float32)
+
+
+def test_an_asset_is_there_from_its_upload_to_its_removal(tmp_path: Path) -> None:
+    shared = SharedFolder(tmp_path)
+    with running(tmp_path / "store") as engine:
+        asset = built(engine, new_asset())
+        assert (shared.ids(), shared.owner(asset), shared.revision(asset)) == ([], None, None)
+        shared.put_upload(asset, "one", [b"a", b"b"])
+        assert (shared.ids(), shared.owner(asset)) == ([asset], "one")
+        assert shared.upload(asset) == b"ab"
+        shared.own(asset, "two")
+        assert shared.owner(asset) == "two"
+        with engine.snapshots.of(asset) as made:
+            wanted = b"".join(made.pieces())
+            shared.put_snapshot(asset, made)
+            before = shared.revision(asset)
+            shared.put_snapshot(asset, made)
+    assert shared.owner(asset) is None
+    assert before is not None
+    assert shared.revision(asset) not in (None, before)
+    with shared.open_snapshot(asset) as file:
+        assert file.read() == wanted
+    shared.put_settings(asset, {"depth": 1.0})
+    assert shared.settings(asset) == {"depth": 1.0}
+    shared.remove(asset)
+    assert (shared.ids(), shared.revision(asset), shared.settings(asset)) == ([], None, {})
+
+
+def test_few_packages_of_an_asset_stay(tmp_path: Path) -> None:
+    shared, source = SharedFolder(tmp_path), tmp_path / "made.zip"
+    source.write_bytes(b"zip")
+    for number in range(6):
+        found = shared.share_package(ASSET, Package(f"key{number}", source, 3, {}))
+        assert found.file.read_bytes() == b"zip"
+    names = {path.name for path in (tmp_path / "packages").iterdir()}
+    assert f"{ASSET}-key5.zip" in names
+    assert len(names) == 4
+
+
+def test_what_nobody_finished_is_removed_a_day_later(tmp_path: Path) -> None:
+    shared = SharedFolder(tmp_path)
+    new, old = tmp_path / "assets" / ("0" * 32), tmp_path / "assets" / ("1" * 32)
+    for left in (new, old):
+        left.mkdir()
+        (left / "part").touch()
+    kept = tmp_path / "assets" / f"{ASSET}.tar"
+    kept.touch()
+    day = time.time() - 90_000
+    for path in (old, kept):
+        os.utime(path, (day, day))
+    given = shared.give([b"on its way"])
+    shared.sweep()
+    assert (new.exists(), old.exists(), kept.exists(), given.exists()) == (True, False, True, True)
+
+
+class OneBoard:
+    """A board in this process, which may not answer."""
+
+    def __init__(self) -> None:
+        self.frames: dict[str, tuple[int, Any]] = {}
+        self.asked, self.answers = 0, True
+
+    def versions(self, asset: str) -> dict[str, int]:
+        self.asked += 1
+        if not self.answers:
+            raise DeviceLostError("away")
+        return {name: version for name, (version, _) in self.frames.items()}
+
+    def frame(self, asset: str, name: str) -> tuple[int, Any]:
+        return self.frames[name]
+
+
+class OneEngine:
+    def __init__(self) -> None:
+        self.has: dict[str, Any] = {}
+
+    def put(self, asset: str, name: str, positions: Any) -> None:
+        self.has[name] = positions
+
+    def delete(self, asset: str, name: str) -> None:
+        if self.has.pop(name, None) is None:
+            raise NotFoundError(name)
+
+
+@pytest.fixture
+def board() -> Any:
+    return OneBoard()
+
+
+@pytest.fixture
+def engine() -> Any:
+    return OneEngine()
+
+
+def test_a_frame_is_fetched_once_and_when_it_is_newer(
+    board: Any, engine: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sync = FrameSync(engine, board)
+    board.frames["a"] = (5, POSITIONS)
+    sync.bring(ASSET, "a", 0)
+    sync.bring(ASSET, "a", 5)
+    assert (engine.has["a"] is POSITIONS, board.asked) == (True, 1)
+    board.frames["a"] = (6, 2 * POSITIONS)
+    sync.bring(ASSET, "a", 5)
+    assert engine.has["a"] is POSITIONS, "what was found is taken for a second"
+    sync.bring(ASSET, "a", 6)
+    assert engine.has["a"][0, 0] == 2
+    board.frames["a"] = (7, None)
+    monkeypatch.setattr(frame_sync, "FRESH", 0.0)
+    sync.bring(ASSET, "a", 0)
+    assert engine.has == {}
+    board.frames["b"] = (8, POSITIONS)
+    sync.bring_all(ASSET)
+    assert set(engine.has) == {"b"}
+
+
+def test_without_a_board_frames_are_as_they_are_here(board: Any, engine: Any) -> None:
+    sync = FrameSync(engine, board)
+    sync.note(ASSET, "a", 5)
+    board.answers = False
+    sync.bring(ASSET, "a", 5)
+    with pytest.raises(DeviceLostError):
+        sync.bring(ASSET, "a", 6)
+    with pytest.raises(DeviceLostError):
+        sync.bring_all(ASSET)
+    sync.bring(ASSET, "neutral", 0)
