@@ -24,6 +24,9 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     """OpenCL promises 32 KiB: `pytest --local-memory 32768 tests/kernels tests/pipeline`."""
     told = "run as if work-groups of the device had no more bytes of local memory"
     parser.addoption("--local-memory", type=int, help=told)
+    over = "what the server of tests/api is over: a fake engine, a real one, or replicas of Ray"
+    kinds = ("fake", "engine", "ray")
+    parser.addoption("--served-by", choices=kinds, default=kinds[0], help=over)
 
 
 @pytest.hookimpl(wrapper=True)

@@ -15,6 +15,8 @@ from rhytid.domain import uv_overlap
 from rhytid.domain.uv_overlap import SIDE, overlap_of
 from rhytid_lab.samples.face import procedural_face
 
+pytestmark = pytest.mark.release
+
 
 def lattice(n: int) -> NDArray[np.float64]:
     """(2n², 3, 2) triangles that cover the unit square once, their corners moved about."""

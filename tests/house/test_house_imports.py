@@ -40,11 +40,14 @@ ALLOWED = {
     "engine": _TOOLS | _WORK | {"settings", "skin_package"},
     "engine_process": _TOOLS | {"engine", "logs", "settings", "storage"},
     "decoding": _FACTS | {"formats", "engine", "engine_process"},
+    "fleet": _TOOLS
+    | {"api", "decoding", "engine", "engine_process", "logs", "settings", "storage"},
     "api": _TOOLS
     | {"access", "decoding", "engine", "engine_process", "logs", "settings", "meshes"},
+    "farm": {"device", "durable", "errors"},
     "cli": _TOOLS
     | _WORK
-    | {"access", "engine", "engine_process", "logs", "settings", "api"}
+    | {"access", "engine", "engine_process", "logs", "settings", "api", "fleet", "farm"}
     | {"pictures", "meshes", "textures", "skin_package"},
 }
 # The only parts that may import a package from outside; other packages are free.
@@ -57,6 +60,11 @@ ONLY_IN = {
     "rhytid_viewer": {"api", "skin_package"},
     "trimesh": {"meshes"},
     "OpenImageIO": {"textures"},
+    "dask": {"farm"},
+    "distributed": {"farm"},
+    "fsspec": {"storage"},
+    "s3fs": {"storage"},
+    "ray": {"fleet"},
 }
 # The only readers of the environment: the settings, and what OpenCL's loader must find there.
 ENVIRONMENT = ("settings.py", "device/caches.py", "device/loader.py")

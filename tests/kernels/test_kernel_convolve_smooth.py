@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from kernels.one_line import evaluate
 from reference import convolve
@@ -58,6 +59,7 @@ def test_axes_of_their_own_are_the_principal_ones(device):
         assert np.abs(force / np.trace(metric, axis1=1, axis2=2)[:, None]).max() <= 1e-5
 
 
+@pytest.mark.slow
 def test_models_without_axes_keep_u_before_v(device):
     rng = np.random.default_rng(2)
     r = rng.uniform(-0.7, 0.7, (COUNT, 2)).astype(np.float32)

@@ -84,7 +84,17 @@ def test_amplitude_0_is_the_straight_wrinkle_bit_for_bit(device):
     assert np.abs(straight).max() > 0.5
 
 
-@pytest.mark.parametrize(("items", "rows"), [(2, None), (16, None), (64, None), (1, 16), (16, 32)])
+@pytest.mark.parametrize(
+    ("items", "rows"),
+    [
+        (2, None),
+        (16, 32),
+        *(
+            pytest.param(*more, marks=pytest.mark.slow)
+            for more in ((16, None), (64, None), (1, 16))
+        ),
+    ],
+)
 def test_any_launch_gives_the_same_bits(device, items, rows):
     lines = wrinkles(7, 60)
     waves = random_waves(8, lines)

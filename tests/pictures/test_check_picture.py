@@ -24,6 +24,7 @@ def pink(pixels: NDArray[np.int64]) -> int:
     return int(((red - green > 40) & (blue - green > 20)).sum())
 
 
+@pytest.mark.slow
 def test_half_a_mesh_is_coloured(small_mesh: SmallMesh) -> None:
     mesh = Mesh(*small_mesh)
     none, half = np.zeros(200, bool), np.arange(200) < 100

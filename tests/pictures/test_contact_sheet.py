@@ -15,6 +15,8 @@ from rhytid_lab.sheets.contact_rows import SIZE
 from rhytid_lab.sheets.skin_rows import patch_views
 from rhytid_lab.sheets.stretch_colours import Performance
 
+pytestmark = pytest.mark.release
+
 RATIOS = (1.25, 0.8)
 
 

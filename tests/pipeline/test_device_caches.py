@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.release
+
 # `rhytid devices`, and a small kernel; of a user whom the password file does not know.
 CHILD = """
 import os, pwd, sys
@@ -82,6 +84,7 @@ def test_a_folder_of_our_own_serves(tmp_path, changes):
     assert Path(found).stat().st_mode & 0o777 == 0o700
 
 
+@pytest.mark.slow
 def test_what_can_be_written_is_left_alone(tmp_path):
     assert started(tmp_path, HOME=HERE) is None
 

@@ -16,6 +16,8 @@ from rhytid.pipeline.redraw import respond
 
 GRAPH = random_graph(22, 240)
 CHOICES = ({}, {"merge": "soft", "depth_factored": True, "tilt": True})
+# One of them in the quick tests.
+ONE_QUICK = [SAMPLINGS[0], *(pytest.param(more, marks=pytest.mark.slow) for more in SAMPLINGS[1:])]
 
 
 def sheared(factor=3.0):
@@ -56,7 +58,7 @@ def test_blended_tiles_are_those_of_double(device, choice, stiff, sampling):
         assert np.abs(found - wanted)[sure].max() <= 2e-4 * DEPTH
 
 
-@pytest.mark.parametrize("sampling", SAMPLINGS)
+@pytest.mark.parametrize("sampling", ONE_QUICK)
 def test_they_are_not_those_of_uv(device, sampling):
     for model in ("tensor", "uv"):
         for draw in ("redrawn_by", "blended_by"):
@@ -67,7 +69,7 @@ def test_they_are_not_those_of_uv(device, sampling):
             assert np.abs(found - other).max() > 0.02 * DEPTH
 
 
-@pytest.mark.parametrize("sampling", SAMPLINGS)
+@pytest.mark.parametrize("sampling", ONE_QUICK)
 def test_on_a_flat_square_both_are_the_same(device, sampling):
     lattice = np.stack(np.meshgrid(*2 * [np.linspace(0, 1, 9)]), axis=-1).reshape(-1, 2)
     corner = (np.arange(8)[:, None] * 9 + np.arange(8)).reshape(-1, 1)

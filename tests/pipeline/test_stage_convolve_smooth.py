@@ -16,6 +16,8 @@ from reference import convolve
 from reference import smooth as reference
 from rhytid.domain.mesh import Mesh
 
+pytestmark = pytest.mark.release
+
 MODELS = pytest.mark.parametrize("model", ["tensor", "tension", "uv"])
 
 

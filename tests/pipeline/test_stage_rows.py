@@ -18,6 +18,8 @@ from rhytid.device.trial import cl
 from rhytid.errors import DeviceError
 from rhytid.pipeline.work import BLOCK
 
+pytestmark = pytest.mark.release
+
 PROMISED = 32 << 10
 
 

@@ -30,6 +30,8 @@ from rhytid.synthesis.surface import Surface
 from synthesis import sheets
 from synthesis.seam_places import seam_places
 
+pytestmark = pytest.mark.release
+
 N = 8
 BAND = 0.02  # of the rms of the heights
 BENT = {"curvature": 1.0, "taper": 1.0}

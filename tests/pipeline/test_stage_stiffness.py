@@ -87,8 +87,17 @@ def test_what_is_rigid_is_drawn_as_the_neutral(device, sampling):
         np.testing.assert_array_equal(*blended)
 
 
-@pytest.mark.parametrize("sampling", SAMPLINGS)
-@pytest.mark.parametrize("maps", [{}, {1001: np.ones((3, 4))}, {1002: np.zeros((3, 4))}])
+@pytest.mark.parametrize(
+    "sampling",
+    [SAMPLINGS[0], *(pytest.param(more, marks=pytest.mark.slow) for more in SAMPLINGS[1:])],
+)
+@pytest.mark.parametrize(
+    "maps",
+    [
+        {1001: np.ones((3, 4))},
+        *(pytest.param(more, marks=pytest.mark.slow) for more in ({}, {1002: np.zeros((3, 4))})),
+    ],
+)
 def test_a_stiffness_of_1_changes_no_bit(device, maps, sampling):
     made, plain = scene(device, Stiffness(maps)), scene(device, None)
     for model in MODELS:

@@ -77,6 +77,7 @@ def test_what_has_a_metric_keeps_it_where_nothing_is_copied(device: Device) -> N
     assert (left.edge_slopes != of_edges["edge_slopes"]).any()
 
 
+@pytest.mark.slow
 def test_far_from_a_seam_nothing_is_changed(device: Device) -> None:
     given = given_to_copy(device, folded(across=0.05, steps=(1, 3) * (N // 2)))
     arrays, graph = given[0], copied(given)

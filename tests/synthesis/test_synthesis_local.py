@@ -23,6 +23,8 @@ from rhytid_lab.samples.face import procedural_face
 from synthesis import sheets
 from synthesis.changes import Painted, beside
 
+pytestmark = pytest.mark.release
+
 # Spacings from what is painted: pores stay where they are beyond the first, and everything stays
 # bit for bit beyond the second. docs/artists.md promises 80.
 PORES, FAR = 8.0, 60.0

@@ -24,6 +24,8 @@ from rhytid.synthesis.surface import Surface
 from rhytid.synthesis.workspace import Workspace
 from synthesis import sheets
 
+pytestmark = pytest.mark.release
+
 RADIUS = 0.05
 MESHES = pytest.mark.parametrize("make", [sheets.sheet, sheets.tube, sheets.face_to_face])
 
