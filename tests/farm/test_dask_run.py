@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
+import dask
 import pytest
 
 from farm.fake_session import FakeJob, FakeSession
@@ -19,9 +20,16 @@ from rhytid.farm.dask_run import DaskRun
 
 @pytest.fixture(scope="module")
 def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
-    """Seen by a client of its own, as one that runs already: an error ends none of its workers."""
+    """Seen by a client of its own, as one that runs already: an error ends none of its workers.
+
+    A process that Dask would give up at once has a successor all the same.
+    """
     folder = tmp_path_factory.mktemp("workers")
-    with local_cluster([None, None], folder, True) as own, running_cluster(own.where) as seen:
+    with (
+        dask.config.set({"distributed.deploy.lost-worker-timeout": "1ms"}),
+        local_cluster([None, None], folder, True) as own,
+        running_cluster(own.where) as seen,
+    ):
         seen.client.scheduler_of_test = cast("Any", own.own).scheduler
         yield seen
 

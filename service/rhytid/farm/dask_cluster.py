@@ -22,6 +22,9 @@ RESOURCE = "opencl"
 # Seconds in which a scheduler has to answer.
 ANSWER = 10.0
 _START = f"dask worker ADDRESS --nthreads 1 --resources {RESOURCE}=1"
+# Dask gives a process up for good where no worker of its name is there so long after one has ended:
+# also where that was not the last one to end, or where a machine with much to do starts slowly.
+_KEPT = {"distributed.deploy.lost-worker-timeout": "1000 days"}
 # Dask serves health and metrics even so: at any port, where else all would want the same.
 _NO_DASHBOARD = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
 
@@ -89,12 +92,13 @@ def local_cluster(devices: Sequence[str | None], folder: Path, quiet: bool) -> I
     scheduler = {"cls": "distributed.Scheduler", "options": options}
     # Dask would have the C library give maps back to the system, which then clears them anew.
     config = {"temporary-directory": str(folder), "distributed.nanny.pre-spawn-environ": {}}
-    # Ctrl-C at a terminal reaches the whole group: the workers are ended from here.
-    with without_sigint(), dask.config.set(config):
-        cluster = SpecCluster(workers, scheduler, silence_logs=level, name="rhytid")
-        client = Client(cluster, set_as_default=False)
-    with cluster, client:
-        yield Cluster(client, cluster.scheduler_address, cluster)
+    with dask.config.set(_KEPT):
+        # Ctrl-C at a terminal reaches the whole group: the workers are ended from here.
+        with without_sigint(), dask.config.set(config):
+            cluster = SpecCluster(workers, scheduler, silence_logs=level, name="rhytid")
+            client = Client(cluster, set_as_default=False)
+        with cluster, client:
+            yield Cluster(client, cluster.scheduler_address, cluster)
 
 
 def _options(device: str | None, folder: Path, level: int) -> dict[str, object]:
