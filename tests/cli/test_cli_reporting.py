@@ -12,9 +12,10 @@ from pathlib import Path
 import pytest
 
 from rhytid.cli import progress
-from rhytid.cli.progress import Voice, counted, detail, job_line, note, share_bar, speaking, working
+from rhytid.cli.progress import counted, share_bar, working
 from rhytid.cli.reporting import report, table
 from rhytid.cli.timing import Stopwatch
+from rhytid.cli.voice import Voice, detail, job_line, note, speaking
 from rhytid.domain.wording import plural, waiting
 from rhytid_client import Job
 from rhytid_lab.commands.demo_session import StepClock

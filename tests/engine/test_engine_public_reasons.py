@@ -15,7 +15,7 @@ from api.live import serving
 from engine.engines import built, finish, new_asset, rest, running
 from meshes import deform
 from rhytid import durable
-from rhytid.cli.baking import build
+from rhytid.cli.ready_assets import build
 from rhytid.cli.warned import Warned
 from rhytid.engine.engine import Engine
 from rhytid.errors import ConflictError, DiskFullError, KernelBuildError, StorageError

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 
 from rhytid.cli.bake_options import bake_parser, refuse_conflicts
 from rhytid.cli.options import Commands
-from rhytid.cli.progress import note
 from rhytid.cli.reporting import report
 from rhytid.cli.serve import sharing
 from rhytid.cli.timing import Stopwatch
+from rhytid.cli.voice import note
 from rhytid.domain.wording import plural
 from rhytid.durable import sweep
 from rhytid.engine.messages import MapQuery
@@ -80,7 +80,8 @@ def _baker(
     warned: Warned,
 ) -> Baker:
     """What bakes with the asset of the arguments, which is built where it has to be."""
-    from rhytid.cli.baking import Baker, build, stored
+    from rhytid.cli.baking import Baker
+    from rhytid.cli.ready_assets import build, stored
     from rhytid.cli.shared_assets import bring
 
     if given.new is None:

@@ -8,13 +8,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from rhytid.cli.argument_types import base_name
 from rhytid.cli.bake_output import BakeSize, Output
 from rhytid.cli.baking import Geometry
 from rhytid.cli.frame_files import FrameFiles, FramePlace
 from rhytid.cli.frame_range import FrameRange
 from rhytid.cli.frames_list import check_sources, read_frames_list
 from rhytid.cli.input_files import graph_file, mesh_file, shape_files, stiffness_files
-from rhytid.cli.options import base_name, cache_clip
+from rhytid.cli.mesh_options import cache_clip
 from rhytid.cli.skin_options import skin_controls, skin_settings
 from rhytid.cli.warned import Warned
 from rhytid.domain.asset_settings import AssetSettings

@@ -5,13 +5,12 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from rhytid.cli.argument_types import base_name, positive, readable
 from rhytid.cli.dask_options import add_dask, refuse_dask_conflicts
 from rhytid.cli.frame_range import FrameRange
+from rhytid.cli.mesh_options import FRAME_FILES, MESH_FILES, add_caches
 from rhytid.cli.options import (
-    FRAME_FILES,
-    MESH_FILES,
     Commands,
-    add_caches,
     add_device,
     add_force,
     add_json,
@@ -22,10 +21,7 @@ from rhytid.cli.options import (
     add_shared_store,
     add_stiffness,
     add_strict,
-    base_name,
     new_command,
-    positive,
-    readable,
 )
 from rhytid.cli.serve import sharing
 from rhytid.cli.skin_options import refuse_without_effect, skin_options

@@ -16,15 +16,14 @@ from rhytid.cli.bake_output import Output
 from rhytid.cli.bake_record import BakeRecord
 from rhytid.cli.bake_sources import FrameSurface, MapSources
 from rhytid.cli.frame_files import FrameFiles, FramePlace
-from rhytid.cli.progress import counted, detail, share_bar
+from rhytid.cli.progress import counted
+from rhytid.cli.ready_assets import finish
 from rhytid.cli.timing import Stopwatch
+from rhytid.cli.voice import detail
 from rhytid.cli.warned import Warned
-from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.mesh import Mesh
 from rhytid.durable import whole, write_file
-from rhytid.engine.jobs import Job
-from rhytid.engine.messages import AssetInfo, JobInfo, MapQuery, NewAsset
-from rhytid.errors import ConflictError, InputError
+from rhytid.engine.messages import AssetInfo, MapQuery
 from rhytid.meshes.displaced import Subdivided
 from rhytid.meshes.export import mesh_format
 from rhytid.textures.frame_map import FrameMap
@@ -35,8 +34,6 @@ if TYPE_CHECKING:
     from rhytid.engine.tile_plan import TilePlan
 
 Texels = NDArray[np.float32]
-# Between two looks at how far a job is.
-_SHOWN_SECONDS = 0.2
 
 
 class Geometry:
@@ -174,64 +171,3 @@ class Baker:
         info = self.engine.frames.put(self.asset.id, place.label, positions)
         self.warned.frame(info.warnings, place.name)
         return info.log_stretch["abs_p90"]
-
-
-def build(engine: Engine, new: NewAsset, warned: Warned) -> AssetInfo:
-    """Have an asset built and return it ready; raises ConflictError with the reason if it fails."""
-    asset = engine.assets.create(new)
-    warned.settings(asset.warnings)
-    job = None
-    if asset.job is not None:
-        job = _wait(engine.jobs.get(asset.job), "building")
-        asset = engine.assets.info(asset.id)
-    if asset.state == "failed":
-        reason = asset.reason if job is None else _reason(job)
-        raise ConflictError(f"the asset could not be built: {reason}")
-    # Maps that are made ahead would be for a range that is not calibrated yet.
-    engine.jobs.cancel_all(asset.id)
-    engine.shared.push(asset.id)
-    if new.graph is None and asset.statistics is not None:
-        settings = AssetSettings.parse(asset.settings)
-        warned.lengths(settings, asset.statistics["spacing"])
-    warned.notice(asset.notices)
-    return asset
-
-
-def stored(engine: Engine, id: str, mesh: Mesh, resolution: int | None = None) -> AssetInfo:
-    """A built asset of the store, or the same skin at another resolution.
-
-    Raises InputError where it is of another mesh, NotFoundError where it is not there, and
-    ConflictError where it is not ready.
-    """
-    asset = engine.assets.info(id)
-    if asset.state != "ready":
-        raise ConflictError(f"asset {id} is not built: {asset.reason or asset.state}")
-    if not engine.assets.mesh(id).same(mesh):
-        raise InputError(f"asset {id} is of another mesh than --mesh")
-    if resolution in (None, asset.settings["resolution"]):
-        return asset
-    resized = engine.assets.resized(id, resolution)
-    if resized.job is not None:
-        finish(engine, engine.jobs.get(resized.job).info, "resizing")
-    engine.jobs.cancel_all(resized.id)
-    return engine.assets.info(resized.id)
-
-
-def finish(engine: Engine, job: JobInfo, what: str) -> None:
-    """Wait until a job is done; raises ConflictError with the reason if it fails."""
-    ended = _wait(engine.jobs.get(job.id), what)
-    if ended.info.state != "done":
-        raise ConflictError(f"{what}: {_reason(ended)}")
-
-
-def _reason(job: Job) -> str:
-    """Why a job was not done, in full: a command tells its user what a server keeps to its log."""
-    return job.reason or job.info.detail or job.info.state
-
-
-def _wait(job: Job, what: str) -> Job:
-    """A job that has ended; shows how far it is until then."""
-    with share_bar(what) as show:
-        while not job.wait(_SHOWN_SECONDS):
-            show(job.info.progress, job.info.stage)
-    return job

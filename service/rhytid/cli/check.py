@@ -6,20 +6,16 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rhytid.cli.options import (
+from rhytid.cli.argument_types import readable
+from rhytid.cli.mesh_options import (
     FRAME_FILES,
     MESH_FILES,
-    Commands,
     add_caches,
-    add_json,
-    add_several,
-    add_strict,
     add_unit,
     cache_clip,
     length_unit,
-    new_command,
-    readable,
 )
+from rhytid.cli.options import Commands, add_json, add_several, add_strict, new_command
 from rhytid.cli.progress import counted, working
 from rhytid.cli.reporting import report, table
 from rhytid.domain.asset_settings import AssetSettings

@@ -5,19 +5,11 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from rhytid.cli.options import (
-    MESH_FILES,
-    Commands,
-    add_device,
-    add_prim,
-    add_several,
-    add_unit,
-    length_unit,
-    new_command,
-    prim_clip,
-    readable,
-)
-from rhytid.cli.progress import counted, note
+from rhytid.cli.argument_types import readable
+from rhytid.cli.mesh_options import MESH_FILES, add_prim, add_unit, length_unit, prim_clip
+from rhytid.cli.options import Commands, add_device, add_several, new_command
+from rhytid.cli.progress import counted
+from rhytid.cli.voice import note
 from rhytid.domain.control_samples import NAMES, samples, title
 from rhytid.errors import InputError
 

@@ -5,17 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from rhytid.cli.options import (
-    FRAME_FILES,
-    MESH_FILES,
-    Commands,
-    add_caches,
-    add_json,
-    add_several,
-    cache_clip,
-    new_command,
-    readable,
-)
+from rhytid.cli.argument_types import readable
+from rhytid.cli.mesh_options import FRAME_FILES, MESH_FILES, add_caches, cache_clip
+from rhytid.cli.options import Commands, add_json, add_several, new_command
 from rhytid.cli.progress import counted
 from rhytid.cli.reporting import report
 from rhytid.domain.wording import plural

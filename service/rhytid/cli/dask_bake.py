@@ -19,10 +19,11 @@ from rhytid.cli.dask_session import BakeReport, BakeSession
 from rhytid.cli.frame_files import FramePlace
 from rhytid.cli.frame_range import FrameRange, frame_numbers
 from rhytid.cli.frames_list import frame_sources
-from rhytid.cli.options import cache_clip
-from rhytid.cli.progress import counted, detail, note, voice, working
+from rhytid.cli.mesh_options import cache_clip
+from rhytid.cli.progress import counted, working
 from rhytid.cli.serve import chosen
 from rhytid.cli.snapshot import SUFFIX
+from rhytid.cli.voice import detail, note, voice
 from rhytid.device.select import candidates
 from rhytid.durable import READABLE, shared_workplace, sweep, write_pieces
 from rhytid.farm.chunks import Chunk, Event, FrameDone, Unable, WorkerLost

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from rhytid.cli.options import positive
+from rhytid.cli.argument_types import positive
 
 LOCAL = "local"
 

@@ -12,14 +12,15 @@ from threading import RLock
 from tqdm import tqdm  # type: ignore[import-untyped]
 
 from rhytid.cli.bake_output import Output
-from rhytid.cli.baking import Baker, Geometry, stored
+from rhytid.cli.baking import Baker, Geometry
 from rhytid.cli.dask_job import WorkerJob
 from rhytid.cli.frame_files import FrameFiles, FramePlace
 from rhytid.cli.frame_range import FrameRange
 from rhytid.cli.input_files import mesh_file
-from rhytid.cli.progress import Voice, speaking
+from rhytid.cli.ready_assets import stored
 from rhytid.cli.serve import chosen
 from rhytid.cli.timing import Stopwatch
+from rhytid.cli.voice import Voice, speaking
 from rhytid.cli.warned import Warned
 from rhytid.domain.warnings import InputWarning
 from rhytid.engine.engine import Engine

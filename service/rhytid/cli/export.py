@@ -8,18 +8,9 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rhytid.cli.options import (
-    MESH_FILES,
-    Commands,
-    add_caches,
-    add_device,
-    add_force,
-    add_json,
-    add_strict,
-    cache_clip,
-    new_command,
-    readable,
-)
+from rhytid.cli.argument_types import readable
+from rhytid.cli.mesh_options import MESH_FILES, add_caches, cache_clip
+from rhytid.cli.options import Commands, add_device, add_force, add_json, add_strict, new_command
 from rhytid.cli.progress import counted, working
 from rhytid.cli.reporting import report, table
 from rhytid.cli.serve import chosen

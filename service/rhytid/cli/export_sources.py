@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from rhytid.cli.bake_inputs import asset_settings, new_asset
-from rhytid.cli.baking import build, finish
 from rhytid.cli.export import RESOLUTION
 from rhytid.cli.input_files import mesh_file, shape_files
 from rhytid.cli.progress import counted
+from rhytid.cli.ready_assets import build, finish
 from rhytid.cli.warned import Warned
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.expressions import Expressions

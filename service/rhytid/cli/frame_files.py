@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.cli.argument_types import is_file_name
 from rhytid.cli.input_files import frame_set
-from rhytid.cli.options import is_file_name
 from rhytid.domain.frame import NEUTRAL, frame_label
 from rhytid.domain.wording import plural
 from rhytid.errors import FrameError

@@ -10,8 +10,8 @@ import os
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
+from rhytid.cli.argument_types import is_file_name
 from rhytid.cli.frame_files import FramePlace
-from rhytid.cli.options import is_file_name
 from rhytid.errors import InputError
 
 

@@ -8,19 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rhytid.cli.argument_types import readable
 from rhytid.cli.graph_output import add_outputs, check_outputs, open_device, write_outputs
-from rhytid.cli.options import (
-    MESH_FILES,
-    Commands,
-    add_force,
-    add_prim,
-    add_strict,
-    add_unit,
-    length_unit,
-    new_command,
-    prim_clip,
-    readable,
-)
+from rhytid.cli.mesh_options import MESH_FILES, add_prim, add_unit, length_unit, prim_clip
+from rhytid.cli.options import Commands, add_force, add_strict, new_command
 from rhytid.cli.progress import working
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph

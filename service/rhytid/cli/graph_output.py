@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rhytid.cli.options import STDOUT, add_device, add_json
-from rhytid.cli.progress import detail, working
+from rhytid.cli.progress import working
 from rhytid.cli.reporting import report, table
+from rhytid.cli.voice import detail
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.lengths import Lengths

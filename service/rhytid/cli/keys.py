@@ -11,7 +11,8 @@ from pathlib import Path
 
 from rhytid.access.api_key import COMPUTE, READ, SCOPES, ApiKey, new_key, utc_now
 from rhytid.access.key_file import changing, read_keys
-from rhytid.cli.options import Commands, add_json, add_several, base_name, new_command
+from rhytid.cli.argument_types import base_name
+from rhytid.cli.options import Commands, add_json, add_several, new_command
 from rhytid.cli.reporting import report, table
 from rhytid.cli.serve import chosen
 from rhytid.errors import InputError

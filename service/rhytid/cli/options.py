@@ -3,32 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from rhytid.domain.expressions import LINES
-from rhytid.domain.lengths import SKIN
-from rhytid.domain.units import MILLIMETRES, USUAL_UNIT, millimetres
+from rhytid.cli.argument_types import readable
 from rhytid.domain.warnings import CODES
 from rhytid.engine.messages import SAMPLINGS, STRETCH_MODELS
-from rhytid.formats.frame_set import Clip
 from rhytid.textures.names import PROFILE_NAMES
 
-if TYPE_CHECKING:
-    from rhytid.formats.meshes import MeshFile
-
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}", re.ASCII)
 STDOUT = Path("-")
-MAX_PORT = 65535
-MOST_FPS = 10_000
-# Settings of `graph` of which each determines the other.
-DENSITY = ("spacing", "wrinkles")
-
-# What the commands read.
-MESH_FILES = "OBJ, PLY, glTF, GLB, npz or USD"
-FRAME_FILES = "npy, OBJ, npz with 'frames', USD, animated glTF or GLB, MDD or PC2"
-
 Commands = Any  # argparse._SubParsersAction has no public name
 
 
@@ -88,104 +71,10 @@ def add_several(parser: argparse._ActionsContainer, option: str, **named: Any) -
     parser.add_argument(option, nargs="+", action="extend", default=[], **named)
 
 
-def add_density(parser: argparse.ArgumentParser) -> argparse._ActionsContainer:
-    """`--spacing S` or `--wrinkles N`, of which one excludes the other, and what they are in."""
-    group = parser.add_mutually_exclusive_group()
-    usual = f"distance between pores, mesh units (default: {SKIN.spacing:g} mm through the unit)"
-    group.add_argument("--spacing", type=float, metavar="S", help=usual)
-    count = "how many wrinkles to grow (default: as many as that spacing makes)"
-    group.add_argument("--wrinkles", type=int, metavar="N", help=count)
-    return group
-
-
-def density(arguments: argparse.Namespace) -> dict[str, Any]:
-    """The setting of `graph` that says how dense pores are: none where nothing is given."""
-    given = {name: getattr(arguments, name) for name in DENSITY}
-    return {name: value for name, value in given.items() if value is not None}
-
-
-def add_lines(parser: argparse.ArgumentParser) -> None:
-    """`--lines` and `--shapes`: what the lines of the skin grow by."""
-    lines = "along the folds of expressions, or level (default: auto, by expressions if any)"
-    parser.add_argument("--lines", choices=LINES, help=lines)
-    shapes = (
-        "expressions: npz with 'shapes' and 'names' or with 'frames', npy, a geometry cache, or a "
-        "folder of OBJ (default: those of the mesh file)"
-    )
-    parser.add_argument("--shapes", type=_existing, metavar="FILE|DIR", help=shapes)
-
-
-def _existing(text: str) -> Path:
-    if not Path(text).exists():
-        raise argparse.ArgumentTypeError(f"no such file or folder: {text}")
-    return Path(text)
-
-
-def add_unit(
-    parser: argparse.ArgumentParser,
-    what: str,
-    default: str = "that of a graph or of a USD file which names one, else cm",
-) -> None:
-    """`--unit U`, the length unit of `what`."""
-    known = ", ".join(name for name in MILLIMETRES if name.isascii())
-    unit = f"length unit of {what}: {known} (default: {default})"
-    parser.add_argument("--unit", type=_unit, metavar="U", help=unit)
-
-
-def add_prim(parser: argparse.ArgumentParser) -> None:
-    """`--prim`: which mesh of a USD stage is meant."""
-    prim = "path or name of a mesh, where a USD stage has several"
-    parser.add_argument("--prim", metavar="PATH", help=prim)
-
-
-def prim_clip(prim: str | None) -> Clip:
-    """What `--prim` says, for a command that takes no animation."""
-    return Clip(prim=prim)
-
-
-def add_fps(parser: argparse.ArgumentParser, help: str) -> None:
-    """`--fps`: frames per second."""
-    parser.add_argument("--fps", type=_rate, default=24.0, metavar="F", help=help)
-
-
-def length_unit(arguments: argparse.Namespace, file: MeshFile) -> str:
-    """The unit that `--unit` names, else that of the mesh file, else the usual one."""
-    return arguments.unit or file.unit or USUAL_UNIT
-
-
-def add_caches(parser: argparse.ArgumentParser) -> None:
-    """`--prim`, `--clip` and `--fps`: which animation of a geometry cache is meant."""
-    add_prim(parser)
-    clip = "name or number of an animation, where a glTF has several"
-    parser.add_argument("--clip", metavar="NAME", help=clip)
-    add_fps(parser, "frames per second that glTF and MDD, which have times, are counted by")
-
-
-def cache_clip(arguments: argparse.Namespace) -> Clip:
-    """The clip that these options choose."""
-    return Clip(arguments.prim, arguments.clip, arguments.fps)
-
-
-def _rate(text: str) -> float:
-    try:
-        rate = float(text)
-    except ValueError:
-        rate = 0.0
-    if not 0.0 < rate <= MOST_FPS:
-        raise argparse.ArgumentTypeError(f"{text!r}: a number above 0, at most {MOST_FPS}")
-    return rate
-
-
 def add_force(parser: argparse.ArgumentParser) -> None:
     """`--force`."""
     force = "take a graph that was made for another mesh"
     parser.add_argument("--force", action="store_true", help=force)
-
-
-def _unit(text: str) -> str:
-    if millimetres(text) is None:
-        raise argparse.ArgumentTypeError(f"{text!r}: one of {', '.join(MILLIMETRES)}")
-    return text
 
 
 def add_shared_store(parser: argparse.ArgumentParser) -> None:
@@ -232,38 +121,3 @@ def add_query(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--stretch", choices=STRETCH_MODELS, default="tensor", help=stretch)
     sampling = "where stretch is taken: of whole triangles, or interpolated"
     parser.add_argument("--sampling", choices=SAMPLINGS, default="nearest", help=sampling)
-
-
-def readable(text: str) -> Path:
-    """A file that is there; as an argparse type."""
-    path = Path(text)
-    if not path.is_file():
-        raise argparse.ArgumentTypeError(f"no such file: {text}")
-    return path
-
-
-def port_number(text: str) -> int:
-    """A TCP port, or 0; as an argparse type."""
-    if not (text.isascii() and text.isdigit() and int(text) <= MAX_PORT):
-        raise argparse.ArgumentTypeError(f"{text!r}: a whole number from 0 to {MAX_PORT}")
-    return int(text)
-
-
-def positive(text: str) -> int:
-    """A whole number from 1; as an argparse type."""
-    if not (text.isascii() and text.isdigit() and int(text) > 0):
-        raise argparse.ArgumentTypeError(f"{text!r}: a whole number from 1")
-    return int(text)
-
-
-def is_file_name(text: str) -> bool:
-    """Whether a text may be a part of the names of written files, which dots divide."""
-    return _NAME.fullmatch(text) is not None
-
-
-def base_name(text: str) -> str:
-    """The first part of the names of written files; as an argparse type."""
-    if not is_file_name(text):
-        rule = "a letter or digit, then up to 63 letters, digits, '_' or '-'"
-        raise argparse.ArgumentTypeError(f"{text!r}: use {rule}")
-    return text

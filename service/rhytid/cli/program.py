@@ -30,8 +30,8 @@ from rhytid.cli import (
     transfer,
     warnings,
 )
-from rhytid.cli.progress import Voice, job_line, speaking
 from rhytid.cli.termination import INTERRUPTED, Interruption
+from rhytid.cli.voice import Voice, job_line, speaking
 from rhytid.errors import RhytidError
 
 COMMANDS = (

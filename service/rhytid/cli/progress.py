@@ -12,11 +12,12 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from statistics import median
 from typing import Any
 
 from tqdm import tqdm  # type: ignore[import-untyped]
+
+from rhytid.cli.voice import detail, job_line, voice
 
 _SHARE_FORMAT = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}{postfix}"
 _STEP_FORMAT = "{desc}: {elapsed}"
@@ -24,55 +25,6 @@ _STEP_FORMAT = "{desc}: {elapsed}"
 _EVERY, _LOOK = 10.0, 1.0
 # Steps by which the time of the next ones is estimated.
 _LAST = 9
-
-
-@dataclass(frozen=True)
-class Voice:
-    """How much a command says beside its results, warnings and errors.
-
-    for_job: whether progress goes to a worker agent of Open Job Description, not to a person.
-    """
-
-    quiet: bool = False
-    verbose: bool = False
-    for_job: bool = False
-
-
-_voice = Voice()
-
-
-@contextmanager
-def speaking(voice: Voice) -> Iterator[None]:
-    """Within the block, commands say so much."""
-    global _voice
-    before, _voice = _voice, voice
-    try:
-        yield
-    finally:
-        _voice = before
-
-
-def voice() -> Voice:
-    """How much to say now."""
-    return _voice
-
-
-def note(line: str) -> None:
-    """Print a line on stderr, above a bar that is being drawn; nothing where quiet."""
-    if not _voice.quiet:
-        tqdm.write(line, file=sys.stderr)
-
-
-def detail(line: str) -> None:
-    """Print a line on stderr where verbose."""
-    if _voice.verbose:
-        note(f"rhytid: {line}")
-
-
-def job_line(kind: str, text: str) -> None:
-    """Tell a worker agent of Open Job Description something: `progress` (0 to 100), `status` or
-    `fail`. A line break in the text would end it."""
-    print(f"openjd_{kind}: {' '.join(text.split())}", flush=True)
 
 
 @contextmanager
@@ -90,7 +42,7 @@ def share_bar(what: str) -> Iterator[Callable[[float, str], None]]:
         def show(share: float, stage: str) -> None:
             nonlocal last
             if stage != last[1]:
-                if _voice.for_job:
+                if voice().for_job:
                     job_line("status", f"{what}: {stage}")
                 detail(f"{what}: {stage}, after {pace.seconds():.1f} s")
             last = share, stage
@@ -110,12 +62,12 @@ def counted(things: Sequence[Any], what: str, unit: str) -> Iterable[Any]:
 
     with _shown(line, total=many, desc=what, unit=unit) as bar:
         for thing in things:
-            if _voice.for_job:
+            if voice().for_job:
                 job_line("status", f"{what}: {unit} {steps.done + 1} of {many}")
             yield thing
             steps.ended()
             bar.update()
-            if _voice.for_job:
+            if voice().for_job:
                 job_line("progress", f"{100 * steps.done / many:.1f}")
 
 
@@ -131,7 +83,7 @@ def working(what: str) -> Iterator[None]:
 def _shown(line: Callable[[float], str], **bar: Any) -> Iterator[tqdm]:
     """A bar on a terminal; elsewhere what `line` says after so many seconds. A thread of its own
     keeps both going: a step may take long."""
-    terminal, silent = sys.stderr.isatty(), _voice.quiet or _voice.for_job
+    terminal, silent = sys.stderr.isatty(), voice().quiet or voice().for_job
     ended, start = threading.Event(), time.monotonic()
     with tqdm(disable=silent or not terminal, **bar) as shown:
 

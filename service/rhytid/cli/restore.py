@@ -6,14 +6,8 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rhytid.cli.options import (
-    Commands,
-    add_json,
-    add_progress,
-    add_shared_store,
-    new_command,
-    readable,
-)
+from rhytid.cli.argument_types import readable
+from rhytid.cli.options import Commands, add_json, add_progress, add_shared_store, new_command
 from rhytid.cli.progress import working
 from rhytid.cli.reporting import report
 from rhytid.cli.snapshot import RUNNING, SUFFIX, add_store, mirrored

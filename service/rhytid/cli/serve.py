@@ -14,16 +14,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rhytid import __version__
+from rhytid.cli.argument_types import port_number
 from rhytid.cli.fleet_options import add_fleet, fleet_of
-from rhytid.cli.options import (
-    Commands,
-    add_device,
-    add_shared_store,
-    new_command,
-    port_number,
-)
-from rhytid.cli.progress import voice
+from rhytid.cli.options import Commands, add_device, add_shared_store, new_command
 from rhytid.cli.termination import TERMINATED, Terminated, end_now
+from rhytid.cli.voice import voice
 from rhytid.errors import InputError
 from rhytid.logs import log_to_stderr
 from rhytid.settings import LOG_FORMATS, ServiceSettings

@@ -5,8 +5,9 @@ from __future__ import annotations
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from rhytid.cli.progress import note, share_bar
+from rhytid.cli.progress import share_bar
 from rhytid.cli.timing import Stopwatch
+from rhytid.cli.voice import note
 from rhytid.errors import NotFoundError
 
 if TYPE_CHECKING:

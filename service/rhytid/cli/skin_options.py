@@ -7,22 +7,20 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rhytid.cli.options import (
-    DENSITY,
-    add_density,
-    add_lines,
-    add_several,
-    add_unit,
-    density,
-    readable,
-)
+from rhytid.cli.argument_types import existing, readable
+from rhytid.cli.mesh_options import add_unit
+from rhytid.cli.options import add_several
 from rhytid.domain.controls import CONTROLS, REGION_MAPS, REGION_PREFIX
+from rhytid.domain.expressions import LINES
+from rhytid.domain.lengths import SKIN
 from rhytid.domain.regions import REGIONS, WHOLE_FACE
 
 if TYPE_CHECKING:
     from rhytid.domain.controls import Controls
     from rhytid.domain.mesh import Mesh
 
+# Settings of `graph` of which each determines the other.
+_DENSITY = ("spacing", "wrinkles")
 _SETTINGS = ("age", "density", "strength", "turn", "anisotropy", "scale", "pore_radius")
 _MASKED = [name.removeprefix(REGION_PREFIX) for name in REGION_MAPS]
 # Of these options one that is given beside a graph would have no effect.
@@ -41,7 +39,7 @@ def skin_options(mesh: str, *, graph: bool = False) -> argparse.ArgumentParser:
         group.add_argument("--graph", type=readable, metavar="FILE", help=given)
     seed = "another seed gives another skin of the same kind (default: 1)"
     parser.add_argument("--seed", type=int, metavar="S", help=seed)
-    add_lines(parser)
+    _add_lines(parser)
     skin = f"what skin the mesh has where no mask says otherwise (default: {WHOLE_FACE})"
     parser.add_argument("--region", choices=REGIONS, help=skin)
     settings = f"a setting for the whole mesh: {', '.join(_SETTINGS)}"
@@ -53,6 +51,33 @@ def skin_options(mesh: str, *, graph: bool = False) -> argparse.ArgumentParser:
     add_several(parser, "--region-mask", type=_named(_MASKED), metavar="REGION=FILE", help=mask)
     add_unit(parser, mesh)
     return parser
+
+
+def add_density(parser: argparse.ArgumentParser) -> argparse._ActionsContainer:
+    """`--spacing S` or `--wrinkles N`, of which one excludes the other, and what they are in."""
+    group = parser.add_mutually_exclusive_group()
+    usual = f"distance between pores, mesh units (default: {SKIN.spacing:g} mm through the unit)"
+    group.add_argument("--spacing", type=float, metavar="S", help=usual)
+    count = "how many wrinkles to grow (default: as many as that spacing makes)"
+    group.add_argument("--wrinkles", type=int, metavar="N", help=count)
+    return group
+
+
+def density(arguments: argparse.Namespace) -> dict[str, Any]:
+    """The setting of `graph` that says how dense pores are: none where nothing is given."""
+    given = {name: getattr(arguments, name) for name in _DENSITY}
+    return {name: value for name, value in given.items() if value is not None}
+
+
+def _add_lines(parser: argparse.ArgumentParser) -> None:
+    """`--lines` and `--shapes`: what the lines of the skin grow by."""
+    lines = "along the folds of expressions, or level (default: auto, by expressions if any)"
+    parser.add_argument("--lines", choices=LINES, help=lines)
+    shapes = (
+        "expressions: npz with 'shapes' and 'names' or with 'frames', npy, a geometry cache, or a "
+        "folder of OBJ (default: those of the mesh file)"
+    )
+    parser.add_argument("--shapes", type=existing, metavar="FILE|DIR", help=shapes)
 
 
 def refuse_without_effect(arguments: argparse.Namespace) -> None:
@@ -76,7 +101,7 @@ def skin_settings(
     if graph:
         beside = dict(settings.get("graph", {}))
         if density(arguments):  # one of them fixes the other
-            beside = {name: value for name, value in beside.items() if name not in DENSITY}
+            beside = {name: value for name, value in beside.items() if name not in _DENSITY}
         settings["graph"] = {**beside, **graph}
     if arguments.unit is not None:
         settings["unit"] = arguments.unit

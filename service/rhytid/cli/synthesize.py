@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rhytid.cli.argument_types import readable
 from rhytid.cli.graph_output import (
     add_outputs,
     check_outputs,
@@ -17,16 +18,8 @@ from rhytid.cli.graph_output import (
     whole_file,
     write_outputs,
 )
-from rhytid.cli.options import (
-    MESH_FILES,
-    Commands,
-    add_caches,
-    add_strict,
-    cache_clip,
-    length_unit,
-    new_command,
-    readable,
-)
+from rhytid.cli.mesh_options import MESH_FILES, add_caches, cache_clip, length_unit
+from rhytid.cli.options import Commands, add_strict, new_command
 from rhytid.cli.progress import share_bar, working
 from rhytid.cli.skin_options import skin_controls, skin_options, skin_settings
 from rhytid.domain.asset_settings import AssetSettings, GraphSettings

@@ -7,20 +7,12 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rhytid.cli.options import (
-    MESH_FILES,
-    Commands,
-    add_json,
-    add_prim,
-    add_several,
-    add_unit,
-    length_unit,
-    new_command,
-    prim_clip,
-    readable,
-)
-from rhytid.cli.progress import counted, detail, working
+from rhytid.cli.argument_types import readable
+from rhytid.cli.mesh_options import MESH_FILES, add_prim, add_unit, length_unit, prim_clip
+from rhytid.cli.options import Commands, add_json, add_several, new_command
+from rhytid.cli.progress import counted, working
 from rhytid.cli.reporting import report, table
+from rhytid.cli.voice import detail
 from rhytid.domain.controls import NEUTRALS
 from rhytid.domain.painted import MOST_TEXELS
 from rhytid.domain.stiffness import NEUTRAL

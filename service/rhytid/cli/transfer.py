@@ -7,20 +7,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rhytid.cli.options import (
-    MESH_FILES,
-    Commands,
-    add_device,
-    add_force,
-    add_json,
-    add_prim,
-    add_strict,
-    add_unit,
-    length_unit,
-    new_command,
-    prim_clip,
-    readable,
-)
+from rhytid.cli.argument_types import readable
+from rhytid.cli.mesh_options import MESH_FILES, add_prim, add_unit, length_unit, prim_clip
+from rhytid.cli.options import Commands, add_device, add_force, add_json, add_strict, new_command
 from rhytid.cli.progress import working
 from rhytid.cli.reporting import report, table
 from rhytid.domain.asset_settings import AssetSettings

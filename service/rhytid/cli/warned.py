@@ -10,7 +10,8 @@ from dataclasses import asdict, replace
 from tqdm import tqdm  # type: ignore[import-untyped]
 
 from rhytid.cli.frame_files import FrameFiles
-from rhytid.cli.progress import counted, note
+from rhytid.cli.progress import counted
+from rhytid.cli.voice import note
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.frame_warnings import FrameCheck
 from rhytid.domain.mesh import Mesh

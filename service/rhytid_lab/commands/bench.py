@@ -11,18 +11,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.cli.options import (
-    STDOUT,
-    Commands,
-    add_density,
-    add_device,
-    add_force,
-    add_json,
-    new_command,
-    readable,
-)
+from rhytid.cli.argument_types import readable
+from rhytid.cli.options import STDOUT, Commands, add_device, add_force, add_json, new_command
 from rhytid.cli.progress import counted
 from rhytid.cli.reporting import report, table, write_json
+from rhytid.cli.skin_options import add_density
 from rhytid.domain.asset_settings import PRESETS
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import FrameError, InputError, RhytidError

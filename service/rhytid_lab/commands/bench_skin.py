@@ -8,8 +8,8 @@ from collections.abc import Collection
 from typing import Any
 
 from rhytid.cli.input_files import graph_file
-from rhytid.cli.options import density
 from rhytid.cli.progress import share_bar
+from rhytid.cli.skin_options import density
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph

@@ -7,20 +7,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from warnings import catch_warnings, simplefilter
 
+from rhytid.cli.argument_types import readable
+from rhytid.cli.mesh_options import FRAME_FILES, MESH_FILES, add_caches, cache_clip
 from rhytid.cli.options import (
-    FRAME_FILES,
-    MESH_FILES,
     Commands,
-    add_caches,
     add_device,
     add_json,
     add_query,
     add_several,
     add_stiffness,
     add_strict,
-    cache_clip,
     new_command,
-    readable,
 )
 from rhytid.cli.reporting import report, table, write_json
 from rhytid.cli.serve import chosen

@@ -6,7 +6,9 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rhytid.cli.options import Commands, add_device, add_json, add_unit, new_command, readable
+from rhytid.cli.argument_types import readable
+from rhytid.cli.mesh_options import add_unit
+from rhytid.cli.options import Commands, add_device, add_json, new_command
 from rhytid.cli.progress import share_bar
 from rhytid.cli.reporting import report, table, write_json
 from rhytid.domain.asset_settings import AssetSettings
