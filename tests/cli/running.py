@@ -12,8 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 from meshes import SmallMesh, deform
+from rhytid.cli import main
 
 # Begins a command that has its own mounts; empty where this system does not let us.
 OWN_MOUNTS: tuple[str, ...] = ()
@@ -35,6 +37,20 @@ def write_neutral(file: Path, mesh: SmallMesh) -> Path:
     """A .npz with a neutral mesh alone."""
     np.savez(file, **mesh._asdict())
     return file
+
+
+def only_asset(store: Path) -> str:
+    """The id of the one asset in a store."""
+    [home] = (store / "assets").iterdir()
+    return home.name
+
+
+def usage_error(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    """What `rhytid` says on stderr to arguments that it cannot understand."""
+    with pytest.raises(SystemExit) as ended:
+        main(arguments)
+    assert ended.value.code == 2
+    return capsys.readouterr().err
 
 
 @contextmanager

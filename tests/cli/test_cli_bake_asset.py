@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cli.running import write_animation
+from cli.running import only_asset, usage_error, write_animation
 from meshes import SmallMesh
 from rhytid.cli import main
 from rhytid.formats.exr import read_exr
@@ -22,7 +22,7 @@ def test_parts_by_a_restored_asset_are_what_one_bake_writes(
     here, there = (str(tmp_path / name) for name in ("here", "there"))
     whole, parts = tmp_path / "whole", tmp_path / "parts"
     assert main(["bake", "--mesh", mesh, "--out", str(whole), "--store", here, *SMALL]) == 0
-    [asset] = [home.name for home in (tmp_path / "here" / "assets").iterdir()]
+    asset = only_asset(tmp_path / "here")
     snapshot = str(tmp_path / "face.tar")
     assert main(["snapshot", asset, "--store", here, "--out", snapshot]) == 0
     assert main(["restore", snapshot, "--store", there]) == 0
@@ -54,7 +54,7 @@ def test_an_asset_of_another_mesh_is_refused(
     store = str(tmp_path / "store")
     given = ["bake", "--out", str(tmp_path / "maps"), "--store", store]
     assert main([*given, "--mesh", str(mesh), *SMALL]) == 0
-    [asset] = [home.name for home in (tmp_path / "store" / "assets").iterdir()]
+    asset = only_asset(tmp_path / "store")
     with np.load(mesh) as arrays:
         np.savez(tmp_path / "big.npz", **{**arrays, "positions": arrays["positions"] * 2})
 
@@ -73,17 +73,10 @@ def test_an_asset_of_another_mesh_is_refused(
     ],
 )
 def test_options_that_build_are_refused_beside_an_asset(
-    more: list[str],
-    message: str,
-    tmp_path: Path,
-    small_mesh: SmallMesh,
-    capsys: pytest.CaptureFixture[str],
+    more: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    mesh = str(write_animation(tmp_path / "shot.npz", small_mesh, 1))
-
-    with pytest.raises(SystemExit):
-        main(["bake", "--mesh", mesh, "--out", str(tmp_path), "--asset", "a" * 16, *more])
-    assert message in capsys.readouterr().err
+    given = ["bake", "--mesh", __file__, "--out", str(tmp_path), "--asset", "a" * 16]
+    assert message in usage_error(capsys, *given, *more)
 
 
 def test_another_resolution_is_the_same_skin(
@@ -92,7 +85,7 @@ def test_another_resolution_is_the_same_skin(
     mesh = str(write_animation(tmp_path / "shot.npz", small_mesh, 1))
     given = ["bake", "--mesh", mesh, "--store", str(tmp_path / "store")]
     assert main([*given, "--out", str(tmp_path / "small"), *SMALL]) == 0
-    [asset] = [home.name for home in (tmp_path / "store" / "assets").iterdir()]
+    asset = only_asset(tmp_path / "store")
 
     given += ["--asset", asset, "--method", "binned"]
     assert main([*given, "--out", str(tmp_path / "large"), "--resolution", "512"]) == 0

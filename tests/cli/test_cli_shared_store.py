@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from cli.running import write_animation
+from cli.running import only_asset, write_animation
 from meshes import SmallMesh
 from rhytid.cli import main
 from rhytid.engine.asset_builder import AssetBuilder
@@ -60,7 +60,7 @@ def test_a_snapshot_goes_through_a_shared_store(
     first, second = tmp_path / "first.tar", tmp_path / "second.tar"
     bake = ["bake", "--mesh", mesh, "--out", str(tmp_path / "maps"), "--store", here]
     assert main([*bake, *SMALL]) == 0
-    [asset] = [home.name for home in (tmp_path / "here" / "assets").iterdir()]
+    asset = only_asset(tmp_path / "here")
     assert main(["snapshot", asset, "--store", here, "--out", str(first)]) == 0
     assert SharedStore.at(place).ids() == []
 

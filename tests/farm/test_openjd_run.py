@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cli.running import only_asset
 from face_data import Face
 from farm.bundles import bake, maps, openjd, program, run_job, values, write_shot
 from meshes import SmallMesh, bumpy_grid
@@ -104,9 +105,11 @@ def test_method_and_resolution_are_parameters(shot: Shot, tmp_path: Path) -> Non
     done = run_job(shot.bundle, "--maximum-tasks", "1", Method="redraw", Resolution=512)
 
     assert done.returncode == 0, done.stdout
-    store = str(shot.neutral.parent / "assets")
-    [asset] = [home.name for home in Path(store, "assets").iterdir()]
-    given = ["--mesh", str(shot.neutral), "--store", store, "--asset", asset, "--resolution", "512"]
+    store = shot.neutral.parent / "assets"
+    asset = only_asset(store)
+    given = ["--mesh", str(shot.neutral), "--store", str(store), "--asset", asset]
+    given += ["--resolution", "512"]
+    given += ["--resolution", "512"]
     frames = ["--frames", *map(str, shot.files), "--frame-range", "1-2"]
     assert main(["bake", *given, *frames, "--out", str(tmp_path / "maps")]) == 0
     assert maps(shot.out) == maps(tmp_path / "maps")
@@ -159,7 +162,7 @@ def task(shot: Shot, frames: str, store: Path) -> subprocess.Popen[str]:
     """The command of one task."""
     restore = ["restore", str(shot.bundle / "asset.rhytid.tar"), "--store", str(store)]
     assert main(restore) == 0
-    [asset] = [home.name for home in (store / "assets").iterdir()]
+    asset = only_asset(store)
     given = ["--mesh", str(shot.neutral), "--out", str(shot.out), "--asset", asset]
     given += ["--store", str(store), "--frame-range", frames, "--progress", "openjd", *BINNED]
     command = [sys.executable, "-m", "rhytid", "bake", *given]

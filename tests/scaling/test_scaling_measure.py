@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from cli.running import write_animation
+from cli.running import only_asset, write_animation
 from meshes import SmallMesh
 from rhytid.cli import main
 from rhytid.errors import InputError, RhytidError
@@ -18,7 +18,7 @@ def test_two_processes_write_what_one_does(tmp_path: Path, small_mesh: SmallMesh
     mesh, store = write_animation(tmp_path / "shot.npz", small_mesh, 2), tmp_path / "store"
     given = ["--mesh", str(mesh), "--out", str(tmp_path / "maps"), "--store", str(store)]
     assert main(["bake", *given, "--resolution", "256", "--wrinkles", "400"]) == 0
-    [asset] = [home.name for home in (store / "assets").iterdir()]
+    asset = only_asset(store)
     shot = Shot(mesh, store, asset, 2)
     both = measure(shot, "redraw", 2, tmp_path)
 
