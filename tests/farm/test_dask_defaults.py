@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, cast
 
 import pytest
 
-from rhytid.cli import dask_bake
-from rhytid.cli.dask_bake import DaskBake, chunk_size
-from rhytid.cli.frame_files import FramePlace
+from rhytid.cli import bake_cluster
+from rhytid.cli.bake_cluster import worker_devices
+from rhytid.cli.dask_bake import chunk_size
 
 
 @pytest.mark.parametrize(
@@ -41,13 +39,10 @@ def test_processes_here_have_the_device_that_is_named_or_one_each(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     found = [SimpleNamespace(index=index, kind="gpu") for index in range(gpus)]
-    monkeypatch.setattr(dask_bake, "candidates", lambda: found)
+    monkeypatch.setattr(bake_cluster, "candidates", lambda: found)
     monkeypatch.delenv("RHYTID_DEVICE", raising=False)
     if variable is not None:
         monkeypatch.setenv("RHYTID_DEVICE", variable)
-    arguments = Namespace(out=Path(), device=option, dask_workers=count)
-    frames = SimpleNamespace(places=[FramePlace("0001", None, 0)])
-    given: Any = SimpleNamespace(part=None)
-    baking = DaskBake(arguments, given, cast("Any", SimpleNamespace(frames=frames)))
+    arguments = Namespace(device=option, dask_workers=count)
 
-    assert baking._devices() == devices
+    assert worker_devices(arguments) == devices

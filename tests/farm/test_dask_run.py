@@ -16,6 +16,7 @@ from rhytid.errors import FarmError, FrameError, InputError, StorageError
 from rhytid.farm.chunks import Chunk, ChunkDone, Event, FrameDone, Unable, WorkerLost, of_worker
 from rhytid.farm.dask_cluster import Cluster, local_cluster, running_cluster
 from rhytid.farm.dask_run import DaskRun
+from rhytid.farm.roster import Roster
 
 
 @pytest.fixture(scope="module")
@@ -164,7 +165,7 @@ def test_a_worker_that_cannot_bake_is_put_aside(cluster: Cluster, tmp_path: Path
     [unable] = [event for event in events if isinstance(event, Unable)]
     assert str(unable.error) == f"worker {unable.worker}: no OpenCL device matches 'gpu'"
     assert unable.worker not in {e.worker for e in events if isinstance(e, FrameDone)}
-    assert len(running.took) == 1 < len(running.workers)
+    assert len(running.took) == 1 < len(running.roster.workers)
     assert len([*tmp_path.glob("tried-*")]) == 2, "each has tried, and once"
 
 
@@ -199,7 +200,7 @@ def test_two_clusters_run_side_by_side(cluster: Cluster, tmp_path: Path) -> None
 class Without:
     """A cluster with `workers` that announce nothing."""
 
-    where, client, own = "tcp://farm:8786", None, None
+    where = "tcp://farm:8786"
 
     def __init__(self, workers: int) -> None:
         self._workers = workers
@@ -213,7 +214,7 @@ class Without:
     [(3, "of its 3 none announces the resource opencl"), (0, "it has none")],
 )
 def test_a_cluster_that_cannot_bake_is_told(workers: int, reason: str) -> None:
-    waiting = DaskRun(cast("Any", Without(workers)), cast("Any", None), patience=0.2)
+    waiting = Roster(cast("Any", Without(workers)), patience=0.2)
     start = time.monotonic()
 
     with pytest.raises(FarmError, match=f"^no worker of tcp://farm:8786 can bake, {reason}"):

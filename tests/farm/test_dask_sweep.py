@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import os
 from argparse import Namespace
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
 
+from rhytid.cli import dask_bake
 from rhytid.cli.bake_output import Output
 from rhytid.cli.dask_bake import DaskBake
 from rhytid.cli.frame_files import FramePlace
@@ -27,10 +27,6 @@ class Undrawn(DaskBake):
 
     failure: Exception | None = None
 
-    @contextmanager
-    def _cluster(self) -> Iterator[Any]:
-        yield None
-
     def _job(self, shared: Path) -> Any:
         self.shared = shared
         self.mode = shared.stat().st_mode & 0o777
@@ -39,6 +35,11 @@ class Undrawn(DaskBake):
         self._chunks = self._numbers.chunks(2)
         if self.failure is not None:
             raise self.failure
+
+
+@pytest.fixture(autouse=True)
+def without_a_cluster(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(dask_bake, "bake_cluster", nullcontext)
 
 
 def bake(out: Path, dask: str = "tcp://farm:8786") -> Undrawn:

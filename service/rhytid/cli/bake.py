@@ -45,9 +45,10 @@ def run(arguments: argparse.Namespace) -> None:
 
 def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     # Imported here, so that --help does not wait for OpenCL.
+    from rhytid.cli.bake_cluster import check_cluster
     from rhytid.cli.bake_inputs import BakeInputs
     from rhytid.cli.bake_job import write_job
-    from rhytid.cli.dask_bake import DaskBake, check_cluster
+    from rhytid.cli.dask_bake import DaskBake
     from rhytid.engine.engine import Engine
 
     given = BakeInputs.read(arguments, warned)

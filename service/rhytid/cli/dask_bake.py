@@ -6,30 +6,26 @@ import argparse
 import math
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from contextlib import suppress
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rhytid.cli.bake_cluster import bake_cluster
 from rhytid.cli.bake_inputs import BakeInputs
-from rhytid.cli.dask_job import SharedFile, WorkerJob, mesh_digest
+from rhytid.cli.dask_job import WorkerJob
 from rhytid.cli.dask_options import LOCAL
 from rhytid.cli.dask_session import BakeReport, BakeSession
 from rhytid.cli.frame_files import FramePlace
 from rhytid.cli.frame_range import FrameRange, frame_numbers
-from rhytid.cli.frames_list import frame_sources
-from rhytid.cli.mesh_options import cache_clip
 from rhytid.cli.progress import counted, working
-from rhytid.cli.serve import chosen
 from rhytid.cli.snapshot import SUFFIX
-from rhytid.cli.voice import detail, note, voice
-from rhytid.device.select import candidates
+from rhytid.cli.voice import detail, note
 from rhytid.durable import READABLE, shared_workplace, sweep, write_pieces
 from rhytid.farm.chunks import Chunk, Event, FrameDone, Unable, WorkerLost
-from rhytid.farm.dask_cluster import Cluster, check_installed, local_cluster, running_cluster
+from rhytid.farm.dask_cluster import Cluster
 from rhytid.farm.dask_run import DaskRun
-from rhytid.unfinished import temporary_folder
 
 if TYPE_CHECKING:
     from rhytid.cli.baking import Baker
@@ -39,8 +35,6 @@ if TYPE_CHECKING:
 _TASKS = 4
 # And so small that a worker that comes later gets some, too.
 _LARGEST = 50
-# Processes on one device: while one writes, the other draws.
-_ON_ONE = 2
 
 
 @dataclass
@@ -55,15 +49,6 @@ class DaskFigures:
     lost: int = 0
     tasks: int = 0
     snapshot_bytes: int = 0
-
-
-def check_cluster(address: str) -> None:
-    """Raise InputError where Dask is not installed and FarmError where no scheduler answers: before
-    an asset is built."""
-    check_installed()
-    if address != LOCAL:
-        with running_cluster(address):
-            pass
 
 
 class DaskBake:
@@ -84,7 +69,7 @@ class DaskBake:
         # The snapshot is beside the maps, where all workers find it.
         with shared_workplace(self._out) as shared:
             try:
-                with self._cluster() as cluster:
+                with bake_cluster(self._arguments) as cluster:
                     self._bake(cluster, self._job(shared))
                 ended = True
             finally:
@@ -92,58 +77,19 @@ class DaskBake:
                 if ended or mine:
                     sweep(self._out, self._names().__contains__)
 
-    @contextmanager
-    def _cluster(self) -> Iterator[Cluster]:
-        arguments = self._arguments
-        if arguments.dask != LOCAL:
-            with running_cluster(arguments.dask) as cluster:
-                yield cluster
-            return
-        quiet = not voice().verbose
-        with (
-            temporary_folder("rhytid-dask-") as folder,
-            local_cluster(self._devices(), folder, quiet) as cluster,
-        ):
-            yield cluster
-
-    def _devices(self) -> list[str | None]:
-        """What RHYTID_DEVICE is in each process of a cluster here."""
-        count = self._arguments.dask_workers
-        wanted = chosen(None, self._arguments.device).device
-        gpus = [str(one.index) for one in candidates() if one.kind == "gpu"]
-        devices: list[str | None] = [*gpus] if gpus and wanted is None else [wanted]
-        each = len(gpus) if wanted is None else 0
-        return [devices[i % len(devices)] for i in range(count or each or _ON_ONE)]
-
     def _job(self, shared: Path) -> WorkerJob:
-        arguments, baker, given = self._arguments, self._baker, self._given
+        baker = self._baker
         snapshot = shared / f"{baker.asset.id}{SUFFIX}"
         with working("writing the snapshot"), baker.engine.snapshots.of(baker.asset.id) as made:
             write_pieces(snapshot, made.pieces())
         snapshot.chmod(READABLE)
         self.figures.snapshot_bytes = made.nbytes
-        return WorkerJob(
-            mesh=SharedFile.of(arguments.mesh),
-            mesh_digest=mesh_digest(baker.mesh),
-            frames=tuple(map(_resolved, baker.frames.places)),
-            files=tuple(map(SharedFile.of, frame_sources(self._places()))),
-            clip=cache_clip(arguments),
-            snapshot=SharedFile.of(snapshot),
-            asset=baker.asset.id,
-            out=str(self._out),
-            name=given.name,
-            profiles=tuple(profile.name for profile in given.profiles),
-            geometry=arguments.geometry,
-            subdivide=arguments.subdivide,
-            query=baker.query,
-            strict=arguments.strict,
-            allow=tuple(arguments.allow),
-        )
+        return WorkerJob.of(self._arguments, self._given, baker, snapshot, self._places())
 
     def _bake(self, cluster: Cluster, job: WorkerJob) -> None:
         many = len(self._numbers.numbers)
         with DaskRun(cluster, partial(BakeSession, job)) as run:
-            each = self._arguments.chunk or chunk_size(many, run.slots())
+            each = self._arguments.chunk or chunk_size(many, run.roster.slots())
             self._chunks = self._numbers.chunks(each)
             events = run.bake([Chunk(one.numbers, one.text()) for one in self._chunks])
             for _ in counted(range(many), "baking", "frame"):
@@ -153,7 +99,7 @@ class DaskBake:
             self._until_frame(events)  # the last chunk ends after its last frame
         self.figures.tasks = len(self._chunks)
         took = run.took
-        self.figures.workers, self.figures.lost = len(took), len(took & run.lost)
+        self.figures.workers, self.figures.lost = len(took), len(took & run.roster.lost)
 
     def _until_frame(self, events: Iterator[Event]) -> None:
         """Take in what happens until one more frame is there."""
@@ -192,8 +138,3 @@ class DaskBake:
 def chunk_size(frames: int, slots: int) -> int:
     """Frames per task where nothing says how many.  slots: tasks that run at once by now."""
     return min(math.ceil(frames / (slots * _TASKS)), _LARGEST)
-
-
-def _resolved(place: FramePlace) -> FramePlace:
-    """The same frame by a path that does not depend on where a process runs."""
-    return place if place.file is None else replace(place, file=place.file.resolve())

@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+import argparse
 import hashlib
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rhytid import __version__
 from rhytid.cli.frame_files import FramePlace
 from rhytid.cli.frames_list import frame_sources
+from rhytid.cli.mesh_options import cache_clip
 from rhytid.domain.mesh import Mesh
 from rhytid.engine.messages import MapQuery
 from rhytid.errors import InputError
 from rhytid.formats.frame_set import Clip
+
+if TYPE_CHECKING:
+    from rhytid.cli.bake_inputs import BakeInputs
+    from rhytid.cli.baking import Baker
 
 
 @dataclass(frozen=True)
@@ -68,6 +75,34 @@ class WorkerJob:
     allow: tuple[str, ...]
     version: str = __version__
 
+    @classmethod
+    def of(
+        cls,
+        arguments: argparse.Namespace,
+        given: BakeInputs,
+        baker: Baker,
+        snapshot: Path,
+        baked: Sequence[FramePlace],
+    ) -> WorkerJob:
+        """The job of a bake.  snapshot: of its asset.  baked: the frames that are baked."""
+        return cls(
+            mesh=SharedFile.of(arguments.mesh),
+            mesh_digest=mesh_digest(baker.mesh),
+            frames=tuple(map(_resolved, baker.frames.places)),
+            files=tuple(map(SharedFile.of, frame_sources(baked))),
+            clip=cache_clip(arguments),
+            snapshot=SharedFile.of(snapshot),
+            asset=baker.asset.id,
+            out=str(arguments.out.resolve()),
+            name=given.name,
+            profiles=tuple(profile.name for profile in given.profiles),
+            geometry=arguments.geometry,
+            subdivide=arguments.subdivide,
+            query=baker.query,
+            strict=arguments.strict,
+            allow=tuple(arguments.allow),
+        )
+
     def check(self) -> None:
         """Raise InputError where mesh or snapshot are not here, or this is another version."""
         if self.version != __version__:
@@ -97,3 +132,8 @@ def mesh_digest(mesh: Mesh) -> str:
         digest.update(f"{array.dtype.str} {array.shape}".encode())
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()
+
+
+def _resolved(place: FramePlace) -> FramePlace:
+    """The same frame by a path that does not depend on where a process runs."""
+    return place if place.file is None else replace(place, file=place.file.resolve())
