@@ -15,9 +15,13 @@ from hypothesis import settings
 
 import face_data
 from meshes import SmallMesh, bumpy_grid
+from storage.places import bucket, place, s3
 
 if TYPE_CHECKING:
     from rhytid.device.runtime import Device
+
+# Here, so that the tests of all folders share one server that speaks S3.
+__all__ = ["bucket", "place", "s3"]
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

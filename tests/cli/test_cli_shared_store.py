@@ -12,9 +12,8 @@ from meshes import SmallMesh
 from rhytid.cli import main
 from rhytid.engine.asset_builder import AssetBuilder
 from rhytid.storage.shared.shared_store import SharedStore
-from storage.places import bucket, new_folder, s3
+from storage.places import new_folder
 
-__all__ = ["bucket", "s3"]
 SMALL = ("--resolution", "256", "--wrinkles", "400")
 
 

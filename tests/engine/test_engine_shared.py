@@ -31,9 +31,8 @@ from rhytid.errors import (
     SharedStoreError,
 )
 from rhytid.storage.shared.shared_store import SharedStore
-from storage.places import bucket, new_folder, s3
+from storage.places import new_folder
 
-__all__ = ["bucket", "s3"]
 T = TypeVar("T")
 FIRST = TileAddress(1001, 0, 0, 0)
 LONG = 60.0

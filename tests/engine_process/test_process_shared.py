@@ -11,9 +11,8 @@ from api.asking import NPY, npy
 from api.patch import smile
 from engine_process.served import await_value, faults, serving
 from rhytid.storage.shared.shared_store import SharedStore
-from storage.places import bucket, s3
 
-__all__ = ["bucket", "faults", "s3"]
+__all__ = ["faults"]
 
 
 @pytest.mark.slow

@@ -41,6 +41,12 @@ def shot(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture
+def mesh(tmp_path: Path) -> Path:
+    """An animation."""
+    return write_animation(tmp_path / "shot.npz", bumpy_grid(10, seed=1), 1)
+
+
 def given(shot: Path, cluster: Cluster, out: Path) -> list[str]:
     """A bake of the asset on a cluster that runs."""
     built = ["--store", str(shot / "store"), "--asset", only_asset(shot / "store")]
@@ -163,25 +169,25 @@ def test_a_bad_frame_ends_with_its_error(
 
 
 def test_dask_that_is_not_there_is_named(
-    shot: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    mesh: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
-    mesh = ["--mesh", str(shot / "shot.npz"), "--out", str(shot / "none")]
+    given = ["--mesh", str(mesh), "--out", str(tmp_path / "none")]
 
-    assert main(["bake", *mesh, "--dask", "local"]) == 1
+    assert main(["bake", *given, "--dask", "local"]) == 1
     assert "--dask needs Dask: pip install 'rhytid[dask]'" in capsys.readouterr().err
-    assert not (shot / "none").exists()
+    assert not (tmp_path / "none").exists()
 
 
 def test_a_scheduler_that_does_not_answer_is_told_before_anything_is_built(
-    shot: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    mesh: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(dask_cluster, "ANSWER", 0.2)
-    mesh = ["--mesh", str(shot / "shot.npz"), "--out", str(shot / "none")]
+    given = ["--mesh", str(mesh), "--out", str(tmp_path / "none")]
 
-    assert main(["bake", *mesh, "--dask", "tcp://127.0.0.1:9"]) == 1
+    assert main(["bake", *given, "--dask", "tcp://127.0.0.1:9"]) == 1
     assert "no Dask scheduler answers at tcp://127.0.0.1:9" in capsys.readouterr().err
-    assert not (shot / "none").exists()
+    assert not (tmp_path / "none").exists()
 
 
 @pytest.mark.parametrize(

@@ -125,6 +125,7 @@ def test_a_chunk_goes_on_while_frames_are_added(
     assert told(events) == ALL[:4]
 
 
+@pytest.mark.slow
 def test_a_frame_that_ends_workers_is_named(cluster: Cluster, allowed: Any, tmp_path: Path) -> None:
     allowed.allowed_failures = 0
 
@@ -169,6 +170,7 @@ def test_a_worker_that_cannot_bake_is_put_aside(cluster: Cluster, tmp_path: Path
     assert len([*tmp_path.glob("tried-*")]) == 2, "each has tried, and once"
 
 
+@pytest.mark.slow
 def test_the_successor_of_the_only_worker_that_can_bake_goes_on(
     cluster: Cluster, tmp_path: Path
 ) -> None:

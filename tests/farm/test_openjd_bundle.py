@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 from openjd.model import decode_job_template
 
-from farm.bundles import bake, template, values, write_shot
+from farm.bundles import SMALL, bake, template, values, write_shot
 from meshes import SmallMesh
+from rhytid.cli import main
 from rhytid.cli.frame_files import FramePlace
 from rhytid.cli.frames_list import frames_list, read_frames_list
 from rhytid.domain.asset_settings import AssetSettings
@@ -106,10 +107,8 @@ def test_a_list_of_frames_that_cannot_be_used_is_named(
     listing = tmp_path / "frames.txt"
     listing.write_bytes(text.encode(errors="surrogateescape"))
 
-    from rhytid.cli import main
-
     given = ["bake", "--mesh", str(neutral), "--out", str(tmp_path / "maps")]
-    assert main([*given, "--frames-list", str(listing)]) == 1
+    assert main([*given, *SMALL, "--frames-list", str(listing)]) == 1
     said = capsys.readouterr().err
     assert (str(listing) if message[0] in ", " else "") + message in said
 

@@ -70,6 +70,7 @@ def test_assets_that_are_missed_are_read() -> None:
     assert many == pytest.approx(10 * few)
 
 
+@pytest.mark.slow
 def test_the_plot_has_a_line_for_each_policy(tmp_path: Path) -> None:
     figure = plot({held: outcomes() for held in (10, 20)})
 

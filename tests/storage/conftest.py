@@ -12,9 +12,6 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.storage import AssetStore
-from storage.places import bucket, place, s3
-
-__all__ = ["bucket", "place", "s3"]
 
 
 @pytest.fixture

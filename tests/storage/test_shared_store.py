@@ -28,6 +28,10 @@ EXTRA = {"spacing": 0.5, "distance": 0.5, "uv_length": 10.0, "warnings": []}
 # Files of the asset, and the manifest.
 STEPS = 7
 LONG = 120
+# What a bucket answers is met by the other tests: each of these asks it some fifty times.
+BUCKET_IS_SLOW = pytest.mark.parametrize(
+    "place", ["folder", pytest.param("bucket", marks=pytest.mark.slow)], indirect=True
+)
 
 
 def quiet(share: float, file: str) -> None:
@@ -112,6 +116,7 @@ def test_changes_come_along(
     assert other.overlay(ID) == settings.with_r_max(0.4)
 
 
+@BUCKET_IS_SLOW
 def test_shapes_that_were_sent_here_stay(
     filled: AssetStore, other: AssetStore, mesh: Mesh, settings: AssetSettings, place: str
 ) -> None:
@@ -126,6 +131,7 @@ def test_shapes_that_were_sent_here_stay(
     assert not StoreMirror(other, SharedStore.at(place)).is_pushed(ID)
 
 
+@BUCKET_IS_SLOW
 def test_an_asset_is_there_once_its_manifest_is(
     filled: AssetStore, other: AssetStore, place: str
 ) -> None:
@@ -155,6 +161,7 @@ def stops_after(steps: int) -> Callable[[float, str], None]:
     return report
 
 
+@BUCKET_IS_SLOW
 def test_a_fetch_that_ends_leaves_nothing(
     filled: AssetStore, other: AssetStore, place: str, tmp_path: Path
 ) -> None:
@@ -186,11 +193,12 @@ def test_a_writer_that_is_killed_leaves_no_half(
         assert taken(other) == whole
 
 
+@pytest.mark.parametrize("times", [30, pytest.param(300, marks=pytest.mark.slow)])
 def test_readers_beside_two_writers_never_see_half(
-    filled: AssetStore, folder: Path, tmp_path: Path
+    times: int, filled: AssetStore, folder: Path, tmp_path: Path
 ) -> None:
     """Two processes replace the settings of the asset all the time; a reader fetches it."""
-    check_readers(filled, folder, str(new_folder(tmp_path)), tmp_path, 200)
+    check_readers(filled, folder, str(new_folder(tmp_path)), tmp_path, times)
 
 
 @pytest.mark.slow
