@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -67,6 +68,7 @@ def test_every_point_agrees_with_barycentric_coordinates():
     assert 0.2 < holds.any(axis=1).mean() < 0.5
 
 
+@pytest.mark.slow
 @settings(max_examples=30)
 @given(st.integers(0, 2**32 - 1))
 def test_padding_takes_the_nearest_of_densely_sampled_borders(seed):
@@ -88,6 +90,7 @@ def test_padding_takes_the_nearest_of_densely_sampled_borders(seed):
     assert (distance[index < 0].min(axis=1) > PADDING - coarse).all()
 
 
+@pytest.mark.slow
 @given(st.integers(0, 2**32 - 1))
 def test_a_point_moved_by_less_than_its_margin_keeps_its_triangle(seed):
     rng = np.random.default_rng(seed)

@@ -116,6 +116,7 @@ def test_positions_take_a_place(crowded: Crowded) -> None:
     assert crowded.client.get(path, timeout=20).status_code == 200
 
 
+@pytest.mark.slow
 def test_all_that_waited_are_answered_and_their_places_are_free_again() -> None:
     engine = SlowEngine()
     with serving(engine, queue=PLACES) as client, ThreadPoolExecutor(PLACES) as pool:

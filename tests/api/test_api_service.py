@@ -141,6 +141,7 @@ def test_query_parameters_are_documented(document: dict[str, Any]) -> None:
     assert call["responses"]["200"]["content"].keys() >= {"application/x-npy", "image/png"}
 
 
+@pytest.mark.slow
 def test_importing_the_transport_loads_no_opencl() -> None:
     code = "import sys, rhytid.api.app; sys.exit('pyopencl' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

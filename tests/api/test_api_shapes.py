@@ -26,6 +26,7 @@ def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         yield str(client.base_url)
 
 
+@pytest.mark.slow
 def test_every_way_of_sending_them_is_the_same_asset(url: str, tmp_path: Path) -> None:
     file = tmp_path / "shapes.npz"
     np.savez(file, shapes=SHAPES, names=np.array(["0000", "0001"]))

@@ -16,6 +16,7 @@ from rhytid_lab.bench.subject import grow
 from rhytid_lab.samples.face import procedural_face
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("size", "preset", "cases", "wrinkles"),
     [

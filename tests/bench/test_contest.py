@@ -101,6 +101,7 @@ def test_the_difference_of_stretch_sees_turned_axes(bench: FrameBench) -> None:
     assert worst_difference("stretch", bench.scene(), ours, turned) > 100 * tolerance("stretch")
 
 
+@pytest.mark.slow
 def test_the_command_fails_where_a_result_is_wrong(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -139,6 +140,7 @@ def test_figures_have_the_agreed_form(
     assert sorted((case, name) for case, name, _ in told) == sorted(expected)
 
 
+@pytest.mark.slow
 def test_figures_on_stdout_leave_the_missing_to_stderr(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

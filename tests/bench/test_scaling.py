@@ -52,6 +52,7 @@ def test_a_series_times_its_cases_at_its_places(
     assert len(plot(found).axes[0].lines) == len(SERIES[series][1])
 
 
+@pytest.mark.slow
 def test_the_command_writes_figures_and_a_picture_a_series(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,

@@ -85,6 +85,7 @@ def texels(file: Path) -> np.ndarray:
     return OpenEXR.File(str(file), separate_channels=True).channels()["Y"].pixels
 
 
+@pytest.mark.slow
 def test_baked_files_are_the_maps_of_the_frames(server: Server, tmp_path: Path) -> None:
     host = Host()
     skin = sent(host, server)
@@ -224,6 +225,7 @@ def test_of_a_range_before_0_the_rest_is_baked(
     assert [path.name.split(".")[-2] for path in tmp_path.glob("*.exr")] == ["0000"]
 
 
+@pytest.mark.slow
 def test_settings_may_say_the_resolution(server: Server) -> None:
     skin = Skin(Host(), server)
     skin.send(settings={**TINY, "resolution": 256})

@@ -49,6 +49,7 @@ def test_maps_guide_the_build_and_are_part_of_the_id(tmp_path):
         assert graph_bytes(engine, ids[0]) == before
 
 
+@pytest.mark.slow
 def test_an_interrupted_build_goes_on_with_them(tmp_path):
     new = asked()
     with running(tmp_path / "one") as engine:

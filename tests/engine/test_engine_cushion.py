@@ -23,6 +23,7 @@ MELLOW = {"merge": "mellow", "r_max": R_MAX}
 BEST = {"preset": "best", "bins": {"r_max": R_MAX}}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sampling", ["nearest", "smooth"])
 @pytest.mark.parametrize("sample", [0, 1, 2])
 def test_at_a_sample_it_is_redraw_up_to_quantisation(device, sample, sampling):
@@ -39,6 +40,7 @@ def test_at_a_sample_it_is_redraw_up_to_quantisation(device, sample, sampling):
     assert np.abs(tile_of(bare, frame, "binned", 1, 2, sampling) - wanted).max() > 0.2 * DEPTH
 
 
+@pytest.mark.slow
 def test_a_stiffness_is_followed(device):
     """Half of the stretch where it is 1/2: what the sample in the middle of the two has."""
     half = Stiffness({1001: np.full((4, 4), 0.5)})

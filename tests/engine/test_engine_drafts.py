@@ -45,6 +45,7 @@ def grown(engine, resolution, preset, **graph):
 # five, 0.28 with four and a half on a face and 0.7 with two, where furrows of the draft, sampled at
 # the middle of its texels, break into dots; their mean stays. Of the default, which draws no furrow
 # finer than texels, 0.02 with five and with ten.
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("preset", "graph", "band"),
     [("paper", {"spacing": 0.1}, 0.05), ("paper", {}, 0.18),

@@ -132,6 +132,7 @@ def test_undulation_is_broad_noise_beside_the_grain(device, seed, grain):
     assert broad.std() > 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("texels", [3.0, pytest.param(4.0, marks=pytest.mark.slow), 8.0])
 def test_octaves_are_as_high_as_means_over_texels(texels):
     """Square texels that lie anyhow in the noise, two cells per wave."""

@@ -48,7 +48,11 @@ def etags(client: httpx.Client, asset: str) -> dict[tuple[str, str], str]:
     return {key: answer.raise_for_status().headers["etag"] for key, answer in ask.items()}
 
 
-@pytest.mark.parametrize("name", READ)
+QUICK = ("depth", "response", "r_max", "convolve")
+NAMED = [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in READ]
+
+
+@pytest.mark.parametrize("name", NAMED)
 def test_only_what_a_method_reads_changes_its_etags(engine, name):
     changes, methods = READ[name]
     asset = built(engine, new_asset())

@@ -78,6 +78,7 @@ def test_the_deepest_lines_of_the_old_are_deeper_and_stay_so(tmp_path):
         assert lengths(engine, old)[0] == pytest.approx(deepest(65.0) * 0.15 * 0.2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "controls", [None, pytest.param(WHITE, marks=pytest.mark.slow)], ids=["even", "painted"]
 )
@@ -191,6 +192,7 @@ def test_explicit_settings_go_before_the_file_and_null_is_the_file_again(engine)
     assert lengths(engine, first)[0] == pytest.approx(0.03)
 
 
+@pytest.mark.slow
 def test_a_graph_of_another_mesh_is_refused_unless_forced(engine):
     graph = engine.assets.graph(grown(engine, **SPARSE))
     other = sheets.sheet(lambda xy: 0.1 + 0.7 * xy, scale=4.0)
@@ -205,6 +207,7 @@ def test_a_graph_of_another_mesh_is_refused_unless_forced(engine):
     assert built(engine, NewAsset(moved, AssetSettings.parse(SIZE), graph))
 
 
+@pytest.mark.slow
 def test_lengths_survive_a_restart_and_null_means_the_same_after_it(tmp_path):
     with running(tmp_path) as engine:
         first = grown(engine, controls=WHITE, **SPARSE)
@@ -228,6 +231,7 @@ def told(engine, asset):
     return info.settings, info.statistics
 
 
+@pytest.mark.slow
 def test_an_asset_of_an_earlier_version_is_read_and_told_truly(tmp_path, monkeypatch):
     """It kept one spacing, that which depth came from, and its settings knew no other."""
     with running(tmp_path) as engine:

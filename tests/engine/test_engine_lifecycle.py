@@ -43,6 +43,7 @@ def new():
     return NewAsset(sheet(), settings_of(graph={"wrinkles": 300}, depth=None))
 
 
+@pytest.mark.slow
 def test_removed_and_sent_again_while_it_builds(engine, monkeypatch, new):
     gate = Gate(monkeypatch)
     first = engine.assets.create(new)

@@ -156,6 +156,7 @@ def test_binned_of_neutral_is_the_mellow_merge_of_the_middle_samples(engine):
 BEST = {"merge": "soft", "depth_factored": True, "tilt": True, "reach": 1.5}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "changes",
     [
@@ -201,6 +202,7 @@ def test_a_preset_can_be_changed_like_the_bins(engine):
     assert engine.assets.info(asset).settings == settings
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("merge", ["min", "soft", "signed", "mellow"])
 def test_factored_maps_stay_within_the_scale_of_the_asset(engine, merge):
     """Where wrinkles meet, maps hold 1.2 depths, and compression makes four times that of it."""

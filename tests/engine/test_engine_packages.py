@@ -58,6 +58,7 @@ def kept(engine: Engine) -> list[Path]:
     return sorted((store / "packages").glob("*/*"))
 
 
+@pytest.mark.slow
 def test_it_is_what_export_writes(engine: Engine, tmp_path: Path) -> None:
     asset = built(engine, new_asset(preset="best"))
     found = made(engine, asset)
@@ -280,6 +281,7 @@ def test_a_server_that_ends_while_one_is_made_makes_it_again(
         assert "manifest.json" in made(engine, asset).files
 
 
+@pytest.mark.slow
 def test_small_assets_leave_the_thread_of_small_jobs_free(
     engine: Engine, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -54,6 +54,7 @@ def made(tmp_path_factory):
         yield engine, *ids
 
 
+@pytest.mark.slow
 def test_it_has_no_place_in_packages(made):
     engine, asset, plain = made
     with pytest.raises(SettingsError, match="the asset has a stiffness map"):
@@ -118,6 +119,7 @@ def test_it_is_part_of_the_id_and_survives_a_restart(tmp_path):
         assert same(before, maps(engine, ids[0], "bent"))
 
 
+@pytest.mark.slow
 def test_an_interrupted_build_goes_on_with_it(tmp_path):
     with running(tmp_path / "one") as engine:
         asset = built(engine, stiff())

@@ -57,6 +57,7 @@ def test_a_restart_gives_the_same_bits_and_keys_and_no_frames(tmp_path):
         )
 
 
+@pytest.mark.slow
 def test_changed_settings_survive_a_restart(tmp_path):
     with running(tmp_path) as engine:
         asset = built(engine, new_asset())
@@ -119,8 +120,10 @@ CHANGES = [
     {"depth": 0.05},
     pytest.param({"response": {"alpha_w": 2.0}}, marks=pytest.mark.slow),
     {"response": {"beta_d": 3.0, "log_stretch_limit": 0.25}},
-    {"shape": {"sharpness": 5.0, "slots": 4}},
-    {"convolve": {"blur_gain": 1.0, "sharpen_gain": 9.0, "sigma": 0.05}},
+    pytest.param({"shape": {"sharpness": 5.0, "slots": 4}}, marks=pytest.mark.slow),
+    pytest.param(
+        {"convolve": {"blur_gain": 1.0, "sharpen_gain": 9.0, "sigma": 0.05}}, marks=pytest.mark.slow
+    ),
     {"bins": {"count": 2, "samples": 5, "bits": 16, "r_max": 0.3}},
 ]
 

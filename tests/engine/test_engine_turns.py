@@ -88,6 +88,7 @@ def test_a_heavy_tile_is_drawn_block_by_block_with_the_same_bits(
     assert query.method == "binned" or len(launches) >= 16  # maps of bins were made ahead
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", [{}, {"cushion": 0.5}], ids=["plain", "cushion"])
 def test_heavy_bins_are_the_same_bits(
     tmp_path: Path, request: pytest.FixtureRequest, shape: dict[str, float]

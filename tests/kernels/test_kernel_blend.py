@@ -169,6 +169,7 @@ def test_vectors_in_one_triangle_and_in_many_are_those_of_double(
     check(device, mixed, made)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("merge", ["soft", "signed", "mellow"])
 @pytest.mark.parametrize("depth", [1e-6, 0.03, 1e6])
 @pytest.mark.parametrize("sharpness", [0.1, 3.0, 20.0])
@@ -181,6 +182,7 @@ def test_the_smooth_merges_at_any_depth_and_sharpness(device, depth, sharpness, 
     assert error <= 1e-6 * 4 + 16 * 2.0**-24 / sharpness
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("layers", [2, 17])
 def test_the_mellow_merge_of_the_largest_heights_is_finite(device, layers):
     """4.8 depths at the largest sharpness, in every layer at once: e^96 is beyond a float32."""

@@ -68,7 +68,10 @@ def lines_of(seed, count, steepest, ratio, narrowest=0.02, length=(4.0, 60.0)):
     return [x.astype(np.float32) for x in (segments, sizes, slopes)]
 
 
-@pytest.mark.parametrize(("steepest", "ratio", "bound"), CLAIMS)
+@pytest.mark.parametrize(
+    ("steepest", "ratio", "bound"),
+    [CLAIMS[0], *(pytest.param(*one, marks=pytest.mark.slow) for one in CLAIMS[1:])],
+)
 def test_each_arc_alone_is_that_of_the_true_distance(device, steepest, ratio, bound):
     lines = lines_of(1, 60, steepest, ratio)
     for i in range(60):
@@ -101,6 +104,7 @@ def test_an_even_line_without_slopes_is_the_plain_one(device):
     np.testing.assert_allclose(found, drawn(device, plain, Shape()), atol=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("steepest", [0.0, 0.6])
 @pytest.mark.parametrize("bent", [True, False])
 def test_lines_below_the_least_half_width_are_wider_and_keep_their_mean(device, bent, steepest):

@@ -71,6 +71,7 @@ UNWRITABLE = {
 QUICK = "home that is missing"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "changes",
     [

@@ -71,19 +71,25 @@ class BentScene(Scene):
         return bends.held(logs, limit, limit), axes
 
 
+# Each setting without the others.
+ALONE = [
+    {"shape": {"curvature": 0.5}},
+    {"shape": {"taper": 0.7}},
+    {"response": {"ends": 1.0}},
+    {"response": {"ends": 0.4, "soft_limits": True}},
+    {"response": {"pore_depth_limit": 1.5}},
+    {"shape": {"least_half_width": 0.7}},
+]
+
+
 @pytest.mark.parametrize(
     "graph", [pytest.param(GRAPH, id="wide"), pytest.param(FINE, id="fine", marks=pytest.mark.slow)]
 )
 @pytest.mark.parametrize(
     "changes",
     [
+        *(pytest.param(one, marks=pytest.mark.slow) for one in ALONE),
         {"shape": LINES},
-        {"shape": {"curvature": 0.5}},
-        {"shape": {"taper": 0.7}},
-        {"response": {"ends": 1.0}},
-        {"response": {"ends": 0.4, "soft_limits": True}},
-        {"response": {"pore_depth_limit": 1.5}},
-        {"shape": {"least_half_width": 0.7}},
         ALL,
     ],
     ids=str,
@@ -123,6 +129,7 @@ def test_tiles_are_crops(device):
         np.testing.assert_array_equal(tile, whole[row : row + 64, column : column + 64])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("udim", [1001, 1002, 1011, 1012])
 def test_partners_in_other_udims_count_and_no_arc_is_cut_off(device, udim):
     graph = bent(random_graph(43, 60, (0.01, 0.05), (0.4, 0.8), span=2.0), 3, 0.8)
@@ -184,6 +191,7 @@ def test_lines_below_a_texel_keep_their_mean_and_do_not_break_into_dots(device):
     assert off[0] < 0.6 * off[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("merge", ["min", "mellow"])
 def test_bins_draw_the_same_lines(device, merge):
     """Each bin as redraw draws it at the stretch of the sample, all else being 0."""

@@ -30,7 +30,7 @@ CHOICES = [
 
 # On the device, where each has programs of its own.
 DRAWN = [
-    pytest.param(choice, marks=pytest.mark.slow if number in (2, 5) else ())
+    pytest.param(choice, marks=pytest.mark.slow if number in (2, 3, 5) else ())
     for number, choice in enumerate(CHOICES)
 ]
 

@@ -194,6 +194,7 @@ def test_one_scale_everywhere_has_one_pair_of_axes_everywhere(device, ratio):
     assert np.abs(found - wanted).max() <= 1e-4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("model", "make"),
     [
@@ -242,6 +243,7 @@ def test_meshes_with_fallen_triangles_give_finite_maps(device, model):
     assert np.abs(found).max() <= 9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", [pytest.param("tensor", marks=pytest.mark.slow), "uv"])
 def test_fallen_triangles_take_what_is_interpolated_in_them(device, model):
     # With `nearest` sampling they are left as they are.

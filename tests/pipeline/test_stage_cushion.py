@@ -54,8 +54,13 @@ def test_every_factor_is_that_of_the_reference(device, factor):
     "shape",
     [
         {"cushion": 1.0},
-        {"cushion": 0.3, "cushion_width": 6.0, "cushion_sharpness": 1.0},
-        {"cushion_width": 1.0, "cushion_sharpness": 12.0, "slots": 16},
+        *(
+            pytest.param(shape, marks=pytest.mark.slow)
+            for shape in (
+                {"cushion": 0.3, "cushion_width": 6.0, "cushion_sharpness": 1.0},
+                {"cushion_width": 1.0, "cushion_sharpness": 12.0, "slots": 16},
+            )
+        ),
         {"wave_amplitude": 0.06, "wave_frequency": 4.0},
     ],
 )
@@ -63,6 +68,7 @@ def test_shapes_of_all_kinds(device, shape):
     check(scene(device, shape=shape))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("graph", [random_graph(3, 60, (0.003, 0.006), (0.5, 1.2)),
                                    random_graph(4, 200, (0.02, 0.05), (1e-5, 1e-3)),
                                    random_graph(6, 400, (0.0003, 0.002))],

@@ -116,6 +116,7 @@ def test_merges_come_closer_to_redraw_in_their_order(device):
     assert errors["signed"] < errors["soft"] < 0.5 * errors["min"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("growth", "sharpness", "merge"), pairs([1e-3, 1e3], [0.1, 20.0], DIFFERENT), ids=named
 )

@@ -95,9 +95,10 @@ BINS = (
     [
         ("tensor", BINS[0]),
         pytest.param("tensor", BINS[1], marks=pytest.mark.slow),
-        *(("tensor", bins) for bins in BINS[2:]),
+        pytest.param("tensor", BINS[2], marks=pytest.mark.slow),
+        *(("tensor", bins) for bins in BINS[3:]),
         pytest.param("tension", BINS[0], marks=pytest.mark.slow),
-        ("uv", BINS[2]),
+        pytest.param("uv", BINS[2], marks=pytest.mark.slow),
     ],
     ids=["paper", "one", "mellow", "best", "signed", "tension-paper", "uv-mellow"],
 )

@@ -66,6 +66,7 @@ def test_a_lone_wrinkle_has_its_own_angle_all_over(device, layer, share):
         np.testing.assert_array_equal(others, 0)
 
 
+@pytest.mark.slow
 def test_tilts_bring_a_lone_wrinkle_to_its_depth_in_redraw(device):
     """Stretched, and a third of a bin off its middle, whose depth it has without tilts."""
     made, errors = {}, {}

@@ -52,6 +52,7 @@ def test_amplitude_0_is_straight_bit_for_bit_whatever_the_frequency(device):
     np.testing.assert_array_equal(still.redrawn(positions), plain.redrawn(positions))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("merge", ["min", "mellow"])
 def test_bins_draw_the_same_waves(device, merge):
     made = scene(device, kind=BinnedScene, bins={"merge": merge})

@@ -69,6 +69,7 @@ def test_black_density_bares(device: Device) -> None:
     assert graph.edge_weight.min() > 0
 
 
+@pytest.mark.slow
 def test_a_mask_finer_than_triangles_keeps_its_shape(device: Device) -> None:
     coarse = sheets.sheet(n=1)
     disc = np.hypot(*(np.indices((256, 256)) - 127.5)) < 40

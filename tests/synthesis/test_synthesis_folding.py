@@ -58,6 +58,7 @@ def test_where_nothing_folds_the_other_direction_stays() -> None:
     np.testing.assert_allclose(turn, other, atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["strength", "anisotropy", "primary", "sure"])
 def test_factors_grow_with_the_size_without_a_step(name: str) -> None:
     sizes = np.linspace(0.0, 0.3, 301)
@@ -90,6 +91,7 @@ def test_few_expressions_say_little_of_what_they_leave_alone() -> None:
     assert strong[0] == strong[1] > 1.2
 
 
+@pytest.mark.slow
 def test_a_sheet_compressed_along_x_grows_lines_along_y(device: Device) -> None:
     folds = folded(0.0, where=lambda x, y: x > np.median(MESH.positions[:, 0]))
     made = synthesize(MESH, GraphSettings(wrinkles=COUNT), device, folds=folds)

@@ -105,6 +105,7 @@ def test_density_sets_spacing_size_and_depth_and_bares(wide: Surface) -> None:
     assert fields.most_spacing >= drawn.max() * (1 - 1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("corner", [(40, 70), (101, 33), (120, 121)])
 def test_a_speck_on_large_triangles_has_the_room_that_it_covers(corner: tuple[int, int]) -> None:
     surface, grey = Surface.of(sheets.sheet(n=1)), np.zeros((256, 256), np.float32)

@@ -124,6 +124,7 @@ def test_crossings_are_those_of_all_pairs(device: Device, make: Callable[[], Mes
     assert set(map(tuple, np.sort(found, axis=1).tolist())) == wanted
 
 
+@pytest.mark.slow
 def test_edges_that_cross_many_take_no_more_memory(
     device: Device, monkeypatch: pytest.MonkeyPatch
 ) -> None:

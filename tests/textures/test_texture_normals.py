@@ -42,6 +42,7 @@ def shaded(map: FloatArray, along: FloatArray, normal: FloatArray, sign: float =
     return unit(x * tangent + y * sign * np.cross(normal, tangent) + z * normal)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mirrored", [False, True])
 def test_a_curved_patch_is_shaded_as_the_displaced_mesh(mirrored: bool) -> None:
     """Within 0.3 degrees where slopes reach 19. What is left out, h over the radius of curvature,
