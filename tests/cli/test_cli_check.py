@@ -58,6 +58,7 @@ def test_shares_are_told_in_plain_numbers(
     assert re.search(r"\b(9\d|100) % of UDIM 1001", overlap)
 
 
+@pytest.mark.slow
 def test_json_and_picture(
     small_mesh: SmallMesh, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

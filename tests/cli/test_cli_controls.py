@@ -30,6 +30,7 @@ def painted(file: Path, left: int, right: int) -> str:
     return str(file)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["png", "exr"])
 def test_maps_masks_and_settings_reach_the_graph(
     tmp_path: Path, mesh: str, capsys: pytest.CaptureFixture[str], kind: str

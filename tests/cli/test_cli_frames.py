@@ -103,6 +103,7 @@ def test_a_bad_frame_is_told_with_its_file(tmp_path: Path, neutral: MeshFile) ->
         FrameFiles(neutral, [tmp_path / "short.npy"])
 
 
+@pytest.mark.slow
 def test_the_built_in_animation_survives_its_file(tmp_path: Path) -> None:
     built_in = animation(None, [])
     built_in.save(tmp_path / "face.npz")

@@ -81,6 +81,7 @@ def refused(answer: httpx.Response) -> None:
 SETTINGS = {"unit": "ft", "resolution": 256, "tile_size": 64, "graph": {"wrinkles": 200}}
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not OWN_MOUNTS, reason="needs a mount namespace of its own")
 def test_a_full_disk_is_told_and_keeps_nothing(
     disk: Small, small_mesh: SmallMesh, tmp_path: Path

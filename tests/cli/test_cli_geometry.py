@@ -39,6 +39,7 @@ def test_what_is_made_of_positions_follows_them(tmp_path: Path, small_mesh: Smal
         assert bake(mesh, out, *more) == {"written": 0, "skipped": 3}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("format", ["glb", "ply"])
 def test_a_surface_is_moved_by_its_map(tmp_path: Path, small_mesh: SmallMesh, format: str) -> None:
     shot = write_animation(tmp_path / "shot.npz", small_mesh, 2)

@@ -145,6 +145,7 @@ def test_serve_refuses_to_start_beyond_loopback_without_keys(tmp_path: Path) -> 
     assert not (tmp_path / "store").exists()
 
 
+@pytest.mark.slow
 def test_serve_asks_for_the_keys_that_there_are(
     tmp_path: Path, store: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -25,6 +25,7 @@ from textures.reading import read_texture
 SMALL = ("--resolution", "256", "--wrinkles", "400")
 
 
+@pytest.mark.slow
 def test_one_bake_writes_every_profile(
     tmp_path: Path, small_mesh: SmallMesh, capsys: pytest.CaptureFixture[str]
 ) -> None:

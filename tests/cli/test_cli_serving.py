@@ -19,9 +19,10 @@ from rhytid_lab.samples.face import procedural_face
 SERVE = ("serve", "--port", "0", "--store", "store")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("number", "status"),
-    [(signal.SIGTERM, 0), pytest.param(signal.SIGINT, 130, marks=pytest.mark.slow)],
+    [(signal.SIGTERM, 0), (signal.SIGINT, 130)],
 )
 def test_serve_tells_its_address_and_ends_when_told(
     number: signal.Signals,

@@ -50,6 +50,7 @@ def test_what_one_bake_builds_others_fetch(
     assert f"no asset {'0' * 16} in the shared store" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_snapshot_goes_through_a_shared_store(
     tmp_path: Path, small_mesh: SmallMesh, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -69,6 +69,7 @@ def jobs(engine: Engine, kind: str) -> list[str]:
     return [job.info.state for job in engine.jobs._known() if job.info.kind == kind]
 
 
+@pytest.mark.slow
 def test_an_asset_that_is_used_is_fetched(
     bucket: str, tmp_path: Path, unbuilt: Callable[[], None]
 ) -> None:

@@ -201,7 +201,9 @@ def test_the_mellow_merge_of_the_largest_heights_is_finite(device, layers):
     np.testing.assert_array_equal(blended(device, triangle, made), 0.0)
 
 
-@pytest.mark.parametrize("samples", [3, 5, 7])
+@pytest.mark.parametrize(
+    "samples", [3, *(pytest.param(count, marks=pytest.mark.slow) for count in (5, 7))]
+)
 def test_ends_and_samples_give_back_their_maps(device, samples):
     made = maps(1, samples, 8, samples)
     made.weights[:, 0, 0], made.weights[:, 0, 1] = np.arange(samples), 1.0

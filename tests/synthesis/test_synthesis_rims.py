@@ -54,6 +54,7 @@ def test_bare_skin_has_no_ring_of_a_crack(device: Device) -> None:
     assert 0.75 < found["rim out"] / found["outside"] < 1.15
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["region_nose", "region_lip", "region_neck"])
 def test_a_hard_mask_draws_no_seam(device: Device, name: str) -> None:
     found = along_the_rim(device, name, 1.0, 0.0)

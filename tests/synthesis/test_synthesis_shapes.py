@@ -63,6 +63,7 @@ def _along_axis(surface: Surface, angle: float) -> np.ndarray:
     return np.cos(angle) * first + np.sin(angle) * second / np.linalg.norm(second)
 
 
+@pytest.mark.slow
 @given(slanted(), st.lists(angles, min_size=1, max_size=6))
 def test_pores_are_long_along_the_lines_that_meet_at_them(
     surface: Surface, runs: list[float]
