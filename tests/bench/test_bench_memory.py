@@ -20,9 +20,9 @@ from rhytid_lab.samples.face import procedural_face
 @pytest.mark.parametrize(
     ("size", "preset", "cases", "wrinkles"),
     [
-        pytest.param(2048, "paper", CASES, 5000, marks=pytest.mark.slow),
-        pytest.param(2048, "best", ("redraw", "binned"), 5000, marks=pytest.mark.slow),
-        pytest.param(2048, "paper", ("redraw",), 100_000, marks=pytest.mark.slow),
+        (2048, "paper", CASES, 5000),
+        (2048, "best", ("redraw", "binned"), 5000),
+        (2048, "paper", ("redraw",), 100_000),
         (1024, "paper", ("convolved",), 20_000),
     ],
 )

@@ -49,8 +49,8 @@ def grown(engine, resolution, preset, **graph):
 @pytest.mark.parametrize(
     ("preset", "graph", "band"),
     [("paper", {"spacing": 0.1}, 0.05), ("paper", {}, 0.18),
-     pytest.param("best", {}, 0.05, marks=pytest.mark.slow),
-     pytest.param("best", {"spacing": 0.1}, 0.03, marks=pytest.mark.slow)],
+     ("best", {}, 0.05),
+     ("best", {"spacing": 0.1}, 0.03)],
 )  # fmt: skip
 def test_a_draft_is_the_coarse_level_of_the_final(engine, preset, graph, band):
     draft = grown(engine, DRAFT, preset, **graph)

@@ -79,9 +79,7 @@ def test_the_deepest_lines_of_the_old_are_deeper_and_stay_so(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "controls", [None, pytest.param(WHITE, marks=pytest.mark.slow)], ids=["even", "painted"]
-)
+@pytest.mark.parametrize("controls", [None, WHITE], ids=["even", "painted"])
 def test_a_graph_that_is_sent_back_is_drawn_as_before(engine, controls):
     first = grown(engine, controls=controls, **SPARSE)
     assert lengths(engine, first)[0] == pytest.approx(0.15 * 0.2)

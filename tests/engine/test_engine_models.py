@@ -159,11 +159,7 @@ BEST = {"merge": "soft", "depth_factored": True, "tilt": True, "reach": 1.5}
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "changes",
-    [
-        *[{"merge": "signed"}, MELLOW, BEST],
-        pytest.param({"merge": "mellow"}, marks=pytest.mark.slow),
-        pytest.param({"depth_factored": True}, marks=pytest.mark.slow),
-    ],
+    [{"merge": "signed"}, MELLOW, BEST, {"merge": "mellow"}, {"depth_factored": True}],
 )
 def test_changing_the_merge_gives_the_bits_of_an_asset_made_so(engine, changes):
     asset = built(engine, new_asset())

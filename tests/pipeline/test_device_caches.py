@@ -59,8 +59,7 @@ def started(tmp_path: Path, user: str = "known", **changes: str | object | None)
     return None if folder == "None" else folder
 
 
-# Each test starts a process that compiles: two of them stand for the others in a short run.
-slow = pytest.mark.slow
+# Each test starts a process that compiles.
 UNWRITABLE = {
     "home that is missing": {"HOME": "/proc/missing"},
     "home below a file": {"HOME": "FILE/home"},
@@ -68,17 +67,10 @@ UNWRITABLE = {
     "cache folder below a file": {"HOME": HERE, "XDG_CACHE_HOME": "FILE/cache"},
     "unknown user": {"user": "unknown"},
 }
-QUICK = "home that is missing"
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "changes",
-    [
-        pytest.param(changes, id=name, marks=() if name == QUICK else slow)
-        for name, changes in UNWRITABLE.items()
-    ],
-)
+@pytest.mark.parametrize("changes", UNWRITABLE.values(), ids=UNWRITABLE)
 def test_a_folder_of_our_own_serves(tmp_path, changes):
     found = started(tmp_path, **changes)
     assert found == str(tmp_path / f"rhytid-cache-{os.getuid()}")
@@ -90,19 +82,19 @@ def test_what_can_be_written_is_left_alone(tmp_path):
     assert started(tmp_path, HOME=HERE) is None
 
 
-@slow
+@pytest.mark.slow
 def test_the_cache_folder_of_the_user_goes_before_the_home(tmp_path):
     found = started(tmp_path, HOME="/proc/missing", XDG_CACHE_HOME=HERE)
     assert found == str(tmp_path / "here")
 
 
-@slow
+@pytest.mark.slow
 def test_without_a_home_in_the_environment_the_user_still_has_one(tmp_path):
     found = started(tmp_path)
     assert found == str(Path(pwd.getpwuid(os.getuid()).pw_dir) / ".cache")
 
 
-@slow
+@pytest.mark.slow
 def test_a_folder_that_others_can_write_is_not_taken(tmp_path):
     taken = tmp_path / f"rhytid-cache-{os.getuid()}"
     taken.mkdir()

@@ -244,7 +244,7 @@ def test_meshes_with_fallen_triangles_give_finite_maps(device, model):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("model", [pytest.param("tensor", marks=pytest.mark.slow), "uv"])
+@pytest.mark.parametrize("model", ["tensor", "uv"])
 def test_fallen_triangles_take_what_is_interpolated_in_them(device, model):
     # With `nearest` sampling they are left as they are.
     mesh, place = fallen(), (96, 48, 48)
