@@ -128,20 +128,29 @@ def whole(file: Path) -> Iterator[Path]:
         install(aside, file)
 
 
-def sweep(folder: Path, ours: Callable[[str], bool] | None = None) -> None:
+def sweep(
+    folder: Path, ours: Callable[[str], bool] | None = None, *, begins: str = _UNFINISHED
+) -> None:
     """Remove what writers of files in `folder` left there that were killed, a day later: nobody is
     at work in it any more.
 
-    ours: whether a file of that name is one that nobody writes any more; what holds nothing else is
-    removed at once.
+    ours: whether a file of that name is one that nobody writes any more; a folder that holds
+    nothing else is removed at once.  begins: what the names of unfinished files and folders begin
+    with; empty where `folder` holds nothing else. Raises OSError where `folder` cannot be read.
     """
     before = time.time() - _ABANDONED
-    for left in folder.glob(f"{_UNFINISHED}*"):
+    for left in folder.iterdir():
+        if not left.name.startswith(begins):
+            continue
         with suppress(FileNotFoundError):  # it was in use, and is done
-            names = [file.name for file in left.iterdir()]
-            known = ours is not None and bool(names) and all(map(ours, names))
+            known = ours is not None and _holds_only(left, ours)
             if known or left.stat().st_mtime < before:
                 remove_tree(left)
+
+
+def _holds_only(folder: Path, ours: Callable[[str], bool]) -> bool:
+    names = [file.name for file in folder.iterdir()]
+    return bool(names) and all(map(ours, names))
 
 
 def discard(path: Path, partial: Path) -> None:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import os
+import signal
+import subprocess
+import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -58,20 +61,38 @@ def test_few_packages_of_an_asset_stay(tmp_path: Path) -> None:
     assert len(names) == 4
 
 
-def test_what_nobody_finished_is_removed_a_day_later(tmp_path: Path) -> None:
-    shared = SharedFolder(tmp_path)
-    new, old = tmp_path / "assets" / ("0" * 32), tmp_path / "assets" / ("1" * 32)
-    for left in (new, old):
-        left.mkdir()
-        (left / "part").touch()
-    kept = tmp_path / "assets" / f"{ASSET}.tar"
-    kept.touch()
+WRITER = """
+import os, signal, sys
+from pathlib import Path
+from rhytid.fleet.shared_folder import SharedFolder
+def pieces():
+    yield b"half"
+    os.kill(os.getpid(), signal.SIGKILL)
+shared = SharedFolder(Path(sys.argv[1]))
+shared.give(pieces()) if sys.argv[2] == "given" else shared.put_upload("0" * 16, "me", pieces())
+"""
+
+
+def age(*paths: Path) -> None:
     day = time.time() - 90_000
-    for path in (old, kept):
+    for path in paths:
         os.utime(path, (day, day))
-    given = shared.give([b"on its way"])
+
+
+@pytest.mark.parametrize("place", ["uploads", "given"])
+def test_what_a_killed_writer_left_is_removed_a_day_later(tmp_path: Path, place: str) -> None:
+    shared = SharedFolder(tmp_path)
+    shared.put_upload(ASSET, "other", [b"whole"])
+    kept = set((tmp_path / place).iterdir())
+    ended = subprocess.run([sys.executable, "-c", WRITER, str(tmp_path), place])
+    assert ended.returncode == -signal.SIGKILL
+    [left] = {*(tmp_path / place).iterdir()} - kept - {tmp_path / place / f"{'0' * 16}.owner"}
     shared.sweep()
-    assert (new.exists(), old.exists(), kept.exists(), given.exists()) == (True, False, True, True)
+    assert left.exists(), "its writer may be at work"
+    age(left, *kept)
+    shared.sweep()
+    assert not left.exists()
+    assert all(path.exists() for path in kept)
 
 
 class OneBoard:

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from rhytid.durable import sweep, whole
+from rhytid.storage.shared.folder_place import FolderPlace
 
 WRITER = """
 import os, signal, sys
@@ -60,3 +61,24 @@ def test_what_nobody_writes_any_more_is_removed_at_once(tmp_path: Path) -> None:
 
     left = sorted(path.name for path in tmp_path.iterdir())
     assert left == [".unfinished-b", ".unfinished-c", ".unfinished-d", "mine"]
+
+
+PLACER = """
+import os, signal, sys
+from pathlib import Path
+from rhytid.storage.shared import folder_place
+folder_place.write_file = lambda aside, data: os.kill(os.getpid(), signal.SIGKILL)
+folder_place.FolderPlace(Path(sys.argv[1])).write("objects/a", b"a")
+"""
+
+
+def test_what_a_killed_writer_left_in_a_shared_store_is_swept(tmp_path: Path) -> None:
+    ended = subprocess.run([sys.executable, "-c", PLACER, str(tmp_path)])
+    assert ended.returncode == -signal.SIGKILL
+    [left] = (tmp_path / "partial").iterdir()
+    FolderPlace(tmp_path).check()
+    assert left.exists()
+    days = left.stat().st_mtime - 25 * 3600
+    os.utime(left, (days, days))
+    FolderPlace(tmp_path).check()
+    assert not left.exists()

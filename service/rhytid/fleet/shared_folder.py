@@ -14,16 +14,14 @@
 from __future__ import annotations
 
 import json
-import re
 import shutil
-import time
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
-from rhytid.durable import remove_tree, reported, whole, write_file, write_pieces
+from rhytid.durable import reported, sweep, whole, write_file, write_pieces
 from rhytid.engine.messages import Package
 from rhytid.errors import StorageError
 from rhytid.storage.homes import ID
@@ -31,8 +29,6 @@ from rhytid.storage.snapshots import Snapshot
 
 # Skin packages of an asset that stay, by when they were placed.
 _PACKAGES = 4
-# What is not finished, and seconds after which nobody writes it any more.
-_UNFINISHED, _LEFT = re.compile(r"[0-9a-f]{32}", re.ASCII), 86_400
 Revision = tuple[int, int] | None
 
 
@@ -52,14 +48,11 @@ class SharedFolder:
 
     def sweep(self) -> None:
         """Remove what was left by who ended while they wrote, a day ago or earlier."""
-        before = time.time() - _LEFT
-        for place in (self._assets, self._uploads, self._packages, self._given):
+        for place in (self._assets, self._uploads, self._packages):
             with reported(f"{place} cannot be read"):
-                left = [path for path in place.iterdir() if _UNFINISHED.fullmatch(path.name)]
-            for path in left:
-                with suppress(FileNotFoundError):
-                    if path.stat().st_mtime < before:
-                        remove_tree(path)
+                sweep(place)
+        with reported(f"{self._given} cannot be read"):
+            sweep(self._given, begins="")
 
     def ids(self) -> list[str]:
         """Ids of assets that are built or are to be, ascending."""

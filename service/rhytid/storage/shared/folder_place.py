@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import time
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
@@ -11,13 +10,11 @@ from pathlib import Path
 from typing import TypeVar
 
 from rhytid import durable
-from rhytid.durable import remove_tree, sync_file, sync_folder, write_file
+from rhytid.durable import sync_file, sync_folder, write_file
 from rhytid.errors import InputError, SharedStoreError
 from rhytid.storage.shared.place import reached
 
 T = TypeVar("T")
-# Seconds after which what is in `partial` has no writer any more.
-_ABANDONED = 24 * 3600.0
 
 
 class FolderPlace:
@@ -38,10 +35,7 @@ class FolderPlace:
         """As `Place.check`; removes what writers that ended long ago left behind."""
         with reached(f"shared store {self} cannot be read"):
             self._partial.mkdir(exist_ok=True)
-            for left in self._partial.iterdir():
-                with suppress(FileNotFoundError):  # its writer removed it
-                    if time.time() - left.stat().st_mtime > _ABANDONED:
-                        remove_tree(left)
+            durable.sweep(self._partial, begins="")
 
     def size(self, name: str) -> int | None:
         """As `Place.size`."""
