@@ -6,7 +6,7 @@ import logging
 import signal
 import threading
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from typing import Any
 
 import ray
@@ -35,13 +35,19 @@ def local_fleet(
     address: of a cluster that runs already; None: Ray is started on this machine alone, without its
     dashboard, and ended with the block.  ray_options: of `ray.init`, of Ray that is started.
     """
-    with _own_signals():
-        _start_ray(options, address, ray_options)
+    try:
+        with _own_signals():
+            _start_ray(options, address, ray_options)
+    except BaseException:
+        ray.shutdown()  # what was started before it failed
+        raise
     try:
         serve.start(proxy_location="Disabled", logging_config=_LOGS)
         _, replicas = deployments(settings, options)
         handle = _started(replicas)
-        yield RayEngine(settings, options, handle, serve.get_deployment_handle(BOARD, NAME))
+        board = serve.get_deployment_handle(BOARD, NAME)
+        with closing(RayEngine(settings, options, handle, board)) as engine:
+            yield engine
     finally:
         with suppress(Exception):
             serve.delete(NAME)
@@ -64,9 +70,12 @@ def _start_ray(options: FleetOptions, address: str | None, given: Mapping[str, A
 def _own_signals() -> Iterator[None]:
     """Ray takes SIGTERM in the block; after it, it is the server's again."""
     before = signal.getsignal(signal.SIGTERM)
-    yield
-    if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGTERM, before)
+    try:
+        yield
+    finally:
+        # None: not Python has set it, and Python cannot set it again.
+        if threading.current_thread() is threading.main_thread() and before is not None:
+            signal.signal(signal.SIGTERM, before)
 
 
 def _started(replicas: serve.Application) -> Any:
