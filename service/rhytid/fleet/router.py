@@ -19,6 +19,12 @@ class AssetRouter(RequestRouter):  # type: ignore[misc]
         """spread: replicas on which an asset may be."""
         self._spread = spread
 
+    @property
+    def max_num_routing_tasks(self) -> int:
+        """As many as calls wait. Ray has two for each replica, so that a few calls that wait for
+        one replica would keep all others from theirs."""
+        return self.num_pending_requests
+
     async def choose_replicas(
         self,
         candidate_replicas: list[RunningReplica],
