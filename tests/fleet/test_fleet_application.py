@@ -7,8 +7,10 @@ from typing import Any
 
 import pytest
 
-from rhytid.errors import SettingsError
-from rhytid.fleet.app import application, deployments
+from rhytid.access.api_key import READ, new_key
+from rhytid.access.key_file import write_keys
+from rhytid.errors import AccessError, SettingsError
+from rhytid.fleet.app import application, asking, deployments
 from rhytid.fleet.options import FleetOptions
 from rhytid.settings import ServiceSettings
 
@@ -34,7 +36,20 @@ def test_a_replica_asks_for_its_share_of_a_machine() -> None:
 
 
 def test_the_application_is_made_of_options(tmp_path: Path) -> None:
-    made = application({"store": str(tmp_path), "replicas": "2", "ingresses": "3"})
+    given = {"store": str(tmp_path), "without_keys": "true"}
+    made = application({**given, "replicas": "2", "ingresses": "3"})
     assert made._bound_deployment.num_replicas == 3
     with pytest.raises(SettingsError, match="no option 'device' of a fleet"):
         application({"device": "0"})
+
+
+def test_an_ingress_of_ray_asks_for_keys(tmp_path: Path) -> None:
+    with pytest.raises(AccessError, match=r"keys\.json has no valid API key.*without_keys=true"):
+        application({"store": str(tmp_path)})
+    settings = ServiceSettings(store=tmp_path)
+    _, key = new_key("pipeline", {READ})
+    write_keys(settings.key_file, [key])
+    assert asking(settings, FleetOptions()).ask_keys is True
+    assert asking(settings, FleetOptions(without_keys=True)).ask_keys is False
+    with pytest.raises(SettingsError, match="without_keys is 'yes': must be true or false"):
+        application({"store": str(tmp_path), "without_keys": "yes"})

@@ -41,7 +41,7 @@ ALLOWED = {
     "engine_process": _TOOLS | {"engine", "logs", "settings", "storage"},
     "decoding": _FACTS | {"formats", "engine", "engine_process"},
     "fleet": _TOOLS
-    | {"api", "decoding", "engine", "engine_process", "logs", "settings", "storage"},
+    | {"access", "api", "decoding", "engine", "engine_process", "logs", "settings", "storage"},
     "api": _TOOLS
     | {"access", "decoding", "engine", "engine_process", "logs", "settings", "meshes"},
     "farm": {"device", "durable", "errors"},

@@ -16,7 +16,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from rhytid.access.api_key import SCOPES, ApiKey
+from rhytid.access.api_key import SCOPES, ApiKey, utc_now
 from rhytid.durable import install, reported
 from rhytid.errors import StorageError
 from rhytid.storage.lock import FileLock
@@ -48,6 +48,14 @@ def read_keys(path: Path) -> list[ApiKey]:
         raise StorageError(
             f"{path} is not a file of API keys: {type(exc).__name__}: {exc}"
         ) from exc
+
+
+def has_valid_key(path: Path) -> bool:
+    """Whether a key of a file is valid now; not where there is no file. Raises StorageError where
+    it cannot be read."""
+    with suppress(FileNotFoundError):
+        return any(key.valid(utc_now()) for key in read_keys(path))
+    return False
 
 
 def write_keys(path: Path, keys: list[ApiKey]) -> None:

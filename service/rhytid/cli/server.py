@@ -6,7 +6,7 @@ import signal
 import socket
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager, suppress
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from ipaddress import ip_address
 from pathlib import Path
@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING
 
 import uvicorn
 
-from rhytid.access.api_key import ApiKey, utc_now
-from rhytid.access.key_file import read_keys
+from rhytid.access.key_file import has_valid_key
 from rhytid.cli.web_sockets import OPTIONS
 from rhytid.errors import AccessError, InputError
 from rhytid.settings import ServiceSettings
@@ -59,12 +58,10 @@ def asks_keys(listening: socket.socket, keys: Path, *, without: bool) -> bool | 
     """
     if without:
         return False
-    found: list[ApiKey] = []
-    with suppress(FileNotFoundError):
-        found = read_keys(keys)
+    valid = has_valid_key(keys)
     if ip_address(listening.getsockname()[0]).is_loopback:
         return None
-    if not any(key.valid(utc_now()) for key in found):
+    if not valid:
         raise AccessError(
             f"{address_of(listening)} can be reached from other machines, and {keys} has no valid "
             "API key: make one with `rhytid keys create NAME`, listen on 127.0.0.1, or give "

@@ -11,8 +11,10 @@ from ray import serve
 from ray.serve import Application
 from ray.serve.config import RequestRouterConfig
 
+from rhytid.access.key_file import has_valid_key
 from rhytid.api.app import create_app
 from rhytid.device.memory import usual_frame_memory
+from rhytid.errors import AccessError
 from rhytid.fleet.board import Board
 from rhytid.fleet.options import FleetOptions, check_settings
 from rhytid.fleet.ray_engine import RayEngine
@@ -33,12 +35,13 @@ def application(given: Mapping[str, object]) -> Application:
     """An ingress over replicas, for `serve run` and `serve deploy`.
 
     given: options of `FleetOptions` by name; what they do not say comes from the environment of the
-    machine that this runs on. Raises SettingsError.
+    machine that this runs on. Raises SettingsError; AccessError where there is no valid API key,
+    and StorageError where the keys cannot be read.
     """
     settings = ServiceSettings.from_environment()
     check_settings(settings)
     options = FleetOptions.read({"store": settings.store, **given})
-    settings = replace(settings, store=options.store)
+    settings = asking(replace(settings, store=options.store), options)
     board, replicas = deployments(settings, options)
 
     def http() -> Any:  # Serve asks whether it is a function: a partial is none
@@ -48,6 +51,18 @@ def application(given: Mapping[str, object]) -> Application:
         serve.ingress(http)(Ingress)
     )
     return ingress.bind(replicas, board)
+
+
+def asking(settings: ServiceSettings, options: FleetOptions) -> ServiceSettings:
+    """The settings of an ingress of Ray, which asks for keys unless the options say otherwise: it
+    does not know who reaches Ray's proxy. Raises AccessError where no key is valid."""
+    if not options.without_keys and not has_valid_key(settings.key_file):
+        raise AccessError(
+            f"{settings.key_file} has no valid API key, and Ray's proxy may be reached from other "
+            "machines: make one with `rhytid keys create NAME`, or give without_keys=true where "
+            "what is in front of it knows who may use it"
+        )
+    return replace(settings, ask_keys=not options.without_keys)
 
 
 def deployments(

@@ -22,7 +22,8 @@ class FleetOptions:
     works on at once; where they differ, autoscaling aims at half of it.  ingresses: servers of
     HTTP, where Ray Serve has them.  spread: replicas on which one asset may be.  assets: that one
     replica keeps loaded.  local: folder of each machine for them; None: in that for temporary
-    files.  cpus, gpus: that Ray counts for a replica.
+    files.  cpus, gpus: that Ray counts for a replica.  without_keys: Ray's
+    ingress asks nobody for an API key.
     """
 
     store: Path = Path("rhytid-store")
@@ -35,6 +36,7 @@ class FleetOptions:
     local: Path | None = None
     cpus: float = 1.0
     gpus: float = 0.0
+    without_keys: bool = False
 
     @classmethod
     def read(cls, given: Mapping[str, object]) -> FleetOptions:
@@ -73,6 +75,8 @@ def replica_range(text: str) -> tuple[int, int]:
 def _value(name: str, kind: str, value: object) -> object:
     if "Path" in kind:
         return Path(str(value))
+    if kind == "bool":
+        return _flag(name, value)
     number = int if kind == "int" else float
     try:
         found = number(str(value))
@@ -81,3 +85,10 @@ def _value(name: str, kind: str, value: object) -> object:
     if not (0 <= found < 1e6) or (kind == "int" and found < 1):
         raise SettingsError(f"{name} is {value!r}: must be a number above 0")
     return found
+
+
+def _flag(name: str, value: object) -> bool:
+    text = str(value).lower()
+    if text not in ("true", "false"):
+        raise SettingsError(f"{name} is {value!r}: must be true or false")
+    return text == "true"
