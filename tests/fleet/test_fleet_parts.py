@@ -65,9 +65,11 @@ def test_the_board_keeps_frames_under_its_budget() -> None:
         assert kept is not None
         assert kept[0, 0] == 2
         await board.keep(ASSET, "b", positions)
-        beyond = await board.keep(ASSET, "c", positions)
-        assert beyond > second
+        assert await board.keep(ASSET, "c", positions) == 0
         assert set(await board.versions(ASSET)) == {"a", "b"}
+        assert await board.keep(ASSET, "b", positions) > second
+        assert await board.keep(ASSET, "b", np.ones((11, 3), np.float32)) == 0
+        assert (await board.frame(ASSET, "b"))[1] is not None
         gone = await board.remove(ASSET, "a")
         assert await board.frame(ASSET, "a") == (gone, None)
         await board.keep(ASSET, "c", positions)

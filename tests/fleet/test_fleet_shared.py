@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ import pytest
 
 from engine.engines import built, new_asset, running
 from rhytid.engine.messages import Package
-from rhytid.errors import DeviceLostError, NotFoundError
+from rhytid.errors import DeviceLostError, FrameMemoryError, NotFoundError
 from rhytid.fleet import frame_sync
 from rhytid.fleet.frame_sync import FrameSync
 from rhytid.fleet.shared_folder import SharedFolder
@@ -100,7 +101,7 @@ class OneBoard:
 
     def __init__(self) -> None:
         self.frames: dict[str, tuple[int, Any]] = {}
-        self.asked, self.answers = 0, True
+        self.asked, self.answers, self.room = 0, True, True
 
     def versions(self, asset: str) -> dict[str, int]:
         self.asked += 1
@@ -110,6 +111,12 @@ class OneBoard:
 
     def frame(self, asset: str, name: str) -> tuple[int, Any]:
         return self.frames[name]
+
+    def keep(self, asset: str, name: str, positions: Any) -> int:
+        if not self.room:
+            return 0
+        self.frames[name] = (self.asked + 1, positions)
+        return self.frames[name][0]
 
 
 class OneEngine:
@@ -156,7 +163,9 @@ def test_a_frame_is_fetched_once_and_when_it_is_newer(
     assert set(engine.has) == {"b"}
 
 
-def test_without_a_board_frames_are_as_they_are_here(board: Any, engine: Any) -> None:
+def test_without_a_board_frames_are_as_they_are_here(
+    board: Any, engine: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     sync = FrameSync(engine, board)
     sync.note(ASSET, "a", 5)
     board.answers = False
@@ -166,3 +175,32 @@ def test_without_a_board_frames_are_as_they_are_here(board: Any, engine: Any) ->
     with pytest.raises(DeviceLostError):
         sync.bring_all(ASSET)
     sync.bring(ASSET, "neutral", 0)
+    assert board.asked == 1, "the others need not wait for it"
+    monkeypatch.setattr(frame_sync, "AWAY", 0.0)
+    board.answers, board.frames["a"] = True, (6, POSITIONS)
+    sync.bring(ASSET, "a", 6)
+    assert engine.has["a"] is POSITIONS
+
+
+def test_calls_for_one_frame_ask_the_board_once(board: Any, engine: Any) -> None:
+    sync = FrameSync(engine, board)
+    board.frames["a"] = (5, POSITIONS)
+    with ThreadPoolExecutor(4) as pool:
+        with sync.changing(ASSET):
+            bringing = [pool.submit(sync.bring, ASSET, "a", 5) for _ in range(4)]
+            time.sleep(0.1)
+        for one in bringing:
+            one.result(10)
+    assert board.asked == 1
+
+
+def test_a_frame_without_room_on_the_board_is_refused(board: Any, engine: Any) -> None:
+    sync = FrameSync(engine, board)
+    engine.put(ASSET, "a", POSITIONS)
+    sync.keep(ASSET, "a", POSITIONS)
+    engine.put(ASSET, "a", 2 * POSITIONS)
+    board.room = False
+    with pytest.raises(FrameMemoryError, match="frame a of .* does not fit"):
+        sync.keep(ASSET, "a", 2 * POSITIONS)
+    sync.bring(ASSET, "a", 0)
+    assert engine.has["a"] is POSITIONS

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import time
 from dataclasses import dataclass, field
 
@@ -11,7 +10,6 @@ from numpy.typing import NDArray
 
 from rhytid.engine.messages import DeviceInfo
 
-_log = logging.getLogger(__name__)
 # Seconds for which it is known that a frame was removed, and that a replica was there.
 REMEMBERED, PRESENT = 600.0, 15.0
 Positions = NDArray[np.float32]
@@ -42,8 +40,8 @@ class _Kept:
 class Board:
     """Positions by asset and name, each with a version, and reports of replicas.
 
-    limit: bytes of positions; frames beyond them are lost with their replica. Versions grow with
-    time, so that a board that was started again goes on with larger ones.
+    limit: bytes of positions; frames beyond them are refused. Versions grow with time, so that a
+    board that was started again goes on with larger ones.
     """
 
     def __init__(self, limit: int) -> None:
@@ -52,16 +50,16 @@ class Board:
         self._reports: dict[str, tuple[float, Report]] = {}
 
     async def keep(self, asset: str, name: str, positions: Positions) -> int:
-        """Keep a frame that a replica has taken; its version."""
+        """Keep a frame that a replica has taken; its version. 0 where there is no room for it: what
+        was kept stays."""
+        before = self._frames.get(asset, {}).get(name)
+        if self._used + positions.nbytes - _nbytes(before) > self._limit:
+            return 0
         self._drop(asset, name)
-        version = self._next()
-        if self._used + positions.nbytes > self._limit:
-            _log.warning("frame %s of %s is not kept: it is lost with its replica", name, asset)
-            return version
-        kept = _Kept(version, np.array(positions, np.float32))
+        kept = _Kept(self._next(), np.array(positions, np.float32))
         self._used += positions.nbytes
         self._frames.setdefault(asset, {})[name] = kept
-        return version
+        return kept.version
 
     async def remove(self, asset: str, name: str) -> int:
         """A frame was removed; the version of its absence."""
@@ -104,6 +102,8 @@ class Board:
         return self._version
 
     def _drop(self, asset: str, name: str) -> None:
-        kept = self._frames.get(asset, {}).pop(name, None)
-        if kept is not None and kept.positions is not None:
-            self._used -= kept.positions.nbytes
+        self._used -= _nbytes(self._frames.get(asset, {}).pop(name, None))
+
+
+def _nbytes(kept: _Kept | None) -> int:
+    return 0 if kept is None or kept.positions is None else kept.positions.nbytes

@@ -6,36 +6,19 @@ import logging
 import threading
 import time
 from contextlib import AbstractContextManager, suppress
-from typing import Protocol
 
 from rhytid.domain.frame import NEUTRAL
 from rhytid.engine_process.keyed_locks import KeyedLocks
 from rhytid.engine_process.remote_frames import RemoteFrames
-from rhytid.errors import DeviceLostError, NotFoundError
+from rhytid.errors import DeviceLostError, FrameMemoryError, NotFoundError
 from rhytid.fleet.board import Positions
+from rhytid.fleet.remote_board import RemoteBoard
 
 # Seconds for which what the board has said of an asset is taken as it was.
 FRESH = 1.0
+# Seconds for which a board that did not answer is asked nothing: each call would wait for it.
+AWAY = 3.0
 _log = logging.getLogger(__name__)
-
-
-class BoardCalls(Protocol):
-    """The calls of `Board`, wherever it is; they raise DeviceLostError where it does not answer."""
-
-    def keep(self, asset: str, name: str, positions: Positions) -> int:
-        """As of `Board`."""
-
-    def remove(self, asset: str, name: str) -> int:
-        """As of `Board`."""
-
-    def forget(self, asset: str) -> None:
-        """As of `Board`."""
-
-    def versions(self, asset: str) -> dict[str, int]:
-        """As of `Board`."""
-
-    def frame(self, asset: str, name: str) -> tuple[int, Positions | None]:
-        """As of `Board`."""
 
 
 class FrameSync:
@@ -45,11 +28,12 @@ class FrameSync:
     once a second for each asset that is in use.
     """
 
-    def __init__(self, frames: RemoteFrames, board: BoardCalls) -> None:
+    def __init__(self, frames: RemoteFrames, board: RemoteBoard) -> None:
         self._frames, self._board = frames, board
         self._versions: dict[str, dict[str, int]] = {}
         # When the board was asked for a frame that there is.
         self._looked: dict[str, dict[str, float]] = {}
+        self._away = -AWAY
         self._locks = KeyedLocks()
         self._lock = threading.Lock()
 
@@ -72,10 +56,26 @@ class FrameSync:
     def bring(self, asset: str, name: str, wanted: int) -> None:
         """See that the engine has a frame as it is now.  wanted: the version that there is at
         least, as far as the caller knows."""
-        if name == NEUTRAL or (self._fresh(asset, name) and self._version(asset, name) >= wanted):
+        if name == NEUTRAL or self._good(asset, name, wanted):
             return
         with self.changing(asset):
-            self._fetch(asset, [name], wanted)
+            if not self._good(asset, name, wanted):  # it may have come while this one waited
+                self._fetch(asset, [name], wanted)
+
+    def keep(self, asset: str, name: str, positions: Positions) -> int:
+        """Give the board a frame that the engine has taken; its version. Raises FrameMemoryError
+        where there is no room: the engine then has the frame that was there before, or none."""
+        version = self._board.keep(asset, name, positions)
+        if not version:
+            self.note(asset, name, 0)
+            with suppress(NotFoundError):
+                self._frames.delete(asset, name)
+            raise FrameMemoryError(
+                f"frame {name} of {asset} does not fit into the memory for frames of all replicas "
+                "(RHYTID_FRAME_MEMORY_MB for each): delete some"
+            )
+        self.note(asset, name, version)
+        return version
 
     def bring_all(self, asset: str) -> None:
         """See that the engine has every frame of an asset."""
@@ -84,16 +84,25 @@ class FrameSync:
 
     def _fetch(self, asset: str, names: list[str] | None, wanted: int) -> None:
         try:
-            there = self._board.versions(asset)
+            there = self._versions_there(asset)
             for name in there if names is None else names:
                 if there.get(name, 0) > self._version(asset, name):
                     self._take(asset, name)
-                if name in there:
+                if self._version(asset, name):  # not names of frames that there never were
                     self._looked.setdefault(asset, {})[name] = time.monotonic()
         except DeviceLostError:
             if names is None or any(self._version(asset, name) < wanted for name in names):
                 raise
+
+    def _versions_there(self, asset: str) -> dict[str, int]:
+        if time.monotonic() - self._away < AWAY:
+            raise DeviceLostError("the board of the fleet did not answer; try later")
+        try:
+            return self._board.versions(asset)
+        except DeviceLostError:
+            self._away = time.monotonic()
             _log.warning("frames of %s are taken as they are here: no board answers", asset)
+            raise
 
     def _take(self, asset: str, name: str) -> None:
         version, positions = self._board.frame(asset, name)
@@ -107,6 +116,7 @@ class FrameSync:
     def _version(self, asset: str, name: str) -> int:
         return self._versions.get(asset, {}).get(name, 0)
 
-    def _fresh(self, asset: str, name: str) -> bool:
+    def _good(self, asset: str, name: str, wanted: int) -> bool:
         looked = self._looked.get(asset, {}).get(name)
-        return looked is not None and time.monotonic() - looked < FRESH
+        fresh = looked is not None and time.monotonic() - looked < FRESH
+        return fresh and self._version(asset, name) >= max(wanted, 1)

@@ -18,9 +18,10 @@ from rhytid.engine.checked_upload import content_id
 from rhytid.engine.messages import AssetInfo, JobInfo, NewAsset, Package
 from rhytid.engine_process.remote_engine import RemoteEngine
 from rhytid.errors import DeviceLostError, NotFoundError
-from rhytid.fleet.frame_sync import BoardCalls, FrameSync
+from rhytid.fleet.frame_sync import FrameSync
 from rhytid.fleet.job_watch import JobWatch
 from rhytid.fleet.kept_uploads import read_upload, written_upload
+from rhytid.fleet.remote_board import RemoteBoard
 from rhytid.fleet.residents import Residents
 from rhytid.fleet.shared_folder import SharedFolder
 
@@ -35,7 +36,7 @@ class ReplicaAssets:
         self,
         engine: RemoteEngine,
         shared: SharedFolder,
-        board: BoardCalls,
+        board: RemoteBoard,
         frames: FrameSync,
         replica: str,
         most: int,
@@ -156,7 +157,8 @@ class ReplicaAssets:
     def _keep_frames(self, asset: str, new: NewAsset) -> None:
         for index, positions in enumerate(() if new.frames is None else new.frames):
             name = frame_label(index)
-            self._frames.note(asset, name, self._board.keep(asset, name, positions))
+            with self._frames.changing(asset):
+                self._frames.keep(asset, name, positions)
 
     def _while_running(self, asset: str, job: str) -> None:
         """The asset stays until a job of it has ended."""

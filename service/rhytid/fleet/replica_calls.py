@@ -14,8 +14,9 @@ from rhytid.engine_process.job_ledger import resumed
 from rhytid.engine_process.remote_engine import RemoteEngine
 from rhytid.errors import NotFoundError
 from rhytid.fleet.envelopes import Envelope
-from rhytid.fleet.frame_sync import BoardCalls, FrameSync
+from rhytid.fleet.frame_sync import FrameSync
 from rhytid.fleet.job_names import JobName, named_asset, named_job
+from rhytid.fleet.remote_board import RemoteBoard
 from rhytid.fleet.replica_assets import ReplicaAssets
 
 # Calls of parts of the engine, as they are.
@@ -36,7 +37,7 @@ class ReplicaCalls:
         engine: RemoteEngine,
         assets: ReplicaAssets,
         frames: FrameSync,
-        board: BoardCalls,
+        board: RemoteBoard,
         replica: str,
     ) -> None:
         self._engine, self._assets, self._frames = engine, assets, frames
@@ -96,8 +97,7 @@ class ReplicaCalls:
     ) -> tuple[FrameInfo, int]:
         with self._frames.changing(asset):
             info = self._engine.frames.put(asset, name, positions, **named)
-            version = self._board.keep(asset, name, np.asarray(positions, np.float32))
-            self._frames.note(asset, name, version)
+            version = self._frames.keep(asset, name, np.asarray(positions, np.float32))
         return info, version
 
     def _remove(self, envelope: Envelope, asset: str, name: str) -> int:
