@@ -56,7 +56,7 @@ def write_file(path: Path, data: bytes) -> None:
     write_pieces(path, [data])
 
 
-def write_pieces(path: Path, pieces: Iterable[bytes]) -> None:
+def write_pieces(path: Path, pieces: Iterable[bytes | memoryview]) -> None:
     """As `write_file`, of a file that comes in pieces."""
     with path.open("xb") as file:
         file.writelines(pieces)

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from rhytid.errors import NotFoundError, SnapshotError, StorageError
+from rhytid.errors import NotFoundError, SharedDamageError, SnapshotError
 from rhytid.fleet.envelopes import ElsewhereError
 from rhytid.fleet.residents import Residents
 from rhytid.fleet.shared_folder import SharedFolder
@@ -104,7 +104,7 @@ def test_the_least_recently_used_leaves(
     use(residents, c, d)
     assert engine.heard() == [("restore", d), ("delete", c)], "what is in use stays"
     release()
-    residents.take(d, own=True)
+    residents.take(d)
     use(residents, b)
     assert engine.heard() == [("restore", b), ("delete", a)], "what is not shared yet stays"
 
@@ -183,11 +183,16 @@ def test_a_damaged_snapshot_is_a_fault_of_the_store(
     share(shared, ASSETS[0])
     with monkeypatch.context() as patch:
         patch.setattr(engine, "restore", refuse)
-        with pytest.raises(StorageError, match=f"asset {ASSETS[0]} .* it is cut off"):
+        with pytest.raises(SharedDamageError, match=f"asset {ASSETS[0]} .* it is cut off"):
             use(residents, ASSETS[0])
+        with residents.using(ASSETS[0], mend=True):
+            assert not residents.has(ASSETS[0])
     (tmp_path / "assets" / f"{ASSETS[0]}.json").write_text("{")
-    with pytest.raises(StorageError, match=f"settings of {ASSETS[0]} are damaged"):
+    with pytest.raises(SharedDamageError, match=f"settings of {ASSETS[0]} are damaged"):
         use(residents, ASSETS[0])
+    with residents.using(ASSETS[0], mend=True):
+        assert residents.has(ASSETS[0])
+    use(residents, ASSETS[0])
 
 
 def test_an_error_of_the_engine_leaves_nothing_held(

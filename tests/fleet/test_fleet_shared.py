@@ -200,7 +200,7 @@ def test_a_frame_without_room_on_the_board_is_refused(board: Any, engine: Any) -
     sync.keep(ASSET, "a", POSITIONS)
     engine.put(ASSET, "a", 2 * POSITIONS)
     board.room = False
-    with pytest.raises(FrameMemoryError, match="frame a of .* does not fit"):
+    with pytest.raises(FrameMemoryError, match=r"frame a of .* does not fit"):
         sync.keep(ASSET, "a", 2 * POSITIONS)
     sync.bring(ASSET, "a", 0)
     assert engine.has["a"] is POSITIONS

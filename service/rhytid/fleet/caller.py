@@ -22,7 +22,7 @@ from rhytid.fleet.frame_versions import FrameVersions
 from rhytid.fleet.job_names import JobName
 from rhytid.logs import request_id
 
-# How often a call is made, where its replica is lost each time.
+# How often a call is made in all, where its replica is lost each time.
 SENT = 5
 # Seconds between two looks whether somebody still waits, and until it is asked whether there are
 # replicas at all.
@@ -77,7 +77,7 @@ class FleetCaller:
             except _LOST as error:
                 self._gone.add(str(getattr(error, "actor_id", "")))
                 _log.warning("%s is sent again: its replica is lost (%s)", request, type(error))
-        raise DeviceLostError("the replica ended again and again; try later")
+        raise DeviceLostError(f"{request}: its replica ended {SENT} times; try later")
 
     def _envelope(self, request: Request, to: str) -> Envelope:
         name, positional = request.name, request.positional
@@ -93,10 +93,12 @@ class FleetCaller:
         )  # fmt: skip
 
     def _sent(self, envelope: Envelope) -> Answer:
-        response = self._handle.call.remote(envelope)
+        response: Any = None
         began = time.monotonic()
         while True:
             try:
+                if response is None:
+                    response = self._handle.call.remote(envelope)
                 answer: Answer = response.result(timeout_s=LOOK)
                 return answer
             except TimeoutError:  # noqa: PERF203

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Collection
 from concurrent.futures import ThreadPoolExecutor
 
@@ -12,13 +13,14 @@ from rhytid.engine_process.remote_jobs import RemoteJobs
 from rhytid.engine_process.remote_tiles import RemoteTiles
 from rhytid.engine_process.requests import Request
 from rhytid.engine_process.upload_holds import UploadHolds
-from rhytid.errors import NotFoundError
+from rhytid.errors import NotFoundError, SharedDamageError
 from rhytid.fleet.caller import FleetCaller
 from rhytid.fleet.frame_versions import FrameVersions
 from rhytid.fleet.shared_folder import Revision, SharedFolder
 
 # Assets that are asked for at once when all are listed.
 _AT_ONCE = 8
+_log = logging.getLogger(__name__)
 _Revisions = tuple[Revision, Revision]
 
 
@@ -52,12 +54,13 @@ class FleetAssets(RemoteAssets):
         return self._noted(info)
 
     def all(self) -> list[AssetInfo]:
-        """Every asset of the shared folder. One that no replica has loaded is loaded for it; what
-        was found of ready ones is kept."""
+        """Every asset of the shared folder but damaged ones. One that no replica has loaded is
+        loaded for it; what was found of ready ones is kept."""
         ids = self._shared.ids()
         with ThreadPoolExecutor(_AT_ONCE) as pool:
             found = [info for info in pool.map(self._found, ids) if info is not None]
-        self._known = {one: known for one, known in self._known.items() if one in ids}
+        # A list: others may list meanwhile.
+        self._known = {one: known for one, known in list(self._known.items()) if one in ids}
         return found
 
     def _found(self, asset: str) -> AssetInfo | None:
@@ -68,6 +71,9 @@ class FleetAssets(RemoteAssets):
         try:
             info = self.info(asset)
         except NotFoundError:  # removed since
+            return None
+        except SharedDamageError as error:
+            _log.error("asset %s is not listed: %s", asset, error)
             return None
         if info.state == "ready" and now[0] is not None:
             self._known[asset] = (now, info)

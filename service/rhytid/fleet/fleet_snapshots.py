@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import BinaryIO
 
@@ -46,11 +46,13 @@ class FleetSnapshots(RemoteSnapshots):
     def of(self, asset: str) -> Snapshot:
         """A ready asset as a file, which is the caller's to close."""
         path: Path = self._supervisor.call(Request("snapshot", (asset,)))
-        with reported("a snapshot cannot be read"):
-            file = path.open("rb")
+        with reported("a snapshot cannot be read"), ExitStack() as stack:
+            file = stack.enter_context(path.open("rb"))
             path.unlink()
             size = index_size(file.read(BLOCK))
-            return GivenSnapshot(file, SnapshotIndex.decode(file.read(size)))
+            made = GivenSnapshot(file, SnapshotIndex.decode(file.read(size)))
+            stack.pop_all()
+            return made
 
     def restore(self, stream: Readable, nbytes: int) -> tuple[AssetInfo, bool]:
         """As `SnapshotService.restore`."""

@@ -10,13 +10,13 @@ import numpy as np
 from rhytid.decoding.words import read_word
 from rhytid.engine.messages import NewAsset
 from rhytid.engine_process.packing import pack
-from rhytid.errors import StorageError
+from rhytid.errors import SharedDamageError
 
 # Bytes of the pickle, and number of arrays; sizes of the arrays, the pickle and the arrays follow.
 _HEAD = struct.Struct("<QQ")
 
 
-def written_upload(new: NewAsset) -> Iterator[bytes]:
+def written_upload(new: NewAsset) -> Iterator[bytes | memoryview]:
     """The bytes of a file."""
     packed = pack(new)
     yield _HEAD.pack(len(packed.body), len(packed.sizes))
@@ -24,11 +24,11 @@ def written_upload(new: NewAsset) -> Iterator[bytes]:
     yield packed.body
     memory = np.zeros(packed.nbytes, np.uint8)
     packed.write(memory)
-    yield memory.tobytes()
+    yield memory.data
 
 
 def read_upload(data: bytes) -> NewAsset:
-    """What was written; nothing that the bytes say is run. Raises StorageError where they are
+    """What was written; nothing that the bytes say is run. Raises SharedDamageError where they are
     damaged."""
     try:
         length, count = _HEAD.unpack_from(data)
@@ -37,7 +37,7 @@ def read_upload(data: bytes) -> NewAsset:
         memory = np.frombuffer(data, np.uint8)[start + length :].copy()
         found = read_word(data[start : start + length], sizes, memory)
     except Exception as error:
-        raise StorageError(f"an upload that was kept is damaged: {error}") from error
+        raise SharedDamageError(f"an upload that was kept is damaged: {error}") from error
     if not isinstance(found, NewAsset):
-        raise StorageError("an upload that was kept is damaged: it is no asset")
+        raise SharedDamageError("an upload that was kept is damaged: it is no asset")
     return found

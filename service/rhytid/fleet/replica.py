@@ -117,6 +117,8 @@ class EngineReplica:
             self._board.report(self._said())
         except RhytidError as error:
             _log.warning("the replica cannot report: %s", error)
+        except Exception:  # noqa: BLE001 a replica that does not report is taken for gone
+            _log.exception("the replica cannot report")
 
     def _said(self) -> Report:
         device = next(one for one in self._engine.devices() if one.selected)

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from rhytid.domain.frame import frame_label
 from rhytid.domain.settings_changes import CHANGEABLE
 from rhytid.durable import reported
+from rhytid.engine import wanted
 from rhytid.engine.checked_upload import content_id
 from rhytid.engine.messages import AssetInfo, JobInfo, NewAsset, Package
 from rhytid.engine_process.remote_engine import RemoteEngine
@@ -59,16 +60,16 @@ class ReplicaAssets:
     ) -> AssetInfo:
         """As `AssetService.create`; what was sent is kept until the asset is shared."""
         asset = content_id(new)
-        with self.residents.using(asset, gone):
+        with self.residents.using(asset, gone, mend=True):
             info = self._engine.assets.create(new, strict=strict, allow=allow)
-            self._keep_frames(asset, new)
             with self.residents.changing(asset):
-                if self._shared.revision(asset) is None:
+                if self._shared.revision(asset) is None or not self.residents.has(asset):
                     self._begin(info, new)
                 elif new.shapes is not None:
                     self._share(asset)
             if info.job is not None:
                 self._while_running(asset, info.job)
+            self._keep_frames(asset, new)
         return info
 
     def change(self, asset: str, changes: Mapping[str, Any]) -> AssetInfo:
@@ -88,7 +89,7 @@ class ReplicaAssets:
     def delete(self, asset: str, *, shared: bool = False) -> None:
         """As `AssetService.delete`, for every replica, whether that is asked for or not."""
         with self.residents.changing(asset):
-            there = asset in self._shared.ids()
+            there = self._shared.revision(asset) or self._shared.owner(asset)
             self._shared.remove(asset)
             try:
                 self._engine.assets.delete(asset)
@@ -111,7 +112,11 @@ class ReplicaAssets:
     def snapshot(self, asset: str) -> Path:
         """A snapshot with the present settings, in the shared folder; the caller removes it."""
         with self._engine.snapshots.of(asset) as made:
-            return self._shared.give(made.pieces())
+            path = self._shared.give(made.pieces())
+        if wanted.is_gone():  # nobody would remove it
+            path.unlink(missing_ok=True)
+        wanted.check()
+        return path
 
     def restore(self, asset: str, path: Path, nbytes: int) -> tuple[AssetInfo, bool]:
         """As `SnapshotService.restore`, of a file in the shared folder."""
@@ -123,13 +128,18 @@ class ReplicaAssets:
         return info, new
 
     def _begin(self, info: AssetInfo, new: NewAsset) -> None:
-        """A build was started, or has ended already."""
-        if info.state == "ready":
-            self._share(info.id)
-            return
-        if self._shared.owner(info.id) is None:
-            self._shared.put_upload(info.id, self._replica, written_upload(new))
-        self.residents.take(info.id, own=True)
+        """A build was started, or has ended already; it is given up where it cannot be kept."""
+        try:
+            if info.state == "ready":
+                self._share(info.id)
+                return
+            if self._shared.owner(info.id) != self._replica:
+                self._shared.put_upload(info.id, self._replica, written_upload(new))
+        except BaseException:
+            if not self.residents.has(info.id):
+                self._engine.assets.delete(info.id)
+            raise
+        self.residents.take(info.id)
         if info.job is not None:
             self._jobs.watch(info.job, partial(self._built, info.id))
 
@@ -144,15 +154,14 @@ class ReplicaAssets:
 
     def _share(self, asset: str) -> None:
         with self._engine.snapshots.of(asset) as made:
-            self._shared.put_snapshot(asset, made)
-        self.residents.take(asset, own=False)
+            placed = self._shared.put_snapshot(asset, made)
+        self.residents.take(asset, placed)
 
     def _share_settings(self, asset: str) -> None:
         with self.residents.changing(asset):
             settings = self._engine.assets.info(asset).settings
-            self._shared.put_settings(asset, {name: settings[name] for name in CHANGEABLE})
-            if self._shared.revision(asset) is not None:
-                self.residents.note_settings(asset)
+            now = {name: settings[name] for name in CHANGEABLE}
+            self.residents.note_settings(asset, self._shared.put_settings(asset, now))
 
     def _keep_frames(self, asset: str, new: NewAsset) -> None:
         for index, positions in enumerate(() if new.frames is None else new.frames):
@@ -172,6 +181,5 @@ class ReplicaAssets:
         except FileNotFoundError:
             return
         self._shared.own(asset, self._replica)
-        info = self._engine.assets.create(new)
+        self._begin(self._engine.assets.create(new), new)
         self._keep_frames(asset, new)
-        self._begin(info, new)

@@ -27,6 +27,8 @@ PLAIN = {
 }
 # Calls of frames that are there, by asset and name.
 _OF_FRAME = ("info", "positions", "stretch")
+# Calls that replace or remove what may be damaged.
+_MENDING = ("assets.change", "assets.delete", "restore")
 
 
 class ReplicaCalls:
@@ -73,7 +75,8 @@ class ReplicaCalls:
             return self._job(envelope, *positional), 0
         if envelope.name == "create":
             return self._seen(self._create(envelope, *positional, **named)), 0
-        with self._assets.residents.using(envelope.asset, envelope.to):
+        mend = envelope.name in _MENDING
+        with self._assets.residents.using(envelope.asset, envelope.to, mend=mend):
             if envelope.name == "frames.put":
                 return self._put(*positional, **named)
             if envelope.name == "frames.delete":

@@ -13,7 +13,7 @@ from functools import partial
 
 from rhytid.engine_process.keyed_locks import KeyedLocks
 from rhytid.engine_process.remote_engine import RemoteEngine
-from rhytid.errors import NotFoundError, SnapshotError, StorageError
+from rhytid.errors import NotFoundError, SharedDamageError, SnapshotError
 from rhytid.fleet.envelopes import ElsewhereError
 from rhytid.fleet.frame_sync import FrameSync
 from rhytid.fleet.shared_folder import Revision, SharedFolder
@@ -64,14 +64,22 @@ class Residents:
         return self._locks.holding(asset)
 
     @contextmanager
-    def using(self, asset: str, gone: str = "") -> Iterator[None]:
+    def using(self, asset: str, gone: str = "", *, mend: bool = False) -> Iterator[None]:
         """The engine has the asset in the block as it is in the shared folder, if it is there.
 
-        gone: a replica that is known not to be there any more. Raises ElsewhereError where another
-        replica builds the asset.
+        gone: a replica that is known not to be there any more.  mend: what is damaged in the folder
+        is as if it were not there: the block replaces or removes it. Raises ElsewhereError where
+        another replica builds the asset, SharedDamageError where it is damaged.
         """
         with self._locks.holding(asset):
-            self._see_to(asset, gone)
+            try:
+                self._see_to(asset, gone)
+            except SharedDamageError as error:
+                if not mend:
+                    raise
+                _log.warning("%s; this call mends it", error)
+                if self.has(asset):  # its snapshot is good
+                    self._shared.remove_settings(asset)
             release = self.pin(asset)
             with self._unused:
                 if self.has(asset):
@@ -82,19 +90,18 @@ class Residents:
             release()
             self._trim()
 
-    def take(self, asset: str, *, own: bool) -> None:
-        """The engine has the asset now; own: as it is not in the shared folder."""
+    def take(self, asset: str, snapshot: Revision = None) -> None:
+        """The engine has the asset now.  snapshot: the one in the shared folder; None: it is not
+        shared yet."""
         with self._unused:
             known = self._here.setdefault(asset, Resident())
-            known.own = own
-            known.snapshot = None if own else self._shared.revision(asset)
-            known.settings = None if own else self._shared.settings_revision(asset)
+            known.own, known.snapshot = snapshot is None, snapshot
 
-    def note_settings(self, asset: str) -> None:
-        """The engine has the settings that are in the shared folder."""
+    def note_settings(self, asset: str, settings: Revision) -> None:
+        """The engine has settings that were placed in the shared folder."""
         with self._unused:
             if asset in self._here:
-                self._here[asset].settings = self._shared.settings_revision(asset)
+                self._here[asset].settings = settings
 
     def pin(self, asset: str) -> Callable[[], None]:
         """Keep an asset here until what is returned is called."""
@@ -150,7 +157,8 @@ class Residents:
             try:
                 self._engine.snapshots.restore(file, nbytes)
             except SnapshotError as error:
-                raise StorageError(f"asset {asset} of the shared folder: {error}") from error
+                text = f"asset {asset} is damaged in the shared folder: {error}"
+                raise SharedDamageError(text) from error
             here = Resident(snapshot=revision)
             self._here[asset] = here
             self._see_to_settings(asset, here)
@@ -183,6 +191,6 @@ class Residents:
                 return
             with self._locks.holding(oldest):
                 here = self._here.get(oldest)
-                if here is None or here.users:
+                if here is None or here.users or here.own:
                     return
                 self._let_go(oldest)

@@ -23,7 +23,8 @@ class AssetRouter(RequestRouter):  # type: ignore[misc]
     def max_num_routing_tasks(self) -> int:
         """As many as calls wait. Ray has two for each replica, so that a few calls that wait for
         one replica would keep all others from theirs."""
-        return self.num_pending_requests
+        waiting: int = self.num_pending_requests
+        return waiting
 
     async def choose_replicas(
         self,

@@ -21,9 +21,9 @@ from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
-from rhytid.durable import reported, sweep, whole, write_file, write_pieces
+from rhytid.durable import reported, sweep, sync_file, whole, write_file, write_pieces
 from rhytid.engine.messages import Package
-from rhytid.errors import StorageError
+from rhytid.errors import SharedDamageError
 from rhytid.storage.homes import ID
 from rhytid.storage.snapshots import Snapshot
 
@@ -35,7 +35,8 @@ Revision = tuple[int, int] | None
 class SharedFolder:
     """Files that any replica may read and write; each appears whole, by one rename.
 
-    Raises StorageError where the folder cannot be read or written. Two that write the same asset
+    Raises StorageError where the folder cannot be read or written, SharedDamageError where a file
+    is not what was placed there. Two that write the same asset
     write the same bytes, so that it does not matter which comes last.
     """
 
@@ -69,22 +70,27 @@ class SharedFolder:
         """Another for other settings; None where they were never changed."""
         return _revision(self._settings(asset))
 
-    def put_snapshot(self, asset: str, snapshot: Snapshot) -> None:
-        """Place a built asset, with its present settings; its upload is not needed any more."""
+    def put_snapshot(self, asset: str, snapshot: Snapshot) -> Revision:
+        """Place a built asset, with its present settings; its revision. Its upload is not needed
+        any more."""
         with reported(f"asset {asset} cannot be shared"), whole(self._snapshot(asset)) as aside:
             write_pieces(aside, snapshot.pieces())
+            placed = _revision(aside)  # another may be in its place at once
         self.remove_upload(asset)
+        return placed
 
     def open_snapshot(self, asset: str) -> Any:
         """The snapshot of an asset, open; raises FileNotFoundError where it has gone."""
         return self._snapshot(asset).open("rb")
 
-    def put_settings(self, asset: str, settings: Mapping[str, Any]) -> None:
-        """Replace the present settings of an asset."""
+    def put_settings(self, asset: str, settings: Mapping[str, Any]) -> Revision:
+        """Replace the present settings of an asset; their revision."""
         text = json.dumps(settings, sort_keys=True).encode()
         path = self._settings(asset)
         with reported(f"settings of {asset} cannot be shared"), whole(path) as aside:
             write_file(aside, text)
+            placed = _revision(aside)
+        return placed
 
     def settings(self, asset: str) -> dict[str, Any]:
         """The present settings of an asset; empty where they were never changed."""
@@ -93,15 +99,24 @@ class SharedFolder:
             try:
                 found: dict[str, Any] = json.loads(text)
             except ValueError as error:
-                raise StorageError(f"settings of {asset} are damaged: {error}") from error
+                raise SharedDamageError(f"settings of {asset} are damaged: {error}") from error
             return found
         return {}
 
-    def put_upload(self, asset: str, owner: str, pieces: Iterable[bytes]) -> None:
-        """Keep what a caller sent, in place of what was kept."""
+    def remove_settings(self, asset: str) -> None:
+        """Remove settings that are damaged."""
+        with reported(f"settings of {asset} cannot be removed"):
+            self._settings(asset).unlink(missing_ok=True)
+
+    def put_upload(self, asset: str, owner: str, pieces: Iterable[bytes | memoryview]) -> None:
+        """Keep what a caller sent, in place of what was kept; nothing where that fails."""
         self.own(asset, owner)
-        with reported(f"upload {asset} cannot be kept"), whole(self._uploads / asset) as aside:
-            write_pieces(aside, pieces)
+        try:
+            with reported(f"upload {asset} cannot be kept"), whole(self._uploads / asset) as aside:
+                write_pieces(aside, pieces)
+        except BaseException:
+            self.remove_upload(asset)
+            raise
 
     def own(self, asset: str, owner: str) -> None:
         """Say which replica builds an asset."""
@@ -138,7 +153,11 @@ class SharedFolder:
         """A new file on its way; who takes it removes it."""
         path = self._given / uuid4().hex
         with reported("a file cannot be passed on"):
-            write_pieces(path, pieces)
+            try:
+                write_pieces(path, pieces)
+            except BaseException:
+                path.unlink(missing_ok=True)
+                raise
         return path
 
     def share_package(self, asset: str, package: Package) -> Package:
@@ -148,6 +167,7 @@ class SharedFolder:
             if not place.exists():
                 with whole(place) as aside:
                     shutil.copyfile(package.file, aside)
+                    sync_file(aside)
                 files = sorted(self._packages.glob(f"{asset}-*.zip"), key=_placed, reverse=True)
                 for old in files[_PACKAGES:]:
                     old.unlink(missing_ok=True)
