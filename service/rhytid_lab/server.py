@@ -14,7 +14,7 @@ import rhytid_client
 from rhytid.errors import RhytidError
 
 # Seconds that a server may take to start and to end.
-_START, _END = 60.0, 20.0
+_START, _END = 180.0, 20.0
 _LISTENS = re.compile(r"^rhytid \S+ on (http://[^,\s]+),", re.MULTILINE)
 
 
