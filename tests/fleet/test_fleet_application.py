@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from pathlib import Path
 from typing import Any
 
@@ -9,8 +10,9 @@ import pytest
 
 from rhytid.access.api_key import READ, new_key
 from rhytid.access.key_file import write_keys
-from rhytid.errors import AccessError, SettingsError
+from rhytid.errors import AccessError, DeviceError, SettingsError
 from rhytid.fleet.app import application, asking, deployments
+from rhytid.fleet.local_fleet import local_fleet
 from rhytid.fleet.options import FleetOptions
 from rhytid.settings import ServiceSettings
 
@@ -41,6 +43,21 @@ def test_the_application_is_made_of_options(tmp_path: Path) -> None:
     assert made._bound_deployment.num_replicas == 3
     with pytest.raises(SettingsError, match="no option 'device' of a fleet"):
         application({"device": "0"})
+
+
+def test_ray_that_does_not_start_leaves_the_signals_of_the_server(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def fail(**given: Any) -> None:
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        raise ConnectionError("nobody is there")
+
+    before = signal.getsignal(signal.SIGTERM)
+    monkeypatch.setattr("ray.init", fail)
+    made = local_fleet(ServiceSettings(), FleetOptions(), "10.0.0.1:6379")
+    with pytest.raises(DeviceError, match=r"no Ray answers at 10\.0\.0\.1:6379: nobody"), made:
+        pass
+    assert signal.getsignal(signal.SIGTERM) == before
 
 
 def test_an_ingress_of_ray_asks_for_keys(tmp_path: Path) -> None:

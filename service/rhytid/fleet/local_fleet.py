@@ -33,14 +33,18 @@ def local_fleet(
     """An engine over replicas, which end with the block.
 
     address: of a cluster that runs already; None: Ray is started on this machine alone, without its
-    dashboard, and ended with the block.  ray_options: of `ray.init`, of Ray that is started.
+    dashboard, and ended with the block.  ray_options: of `ray.init`, of Ray that is started. Raises
+    DeviceError where Ray or the replicas do not start.
     """
     try:
         with _own_signals():
             _start_ray(options, address, ray_options)
-    except BaseException:
+    except BaseException as error:
         ray.shutdown()  # what was started before it failed
-        raise
+        if not isinstance(error, Exception):
+            raise
+        where = "Ray does not start" if address is None else f"no Ray answers at {address}"
+        raise DeviceError(f"{where}: {error}") from error
     try:
         serve.start(proxy_location="Disabled", logging_config=_LOGS)
         _, replicas = deployments(settings, options)

@@ -57,9 +57,11 @@ class RemoteBoard:
         return found
 
     def _ask(self, name: str, *arguments: Any) -> Any:
-        response = getattr(self._handle, name).remote(*arguments)
+        response = None
         try:
+            response = getattr(self._handle, name).remote(*arguments)
             return response.result(timeout_s=PATIENCE)
         except (RayError, RayServeException, TimeoutError) as error:
-            response.cancel()
+            if response is not None:
+                response.cancel()
             raise DeviceLostError("the board of the fleet does not answer; try later") from error
