@@ -204,3 +204,27 @@ def test_a_frame_without_room_on_the_board_is_refused(board: Any, engine: Any) -
         sync.keep(ASSET, "a", 2 * POSITIONS)
     sync.bring(ASSET, "a", 0)
     assert engine.has["a"] is POSITIONS
+
+
+def test_frames_of_assets_that_nobody_uses_make_room(
+    board: Any, engine: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sync, other, third = FrameSync(engine, board), "1" * 16, "2" * 16
+
+    def put(asset: str, name: str, positions: Any) -> None:
+        if len(engine.has) == 2:
+            raise FrameMemoryError("full")
+        engine.has[name] = positions
+
+    monkeypatch.setattr(engine, "put", put)
+    board.frames = dict.fromkeys(("a", "b", "c"), (5, POSITIONS))
+    sync.bring(ASSET, "a", 0)
+    sync.note(other, "local", 5)
+    engine.has["local"] = POSITIONS
+    with pytest.raises(FrameMemoryError, match="full"):
+        sync.bring(third, "c", 0)
+    monkeypatch.setattr(frame_sync, "IDLE", -1.0)
+    sync.bring(third, "c", 0)
+    assert set(engine.has) == {"local", "c"}, "the board has no other copy of this one"
+    sync.bring(ASSET, "a", 5)
+    assert set(engine.has) == {"local", "a"}, "what went comes again"

@@ -5,7 +5,9 @@ from __future__ import annotations
 import logging
 import threading
 import time
+from collections.abc import Callable
 from contextlib import AbstractContextManager, suppress
+from typing import Any, TypeVar
 
 from rhytid.domain.frame import NEUTRAL
 from rhytid.engine_process.keyed_locks import KeyedLocks
@@ -18,20 +20,37 @@ from rhytid.fleet.remote_board import RemoteBoard
 FRESH = 1.0
 # Seconds for which a board that did not answer is asked nothing: each call would wait for it.
 AWAY = 3.0
+# Seconds after which a frame that nobody used may go where there is no room.
+IDLE = 60.0
+T = TypeVar("T")
 _log = logging.getLogger(__name__)
+
+
+class BoardFullError(FrameMemoryError):
+    """The board has no room for a frame; what a replica drops makes none."""
+
+    def __init__(self, asset: str, name: str) -> None:
+        super().__init__(
+            f"frame {name} of {asset} does not fit into the memory for frames of all replicas "
+            "(RHYTID_FRAME_MEMORY_MB for each): delete some"
+        )
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return FrameMemoryError, self.args
 
 
 class FrameSync:
     """Which version of each frame the engine of this replica has.
 
     A frame is fetched where the ingress knows of a newer one, or where the board does: it is asked
-    once a second for each asset that is in use.
+    once a second for each asset that is in use. Where the engine has no room, frames of assets go
+    that were not used of late: the board has them.
     """
 
     def __init__(self, frames: RemoteFrames, board: RemoteBoard) -> None:
         self._frames, self._board = frames, board
         self._versions: dict[str, dict[str, int]] = {}
-        # When the board was asked for a frame that there is.
+        # When the engine had a frame as the board had it.
         self._looked: dict[str, dict[str, float]] = {}
         self._away = -AWAY
         self._locks = KeyedLocks()
@@ -58,29 +77,71 @@ class FrameSync:
         least, as far as the caller knows."""
         if name == NEUTRAL or self._good(asset, name, wanted):
             return
-        with self.changing(asset):
-            if not self._good(asset, name, wanted):  # it may have come while this one waited
-                self._fetch(asset, [name], wanted)
+
+        def bring() -> None:
+            with self.changing(asset):
+                if not self._good(asset, name, wanted):  # it may have come while this one waited
+                    self._fetch(asset, [name], wanted)
+
+        self.with_room(asset, bring)
 
     def keep(self, asset: str, name: str, positions: Positions) -> int:
-        """Give the board a frame that the engine has taken; its version. Raises FrameMemoryError
-        where there is no room: the engine then has the frame that was there before, or none."""
+        """Give the board a frame that the engine has taken; its version. Raises BoardFullError
+        where there is no room: the engine then fetches the frame that was there before."""
         version = self._board.keep(asset, name, positions)
         if not version:
             self.note(asset, name, 0)
             with suppress(NotFoundError):
                 self._frames.delete(asset, name)
-            raise FrameMemoryError(
-                f"frame {name} of {asset} does not fit into the memory for frames of all replicas "
-                "(RHYTID_FRAME_MEMORY_MB for each): delete some"
-            )
+            raise BoardFullError(asset, name)
         self.note(asset, name, version)
+        self._looked.setdefault(asset, {})[name] = time.monotonic()
         return version
 
     def bring_all(self, asset: str) -> None:
         """See that the engine has every frame of an asset."""
+
+        def bring() -> None:
+            with self.changing(asset):
+                self._fetch(asset, None, 0)
+
+        self.with_room(asset, bring)
+
+    def with_room(self, asset: str, work: Callable[[], T]) -> T:
+        """What the work returns that puts frames of an asset into the engine; frames of others go
+        where there is no room. Not to be called while `changing` is held."""
+        while True:
+            try:
+                return work()
+            except FrameMemoryError as error:  # noqa: PERF203
+                others = () if isinstance(error, BoardFullError) else self._idle(asset)
+                if not any(map(self._drop_unused, others)):
+                    raise
+
+    def _idle(self, asset: str) -> list[str]:
+        """Other assets, none of whose frames was used of late; the least recently used first."""
+        with self._lock:
+            used = {
+                name: max(self._looked.get(name, {}).values(), default=0.0)
+                for name in self._versions
+                if name != asset
+            }
+        before = time.monotonic() - IDLE
+        return sorted((name for name in used if used[name] < before), key=used.__getitem__)
+
+    def _drop_unused(self, asset: str) -> bool:
+        """Drop frames of an asset that the board has; whether there were any."""
         with self.changing(asset):
-            self._fetch(asset, None, 0)
+            there = self._versions_there(asset)
+            here = dict(self._versions.get(asset, {}))
+            known = [
+                name for name, version in here.items() if version and there.get(name) == version
+            ]
+            for name in known:
+                self.note(asset, name, 0)
+                with suppress(NotFoundError):
+                    self._frames.delete(asset, name)
+        return bool(known)
 
     def _fetch(self, asset: str, names: list[str] | None, wanted: int) -> None:
         try:

@@ -98,10 +98,12 @@ class ReplicaCalls:
     def _put(
         self, asset: str, name: str, positions: ArrayLike, **named: Any
     ) -> tuple[FrameInfo, int]:
-        with self._frames.changing(asset):
-            info = self._engine.frames.put(asset, name, positions, **named)
-            version = self._frames.keep(asset, name, np.asarray(positions, np.float32))
-        return info, version
+        def put() -> tuple[FrameInfo, int]:
+            with self._frames.changing(asset):
+                info = self._engine.frames.put(asset, name, positions, **named)
+                return info, self._frames.keep(asset, name, np.asarray(positions, np.float32))
+
+        return self._frames.with_room(asset, put)
 
     def _remove(self, envelope: Envelope, asset: str, name: str) -> int:
         self._frames.bring(asset, name, envelope.version)
