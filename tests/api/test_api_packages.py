@@ -18,6 +18,7 @@ from api.fake_engine import FakeEngine
 from api.fake_packages import FILES, archive
 from api.live import serving
 from api.patch import obj, upload
+from engine_process.served import await_value
 from rhytid.api.access import Caller
 from rhytid.api.job_shares import JobShares
 from rhytid.api.package_files import KEY, OpenPackage, opened, part
@@ -89,6 +90,7 @@ def test_ranges_that_are_none(client: httpx.Client, path: str) -> None:
 
 
 def test_what_is_not_there(client: httpx.Client, path: str) -> None:
+    await_value(lambda: client.get(path).status_code == 200)  # before, nobody knows what is there
     for name in ("nothing", "textures", "../manifest.json", "%2e%2e/manifest.json", "/etc/passwd"):
         answer = client.get(
             httpx.URL(str(client.base_url)).copy_with(raw_path=f"{path}/{name}".encode())
