@@ -145,6 +145,19 @@ def test_an_asset_is_removed_with_its_objects(pushed: Path) -> None:
         shared.remove(ID)
 
 
+@pytest.mark.parametrize("id", ["..", ".", "", "../objects", f"{ID}/", ID.upper()])
+def test_what_is_no_id_removes_and_reads_nothing(id: str, pushed: Path) -> None:
+    """A caller of DELETE chooses it."""
+    (pushed / "notes.txt").write_text("of somebody else")
+    shared, before = SharedStore.at(str(pushed)), sorted(pushed.rglob("*"))
+
+    for call in (shared.remove, shared.index):
+        with pytest.raises(NotFoundError, match="ids are 16 hexadecimal digits"):
+            call(id)
+
+    assert sorted(pushed.rglob("*")) == before
+
+
 def test_an_asset_is_removed_from_a_bucket(store: AssetStore, pushed: Path, bucket: str) -> None:
     mirror = StoreMirror(store, SharedStore.at(bucket))
     mirror.push(ID, quiet)

@@ -13,7 +13,7 @@ from rhytid import durable
 from rhytid.durable import is_folder, reported
 from rhytid.errors import NotFoundError, StorageError
 from rhytid.storage.canonical import canonical, check_format, damaged
-from rhytid.storage.homes import ID, holds_something, homes, sweep
+from rhytid.storage.homes import checked_id, holds_something, homes, sweep
 from rhytid.storage.lock import FolderLock
 from rhytid.storage.manifest import write_with_manifest
 
@@ -58,9 +58,7 @@ class StoreFolders:
 
     def home(self, id: str) -> Path:
         """The folder of an asset, there or not; raises NotFoundError for what is no id."""
-        if not ID.fullmatch(id):
-            raise NotFoundError(f"no asset {id!r}: ids are 16 hexadecimal digits")
-        return self.assets / id
+        return self.assets / checked_id(id)
 
     def existing(self, id: str, kind: str) -> Path:
         """A sealed folder of an asset; raises NotFoundError where there is none."""

@@ -9,13 +9,20 @@ from pathlib import Path
 
 from rhytid import durable
 from rhytid.durable import is_folder, reported
-from rhytid.errors import StorageError
+from rhytid.errors import NotFoundError, StorageError
 
 ID = re.compile(r"[0-9a-f]{16}", re.ASCII)
 # Beside them what is no part of the content that an id names: the shapes that move its mesh.
 REQUEST, ASSET, SHAPES = "request", "asset", "shapes"
 SHARED = "shared.json"
 _log = logging.getLogger(__name__)
+
+
+def checked_id(id: str) -> str:
+    """The id, which is a name of folders; raises NotFoundError for what is no id."""
+    if not ID.fullmatch(id):
+        raise NotFoundError(f"no asset {id!r}: ids are 16 hexadecimal digits")
+    return id
 
 
 def homes(assets: Path) -> Iterator[Path]:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rhytid.errors import SharedDamageError, SnapshotError, StorageError
 from rhytid.storage.canonical import check_format, parse_hashed
-from rhytid.storage.homes import ID
+from rhytid.storage.homes import ID, checked_id
 from rhytid.storage.shared.place import Place
 from rhytid.storage.snapshot_index import FORMAT, LONGEST_INDEX, SnapshotIndex
 
@@ -70,4 +70,4 @@ class SharedManifests:
 
 
 def _name(id: str) -> str:
-    return f"{_FOLDER}/{id}{_SUFFIX}"
+    return f"{_FOLDER}/{checked_id(id)}{_SUFFIX}"

@@ -19,6 +19,7 @@ from pathlib import Path
 
 from rhytid.durable import remove_tree
 from rhytid.errors import NotFoundError, SharedDamageError
+from rhytid.storage.homes import checked_id
 from rhytid.storage.manifest import StoredFile
 from rhytid.storage.shared.manifests import SharedManifests
 from rhytid.storage.shared.place import Place, place_of
@@ -166,7 +167,7 @@ class SharedStore:
 
 
 def _object_folder(id: str) -> str:
-    return f"objects/{id}"
+    return f"objects/{checked_id(id)}"
 
 
 def _object(id: str, file: StoredFile) -> str:
