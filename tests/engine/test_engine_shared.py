@@ -152,7 +152,7 @@ def test_a_silent_shared_store_keeps_few_callers(
         except (FetchingError, NotFoundError) as error:
             found.append(type(error))
 
-    monkeypatch.setattr("rhytid.engine.shared_reader.TURN", 0.05)
+    monkeypatch.setattr("rhytid.engine.shared_calls.TURN", 0.05)
     with running(tmp_path / "b", shared_store=str(folder)) as engine:
         asset = built(engine, new_asset())
         monkeypatch.setattr(SharedStore, "index", silent)
@@ -251,7 +251,7 @@ def test_what_could_not_be_pushed_is_pushed_later(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("rhytid.engine.push_retries.PAUSE", 0.5)
-    monkeypatch.setattr("rhytid.engine.shared_reader.FORGOTTEN", 0.1)
+    monkeypatch.setattr("rhytid.engine.shared_calls.FORGOTTEN", 0.1)
     away = tmp_path / "unmounted"
     with running(tmp_path / "a", shared_store=str(folder)) as one:
         folder.rename(away)

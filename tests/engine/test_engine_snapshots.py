@@ -133,7 +133,7 @@ def test_a_restore_that_the_disk_fails_can_be_repeated(
 ) -> None:
     with running(tmp_path) as engine:
         with monkeypatch.context() as patch:
-            patch.setattr(engine._store, "install", _fails)
+            patch.setattr(engine._store.snapshots, "install", _fails)
             with pytest.raises(StorageError):
                 engine.snapshots.restore(io.BytesIO(made.data), len(made.data))
         assert engine.assets.all() == []

@@ -35,7 +35,7 @@ def main() -> None:
                 die()
             shutil.copyfile = half if left < 0 else _copy  # type: ignore[assignment]
 
-        with store.snapshot(id) as made:
+        with store.snapshots.of(id) as made:
             shared.push(made, report)
 
 
@@ -43,7 +43,7 @@ def push(store: AssetStore, shared: SharedStore, id: str, r_max: float) -> None:
     settings = store.overlay(id)
     assert settings is not None
     store.put_overlay(id, settings.with_r_max(r_max))
-    with store.snapshot(id) as made:
+    with store.snapshots.of(id) as made:
         shared.push(made, lambda share, file: None)
 
 

@@ -19,10 +19,12 @@ from rhytid.errors import (
     NotFoundError,
     SharedDamageError,
     SharedStoreError,
+    StorageError,
     StoreFormatError,
 )
 from rhytid.storage import AssetStore
 from rhytid.storage.canonical import hashed
+from rhytid.storage.shared.folder_place import FolderPlace
 from rhytid.storage.shared.mirror import StoreMirror
 from rhytid.storage.shared.object_place import ObjectPlace
 from rhytid.storage.shared.shared_store import SharedStore
@@ -199,6 +201,56 @@ def test_a_reader_of_what_is_removed_finds_nothing(pushed: Path, tmp_path: Path)
         StoreMirror(other, shared).fetched(ID, lambda *_: _remove(shared)),
     ):
         pass
+
+
+def test_an_asset_that_is_damaged_here_is_not_pushed(
+    pushed: Path, store: AssetStore, folder: Path, tmp_path: Path
+) -> None:
+    flip(folder / "assets" / ID / "asset" / "graph.safetensors")
+    shared = SharedStore.at(str(new_folder(tmp_path / "another")))
+
+    with pytest.raises(StorageError, match=r"graph.safetensors is damaged"):
+        StoreMirror(store, shared).push(ID, quiet)
+
+    assert shared.ids() == []
+
+
+def test_an_asset_that_is_removed_while_it_is_pushed_is_no_fault_of_the_shared_store(
+    store: AssetStore, mesh: Mesh, graph: WrinkleGraph, settings: AssetSettings, place: str
+) -> None:
+    store.put_asset(ID, mesh, graph, settings, EXTRA)
+    shared = SharedStore.at(place)
+
+    def removes(share: float, file: str) -> None:
+        if store.ids():
+            store.delete(ID)
+
+    with pytest.raises(NotFoundError, match=f"asset {ID} was removed while it was pushed"):
+        StoreMirror(store, shared).push(ID, removes)
+    assert shared.ids() == []
+
+
+@pytest.mark.parametrize("gone", ["folder", "file and folder"])
+def test_a_folder_that_is_removed_beside_a_push_does_not_keep_it(
+    gone: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As another machine removes the asset, at the worst of moments."""
+    place, tries = FolderPlace(new_folder(tmp_path)), 0
+
+    def install(aside: Path, path: Path) -> None:
+        nonlocal tries
+        tries += 1
+        if gone != "folder":
+            aside.replace(path)
+            path.unlink()
+        path.parent.rmdir()
+        if tries > 100:
+            raise PowerCutError
+        raise FileNotFoundError(path)
+
+    monkeypatch.setattr("rhytid.durable.install", install)
+    with pytest.raises(SharedStoreError, match=f"objects/{ID} is being removed"):
+        place.write(f"objects/{ID}/one", b"data")
 
 
 def _remove(shared: SharedStore) -> None:

@@ -20,6 +20,7 @@ from rhytid.errors import CancelledError, NotFoundError
 from rhytid.storage import AssetStore
 from rhytid.storage.shared.mirror import StoreMirror
 from rhytid.storage.shared.shared_store import SharedStore
+from rhytid.storage.snapshots import Snapshot
 from storage import shared_writer
 from storage.places import new_folder
 
@@ -61,7 +62,7 @@ def other(tmp_path: Path) -> Iterator[AssetStore]:
 
 
 def taken(store: AssetStore) -> bytes:
-    with store.snapshot(ID) as made:
+    with store.snapshots.of(ID) as made:
         return b"".join(made.pieces())
 
 
@@ -117,6 +118,72 @@ def test_changes_come_along(
 
 
 @BUCKET_IS_SLOW
+def test_a_push_leaves_what_another_machine_has_changed(
+    filled: AssetStore, other: AssetStore, settings: AssetSettings, place: str, tmp_path: Path
+) -> None:
+    """The one has changed nothing since both had the same: it has nothing to say."""
+    mirror, changing = (StoreMirror(one, SharedStore.at(place)) for one in (filled, other))
+    mirror.push(ID, quiet)
+    fetch(other, place)
+    other.put_overlay(ID, settings.with_r_max(0.4))
+    assert changing.push(ID, quiet)
+
+    assert not mirror.push(ID, quiet)
+
+    assert mirror.shared.index(ID) == other.snapshots.index(ID)
+    assert (mirror.is_held(ID), mirror.is_pushed(ID)) == (True, True)
+    filled.put_overlay(ID, settings.with_r_max(0.2))
+    assert not mirror.is_held(ID)
+    assert mirror.push(ID, quiet), "now it was changed here, too: the last stays"
+    assert mirror.shared.index(ID) == filled.snapshots.index(ID)
+
+
+@BUCKET_IS_SLOW
+def test_an_asset_is_brought_as_another_machine_has_changed_it(
+    filled: AssetStore, other: AssetStore, mesh: Mesh, settings: AssetSettings, place: str
+) -> None:
+    mirror, changing = (StoreMirror(one, SharedStore.at(place)) for one in (filled, other))
+    with pytest.raises(NotFoundError, match=f"no asset {ID} in the shared store"):
+        changing.bring(ID, quiet)
+    assert not mirror.bring(ID, quiet), "it is here alone"
+    mirror.push(ID, quiet)
+    assert not mirror.bring(ID, quiet)
+    assert changing.bring(ID, quiet)
+    other.put_overlay(ID, settings.with_r_max(0.4))
+    other.put_shapes(ID, shapes(mesh, "smile"))
+    changing.push(ID, quiet)
+
+    assert mirror.bring(ID, quiet)
+
+    assert taken(filled) == taken(other)
+    assert mirror.is_pushed(ID)
+    filled.put_overlay(ID, settings.with_r_max(0.2))
+    assert not mirror.bring(ID, quiet), "what was changed here stays"
+    assert filled.overlay(ID) == settings.with_r_max(0.2)
+    mirror.shared.remove(ID)
+    assert not changing.bring(ID, quiet), "it is here alone"
+
+
+def test_a_push_reads_what_it_sends_alone(
+    filled: AssetStore, settings: AssetSettings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mirror, read = StoreMirror(filled, SharedStore.at(str(new_folder(tmp_path)))), []
+    check = Snapshot.check_file
+
+    def checked(made: Snapshot, name: str) -> None:
+        read.append(name)
+        check(made, name)
+
+    monkeypatch.setattr(Snapshot, "check_file", checked)
+    mirror.push(ID, quiet)
+    assert len(read) == STEPS - 2
+    read.clear()
+    filled.put_overlay(ID, settings.with_r_max(0.4))
+    assert mirror.push(ID, quiet)
+    assert read == []
+
+
+@BUCKET_IS_SLOW
 def test_shapes_that_were_sent_here_stay(
     filled: AssetStore, other: AssetStore, mesh: Mesh, settings: AssetSettings, place: str
 ) -> None:
@@ -138,7 +205,7 @@ def test_an_asset_is_there_once_its_manifest_is(
     """A push that ends before each of its steps; the next one completes it."""
     shared = SharedStore.at(place)
     for steps in range(STEPS):
-        with pytest.raises(CancelledError), filled.snapshot(ID) as made:
+        with pytest.raises(CancelledError), filled.snapshots.of(ID) as made:
             shared.push(made, stops_after(steps))
         assert shared.ids() == []
         with pytest.raises(NotFoundError, match=f"no asset {ID} in the shared store"):

@@ -25,7 +25,7 @@ from rhytid.formats.graphs import write_graph
 from rhytid.storage import AssetStore
 from rhytid.storage.canonical import canonical, hashed
 from rhytid.storage.kept_shapes import shape_files
-from rhytid.storage.records import write_overlay
+from rhytid.storage.overlays import write_overlay
 from storage.disk import Disk
 
 ID = "00112233aabbccdd"
@@ -57,15 +57,15 @@ def other(tmp_path: Path) -> Iterator[AssetStore]:
 
 
 def taken(store: AssetStore, id: str = ID) -> bytes:
-    with store.snapshot(id) as made:
+    with store.snapshots.of(id) as made:
         data = b"".join(made.pieces())
         assert len(data) == made.nbytes
     return data
 
 
 def restored(store: AssetStore, data: bytes) -> bool:
-    with store.unpacked(io.BytesIO(data), len(data)) as unpacked:
-        return store.install(unpacked)
+    with store.snapshots.unpacked(io.BytesIO(data), len(data)) as unpacked:
+        return store.snapshots.install(unpacked)
 
 
 def files(store: AssetStore, id: str = ID) -> dict[str, bytes]:
@@ -143,7 +143,7 @@ def test_a_damaged_asset_is_healed_and_gives_no_snapshot(filled: AssetStore, nam
     path = filled._folders.assets / ID / name
     path.write_bytes(path.read_bytes()[:-1] + b"?")
     with pytest.raises(StorageError, match=Path(name).name):
-        filled.snapshot(ID)
+        filled.snapshots.of(ID)
     assert restored(filled, data)
     assert files(filled) == whole
 
@@ -179,7 +179,7 @@ def test_a_stream_that_ends_early_is_refused_where_it_ends(
     data = taken(filled)
     with (
         pytest.raises(SnapshotError, match="cut off at byte 3000, within asset/"),
-        other.unpacked(io.BytesIO(data[:3000]), len(data)),
+        other.snapshots.unpacked(io.BytesIO(data[:3000]), len(data)),
     ):
         pass
     assert untouched(other)
@@ -361,7 +361,7 @@ def test_a_snapshot_is_made_in_pieces(tmp_path: Path, mesh: Mesh, settings: Asse
     with AssetStore(tmp_path / "big") as store:
         store.put_asset(ID, mesh, graph, settings, EXTRA, big)
         tracemalloc.start()
-        with store.snapshot(ID) as made:
+        with store.snapshots.of(ID) as made:
             size = sum(map(len, made.pieces()))
         most = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()

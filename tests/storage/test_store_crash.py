@@ -36,9 +36,15 @@ def state(folder: Path) -> State:
     return {"requests": requests, "assets": assets}
 
 
-@pytest.fixture(params=["first request", "build", "build unasked", "overlay", "delete", "forget"])
+@pytest.fixture(
+    params=["first request", "build", "build unasked", "take in", "overlay", "delete", "forget"]
+)
 def change(
-    request: pytest.FixtureRequest, mesh: Mesh, graph: WrinkleGraph, settings: AssetSettings
+    request: pytest.FixtureRequest,
+    mesh: Mesh,
+    graph: WrinkleGraph,
+    settings: AssetSettings,
+    tmp_path: Path,
 ) -> tuple[list[Change], Change]:
     """What was done before, and the change that fails."""
 
@@ -47,6 +53,9 @@ def change(
 
     def build(store: AssetStore) -> None:
         store.put_asset(ID, mesh, graph, settings, {})
+
+    def take_in(store: AssetStore) -> None:
+        store.snapshots.restore(tmp_path / "snapshot")
 
     def first_overlay(store: AssetStore) -> None:
         store.put_overlay(ID, settings.with_r_max(0.11))
@@ -57,10 +66,16 @@ def change(
     def delete(store: AssetStore) -> None:
         store.delete(ID)
 
+    with AssetStore(tmp_path / "source") as source:
+        facts = {"spacing": 0.5, "distance": 0.5, "uv_length": 10.0, "warnings": []}
+        source.put_asset(ID, mesh, graph, settings, facts)
+        with source.snapshots.of(ID) as made:
+            (tmp_path / "snapshot").write_bytes(b"".join(made.pieces()))
     cases: dict[str, tuple[list[Change], Change]] = {
         "first request": ([], ask),
         "build": ([ask], build),
         "build unasked": ([], build),
+        "take in": ([ask], take_in),
         "overlay": ([build, first_overlay], second_overlay),
         "delete": ([ask, build, first_overlay], delete),
         "forget": ([ask], delete),

@@ -57,7 +57,7 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     if given.new is not None:
         note(f"rhytid: {given.size(given.new.settings.resolution).text()}")
     watch = Stopwatch()
-    with _service(arguments) as service, closing(Engine(service)) as engine:
+    with _service(arguments, watch) as service, closing(Engine(service)) as engine:
         baker = _baker(arguments, engine, given, watch, warned)
         if arguments.method == "binned" and not given.range_fixed:
             baker.calibrate()
@@ -83,10 +83,8 @@ def _baker(
     """What bakes with the asset of the arguments, which is built where it has to be."""
     from rhytid.cli.baking import Baker
     from rhytid.cli.ready_assets import build, stored
-    from rhytid.cli.shared_assets import bring
 
     if given.new is None:
-        bring(engine, arguments.asset, watch)
         asset = stored(engine, arguments.asset, given.mesh, arguments.resolution)
     else:
         with watch.step("build"):
@@ -107,10 +105,16 @@ def _share(engine: Engine, baker: Baker, given: BakeInputs) -> None:
 
 
 @contextmanager
-def _service(arguments: argparse.Namespace) -> Iterator[ServiceSettings]:
-    """The settings of the engine; without --store its assets last as long as the command."""
+def _service(arguments: argparse.Namespace, watch: Stopwatch) -> Iterator[ServiceSettings]:
+    """The settings of the engine; without --store its assets last as long as the command. The asset
+    of --asset is fetched before."""
+    from rhytid.cli.shared_assets import fetch
+
     with temporary_folder("rhytid-") as folder:
-        yield sharing(arguments.store or folder, arguments.device, arguments.shared_store)
+        found = sharing(arguments.store or folder, arguments.device, arguments.shared_store)
+        if arguments.asset is not None:
+            fetch(found, arguments.asset, watch)
+        yield found
 
 
 def _report(

@@ -66,7 +66,8 @@ class BakeSession:
         tqdm.set_lock(RLock())
         with ExitStack() as opened, speaking(_SILENT):
             opened.callback(shutil.rmtree, folder, ignore_errors=True)
-            _restore(job, folder)
+            with AssetStore(folder) as store:
+                store.snapshots.restore(Path(job.snapshot.path))
             settings = chosen(folder, None)
             self._engine = opened.enter_context(closing(Engine(settings)))
             self._baker = self._made()
@@ -103,16 +104,6 @@ class BakeSession:
         return Baker(
             self._engine, asset, file.mesh, job.query, frames, output, Stopwatch(), warned, geometry
         )
-
-
-def _restore(job: WorkerJob, folder: Path) -> None:
-    snapshot = job.snapshot
-    with (
-        AssetStore(folder) as store,
-        Path(snapshot.path).open("rb") as file,
-        store.unpacked(file, snapshot.nbytes) as unpacked,
-    ):
-        store.install(unpacked)
 
 
 def _telling(places: Iterable[FramePlace], done: Callable[[str], None]) -> Iterator[FramePlace]:

@@ -46,14 +46,11 @@ def run(arguments: argparse.Namespace) -> None:
 
 def _restored(store: AssetStore, mirror: StoreMirror | None, path: Path) -> dict[str, object]:
     try:
-        with (
-            working(f"reading {path}"),
-            path.open("rb") as file,
-            store.unpacked(file, path.stat().st_size) as unpacked,
-        ):
-            found = {"file": str(path), "asset": unpacked.id, "new": store.install(unpacked)}
+        with working(f"reading {path}"):
+            asset, new = store.snapshots.restore(path)
+            found = {"file": str(path), "asset": asset, "new": new}
             if mirror is not None:
-                found["shared"] = mirror.push(unpacked.id, lambda share, file: None)
+                found["shared"] = mirror.push(asset, lambda share, file: None)
             return found
     except SnapshotError as error:
         raise SnapshotError(f"{path}: {error}") from error

@@ -12,6 +12,7 @@ from rhytid.cli.options import Commands, add_json, add_shared_store, new_command
 from rhytid.cli.progress import working
 from rhytid.cli.reporting import report
 from rhytid.cli.serve import chosen, sharing
+from rhytid.cli.shared_assets import bring
 from rhytid.errors import InputError
 
 if TYPE_CHECKING:
@@ -79,22 +80,14 @@ def run(arguments: argparse.Namespace) -> None:
     out: Path = arguments.out or Path(f"{arguments.asset}{SUFFIX}")
     if out.is_dir():
         out /= f"{arguments.asset}{SUFFIX}"
-    with (
-        mirrored(arguments.store, arguments.shared_store, new=False) as (store, mirror),
-        working(f"writing {out}"),
-        _fetched(store, mirror, arguments.asset),
-        store.snapshot(arguments.asset) as made,
-        whole(out) as aside,
-    ):
-        write_pieces(aside, made.pieces())
+    with mirrored(arguments.store, arguments.shared_store, new=False) as (store, mirror):
+        if mirror is not None:
+            bring(mirror, arguments.asset)
+        with (
+            working(f"writing {out}"),
+            store.snapshots.of(arguments.asset) as made,
+            whole(out) as aside,
+        ):
+            write_pieces(aside, made.pieces())
     figures = {"asset": arguments.asset, "file": str(out), "bytes": made.nbytes}
     report(figures, f"{out}: {made.nbytes} bytes", arguments.json)
-
-
-@contextmanager
-def _fetched(store: AssetStore, mirror: StoreMirror | None, asset: str) -> Iterator[None]:
-    """Fetch an asset that the store lacks from the shared one, if there is one."""
-    if mirror is not None and asset not in store.ids():
-        with mirror.fetched(asset, lambda share, file: None) as unpacked:
-            mirror.take(unpacked)
-    yield

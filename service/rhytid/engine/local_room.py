@@ -11,7 +11,7 @@ from rhytid.engine.asset_registry import AssetRegistry
 from rhytid.engine.assets import Asset
 from rhytid.engine.device_assets import DeviceAssets
 from rhytid.engine.jobs import Jobs
-from rhytid.errors import NotFoundError, StorageError
+from rhytid.errors import NotFoundError, SharedStoreError, StorageError
 from rhytid.storage.shared.mirror import StoreMirror
 from rhytid.storage.store import AssetStore
 
@@ -24,8 +24,8 @@ class LocalRoom:
     """Drops assets from the local store, those used longest ago first, while it holds more than
     `limit` bytes of them; they are fetched again when they are used.
 
-    An asset stays that the shared store does not have as it is now, that has stored frames or
-    unfinished jobs, or was used a moment ago.
+    An asset stays that was changed here and not pushed since, that the shared store has not whole,
+    that has stored frames or unfinished jobs, or was used a moment ago.
     """
 
     def __init__(
@@ -42,26 +42,37 @@ class LocalRoom:
         self._making = threading.Lock()
 
     def make(self) -> None:
-        """Drop what may be dropped until the limit holds. What cannot be looked at stays."""
-        with self._making:
+        """Drop what may be dropped until the limit holds. What cannot be looked at stays, and so
+        does all the rest where the shared store is away."""
+        with self._making, suppress(SharedStoreError):
             sizes = {asset: self._size(asset) for asset in self._assets.all()}
             too_many = sum(sizes.values()) - self._limit
             for asset in sorted(sizes, key=lambda asset: asset.used):
                 if too_many <= 0:
                     return
-                with suppress(StorageError, NotFoundError):
-                    if self._drop(asset):
-                        too_many -= sizes[asset]
+                if self._drop(asset):
+                    too_many -= sizes[asset]
 
     def _size(self, asset: Asset) -> int:
         with suppress(StorageError, NotFoundError):
-            return sum(file.nbytes for file in self._store.index(asset.id).files.values())
+            return sum(file.nbytes for file in self._store.snapshots.index(asset.id).files.values())
         return 0
 
     def _drop(self, asset: Asset) -> bool:
-        """Whether an asset could be dropped."""
-        if not self._rests(asset) or not self._mirror.is_held(asset.id):
+        """Whether an asset could be dropped; raises SharedStoreError where that cannot be asked."""
+        try:
+            dropped = self._rests(asset) and self._mirror.is_held(asset.id) and self._leave(asset)
+        except SharedStoreError:
+            raise
+        except (StorageError, NotFoundError):
             return False
+        if dropped:
+            self._on_device.drop(asset)
+            _log.info("asset %s is in the shared store alone now", asset.id)
+        return dropped
+
+    def _leave(self, asset: Asset) -> bool:
+        """Take an asset out of the local store, unless it is used or was changed meanwhile."""
         with asset.lock:
             if not (self._rests(asset) and self._mirror.is_pushed(asset.id)):
                 return False
@@ -70,8 +81,6 @@ class LocalRoom:
             asset.state = "left"
             self._assets.replace(asset, None)
             self._store.delete(asset.id)
-        self._on_device.drop(asset)
-        _log.info("asset %s is in the shared store alone now", asset.id)
         return True
 
     def _rests(self, asset: Asset) -> bool:

@@ -9,6 +9,8 @@ from collections import OrderedDict
 from rhytid.errors import RhytidError
 
 _REMEMBERED = 1000
+# Until when it is remembered, and what it is made of.
+_Failure = tuple[float, type[RhytidError], tuple[object, ...]]
 
 
 class RecentFailures:
@@ -16,12 +18,13 @@ class RecentFailures:
 
     def __init__(self, seconds: float) -> None:
         self._seconds, self._lock = seconds, threading.Lock()
-        self._errors: OrderedDict[str, tuple[float, RhytidError]] = OrderedDict()
+        self._errors: OrderedDict[str, _Failure] = OrderedDict()
 
     def add(self, key: str, error: RhytidError) -> None:
         """Remember that this failed just now."""
         with self._lock:
-            self._errors[key] = (time.monotonic() + self._seconds, error)
+            # Not the error: its frames would keep what was being read, an asset for one.
+            self._errors[key] = (time.monotonic() + self._seconds, type(error), error.args)
             self._errors.move_to_end(key)
             while len(self._errors) > _REMEMBERED:
                 self._errors.popitem(last=False)
@@ -29,15 +32,11 @@ class RecentFailures:
     def check(self, key: str) -> None:
         """Raise what it failed with, where it did a moment ago."""
         with self._lock:
-            until, error = self._errors.get(key, (0.0, None))
-            if error is None or time.monotonic() < until:
-                found = error
-            else:
-                found = None
-                del self._errors[key]
-        if found is not None:
-            # Another one: what is raised collects the frames of its callers.
-            raise type(found)(*found.args)
+            until, kind, about = self._errors.get(key, (0.0, RhytidError, ()))
+            if time.monotonic() >= until:
+                self._errors.pop(key, None)
+                return
+        raise kind(*about)
 
     def forget(self, key: str) -> None:
         """It may be tried again."""

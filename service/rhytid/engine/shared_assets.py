@@ -5,18 +5,21 @@ from __future__ import annotations
 
 import logging
 import threading
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 
 from rhytid.engine.asset_registry import AssetRegistry
 from rhytid.engine.assets import Asset
+from rhytid.engine.frames import LEFT
+from rhytid.engine.job_lanes import TRANSFERS
 from rhytid.engine.jobs import Job, Jobs
 from rhytid.engine.local_room import LocalRoom
 from rhytid.engine.push_retries import PushRetries
 from rhytid.engine.restored_assets import RestoredAssets
-from rhytid.engine.shared_reader import SharedReader, report_to
+from rhytid.engine.shared_calls import SharedCalls
 from rhytid.errors import (
     CancelledError,
+    DiskFullError,
     FetchingError,
     NotFoundError,
     QueryError,
@@ -24,13 +27,17 @@ from rhytid.errors import (
     SharedStoreError,
     StorageError,
     StoreFormatError,
+    TooManyFilesError,
 )
 from rhytid.storage.homes import ID
 from rhytid.storage.shared.mirror import StoreMirror
+from rhytid.storage.shared.shared_store import Report
 
 # Seconds that a caller waits for an asset before it is told to ask again, and that a removal waits
 # for a transfer to end.
 PATIENCE, _ENDING = 1.0, 10.0
+# What may have passed when a push is tried again.
+_PASSING = (SharedStoreError, DiskFullError, TooManyFilesError)
 _log = logging.getLogger(__name__)
 
 
@@ -38,7 +45,7 @@ _log = logging.getLogger(__name__)
 class _Fetch:
     """The job that fetches an asset, and what it failed with."""
 
-    job: Job
+    job: Job = field(init=False)
     error: BaseException | None = None
 
 
@@ -57,7 +64,7 @@ class SharedAssets:
         jobs: Jobs,
         room: LocalRoom | None = None,
     ) -> None:
-        self._reader = None if mirror is None else SharedReader(mirror)
+        self._calls = None if mirror is None else SharedCalls(mirror)
         self._assets, self._restored = registry, restored
         self._jobs, self._room = jobs, room
         self._lock = threading.Lock()
@@ -65,18 +72,19 @@ class SharedAssets:
         self._retries = PushRetries(self.push)
 
     def open(self) -> None:
-        """Push what the shared store was not given before; a shared store that cannot be reached is
-        logged."""
-        if self._reader is None:
+        """Push what the shared store was not given before; where that cannot be used, it is logged,
+        and they are pushed later."""
+        if self._calls is None:
             return
-        mirror = self._reader.mirror
+        mirror, push = self._calls.mirror, self.push
         try:
             mirror.shared.check()
-        except SharedStoreError as error:
+        except StorageError as error:
             _log.error("%s", error)
+            push = self._retries.add
         for asset in self._assets.all():
             if asset.state == "ready" and not _is_pushed(mirror, asset.id):
-                self.push(asset.id)
+                push(asset.id)
 
     def close(self) -> None:
         """Begin nothing more."""
@@ -84,9 +92,9 @@ class SharedAssets:
 
     def push(self, id: str) -> Job | None:
         """Write a ready asset to the shared store, as a job; None where there is no such store."""
-        if self._reader is None:
+        if self._calls is None:
             return None
-        return self._jobs.start("push", id, partial(self._push, self._reader, id), always=True)
+        return self._jobs.start("push", id, partial(self._push, self._calls, id), always=True)
 
     def get(self, id: str) -> Asset:
         """An asset that was not here, fetched from the shared store.
@@ -94,23 +102,31 @@ class SharedAssets:
         Raises NotFoundError where that does not have it, FetchingError where it takes longer than a
         second, BusyError where too many jobs wait, and what the shared store raises.
         """
-        return self._get(id, PATIENCE)
-
-    def bring(self, id: str) -> Asset:
-        """As `get`, and waits for as long as it takes."""
-        return self._get(id, None)
+        if self._calls is None or not ID.fullmatch(id):
+            raise NotFoundError(f"no asset {id!r}")
+        fetch = self._fetch_of(self._calls, id)
+        if not fetch.job.wait(PATIENCE):
+            raise FetchingError(
+                f"asset {id} is being fetched from the shared store (job {fetch.job.info.id})"
+            )
+        if (found := self._assets.find(id)) is not None:
+            return found
+        if fetch.job.info.state == "done":
+            raise FetchingError(LEFT)
+        error = fetch.error or CancelledError(f"fetching asset {id} was cancelled")
+        raise type(error)(*error.args)
 
     def take(self, job: Job, asset: Asset) -> bool:
         """Make an asset that is to be built ready by fetching it; False where that is not possible,
         and it has to be built. Raises CancelledError where the job is cancelled."""
-        if self._reader is None:
+        if self._calls is None:
             return False
         try:
-            with self._reader.fetched(asset.id, job) as unpacked, asset.kept():
-                whole = self._reader.mirror.take(unpacked)
+            with self._calls.fetched(asset.id, _report(job, "fetching")) as unpacked, asset.kept():
+                whole = self._calls.mirror.take(unpacked)
                 self._restored.fill(asset, unpacked)
         except NotFoundError:
-            self._reader.forget(asset.id)  # it will be there soon
+            self._calls.forget(asset.id)  # it will be there soon
             return False
         except (SharedStoreError, SharedDamageError, StoreFormatError) as error:
             _log.error("asset %s is built: %s", asset.id, error)
@@ -120,67 +136,49 @@ class SharedAssets:
         return True
 
     def remove(self, id: str) -> None:
-        """Remove an asset from the shared store; raises NotFoundError where it is not there, and
-        QueryError where there is no such store."""
-        if self._reader is None:
+        """Remove an asset from the shared store; raises NotFoundError where it is not there,
+        QueryError where there is no such store, and FetchingError where too many ask it."""
+        if self._calls is None:
             raise QueryError("shared: this server has no shared store (RHYTID_SHARED_STORE)")
         for job in self._jobs.of(id):
-            if job.info.kind in ("push", "fetch"):
+            if job.info.kind in TRANSFERS:
                 job.cancel()
                 job.wait(_ENDING)
-        self._reader.mirror.shared.remove(id)
+        self._calls.remove(id)
 
-    def _push(self, reader: SharedReader, id: str, job: Job) -> None:
-        report = partial(report_to, job, "pushing")
+    def _push(self, calls: SharedCalls, id: str, job: Job) -> None:
         try:
-            reader.check()
-            with reader.noting(id):
-                reader.mirror.push(id, report, anew=id in reader.damaged)
-        except SharedStoreError:
+            calls.push(id, _report(job, "pushing"))
+        except _PASSING:
             self._retries.add(id)
             raise
-        reader.damaged.discard(id)
-        reader.forget(id)
+        except NotFoundError as error:
+            raise CancelledError(f"asset {id} was removed") from error
+        self._retries.went_well()
         self._make_room()
 
-    def _get(self, id: str, patience: float | None) -> Asset:
-        if self._reader is None or not ID.fullmatch(id):
-            raise NotFoundError(f"no asset {id!r}")
-        fetch = self._fetch_of(self._reader, id)
-        if not fetch.job.wait(patience):
-            raise FetchingError(
-                f"asset {id} is being fetched from the shared store (job {fetch.job.info.id})"
-            )
-        if (found := self._assets.find(id)) is not None:
-            return found
-        error = fetch.error or CancelledError(f"fetching asset {id} was cancelled")
-        raise type(error)(*error.args)
-
-    def _fetch_of(self, reader: SharedReader, id: str) -> _Fetch:
+    def _fetch_of(self, calls: SharedCalls, id: str) -> _Fetch:
         """The job that fetches an asset: one that does already, or a new one."""
         with self._lock:
             if (known := self._fetches.get(id)) is not None:
                 return known
-        reader.look_for(id)
+        calls.look_for(id)
         with self._lock:
             if (known := self._fetches.get(id)) is not None:
                 return known
-            begun = threading.Event()
-            job = self._jobs.start("fetch", id, partial(self._fetch, reader, id, begun))
-            fetch = self._fetches[id] = _Fetch(job)
-            begun.set()
-        job.when_ended(partial(self._ended, id))
+            fetch = _Fetch()
+            fetch.job = self._jobs.start("fetch", id, partial(self._fetch, calls, id, fetch))
+            self._fetches[id] = fetch
+        fetch.job.when_ended(lambda: self._ended(id))
         return fetch
 
     def _ended(self, id: str) -> None:
         self._fetches.pop(id, None)
 
-    def _fetch(self, reader: SharedReader, id: str, begun: threading.Event, job: Job) -> None:
-        begun.wait()
-        fetch = self._fetches[id]
+    def _fetch(self, calls: SharedCalls, id: str, fetch: _Fetch, job: Job) -> None:
         try:
-            with reader.fetched(id, job) as unpacked:
-                self._restored.register(unpacked, reader.mirror.take)
+            with calls.fetched(id, _report(job, "fetching")) as unpacked:
+                self._restored.register(unpacked, calls.mirror.take)
             self._make_room()
         except BaseException as error:
             fetch.error = error
@@ -198,3 +196,8 @@ def _is_pushed(mirror: StoreMirror, id: str) -> bool:
     except (StorageError, NotFoundError) as error:
         _log.error("asset %s is not pushed: %s", id, error)
         return True
+
+
+def _report(job: Job, stage: str) -> Report:
+    """Tells a job how far a transfer is; raises CancelledError where it is cancelled."""
+    return lambda share, file: job.progress(share, stage, file)

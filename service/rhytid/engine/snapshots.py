@@ -26,7 +26,7 @@ class SnapshotService:
     def of(self, asset: str) -> Snapshot:
         """A ready asset as a file, which is the caller's to close."""
         self._assets.get(asset).check_ready()
-        return self._store.snapshot(asset)
+        return self._store.snapshots.of(asset)
 
     def restore(self, stream: Readable, nbytes: int) -> tuple[AssetInfo, bool]:
         """The asset of a snapshot of so many bytes, and whether it is new here.
@@ -34,8 +34,8 @@ class SnapshotService:
         One that is known and did not fail stays as it is, its present settings too. Raises
         SnapshotError before anything is changed; StoreFormatError where another version stored it.
         """
-        with self._store.unpacked(stream, nbytes) as unpacked:
-            asset, new = self._restored.register(unpacked, self._store.install)
+        with self._store.snapshots.unpacked(stream, nbytes) as unpacked:
+            asset, new = self._restored.register(unpacked, self._store.snapshots.install)
             if new:
                 self._shared.push(asset.id)
             return asset.info(), new

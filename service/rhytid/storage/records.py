@@ -1,4 +1,4 @@
-"""Records of an asset as files: a request, a built asset, an overlay of settings."""
+"""Records of an asset as files: a request, a built asset."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from rhytid.domain.mesh import Mesh
 from rhytid.domain.stiffness import Stiffness
 from rhytid.errors import InputError, LimitError, StoreFormatError
 from rhytid.formats.graphs import read_graph, write_graph
-from rhytid.storage.canonical import canonical, damaged, hashed, parse_canonical, parse_hashed
+from rhytid.storage.canonical import canonical, damaged, parse_canonical
 from rhytid.storage.contents import (
     read_controls,
     read_folds,
@@ -36,7 +36,7 @@ MESH, GRAPH, FACTS = "mesh.safetensors", "graph.safetensors", "facts.json"
 STIFFNESS, CONTROLS = "stiffness.safetensors", "controls.safetensors"
 FOLDS = "folds.safetensors"
 # A fact of assets that have had an overlay from the start; older ones have one once they change.
-_OVERLAID = "overlaid"
+OVERLAID = "overlaid"
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +86,7 @@ class StoredAsset:
 
     def files(self) -> dict[str, bytes]:
         """The files of the asset, by name."""
-        facts = {"settings": self.settings.as_json(), "extra": self.extra, _OVERLAID: True}
+        facts = {"settings": self.settings.as_json(), "extra": self.extra, OVERLAID: True}
         return _files(self.mesh, self.graph, facts, self.stiffness)
 
     @classmethod
@@ -108,26 +108,6 @@ def decode_settings(facts: bytes, path: Path) -> AssetSettings:
     """The settings that an asset was built with, of its facts, which were verified; raises
     StorageError naming `path`."""
     return _settings(_facts({path.name: facts}, path.parent), path.parent)
-
-
-def write_overlay(label: str, settings: AssetSettings) -> bytes:
-    """Settings that were changed since the asset `label` was built, as a file of their own."""
-    return hashed({"label": label, "settings": settings.as_json()})
-
-
-def read_overlay(label: str, data: bytes, path: Path) -> AssetSettings:
-    """The inverse of `write_overlay`; raises StorageError naming `path`."""
-    value = parse_hashed(data, path)
-    if not isinstance(value, dict) or value.get("label") != label:
-        raise damaged(path, f"not the settings of {label}")
-    return _parse_settings(value.get("settings"), path)
-
-
-def must_have_overlay(facts: bytes, path: Path) -> bool:
-    """Whether an asset whose facts are these is damaged without an overlay; StorageError where the
-    facts are, naming `path`."""
-    found = parse_canonical(facts, path)
-    return isinstance(found, dict) and bool(found.get(_OVERLAID, False))
 
 
 def _files(
@@ -172,10 +152,11 @@ def _facts(files: Files, folder: Path) -> dict[str, Any]:
 
 
 def _settings(facts: Mapping[str, Any], folder: Path) -> AssetSettings:
-    return _parse_settings(facts.get("settings"), folder / FACTS)
+    return parse_settings(facts.get("settings"), folder / FACTS)
 
 
-def _parse_settings(value: Any, path: Path) -> AssetSettings:
+def parse_settings(value: Any, path: Path) -> AssetSettings:
+    """Settings out of a file that was verified; raises StoreFormatError naming `path`."""
     try:
         return AssetSettings.parse(_drawn_as_before(value))
     except InputError as exc:

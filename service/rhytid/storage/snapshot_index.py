@@ -20,13 +20,13 @@ from rhytid.storage import kept_shapes
 from rhytid.storage.canonical import hashed, parse_hashed
 from rhytid.storage.homes import ASSET, ID, SHAPES
 from rhytid.storage.manifest import StoredFile
+from rhytid.storage.overlays import OVERLAY
 from rhytid.storage.records import FACTS, GRAPH, MESH, STIFFNESS
 
 # Raise it when an older version could not read a new snapshot rightly. Format 2 has named shapes; a
 # snapshot without any is of format 1, so that versions that do not know shapes read it.
 FORMAT = 2
 INDEX = "snapshot.json"
-OVERLAY = "overlay.json"
 LONGEST_INDEX = 1 << 16
 BLOCK = 512
 # Two empty blocks end a tar.

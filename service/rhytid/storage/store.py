@@ -19,10 +19,8 @@
 
 from __future__ import annotations
 
-import shutil
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
-from dataclasses import replace
+from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -33,15 +31,13 @@ from rhytid.domain.folds import Folds
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.stiffness import Stiffness
-from rhytid.durable import is_folder, remove_tree, reported
-from rhytid.errors import NotFoundError, StorageError, StoreFormatError
-from rhytid.storage.canonical import damaged
+from rhytid.errors import NotFoundError, StorageError
+from rhytid.storage.asset_snapshots import AssetSnapshots
 from rhytid.storage.folders import StoreFolders
 from rhytid.storage.homes import (
     ASSET,
     REQUEST,
     SHAPES,
-    SHARED,
     holds_something,
     is_built,
     is_readable,
@@ -54,21 +50,9 @@ from rhytid.storage.manifest import (
     read_manifest,
     read_verified,
 )
+from rhytid.storage.overlays import OVERLAY, changed_settings, write_overlay
 from rhytid.storage.packages import KeptPackages
-from rhytid.storage.records import (
-    FACTS,
-    MESH,
-    StoredAsset,
-    StoredRequest,
-    decode_mesh,
-    decode_settings,
-    must_have_overlay,
-    read_overlay,
-    write_overlay,
-)
-from rhytid.storage.snapshot_index import OVERLAY, SnapshotIndex
-from rhytid.storage.snapshots import Readable, Snapshot, unpack
-from rhytid.storage.unpacked import UnpackedAsset
+from rhytid.storage.records import MESH, StoredAsset, StoredRequest, decode_mesh
 
 
 class AssetStore:
@@ -79,7 +63,7 @@ class AssetStore:
 
     lock: False: another process, which started this one, holds the lock; several may then use the
     store, each with assets of its own.  packages: bytes of the skin packages that are kept; None:
-    any.
+    any.  Of an instance: the packages, and snapshots, the assets as snapshots.
 
     Every method raises StorageError where the disk fails or a file is not what was written, and
     NotFoundError for an id that is not stored.
@@ -88,6 +72,7 @@ class AssetStore:
     def __init__(self, folder: Path, *, lock: bool = True, packages: int | None = None) -> None:
         self._folders = StoreFolders(folder, lock=lock)
         self.packages = KeptPackages(folder / "packages", self._folders.partial, packages)
+        self.snapshots = AssetSnapshots(self._folders, self.delete)
         if not lock:
             return
         try:
@@ -213,79 +198,6 @@ class AssetStore:
         is read."""
         return read_manifest(self._folders.existing(id, ASSET), f"{ASSET} {id}")
 
-    def snapshot(self, id: str) -> Snapshot:
-        """A built asset with its present settings and its named shapes as one file, every byte of
-        it verified; close it."""
-        home = self._folders.existing(id, ASSET).parent
-        with self._folders.unchanged():  # shapes are replaced in two steps
-            index, overlay = self._index(id)
-            paths = {name: home / name for name in index.files if name != OVERLAY}
-            made = Snapshot(index, paths, overlay)
-        try:
-            made.check()
-        except BaseException:
-            made.close()
-            raise
-        return made
-
-    def index(self, id: str) -> SnapshotIndex:
-        """What the snapshot of a built asset begins with; its arrays are not read."""
-        with self._folders.unchanged():
-            return self._index(id)[0]
-
-    @contextmanager
-    def unpacked(self, stream: Readable, nbytes: int) -> Iterator[UnpackedAsset]:
-        """The asset of a snapshot of so many bytes, checked in full and stored nowhere yet; see
-        `install`. Raises SnapshotError naming what is wrong with it, and where."""
-        with self.unpacked_by(lambda place: unpack(stream, nbytes, place)) as unpacked:
-            yield unpacked
-
-    @contextmanager
-    def unpacked_by(self, write: Callable[[Path], SnapshotIndex]) -> Iterator[UnpackedAsset]:
-        """As `unpacked`, of an asset whose files `write` writes into an empty folder, as `unpack`
-        does."""
-        with reported("a snapshot cannot be unpacked"), self._folders.workplace() as place:
-            index = write(place)
-            yield UnpackedAsset.read(index, place)
-
-    def install(self, unpacked: UnpackedAsset) -> bool:
-        """Store the asset of a snapshot; False, and nothing is changed, where it is there intact.
-
-        One that is damaged is replaced, a request for it is removed. Raises StoreFormatError where
-        another version of rhytid stored it.
-        """
-        if self._is_intact(unpacked.id):
-            return False
-        home = self._folders.home(unpacked.id)
-        with reported(f"{ASSET} {unpacked.id} cannot be written"):
-            if holds_something(home):
-                self.delete(unpacked.id)
-            before = [OVERLAY, SHAPES] if unpacked.has_shapes else [OVERLAY]
-            return self._folders.install(unpacked.place, home, ASSET, before)
-
-    def with_own_shapes(self, unpacked: UnpackedAsset) -> UnpackedAsset:
-        """The asset of a snapshot, not stored yet, with the named shapes that the store has for it,
-        if any, in place of its own."""
-        own, place = self._folders.home(unpacked.id) / SHAPES, unpacked.place / SHAPES
-        with reported(f"the shapes of asset {unpacked.id} cannot be copied"):
-            if not is_folder(own):
-                return unpacked
-            if unpacked.has_shapes:
-                remove_tree(place)
-            shutil.copytree(own, place)
-        return replace(unpacked, has_shapes=True)
-
-    def note_shared(self, id: str, note: bytes) -> None:
-        """Keep a note of what a shared store has of a built asset, in place of another."""
-        self._folders.replace(self._folders.existing(id, ASSET).parent / SHARED, note)
-
-    def shared_note(self, id: str) -> bytes | None:
-        """The note of `note_shared`; None where there is none."""
-        path = self._folders.existing(id, ASSET).parent / SHARED
-        with reported(f"{path} cannot be read"), suppress(FileNotFoundError):
-            return path.read_bytes()
-        return None
-
     def put_overlay(self, id: str, settings: AssetSettings) -> None:
         """Replace the present settings of a built asset."""
         path = self._folders.existing(id, ASSET).parent / OVERLAY
@@ -294,44 +206,9 @@ class AssetStore:
 
     def overlay(self, id: str) -> AssetSettings | None:
         """The present settings, or None of an asset of an older version that never changed."""
-        folder = self._folders.existing(id, ASSET)
-        path = folder.parent / OVERLAY
-        with reported(f"{path} cannot be read"), suppress(FileNotFoundError):
-            return read_overlay(f"asset {id}", path.read_bytes(), path)
-        facts = folder / FACTS
-        with reported(f"{facts} cannot be read"):
-            if must_have_overlay(facts.read_bytes(), facts):
-                raise damaged(path, "the file is missing")
-        return None
+        return changed_settings(self._folders.existing(id, ASSET).parent)
 
     def delete(self, id: str) -> None:
         """Remove an asset, its request and its changed settings, all at once."""
         self._folders.remove(id)
         self.packages.forget(id)
-
-    def _index(self, id: str) -> tuple[SnapshotIndex, bytes]:
-        """Of a snapshot, with its overlay."""
-        folder = self._folders.existing(id, ASSET)
-        overlay = write_overlay(f"{ASSET} {id}", self.overlay(id) or self._settings(folder, id))
-        kinds = [ASSET, SHAPES] if is_folder(folder.parent / SHAPES) else [ASSET]
-        files = {
-            f"{kind}/{name}": file
-            for kind in kinds
-            for name, file in read_manifest(folder.parent / kind, f"{kind} {id}").items()
-        }
-        return SnapshotIndex.of(id, {**files, OVERLAY: StoredFile.of(overlay)}), overlay
-
-    def _is_intact(self, id: str) -> bool:
-        """Whether a built asset can be read, with its settings."""
-        try:
-            self.asset(id)
-            self.overlay(id)
-        except StoreFormatError:
-            raise
-        except (StorageError, NotFoundError):
-            return False
-        return True
-
-    def _settings(self, folder: Path, id: str) -> AssetSettings:
-        facts = read_file(folder, f"{ASSET} {id}", FACTS)
-        return decode_settings(facts, folder / FACTS)

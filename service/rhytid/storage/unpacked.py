@@ -14,8 +14,9 @@ from rhytid.storage.build_facts import BuildFacts
 from rhytid.storage.homes import ASSET, SHAPES
 from rhytid.storage.kept_shapes import read_shapes
 from rhytid.storage.manifest import read_verified
-from rhytid.storage.records import StoredAsset, read_overlay
-from rhytid.storage.snapshot_index import OVERLAY, SnapshotIndex
+from rhytid.storage.overlays import OVERLAY, read_overlay
+from rhytid.storage.records import StoredAsset
+from rhytid.storage.snapshot_index import SnapshotIndex
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,6 +15,8 @@ from rhytid.errors import InputError, SharedStoreError
 from rhytid.storage.shared.place import reached
 
 T = TypeVar("T")
+# How often a file is put into a folder that `remove` takes meanwhile.
+_TRIES = 10
 
 
 class FolderPlace:
@@ -89,12 +91,20 @@ class FolderPlace:
             with durable.workplace(self._partial) as place:
                 aside = place / path.name
                 write(aside)
-                while True:
-                    path.parent.mkdir(parents=True, exist_ok=True)
-                    with suppress(FileNotFoundError):  # `remove` took the empty folder
-                        durable.install(aside, path)
-                        break
+                _move(aside, path)
             sync_folder(path.parent.parent)
+
+
+def _move(aside: Path, path: Path) -> None:
+    """Make a file visible in a folder that `remove` may take, empty, or with the file in it: then
+    this raises FileNotFoundError, and so it does where it fails again and again."""
+    for _ in range(_TRIES):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with suppress(FileNotFoundError):
+            return durable.install(aside, path)
+        if not aside.exists():
+            break
+    raise FileNotFoundError(f"{path.parent} is being removed")
 
 
 def _copy(source: Path, to: Path) -> None:

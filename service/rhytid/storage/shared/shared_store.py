@@ -18,7 +18,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from rhytid.durable import remove_tree
-from rhytid.errors import NotFoundError, SharedDamageError
+from rhytid.errors import NotFoundError, SharedDamageError, SharedStoreError
 from rhytid.storage.homes import checked_id
 from rhytid.storage.manifest import StoredFile
 from rhytid.storage.shared.manifests import SharedManifests
@@ -75,8 +75,10 @@ class SharedStore:
     def push(self, made: Snapshot, report: Report, *, anew: bool = False) -> bool:
         """Write a snapshot, its manifest last; False where all of it was there already.
 
-        Objects of the right size are left as they are, unless `anew`.  Raises StoreFormatError,
-        and changes nothing, where a newer version of rhytid wrote the asset.
+        Objects of the right size are left as they are, unless `anew`; files that are sent are
+        checked before.  Raises StoreFormatError, and changes nothing, where a newer version of
+        rhytid wrote the asset; StorageError where a file is damaged here, and NotFoundError where
+        the asset was removed here meanwhile.
         """
         index = made.index
         before = self._before(index.asset)
@@ -108,10 +110,14 @@ class SharedStore:
                 return index
         raise SharedDamageError(f"asset {id} in {self} was replaced {_TRIES} times meanwhile")
 
-    def holds(self, index: SnapshotIndex) -> bool:
-        """Whether an asset is there as `index` says, its files by their sizes."""
-        id = index.asset
-        return self._manifests.read(id) == index.encode() and all(
+    def holds(self, id: str) -> bool:
+        """Whether an asset is there, its files by their sizes; raises what `index` does, but where
+        it is not there."""
+        try:
+            index = self.index(id)
+        except NotFoundError:
+            return False
+        return all(
             self._place.size(_object(id, file)) == file.nbytes for file in index.files.values()
         )
 
@@ -143,10 +149,19 @@ class SharedStore:
         if not anew and self._place.size(target) == file.nbytes:
             return False
         if name in paths:
-            self._place.send(target, paths[name])
+            made.check_file(name)
+            self._send(index.asset, target, paths[name])
         else:
             self._place.write(target, overlay)
         return True
+
+    def _send(self, id: str, target: str, source: Path) -> None:
+        try:
+            self._place.send(target, source)
+        except SharedStoreError:
+            if not source.exists():  # then it was not the place that failed
+                raise NotFoundError(f"asset {id} was removed while it was pushed") from None
+            raise
 
     def _fetch_all(self, index: SnapshotIndex, into: Path, report: Report) -> None:
         done, whole = 0, sum(file.nbytes for file in index.files.values())

@@ -1,0 +1,112 @@
+"""Calls of a shared store, which are not made where they failed a moment ago."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from rhytid.engine.recent_failures import RecentFailures
+from rhytid.errors import (
+    CancelledError,
+    FetchingError,
+    RhytidError,
+    SharedDamageError,
+    SharedStoreError,
+)
+from rhytid.storage.shared.mirror import StoreMirror
+from rhytid.storage.shared.shared_store import Report
+from rhytid.storage.unpacked import UnpackedAsset
+
+# Seconds that what was not found is not looked for again, and that a caller waits for its turn.
+FORGOTTEN, TURN = 2.0, 1.0
+# How many assets are looked for at once: a store that does not answer shall not keep all threads of
+# a server.
+_AT_ONCE = 4
+# Under which the failure of the whole store is remembered.
+_STORE = ""
+
+
+class SharedCalls:
+    """Calls of a shared store, by many threads.
+
+    mirror: the local store beside it.
+    """
+
+    def __init__(self, mirror: StoreMirror) -> None:
+        self.mirror = mirror
+        # Assets that were found damaged there, by id.
+        self._damaged: set[str] = set()
+        self._failures = RecentFailures(FORGOTTEN)
+        self._turns = threading.Semaphore(_AT_ONCE)
+
+    def look_for(self, id: str) -> None:
+        """Raise NotFoundError where an asset is not there, and what `SharedStore.index` raises; the
+        same again where it was asked a moment ago, and FetchingError where too many ask."""
+        self.check()
+        self._failures.check(id)
+        with self._turn(id), self._noting(id):
+            self.mirror.shared.index(id)
+
+    def remove(self, id: str) -> None:
+        """Remove an asset there; raises what `SharedStore.remove` does, and FetchingError where too
+        many ask."""
+        self.check()
+        with self._turn(id), self._watching(id):
+            self.mirror.shared.remove(id)
+
+    def push(self, id: str, report: Report) -> None:
+        """As `StoreMirror.push`; what was found damaged there is written anew."""
+        self.check()
+        with self._watching(id):
+            self.mirror.push(id, report, anew=id in self._damaged)
+        self._damaged.discard(id)
+        self._failures.forget(id)
+
+    @contextmanager
+    def fetched(self, id: str, report: Report) -> Iterator[UnpackedAsset]:
+        """As `StoreMirror.fetched`."""
+        self.check()
+        with self._noting(id), self.mirror.fetched(id, report) as unpacked:
+            yield unpacked
+
+    def check(self) -> None:
+        """Raise SharedStoreError where the store could not be used a moment ago."""
+        self._failures.check(_STORE)
+
+    def forget(self, id: str) -> None:
+        """An asset may be looked for again."""
+        self._failures.forget(id)
+
+    @contextmanager
+    def _turn(self, id: str) -> Iterator[None]:
+        if not self._turns.acquire(timeout=TURN):
+            raise FetchingError(f"the shared store is asked for other assets before {id}")
+        try:
+            yield
+        finally:
+            self._turns.release()
+
+    @contextmanager
+    def _noting(self, id: str) -> Iterator[None]:
+        """Remember what the block fails with that looks for an asset, or fetches it."""
+        try:
+            with self._watching(id):
+                yield
+        except (SharedStoreError, CancelledError):
+            raise  # of the whole store, or of nothing
+        except RhytidError as error:
+            self._failures.add(id, error)
+            raise
+
+    @contextmanager
+    def _watching(self, id: str) -> Iterator[None]:
+        """Remember where the block finds that the store is away, or an asset damaged in it."""
+        try:
+            yield
+        except SharedStoreError as error:
+            self._failures.add(_STORE, error)
+            raise
+        except SharedDamageError:
+            self._damaged.add(id)
+            raise
