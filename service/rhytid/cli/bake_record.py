@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Iterable
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any
 
 from rhytid.durable import whole, write_file
 from rhytid.errors import StorageError
+from rhytid.storage.manifest import StoredFile
 
 
 class BakeRecord:
@@ -32,11 +32,11 @@ class BakeRecord:
         """Whether `file` is what was written for `key`."""
         entries = [entry for maps in self._found if (entry := maps.get(file.name)) is not None]
         digests = {entry["sha256"] for entry in entries if entry["key"] == key}
-        return bool(digests) and file.is_file() and _digest(file) in digests
+        return bool(digests) and file.is_file() and StoredFile.read(file).sha256 in digests
 
     def add(self, file: Path, key: str) -> None:
         """Note that `file` was written for `key`; on the disk when this returns."""
-        self._maps[file.name] = {"key": key, "sha256": _digest(file)}
+        self._maps[file.name] = {"key": key, "sha256": StoredFile.read(file).sha256}
         text = json.dumps({"maps": self._maps}, indent=1, sort_keys=True)
         with whole(self._path) as aside:
             write_file(aside, f"{text}\n".encode())
@@ -56,12 +56,3 @@ def _checked(stored: Any) -> dict[str, dict[str, str]]:
     if maps is None:
         raise TypeError("maps is no object")
     return {str(name): {k: str(entry[k]) for k in ("key", "sha256")} for name, entry in maps}
-
-
-def _digest(file: Path) -> str:
-    # hashlib.file_digest came with Python 3.11.
-    digest = hashlib.sha256()
-    with file.open("rb") as stream:
-        while chunk := stream.read(1 << 20):
-            digest.update(chunk)
-    return digest.hexdigest()

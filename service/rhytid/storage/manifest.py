@@ -17,6 +17,8 @@ from rhytid.storage.canonical import canonical, check_format, damaged, parse_can
 
 FORMAT = 1
 MANIFEST = "manifest.json"
+# Bytes that are in memory at a time.
+_PIECE = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -30,6 +32,17 @@ class StoredFile:
     def of(cls, data: bytes) -> StoredFile:
         """Of a file with these bytes."""
         return cls(len(data), hashlib.sha256(data).hexdigest())
+
+    @classmethod
+    def read(cls, path: Path) -> StoredFile:
+        """Of the file at a path, read piece by piece; raises OSError."""
+        # hashlib.file_digest came with Python 3.11.
+        digest, nbytes = hashlib.sha256(), 0
+        with path.open("rb") as file:
+            while piece := file.read(_PIECE):
+                digest.update(piece)
+                nbytes += len(piece)
+        return cls(nbytes, digest.hexdigest())
 
     def as_json(self) -> dict[str, Any]:
         """As manifests have it."""

@@ -13,7 +13,6 @@ them, so that a reader finds an asset as one writer left it, or not at all.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -24,7 +23,7 @@ from rhytid.storage.manifest import StoredFile
 from rhytid.storage.shared.manifests import SharedManifests
 from rhytid.storage.shared.place import Place, place_of
 from rhytid.storage.snapshot_index import SnapshotIndex
-from rhytid.storage.snapshots import PIECE, Snapshot, sealed
+from rhytid.storage.snapshots import Snapshot, sealed
 
 # Called with the share of the work that is done and the file that comes next; may raise to end it.
 Report = Callable[[float, str], None]
@@ -177,7 +176,7 @@ class SharedStore:
         if size != wanted.nbytes:
             why = f"it has {size} bytes, the manifest says {wanted.nbytes}"
             raise self._manifests.damaged(name, why)
-        if _sha256(to) != wanted.sha256:
+        if StoredFile.read(to) != wanted:
             raise self._manifests.damaged(name, "it does not have the SHA-256 that names it")
 
 
@@ -187,11 +186,3 @@ def _object_folder(id: str) -> str:
 
 def _object(id: str, file: StoredFile) -> str:
     return f"{_object_folder(id)}/{file.sha256}"
-
-
-def _sha256(path: Path) -> str:
-    digest = hashlib.sha256()
-    with path.open("rb") as file:
-        while piece := file.read(PIECE):
-            digest.update(piece)
-    return digest.hexdigest()
