@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.engine.jobs import Job
+from rhytid.engine.job import Job
 from rhytid.engine.messages import AssetInfo, FrameInfo, JobInfo, MapQuery
 from rhytid.engine.tile_plan import TilePlan
 from rhytid.formats.tile_header import TileHeader

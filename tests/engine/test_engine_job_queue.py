@@ -9,7 +9,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from rhytid.engine.jobs import Job, Jobs
+from rhytid.engine.job import Job
+from rhytid.engine.jobs import Jobs
 from rhytid.errors import BusyError, CancelledError
 
 MOST = 4

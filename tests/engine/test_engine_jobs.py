@@ -22,7 +22,7 @@ from meshes import deform
 from pipeline.scenes import reference_stretch, settings_of, sheet
 from reference.stretch import calibrated_r_max
 from rhytid.domain.tiles import TileAddress
-from rhytid.engine.jobs import Job
+from rhytid.engine.job import Job
 from rhytid.engine.messages import NewAsset
 from rhytid.errors import (
     FrameError,

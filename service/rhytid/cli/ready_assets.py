@@ -8,7 +8,7 @@ from rhytid.cli.progress import share_bar
 from rhytid.cli.warned import Warned
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.mesh import Mesh
-from rhytid.engine.jobs import Job
+from rhytid.engine.job import Job
 from rhytid.engine.messages import AssetInfo, JobInfo, NewAsset
 from rhytid.errors import ConflictError, InputError
 

@@ -17,7 +17,8 @@ from rhytid.engine.assets import Asset
 from rhytid.engine.device_asset import DeviceAsset
 from rhytid.engine.device_assets import DeviceAssets
 from rhytid.engine.given_graphs import graph_lengths
-from rhytid.engine.jobs import Job, Jobs
+from rhytid.engine.job import Job
+from rhytid.engine.jobs import Jobs
 from rhytid.engine.shared_assets import SharedAssets
 from rhytid.engine.spacing import mean_spacing
 from rhytid.errors import CancelledError, FatalRequestError, NotFoundError, public_message

@@ -18,7 +18,8 @@ from rhytid.engine.byte_budget import ByteBudget, Hold
 from rhytid.engine.checked_upload import CheckedUpload
 from rhytid.engine.frame_service import FrameService
 from rhytid.engine.frames import Frame
-from rhytid.engine.jobs import Job, Jobs
+from rhytid.engine.job import Job
+from rhytid.engine.jobs import Jobs
 from rhytid.engine.stored_assets import StoredAssets
 from rhytid.errors import FatalRequestError
 from rhytid.storage.store import AssetStore

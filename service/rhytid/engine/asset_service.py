@@ -29,7 +29,8 @@ from rhytid.engine.byte_budget import Hold
 from rhytid.engine.checked_upload import CheckedUpload
 from rhytid.engine.device_assets import DeviceAssets
 from rhytid.engine.frame_service import checked_frame
-from rhytid.engine.jobs import Job, Jobs
+from rhytid.engine.job import Job
+from rhytid.engine.jobs import Jobs
 from rhytid.engine.keys import content_key
 from rhytid.engine.messages import AssetContent, AssetInfo, JobInfo, NewAsset
 from rhytid.engine.shared_assets import SharedAssets

@@ -25,7 +25,7 @@ from rhytid.domain.tiles import TileAddress, mesh_udims
 from rhytid.domain.warnings import InputWarning
 from rhytid.engine.device_asset import DeviceAsset
 from rhytid.engine.frames import LEFT, Frame, FrameMemory, Frames
-from rhytid.engine.jobs import Job
+from rhytid.engine.job import Job
 from rhytid.engine.messages import AssetInfo
 from rhytid.errors import (
     CancelledError,

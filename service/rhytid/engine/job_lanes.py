@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from rhytid.engine.jobs import Job
+from rhytid.engine.job import Job
 
 # Kinds that wait for a shared store, and keep neither the device nor other jobs of their asset.
 TRANSFERS = ("fetch", "push")

@@ -1,118 +1,25 @@
-"""Long work in the background: a bounded queue by priority; jobs report progress and can be
-cancelled."""
+"""Long work in the background: a bounded queue by priority, and the threads that take jobs."""
 
 from __future__ import annotations
 
-import logging
-import re
 import secrets
 import threading
 from collections import Counter, OrderedDict
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
-from typing import Any
 
-from rhytid.device import watch
-from rhytid.device.figures import JOB_KINDS, Figures, working_on
+from rhytid.device.figures import JOB_KINDS, Figures
 from rhytid.domain.wording import plural
+from rhytid.engine.job import Job
 from rhytid.engine.job_lanes import LANES, LARGE, TRANSFERS, Lane, Queued
-from rhytid.engine.messages import ENDED_STATES, JobInfo
-from rhytid.errors import BusyError, CancelledError, NotFoundError, RhytidError, public_message
+from rhytid.engine.messages import JobInfo
+from rhytid.errors import BusyError, NotFoundError
 
 # Kinds of jobs by priority, highest first.
 KINDS = JOB_KINDS
 # A new job of these kinds replaces those of the same asset that still wait.
 _SUPERSEDED = ("calibration", "bins", "push")
 _REMEMBERED = 1000
-_log = logging.getLogger(__name__)
-
-
-class GaveWay(Exception):
-    """A job stopped for one of higher priority; its work runs again from the start."""
-
-
-class Job:
-    """One piece of long work, as seen by the thread that does it.
-
-    waits: whether a job of higher priority waits.  reason: why it failed, for callers in this
-    process; `info` has what others may know.
-    """
-
-    def __init__(self, info: JobInfo, waits: Callable[[Job], bool] = lambda job: False) -> None:
-        self._info, self._waits = info, waits
-        self._lock = threading.Lock()
-        self._cancelled = threading.Event()
-        self._ended = threading.Event()
-        self._at_end: list[Callable[[], None]] = []
-        self.resumes = False
-        self.reason = ""
-
-    @property
-    def info(self) -> JobInfo:
-        """How far it is."""
-        with self._lock:
-            return self._info
-
-    def progress(self, share: float, stage: str, detail: str = "") -> None:
-        """Report how far the job is; raises CancelledError if it was cancelled."""
-        if self._cancelled.is_set():
-            raise CancelledError(f"job {self._info.id} was cancelled")
-        share = min(max(share, self.info.progress), 1.0)
-        self.update(progress=share, stage=stage, detail=detail)
-
-    def give_way(self) -> None:
-        """Raise GaveWay if a job of higher priority, of another asset, waits: this one is queued
-        again, and its work is called once more. For work that skips what it has done already."""
-        if self._waits(self):
-            raise GaveWay
-
-    def cancel(self, *, resumes: bool = False) -> None:
-        """Ask the job to stop at its next step.  resumes: its work will be done later."""
-        if not self._cancelled.is_set():
-            self.resumes = resumes
-            self._cancelled.set()
-
-    def update(self, **changes: Any) -> None:
-        """Replace parts of the info."""
-        with self._lock:
-            self._info = replace(self._info, **changes)
-        if self.ended:
-            self._ended.set()
-            self._call_back()
-
-    def fail(self, error: BaseException) -> None:
-        """End as failed; the log has what callers do not read."""
-        public = public_message(error)
-        # Text alone: the error would keep what the work held in memory.
-        self.reason = str(error) if isinstance(error, RhytidError) else public
-        if not isinstance(error, RhytidError):
-            _log.error("job %s failed", self._info.id, exc_info=error)
-        elif self.reason != public:
-            _log.error("job %s failed: %s", self._info.id, self.reason)
-        self.update(state="failed", detail=public)
-
-    def when_ended(self, call: Callable[[], None]) -> None:
-        """Have `call` called once the job has ended, at once where it has; it must not block."""
-        with self._lock:
-            self._at_end.append(call)
-        if self.ended:
-            self._call_back()
-
-    def _call_back(self) -> None:
-        with self._lock:
-            calls, self._at_end = self._at_end, []
-        for call in calls:
-            call()
-
-    def wait(self, seconds: float | None = None) -> bool:
-        """Whether the job has ended, at the latest after so many seconds."""
-        return self._ended.wait(seconds)
-
-    @property
-    def ended(self) -> bool:
-        """Whether the job is done, failed or cancelled."""
-        return self.info.state in ENDED_STATES
 
 
 class Jobs:
@@ -153,8 +60,8 @@ class Jobs:
     ) -> Job:
         """Queue `work`; it reports through the job that it is given.
 
-        A calibration, or bins, that still wait for the same asset are cancelled: this comes in
-        their place. Raises BusyError where too many jobs wait, unless `always`.
+        A calibration, bins or a push that still waits for the same asset is cancelled: this comes
+        in its place. Raises BusyError where too many jobs wait, unless `always`.
         """
         job = Job(
             JobInfo(secrets.token_hex(8), asset, kind, "queued", 0.0, "queued", ""), self._waits
@@ -264,7 +171,7 @@ class Jobs:
         while (queued := self._take(lane)) is not None:
             again = False
             try:
-                again = _run(queued)
+                again = queued.job.run(queued.work)
             finally:
                 with self._changed:
                     del self._at_work[queued.turn]
@@ -293,29 +200,3 @@ class Jobs:
 
 def _rank(job: Job) -> int:
     return KINDS.index(job.info.kind)
-
-
-def asset_number(asset: str) -> int:
-    """What `device.watch` calls an asset: its id, 16 hexadecimal digits, as a number."""
-    return int(asset, 16) if re.fullmatch("[0-9a-f]{16}", asset) else 0
-
-
-def _run(queued: Queued) -> bool:
-    """Do the work of a job; whether it is to be queued again."""
-    job = queued.job
-    try:
-        job.update(state="running")
-        job.progress(0.0, "starting")
-        purpose = watch.Purpose(asset=asset_number(queued.asset))
-        with watch.used_for(purpose), working_on("job"):
-            queued.work(job)
-    except GaveWay:
-        job.update(state="queued")
-        return True
-    except CancelledError as error:
-        job.update(state="cancelled", detail=str(error))
-    except BaseException as error:  # noqa: BLE001 the thread goes on with the next job
-        job.fail(error)
-    else:
-        job.update(state="done", progress=1.0, stage="done", detail="")
-    return False

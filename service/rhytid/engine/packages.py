@@ -13,7 +13,8 @@ from rhytid.engine.asset_registry import AssetRegistry
 from rhytid.engine.asset_service import AssetService
 from rhytid.engine.assets import Asset
 from rhytid.engine.byte_budget import ByteBudget
-from rhytid.engine.jobs import Job, Jobs
+from rhytid.engine.job import Job
+from rhytid.engine.jobs import Jobs
 from rhytid.engine.keys import package_key
 from rhytid.engine.messages import JobInfo, Package
 from rhytid.engine.tile_service import TileService

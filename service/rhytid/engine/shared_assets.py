@@ -11,8 +11,9 @@ from functools import partial
 from rhytid.engine.asset_registry import AssetRegistry
 from rhytid.engine.assets import Asset
 from rhytid.engine.frames import LEFT
+from rhytid.engine.job import Job
 from rhytid.engine.job_lanes import TRANSFERS
-from rhytid.engine.jobs import Job, Jobs
+from rhytid.engine.jobs import Jobs
 from rhytid.engine.local_room import LocalRoom
 from rhytid.engine.push_retries import PushRetries
 from rhytid.engine.restored_assets import RestoredAssets

@@ -1,0 +1,128 @@
+"""One job: how far it is, how it is cancelled, and how it ends."""
+
+from __future__ import annotations
+
+import logging
+import re
+import threading
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from rhytid.device import watch
+from rhytid.device.figures import working_on
+from rhytid.engine.messages import ENDED_STATES, JobInfo
+from rhytid.errors import CancelledError, RhytidError, public_message
+
+_log = logging.getLogger(__name__)
+
+
+class GaveWay(Exception):
+    """A job stopped for one of higher priority; its work runs again from the start."""
+
+
+class Job:
+    """One piece of long work, as seen by the thread that does it.
+
+    waits: whether a job of higher priority waits.  reason: why it failed, for callers in this
+    process; `info` has what others may know.
+    """
+
+    def __init__(self, info: JobInfo, waits: Callable[[Job], bool] = lambda job: False) -> None:
+        self._info, self._waits = info, waits
+        self._lock = threading.Lock()
+        self._cancelled = threading.Event()
+        self._ended = threading.Event()
+        self._at_end: list[Callable[[], None]] = []
+        self.resumes = False
+        self.reason = ""
+
+    @property
+    def info(self) -> JobInfo:
+        """How far it is."""
+        with self._lock:
+            return self._info
+
+    def progress(self, share: float, stage: str, detail: str = "") -> None:
+        """Report how far the job is; raises CancelledError if it was cancelled."""
+        if self._cancelled.is_set():
+            raise CancelledError(f"job {self._info.id} was cancelled")
+        share = min(max(share, self.info.progress), 1.0)
+        self.update(progress=share, stage=stage, detail=detail)
+
+    def give_way(self) -> None:
+        """Raise GaveWay if a job of higher priority, of another asset, waits: this one is queued
+        again, and its work is called once more. For work that skips what it has done already."""
+        if self._waits(self):
+            raise GaveWay
+
+    def cancel(self, *, resumes: bool = False) -> None:
+        """Ask the job to stop at its next step.  resumes: its work will be done later."""
+        if not self._cancelled.is_set():
+            self.resumes = resumes
+            self._cancelled.set()
+
+    def update(self, **changes: Any) -> None:
+        """Replace parts of the info."""
+        with self._lock:
+            self._info = replace(self._info, **changes)
+        if self.ended:
+            self._ended.set()
+            self._call_back()
+
+    def fail(self, error: BaseException) -> None:
+        """End as failed; the log has what callers do not read."""
+        public = public_message(error)
+        # Text alone: the error would keep what the work held in memory.
+        self.reason = str(error) if isinstance(error, RhytidError) else public
+        if not isinstance(error, RhytidError):
+            _log.error("job %s failed", self._info.id, exc_info=error)
+        elif self.reason != public:
+            _log.error("job %s failed: %s", self._info.id, self.reason)
+        self.update(state="failed", detail=public)
+
+    def when_ended(self, call: Callable[[], None]) -> None:
+        """Have `call` called once the job has ended, at once where it has; it must not block."""
+        with self._lock:
+            self._at_end.append(call)
+        if self.ended:
+            self._call_back()
+
+    def _call_back(self) -> None:
+        with self._lock:
+            calls, self._at_end = self._at_end, []
+        for call in calls:
+            call()
+
+    def wait(self, seconds: float | None = None) -> bool:
+        """Whether the job has ended, at the latest after so many seconds."""
+        return self._ended.wait(seconds)
+
+    @property
+    def ended(self) -> bool:
+        """Whether the job is done, failed or cancelled."""
+        return self.info.state in ENDED_STATES
+
+    def run(self, work: Callable[[Job], None]) -> bool:
+        """Do the work of the job, and end it; whether it gave way and is to be queued again."""
+        try:
+            self.update(state="running")
+            self.progress(0.0, "starting")
+            purpose = watch.Purpose(asset=asset_number(self.info.asset))
+            with watch.used_for(purpose), working_on("job"):
+                work(self)
+        except GaveWay:
+            self.update(state="queued")
+            return True
+        except CancelledError as error:
+            self.update(state="cancelled", detail=str(error))
+        except BaseException as error:  # noqa: BLE001 the thread goes on with the next job
+            self.fail(error)
+        else:
+            self.update(state="done", progress=1.0, stage="done", detail="")
+        return False
+
+
+def asset_number(asset: str) -> int:
+    """What `device.watch` calls an asset: its id, 16 hexadecimal digits, as a number."""
+    return int(asset, 16) if re.fullmatch("[0-9a-f]{16}", asset) else 0
