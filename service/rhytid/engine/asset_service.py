@@ -5,41 +5,31 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from contextlib import nullcontext, suppress
 from dataclasses import replace
-from functools import cache, partial
 from typing import Any, TypeVar
 
 from numpy.typing import ArrayLike
 
-from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.curves import Curves, graph_curves, with_triangles
 from rhytid.domain.expressions import Expressions
-from rhytid.domain.folds import Folds
-from rhytid.domain.frame import frame_label
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.graph_origin import GraphOrigin
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.settings_changes import CHANGEABLE, settings_changed
-from rhytid.domain.warnings import InputWarning, check_codes, refuse
+from rhytid.domain.settings_changes import CHANGEABLE
 from rhytid.engine.asset_builder import AssetBuilder
-from rhytid.engine.asset_registration import AssetRegistration, Positions
+from rhytid.engine.asset_creation import AssetCreation
 from rhytid.engine.asset_registry import AssetRegistry
 from rhytid.engine.assets import Asset
 from rhytid.engine.byte_budget import Hold
-from rhytid.engine.checked_upload import CheckedUpload
+from rhytid.engine.calibration import Calibration
 from rhytid.engine.device_assets import DeviceAssets
 from rhytid.engine.frame_service import checked_frame
-from rhytid.engine.job import Job
 from rhytid.engine.jobs import Jobs
 from rhytid.engine.keys import content_key
 from rhytid.engine.messages import AssetContent, AssetInfo, JobInfo, NewAsset
 from rhytid.engine.shared_assets import SharedAssets
 from rhytid.errors import NotFoundError, SettingsError
-from rhytid.pipeline.draw_limit import DrawLimit
-from rhytid.pipeline.folds import measured_folds
-from rhytid.pipeline.stretch import r_max_of
 from rhytid.storage.store import AssetStore
-from rhytid.synthesis.fields.capacity_check import check_amount
 
 T = TypeVar("T")
 
@@ -50,20 +40,16 @@ class AssetService:
     def __init__(
         self,
         registry: AssetRegistry,
-        registration: AssetRegistration,
-        device: Device,
+        creation: AssetCreation,
         on_device: DeviceAssets,
         store: AssetStore,
         shared: SharedAssets,
         builder: AssetBuilder,
         jobs: Jobs,
-        limit: DrawLimit,
     ) -> None:
-        self._assets, self._registration = registry, registration
-        self._device, self._on_device = device, on_device
+        self._assets, self._creation, self._on_device = registry, creation, on_device
         self._store, self._shared = store, shared
         self._builder, self._jobs = builder, jobs
-        self._limit = limit
 
     def create(
         self,
@@ -90,40 +76,9 @@ class AssetService:
         UDIM without mesh or `graph.lines` asks for expressions and none came, what `check_amount`
         does.
         """
-        check_codes(allow)
-        upload = CheckedUpload.of(new, self._device.budget.limit, self._limit)
-        made = cache(partial(upload.asset, self._assets.frame_memory))
-        sent = upload.unused
-        if upload.frames:
-            known = self._registration.known(upload.id) or made()
-            sent = (*sent, *_frame_warnings(known, upload.frames))
-        if strict:
-            changed = _changed(self._registration.known(upload.id), upload.settings)
-            refuse((*upload.warnings, *changed, *sent), allow)
-        asset = self._registration.register(upload, made, self._folds(upload), hold)
-        if new.shapes is not None and new.shapes.named:
-            # Where the build failed meanwhile, nothing of the asset is kept.
-            with asset.kept(), suppress(NotFoundError):
-                self._store.put_shapes(asset.id, new.shapes)
-                if asset.state == "ready":
-                    self._shared.push(asset.id)
+        asset, warnings = self._creation.take(new, strict, allow, hold)
         info = asset.info()
-        return replace(info, warnings=(*info.warnings, *_changed(asset, upload.settings), *sent))
-
-    def _folds(self, upload: CheckedUpload) -> Folds | None:
-        """Where expressions fold the mesh of an asset that is not built yet; other tasks of the
-        device run between the steps. Raises what `check_amount` does."""
-        if upload.expressions is None or self._registration.known(upload.id) is not None:
-            return None
-        mesh, settings = upload.new.mesh, upload.settings
-        folds = measured_folds(
-            self._device, mesh, upload.expressions, settings.response.log_stretch_limit,
-            settings.length_unit, lambda *_: None, self._on_device.run_patiently,
-        )  # fmt: skip
-        if folds is not None and folds.regions:
-            memory = self._device.budget.limit
-            check_amount(mesh, settings.graph, upload.new.controls, memory, folds)
-        return folds
+        return replace(info, warnings=(*info.warnings, *warnings))
 
     def all(self) -> list[AssetInfo]:
         """Every asset."""
@@ -265,42 +220,7 @@ class AssetService:
         found.check_ready()
         name = "frame of the calibration"
         frame, warnings = checked_frame(found, positions, name, strict, allow)
-
-        changed = False
-
-        def work(job: Job) -> None:
-            nonlocal changed
-            if not changed:  # else it gave way to another job when that was done
-                measure(job)
-                changed = True
-            self._builder.make_bins(job, found)
-
-        def measure(job: Job) -> None:
-            job.progress(0.0, "measuring stretch")
-            ratios, _ = self._on_device.use(
-                found, lambda resident: resident.frames.ratios(frame), patiently=True
-            )
-            with found.kept():
-                limit = found.settings.response.log_stretch_limit
-                settings = found.settings.with_r_max(r_max_of(ratios, limit))
-                self._builder.change(found, settings)
-
+        work = Calibration(found, frame, self._on_device, self._builder)
         job = self._jobs.start("calibration", asset, work, small=found.small)
         job.update(warnings=warnings)
         return job.info
-
-
-def _frame_warnings(asset: Asset, frames: Positions) -> tuple[InputWarning, ...]:
-    """About the frames that come with a mesh, by the names that they will have."""
-    return tuple(
-        warning
-        for index, positions in enumerate(frames)
-        for warning in asset.frame_warnings(positions, f"frame {frame_label(index)}")
-    )
-
-
-def _changed(asset: Asset | None, sent: AssetSettings) -> tuple[InputWarning, ...]:
-    """Where the asset of the content that is sent has other settings by now."""
-    if asset is None or asset.state == "failed":
-        return ()
-    return settings_changed(asset.id, asset.settings, sent, asset.lengths)

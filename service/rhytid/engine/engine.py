@@ -11,6 +11,7 @@ from rhytid.device.figures import Figures
 from rhytid.device.memory import usual_frame_memory, usual_host_memory
 from rhytid.device.select import Candidate, candidates
 from rhytid.engine.asset_builder import AssetBuilder
+from rhytid.engine.asset_creation import AssetCreation
 from rhytid.engine.asset_registration import AssetRegistration
 from rhytid.engine.asset_registry import AssetRegistry
 from rhytid.engine.asset_service import AssetService
@@ -90,16 +91,17 @@ class Engine:
         registration = AssetRegistration(
             registry, self._store, stored, builder, self.frames, self.jobs, self.memory
         )
-        self.assets = AssetService(
-            registry,
+        creation = AssetCreation(
             registration,
             self._device,
             self._on_device,
             self._store,
             self.shared,
-            builder,
-            self.jobs,
+            registry.frame_memory,
             limit,
+        )
+        self.assets = AssetService(
+            registry, creation, self._on_device, self._store, self.shared, builder, self.jobs
         )
         self.packages = PackageService(
             registry, self.assets, self.tiles, self._store, self.jobs, self.memory
