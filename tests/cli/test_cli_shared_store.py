@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,10 +11,21 @@ import pytest
 from cli.running import only_asset, write_animation
 from meshes import SmallMesh
 from rhytid.cli import main
+from rhytid.cli.shared_assets import fetch
+from rhytid.cli.timing import Stopwatch
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.graph import WrinkleGraph
+from rhytid.domain.mesh import Mesh
 from rhytid.engine.asset_builder import AssetBuilder
+from rhytid.errors import SharedStoreError
+from rhytid.settings import ServiceSettings
+from rhytid.storage import AssetStore
+from rhytid.storage.shared.mirror import StoreMirror
 from rhytid.storage.shared.shared_store import SharedStore
+from storage.conftest import folder, graph, mesh, settings, store
 from storage.places import new_folder
 
+__all__ = ["folder", "graph", "mesh", "settings", "store"]
 SMALL = ("--resolution", "256", "--wrinkles", "400")
 
 
@@ -44,8 +56,8 @@ def test_what_one_bake_builds_others_fetch(
     files = sorted(file.name for file in whole.glob("*.exr"))
     assert len(files) == 2
     for name in files:
-        for folder in (parts, again):
-            assert (folder / name).read_bytes() == (whole / name).read_bytes()
+        for out in (parts, again):
+            assert (out / name).read_bytes() == (whole / name).read_bytes()
     assert main([*bake, "--asset", "0" * 16, "--out", str(parts)]) == 1
     assert f"no asset {'0' * 16} in the shared store" in capsys.readouterr().err
 
@@ -76,6 +88,50 @@ def test_a_snapshot_goes_through_a_shared_store(
     assert second.read_bytes() == first.read_bytes()
     assert main(["snapshot", "0" * 16, *elsewhere]) == 1
     assert "in the shared store" in capsys.readouterr().err
+
+
+def test_a_bake_and_a_snapshot_take_what_another_machine_has_changed(
+    tmp_path: Path,
+    folder: Path,
+    store: AssetStore,
+    mesh: Mesh,
+    graph: WrinkleGraph,
+    settings: AssetSettings,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    asset, place, here = "00112233aabbccdd", str(new_folder(tmp_path)), tmp_path / "here"
+    facts = {"spacing": 0.5, "distance": 0.5, "uv_length": 10.0, "warnings": []}
+    store.put_asset(asset, mesh, graph, settings, facts)
+    changing, watch = StoreMirror(store, SharedStore.at(place)), Stopwatch()
+    service = replace(ServiceSettings.from_environment(), store=here, shared_store=place)
+
+    def fetched(r_max: float) -> AssetSettings | None:
+        store.put_overlay(asset, settings.with_r_max(r_max))
+        changing.push(asset, lambda share, file: None)
+        fetch(service, asset, watch)
+        with AssetStore(here) as found:
+            return found.overlay(asset)
+
+    assert [fetched(0.2), fetched(0.3)] == [settings.with_r_max(r) for r in (0.2, 0.3)]
+    fetch(service, asset, watch)
+    fetch(service, "0" * 16, watch)
+    assert len(watch.seconds["fetch"]) == 2
+
+    store.put_overlay(asset, settings.with_r_max(0.4))
+    changing.push(asset, lambda share, file: None)
+    out = ["--out", str(tmp_path / "a.tar"), "--store", str(here), "--shared-store", place]
+    assert main(["snapshot", asset, *out]) == 0
+    with store.snapshots.of(asset) as made:
+        assert (tmp_path / "a.tar").read_bytes() == b"".join(made.pieces())
+
+    def away(self: SharedStore, id: str) -> None:
+        raise SharedStoreError("it does not answer")
+
+    monkeypatch.setattr(SharedStore, "index", away)
+    assert main(["snapshot", asset, *out]) == 0
+    assert f"{asset} is taken as it is here: it does not answer" in capsys.readouterr().err
+    assert main(["snapshot", "0" * 16, *out]) == 1
 
 
 def test_a_bake_whose_asset_cannot_be_shared_says_so(

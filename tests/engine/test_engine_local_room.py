@@ -12,6 +12,7 @@ from engine.test_engine_shared import jobs, patiently
 from meshes import deform
 from pipeline.scenes import sheet
 from rhytid.engine.engine import Engine
+from rhytid.errors import SharedStoreError
 from rhytid.storage.shared.shared_store import SharedStore
 from storage.places import new_folder
 
@@ -74,6 +75,39 @@ def test_what_only_this_machine_has_stays(folder: Path, tmp_path: Path) -> None:
         engine.frames.delete(framed, "bent")
         latest = built(engine, new_asset(seed=6))
         assert ids(engine) == [gone, damaged, latest]
+
+
+def test_what_another_machine_has_changed_leaves_and_comes_back_so(
+    folder: Path, tmp_path: Path
+) -> None:
+    with running(tmp_path / "a", shared_store=str(folder)) as engine:
+        asset = built(engine, new_asset(seed=1))
+    with running(tmp_path / "b", shared_store=str(folder)) as other:
+        patiently(lambda: other.assets.change(asset, {"depth": 0.2}))
+        rest(other)
+    with running(tmp_path / "a", shared_store=str(folder), store_limit=1) as engine:
+        assert engine.assets.info(asset).settings["depth"] != 0.2
+        last = built(engine, new_asset(seed=2))
+        assert ids(engine) == [last]
+        assert patiently(lambda: engine.assets.info(asset)).settings["depth"] == 0.2
+
+
+def test_a_store_that_is_away_is_asked_once_for_room(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+
+    def away(self: SharedStore, id: str) -> bool:
+        asked.append(id)
+        raise SharedStoreError("away")
+
+    with running(tmp_path / "a", shared_store=str(folder), store_limit=None) as engine:
+        all = [built(engine, new_asset(seed=seed)) for seed in (1, 2, 3)]
+    with running(tmp_path / "a", shared_store=str(folder), store_limit=1) as engine:
+        monkeypatch.setattr(SharedStore, "holds", away)
+        engine.shared._make_room()
+        assert sorted(ids(engine)) == sorted(all)
+    assert len(asked) == 1
 
 
 def test_what_was_used_a_moment_ago_stays(

@@ -29,7 +29,8 @@ def add_command(commands: Commands) -> None:
     example = f"rhytid snapshot 0123456789abcdef --out face{SUFFIX}"
     parser = new_command(commands, "snapshot", summary, example)
     parser.description = (
-        f"{summary} {RUNNING} Of a shared store an asset is fetched first, where DIR lacks it."
+        f"{summary} {RUNNING} Of a shared store an asset is fetched first that DIR lacks, or that "
+        "another machine has changed since."
     )
     parser.add_argument("asset", metavar="ASSET", help="id of the asset")
     out = f"file, or a folder that is there (default: ASSET{SUFFIX})"
