@@ -98,10 +98,10 @@ def test_removals_from_a_silent_store_keep_few_callers(
     monkeypatch.setattr("rhytid.engine.shared_calls.TURN", 0.05)
     with running(tmp_path / "a", shared_store=str(folder)) as engine:
         for _ in range(4):
-            engine.shared._calls._turns.acquire()
+            engine.shared._calls._removing.acquire()
         with pytest.raises(FetchingError, match="is asked for other assets"):
             engine.assets.delete("0" * 16, shared=True)
-        engine.shared._calls._turns.release(4)
+        engine.shared._calls._removing.release(4)
         folder.rename(tmp_path / "unmounted")
         with pytest.raises(SharedStoreError):
             engine.assets.delete("0" * 16, shared=True)

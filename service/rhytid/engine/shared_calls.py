@@ -20,8 +20,8 @@ from rhytid.storage.unpacked import UnpackedAsset
 
 # Seconds that what was not found is not looked for again, and that a caller waits for its turn.
 FORGOTTEN, TURN = 2.0, 1.0
-# How many assets are looked for at once: a store that does not answer shall not keep all threads of
-# a server.
+# How many assets are looked for at once, and how many are removed: a store that does not answer
+# shall not keep all threads of a server.
 _AT_ONCE = 4
 # Under which the failure of the whole store is remembered.
 _STORE = ""
@@ -38,21 +38,22 @@ class SharedCalls:
         # Assets that were found damaged there, by id.
         self._damaged: set[str] = set()
         self._failures = RecentFailures(FORGOTTEN)
-        self._turns = threading.Semaphore(_AT_ONCE)
+        # Apart: a removal of many objects takes long.
+        self._looking, self._removing = (threading.Semaphore(_AT_ONCE) for _ in range(2))
 
     def look_for(self, id: str) -> None:
         """Raise NotFoundError where an asset is not there, and what `SharedStore.index` raises; the
         same again where it was asked a moment ago, and FetchingError where too many ask."""
         self.check()
         self._failures.check(id)
-        with self._turn(id), self._noting(id):
+        with _turn(self._looking, id), self._noting(id):
             self.mirror.shared.index(id)
 
     def remove(self, id: str) -> None:
         """Remove an asset there; raises what `SharedStore.remove` does, and FetchingError where too
         many ask."""
         self.check()
-        with self._turn(id), self._watching(id):
+        with _turn(self._removing, id), self._watching(id):
             self.mirror.shared.remove(id)
 
     def push(self, id: str, report: Report) -> None:
@@ -79,15 +80,6 @@ class SharedCalls:
         self._failures.forget(id)
 
     @contextmanager
-    def _turn(self, id: str) -> Iterator[None]:
-        if not self._turns.acquire(timeout=TURN):
-            raise FetchingError(f"the shared store is asked for other assets before {id}")
-        try:
-            yield
-        finally:
-            self._turns.release()
-
-    @contextmanager
     def _noting(self, id: str) -> Iterator[None]:
         """Remember what the block fails with that looks for an asset, or fetches it."""
         try:
@@ -110,3 +102,13 @@ class SharedCalls:
         except SharedDamageError:
             self._damaged.add(id)
             raise
+
+
+@contextmanager
+def _turn(turns: threading.Semaphore, id: str) -> Iterator[None]:
+    if not turns.acquire(timeout=TURN):
+        raise FetchingError(f"the shared store is asked for other assets before {id}")
+    try:
+        yield
+    finally:
+        turns.release()

@@ -8,7 +8,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 
-from rhytid.durable import is_folder, remove_tree, reported
+from rhytid.durable import is_folder, remove_tree, reported, sync_file, sync_folder
 from rhytid.errors import StorageError, StoreFormatError
 from rhytid.storage.folders import StoreFolders
 from rhytid.storage.homes import ASSET, REQUEST, SHAPES, SHARED, is_built
@@ -79,7 +79,7 @@ class AssetSnapshots:
         another version of rhytid stored it.
         """
         home = self._folders.home(unpacked.id)
-        if _is_intact(home) and not anew:
+        if not anew and _is_intact(home):
             return False
         with reported(f"{ASSET} {unpacked.id} cannot be written"):
             if is_built(home):
@@ -111,6 +111,9 @@ class AssetSnapshots:
             if unpacked.has_shapes:
                 remove_tree(place)
             shutil.copytree(own, place)
+            for file in place.iterdir():
+                sync_file(file)
+            sync_folder(place)
         return replace(unpacked, has_shapes=True)
 
     def note_shared(self, id: str, note: bytes) -> None:
