@@ -77,6 +77,16 @@ def test_what_only_this_machine_has_stays(folder: Path, tmp_path: Path) -> None:
         assert ids(engine) == [gone, damaged, latest]
 
 
+def test_what_is_fetched_in_place_of_builds_leaves_too(folder: Path, tmp_path: Path) -> None:
+    with running(tmp_path / "a", shared_store=str(folder)) as engine:
+        for seed in (1, 2):
+            built(engine, new_asset(seed=seed))
+    with running(tmp_path / "b", shared_store=str(folder), store_limit=1) as other:
+        for seed in (1, 2):
+            last = built(other, new_asset(seed=seed))
+        assert ids(other) == [last]
+
+
 def test_what_another_machine_has_changed_leaves_and_comes_back_so(
     folder: Path, tmp_path: Path
 ) -> None:

@@ -132,8 +132,8 @@ class SharedAssets:
         except (SharedStoreError, SharedDamageError, StoreFormatError) as error:
             _log.error("asset %s is built: %s", asset.id, error)
             return False
-        if not whole:
-            self.push(asset.id)
+        if not whole or self._room is not None:
+            self.push(asset.id)  # which makes room, too, where builds do not wait for it
         return True
 
     def remove(self, id: str) -> None:
