@@ -141,9 +141,10 @@ class _Pieces:
         rest = memoryview(body)
         while len(rest) > LAST:
             size = min(PIECE, len(rest) - LAST)
-            await self._one({**message, "body": rest[:size], "more_body": True})
+            # ASGI has bytes: Ray's ingress pickles messages, and views cannot be.
+            await self._one({**message, "body": bytes(rest[:size]), "more_body": True})
             rest = rest[size:]
-        await self._one({**message, "body": rest})
+        await self._one({**message, "body": bytes(rest)})
 
     async def _one(self, message: Message) -> None:
         await self._send(message)
