@@ -160,7 +160,7 @@ def test_the_command_prints_a_job(tmp_path: Path, capsys: pytest.CaptureFixture[
     given += ["--wrinkles", "100000", "--frames", "10", "--json", str(tmp_path / "cost.json")]
 
     assert main(given) == 0
-    assert "frame_money" in capsys.readouterr().out
+    assert "money a frame" in capsys.readouterr().out
     cost = json.loads((tmp_path / "cost.json").read_text())
     assert cost["seconds"] == pytest.approx(Model(KNOWN).bake(HEAD, "redraw", 10))
 

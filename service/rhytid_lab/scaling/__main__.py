@@ -19,6 +19,15 @@ from rhytid_lab.scaling.model import METHODS, Head, Model
 from rhytid_lab.scaling.page import rewritten
 from rhytid_lab.scaling.tables import CHECK_HEADER, OUTCOME_HEADER, check_row, outcome_row
 
+# Fields of a cost, as people read them.
+_COSTS = {
+    "seconds": "time of the job, s",
+    "device_seconds": "all devices together, s",
+    "nbytes": "files, bytes",
+    "money": "money",
+    "frame_money": "money a frame",
+}
+
 
 def main(words: Sequence[str] | None = None) -> int:
     """Run one of the commands; 1 where it fails, with the reason on stderr."""
@@ -128,7 +137,7 @@ def _cost(given: argparse.Namespace) -> None:
         price=given.price,
         store=given.store,
     )
-    rows = [(name, f"{value:.6g}") for name, value in asdict(cost).items()]
+    rows = [(_COSTS[name], f"{value:.6g}") for name, value in asdict(cost).items()]
     report(asdict(cost), table(("what", "value"), rows), given.json)
 
 
