@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import io
 import socket
 import time
@@ -15,14 +14,12 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
-from starlette.types import Message, Receive, Scope, Send
 
 from api.asking import NPY, built, is_problem, npy
 from api.fake_engine import FakeEngine
 from api.live import serving
 from api.patch import positions, smile, upload
 from rhytid.api import device_slots, encoding
-from rhytid.api.request_memory import HoldUntilSent
 from rhytid.engine.byte_budget import ByteBudget, Hold
 
 MIB = 1 << 20
@@ -241,25 +238,6 @@ def test_a_large_answer_comes_whole(client: httpx.Client) -> None:
     response = client.get(map_path(client, 1024), params={"format": "f16"})
     assert len(response.content) == 2 * 1024**2
     assert int(response.headers["content-length"]) == len(response.content)
-
-
-def test_pieces_of_an_answer_are_bytes() -> None:
-    body = bytes(range(256)) * 5000
-    came: list[Message] = []
-
-    async def app(scope: Scope, receive: Receive, send: Send) -> None:
-        await send({"type": "http.response.body", "body": body})
-
-    async def taken(message: Message) -> None:
-        came.append(message)
-
-    async def nothing() -> Message:
-        raise AssertionError
-
-    asyncio.run(HoldUntilSent(app)({"type": "http"}, nothing, taken))
-    assert len(came) > 1
-    assert {type(one["body"]) for one in came} == {bytes}
-    assert b"".join(one["body"] for one in came) == body
 
 
 def test_the_metrics_have_the_budgets(engine: SmallEngine, client: httpx.Client) -> None:

@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import asyncio
+import pickle
 import signal
 from pathlib import Path
 from typing import Any
 
+import httpx
 import pytest
+from starlette.types import Message, Receive, Scope, Send
 
+from api.fake_engine import FakeEngine
+from api.patch import upload
 from rhytid.access.api_key import READ, new_key
 from rhytid.access.key_file import write_keys
+from rhytid.api.request_memory import LAST
 from rhytid.errors import AccessError, DeviceError, SettingsError
-from rhytid.fleet.app import application, asking, deployments
+from rhytid.fleet.app import application, asking, deployments, ingress_app
 from rhytid.fleet.local_fleet import local_fleet
 from rhytid.fleet.options import FleetOptions
 from rhytid.settings import ServiceSettings
@@ -70,3 +77,24 @@ def test_an_ingress_of_ray_asks_for_keys(tmp_path: Path) -> None:
     assert asking(settings, FleetOptions(without_keys=True)).ask_keys is False
     with pytest.raises(SettingsError, match="without_keys is 'yes': must be true or false"):
         application({"store": str(tmp_path), "without_keys": "yes"})
+
+
+def test_large_answers_reach_the_proxy_of_ray() -> None:
+    """It is in another process: messages are pickled."""
+    app = ingress_app(FakeEngine(), ServiceSettings())
+
+    async def proxied(scope: Scope, receive: Receive, send: Send) -> None:
+        async def sent(message: Message) -> None:
+            await send(pickle.loads(pickle.dumps(message)))
+
+        await app(scope, receive, sent)
+
+    async def large_map() -> bytes:
+        through = httpx.ASGITransport(app=proxied)
+        async with httpx.AsyncClient(transport=through, base_url="http://localhost") as client:
+            made = (await client.post("/v1/assets", files=upload())).json()
+            await client.get(f"/v1/jobs/{made['job']}/events")
+            path = f"/v1/assets/{made['id']}/frames/neutral/maps/1001"
+            return (await client.get(path, params={"format": "npy"})).content
+
+    assert len(asyncio.run(large_map())) > LAST

@@ -13,6 +13,7 @@ from ray.serve.config import RequestRouterConfig
 
 from rhytid.access.key_file import has_valid_key
 from rhytid.api.app import create_app
+from rhytid.api.request_memory import WholeBytes
 from rhytid.device.memory import usual_frame_memory
 from rhytid.errors import AccessError
 from rhytid.fleet.board import Board
@@ -119,5 +120,12 @@ def _http(settings: ServiceSettings, options: FleetOptions) -> Any:
     name = serve.get_replica_context().app_name
     log_to_stderr(settings.log_format, logging.INFO, "ingress")
     handles = (serve.get_deployment_handle(part, name) for part in (REPLICAS, BOARD))
-    engine: Any = RayEngine(settings, options, *handles)
-    return create_app(engine, settings)
+    return ingress_app(RayEngine(settings, options, *handles), settings)
+
+
+def ingress_app(engine: Any, settings: ServiceSettings) -> Any:
+    """The application of the single server, for Ray's proxy."""
+    app = create_app(engine, settings)
+    # It is in another process, where views cannot be sent.
+    app.add_middleware(WholeBytes)
+    return app
