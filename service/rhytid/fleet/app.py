@@ -28,6 +28,8 @@ REPLICAS, BOARD = "Replicas", "Board"
 # Seconds between two looks of Ray at a replica, until an answer, and that calls have to finish when
 # a replica is ended.
 _HEALTH, _HEALTH_ANSWER, _GRACE = 2.0, 30.0, 20.0
+# Calls between the parts of a fleet are many; ingresses log the requests that they are made for.
+_LOGS = {"enable_access_log": False}
 # Calls that wait in an ingress, for each that a replica may work on.
 _QUEUED = 4
 
@@ -71,8 +73,13 @@ def deployments(
 ) -> tuple[Application, Application]:
     """The board, and the replicas over it."""
     limit = (settings.frame_memory or usual_frame_memory()) * options.most
-    board = serve.deployment(name=BOARD, num_replicas=1, ray_actor_options={"num_cpus": 0},
-        max_ongoing_requests=10_000)(Board).bind(limit)  # fmt: skip
+    board = serve.deployment(
+        name=BOARD,
+        num_replicas=1,
+        ray_actor_options={"num_cpus": 0},
+        max_ongoing_requests=10_000,
+        logging_config=_LOGS,
+    )(Board).bind(limit)
     routing = RequestRouterConfig(
         request_router_class=AssetRouter, request_router_kwargs={"spread": options.spread}
     )
@@ -88,6 +95,7 @@ def deployments(
         health_check_period_s=_HEALTH,
         health_check_timeout_s=_HEALTH_ANSWER,
         graceful_shutdown_timeout_s=_GRACE,
+        logging_config=_LOGS,
         **several,
     )(EngineReplica)
     return board, replicas.bind(settings, options, board)

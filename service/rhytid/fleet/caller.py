@@ -76,7 +76,8 @@ class FleetCaller:
                 to, request.sent = error.replica, request.sent - 1
             except _LOST as error:
                 self._gone.add(str(getattr(error, "actor_id", "")))
-                _log.warning("%s is sent again: its replica is lost (%s)", request, type(error))
+                reason = type(error).__name__
+                _log.warning("%s is sent again: its replica is lost (%s)", request, reason)
         raise DeviceLostError(f"{request}: its replica ended {SENT} times; try later")
 
     def _envelope(self, request: Request, to: str) -> Envelope:

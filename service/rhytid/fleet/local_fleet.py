@@ -12,6 +12,7 @@ from typing import Any
 import ray
 from ray import serve
 
+from rhytid.domain.wording import plural
 from rhytid.errors import DeviceError
 from rhytid.fleet.app import BOARD, deployments
 from rhytid.fleet.options import FleetOptions
@@ -22,6 +23,7 @@ NAME = "rhytid"
 _MEMORY = 512 << 20
 # The address that Ray names its parts by.
 _LOOPBACK = "127.0.0.1"
+_log = logging.getLogger(__name__)
 # What workers log: answers to calls are logged by the server.
 _LOGS = {"enable_access_log": False, "log_level": "WARNING"}
 
@@ -36,6 +38,8 @@ def local_fleet(
     dashboard, and ended with the block.  ray_options: of `ray.init`, of Ray that is started. Raises
     DeviceError where Ray or the replicas do not start.
     """
+    count = plural(options.least, "replica")
+    _log.info("Ray starts %s, which may take a minute", count)
     try:
         with _own_signals():
             _start_ray(options, address, ray_options)
@@ -46,6 +50,8 @@ def local_fleet(
         where = "Ray does not start" if address is None else f"no Ray answers at {address}"
         raise DeviceError(f"{where}: {error}") from error
     try:
+        # Of how Serve starts and ends, in words of its own.
+        logging.getLogger("ray.serve").setLevel(logging.WARNING)
         serve.start(proxy_location="Disabled", logging_config=_LOGS)
         _, replicas = deployments(settings, options)
         handle = _started(replicas)
