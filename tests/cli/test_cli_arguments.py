@@ -195,3 +195,30 @@ def test_serve_is_for_this_machine_alone_unless_told() -> None:
     arguments = build_parser().parse_args(["serve"])
 
     assert (arguments.host, arguments.port) == ("127.0.0.1", 8717)
+
+
+FOR_JOB = (["--progress", "openjd"], ["--progress=openjd"])
+
+
+@pytest.mark.parametrize("progress", FOR_JOB)
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (["bake", "--mesh", "no-such.obj", "--out", "x"], "no such file: no-such.obj"),
+        (["bake", "--mesh", __file__, "--out", "x", "--chunk", "3"], "--chunk says how many"),
+        (["restore", "no-such.tar"], "no such file: no-such.tar"),
+        (["restore", __file__, "--nothing"], "unrecognized arguments: --nothing"),
+    ],
+)
+def test_a_farm_is_told_what_is_wrong_with_arguments(
+    arguments: list[str], reason: str, progress: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert ends([*arguments, *progress]) == 2
+    told = capsys.readouterr()
+    [line] = told.out.splitlines()
+    assert line.startswith("openjd_fail: rhytid")
+    assert reason in line
+    assert reason in told.err
+
+    assert ends(arguments) == 2
+    assert capsys.readouterr().out == ""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import logging
 import sys
 import traceback
@@ -30,6 +29,7 @@ from rhytid.cli import (
     transfer,
     warnings,
 )
+from rhytid.cli.parser import Parser, is_for_job
 from rhytid.cli.termination import INTERRUPTED, Interruption
 from rhytid.cli.voice import Voice, job_line, speaking
 from rhytid.errors import RhytidError
@@ -59,7 +59,8 @@ GROUP = "rhytid.commands"
 
 def run(argv: Sequence[str] | None, interruption: Interruption) -> int:
     """Run one command and return its exit status, as `main` has it."""
-    arguments = build_parser().parse_args(argv)
+    with speaking(Voice(for_job=is_for_job(sys.argv[1:] if argv is None else argv))):
+        arguments = build_parser().parse_args(argv)
     interruption.command = arguments.command
     for_job = getattr(arguments, "progress", None) == "openjd"
     voice = Voice(arguments.quiet, arguments.verbose, for_job)
@@ -84,9 +85,9 @@ def run(argv: Sequence[str] | None, interruption: Interruption) -> int:
     return 0
 
 
-def build_parser() -> argparse.ArgumentParser:
+def build_parser() -> Parser:
     """Every command with its options; a command sets `run` to a function of the arguments."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="rhytid",
         description="Dynamic facial wrinkles: an animated face in, displacement maps out.",
         epilog="example: rhytid demo --out rhytid-demo",
