@@ -206,3 +206,11 @@ def test_options_that_do_not_fit_are_refused(
 ) -> None:
     given = ["bake", "--mesh", __file__, "--out", str(tmp_path)]
     assert message in usage_error(capsys, *given, *more)
+
+
+def test_an_address_without_a_scheme_is_refused_in_one_line(
+    mesh: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = ["bake", "--mesh", str(mesh), "--out", str(tmp_path), "--dask", "127.0.0.1"]
+    reason = "--dask 127.0.0.1: local, or an address as tcp://HOST:8786"
+    assert usage_error(capsys, *given) == f"rhytid bake: error: {reason}\n"

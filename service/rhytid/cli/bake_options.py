@@ -23,6 +23,7 @@ from rhytid.cli.options import (
     add_strict,
     new_command,
 )
+from rhytid.cli.parser import Parser
 from rhytid.cli.serve import sharing
 from rhytid.cli.skin_options import refuse_without_effect, skin_options
 from rhytid.domain.asset_settings import AssetSettings
@@ -47,7 +48,7 @@ precomputed maps comes from the frame that stretches most, unless the settings g
 names and no numbers, they count from 1."""
 
 
-def bake_parser(commands: Commands) -> argparse.ArgumentParser:
+def bake_parser(commands: Commands) -> Parser:
     """The parser of `bake`, added to the commands."""
     example = "rhytid bake --mesh face.obj --frames shot/*.obj --out maps"
     skin = skin_options("NEUTRAL", graph=True)
@@ -101,7 +102,7 @@ def bake_parser(commands: Commands) -> argparse.ArgumentParser:
     add_strict(parser)
     add_json(parser)
     add_progress(parser)
-    parser.set_defaults(usage_error=parser.error)
+    parser.set_defaults(usage_error=parser.refuse)
     return parser
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from rhytid.cli.argument_types import readable
+from rhytid.cli.parser import Parser
 from rhytid.domain.warnings import CODES
 from rhytid.engine.messages import SAMPLINGS, STRETCH_MODELS
 from rhytid.textures.names import PROFILE_NAMES
@@ -17,9 +18,9 @@ Commands = Any  # argparse._SubParsersAction has no public name
 
 def new_command(
     commands: Commands, name: str, summary: str, example: str, *parents: argparse.ArgumentParser
-) -> argparse.ArgumentParser:
+) -> Parser:
     """A parser for one command, with its help, an example, and the options of its parents."""
-    parser: argparse.ArgumentParser = commands.add_parser(
+    parser: Parser = commands.add_parser(
         name,
         help=summary,
         description=summary,

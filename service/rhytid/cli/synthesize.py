@@ -62,7 +62,7 @@ def add_command(commands: Commands) -> None:
         "(default: the age of --set, else 35)"
     )
     parser.add_argument("--ages", nargs="+", type=float, metavar="AGE", help=ages)
-    parser.set_defaults(run=run, usage_error=parser.error)
+    parser.set_defaults(run=run, usage_error=parser.refuse)
 
 
 def run(arguments: argparse.Namespace) -> None:

@@ -66,7 +66,7 @@ def add_command(commands: Commands) -> None:
     add_device(parser)
     add_strict(parser)
     add_json(parser)
-    parser.set_defaults(run=run, usage_error=parser.error)
+    parser.set_defaults(run=run, usage_error=parser.refuse)
 
 
 def run(arguments: argparse.Namespace) -> None:
