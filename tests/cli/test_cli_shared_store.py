@@ -82,6 +82,13 @@ def test_a_snapshot_goes_through_a_shared_store(
         assert main([*restore, "--json"]) == 0
         [found] = json.loads(capsys.readouterr().out)["restored"]
         assert (found["new"], found["shared"]) == (shared, shared)
+    assert main(restore) == 0
+    already = f"{asset}: there already; there already in the shared store\n"
+    assert capsys.readouterr().out == already
+    for id in SharedStore.at(place).ids():
+        SharedStore.at(place).remove(id)
+    assert main(restore) == 0
+    assert capsys.readouterr().out == f"{asset}: there already; pushed to the shared store\n"
 
     elsewhere = ["--store", str(tmp_path / "elsewhere"), "--shared-store", place]
     assert main(["snapshot", asset, "--out", str(second), *elsewhere]) == 0

@@ -40,8 +40,14 @@ def run(arguments: argparse.Namespace) -> None:
     """Take in every file; ends at the first that cannot be used."""
     with mirrored(arguments.store, arguments.shared_store, new=True) as (store, mirror):
         found = [_restored(store, mirror, file) for file in arguments.files]
-    lines = [f"{one['asset']}: {'restored' if one['new'] else 'there already'}" for one in found]
-    report({"restored": found}, "\n".join(lines), arguments.json)
+    report({"restored": found}, "\n".join(map(_line, found)), arguments.json)
+
+
+def _line(one: dict[str, object]) -> str:
+    said = f"{one['asset']}: {'restored' if one['new'] else 'there already'}"
+    if "shared" not in one:
+        return said
+    return f"{said}; {'pushed to' if one['shared'] else 'there already in'} the shared store"
 
 
 def _restored(store: AssetStore, mirror: StoreMirror | None, path: Path) -> dict[str, object]:
