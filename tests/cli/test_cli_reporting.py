@@ -72,6 +72,17 @@ def test_without_a_terminal_long_work_tells_lines(
     }
 
 
+def test_what_comes_before_the_first_step_is_told_in_its_place(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with speaking(Voice(for_job=True)):
+        for _ in counted("ab", "baking", "frame", "workers start"):
+            pass
+    told = [line for line in capsys.readouterr().out.splitlines() if "status" in line]
+    first, second = "openjd_status: baking: workers start", "openjd_status: baking: frame 2 of 2"
+    assert told == [first, second]
+
+
 def test_a_slow_first_step_and_skipped_ones_do_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
     """Ten steps: the first takes 30 s, the others 2; then a hundred of which most are there."""
     clock = iter([0.0, 30.0, 32.0, 34.0, 35.0])

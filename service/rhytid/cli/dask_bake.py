@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 _TASKS = 4
 # And so small that a worker that comes later gets some, too.
 _LARGEST = 50
+# Until the first frame is there.
+_OPENING = "workers start and open the skin"
 
 
 @dataclass
@@ -92,7 +94,7 @@ class DaskBake:
             each = self._arguments.chunk or chunk_size(many, run.roster.slots())
             self._chunks = self._numbers.chunks(each)
             events = run.bake([Chunk(one.numbers, one.text()) for one in self._chunks])
-            for _ in counted(range(many), "baking", "frame"):
+            for _ in counted(range(many), "baking", "frame", _OPENING):
                 self._until_frame(events)
                 with suppress(OSError):  # so that no other bake takes the snapshot for abandoned
                     os.utime(Path(job.snapshot.path).parent)

@@ -53,19 +53,29 @@ def share_bar(what: str) -> Iterator[Callable[[float, str], None]]:
         yield show
 
 
-def counted(things: Sequence[Any], what: str, unit: str) -> Iterable[Any]:
-    """Yields the items, and shows which of them is worked on."""
+def counted(things: Sequence[Any], what: str, unit: str, opening: str = "") -> Iterable[Any]:
+    """Yields the items, and shows which of them is worked on.
+
+    opening: what is said in place of the first one, where it is not what takes the time.
+    """
     many, steps = len(things), _Steps(len(things))
 
     def line(seconds: float) -> str:
-        return f"{what}: {unit} {steps.done + 1} of {many}, {seconds:.0f} s{steps.left()}"
+        return f"{what}: {step()}, {seconds:.0f} s{steps.left()}"
+
+    def step() -> str:
+        if opening and not steps.done:
+            return opening
+        return f"{unit} {steps.done + 1} of {many}"
 
     with _shown(line, total=many, desc=what, unit=unit) as bar:
+        bar.set_postfix_str(opening)
         for thing in things:
             if voice().for_job:
-                job_line("status", f"{what}: {unit} {steps.done + 1} of {many}")
+                job_line("status", f"{what}: {step()}")
             yield thing
             steps.ended()
+            bar.set_postfix_str("", refresh=False)
             bar.update()
             if voice().for_job:
                 job_line("progress", f"{100 * steps.done / many:.1f}")
