@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from rhytid.domain.wording import install_hint
 from rhytid.errors import RhytidError
 
 try:
@@ -12,7 +13,7 @@ try:
     from matplotlib.figure import Figure
     from matplotlib.ticker import LogFormatter
 except ImportError as error:
-    raise RhytidError("plots need matplotlib: pip install 'rhytid[lab]'") from error
+    raise RhytidError(f"plots need matplotlib; {install_hint('lab')}") from error
 
 _INCHES, _DPI = (12.4, 7.6), 100
 

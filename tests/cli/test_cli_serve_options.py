@@ -61,7 +61,10 @@ def test_a_fleet_without_ray_names_the_extra(
     monkeypatch.setitem(sys.modules, "ray", None)
     assert main(["serve", "--store", str(tmp_path / "store"), "--ray"]) == 1
     said = capsys.readouterr().err
-    assert "--ray needs the extra ray, and ray is missing: pip install 'rhytid[ray]'" in said
+    assert (
+        "--ray needs the extra ray, and ray is missing; in a clone of rhytid: pip install '.[ray]'"
+        in said
+    )
 
 
 def test_the_log_has_two_formats() -> None:

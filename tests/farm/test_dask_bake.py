@@ -175,7 +175,9 @@ def test_dask_that_is_not_there_is_named(
     given = ["--mesh", str(mesh), "--out", str(tmp_path / "none")]
 
     assert main(["bake", *given, "--dask", "local"]) == 1
-    assert "--dask needs Dask: pip install 'rhytid[dask]'" in capsys.readouterr().err
+    assert (
+        "--dask needs Dask; in a clone of rhytid: pip install '.[dask]'" in capsys.readouterr().err
+    )
     assert not (tmp_path / "none").exists()
 
 

@@ -400,7 +400,7 @@ def test_without_usd_core_the_message_says_what_to_install(tmp_path: Path) -> No
     done = subprocess.run(
         [sys.executable, "-c", program, str(file)], capture_output=True, text=True, check=True
     )
-    assert "pip install 'rhytid[usd]'" in done.stdout
+    assert "in a clone of rhytid: pip install '.[usd]'" in done.stdout
 
 
 def test_alembic_says_what_to_do(tmp_path: Path) -> None:

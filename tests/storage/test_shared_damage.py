@@ -303,7 +303,9 @@ def test_what_is_no_place_is_refused(
 def test_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "s3fs", None)
 
-    with pytest.raises(InputError, match=r"needs the extra s3: pip install 'rhytid\[s3\]'"):
+    with pytest.raises(
+        InputError, match=r"needs the extra s3; in a clone of rhytid: pip install '\.\[s3\]'"
+    ):
         SharedStore.at("s3://skin")
 
 

@@ -200,7 +200,7 @@ def test_profiles_that_cannot_be_written_together_or_at_all(
 
     monkeypatch.setattr(tiled.importlib, "import_module", absent)
     assert profiles_of(["float", "weights"])
-    with pytest.raises(InputError, match=r"pip install 'rhytid\[tx\]'"):
+    with pytest.raises(InputError, match=r"in a clone of rhytid: pip install '\.\[tx\]'"):
         profiles_of(["tx"])
 
 

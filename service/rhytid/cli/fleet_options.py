@@ -8,6 +8,7 @@ from contextlib import AbstractContextManager
 from functools import partial
 from typing import Any
 
+from rhytid.domain.wording import install_hint
 from rhytid.errors import InputError
 from rhytid.settings import ServiceSettings
 
@@ -50,7 +51,7 @@ def fleet_of(
         if error.name is None or error.name.partition(".")[0] == "rhytid":
             raise
         raise InputError(
-            f"--ray needs the extra ray, and {error.name} is missing: pip install 'rhytid[ray]'"
+            f"--ray needs the extra ray, and {error.name} is missing; {install_hint('ray')}"
         ) from error
     address = None if arguments.ray == LOCAL else arguments.ray
     return partial(local_fleet, options=options, address=address)

@@ -8,6 +8,11 @@ def plural(count: int, one: str, several: str = "") -> str:
     return f"{count} {one if count == 1 else several or one + 's'}"
 
 
+def install_hint(extra: str) -> str:
+    """How an extra is installed, which no index has: `in a clone of rhytid: pip install '.[x]'`."""
+    return f"in a clone of rhytid: pip install '.[{extra}]'"
+
+
 def waiting(count: int) -> str:
     """How many requests wait for the device: `1 request waits for the device`."""
     return f"{plural(count, 'request waits', 'requests wait')} for the device"

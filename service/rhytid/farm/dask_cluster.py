@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rhytid.device.sigint import without_sigint
+from rhytid.domain.wording import install_hint
 from rhytid.errors import FarmError, InputError
 
 if TYPE_CHECKING:
@@ -120,7 +121,7 @@ def check_installed() -> None:
     try:
         import distributed  # noqa: F401
     except ImportError as error:
-        raise InputError("--dask needs Dask: pip install 'rhytid[dask]'") from error
+        raise InputError(f"--dask needs Dask; {install_hint('dask')}") from error
 
 
 def no_worker_error(where: str, workers: int) -> FarmError:

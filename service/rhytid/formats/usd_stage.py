@@ -11,14 +11,14 @@ from pathlib import Path
 from typing import Any
 
 from rhytid.domain.units import MILLIMETRES
-from rhytid.domain.wording import plural
+from rhytid.domain.wording import install_hint, plural
 from rhytid.errors import InputError, MeshError
 
 # Named in an error.
 _LISTED = 20
 # Relative: metersPerUnit of 0.0254 may be written with few digits.
 _SAME_LENGTH = 1e-4
-INSTALL = "USD files need usd-core: pip install 'rhytid[usd]'"
+INSTALL = f"USD files need usd-core; {install_hint('usd')}"
 
 
 def usd_modules() -> tuple[Any, Any, Any]:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.domain.wording import install_hint
 from rhytid.errors import InputError, StorageError
 
 Texels = NDArray[np.float32]
@@ -25,7 +26,7 @@ def image_library() -> Any:
     try:
         return importlib.import_module("OpenImageIO")
     except ImportError as exc:
-        raise InputError("tiled textures need OpenImageIO: pip install 'rhytid[tx]'") from exc
+        raise InputError(f"tiled textures need OpenImageIO; {install_hint('tx')}") from exc
 
 
 def levels_of(texels: Texels) -> list[Texels]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
+from rhytid.domain.wording import install_hint
 from rhytid.errors import RhytidError
 from rhytid_lab.scaling.fleet import Fleet, Outcome, compare
 
@@ -12,7 +13,7 @@ try:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 except ImportError as error:
-    raise RhytidError("plots need matplotlib: pip install 'rhytid[lab]'") from error
+    raise RhytidError(f"plots need matplotlib; {install_hint('lab')}") from error
 
 # Heads that a device holds, over as many as there are for each device.
 ROOMS = (1.0, 1.25, 1.5, 2.0, 3.0)

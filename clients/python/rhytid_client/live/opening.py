@@ -142,8 +142,8 @@ def library(name: str) -> ModuleType:
     try:
         return import_module(f"websockets.{name}")
     except ImportError as exc:
-        hint = "live connections need websockets: pip install 'rhytid-client[live]'"
-        raise ImportError(hint) from exc
+        how = "in a clone of rhytid: pip install './clients/python[live]'"
+        raise ImportError(f"live connections need websockets; {how}") from exc
 
 
 @contextmanager

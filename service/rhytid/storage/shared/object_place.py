@@ -6,6 +6,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from rhytid.domain.wording import install_hint
 from rhytid.durable import sync_file
 from rhytid.errors import InputError
 from rhytid.storage.shared.place import reached
@@ -97,7 +98,7 @@ def _file_system(silent: int) -> Any:
         from s3fs import S3FileSystem
     except ImportError as exc:
         raise InputError(
-            f"a shared store on s3:// needs the extra s3: pip install 'rhytid[s3]' ({exc})"
+            f"a shared store on s3:// needs the extra s3; {install_hint('s3')} ({exc})"
         ) from exc
     limits = {
         "connect_timeout": _CONNECT,
