@@ -42,7 +42,7 @@ def test_parts_by_a_restored_asset_are_what_one_bake_writes(
     assert moved == 0  # the same neutral with other frames
     capsys.readouterr()
     assert main([*given[:-1], "0" * 16]) == 1
-    assert f"no asset '{'0' * 16}'" in capsys.readouterr().err
+    assert f"no asset '{'0' * 16}'; the store is {there}" in capsys.readouterr().err
     assert main([*given, "--frame-range", "2-5"]) == 1
     assert "no frame 4-5; there are 1-3" in capsys.readouterr().err
 

@@ -232,7 +232,9 @@ def test_the_command_line_writes_and_reads_them(
     assert main(["restore", str(file), "--store", two]) == 1
     assert f"{file}: it is cut off" in capsys.readouterr().err
     assert main(["snapshot", made.asset, "--store", two]) == 1
-    assert "no asset" in capsys.readouterr().err
+    told = capsys.readouterr().err
+    assert "no asset" in told
+    assert f"; the store is {two}" in told
     assert main(["snapshot", made.asset, "--store", str(tmp_path / "three")]) == 1
     assert "is no store of assets" in capsys.readouterr().err
     with running(Path(one)) as engine:

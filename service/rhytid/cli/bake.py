@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rhytid.cli.bake_options import bake_parser, refuse_conflicts
@@ -58,7 +59,7 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
         note(f"rhytid: {given.size(given.new.settings.resolution).text()}")
     watch = Stopwatch()
     with _service(arguments, watch) as service, closing(Engine(service)) as engine:
-        baker = _baker(arguments, engine, given, watch, warned)
+        baker = _baker(arguments, engine, given, watch, warned, service.store)
         if arguments.method == "binned" and not given.range_fixed:
             baker.calibrate()
         if arguments.openjd is not None:
@@ -79,13 +80,16 @@ def _baker(
     given: BakeInputs,
     watch: Stopwatch,
     warned: Warned,
+    store: Path,
 ) -> Baker:
     """What bakes with the asset of the arguments, which is built where it has to be."""
     from rhytid.cli.baking import Baker
     from rhytid.cli.ready_assets import build, stored
+    from rhytid.cli.shared_assets import searching
 
     if given.new is None:
-        asset = stored(engine, arguments.asset, given.mesh, arguments.resolution)
+        with searching(store):
+            asset = stored(engine, arguments.asset, given.mesh, arguments.resolution)
     else:
         with watch.step("build"):
             asset = build(engine, given.new, warned)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
 
@@ -31,6 +33,15 @@ def bring(mirror: StoreMirror, asset: str) -> bool:
             raise
         note(f"rhytid: asset {asset} is taken as it is here: {error}")
         return False
+
+
+@contextmanager
+def searching(store: Path) -> Iterator[None]:
+    """Within the block, a NotFoundError names the folder of the store, too."""
+    try:
+        yield
+    except NotFoundError as error:
+        raise NotFoundError(f"{error}; the store is {store}") from error
 
 
 def fetch(settings: ServiceSettings, asset: str, watch: Stopwatch) -> None:

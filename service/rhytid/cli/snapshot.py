@@ -12,7 +12,7 @@ from rhytid.cli.options import Commands, add_json, add_shared_store, new_command
 from rhytid.cli.progress import working
 from rhytid.cli.reporting import report
 from rhytid.cli.serve import chosen, sharing
-from rhytid.cli.shared_assets import bring
+from rhytid.cli.shared_assets import bring, searching
 from rhytid.errors import InputError
 
 if TYPE_CHECKING:
@@ -85,6 +85,7 @@ def run(arguments: argparse.Namespace) -> None:
         if mirror is not None:
             bring(mirror, arguments.asset)
         with (
+            searching(chosen(arguments.store, None).store),
             working(f"writing {out}"),
             store.snapshots.of(arguments.asset) as made,
             whole(out) as aside,
