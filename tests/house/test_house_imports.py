@@ -44,7 +44,7 @@ ALLOWED = {
     | {"access", "api", "decoding", "engine", "engine_process", "logs", "settings", "storage"},
     "api": _TOOLS
     | {"access", "decoding", "engine", "engine_process", "logs", "settings", "meshes"},
-    "farm": {"device", "durable", "errors"},
+    "farm": {"device", "domain", "durable", "errors"},
     "cli": _TOOLS
     | _WORK
     | {"access", "engine", "engine_process", "logs", "settings", "api", "fleet", "farm"}

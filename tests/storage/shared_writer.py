@@ -10,9 +10,11 @@ import os
 import shutil
 import signal
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from rhytid.errors import SharedStoreError
 from rhytid.storage import AssetStore
 from rhytid.storage.shared.shared_store import SharedStore
 
@@ -24,8 +26,11 @@ def main() -> None:
     with AssetStore(Path(folder)) as store:
         shared, left = SharedStore.at(place), int(number)
         if what == "times":
+            # moto answers 500 where an object is replaced while it reads it.
+            passing = SharedStoreError if place.startswith("s3:") else ()
             for turn in range(left):
-                push(store, shared, id, 0.1 + turn % 2 / 10)
+                with suppress(passing):
+                    push(store, shared, id, 0.1 + turn % 2 / 10)
             return
 
         def report(share: float, file: str) -> None:
