@@ -199,5 +199,5 @@ def test_messages_that_are_none_are_refused(message: Any) -> None:
 def test_without_the_library_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "websockets.sync.client", None)
     live = Client(URL).live("a", tiles=TILES)
-    with pytest.raises(ImportError, match=r"rhytid-client\[live\]"), live:
+    with pytest.raises(ImportError, match=r"clients/python\[live\]"), live:
         pass
