@@ -244,7 +244,6 @@ def test_the_real_face_has_coarse_nostrils_alone() -> None:
 )
 def test_other_heads(place: str, wanted: list[str]) -> None:
     """The scan is 8.6 of no unit tall, its UV runs against its winding, its scalp has no room."""
-    assert face_data.available()
     file = Path(face_data.folder()) / place
     assert codes(read_mesh(file.read_bytes(), file.name).mesh) == wanted
 

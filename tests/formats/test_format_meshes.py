@@ -96,8 +96,6 @@ def test_the_real_frames_follow_the_real_face(face: Face) -> None:
 
 @pytest.mark.face
 def test_the_tiny_real_face() -> None:
-    if not face_data.available():
-        pytest.skip(face_data.MISSING)
     path = Path(os.environ[face_data.VARIABLE]) / "mediapipe_tiny" / "canonical_face_model.obj"
     mesh = read_mesh(path.read_bytes(), path.name).mesh
     assert (len(mesh.positions), len(mesh.uv), len(mesh.faces)) == (468, 468, 898)
