@@ -79,6 +79,10 @@ class FakeJobs(Part):
 
 
 class FakeTiles(Part):
+    @property
+    def drawn_by(self) -> str:
+        return f"a device, drawing {self.engine.revision}"
+
     def triangles(self, asset: str, udim: int) -> NDArray[np.int32]:
         return np.zeros((SIDE, SIDE), np.int32)
 

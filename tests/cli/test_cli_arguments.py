@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 import rhytid
+from rhytid import build_identity
 from rhytid.cli import main
 from rhytid.cli.program import build_parser
 
@@ -36,7 +37,9 @@ def test_help_lists_every_command(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_version(capsys: pytest.CaptureFixture[str]) -> None:
     assert ends(["--version"]) == 0
-    assert capsys.readouterr().out == f"rhytid {rhytid.__version__}\n"
+    drawing, revision = build_identity.drawing_version(), build_identity.revision()
+    wanted = f"rhytid {rhytid.__version__} (drawing {drawing}, revision {revision})\n"
+    assert capsys.readouterr().out == wanted
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any, cast
 
@@ -18,7 +19,7 @@ from rhytid.cli.timing import Stopwatch
 from rhytid.cli.warned import Warned
 from rhytid.domain.mesh import Mesh
 from rhytid.engine.messages import MapQuery
-from rhytid.errors import StorageError
+from rhytid.errors import StorageError, StrictError
 from rhytid.formats.exr import read_exr
 from rhytid.formats.meshes import MeshFile
 from rhytid.textures.profiles import profiles_of
@@ -186,5 +187,37 @@ def test_a_damaged_record_is_told(text: str, tmp_path: Path) -> None:
 def test_nothing_else_is_left_behind(engine: FakeEngine, tmp_path: Path) -> None:
     bake(engine, tmp_path, [1.0])
 
-    left = [file.name for file in tmp_path.iterdir() if file.suffix != ".exr"]
-    assert left == ["face.bake.json"]
+    left = sorted(file.name for file in tmp_path.iterdir() if file.suffix != ".exr")
+    assert len(left) == 2
+    assert left[0] == "face.bake.json"
+    assert re.fullmatch(r"face\.device\.[0-9a-f]{8}\.json", left[1])
+
+
+def mixed(done: Baker) -> list[str]:
+    return [one.code for one in done.warned.warnings]
+
+
+def test_parts_that_two_devices_draw_are_told(engine: FakeEngine, tmp_path: Path) -> None:
+    values = [0.5, 0.25]
+    assert mixed(bake(engine, tmp_path, values, part="1")) == []
+    engine.revision = 1
+    assert mixed(bake(engine, tmp_path, values, part="2")) == ["devices-mixed"]
+
+
+def test_what_is_drawn_anew_by_one_device_is_not_mixed(engine: FakeEngine, tmp_path: Path) -> None:
+    values = [0.5, 0.25]
+    bake(engine, tmp_path, values)
+    engine.revision = 1
+    assert mixed(bake(engine, tmp_path, values, part="1")) == ["devices-mixed"]
+    assert mixed(bake(engine, tmp_path, values, part="2")) == []
+    assert mixed(bake(engine, tmp_path, values)) == []
+    assert len([*tmp_path.glob("face.device.*.json")]) == 1
+
+
+def test_mixed_devices_are_an_error_where_strict(engine: FakeEngine, tmp_path: Path) -> None:
+    bake(engine, tmp_path, [0.5, 0.25], part="1")
+    engine.revision = 1
+    second = baker(engine, tmp_path, [0.5, 0.25], part="2")
+    second.warned = Warned("bake", True)
+    with pytest.raises(StrictError, match="devices-mixed"):
+        second.run()

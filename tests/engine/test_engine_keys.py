@@ -11,10 +11,10 @@ from api.live import serving
 from engine.engines import QUERIES, built, finish, new_asset, running, same, settle
 from meshes import deform
 from pipeline.scenes import DEPTH, sheet
+from rhytid import build_identity
 from rhytid.domain.settings_changes import CHANGEABLE
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine import tile_service
-from rhytid.pipeline import drawing
 
 ADDRESS = TileAddress(1001, 0, 1, 2)
 BENT = deform(sheet().positions, 3, 0.15)
@@ -104,24 +104,26 @@ def test_another_drawing_has_other_keys_on_the_same_store(tmp_path, monkeypatch)
 
 
 def test_the_version_of_the_drawing_goes_with_the_sources(monkeypatch):
-    version = drawing.drawing_version()
+    version = build_identity.drawing_version()
     assert version.startswith(f"{rhytid.__version__}+")
     read = rhytid_kernels._read
     for name in ("redraw.cl", "response.clh"):
         changed = lambda file, name=name: read(file) + " " * (file == name)  # noqa: E731
         monkeypatch.setattr(rhytid_kernels, "_read", changed)
-        assert drawing.drawing_version.__wrapped__() != version
+        assert build_identity.drawing_version.__wrapped__() != version
     monkeypatch.undo()
-    assert drawing.drawing_version.__wrapped__() == version
-    monkeypatch.setattr(drawing, "modules_digest", lambda package: "0" * 12)
-    assert drawing.drawing_version.__wrapped__() != version
+    assert build_identity.drawing_version.__wrapped__() == version
+    monkeypatch.setattr(build_identity, "modules_digest", lambda *packages: "0" * 12)
+    assert build_identity.drawing_version.__wrapped__() != version
 
 
-def test_the_digest_of_modules_goes_with_names_and_texts(tmp_path):
+def test_the_digest_of_modules_goes_with_names_and_texts(tmp_path, monkeypatch):
+    monkeypatch.setattr(build_identity, "files", lambda package: tmp_path)
     digests = set()
     for name, text in (("a.py", "x = 1"), ("b.py", "x = 1"), ("b.py", "x = 2")):
         (tmp_path / name).write_text(text)
-        digests.add(drawing.modules_digest(tmp_path))
+        digests.add(build_identity.modules_digest("rhytid.pipeline"))
     assert len(digests) == 3
-    (tmp_path / "c.pyc").write_text("x")
-    assert drawing.modules_digest(tmp_path) in digests
+    (tmp_path / "__pycache__").mkdir()
+    (tmp_path / "__pycache__" / "c.pyc").write_text("x")
+    assert build_identity.modules_digest("rhytid.pipeline") in digests

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import pickle
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from meshes import bumpy_grid
-from rhytid.cli.dask_job import SharedFile, mesh_digest
+from rhytid.build_identity import drawing_version
+from rhytid.cli.dask_job import SharedFile, WorkerJob, mesh_digest
 from rhytid.domain.mesh import Mesh
+from rhytid.engine.messages import MapQuery
 from rhytid.errors import InputError
+from rhytid.formats.frame_set import Clip
 
 
 def test_a_file_that_is_the_same_is_taken(tmp_path: Path) -> None:
@@ -48,3 +52,36 @@ def test_each_array_of_a_mesh_counts(name: str) -> None:
 
     assert mesh_digest(Mesh(**arrays)) == before
     assert mesh_digest(Mesh(**{**arrays, name: changed})) != before
+
+
+def job(tmp_path: Path) -> WorkerJob:
+    file = tmp_path / "file"
+    file.write_bytes(b"x")
+    there = SharedFile.of(file)
+    return WorkerJob(
+        mesh=there,
+        mesh_digest="",
+        frames=(),
+        files=(),
+        clip=Clip(),
+        snapshot=there,
+        asset="a" * 16,
+        out=str(tmp_path),
+        name="face",
+        profiles=("float",),
+        geometry=None,
+        subdivide=2,
+        query=MapQuery(),
+        strict=False,
+        allow=(),
+        drawing=drawing_version(),
+    )
+
+
+def test_a_worker_that_draws_otherwise_refuses_the_job(tmp_path: Path) -> None:
+    """Its version may be the same, and one kernel another."""
+    here = job(tmp_path)
+    here.check()
+    other = replace(here, drawing=f"{here.drawing[:-1]}~")
+    with pytest.raises(InputError, match=f"{re.escape(other.drawing)}: install the same rhytid"):
+        other.check()

@@ -23,7 +23,7 @@ def test_the_test_command_is_what_ci_runs() -> None:
     lines = [line for line in shell_lines(README) if ".venv/bin/pytest -n" in line]
 
     assert len(lines) == 1
-    assert lines[0] in CI.splitlines()
+    assert lines[0] in [line.strip() for line in CI.splitlines()]
 
 
 def test_the_test_command_sets_everything_up() -> None:

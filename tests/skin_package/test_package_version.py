@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 import rhytid_viewer
-from rhytid.skin_package import version
-from rhytid.skin_package.version import package_version
+from rhytid import build_identity
+from rhytid.skin_package.package import package_version
 
 
 def test_it_changes_with_shaders_and_with_the_viewer(
@@ -17,7 +17,7 @@ def test_it_changes_with_shaders_and_with_the_viewer(
     (tmp_path / "runtime").mkdir()
     shader = tmp_path / "runtime" / "skin.glsl"
     shader.write_text("void main() {}\n")
-    monkeypatch.setattr(version, "files", lambda package: tmp_path)
+    monkeypatch.setattr(build_identity, "files", lambda package: tmp_path)
     now = package_version.__wrapped__
     first = now()
     assert now() == first
@@ -30,7 +30,7 @@ def test_it_changes_with_shaders_and_with_the_viewer(
 
 def test_it_reads_what_is_handed_out(monkeypatch: pytest.MonkeyPatch) -> None:
     read: list[str] = []
-    monkeypatch.setattr(version, "_add", lambda digest, name, data: read.append(name))
+    monkeypatch.setattr(build_identity, "_add", lambda digest, name, data: read.append(name))
     package_version.__wrapped__()
     assert {
         "rhytid.skin_package/runtime/skin.glsl",

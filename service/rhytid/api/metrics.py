@@ -19,7 +19,7 @@ from prometheus_client import (
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from rhytid import __version__
+from rhytid import __version__, build_identity
 from rhytid.api.access import CALLER
 from rhytid.api.draining import Drain
 from rhytid.api.figure_metrics import FigureMetrics
@@ -85,8 +85,10 @@ class Metrics:
         )
         self._gauge("live_connections", "Live connections that are open", lambda: len(live))
         self._gauge("draining", "1 while the server shuts down", lambda: drain.begun)
-        about = Gauge("rhytid_build_info", "1", ("version",), registry=self.registry)
-        about.labels(__version__).set(1)
+        labels = ("version", "drawing", "revision")
+        about = Gauge("rhytid_build_info", "1", labels, registry=self.registry)
+        drawing, revision = build_identity.drawing_version(), build_identity.revision()
+        about.labels(__version__, drawing, revision).set(1)
         self._engine, self._budgets = engine, budgets
         self.registry.register(self)
         self.registry.register(FigureMetrics(lambda: engine.figures, self.figures))

@@ -9,6 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rhytid.build_identity import check_drawing
 from rhytid.cli.bake_options import bake_parser, refuse_conflicts
 from rhytid.cli.options import Commands
 from rhytid.cli.reporting import report
@@ -38,6 +39,8 @@ def add_command(commands: Commands) -> None:
 def run(arguments: argparse.Namespace) -> None:
     """Read everything, build the asset, bake, and report the times."""
     refuse_conflicts(arguments)
+    if arguments.drawing_version:
+        check_drawing(arguments.drawing_version)
     from rhytid.cli.warned import Warned
 
     with Warned("bake", arguments.strict, arguments.allow) as warned:

@@ -97,6 +97,8 @@ def bake_parser(commands: Commands) -> Parser:
     add("--chunk", type=positive, metavar="N", help=chunk)
     part = "bake these frames alone, by their numbers: 1-10,15,20-30:2 (default: all)"
     add("--frame-range", type=FrameRange.parse, metavar="RANGE", help=part)
+    drawing = "fail where this rhytid draws otherwise: what `rhytid --version` calls drawing"
+    add("--drawing-version", metavar="VERSION", help=drawing)
     add_dask(parser)
     add_device(parser)
     add_strict(parser)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import glob
+import hashlib
 import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from rhytid import __version__
-from rhytid.cli.bake_record import BakeRecord
+from rhytid.build_identity import file_attributes
+from rhytid.cli.bake_record import BakeRecord, drawn_by
 from rhytid.cli.frame_files import FramePlace
 from rhytid.cli.frame_range import FrameRange
 from rhytid.domain.wording import plural
@@ -57,13 +58,33 @@ class Output:
         """The frames that are baked, of all; raises InputError for one that there is not."""
         return all if self.part is None else self.part.select(all)
 
-    def record(self) -> BakeRecord:
-        """What is done already, by this part and by others."""
+    def record(self, drawn_by: str) -> BakeRecord:
+        """What is done already, by this part and by others.  drawn_by: what draws now."""
         part = "" if self.part is None else f".{self.part.file_text()}"
         own = self.folder / f"{self.name}.bake{part}.json"
         others = [self.folder / f"{self.name}.bake.json"]
         others += filter(self._concerns, self.folder.glob(f"{glob.escape(self.name)}.bake.*.json"))
-        return BakeRecord(own, others)
+        return BakeRecord(own, others, drawn_by)
+
+    def drawn_by(self, now: str) -> set[str]:
+        """What drew the maps of all parts.  now: what has drawn this one.
+
+        A small file for each says so, and a part need not read the records of all others. These are
+        read where there are several: maps may have been drawn anew since.
+        """
+        name = glob.escape(self.name)
+        mark = (
+            self.folder / f"{self.name}.device.{hashlib.sha256(now.encode()).hexdigest()[:8]}.json"
+        )
+        _write_facts(mark, {"drawn_by": now})
+        marks = {*self.folder.glob(f"{name}.device.*.json")} - {mark}
+        if not marks:
+            return {now}
+        found = {now, *drawn_by(self.folder.glob(f"{name}.bake*.json"))}
+        if found == {now}:
+            for one in marks:
+                one.unlink(missing_ok=True)
+        return found
 
     def _concerns(self, record: Path) -> bool:
         """Whether the record of another part may hold frames of this one: of a film in thousands of
@@ -84,7 +105,7 @@ class Output:
                     "unit": drawn.header.unit,
                     "asset": drawn.header.asset,
                     "colour_space": "raw",
-                    "rhytid_version": __version__,
+                    **file_attributes(),
                 }
                 _write_facts(self.folder / f"{self.name}.{profile.name}.json", facts)
 

@@ -20,11 +20,12 @@ class BakeRecord:
     so that several can be baked into one folder at once. Raises StorageError where a record itself
     is damaged.
 
-    path: of the record that is written.  others: those of other parts, which are read.
+    path: of the record that is written.  others: those of other parts, which are read.  drawn_by:
+    names what draws now; of two with other names the bits differ.
     """
 
-    def __init__(self, path: Path, others: Iterable[Path] = ()) -> None:
-        self._path = path
+    def __init__(self, path: Path, others: Iterable[Path] = (), drawn_by: str = "") -> None:
+        self._path, self._drawn_by = path, drawn_by
         self._maps = _load(path)
         self._found = [self._maps, *(_load(other) for other in others if other != path)]
 
@@ -36,10 +37,20 @@ class BakeRecord:
 
     def add(self, file: Path, key: str) -> None:
         """Note that `file` was written for `key`; on the disk when this returns."""
-        self._maps[file.name] = {"key": key, "sha256": StoredFile.read(file).sha256}
+        digest = StoredFile.read(file).sha256
+        self._maps[file.name] = {"key": key, "sha256": digest, "drawn_by": self._drawn_by}
         text = json.dumps({"maps": self._maps}, indent=1, sort_keys=True)
         with whole(self._path) as aside:
             write_file(aside, f"{text}\n".encode())
+
+
+def drawn_by(records: Iterable[Path]) -> set[str]:
+    """What drew the maps that these records name. Maps of older records, which do not say, are left
+    out. Where several have a map, the one that was written last counts."""
+    found: dict[str, str] = {}
+    for record in sorted(records, key=lambda path: path.stat().st_mtime_ns):
+        found |= {name: entry["drawn_by"] for name, entry in _load(record).items()}
+    return {name for name in found.values() if name}
 
 
 def _load(path: Path) -> dict[str, dict[str, str]]:
@@ -55,4 +66,10 @@ def _checked(stored: Any) -> dict[str, dict[str, str]]:
     maps = stored["maps"].items() if isinstance(stored["maps"], dict) else None
     if maps is None:
         raise TypeError("maps is no object")
-    return {str(name): {k: str(entry[k]) for k in ("key", "sha256")} for name, entry in maps}
+    return {
+        str(name): {
+            **{k: str(entry[k]) for k in ("key", "sha256")},
+            "drawn_by": str(entry.get("drawn_by", "")),
+        }
+        for name, entry in maps
+    }

@@ -83,7 +83,7 @@ class Baker:
     def write(self, places: Iterable[FramePlace]) -> None:
         """Write the files of these frames that are not done; a frame is done when the next one is
         asked for."""
-        record, sources = self.output.record(), self._sources
+        record, sources = self.output.record(self.engine.tiles.drawn_by), self._sources
         for place in places:
             with self.watch.step("stretch"):
                 self._put(place)
@@ -101,6 +101,8 @@ class Baker:
             if self.geometry is not None:
                 self._surface(self.geometry, record, place, plans, heights, surface)
             self.engine.frames.delete(self.asset.id, place.label)
+        if self.written:
+            self.warned.drawn_by(self.output.drawn_by(self.engine.tiles.drawn_by))
 
     @cached_property
     def _sources(self) -> MapSources:

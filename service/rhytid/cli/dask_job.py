@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rhytid import __version__
+from rhytid.build_identity import check_drawing, drawing_version
 from rhytid.cli.frame_files import FramePlace
 from rhytid.cli.frames_list import frame_sources
 from rhytid.cli.mesh_options import cache_clip
@@ -54,8 +54,8 @@ class WorkerJob:
 
     mesh_digest: of the arrays of the mesh.  frames: all of them, whose files have absolute paths.
     files: these, where a frame is baked.  snapshot: of the built asset, whose id is `asset`.  out:
-    the folder of the maps.  geometry: the format of displaced surfaces, if there are any.  version:
-    of rhytid, where the job was made.
+    the folder of the maps.  geometry: the format of displaced surfaces, if there are any.  drawing:
+    the `drawing_version` of the machine that made the job.
     """
 
     mesh: SharedFile
@@ -73,7 +73,7 @@ class WorkerJob:
     query: MapQuery
     strict: bool
     allow: tuple[str, ...]
-    version: str = __version__
+    drawing: str
 
     @classmethod
     def of(
@@ -101,12 +101,12 @@ class WorkerJob:
             query=baker.query,
             strict=arguments.strict,
             allow=tuple(arguments.allow),
+            drawing=drawing_version(),
         )
 
     def check(self) -> None:
-        """Raise InputError where mesh or snapshot are not here, or this is another version."""
-        if self.version != __version__:
-            raise InputError(f"rhytid {__version__} is here, the bake is of {self.version}")
+        """Raise InputError where mesh or snapshot are not here, or this rhytid draws otherwise."""
+        check_drawing(self.drawing)
         self.mesh.check()
         self.snapshot.check()
 

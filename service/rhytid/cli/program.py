@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import logging
 import sys
 import traceback
@@ -10,6 +11,7 @@ from contextlib import contextmanager
 from importlib.metadata import entry_points
 
 from rhytid import __version__
+from rhytid.build_identity import drawing_version, revision
 from rhytid.cli import (
     bake,
     check,
@@ -93,14 +95,25 @@ def build_parser() -> Parser:
         epilog="example: rhytid demo --out rhytid-demo",
         allow_abbrev=False,
     )
-    version = f"rhytid {__version__}"
-    parser.add_argument("--version", action="version", version=version, help="print the version")
+    version = "print the version, the digest of the drawing and the revision"
+    parser.add_argument("--version", action=_Version, help=version)
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     # By name: an installed package beside one on PYTHONPATH lists each twice.
     others = {entry.name: entry for entry in entry_points(group=GROUP)}
     for command in (*COMMANDS, *(entry.load() for entry in others.values())):
         command.add_command(commands)
     return parser
+
+
+class _Version(argparse.Action):
+    """Prints one line, which argparse's own action would break."""
+
+    def __init__(self, option_strings: Sequence[str], dest: str, help: str) -> None:
+        super().__init__(option_strings, argparse.SUPPRESS, nargs=0, help=help)
+
+    def __call__(self, parser: argparse.ArgumentParser, *rest: object) -> None:
+        print(f"rhytid {__version__} (drawing {drawing_version()}, revision {revision()})")
+        parser.exit()
 
 
 @contextmanager

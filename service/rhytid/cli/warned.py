@@ -18,6 +18,7 @@ from rhytid.domain.mesh import Mesh
 from rhytid.domain.mesh_warnings import mesh_warnings
 from rhytid.domain.notices import Notice, count_told
 from rhytid.domain.warnings import (
+    DEVICES_MIXED,
     SETTINGS_CHANGED,
     SETTINGS_UNUSED,
     InputWarning,
@@ -74,6 +75,15 @@ class Warned:
         """Warn of a frame that is used now; raises StrictError where warnings are errors."""
         self.tell(replace(warning, where=f"frame {name}") for warning in warnings)
         self.refuse()
+
+    def drawn_by(self, names: Collection[str]) -> None:
+        """Warn where the maps of one bake were drawn by several.  names: as `TileService.drawn_by`
+        has them."""
+        if len(names) > 1:
+            listed = " and ".join(sorted(names))
+            detail = f"maps were drawn by {listed}, whose last bits differ"
+            self.tell([InputWarning(DEVICES_MIXED, detail, "the bake")])
+            self.refuse()
 
     def tell(self, warnings: Iterable[InputWarning]) -> None:
         """Print what is new, the first few of each code."""

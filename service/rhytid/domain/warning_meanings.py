@@ -110,6 +110,17 @@ WARNINGS = {
         ),
         "leave them out, or leave the graph out",
     ),
+    codes.DEVICES_MIXED: Meaning(
+        "a bake",
+        (
+            "its maps were drawn by several devices, drivers or versions of the drawing, whose "
+            "last bits differ: by parts, by tasks of a farm or by workers"
+        ),
+        (
+            "bake all frames by one kind of device: name it with `--device` or `RHYTID_DEVICE`, "
+            "and install the same rhytid on all machines"
+        ),
+    ),
 }
 
 NOTICES = {

@@ -18,6 +18,7 @@ STRETCH_AT_CLAMP = "stretch-at-clamp"
 FRAME_SCALED = "frame-scaled"
 SETTINGS_CHANGED = "settings-changed"
 SETTINGS_UNUSED = "settings-unused"
+DEVICES_MIXED = "devices-mixed"
 CODES = (
     UV_OVERLAP,
     UV_MIRRORED,
@@ -29,6 +30,7 @@ CODES = (
     FRAME_SCALED,
     SETTINGS_CHANGED,
     SETTINGS_UNUSED,
+    DEVICES_MIXED,
 )
 
 # uv-overlap: share of the covered UV area that lies under two triangles or more. Layouts have

@@ -27,9 +27,8 @@ from rhytid.errors import (
     SettingsError,
 )
 from rhytid.skin_package.maps import SkinMaps, check_settings
-from rhytid.skin_package.package import PackageWriter
+from rhytid.skin_package.package import PackageWriter, package_version
 from rhytid.skin_package.paging import MOST_SIDE
-from rhytid.skin_package.version import package_version
 from rhytid.storage.store import AssetStore
 
 # Seconds that a caller waits for a package before it is told of the job.

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rhytid.build_identity import drawing_version
 from rhytid.device.figures import spent_on
 from rhytid.device.runtime import Device
 from rhytid.domain.bin_manifest import BinManifest
@@ -28,7 +29,6 @@ from rhytid.engine.tile_plan import Tile, TilePlan
 from rhytid.errors import NotFoundError, QueryError
 from rhytid.formats.tile_header import TileHeader
 from rhytid.pipeline.bins import HEADROOM
-from rhytid.pipeline.drawing import drawing_version
 from rhytid.pipeline.reach import SCALE_LIMIT
 
 

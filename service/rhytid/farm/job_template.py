@@ -11,6 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from rhytid.build_identity import drawing_version
+
 Json = dict[str, Any]
 VERSION = "jobtemplate-2023-09"
 # Names of the files beside the template.
@@ -20,6 +22,7 @@ _NOTICE = 10
 # Texels per side that an asset may have.
 _SIDES = [256 << power for power in range(7)]
 _STORE = "{{Session.WorkingDirectory}}/assets"
+_DRAWING = "What `rhytid --version` calls drawing, which workers must have; empty: any."
 
 
 @dataclass(frozen=True)
@@ -75,6 +78,7 @@ class BakeJob:
             _path("Out", "DIRECTORY", "OUT", "The folder of the maps."),
             _path("Asset", "FILE", "IN", "The built skin of the mesh.") | {"default": SNAPSHOT},
             _text("Rhytid", "The program, as workers find it.", "rhytid"),
+            _text("Drawing", _DRAWING, drawing_version()),
         ]
 
     def _step(self) -> Json:
@@ -114,6 +118,7 @@ class BakeJob:
             "--resolution": "{{Param.Resolution}}",
             "--method": "{{Param.Method}}",
             "--frame-range": "{{Task.Param.Frames}}",
+            "--drawing-version": "{{Param.Drawing}}",
             "--progress": "openjd",
         }
         if self.listed:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 
-from rhytid import __version__
+from rhytid.build_identity import file_attributes
 
 
 @dataclass(frozen=True)
@@ -31,4 +31,4 @@ class TileHeader:
     def attributes(self) -> dict[str, str | int]:
         """What is written into a file beside the texels, which are true without `scale`."""
         values = {name: value for name, value in asdict(self).items() if name != "scale"}
-        return {**values, "rhytid_version": __version__}
+        return {**values, **file_attributes()}

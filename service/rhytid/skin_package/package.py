@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 import rhytid_viewer
+from rhytid import __version__
+from rhytid.build_identity import modules_digest
 from rhytid.domain.expressions import Expressions
 from rhytid.domain.mesh import Mesh
 from rhytid.durable import whole, write_file
@@ -34,6 +36,15 @@ TEXTURES = (
     "cushions", "cushions_codes", "cushion_triangles",
 )  # fmt: skip
 Step = Callable[[], None]
+# What writes files of packages: textures, meshes, shaders, texts.
+_WRITTEN_BY = ("rhytid.skin_package", "rhytid.formats", "rhytid.meshes")
+
+
+@cache
+def package_version() -> str:
+    """The version of rhytid, and a digest of the modules, shaders and pages that packages are made
+    by and made of: the same asset may give other files where it is another."""
+    return f"{__version__}+{modules_digest(*_WRITTEN_BY, extra=rhytid_viewer.laid_out())}"
 
 
 class PackageWriter:

@@ -19,6 +19,7 @@ from rhytid.cli.skin_options import add_density
 from rhytid.domain.asset_settings import PRESETS
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import FrameError, InputError, RhytidError
+from rhytid_lab.commands import check_client
 
 if TYPE_CHECKING:
     from rhytid.device.runtime import Device
@@ -70,6 +71,7 @@ def add_command(commands: Commands) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Put a face on the device, time its cases and print them."""
+    check_client()
     if arguments.scaling is not None:
         _run_scaling(arguments)
         return

@@ -25,6 +25,7 @@ from rhytid.cli.skin_options import skin_controls, skin_maps, skin_options, skin
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.units import USUAL_UNIT, millimetres
 from rhytid.unfinished import temporary_folder
+from rhytid_lab.commands import check_client
 
 if TYPE_CHECKING:
     from rhytid.cli.warned import Warned
@@ -80,6 +81,7 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def _run(arguments: argparse.Namespace, warned: Warned) -> None:
+    check_client()
     # Imported here, so that --help does not wait for OpenCL and the web framework.
     from rhytid.cli.server import serving
     from rhytid_client import RhytidWarning
