@@ -273,8 +273,9 @@ def test_a_server_that_ends_while_one_is_made_makes_it_again(
     with running(tmp_path) as engine:
         asset = built(engine, new_asset())
     # What a server leaves behind that is killed.
-    (tmp_path / "partial" / "0" / "files").mkdir(parents=True)
-    (tmp_path / "partial" / "0" / "package.zip").write_bytes(b"PK")
+    left = tmp_path / "partial" / ("0" * 32)
+    (left / "files").mkdir(parents=True)
+    (left / "package.zip").write_bytes(b"PK")
     monkeypatch.setattr(module, "PATIENCE", 60.0)
     with running(tmp_path) as engine:
         assert list((tmp_path / "partial").iterdir()) == []

@@ -15,14 +15,15 @@ from house.syntax import PACKAGES, ROOT, Import, imported_room, imports, room, s
 
 # What each part of `rhytid` may import of `rhytid`, beside itself.
 _FACTS = {"errors", "domain"}
-_TOOLS = _FACTS | {"device", "formats", "durable", "unfinished"}
+_TOOLS = _FACTS | {"device", "formats", "durable", "owned", "unfinished"}
 _WORK = {"pipeline", "synthesis", "storage"}
 ALLOWED = {
     "__init__": set(),
     "__main__": {"cli"},
     "errors": set(),
     "unfinished": set(),
-    "durable": {"errors", "unfinished"},
+    "owned": {"errors"},
+    "durable": {"errors", "owned", "unfinished"},
     "settings": {"errors", "variables"},
     "variables": {"errors"},
     "logs": set(),
