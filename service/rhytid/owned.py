@@ -128,12 +128,14 @@ def is_real_folder(path: Path) -> bool:
 
 
 def _check_folder(path: Path, *, known: bool) -> None:
-    """known: the folder around it is ours. Raises StorageError where this one is not."""
+    """known: the folder around it is ours; then nothing but a link is somebody else's. Raises
+    StorageError where this one is not ours."""
     try:
         mode = path.lstat().st_mode
     except (FileNotFoundError, NotADirectoryError):
         return
-    if not stat.S_ISDIR(mode) or (not known and any(path.iterdir())):
+    empty = stat.S_ISDIR(mode) and not any(path.iterdir())
+    if stat.S_ISLNK(mode) or not (known or empty):
         raise not_ours(path)
 
 

@@ -233,7 +233,10 @@ def test_a_replica_removes_nothing_of_others(number: str, what: str, tmp_path: P
     assert tree(tmp_path / "far" if what == "a link" else scratch / number) == before
 
 
-def test_a_folder_that_took_the_place_of_an_unfinished_one_stays(tmp_path: Path) -> None:
+def test_a_folder_that_took_the_place_of_an_unfinished_one_stays(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rhytid.unfinished._folders", {})  # others of this process stay
     with temporary_folder("rhytid-", tmp_path) as ours, unfinished(ours):
         written(ours / "half")
         ours.rename(tmp_path / "moved")

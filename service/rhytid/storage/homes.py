@@ -10,7 +10,7 @@ from pathlib import Path
 from rhytid import durable
 from rhytid.durable import is_folder, reported
 from rhytid.errors import NotFoundError, StorageError
-from rhytid.owned import is_real_folder
+from rhytid.owned import is_plain, is_real_folder
 
 ID = re.compile(r"[0-9a-f]{16}", re.ASCII)
 # Beside them what is no part of the content that an id names: the shapes that move its mesh.
@@ -72,14 +72,14 @@ def sweep(assets: Path, partial: Path) -> None:
     as it is, so that the others can be served; so is what is not of the store."""
     durable.sweep_partial(partial, at_once=True)
     for home in homes(assets):
-        if is_real_folder(home):
+        if is_plain(home):
             _tidy(home, partial)
 
 
 def _tidy(home: Path, partial: Path) -> None:
     try:
         if not holds_something(home):
-            if {entry.name for entry in home.iterdir()} <= _KNOWN:
+            if not home.is_dir() or {entry.name for entry in home.iterdir()} <= _KNOWN:
                 durable.discard(home, partial)
             else:
                 _log.warning("left alone in %s: something that rhytid did not make", home)
