@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import logging
 import os
+import re
 import shutil
 import stat
 import time
@@ -14,6 +15,16 @@ from pathlib import Path
 from uuid import uuid4
 
 from rhytid.errors import DiskFullError, StorageError, TooManyFilesError
+from rhytid.owned import (
+    UNIQUE,
+    Kind,
+    check_ours,
+    has_group,
+    is_marked,
+    is_real_folder,
+    ours,
+    restrict,
+)
 from rhytid.unfinished import unfinished
 
 _log = logging.getLogger(__name__)
@@ -21,8 +32,11 @@ _log = logging.getLogger(__name__)
 _FULL = (errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC))
 # As many files are open as this process, or the system, may have.
 _OPEN = (errno.EMFILE, errno.ENFILE)
-# Begins the names of folders that hold unfinished files; seconds until such a folder is abandoned.
+# Begins the names of folders that hold unfinished files among files of others; each has a marker.
+# Seconds until such a folder is abandoned.
 _UNFINISHED, _ABANDONED = ".unfinished-", 24 * 3600.0
+_HIDDEN = re.compile(re.escape(_UNFINISHED) + UNIQUE.pattern, re.ASCII)
+UNFINISHED = Kind("rhytid unfinished", marker=".rhytid-unfinished")
 # The mode of a file that others may read.
 READABLE = 0o644
 _KINDS = {**dict.fromkeys(_FULL, DiskFullError), **dict.fromkeys(_OPEN, TooManyFilesError)}
@@ -90,17 +104,47 @@ def install(source: Path, target: Path) -> None:
     sync_folder(target.parent)
 
 
+def claim(folder: Path, kind: Kind, before: Callable[[Path], bool] | None = None) -> None:
+    """Mark a folder as ours, unless it is marked so; raises what `check_ours` does, and then
+    nothing is changed."""
+    if check_ours(folder, kind, before):
+        return
+    aside = folder / f".{kind.marker}-{uuid4().hex}"
+    try:
+        write_file(aside, kind.text())
+        restrict(aside, group=has_group(folder))
+        install(aside, folder / kind.marker)
+    finally:
+        aside.unlink(missing_ok=True)
+
+
 @contextmanager
-def workplace(partial: Path, prefix: str = "") -> Iterator[Path]:
-    """A fresh folder in `partial` to prepare a change in, removed afterwards; its name begins with
-    the prefix."""
-    place = partial / f"{prefix}{uuid4().hex}"
-    place.mkdir()
+def workplace(partial: Path, *, group: bool = False) -> Iterator[Path]:
+    """A fresh folder in `partial` to prepare a change in, removed afterwards.  group: of its group,
+    too."""
+    with _workplace(partial / uuid4().hex) as place:
+        if group:
+            restrict(place, group=True)
+        yield place
+
+
+@contextmanager
+def _workplace(place: Path) -> Iterator[Path]:
+    place.mkdir(mode=0o700)
     with unfinished(place):
         try:
             yield place
         finally:
             remove_tree(place)
+
+
+@contextmanager
+def _hidden_workplace(folder: Path) -> Iterator[Path]:
+    """The same in a folder that holds files of others, with a name and a marker by which `sweep`
+    knows it."""
+    with _workplace(folder / f"{_UNFINISHED}{uuid4().hex}") as place:
+        (place / UNFINISHED.marker).write_bytes(UNFINISHED.text())
+        yield place
 
 
 @contextmanager
@@ -111,46 +155,68 @@ def shared_workplace(folder: Path) -> Iterator[Path]:
     A process that is killed meanwhile leaves it: see `sweep`. What lasts longer than a day touches
     it now and then.
     """
-    with workplace(folder, _UNFINISHED) as place:
+    with _hidden_workplace(folder) as place:
         place.chmod(0o755)
         yield place
 
 
 @contextmanager
-def whole(file: Path) -> Iterator[Path]:
+def whole(file: Path, *, private: bool = False, group: bool = False) -> Iterator[Path]:
     """A path to write to, in place of `file`, which is there when the block has ended well.
 
-    A process that is killed meanwhile leaves a hidden folder beside `file`: see `sweep`.
+    private: for its owner alone, else as the system makes files.  group: and for its group. A
+    process that is killed meanwhile leaves a hidden folder beside `file`: see `sweep`.
     """
-    with workplace(file.parent, _UNFINISHED) as place:
+    with _hidden_workplace(file.parent) as place:
+        if group:
+            restrict(place, group=True)
         aside = place / file.name
         yield aside
+        if private:
+            restrict(aside, group=group)
         install(aside, file)
 
 
-def sweep(
-    folder: Path, ours: Callable[[str], bool] | None = None, *, begins: str = _UNFINISHED
-) -> None:
+def sweep(folder: Path, finished: Callable[[str], bool] | None = None) -> None:
     """Remove what writers of files in `folder` left there that were killed, a day later: nobody is
-    at work in it any more.
+    at work in it any more. All else in it is somebody else's.
 
-    ours: whether a file of that name is one that nobody writes any more; a folder that holds
-    nothing else is removed at once.  begins: what the names of unfinished files and folders begin
-    with; empty where `folder` holds nothing else. Raises OSError where `folder` cannot be read.
+    finished: whether a file of that name is one that nobody writes any more; a folder that holds
+    nothing else is removed at once. Raises OSError where `folder` cannot be read.
     """
-    before = time.time() - _ABANDONED
     for left in folder.iterdir():
-        if not left.name.startswith(begins):
+        if not (_HIDDEN.fullmatch(left.name) and is_real_folder(left)):
             continue
         with suppress(FileNotFoundError):  # it was in use, and is done
-            known = ours is not None and _holds_only(left, ours)
-            if known or left.stat().st_mtime < before:
+            if not is_marked(left, UNFINISHED):
+                if _is_abandoned(left):
+                    _remove_empty(left)
+            elif _is_abandoned(left) or (finished is not None and _holds_only(left, finished)):
                 remove_tree(left)
 
 
-def _holds_only(folder: Path, ours: Callable[[str], bool]) -> bool:
-    names = [file.name for file in folder.iterdir()]
-    return bool(names) and all(map(ours, names))
+def sweep_partial(partial: Path, *, at_once: bool) -> None:
+    """Remove what is left in the `partial` of a folder of ours, by its name.  at_once: nobody works
+    there now; otherwise a day later. The log names what else is there; it is left alone."""
+    for left in ours(partial, UNIQUE):
+        with suppress(FileNotFoundError):
+            if at_once or _is_abandoned(left):
+                remove_tree(left)
+
+
+def _remove_empty(left: Path) -> None:
+    """Remove a folder whose writer was killed before it had marked it."""
+    with suppress(OSError):  # something is in it
+        left.rmdir()
+
+
+def _is_abandoned(left: Path) -> bool:
+    return left.lstat().st_mtime < time.time() - _ABANDONED
+
+
+def _holds_only(folder: Path, finished: Callable[[str], bool]) -> bool:
+    names = {file.name for file in folder.iterdir()} - {UNFINISHED.marker}
+    return bool(names) and all(map(finished, names))
 
 
 def discard(path: Path, partial: Path) -> None:
@@ -167,13 +233,13 @@ def set_aside(path: Path, partial: Path) -> Path:
     return aside
 
 
-def remove_tree(folder: Path) -> None:
-    """Free the space of a folder or a file that nobody sees; what resists is swept when the store
-    opens next."""
+def remove_tree(path: Path) -> None:
+    """Free the space of a folder or a file that nobody sees; of a link, which points to what is
+    not ours, the link alone. What resists is swept when the store opens next."""
     try:
-        if folder.is_file():
-            folder.unlink()
+        if is_real_folder(path):
+            shutil.rmtree(path)
         else:
-            shutil.rmtree(folder)
+            path.unlink()
     except OSError as exc:
-        _log.warning("cannot remove %s now: %s", folder, exc)
+        _log.warning("cannot remove %s now: %s", path, exc)

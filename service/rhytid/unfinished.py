@@ -9,19 +9,21 @@ from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-_folders: set[Path] = set()
+# Of each which folder it is, so that no other is removed that has its name by then.
+_folders: dict[Path, tuple[int, int]] = {}
 # Another thread may still write into a folder while it is removed.
 _TRIES = 5
 
 
 @contextmanager
 def unfinished(folder: Path) -> Iterator[Path]:
-    """While the block runs, `folder` counts as unfinished; the caller removes it."""
-    _folders.add(folder)
+    """While the block runs, `folder`, which was just made, counts as unfinished; the caller removes
+    it."""
+    _folders[folder] = _which(folder)
     try:
         yield folder
     finally:
-        _folders.discard(folder)
+        _folders.pop(folder, None)
 
 
 @contextmanager
@@ -34,14 +36,29 @@ def temporary_folder(prefix: str, parent: Path | None = None) -> Iterator[Path]:
 def remove_unfinished() -> None:
     """Remove all of them; for a process that does not run its blocks to their end."""
     for _ in range(_TRIES):
-        for folder in list(_folders):
-            shutil.rmtree(folder, ignore_errors=True)
-        if not any(folder.exists() for folder in list(_folders)):
+        left = [folder for folder in _folders.copy() if not _removed(folder)]
+        if not left:
             return
 
 
 def until_exit(folder: Path) -> Path:
-    """The folder itself, which is removed when the process ends."""
-    _folders.add(folder)
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    """The folder itself, which was just made, and is removed when the process ends."""
+    _folders[folder] = _which(folder)
+    atexit.register(_removed, folder)
     return folder
+
+
+def _removed(folder: Path) -> bool:
+    """Remove a folder, unless another has its name now; whether it is gone."""
+    try:
+        if _which(folder) != _folders.get(folder):
+            return True
+    except FileNotFoundError:
+        return True
+    shutil.rmtree(folder, ignore_errors=True)
+    return not folder.exists()
+
+
+def _which(folder: Path) -> tuple[int, int]:
+    found = folder.lstat()
+    return found.st_dev, found.st_ino

@@ -162,9 +162,11 @@ def test_what_a_newer_version_wrote_is_said_to_be_that_and_left_alone(
 
 def test_the_store_of_a_newer_version_is_refused_and_left_alone(kept: Kept) -> None:
     marked = kept.store / "format.json"
-    assert json.loads(marked.read_bytes()) == {"format": 1}
+    ours = {"format": 1, "kind": "rhytid store"}
+    assert json.loads(marked.read_bytes()) == ours
     marked.write_bytes(b'{"format": 2}')
-    with pytest.raises(StoreFormatError, match="is of format 2, and"), running(kept.store):
+    text = r"was made by a newer release of rhytid \(format 2, this one reads up to 1\)"
+    with pytest.raises(StoreFormatError, match=text), running(kept.store):
         pass
     marked.write_bytes(b"{")
     with pytest.raises(StorageError, match=r"format\.json is damaged"), running(kept.store):
@@ -172,4 +174,4 @@ def test_the_store_of_a_newer_version_is_refused_and_left_alone(kept: Kept) -> N
     marked.unlink()  # as a version wrote it that knew no formats of stores
     with running(kept.store) as engine:
         assert {info.state for info in engine.assets.all()} == {"ready"}
-    assert json.loads(marked.read_bytes()) == {"format": 1}
+    assert json.loads(marked.read_bytes()) == ours

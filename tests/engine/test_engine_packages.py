@@ -30,6 +30,7 @@ from rhytid.errors import (
 )
 from rhytid.skin_package.package import PackageWriter
 from rhytid.storage.packages import KeptPackages
+from rhytid.storage.store import AssetStore
 from skin_package.conftest import write_package
 
 
@@ -183,12 +184,17 @@ def test_those_asked_for_longest_ago_make_room(
 
 
 def test_packages_of_no_asset_are_swept(tmp_path: Path) -> None:
-    (tmp_path / "packages" / "0123456789abcdef" / "a").mkdir(parents=True)
+    AssetStore(tmp_path).close()
+    home = tmp_path / "packages" / "0123456789abcdef"
+    home.mkdir(parents=True)
+    (home / f"{'0' * 32}.zip").touch()
     with running(tmp_path) as engine:
         assert kept(engine) == []
+        assert not home.exists()
 
 
 def test_a_packages_folder_that_is_none_keeps_no_store_closed(tmp_path: Path) -> None:
+    AssetStore(tmp_path).close()
     (tmp_path / "packages").write_bytes(b"")
     with running(tmp_path) as engine:
         asset = built(engine, new_asset())
@@ -273,8 +279,9 @@ def test_a_server_that_ends_while_one_is_made_makes_it_again(
     with running(tmp_path) as engine:
         asset = built(engine, new_asset())
     # What a server leaves behind that is killed.
-    (tmp_path / "partial" / "0" / "files").mkdir(parents=True)
-    (tmp_path / "partial" / "0" / "package.zip").write_bytes(b"PK")
+    left = tmp_path / "partial" / ("0" * 32)
+    (left / "files").mkdir(parents=True)
+    (left / "package.zip").write_bytes(b"PK")
     monkeypatch.setattr(module, "PATIENCE", 60.0)
     with running(tmp_path) as engine:
         assert list((tmp_path / "partial").iterdir()) == []

@@ -20,6 +20,7 @@ from meshes import bumpy_grid, deform
 from rhytid.cli import main
 from rhytid.farm import dask_cluster
 from rhytid.farm.dask_cluster import Cluster, local_cluster
+from storage.leftovers import left_by_a_killed_writer
 
 SMALL = ("--resolution", "256", "--wrinkles", "400")
 FRAMES = 6
@@ -95,12 +96,8 @@ def test_a_worker_that_is_killed_loses_no_frame(cluster: Cluster, tmp_path: Path
     build = ["bake", "--mesh", str(mesh), *SMALL, "--store"]
     assert main([*build, str(tmp_path / "a"), "--out", str(one)]) == 0
     out.mkdir()
-    half = out / (f".unfinished-{'0' * 32}")
-    half.mkdir()
-    (half / "long.1001.0009.exr").write_bytes(b"half")
-    other = out / (f".unfinished-{'1' * 32}")
-    other.mkdir()
-    (other / "other.1001.0009.exr").write_bytes(b"half")
+    half = left_by_a_killed_writer(out, "0" * 32, "long.1001.0009.exr")
+    other = left_by_a_killed_writer(out, "1" * 32, "other.1001.0009.exr")
     killed: list[int] = []
 
     def kill() -> None:
@@ -123,8 +120,8 @@ def test_a_worker_that_is_killed_loses_no_frame(cluster: Cluster, tmp_path: Path
     assert killed
     assert maps(out) == maps(one)
     assert len(maps(out)) == 40
-    unfinished = [file.parent for file in out.glob(".unfinished-*/*")]
-    assert unfinished == [other], "what others may be writing stays"
+    assert not half.exists()
+    assert [*out.glob(".unfinished-*")] == [other], "what others may be writing stays"
 
 
 @pytest.mark.slow

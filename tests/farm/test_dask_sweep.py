@@ -8,6 +8,7 @@ from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
+from uuid import uuid4
 
 import pytest
 
@@ -18,6 +19,7 @@ from rhytid.cli.frame_files import FramePlace
 from rhytid.durable import sweep
 from rhytid.errors import StorageError
 from rhytid.textures.profiles import profiles_of
+from storage.leftovers import left_by_a_killed_writer
 
 PROFILES = profiles_of(["float", "weights"])
 
@@ -55,10 +57,7 @@ def bake(out: Path, dask: str = "tcp://farm:8786") -> Undrawn:
 
 def unfinished(out: Path, file: str) -> Path:
     """What is left where the writer of a file is killed, or while it writes."""
-    folder = out / f".unfinished-{file}"
-    folder.mkdir()
-    (folder / file).touch()
-    return folder
+    return left_by_a_killed_writer(out, uuid4().hex, file)
 
 
 OWN = (

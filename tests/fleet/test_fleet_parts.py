@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import pickle
+import shutil
 import time
 from collections import Counter
 from dataclasses import replace
@@ -147,11 +148,14 @@ def test_options_are_read_or_refused() -> None:
 def test_each_replica_of_a_machine_has_its_place(tmp_path: Path) -> None:
     first, second = LocalPlace(tmp_path), LocalPlace(tmp_path)
     assert (first.number, second.number) == (0, 1)
-    first.store.mkdir()
-    (first.store / "left").touch()
+    left = first.store / "left"
+    left.touch()
+    shutil.copytree(first.store, tmp_path / "left by one that was killed")
     first.close()
+    assert not first.store.exists()
+    (tmp_path / "left by one that was killed").rename(first.store)
     third = LocalPlace(tmp_path)
-    assert third.number == 0
-    assert not third.store.exists()
+    assert (third.number, third.store) == (0, first.store)
+    assert not left.exists()
     second.close()
     third.close()

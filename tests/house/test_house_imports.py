@@ -15,7 +15,7 @@ from house.syntax import PACKAGES, ROOT, Import, imported_room, imports, room, s
 
 # What each part of `rhytid` may import of `rhytid`, beside itself.
 _FACTS = {"errors", "domain", "build_identity"}
-_TOOLS = _FACTS | {"device", "formats", "durable", "unfinished"}
+_TOOLS = _FACTS | {"device", "formats", "durable", "owned", "unfinished"}
 _WORK = {"pipeline", "synthesis", "storage"}
 ALLOWED = {
     "__init__": set(),
@@ -23,7 +23,8 @@ ALLOWED = {
     "errors": set(),
     "build_identity": {"errors"},
     "unfinished": set(),
-    "durable": {"errors", "unfinished"},
+    "owned": {"errors"},
+    "durable": {"errors", "owned", "unfinished"},
     "settings": {"errors", "variables"},
     "variables": {"errors"},
     "logs": set(),

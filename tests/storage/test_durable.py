@@ -12,6 +12,7 @@ import pytest
 
 from rhytid.durable import sweep, whole
 from rhytid.storage.shared.folder_place import FolderPlace
+from storage.leftovers import left_by_a_killed_writer
 
 WRITER = """
 import os, signal, sys
@@ -52,15 +53,13 @@ def test_a_file_is_there_when_its_block_ends_well(tmp_path: Path) -> None:
 
 def test_what_nobody_writes_any_more_is_removed_at_once(tmp_path: Path) -> None:
     for name, files in {"a": ["mine"], "b": ["other"], "c": [], "d": ["mine", "other"]}.items():
-        (tmp_path / f".unfinished-{name}").mkdir()
-        for file in files:
-            (tmp_path / f".unfinished-{name}" / file).touch()
+        left_by_a_killed_writer(tmp_path, name * 32, *files)
     (tmp_path / "mine").touch()
 
     sweep(tmp_path, lambda name: name == "mine")
 
     left = sorted(path.name for path in tmp_path.iterdir())
-    assert left == [".unfinished-b", ".unfinished-c", ".unfinished-d", "mine"]
+    assert left == [*(f".unfinished-{name * 32}" for name in "bcd"), "mine"]
 
 
 PLACER = """

@@ -13,7 +13,8 @@ from rhytid.errors import LimitError, StorageError
 from rhytid.storage.package_archive import CHECKED, read_archive, write_archive
 from rhytid.storage.packages import KeptPackages
 
-ASSET, KEY = "0123456789abcdef", "key"
+ASSET = "0123456789abcdef"
+KEY, OTHER, OLD = (digit * 32 for digit in "0ab")
 FILES = {"manifest.json": b"{}", "textures/maps.1001.ktx2": bytes(300_000)}
 
 
@@ -55,8 +56,8 @@ def test_what_is_kept_is_found_and_read_once(
 
 def test_the_same_files_give_the_same_bytes(packages: KeptPackages) -> None:
     keep(packages)
-    keep(packages, name="other")
-    one, other = packages.find(ASSET, KEY), packages.find(ASSET, "other")
+    keep(packages, name=OTHER)
+    one, other = packages.find(ASSET, KEY), packages.find(ASSET, OTHER)
     assert one is not None
     assert other is not None
     assert one.file.read_bytes() == other.file.read_bytes()
@@ -99,7 +100,7 @@ def test_what_cannot_be_removed_is_left(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     packages = opened(tmp_path, limit=500_000)
-    keep(packages, name="old")
+    keep(packages, name=OLD)
     (tmp_path / "packages" / "stranger").mkdir()
 
     def resist(path: Path, partial: Path) -> None:
@@ -109,7 +110,7 @@ def test_what_cannot_be_removed_is_left(
     packages.sweep([])
     packages.forget(ASSET)
     packages.make_room(400_000)
-    assert packages.find(ASSET, "old") is not None
+    assert packages.find(ASSET, OLD) is not None
     assert "is left as it is" in caplog.text
     with pytest.raises(LimitError):
         packages.make_room(500_001)
@@ -126,18 +127,20 @@ def test_a_packages_folder_that_is_a_file_is_left(tmp_path: Path) -> None:
         keep(packages)
 
 
-def test_only_archives_of_known_assets_survive_a_sweep(
+def test_of_archives_only_those_of_known_assets_survive_a_sweep(
     packages: KeptPackages, tmp_path: Path
 ) -> None:
-    keep(packages)
-    keep(packages, "fedcba9876543210")
-    home = tmp_path / "packages" / ASSET
-    (home / "folder.zip").mkdir()
-    (home / "file").touch()
+    for asset in (ASSET, "f" * 16, "e" * 16):
+        keep(packages, asset)
+    top = tmp_path / "packages"
+    for foreign in (f"{ASSET}/file", f"{'f' * 16}/file", "notes", "node_modules/left.zip"):
+        (top / foreign).parent.mkdir(exist_ok=True)
+        (top / foreign).write_text("mine")
     packages.sweep([ASSET])
-    left = [file.relative_to(tmp_path / "packages") for file in home.parent.rglob("*.zip")]
-    assert left == [Path(ASSET, f"{KEY}.zip")]
-    assert not (home / "file").exists()
+    packages.make_room(9_999_999)
+    left = sorted(str(file.relative_to(top)) for file in top.rglob("*") if file.is_file())
+    assert left == [f"{ASSET}/file", f"{'f' * 16}/file", "node_modules/left.zip", "notes"]
+    assert not (top / ("e" * 16)).exists()
 
 
 def test_an_archive_that_is_not_ours_is_damaged(tmp_path: Path) -> None:

@@ -142,7 +142,7 @@ def test_an_asset_is_removed_with_its_objects(pushed: Path) -> None:
     shared.remove(ID)
 
     assert shared.ids() == []
-    assert [file for file in pushed.rglob("*") if file.is_file()] == []
+    assert [file for file in pushed.rglob("*") if file.is_file()] == [pushed / "format.json"]
     with pytest.raises(NotFoundError, match=f"no asset {ID} in the shared store"):
         shared.remove(ID)
 
@@ -236,6 +236,7 @@ def test_a_folder_that_is_removed_beside_a_push_does_not_keep_it(
 ) -> None:
     """As another machine removes the asset, at the worst of moments."""
     place, tries = FolderPlace(new_folder(tmp_path)), 0
+    place.check()
 
     def install(aside: Path, path: Path) -> None:
         nonlocal tries
@@ -329,5 +330,5 @@ def test_a_server_that_does_not_answer_is_named(
 ) -> None:
     monkeypatch.setenv("AWS_ENDPOINT_URL", "http://127.0.0.1:9")
 
-    with pytest.raises(SharedStoreError, match=rf"{bucket}/{MANIFEST} cannot be read"):
+    with pytest.raises(SharedStoreError, match=rf"{bucket}/format.json cannot be read"):
         SharedStore.at(bucket).index(ID)

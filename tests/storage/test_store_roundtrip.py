@@ -144,6 +144,7 @@ def test_others_do_not_wait_until_a_deleted_asset_is_gone_from_the_disk(
     with AssetStore(folder) as store:
         store.put_asset(ID, mesh, graph, settings, {})
         (folder / "packages" / ID).mkdir(parents=True)
+        (folder / "packages" / ID / f"{'0' * 32}.zip").touch()
         removed: list[tuple[Path, bool]] = []
 
         def look(gone: Path) -> None:

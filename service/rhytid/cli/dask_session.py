@@ -64,6 +64,7 @@ class BakeSession:
         self._job = job
         # In place of a semaphore of the system, which a process that is killed would leave behind.
         tqdm.set_lock(RLock())
+        folder.mkdir(mode=0o700)  # what is removed is ours then
         with ExitStack() as opened, speaking(_SILENT):
             opened.callback(shutil.rmtree, folder, ignore_errors=True)
             with AssetStore(folder) as store:

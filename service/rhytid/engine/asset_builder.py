@@ -12,6 +12,7 @@ from rhytid.domain.ageing import USUAL_AGE
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.graph_origin import GraphOrigin
+from rhytid.domain.texel_sizes import usual_uv_length
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.assets import Asset
 from rhytid.engine.device_asset import DeviceAsset
@@ -179,7 +180,9 @@ class AssetBuilder:
         settings = wanted.settings.with_lengths(asset.lengths)
         warnings = [asdict(warning) for warning in asset.warnings]
         facts = {"spacing": asset.lengths.spacing, "distance": distance, "warnings": warnings}
-        facts["uv_length"] = asset.uv_length
+        if asset.measured_uv is None:
+            asset.measured_uv = usual_uv_length(wanted.mesh)
+        facts["uv_length"] = asset.measured_uv
         job.progress(_SYNTHESIS, "storing")
         with asset.kept():
             self._store.put_asset(asset.id, wanted.mesh, graph, settings, facts, wanted.stiffness)

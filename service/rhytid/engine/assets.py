@@ -68,6 +68,8 @@ class Asset:
     centre: Centre = field(default_factory=lambda: ORIGIN)
     # Reads its mesh; None for an asset of which only the failure is known.
     mesh: Callable[[], Mesh] | None = None
+    # What `uv_length` is, once that was found.
+    measured_uv: float | None = None
     # The number of wrinkles it will have.
     wanted: int = MOST_WRINKLES
     # When it was last asked for, in seconds of time.monotonic.
@@ -187,13 +189,14 @@ class Asset:
         self.check_ready()
         return self.frames.get(name)
 
-    @cached_property
+    @property
     def uv_length(self) -> float:
-        """Mesh units that a step of 1 in UV is long, found on first use; 0 where its mesh cannot be
+        """Mesh units that a step of 1 in UV is long, found on first use; 0 while its mesh cannot be
         read."""
-        with suppress(StorageError, NotFoundError):
-            return 0.0 if self.mesh is None else usual_uv_length(self.mesh())
-        return 0.0
+        if self.measured_uv is None and self.mesh is not None:
+            with suppress(StorageError, NotFoundError):
+                self.measured_uv = usual_uv_length(self.mesh())
+        return self.measured_uv or 0.0
 
     @cached_property
     def frame_check(self) -> FrameCheck | None:

@@ -81,7 +81,7 @@ class CheckedUpload:
         """An asset that is not built yet."""
         mesh = self.new.mesh
         made = Asset.of(self.id, mesh, self.settings, self.warnings, memory, lambda: mesh)
-        made.wanted, made.uv_length = self.wrinkles, usual_uv_length(mesh)
+        made.wanted, made.measured_uv = self.wrinkles, usual_uv_length(mesh)
         return made
 
 

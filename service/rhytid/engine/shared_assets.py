@@ -74,12 +74,14 @@ class SharedAssets:
 
     def open(self) -> None:
         """Push what the shared store was not given before; where that cannot be used, it is logged,
-        and they are pushed later."""
+        and they are pushed later. Raises StoreFormatError where a newer release made it."""
         if self._calls is None:
             return
         mirror, push = self._calls.mirror, self.push
         try:
             mirror.shared.check()
+        except StoreFormatError:
+            raise
         except StorageError as error:
             _log.error("%s", error)
             push = self._retries.add

@@ -107,8 +107,8 @@ class StoredAssets:
         except SettingsError as error:
             raise StoreFormatError(f"asset {asset.id}: {error}") from error
         asset.warnings = _kept_warnings(stored, facts)
-        if facts.uv_length is not None:
-            asset.uv_length = facts.uv_length
+        if facts.uv_length:  # 0: it could not be found out then
+            asset.measured_uv = facts.uv_length
         distance = self._measured(stored) if facts.distance is None else facts.distance
         asset.built(stored.graph, settings.with_lengths(asset.lengths), distance)
 

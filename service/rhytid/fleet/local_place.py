@@ -9,14 +9,20 @@ import tempfile
 from itertools import count
 from pathlib import Path
 
-from rhytid.durable import reported
+from rhytid.durable import claim, reported
 from rhytid.errors import StorageError
+from rhytid.owned import Kind, is_marked, is_real_folder, make_folder, not_ours
+
+# With a marker of its own, so that no store of a server is taken for what a replica had.
+REPLICA = Kind("rhytid replica", marker="replica.json")
 
 
 class LocalPlace:
-    """A folder that one replica has while it lives; what another left there is removed.
+    """A folder that one replica has while it lives; what another left there is removed, as its
+    marker says that a replica had it.
 
-    number: from 0 on, another for each replica of the machine.
+    number: from 0 on, another for each replica of the machine. Raises StorageError where the folder
+    of the replica is not ours; it is left alone then.
     """
 
     def __init__(self, folder: Path | None) -> None:
@@ -25,11 +31,18 @@ class LocalPlace:
             place.mkdir(mode=0o700, parents=True, exist_ok=True)
             _check_owner(place)
             self.number = next(number for number in count() if self._taken(place, number))
-            self.store = place / str(self.number)
-            shutil.rmtree(self.store, ignore_errors=True)
+            self.store = place / f"replica-{self.number}"
+            try:
+                self._remove()
+                make_folder(self.store)
+                claim(self.store, REPLICA)
+            except BaseException:
+                os.close(self._descriptor)
+                raise
 
     def _taken(self, place: Path, number: int) -> bool:
-        descriptor = os.open(place / f"{number}.lock", os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o600)
+        flags = os.O_CREAT | os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW
+        descriptor = os.open(place / f"replica-{number}.lock", flags, 0o600)
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -39,9 +52,19 @@ class LocalPlace:
         self._descriptor = descriptor
         return True
 
+    def _remove(self) -> None:
+        """Remove what a replica left; raises StorageError where somebody else did."""
+        if is_marked(self.store, REPLICA):
+            shutil.rmtree(self.store, ignore_errors=True)
+        if not os.path.lexists(self.store):
+            return
+        if not is_real_folder(self.store) or any(self.store.iterdir()):
+            raise not_ours(self.store)
+
     def close(self) -> None:
         """Leave the place to another."""
-        shutil.rmtree(self.store, ignore_errors=True)
+        if is_marked(self.store, REPLICA):
+            shutil.rmtree(self.store, ignore_errors=True)
         os.close(self._descriptor)
 
 

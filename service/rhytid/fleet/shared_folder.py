@@ -3,6 +3,7 @@
 ::
 
     shared/
+    ├── format.json           the marker: that this is of a fleet, and of which format
     ├── assets/<id>.tar       a built asset as a snapshot
     ├── assets/<id>.json      its present settings, once they were changed
     ├── uploads/<id>          what a caller sent, until the asset is built
@@ -14,19 +15,49 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from collections.abc import Iterable, Mapping
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
-from rhytid.durable import reported, sweep, sync_file, whole, write_file, write_pieces
+from rhytid.durable import (
+    claim,
+    reported,
+    sweep,
+    sweep_partial,
+    sync_file,
+    whole,
+    write_file,
+    write_pieces,
+)
 from rhytid.engine.messages import Package
 from rhytid.errors import SharedDamageError
+from rhytid.owned import (
+    UNIQUE,
+    Kind,
+    check_ours,
+    has_group,
+    is_real_folder,
+    make_folder,
+    restrict,
+    restrict_folder,
+)
 from rhytid.storage.homes import ID
 from rhytid.storage.snapshots import Snapshot
 
+# What each folder has, beside what is being written.
+_WRITTEN = r"|\.unfinished-" + UNIQUE.pattern
+_NAMES = {
+    "assets": re.compile(rf"{ID.pattern}\.(tar|json){_WRITTEN}", re.ASCII),
+    "uploads": re.compile(rf"{ID.pattern}(\.owner)?{_WRITTEN}", re.ASCII),
+    "packages": re.compile(rf"{ID.pattern}-{UNIQUE.pattern}\.zip{_WRITTEN}", re.ASCII),
+    "given": UNIQUE,
+}
+# Raise its format when an older release must not use a new one.
+FLEET = Kind("rhytid fleet", format=1, folders=tuple(_NAMES))
 # Skin packages of an asset that stay, by when they were placed.
 _PACKAGES = 4
 Revision = tuple[int, int] | None
@@ -35,7 +66,9 @@ Revision = tuple[int, int] | None
 class SharedFolder:
     """Files that any replica may read and write; each appears whole, by one rename.
 
-    Raises StorageError where the folder cannot be read or written, SharedDamageError where a file
+    They are for their owner alone; where the group of the folder, or of the one around it, may
+    write, for that group. Raises StorageError where the folder cannot be read or written, or holds
+    what is not ours; StoreFormatError where a newer release made it; SharedDamageError where a file
     is not what was placed there. Two that write the same asset
     write the same bytes, so that it does not matter which comes last.
     """
@@ -44,8 +77,14 @@ class SharedFolder:
         self._assets, self._uploads = folder / "assets", folder / "uploads"
         self._packages, self._given = folder / "packages", folder / "given"
         with reported(f"{folder} cannot be used"):
+            check_ours(folder, FLEET, _is_of_a_fleet)
+            folder.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+            self._group = has_group(folder if folder.exists() else folder.parent)
+            make_folder(folder, group=self._group)
+            claim(folder, FLEET, _is_of_a_fleet)
             for place in (self._assets, self._uploads, self._packages, self._given):
-                place.mkdir(parents=True, exist_ok=True)
+                make_folder(place, group=self._group)
+                restrict_folder(place, group=self._group)  # earlier releases let everybody in
 
     def sweep(self) -> None:
         """Remove what was left by who ended while they wrote, a day ago or earlier."""
@@ -53,7 +92,7 @@ class SharedFolder:
             with reported(f"{place} cannot be read"):
                 sweep(place)
         with reported(f"{self._given} cannot be read"):
-            sweep(self._given, begins="")
+            sweep_partial(self._given, at_once=False)
 
     def ids(self) -> list[str]:
         """Ids of assets that are built or are to be, ascending."""
@@ -73,7 +112,10 @@ class SharedFolder:
     def put_snapshot(self, asset: str, snapshot: Snapshot) -> Revision:
         """Place a built asset, with its present settings; its revision. Its upload is not needed
         any more."""
-        with reported(f"asset {asset} cannot be shared"), whole(self._snapshot(asset)) as aside:
+        with (
+            reported(f"asset {asset} cannot be shared"),
+            self._whole(self._snapshot(asset)) as aside,
+        ):
             write_pieces(aside, snapshot.pieces())
             placed = _revision(aside)  # another may be in its place at once
         self.remove_upload(asset)
@@ -87,7 +129,7 @@ class SharedFolder:
         """Replace the present settings of an asset; their revision."""
         text = json.dumps(settings, sort_keys=True).encode()
         path = self._settings(asset)
-        with reported(f"settings of {asset} cannot be shared"), whole(path) as aside:
+        with reported(f"settings of {asset} cannot be shared"), self._whole(path) as aside:
             write_file(aside, text)
             placed = _revision(aside)
         return placed
@@ -112,7 +154,10 @@ class SharedFolder:
         """Keep what a caller sent, in place of what was kept; nothing where that fails."""
         self.own(asset, owner)
         try:
-            with reported(f"upload {asset} cannot be kept"), whole(self._uploads / asset) as aside:
+            with (
+                reported(f"upload {asset} cannot be kept"),
+                self._whole(self._uploads / asset) as aside,
+            ):
                 write_pieces(aside, pieces)
         except BaseException:
             self.remove_upload(asset)
@@ -120,7 +165,7 @@ class SharedFolder:
 
     def own(self, asset: str, owner: str) -> None:
         """Say which replica builds an asset."""
-        with reported(f"upload {asset} cannot be kept"), whole(self._owner(asset)) as aside:
+        with reported(f"upload {asset} cannot be kept"), self._whole(self._owner(asset)) as aside:
             write_file(aside, owner.encode())
 
     def owner(self, asset: str) -> str | None:
@@ -155,6 +200,7 @@ class SharedFolder:
         with reported("a file cannot be passed on"):
             try:
                 write_pieces(path, pieces)
+                restrict(path, group=self._group)
             except BaseException:
                 path.unlink(missing_ok=True)
                 raise
@@ -165,13 +211,16 @@ class SharedFolder:
         place = self._packages / f"{asset}-{package.key}.zip"
         with reported(f"a package of {asset} cannot be shared"):
             if not place.exists():
-                with whole(place) as aside:
+                with self._whole(place) as aside:
                     shutil.copyfile(package.file, aside)
                     sync_file(aside)
                 files = sorted(self._packages.glob(f"{asset}-*.zip"), key=_placed, reverse=True)
                 for old in files[_PACKAGES:]:
                     old.unlink(missing_ok=True)
         return Package(package.key, place, package.nbytes, package.files)
+
+    def _whole(self, file: Path) -> AbstractContextManager[Path]:
+        return whole(file, private=True, group=self._group)
 
     def _snapshot(self, asset: str) -> Path:
         return self._assets / f"{asset}.tar"
@@ -181,6 +230,16 @@ class SharedFolder:
 
     def _owner(self, asset: str) -> Path:
         return self._uploads / f"{asset}.owner"
+
+
+def _is_of_a_fleet(folder: Path) -> bool:
+    """Whether a folder without a marker is of a release that wrote none: that made all four folders
+    at once, and files of a few kinds in them."""
+    return all(
+        is_real_folder(folder / place)
+        and all(name.fullmatch(file.name) for file in (folder / place).iterdir())
+        for place, name in _NAMES.items()
+    )
 
 
 def _revision(path: Path) -> Revision:

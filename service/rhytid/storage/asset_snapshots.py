@@ -11,9 +11,9 @@ from pathlib import Path
 from rhytid.durable import is_folder, remove_tree, reported, sync_file, sync_folder
 from rhytid.errors import StorageError, StoreFormatError
 from rhytid.storage.folders import StoreFolders
-from rhytid.storage.homes import ASSET, REQUEST, SHAPES, SHARED, is_built
+from rhytid.storage.homes import ASSET, OVERLAY, REQUEST, SHAPES, SHARED, is_built
 from rhytid.storage.manifest import StoredFile, read_manifest, read_verified
-from rhytid.storage.overlays import OVERLAY, changed_settings, present_settings, write_overlay
+from rhytid.storage.overlays import changed_settings, present_settings, write_overlay
 from rhytid.storage.records import StoredAsset
 from rhytid.storage.snapshot_index import SnapshotIndex
 from rhytid.storage.snapshots import Readable, Snapshot, unpack

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import threading
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -12,40 +11,53 @@ from types import MappingProxyType
 from rhytid import durable
 from rhytid.durable import is_folder, reported
 from rhytid.errors import NotFoundError, StorageError
-from rhytid.storage.canonical import canonical, check_format, damaged
-from rhytid.storage.homes import checked_id, holds_something, homes, sweep
-from rhytid.storage.lock import FolderLock
+from rhytid.owned import MARKER, Kind, check_ours, make_folder, restrict, restrict_folder
+from rhytid.storage.homes import checked_id, holds_homes, holds_something, homes, sweep
+from rhytid.storage.lock import LOCK, FolderLock
 from rhytid.storage.manifest import write_with_manifest
 
-# Of the store as a whole: raise it when an older version must not open a new store.
-FORMAT = 1
-_FORMAT = "format.json"
+ASSETS, PARTIAL, PACKAGES = "assets", "partial", "packages"
+_OURS = (ASSETS, PARTIAL, PACKAGES)
+# Of the store as a whole: raise its format when an older release must not open a new store.
+STORE = Kind("rhytid store", format=1, folders=_OURS, unnamed=True)
+# What else may be in a store: kernels, a fleet's shared folder, API keys.
+_BESIDE = {MARKER, LOCK, "cache", "shared", "keys.json", "keys.json.lock"}
 _NOTHING: Mapping[str, bytes] = MappingProxyType({})
 
 
 class StoreFolders:
     """A folder per asset, its home, with sealed folders in it; and a place to prepare changes in.
 
-    Opening takes the lock and removes what interrupted changes left behind.  lock: False: another
-    process holds the lock and has done both.  Methods raise StorageError where the disk fails.
+    Opening takes the lock, marks the folder and removes what interrupted changes left behind.
+    lock: False: another process holds the lock and has done so.  Opening raises StorageError where
+    something in the way is not of a store, StoreFormatError where a newer release made the store,
+    and changes nothing then. Methods raise StorageError where the disk fails.
     """
 
     def __init__(self, folder: Path, *, lock: bool) -> None:
-        self.assets = folder / "assets"
-        self.partial = folder / "partial"
+        self.assets, self.partial = folder / ASSETS, folder / PARTIAL
         self._changing = threading.Lock()
+        self._lock: FolderLock | None = None
         with reported(f"store {folder} cannot be opened"):
-            self.assets.mkdir(parents=True, exist_ok=True)
-            self.partial.mkdir(exist_ok=True)
-            self._lock = FolderLock(folder) if lock else None
             if not lock:
+                self._make()
                 return
+            check_ours(folder, STORE, _holds_assets)  # before anything is written there
+            folder.parent.mkdir(parents=True, exist_ok=True)
+            make_folder(folder)
+            self._lock = FolderLock(folder)
             try:
-                _check_format(folder / _FORMAT, self.partial)
+                durable.claim(folder, STORE, _holds_assets)
+                self._make()
+                _hide(folder)
                 sweep(self.assets, self.partial)
             except BaseException:
                 self.close()
                 raise
+
+    def _make(self) -> None:
+        make_folder(self.assets)
+        make_folder(self.partial)
 
     def close(self) -> None:
         """Release the lock of the store."""
@@ -104,11 +116,11 @@ class StoreFolders:
             if is_folder(home / kind):
                 return False
             try:
-                home.mkdir(exist_ok=True)
+                make_folder(home)
                 durable.sync_folder(self.assets)
-                for name in before:
+                for name in (*before, kind):
+                    restrict(place / name)
                     durable.install(place / name, home / name)
-                durable.install(place / kind, home / kind)
             except OSError:
                 self._abandon(home)
                 raise
@@ -120,6 +132,7 @@ class StoreFolders:
             durable.write_file(place / path.name, data)
             if is_folder(path):  # nothing of ours, and in the way
                 durable.discard(path, self.partial)
+            restrict(place / path.name)
             durable.install(place / path.name, path)
 
     def discard(self, folder: Path, failing: str) -> None:
@@ -145,15 +158,16 @@ class StoreFolders:
                 durable.discard(home, self.partial)
 
 
-def _check_format(path: Path, partial: Path) -> None:
-    """Raise StoreFormatError for a store of a newer version. One of a version that wrote no format
-    is of format 1, and is marked so."""
-    with suppress(FileNotFoundError):
-        try:
-            check_format(json.loads(path.read_bytes()), FORMAT, path)
-        except (ValueError, RecursionError) as exc:
-            raise damaged(path, f"not JSON ({exc})") from exc
-        return
-    with durable.workplace(partial) as place:
-        durable.write_file(place / _FORMAT, canonical({"format": FORMAT}))
-        durable.install(place / _FORMAT, path)
+def _holds_assets(folder: Path) -> bool:
+    """Whether a folder without a marker is a store of a release that wrote none."""
+    return holds_homes(folder / ASSETS)
+
+
+def _hide(folder: Path) -> None:
+    """Leave a store to its owner, as earlier releases did not. What others have put into `folder`
+    stays within their reach."""
+    for name in _OURS:
+        with suppress(FileNotFoundError):
+            restrict_folder(folder / name)
+    if {entry.name for entry in folder.iterdir()} <= {*_OURS, *_BESIDE}:
+        restrict_folder(folder)

@@ -10,11 +10,14 @@ from pathlib import Path
 from rhytid import durable
 from rhytid.durable import is_folder, reported
 from rhytid.errors import NotFoundError, StorageError
+from rhytid.owned import is_plain, is_real_folder
 
 ID = re.compile(r"[0-9a-f]{16}", re.ASCII)
 # Beside them what is no part of the content that an id names: the shapes that move its mesh.
 REQUEST, ASSET, SHAPES = "request", "asset", "shapes"
-SHARED = "shared.json"
+SHARED, OVERLAY, MANIFEST = "shared.json", "overlay.json", "manifest.json"
+# All that a home may hold.
+_KNOWN = {REQUEST, ASSET, SHAPES, SHARED, OVERLAY}
 _log = logging.getLogger(__name__)
 
 
@@ -26,7 +29,7 @@ def checked_id(id: str) -> str:
 
 
 def homes(assets: Path) -> Iterator[Path]:
-    """The folders of all assets, by id."""
+    """The folders of all assets, by id; nothing else that is in `assets`."""
     with reported(f"{assets} cannot be read"):
         entries = sorted(assets.iterdir())
     return (entry for entry in entries if ID.fullmatch(entry.name))
@@ -56,19 +59,30 @@ def is_readable(home: Path) -> bool:
     return True
 
 
+def holds_homes(assets: Path) -> bool:
+    """Whether a store has put an asset there, or the request for one."""
+    if not is_real_folder(assets):
+        return False
+    kinds = (home / kind / MANIFEST for home in homes(assets) for kind in (ASSET, REQUEST))
+    return any(manifest.is_file() for manifest in kinds)
+
+
 def sweep(assets: Path, partial: Path) -> None:
     """Remove what interrupted changes left behind. A folder that cannot be removed or read is left
-    as it is, so that the others can be served."""
-    for leftover in partial.iterdir():
-        durable.remove_tree(leftover)
+    as it is, so that the others can be served; so is what is not of the store."""
+    durable.sweep_partial(partial, at_once=True)
     for home in homes(assets):
-        _tidy(home, partial)
+        if is_plain(home):
+            _tidy(home, partial)
 
 
 def _tidy(home: Path, partial: Path) -> None:
     try:
         if not holds_something(home):
-            durable.discard(home, partial)
+            if not home.is_dir() or {entry.name for entry in home.iterdir()} <= _KNOWN:
+                durable.discard(home, partial)
+            else:
+                _log.warning("left alone in %s: something that rhytid did not make", home)
         elif is_built(home) and is_requested(home):
             durable.discard(home / REQUEST, partial)
     except (OSError, StorageError) as exc:

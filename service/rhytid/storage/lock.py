@@ -8,6 +8,8 @@ from pathlib import Path
 
 from rhytid.errors import StorageError
 
+LOCK = "lock"
+
 if sys.platform == "win32":
     import msvcrt
 
@@ -21,6 +23,9 @@ else:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
+_FLAGS = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0)
+
+
 class FileLock:
     """An exclusive hold on a file, which is made where it is not there, until `release`.
 
@@ -29,7 +34,7 @@ class FileLock:
     """
 
     def __init__(self, path: Path, refusal: str) -> None:
-        self._descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+        self._descriptor = os.open(path, _FLAGS, 0o600)
         try:
             _claim(self._descriptor)
         except OSError as exc:
@@ -47,4 +52,4 @@ class FolderLock(FileLock):
     """The same on the file `lock` of a store's `folder`; the error names the folder."""
 
     def __init__(self, folder: Path) -> None:
-        super().__init__(folder / "lock", f"store {folder} is in use by another rhytid server")
+        super().__init__(folder / LOCK, f"store {folder} is in use by another rhytid server")

@@ -14,9 +14,9 @@ from typing import Any
 
 from rhytid.durable import reported, sync_folder, write_file
 from rhytid.storage.canonical import canonical, check_format, damaged, parse_canonical
+from rhytid.storage.homes import MANIFEST
 
 FORMAT = 1
-MANIFEST = "manifest.json"
 # Bytes that are in memory at a time.
 _PIECE = 1 << 20
 

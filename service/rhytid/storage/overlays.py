@@ -8,11 +8,9 @@ from pathlib import Path
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.durable import reported
 from rhytid.storage.canonical import damaged, hashed, parse_canonical, parse_hashed
-from rhytid.storage.homes import ASSET
+from rhytid.storage.homes import ASSET, OVERLAY
 from rhytid.storage.manifest import read_file
 from rhytid.storage.records import FACTS, OVERLAID, decode_settings, parse_settings
-
-OVERLAY = "overlay.json"
 
 
 def write_overlay(label: str, settings: AssetSettings) -> bytes:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -12,10 +13,14 @@ from pathlib import Path
 from rhytid import durable
 from rhytid.durable import is_folder, reported
 from rhytid.errors import LimitError, StorageError
+from rhytid.owned import UNIQUE, is_real_folder, make_folder, ours, restrict
+from rhytid.storage.homes import ID
 from rhytid.storage.package_archive import read_archive, write_archive
 
 LIMIT = "RHYTID_PACKAGES_MB"
 _SUFFIX, _FILES, _ARCHIVE = ".zip", "files", "package.zip"
+# The archives that we make, by their names.
+_NAME = re.compile(UNIQUE.pattern + re.escape(_SUFFIX), re.ASCII)
 _log = logging.getLogger(__name__)
 
 
@@ -84,9 +89,11 @@ class KeptPackages:
         """Move the archive of `made` to its place; one that is there is replaced."""
         file = self._at(asset, name)
         with reported(f"the package of asset {asset} cannot be kept"):
-            file.parent.mkdir(parents=True, exist_ok=True)
+            make_folder(self._folder)
+            make_folder(file.parent)
             if is_folder(file):  # nothing of ours, and in the way
                 self._remove(file)
+            restrict(made.with_name(_ARCHIVE))
             durable.install(made.with_name(_ARCHIVE), file)
 
     def make_room(self, nbytes: int) -> None:
@@ -108,26 +115,27 @@ class KeptPackages:
 
     def forget(self, asset: str) -> None:
         """Remove the packages of an asset; what resists is made anew all the same."""
-        self._remove(self._folder / asset)
+        home = self._folder / asset
+        for at in _entries(home, _NAME):
+            self._remove(at)
+        with suppress(OSError):  # it is not there, or something else is in it
+            if is_real_folder(home):
+                home.rmdir()
 
     def sweep(self, assets: list[str]) -> None:
-        """Remove what is no package of one of these assets. What cannot be removed, or read, is
-        left as it is: the store is of use without it."""
-        for home in _entries(self._folder):
+        """Remove the packages of other assets. What cannot be removed, or read, is left as it is:
+        the store is of use without it; what is no package is left alone."""
+        for home in _entries(self._folder, ID):
             if home.name not in assets:
-                self._remove(home)
-                continue
-            for at in _entries(home):
-                if at.suffix != _SUFFIX or not at.is_file():
-                    self._remove(at)
+                self.forget(home.name)
 
     def _at(self, asset: str, name: str) -> Path:
         return self._folder / asset / f"{name}{_SUFFIX}"
 
     def _kept(self) -> Iterator[tuple[float, int, Path]]:
         """When each was asked for, its bytes, its place."""
-        for home in _entries(self._folder):
-            for at in _entries(home):
+        for home in _entries(self._folder, ID):
+            for at in _entries(home, _NAME):
                 with suppress(OSError):  # others remove some meanwhile
                     facts = at.stat()
                     yield facts.st_mtime, facts.st_size, at
@@ -152,10 +160,10 @@ def _opened(file: Path) -> KeptPackage:
         return KeptPackage(file, facts.st_size, read_archive(archive, file), facts.st_ino)
 
 
-def _entries(folder: Path) -> list[Path]:
-    """What is in a folder, ascending; nothing where there is none or it cannot be read."""
+def _entries(folder: Path, name: re.Pattern[str]) -> list[Path]:
+    """What is ours in a folder, ascending; nothing where there is none or it cannot be read."""
     try:
-        return sorted(folder.iterdir())
+        return list(ours(folder, name)) if is_real_folder(folder) else []
     except FileNotFoundError:
         return []
     except OSError as error:

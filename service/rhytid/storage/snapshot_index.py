@@ -18,9 +18,8 @@ from typing import Any
 from rhytid.errors import SnapshotError, StorageError
 from rhytid.storage import kept_shapes
 from rhytid.storage.canonical import hashed, parse_hashed
-from rhytid.storage.homes import ASSET, ID, SHAPES
+from rhytid.storage.homes import ASSET, ID, OVERLAY, SHAPES
 from rhytid.storage.manifest import StoredFile
-from rhytid.storage.overlays import OVERLAY
 from rhytid.storage.records import FACTS, GRAPH, MESH, STIFFNESS
 
 # Raise it when an older version could not read a new snapshot rightly. Format 2 has named shapes; a

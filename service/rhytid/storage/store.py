@@ -4,11 +4,11 @@
 
     store/
     ├── lock                       held while a server uses the store
-    ├── format.json                of which version of rhytid the store is
+    ├── format.json                the marker: that this is a store, and of which format
     ├── cache/                     compiled kernels, where `serve` has no other place for them
     ├── packages/<id>/             skin packages of an asset, one zip each; they go with its
     │                              settings, shapes or itself, or for the room of others
-    ├── partial/                   changes being prepared or thrown away; emptied on opening
+    ├── partial/                   changes being prepared or thrown away; removed on opening
     └── assets/<id>/
         ├── request/               what a caller sent, until the asset is built: a sealed folder
         ├── asset/                 the built asset, never changed: a sealed folder
@@ -33,9 +33,10 @@ from rhytid.domain.mesh import Mesh
 from rhytid.domain.stiffness import Stiffness
 from rhytid.errors import NotFoundError, StorageError
 from rhytid.storage.asset_snapshots import AssetSnapshots
-from rhytid.storage.folders import StoreFolders
+from rhytid.storage.folders import PACKAGES, StoreFolders
 from rhytid.storage.homes import (
     ASSET,
+    OVERLAY,
     REQUEST,
     SHAPES,
     holds_something,
@@ -50,7 +51,7 @@ from rhytid.storage.manifest import (
     read_manifest,
     read_verified,
 )
-from rhytid.storage.overlays import OVERLAY, changed_settings, write_overlay
+from rhytid.storage.overlays import changed_settings, write_overlay
 from rhytid.storage.packages import KeptPackages
 from rhytid.storage.records import MESH, StoredAsset, StoredRequest, decode_mesh
 
@@ -59,7 +60,10 @@ class AssetStore:
     """Assets in a folder, for one process at a time; safe to call from several threads.
 
     Each change happens at one rename: after a crash the store holds the state before it or the
-    state after it. Opening takes the lock and removes what interrupted changes left behind.
+    state after it. Opening takes the lock and removes what interrupted changes left behind; what
+    rhytid did not make is left alone. Folders are of mode 0700, files of mode 0600. Raises
+    StorageError where something that is not of a store is in its way, and StoreFormatError where a
+    newer release made it; nothing in it is changed then.
 
     lock: False: another process, which started this one, holds the lock; several may then use the
     store, each with assets of its own.  packages: bytes of the skin packages that are kept; None:
@@ -71,7 +75,7 @@ class AssetStore:
 
     def __init__(self, folder: Path, *, lock: bool = True, packages: int | None = None) -> None:
         self._folders = StoreFolders(folder, lock=lock)
-        self.packages = KeptPackages(folder / "packages", self._folders.partial, packages)
+        self.packages = KeptPackages(folder / PACKAGES, self._folders.partial, packages)
         self.snapshots = AssetSnapshots(self._folders, self.delete)
         if not lock:
             return

@@ -11,10 +11,10 @@ from rhytid.domain.tiles import mesh_udims
 from rhytid.durable import is_folder, reported
 from rhytid.errors import SnapshotError, StorageError
 from rhytid.storage.build_facts import BuildFacts
-from rhytid.storage.homes import ASSET, SHAPES
+from rhytid.storage.homes import ASSET, OVERLAY, SHAPES
 from rhytid.storage.kept_shapes import read_shapes
 from rhytid.storage.manifest import read_verified
-from rhytid.storage.overlays import OVERLAY, read_overlay
+from rhytid.storage.overlays import read_overlay
 from rhytid.storage.records import StoredAsset
 from rhytid.storage.snapshot_index import SnapshotIndex
 

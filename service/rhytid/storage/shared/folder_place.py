@@ -2,33 +2,66 @@
 
 from __future__ import annotations
 
+import errno
+import os
+import re
 import shutil
-from collections.abc import Callable
-from contextlib import suppress
+import stat
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
 from rhytid import durable
 from rhytid.durable import sync_file, sync_folder, write_file
-from rhytid.errors import InputError, SharedStoreError
-from rhytid.storage.shared.place import reached
+from rhytid.errors import InputError, SharedStoreError, StorageError, StoreFormatError
+from rhytid.owned import (
+    NotPlainError,
+    check_ours,
+    has_group,
+    is_real_folder,
+    make_folder,
+    open_plain,
+    restrict,
+    restrict_folder,
+)
+from rhytid.storage.homes import ID
+from rhytid.storage.shared.place import (
+    MANIFESTS,
+    OBJECT,
+    OBJECTS,
+    PARTIAL,
+    SHARED_STORE,
+    damaged,
+    reached,
+    too_large,
+)
 
 T = TypeVar("T")
 # How often a file is put into a folder that `remove` takes meanwhile.
 _TRIES = 10
+# Bytes that are in memory at a time.
+_PIECE = 1 << 20
+_MANIFEST = re.compile(ID.pattern + r"\.json", re.ASCII)
 
 
 class FolderPlace:
     """Objects as files below a folder, written aside in its `partial` and renamed.
 
-    Raises InputError where the folder is not there: it may have to be mounted.
+    What is made there is for its owner alone; where the group of the folder may write into it, for
+    that group. Raises InputError where the folder is not there, since it may have to be mounted, or
+    where something in it is in the way that is not ours; StoreFormatError where a newer release
+    made the shared store. Nothing is changed there then.
     """
 
     def __init__(self, folder: Path) -> None:
         if not folder.is_dir():
             raise InputError(f"shared store {folder}: no such folder; make it, or mount it")
-        self._folder, self._partial = folder.resolve(), folder.resolve() / "partial"
+        self._folder, self._partial = folder.resolve(), folder.resolve() / PARTIAL
+        self._claimed = False
+        with suppress(OSError), _refused(self):  # a mount that fails now may be back later
+            check_ours(self._folder, SHARED_STORE, _holds_assets)
 
     def __str__(self) -> str:
         return str(self._folder)
@@ -36,20 +69,36 @@ class FolderPlace:
     def check(self) -> None:
         """As `Place.check`; removes what writers that ended long ago left behind."""
         with reached(f"shared store {self} cannot be read"):
-            self._partial.mkdir(exist_ok=True)
-            durable.sweep(self._partial, begins="")
+            self.claim()
+            group = has_group(self._folder)
+            make_folder(self._partial, group=group)
+            for name in SHARED_STORE.folders:  # earlier releases let everybody in
+                with suppress(FileNotFoundError):
+                    restrict_folder(self._folder / name, group=group)
+            durable.sweep_partial(self._partial, at_once=False)
+
+    def claim(self) -> None:
+        """As `Place.claim`; raises InputError where something in the way is not ours."""
+        with reached(f"shared store {self} cannot be read"), _refused(self):
+            if self._claimed and is_real_folder(self._partial):
+                return
+            current = check_ours(self._folder, SHARED_STORE, _holds_assets)
+            if not current:
+                with _unless_read_only():
+                    durable.claim(self._folder, SHARED_STORE, _holds_assets)
+            self._claimed = True
 
     def size(self, name: str) -> int | None:
         """As `Place.size`."""
-        return self._found(name, lambda path: path.stat().st_size)
+        return self._found(name, _plain_size)
 
-    def read(self, name: str) -> bytes | None:
+    def read(self, name: str, most: int) -> bytes | None:
         """As `Place.read`."""
-        return self._found(name, Path.read_bytes)
+        return self._found(name, lambda path: self._bounded(name, path, most))
 
     def fetch(self, name: str, to: Path) -> bool:
         """As `Place.fetch`."""
-        if self._found(name, lambda path: shutil.copyfile(path, to)) is None:
+        if self._found(name, lambda path: _copy_plain(path, to)) is None:
             return False
         with reached(f"{to} cannot be written"):
             sync_file(to)
@@ -68,18 +117,32 @@ class FolderPlace:
         found = self._found(folder, lambda path: sorted(file.name for file in path.iterdir()))
         return found or []
 
-    def remove(self, name: str) -> None:
+    def remove(self, name: str) -> bool:
         """As `Place.remove`, and its folder, where that is empty then."""
-        path = self._folder / name
+        path, known = self._folder / name, False
         with reached(f"{path} cannot be removed"):
-            path.unlink(missing_ok=True)
-            with suppress(OSError):  # others are in it, or it is gone
-                path.parent.rmdir()
+            with suppress(FileNotFoundError):
+                path.unlink()
+                known = True
+            if path.parent != self._folder:
+                with suppress(OSError):  # others are in it, or it is gone
+                    path.parent.rmdir()
+        return known
+
+    def _bounded(self, name: str, path: Path, most: int) -> bytes:
+        with open_plain(path) as file:
+            data = file.read(most + 1)
+            if len(data) > most:
+                raise too_large(self, name, os.fstat(file.fileno()).st_size, most)
+        return data
 
     def _found(self, name: str, look: Callable[[Path], T]) -> T | None:
         path = self._folder / name
         with reached(f"{path} cannot be read"), suppress(FileNotFoundError):
-            return look(path)
+            try:
+                return look(path)
+            except NotPlainError as error:
+                raise damaged(self, name, "it is no plain file") from error
         if not self._folder.is_dir():
             raise SharedStoreError(f"shared store {self} is gone: is it mounted?")
         return None
@@ -87,24 +150,83 @@ class FolderPlace:
     def _install(self, name: str, write: Callable[[Path], None]) -> None:
         path = self._folder / name
         with reached(f"{path} cannot be written"):
-            self._partial.mkdir(exist_ok=True)
-            with durable.workplace(self._partial) as place:
+            self.claim()
+            group = has_group(self._folder)
+            make_folder(self._partial, group=group)
+            with durable.workplace(self._partial, group=group) as place:
                 aside = place / path.name
                 write(aside)
-                _move(aside, path)
-            sync_folder(path.parent.parent)
+                restrict(aside, group=group)
+                self._move(aside, path, group)
+            sync_folder(self._folder if path.parent == self._folder else path.parent.parent)
+
+    def _move(self, aside: Path, path: Path, group: bool) -> None:
+        """Make a file visible in a folder that `remove` may take, empty, or with the file in it:
+        then this raises FileNotFoundError, and so it does where it fails again and again."""
+        for _ in range(_TRIES):
+            with suppress(FileNotFoundError):
+                for around in reversed(path.relative_to(self._folder).parents[:-1]):
+                    make_folder(self._folder / around, group=group)
+                return durable.install(aside, path)
+            if not aside.exists():
+                break
+        raise FileNotFoundError(f"{path.parent} is being removed")
 
 
-def _move(aside: Path, path: Path) -> None:
-    """Make a file visible in a folder that `remove` may take, empty, or with the file in it: then
-    this raises FileNotFoundError, and so it does where it fails again and again."""
-    for _ in range(_TRIES):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with suppress(FileNotFoundError):
-            return durable.install(aside, path)
-        if not aside.exists():
-            break
-    raise FileNotFoundError(f"{path.parent} is being removed")
+@contextmanager
+def _refused(place: FolderPlace) -> Iterator[None]:
+    """What is not ours in a place was named by the user."""
+    try:
+        yield
+    except StoreFormatError:
+        raise
+    except StorageError as error:
+        raise InputError(f"shared store {place}: {error}") from error
+
+
+@contextmanager
+def _unless_read_only() -> Iterator[None]:
+    """Go on where a shared store may only be read."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno not in (errno.EROFS, errno.EACCES, errno.EPERM):
+            raise
+
+
+def _holds_assets(folder: Path) -> bool:
+    """Whether a folder without a marker is a shared store of a release that wrote none."""
+    manifests, objects = folder / MANIFESTS, folder / OBJECTS
+    if is_real_folder(manifests):
+        for file in manifests.iterdir():
+            if _MANIFEST.fullmatch(file.name) and file.is_file():
+                return True
+    if not is_real_folder(objects):
+        return False
+    assets = (asset for asset in objects.iterdir() if ID.fullmatch(asset.name))
+    return any(
+        OBJECT.fullmatch(file.name) and file.is_file()
+        for asset in assets
+        if is_real_folder(asset)
+        for file in asset.iterdir()
+    )
+
+
+def _plain_size(path: Path) -> int:
+    found = path.lstat()
+    if not stat.S_ISREG(found.st_mode):
+        raise NotPlainError(path)
+    return found.st_size
+
+
+def _copy_plain(path: Path, to: Path) -> bool:
+    """Copy the bytes that a plain file has now, and no more, to a new file."""
+    with open_plain(path) as source, to.open("xb") as target:
+        left = os.fstat(source.fileno()).st_size
+        while left and (piece := source.read(min(left, _PIECE))):
+            target.write(piece)
+            left -= len(piece)
+    return True
 
 
 def _copy(source: Path, to: Path) -> None:

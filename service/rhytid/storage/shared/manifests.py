@@ -5,13 +5,13 @@ from __future__ import annotations
 from contextlib import suppress
 from pathlib import Path
 
-from rhytid.errors import SharedDamageError, SnapshotError, StorageError
+from rhytid.errors import SnapshotError, StorageError
 from rhytid.storage.canonical import check_format, parse_hashed
 from rhytid.storage.homes import ID, checked_id
-from rhytid.storage.shared.place import Place
+from rhytid.storage.shared.place import MANIFESTS, Place, damaged
 from rhytid.storage.snapshot_index import FORMAT, LONGEST_INDEX, SnapshotIndex
 
-_FOLDER, _SUFFIX = "manifests", ".json"
+_SUFFIX = ".json"
 
 
 class SharedManifests:
@@ -22,17 +22,13 @@ class SharedManifests:
 
     def ids(self) -> list[str]:
         """Ids of the assets that have one, ascending."""
-        found = self._place.names(_FOLDER)
+        found = self._place.names(MANIFESTS)
         ids = (name.removesuffix(_SUFFIX) for name in found if name.endswith(_SUFFIX))
         return [id for id in ids if ID.fullmatch(id)]
 
     def read(self, id: str) -> bytes | None:
         """Its bytes, of which nothing is checked but their number; None where there is none."""
-        name = _name(id)
-        size = self._place.size(name)
-        if size is not None and size > LONGEST_INDEX:
-            raise self.damaged(name, f"it has {size} bytes: at most {LONGEST_INDEX}")
-        return None if size is None else self._place.read(name)
+        return self._place.read(manifest_name(id), LONGEST_INDEX)
 
     def decode(self, id: str, data: bytes) -> SnapshotIndex:
         """What the bytes say; raises SharedDamageError, and StoreFormatError where a newer version
@@ -41,14 +37,14 @@ class SharedManifests:
         try:
             index = SnapshotIndex.decode(data)
         except SnapshotError as exc:
-            raise self.damaged(_name(id), str(exc)) from exc
+            raise damaged(self._place, manifest_name(id), str(exc)) from exc
         if index.asset != id:
-            raise self.damaged(_name(id), f"it is of asset {index.asset}")
+            raise damaged(self._place, manifest_name(id), f"it is of asset {index.asset}")
         return index
 
     def check_version(self, id: str, data: bytes) -> None:
         """Raise StoreFormatError where a newer version of rhytid wrote these bytes."""
-        path = Path(f"{self._place}/{_name(id)}")
+        path = Path(f"{self._place}/{manifest_name(id)}")
         value = None
         with suppress(StorageError):  # a damaged one is of no version
             value = parse_hashed(data, path)
@@ -56,18 +52,13 @@ class SharedManifests:
 
     def write(self, index: SnapshotIndex) -> None:
         """Write that of an asset, in place of the one that is there."""
-        self._place.write(_name(index.asset), index.encode())
+        self._place.write(manifest_name(index.asset), index.encode())
 
     def remove(self, id: str) -> bool:
         """Remove that of an asset; whether there was one."""
-        known = self._place.size(_name(id)) is not None
-        self._place.remove(_name(id))
-        return known
-
-    def damaged(self, name: str, why: str) -> SharedDamageError:
-        """The error for an object that is not what was written."""
-        return SharedDamageError(f"{self._place}/{name} is damaged: {why}")
+        return self._place.remove(manifest_name(id))
 
 
-def _name(id: str) -> str:
-    return f"{_FOLDER}/{checked_id(id)}{_SUFFIX}"
+def manifest_name(id: str) -> str:
+    """The name of the manifest of an asset."""
+    return f"{MANIFESTS}/{checked_id(id)}{_SUFFIX}"

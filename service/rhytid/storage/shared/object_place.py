@@ -8,8 +8,8 @@ from typing import Any
 
 from rhytid.domain.wording import install_hint
 from rhytid.durable import sync_file
-from rhytid.errors import InputError
-from rhytid.storage.shared.place import reached
+from rhytid.errors import InputError, SharedStoreError
+from rhytid.storage.shared.place import SHARED_STORE, reached, too_large
 
 # Seconds to connect, and without a byte: of what is small, for which callers wait, and of the rest.
 _CONNECT, _QUICK, _SILENT = 3, 5, 20
@@ -17,6 +17,8 @@ _CONNECT, _QUICK, _SILENT = 3, 5, 20
 _ATTEMPTS, _TRIES = 1, 3
 # Bytes of a part, and parts that are sent at once: this much of a large object is in memory.
 _PART, _AT_ONCE = 16 << 20, 2
+# Bytes of a marker, at most.
+_MARKER = 1 << 16
 
 
 class ObjectPlace:
@@ -41,14 +43,25 @@ class ObjectPlace:
             # Asks for one object: a prefix may hold many.
             self._small.call_s3("list_objects_v2", Bucket=self._bucket, MaxKeys=1)
 
+    def claim(self) -> None:
+        """As `Place.claim`."""
+        data = self.read(SHARED_STORE.marker, _MARKER)
+        if data is not None:
+            SHARED_STORE.reads(data, self)
+            return
+        with suppress(SharedStoreError):  # it may only be read
+            self.write(SHARED_STORE.marker, SHARED_STORE.text())
+
     def size(self, name: str) -> int | None:
         """As `Place.size`."""
         with reached(f"{self._path(name)} cannot be read"), suppress(FileNotFoundError):
             return int(self._small.info(self._path(name), refresh=True)["size"])
         return None
 
-    def read(self, name: str) -> bytes | None:
+    def read(self, name: str, most: int) -> bytes | None:
         """As `Place.read`."""
+        if (size := self.size(name) or 0) > most:
+            raise too_large(self, name, size, most)
         with reached(f"{self._path(name)} cannot be read"), suppress(FileNotFoundError):
             return bytes(self._small.cat_file(self._path(name)))
         return None
@@ -82,10 +95,12 @@ class ObjectPlace:
             return sorted(str(path).rpartition("/")[2] for path in found)
         return []
 
-    def remove(self, name: str) -> None:
+    def remove(self, name: str) -> bool:
         """As `Place.remove`."""
+        known = self.size(name) is not None
         with reached(f"{self._path(name)} cannot be removed"), suppress(FileNotFoundError):
             self._files.rm_file(self._path(name))
+        return known
 
     def _path(self, name: str) -> str:
         return f"{self._url}/{name}"

@@ -9,8 +9,20 @@ from pathlib import Path
 from typing import Protocol
 
 from rhytid.durable import kind_of
-from rhytid.errors import InputError, RhytidError, SharedStoreError, StorageError
+from rhytid.errors import (
+    InputError,
+    RhytidError,
+    SharedDamageError,
+    SharedStoreError,
+    StorageError,
+)
+from rhytid.owned import Kind
 
+MANIFESTS, OBJECTS, PARTIAL = "manifests", "objects", "partial"
+# Raise its format when an older release must not use a new shared store.
+SHARED_STORE = Kind("rhytid shared store", format=1, folders=(MANIFESTS, OBJECTS, PARTIAL))
+# What the objects of an asset are called: by their SHA-256.
+OBJECT = re.compile(r"[0-9a-f]{64}", re.ASCII)
 _SCHEME = re.compile(r"[a-zA-Z][a-zA-Z0-9+.-]+://")
 _BUCKET = re.compile(r"s3://[a-z0-9][a-z0-9.-]{1,61}[a-z0-9](?:/[^/]+)*/?")
 
@@ -20,17 +32,22 @@ class Place(Protocol):
 
     A name is a path with slashes. What is written under a name is there whole or not at all, and
     replaces what was there. Methods raise SharedStoreError naming the object where the place cannot
-    be used, and DiskFullError where a disk is full.
+    be used, SharedDamageError where it is no plain file, and DiskFullError where a disk is full.
     """
 
     def check(self) -> None:
         """Raise SharedStoreError where nothing can be read here."""
 
+    def claim(self) -> None:
+        """Mark the place as a shared store, where that is allowed and was not done before; raises
+        StoreFormatError, and changes nothing, where a newer release made the shared store."""
+
     def size(self, name: str) -> int | None:
         """Bytes of an object; None where there is none."""
 
-    def read(self, name: str) -> bytes | None:
-        """A small object; None where there is none."""
+    def read(self, name: str, most: int) -> bytes | None:
+        """A small object; None where there is none. Raises SharedDamageError where it has more
+        than `most` bytes."""
 
     def fetch(self, name: str, to: Path) -> bool:
         """Copy an object to the new file `to`; False where there is none."""
@@ -44,8 +61,8 @@ class Place(Protocol):
     def names(self, folder: str) -> list[str]:
         """Names of the objects that lie in a folder, without it, ascending."""
 
-    def remove(self, name: str) -> None:
-        """Remove an object, if it is there."""
+    def remove(self, name: str) -> bool:
+        """Remove an object, if it is there; whether it was."""
 
 
 def place_of(text: str) -> Place:
@@ -62,6 +79,16 @@ def place_of(text: str) -> Place:
     from rhytid.storage.shared.object_place import ObjectPlace
 
     return ObjectPlace(text)
+
+
+def damaged(place: object, name: str, why: str) -> SharedDamageError:
+    """The error for an object that is not what was written."""
+    return SharedDamageError(f"{place}/{name} is damaged: {why}")
+
+
+def too_large(place: object, name: str, size: int, most: int) -> SharedDamageError:
+    """The error for an object that is not read, since it has more bytes than it may."""
+    return damaged(place, name, f"it has {size} bytes: at most {most}")
 
 
 @contextmanager

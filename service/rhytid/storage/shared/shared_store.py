@@ -3,32 +3,37 @@
 ::
 
     PLACE/
+    ├── format.json                the marker: that this is a shared store, and of which format
     ├── manifests/<id>.json        what an asset is made of: the index of its snapshot, written last
     ├── objects/<id>/<sha256>      its files, never changed, by the SHA-256 of their bytes
     └── partial/                   of a folder: files that are being written
 
 Nothing is locked. A manifest is replaced as a whole, and objects are there before a manifest names
-them, so that a reader finds an asset as one writer left it, or not at all.
+them, so that a reader finds an asset as one writer left it, or not at all. Who removes an asset
+looks for its manifest again afterwards, and who pushes it for its objects: whichever comes last
+finds what the other has left, so that no manifest stays without its objects.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 from rhytid.durable import remove_tree
-from rhytid.errors import NotFoundError, SharedDamageError, SharedStoreError
+from rhytid.errors import NotFoundError, SharedDamageError, SharedStoreError, StorageError
 from rhytid.storage.homes import checked_id
 from rhytid.storage.manifest import StoredFile
-from rhytid.storage.shared.manifests import SharedManifests
-from rhytid.storage.shared.place import Place, place_of
+from rhytid.storage.shared.manifests import SharedManifests, manifest_name
+from rhytid.storage.shared.place import OBJECT, OBJECTS, Place, damaged, place_of
 from rhytid.storage.snapshot_index import SnapshotIndex
 from rhytid.storage.snapshots import Snapshot, sealed
 
 # Called with the share of the work that is done and the file that comes next; may raise to end it.
 Report = Callable[[float, str], None]
-# How often an asset is fetched again that is replaced meanwhile.
-_TRIES = 3
+# How often an asset is fetched again that is replaced meanwhile, and how often one is pushed or
+# removed while others do the opposite.
+_TRIES, _ROUNDS = 3, 10
 
 
 class _Missing(Exception):
@@ -43,6 +48,7 @@ class SharedStore:
 
     def __init__(self, place: Place) -> None:
         self._place, self._manifests = place, SharedManifests(place)
+        self._claimed = False
 
     @classmethod
     def at(cls, text: str) -> SharedStore:
@@ -53,11 +59,14 @@ class SharedStore:
         return str(self._place)
 
     def check(self) -> None:
-        """Raise SharedStoreError where nothing can be read there."""
+        """Raise SharedStoreError where nothing can be read there, StoreFormatError where a newer
+        release made it."""
+        self._claim()
         self._place.check()
 
     def ids(self) -> list[str]:
         """Ids of the assets, ascending; none of them is read."""
+        self._claim()
         return self._manifests.ids()
 
     def index(self, id: str) -> SnapshotIndex:
@@ -66,6 +75,7 @@ class SharedStore:
         Raises NotFoundError where it is not there, SharedDamageError naming its manifest, and
         StoreFormatError where a newer version of rhytid wrote that.
         """
+        self._claim()
         data = self._manifests.read(id)
         if data is None:
             raise NotFoundError(f"no asset {id} in the shared store")
@@ -75,18 +85,23 @@ class SharedStore:
         """Write a snapshot, its manifest last; False where all of it was there already.
 
         Objects of the right size are left as they are, unless `anew`; files that are sent are
-        checked before.  Raises StoreFormatError, and changes nothing, where a newer version of
-        rhytid wrote the asset; StorageError where a file is damaged here, and NotFoundError where
-        the asset was removed here meanwhile.
+        checked before. Objects that others remove meanwhile are written again.  Raises
+        StoreFormatError, and changes nothing, where a newer version of rhytid wrote the asset;
+        StorageError where a file is damaged here, and NotFoundError where the asset was removed
+        here meanwhile.
         """
+        self._claim()
         index = made.index
         before = self._before(index.asset)
         written = [self._put(made, name, report, anew) for name in index.files]
-        if before == index.encode():
-            return any(written)
-        report(1.0, "manifest")
-        self._manifests.write(index)
-        return True
+        if before == index.encode() and not any(written):
+            return False
+        for _ in range(_ROUNDS):
+            report(1.0, "manifest")
+            self._manifests.write(index)
+            if not self._completed(made):
+                return True
+        raise SharedStoreError(f"asset {index.asset} is being removed from {self}")
 
     def fetch(self, id: str, into: Path, report: Report) -> SnapshotIndex:
         """Write the files of an asset into the empty folder `into`, as `unpack` does, each compared
@@ -122,12 +137,43 @@ class SharedStore:
 
     def remove(self, id: str) -> None:
         """Remove an asset, its manifest first; raises NotFoundError where it is not there."""
-        known = self._manifests.remove(id)
-        folder = _object_folder(id)
-        for name in self._place.names(folder):
-            self._place.remove(f"{folder}/{name}")
+        self._claim()
+        known = False
+        for _ in range(_ROUNDS):
+            known = self._remove(id) or known
+            # One that was written meanwhile names objects that were removed after it.
+            if self._place.size(manifest_name(id)) is None:
+                break
+        else:
+            raise SharedStoreError(f"asset {id} is being pushed to {self}")
         if not known:
             raise NotFoundError(f"no asset {id} in the shared store")
+
+    def _claim(self) -> None:
+        """Raise StoreFormatError where a newer release made the shared store; looked at once."""
+        if not self._claimed:
+            self._place.claim()
+            self._claimed = True
+
+    def _remove(self, id: str) -> bool:
+        """Remove the manifest of an asset, then its objects; whether there was a manifest."""
+        known = self._manifests.remove(id)
+        folder = _object_folder(id)
+        for name in filter(OBJECT.fullmatch, self._place.names(folder)):
+            self._place.remove(f"{folder}/{name}")
+        return known
+
+    def _completed(self, made: Snapshot) -> bool:
+        """Whether objects had to be written again that were removed before the manifest was there.
+        The manifest goes where they cannot be."""
+        index = made.index
+        try:
+            again = [self._put(made, name, _untold, anew=False) for name in index.files]
+        except BaseException:
+            with suppress(StorageError):
+                self._manifests.remove(index.asset)
+            raise
+        return any(again)
 
     def _before(self, id: str) -> bytes | None:
         """The manifest that is there; None where it is to be written anew."""
@@ -175,13 +221,17 @@ class SharedStore:
             raise _Missing(f"{self}/{name} is missing, and the manifest of the asset names it")
         if size != wanted.nbytes:
             why = f"it has {size} bytes, the manifest says {wanted.nbytes}"
-            raise self._manifests.damaged(name, why)
+            raise damaged(self, name, why)
         if StoredFile.read(to) != wanted:
-            raise self._manifests.damaged(name, "it does not have the SHA-256 that names it")
+            raise damaged(self, name, "it does not have the SHA-256 that names it")
+
+
+def _untold(share: float, file: str) -> None:
+    """A report to nobody, which does not end the work."""
 
 
 def _object_folder(id: str) -> str:
-    return f"objects/{checked_id(id)}"
+    return f"{OBJECTS}/{checked_id(id)}"
 
 
 def _object(id: str, file: StoredFile) -> str:

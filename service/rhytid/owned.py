@@ -1,0 +1,234 @@
+"""Folders that are ours: what may be swept or removed in them, and who may read what we make.
+
+A folder is ours where it holds our marker: a small file that says what the folder is, and in which
+format. Of what is in such a folder, that is ours which has a name that we make and is no link.
+Anything else is left alone.
+"""
+
+from __future__ import annotations
+
+import errno
+import json
+import logging
+import os
+import re
+import stat
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+from rhytid.errors import StorageError, StoreFormatError
+
+MARKER = "format.json"
+# What files and folders are called that are being written, or thrown away.
+UNIQUE = re.compile(r"[0-9a-f]{32}", re.ASCII)
+# What others than the owner may do: nothing, or the group as much as the owner.
+_GROUP, _OTHERS = 0o070, 0o007
+# Bytes of a marker, at most.
+_LONGEST = 1 << 16
+# Names in a message.
+_NAMED = 3
+# A file system that knows no modes, and a file that is somebody else's.
+_NO_MODES = (errno.EPERM, errno.EACCES, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EROFS)
+_log = logging.getLogger(__name__)
+
+
+class NotPlainError(OSError):
+    """A link, a folder, a device or a pipe where a plain file should be."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(errno.EINVAL, "it is no plain file", str(path))
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What a folder of ours is.
+
+    name: as its marker has it.  format: the newest that this release reads, and which it writes.
+    folders: those in it that are swept, or from which files are removed.  marker: the name of the
+    marker.  unnamed: a marker of an earlier release has a format and no name.
+    """
+
+    name: str
+    format: int = 1
+    folders: tuple[str, ...] = ()
+    marker: str = MARKER
+    unnamed: bool = False
+
+    def text(self) -> bytes:
+        """The marker, as bytes of a file."""
+        return json.dumps({"format": self.format, "kind": self.name}).encode()
+
+    def reads(self, data: bytes, folder: object) -> bool:
+        """Whether a marker with these bytes is the one that this release writes; of an earlier one
+        it is not. Raises StoreFormatError where a newer release wrote it, StorageError where it is
+        damaged, or says that the folder is something else."""
+        path = f"{folder}/{self.marker}"
+        try:
+            found = json.loads(data)
+        except (ValueError, RecursionError) as error:
+            raise StorageError(f"{path} is damaged: not JSON ({error})") from error
+        named = found.get("format") if isinstance(found, dict) else None
+        kind = found.get("kind", self.name if self.unnamed else None) if named else None
+        if type(named) is not int or kind != self.name:
+            what = f"it does not say that this is a {self.name}"
+            raise StorageError(f"{path} is not ours: {what}. {_CHOOSE}")
+        if named > self.format:
+            raise StoreFormatError(
+                f"{folder} was made by a newer release of rhytid (format {named}, this one reads "
+                f"up to {self.format}): nothing in it was changed. Use that release, or choose "
+                "another folder"
+            )
+        return named == self.format and "kind" in found
+
+
+_CHOOSE = "Nothing was changed there: choose another folder"
+
+
+def check_ours(folder: Path, kind: Kind, before: Callable[[Path], bool] | None = None) -> bool:
+    """Whether the marker of a folder is there as this release writes it; `durable.claim` writes it.
+
+    before: whether a folder without a marker is nevertheless of a release that wrote none. Raises
+    StorageError naming what is in the way and not ours, StoreFormatError where a newer release made
+    the folder, and OSError. Nothing is changed.
+    """
+    data = None
+    with suppress(FileNotFoundError, NotADirectoryError):
+        data = read_plain(folder / kind.marker, _LONGEST)
+    current = data is not None and kind.reads(data, folder)
+    known = data is not None or (before is not None and before(folder))
+    for name in kind.folders:
+        _check_folder(folder / name, known=known)
+    return current
+
+
+def is_marked(folder: Path, kind: Kind) -> bool:
+    """Whether a folder, which is no link, has a marker of ours that this release reads."""
+    try:
+        data = read_plain(folder / kind.marker, _LONGEST) if is_real_folder(folder) else None
+        if data is not None:
+            kind.reads(data, folder)
+    except (OSError, StorageError):
+        return False
+    return data is not None
+
+
+def not_ours(path: Path) -> StorageError:
+    """The error for what is where something of ours should be."""
+    return StorageError(f"{path} is not ours: rhytid did not make it. {_CHOOSE}")
+
+
+def is_real_folder(path: Path) -> bool:
+    """Whether it is a folder, and no link to one; raises OSError where that cannot be seen."""
+    with suppress(FileNotFoundError, NotADirectoryError):
+        return stat.S_ISDIR(path.lstat().st_mode)
+    return False
+
+
+def _check_folder(path: Path, *, known: bool) -> None:
+    """known: the folder around it is ours; then nothing but a link is somebody else's. Raises
+    StorageError where this one is not ours."""
+    try:
+        mode = path.lstat().st_mode
+    except (FileNotFoundError, NotADirectoryError):
+        return
+    empty = stat.S_ISDIR(mode) and not any(path.iterdir())
+    if stat.S_ISLNK(mode) or not (known or empty):
+        raise not_ours(path)
+
+
+def ours(folder: Path, name: re.Pattern[str]) -> Iterator[Path]:
+    """Files and folders of a folder of ours that have a name like this, and are no links; the log
+    names what else there is."""
+    strangers = []
+    for entry in sorted(folder.iterdir()):
+        if name.fullmatch(entry.name) and is_plain(entry):
+            yield entry
+        else:
+            strangers.append(entry.name)
+    if strangers:
+        more = f" and {len(strangers) - _NAMED} more" if len(strangers) > _NAMED else ""
+        named = ", ".join(strangers[:_NAMED])
+        _log.warning("left alone in %s, not made by rhytid: %s%s", folder, named, more)
+
+
+def is_plain(path: Path) -> bool:
+    """Whether it is a file or a folder, and no link, device or pipe; no where it is gone."""
+    with suppress(FileNotFoundError):
+        mode = path.lstat().st_mode
+        return stat.S_ISDIR(mode) or stat.S_ISREG(mode)
+    return False
+
+
+def open_plain(path: Path) -> BinaryIO:
+    """A plain file, open to be read; raises NotPlainError for anything else, and never waits for
+    it."""
+    if not stat.S_ISREG(path.lstat().st_mode):  # to open a device may do something
+        raise NotPlainError(path)
+    flags = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+    try:
+        file = open(os.open(path, flags | getattr(os, "O_BINARY", 0)), "rb")  # noqa: SIM115
+    except OSError as error:
+        if error.errno == errno.ELOOP:  # a link by now
+            raise NotPlainError(path) from error
+        raise
+    if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+        file.close()
+        raise NotPlainError(path)
+    return file
+
+
+def read_plain(path: Path, most: int) -> bytes:
+    """The bytes of a plain file; raises NotPlainError for anything else, and OSError with EFBIG
+    where it has more than `most`."""
+    with open_plain(path) as file:
+        data = file.read(most + 1)
+    if len(data) > most:
+        raise OSError(errno.EFBIG, f"it has more than {most} bytes", str(path))
+    return data
+
+
+def has_group(folder: Path) -> bool:
+    """Whether the group of a folder may write into it: then it gets what we make there, too."""
+    return bool(stat.S_IMODE(folder.stat().st_mode) & stat.S_IWGRP)
+
+
+def restrict(path: Path, *, group: bool = False) -> None:
+    """Leave a file, or a folder and all that is in it, to its owner.  group: and to its group. What
+    is somebody else's, or lies where there are no modes, stays as it is."""
+    _restrict(path, group)
+    if is_real_folder(path):
+        for place, folders, files in os.walk(path):
+            for name in (*folders, *files):
+                _restrict(Path(place, name), group)
+
+
+def restrict_folder(path: Path, *, group: bool = False) -> None:
+    """As `restrict`, of a folder alone: who may not pass through it cannot reach what is in it."""
+    _restrict(path, group)
+
+
+def make_folder(path: Path, *, group: bool = False) -> None:
+    """Make a folder of its owner, or its group, where it is not there."""
+    with suppress(FileExistsError):
+        path.mkdir(mode=0o700)
+        _restrict(path, group)
+
+
+def _restrict(path: Path, group: bool) -> None:
+    mode = path.lstat().st_mode
+    if stat.S_ISLNK(mode):
+        return
+    before = stat.S_IMODE(mode)
+    owner = before & stat.S_IRWXU
+    given = owner >> 3 if group else 0
+    after = (before & ~(_GROUP | _OTHERS)) | given
+    if after == before:
+        return
+    try:
+        path.chmod(after)
+    except OSError as error:
+        if error.errno not in _NO_MODES:
+            raise
