@@ -266,3 +266,29 @@ def test_frames_sent_with_a_mesh_are_there_when_it_is_built(engine):
     assert names == ["neutral", "0000", "0001", "0002"]
     for name, positions in zip(names[1:], frames, strict=True):
         assert same([engine.frames.positions(info.id, name)], [positions])
+
+
+def test_a_frame_that_is_stored_while_an_upload_waits_stays(engine, monkeypatch):
+    """The upload came before; of two uploads the later one's frames are there."""
+    mesh, new = sheet(), new_asset()
+    first, second, put = (deform(mesh.positions, seed) for seed in range(3))
+    asset = built(engine, new)
+    begun, free = threading.Event(), threading.Event()
+    progress = Job.progress
+
+    def wait(job, *said):
+        begun.set()
+        assert free.wait(60)
+        progress(job, *said)
+
+    monkeypatch.setattr(Job, "progress", wait)
+    jobs = [
+        engine.assets.create(NewAsset(mesh, new.settings, new.graph, [frame, frame])).job
+        for frame in (first, second)
+    ]
+    assert begun.wait(60)
+    engine.frames.put(asset, "0000", put)
+    free.set()
+    assert [finish(engine, job).state for job in jobs] == ["done", "done"]
+    assert same([engine.frames.positions(asset, "0000")], [put])
+    assert same([engine.frames.positions(asset, "0001")], [second])

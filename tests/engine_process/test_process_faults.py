@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import io
+import itertools
 import os
 import signal
 import threading
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 from zipfile import ZipFile
 
 import httpx
+import numpy as np
 import pytest
 
 from api.asking import NPY, built, is_problem, npy
 from api.patch import obj, smile, upload
-from engine_process.served import TILE, Served, alive, await_value, children, serving
+from engine_process.served import LONG, TILE, Served, alive, await_value, children, serving
 
 pytestmark = [pytest.mark.slow, pytest.mark.attack, pytest.mark.release]
 # Kernels that tiles with `stretch=uv` launch, and builds, and nothing else.
@@ -197,6 +200,38 @@ def test_kills_under_load_lose_nothing(served: Served) -> None:
         thread.join()
     assert wrong == []
     assert served.restarts() == {"killed": 4}
+
+
+@pytest.mark.parametrize("change", ["put", "delete"])
+def test_a_frame_that_changes_while_the_process_is_killed_stays_changed(
+    served: Served, change: str
+) -> None:
+    """Whatever else is asked for until the next process has answered."""
+    shapes = [smile(0.1 * size) for size in range(1, 4)]
+    for before, after in itertools.pairwise(shapes):
+        served.client.put(served.frame, content=npy(before), headers=NPY).raise_for_status()
+        child = served.child
+        os.kill(child, signal.SIGSTOP)
+        with ThreadPoolExecutor(4) as pool:
+            if change == "put":
+                changed = pool.submit(served.client.put, served.frame, content=npy(after),
+                                      headers=NPY)  # fmt: skip
+            else:
+                changed = pool.submit(served.client.delete, served.frame)
+            time.sleep(0.5)  # it is sent, and waits for its answer
+            asked = [pool.submit(served.tile) for _ in range(2)]
+            os.kill(child, signal.SIGKILL)
+            changed.result(LONG).raise_for_status()
+            for tile in asked:
+                assert tile.result(LONG).status_code in (200, 404)
+        for _ in range(2):
+            found = served.client.get(served.frame, headers={"Accept": "application/x-npy"})
+            if change == "put":
+                assert np.array_equal(np.load(io.BytesIO(found.content)), after)
+            else:
+                assert found.status_code == served.tile().status_code == 404
+            os.kill(served.child, signal.SIGKILL)
+            await_value(served.ready)
 
 
 def test_descriptors_and_memory_of_killed_processes_are_given_back(served: Served) -> None:

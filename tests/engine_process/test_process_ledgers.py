@@ -34,14 +34,14 @@ SEGV = Ending("fault", "it ended by SIGSEGV", Purpose())
 def test_frames_are_sent_once_to_every_new_process() -> None:
     sent: list[tuple[Any, ...]] = []
     ledger = FrameLedger(1000, lambda *put: sent.append(put[:3]))
-    ledger.keep("a", "smile", FRAME, ONE)
+    ledger.keep("a", "smile", FRAME, ONE, ledger.mark())
     ledger.bring(ONE, "a", ["smile", "unknown"])
     assert sent == []
     for _ in range(2):
         ledger.bring(OTHER, "a", ["smile"])
     assert sent == [(OTHER, "a", "smile")]
     version = ledger.version("a", "smile")
-    ledger.keep("a", "smile", 2 * FRAME, OTHER)
+    ledger.keep("a", "smile", 2 * FRAME, OTHER, ledger.mark())
     assert ledger.version("a", "smile") != version
     ledger.forget("a")
     assert (ledger.names("a"), ledger.version("a", "smile")) == ([], 0)
@@ -66,12 +66,12 @@ def test_a_frame_that_is_being_sent_keeps_no_other() -> None:
 
 def test_frames_beyond_the_limit_are_not_kept() -> None:
     ledger = FrameLedger(FRAME.nbytes, lambda *_: None)
-    ledger.keep("a", "one", FRAME, ONE)
-    ledger.keep("a", "two", FRAME, ONE)
+    ledger.keep("a", "one", FRAME, ONE, ledger.mark())
+    ledger.keep("a", "two", FRAME, ONE, ledger.mark())
     assert ledger.names("a") == ["one"]
-    ledger.keep("a", "one", FRAME, ONE)
+    ledger.keep("a", "one", FRAME, ONE, ledger.mark())
     ledger.forget("a", "one")
-    ledger.keep("a", "two", FRAME, ONE)
+    ledger.keep("a", "two", FRAME, ONE, ledger.mark())
     assert ledger.names("a") == ["two"]
 
 

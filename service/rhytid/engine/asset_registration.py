@@ -139,11 +139,13 @@ class AssetRegistration:
             asset.job = self._jobs.start("frames", asset.id, work, small=asset.small)
 
     def _frames_work(self, asset: Asset, frames: Positions) -> Callable[[Job], None]:
+        since = asset.frames.stored
+
         def work(job: Job) -> None:
             for index, positions in enumerate(frames):
                 job.progress(0.9, "frames", f"{index + 1} of {len(frames)}")
                 name, frame = frame_label(index), Frame.of(positions)
                 warnings = asset.frame_warnings(positions, f"frame {name}")
-                self._frames.store(asset, name, frame, warnings, patiently=True)
+                self._frames.store(asset, name, frame, warnings, patiently=True, since=since)
 
         return work

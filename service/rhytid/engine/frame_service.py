@@ -55,13 +55,15 @@ class FrameService:
         warnings: tuple[InputWarning, ...],
         *,
         patiently: bool = False,
+        since: int | None = None,
     ) -> FrameInfo:
-        """Measure a checked frame and store it. patiently: as `DeviceAssets.run_patiently`."""
+        """Measure a checked frame and store it. patiently: as `DeviceAssets.run_patiently`.  since:
+        as `Frames.put`."""
         ratios, _ = self._on_device.use(
             asset, lambda resident: resident.frames.ratios(frame), patiently=patiently
         )
         measured = LogStretch.of(ratios)
-        asset.frames.put(name, frame, measured, warnings)
+        asset.frames.put(name, frame, measured, warnings, since=since)
         return FrameInfo(name, measured.percentiles(_limit(asset)), warnings)
 
     def warnings(

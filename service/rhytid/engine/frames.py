@@ -60,6 +60,7 @@ class _Stored:
     frame: Frame
     stretch: LogStretch
     warnings: tuple[InputWarning, ...]
+    number: int
 
     def info(self, name: str, limit: float) -> FrameInfo:
         return FrameInfo(name, self.stretch.percentiles(limit), self.warnings)
@@ -73,6 +74,12 @@ class Frames:
         self._lock = threading.Lock()
         self._frames: dict[str, _Stored] = {}
         self._closed = self._left = False
+        self._stored = 0
+
+    @property
+    def stored(self) -> int:
+        """How often a frame was stored without `since`."""
+        return self._stored
 
     def put(
         self,
@@ -80,9 +87,14 @@ class Frames:
         frame: Frame,
         stretch: LogStretch,
         warnings: tuple[InputWarning, ...] = (),
+        *,
+        since: int | None = None,
     ) -> None:
         """Store a frame, how it stretches and what is probably wrong with it, in place of one of
-        the same name."""
+        the same name.
+
+        since: `stored` when the frame was sent; one of the same name that came later stays.
+        """
         assert frame.positions is not None
         refuse_neutral(name)
         with self._lock:
@@ -90,8 +102,12 @@ class Frames:
                 raise FetchingError(LEFT)
             if self._closed:
                 raise NotFoundError("the asset was removed")
+            if since is not None and name in self._frames and self._frames[name].number > since:
+                return
             self._memory.change(frame.positions.nbytes - self._bytes(name))
-            self._frames[name] = _Stored(frame, stretch, warnings)
+            if since is None:
+                self._stored = since = self._stored + 1
+            self._frames[name] = _Stored(frame, stretch, warnings, since)
 
     def get(self, name: str) -> Frame:
         """A frame by name; raises NotFoundError."""

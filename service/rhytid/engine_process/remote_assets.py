@@ -52,6 +52,7 @@ class RemoteAssets:
         token = self._uploads.take(nbytes, hold)
         named = {"strict": strict, "allow": tuple(allow)}
         request, asked = Request("create", (new, token), named), None
+        since = self._frames.mark()
 
         def note(process: DeviceProcess) -> None:
             nonlocal asked
@@ -66,8 +67,10 @@ class RemoteAssets:
         if nbytes and asked is not None:
             sent: NewAsset = request.packed.shared().positional[0]
             for index, positions in enumerate(() if sent.frames is None else sent.frames):
-                # A copy: the whole upload lies in the memory that they are a part of.
-                self._frames.keep(info.id, frame_label(index), np.array(positions), asked)
+                name = frame_label(index)
+                with self._frames.sending(info.id, name):
+                    # A copy: the whole upload lies in the memory that they are a part of.
+                    self._frames.keep(info.id, name, np.array(positions), asked, since)
         return self._noted(info)
 
     def all(self) -> list[AssetInfo]:

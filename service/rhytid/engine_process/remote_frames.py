@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
 from functools import partial
 from typing import Any
 
@@ -10,12 +11,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rhytid.domain.warnings import InputWarning
+from rhytid.engine import wanted
 from rhytid.engine.messages import FrameInfo, FrameStretch
 from rhytid.engine_process.caller import Caller
 from rhytid.engine_process.device_process import DeviceProcess
 from rhytid.engine_process.frame_ledger import FrameLedger
 from rhytid.engine_process.requests import Request
-from rhytid.errors import NotFoundError
+from rhytid.errors import DeviceLostError, NotFoundError
 
 
 class RemoteFrames:
@@ -41,11 +43,12 @@ class RemoteFrames:
             nonlocal asked
             asked = process
 
-        with self._ledger.sending(asset, frame):
+        with self._changing(asset, frame):
+            since = self._ledger.mark()
             info: FrameInfo = self._supervisor.call(request, note)
             if asked is not None:
                 kept = np.asarray(request.packed.shared().positional[2], np.float32)
-                self._ledger.keep(asset, frame, kept, asked)
+                self._ledger.keep(asset, frame, kept, asked, since)
         return info
 
     def warnings(
@@ -81,7 +84,7 @@ class RemoteFrames:
     def delete(self, asset: str, frame: str) -> None:
         """Forget a frame."""
         request = Request("frames.delete", (asset, frame))
-        with self._ledger.sending(asset, frame):
+        with self._changing(asset, frame):
             try:
                 self._of(request, asset, frame)
             except NotFoundError:
@@ -97,6 +100,16 @@ class RemoteFrames:
 
     def _of(self, request: Request, asset: str, *names: str) -> Any:
         """The answer of a process that has these frames of an asset, or all."""
-        wanted = names or self._ledger.names(asset)
-        bring = partial(self._ledger.bring, asset=asset, names=wanted)
+        bring = partial(self._ledger.bring, asset=asset, names=names or None)
         return self._supervisor.call(request, bring)
+
+    @contextmanager
+    def _changing(self, asset: str, frame: str) -> Iterator[None]:
+        """Held while a frame is stored or deleted. Such a call is not given up where its client is
+        gone: the process would do it later, after what is stored by then."""
+        with self._ledger.sending(asset, frame), wanted.anyway():
+            try:
+                yield
+            except DeviceLostError:
+                self._ledger.doubt(asset, frame)
+                raise

@@ -150,9 +150,13 @@ class Supervisors:
     def _fetched(self, request: Request, prepare: Prepare | None) -> Any:
         """The answer to a request for an asset that may be in the shared store alone, of a size
         that is not known yet."""
-        if not ID.fullmatch(request.asset):
-            return self._of(request.asset).call(request, prepare)
-        return self._placed_as(request.asset, _WRINKLE * _WRINKLES, request, prepare)
+        asset = request.asset
+        if ID.fullmatch(asset):
+            # Asked for apart: whoever sends a frame holds a lock of it, and none waits for that
+            # while the asset is placed.
+            looked = Request("assets.info", (asset,))
+            self._placed_as(asset, _WRINKLE * _WRINKLES, looked, None)
+        return self._of(asset).call(request, prepare)
 
     def _placed_as(self, asset: str, nbytes: int, request: Request, prepare: Prepare | None) -> Any:
         with self._changing.holding(asset):
