@@ -26,7 +26,8 @@ ASSETS = [f"{number:016x}" for number in range(3)]
 
 
 class NoBoard:
-    def forget(self, asset: str) -> None: ...
+    def forget(self, asset: str, after: int) -> int:
+        return after + 1
 
 
 @pytest.fixture
@@ -43,7 +44,7 @@ def engine(tmp_path: Path) -> Iterator[Engine]:
 @pytest.fixture
 def assets(engine: Any, shared: SharedFolder) -> Iterator[ReplicaAssets]:
     board: Any = NoBoard()
-    made = ReplicaAssets(engine, shared, board, FrameSync(engine.frames, board), "me", 8)
+    made = ReplicaAssets(engine, shared, FrameSync(engine.frames, board), "me", 8)
     yield made
     made.close()
 

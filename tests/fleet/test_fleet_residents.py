@@ -39,7 +39,15 @@ class Engine:
 
 
 class Frames:
+    """only: assets with frames that no board has."""
+
+    def __init__(self) -> None:
+        self.only: set[str] = set()
+
     def forget(self, asset: str) -> None: ...
+
+    def only_here(self, asset: str) -> bool:
+        return asset in self.only
 
 
 class Content:
@@ -68,8 +76,12 @@ def resumed() -> list[str]:
 
 
 @pytest.fixture
-def residents(engine: Any, shared: SharedFolder, resumed: list[str]) -> Residents:
-    frames: Any = Frames()
+def frames() -> Any:
+    return Frames()
+
+
+@pytest.fixture
+def residents(engine: Any, shared: SharedFolder, frames: Any, resumed: list[str]) -> Residents:
     return Residents(engine, shared, frames, 2, "me", resumed.append)
 
 
@@ -107,6 +119,20 @@ def test_the_least_recently_used_leaves(
     residents.take(d)
     use(residents, b)
     assert engine.heard() == [("restore", b), ("delete", a)], "what is not shared yet stays"
+
+
+def test_an_asset_with_frames_that_no_board_has_stays(
+    residents: Residents, shared: SharedFolder, engine: Engine, frames: Any
+) -> None:
+    a, b, c, d = ASSETS
+    for asset in ASSETS:
+        share(shared, asset)
+    frames.only = {a}
+    use(residents, a, b, c)
+    assert engine.heard()[-1] == ("delete", b)
+    frames.only = set()
+    use(residents, d)
+    assert engine.heard() == [("restore", d), ("delete", a)]
 
 
 def test_settings_and_snapshots_are_those_of_now(

@@ -129,7 +129,8 @@ class FleetCaller:
         keep_spans(answer.spans)
         if answer.version:
             asset, frame = request.positional[:2]
-            self._versions.note(asset, frame, answer.version)
+            removed = request.name == "frames.delete"
+            self._versions.note(asset, frame, answer.version, removed=removed)
         if answer.good:
             return answer.value()
         error = answer.value()

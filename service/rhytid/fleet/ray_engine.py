@@ -34,16 +34,16 @@ class RayEngine:
     """What `Engine` is, on replicas of Ray Serve. Blocking; safe from any thread, and from as many
     processes as there are ingresses: none of them knows what others do not.
 
-    replicas, board: handles of their deployments. Calls raise what those of `Engine` do, and
+    replicas: handle of their deployment. Calls raise what those of `Engine` do, and
     DeviceLostError where no replica answers.
     """
 
     def __init__(
-        self, settings: ServiceSettings, options: FleetOptions, replicas: Any, board: Any
+        self, settings: ServiceSettings, options: FleetOptions, replicas: Any, board: RemoteBoard
     ) -> None:
         host_memory = settings.host_memory or usual_host_memory()
         self.memory = ByteBudget(host_memory, "RHYTID_HOST_MEMORY_MB")
-        self._presence = Presence(RemoteBoard(board))
+        self._presence = Presence(board)
         versions = FrameVersions()
         self._caller = FleetCaller(replicas, versions, self._present)
         shared = SharedFolder(options.store / "shared")

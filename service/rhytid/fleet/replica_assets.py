@@ -4,7 +4,6 @@ together."""
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,11 +17,10 @@ from rhytid.engine import wanted
 from rhytid.engine.checked_upload import content_id
 from rhytid.engine.messages import AssetInfo, JobInfo, NewAsset, Package
 from rhytid.engine_process.remote_engine import RemoteEngine
-from rhytid.errors import DeviceLostError, NotFoundError
+from rhytid.errors import NotFoundError
 from rhytid.fleet.frame_sync import FrameSync
 from rhytid.fleet.job_watch import JobWatch
 from rhytid.fleet.kept_uploads import read_upload, written_upload
-from rhytid.fleet.remote_board import RemoteBoard
 from rhytid.fleet.residents import Residents
 from rhytid.fleet.shared_folder import SharedFolder
 
@@ -37,12 +35,11 @@ class ReplicaAssets:
         self,
         engine: RemoteEngine,
         shared: SharedFolder,
-        board: RemoteBoard,
         frames: FrameSync,
         replica: str,
         most: int,
     ) -> None:
-        self._engine, self._shared, self._board = engine, shared, board
+        self._engine, self._shared = engine, shared
         self._frames, self._replica = frames, replica
         self._jobs = JobWatch(engine.jobs.info)
         self.residents = Residents(engine, shared, frames, most, replica, self._resume)
@@ -96,9 +93,8 @@ class ReplicaAssets:
             except NotFoundError:
                 if not there:
                     raise
+            self._frames.remove_all(asset)
             self.residents.forget(asset)
-            with suppress(DeviceLostError):  # a board that starts again has none of its frames
-                self._board.forget(asset)
 
     def package(self, asset: str, *arguments: Any) -> Package | JobInfo | None:
         """As `PackageService.of`; the file lies in the shared folder."""

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rhytid.engine.frames import refuse_neutral
 from rhytid.engine.messages import ENDED_STATES, AssetInfo, FrameInfo, JobInfo, NewAsset
 from rhytid.engine_process.job_ledger import resumed
 from rhytid.engine_process.remote_engine import RemoteEngine
@@ -16,7 +17,6 @@ from rhytid.errors import NotFoundError
 from rhytid.fleet.envelopes import Envelope
 from rhytid.fleet.frame_sync import FrameSync
 from rhytid.fleet.job_names import JobName, named_asset, named_job
-from rhytid.fleet.remote_board import RemoteBoard
 from rhytid.fleet.replica_assets import ReplicaAssets
 
 # Calls of parts of the engine, as they are.
@@ -39,11 +39,10 @@ class ReplicaCalls:
         engine: RemoteEngine,
         assets: ReplicaAssets,
         frames: FrameSync,
-        board: RemoteBoard,
         replica: str,
     ) -> None:
         self._engine, self._assets, self._frames = engine, assets, frames
-        self._board, self._replica = board, replica
+        self._replica = replica
         self._calls: dict[str, Callable[..., Any]] = {
             "assets.change": assets.change,
             "assets.calibrate": assets.calibrate,
@@ -108,10 +107,9 @@ class ReplicaCalls:
     def _remove(self, envelope: Envelope, asset: str, name: str) -> int:
         self._frames.bring(asset, name, envelope.version)
         with self._frames.changing(asset):
-            self._engine.frames.delete(asset, name)
-            version = self._board.remove(asset, name)
-            self._frames.note(asset, name, version)
-        return version
+            self._engine.frames.info(asset, name)  # raises where there is none
+            refuse_neutral(name)
+            return self._frames.remove(asset, name)
 
     def _all_frames(self, asset: str) -> list[FrameInfo]:
         self._frames.bring_all(asset)

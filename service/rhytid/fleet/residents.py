@@ -186,7 +186,7 @@ class Residents:
         while len(self._here) > self._most:
             with self._unused:
                 idle = (name for name, one in self._here.items() if not one.users and not one.own)
-                oldest = next(idle, None)
+                oldest = next((one for one in idle if not self._frames.only_here(one)), None)
             if oldest is None:
                 return
             with self._locks.holding(oldest):
