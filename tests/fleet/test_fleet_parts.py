@@ -17,7 +17,7 @@ from rhytid.engine.messages import JobInfo
 from rhytid.errors import NotFoundError, SettingsError, StorageError
 from rhytid.fleet.board import Board
 from rhytid.fleet.envelopes import Answer, ElsewhereError
-from rhytid.fleet.job_names import JobName, named_job
+from rhytid.fleet.job_names import JobName, JobNames, ReplicaNames
 from rhytid.fleet.kept_uploads import read_upload, written_upload
 from rhytid.fleet.local_place import LocalPlace
 from rhytid.fleet.options import FleetOptions
@@ -43,12 +43,27 @@ def test_the_second_replica_is_the_first_of_those_that_are_left() -> None:
 
 def test_the_id_of_a_job_names_its_replica() -> None:
     info = JobInfo("00ff", ASSET, "build", "running", 0.5, "pores", "")
-    named = named_job(info, "abc12XYZ")
-    assert JobName.read(named.id) == JobName("00ff", "build", ASSET, "abc12XYZ")
+    names = JobNames(b"a key")
+    named = ReplicaNames(names, "abc12XYZ", lambda job: info).job(info)
+    assert JobNames(b"a key").read(named.id) == JobName("00ff", "build", ASSET, "abc12XYZ")
     assert replace(named, id="00ff") == info
     for wrong in ("00ff", f"00ff-build-{ASSET}", f"00ff-build-{ASSET}-a/b", f"{named.id}\n"):
         with pytest.raises(NotFoundError, match="no job"):
-            JobName.read(wrong)
+            names.read(wrong)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [("00ff", "00fe"), ("build", "frames"), (ASSET, "1" * 16), ("abc12XYZ", "abc12XYY")],
+)
+def test_an_id_of_a_job_that_the_fleet_has_not_made_is_none(change: tuple[str, str]) -> None:
+    names = JobNames(b"a key")
+    made = names.id(JobName("00ff", "build", ASSET, "abc12XYZ"))
+    for forged in (made.replace(*change), made[:-1] + "xy"[made[-1] == "x"], made[:-17], "a" * 400):
+        with pytest.raises(NotFoundError, match="no job"):
+            names.read(forged)
+    with pytest.raises(NotFoundError, match="no job"):
+        JobNames(b"another key").read(made)
 
 
 def test_the_board_keeps_frames_under_its_budget() -> None:

@@ -8,6 +8,8 @@ from typing import Any
 
 import pytest
 
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.engine.messages import AssetInfo
 from rhytid.errors import NotFoundError, SharedDamageError, SnapshotError
 from rhytid.fleet.envelopes import ElsewhereError
 from rhytid.fleet.residents import Residents
@@ -32,6 +34,10 @@ class Engine:
 
     def change(self, asset: str, settings: Any) -> None:
         self.told.append(("change", asset, str(settings["depth"])))
+
+    def info(self, asset: str) -> AssetInfo:
+        settings = AssetSettings().as_json()
+        return AssetInfo(asset, "ready", None, None, settings, (1001,), 9, 4, 2, 0, 0)
 
     def heard(self) -> list[tuple[str, ...]]:
         told, self.told = self.told, []
@@ -82,7 +88,7 @@ def frames() -> Any:
 
 @pytest.fixture
 def residents(engine: Any, shared: SharedFolder, frames: Any, resumed: list[str]) -> Residents:
-    return Residents(engine, shared, frames, 2, "me", resumed.append)
+    return Residents(engine, shared, frames, 2, "me", resumed.append, lambda info: info)
 
 
 def share(shared: SharedFolder, asset: str, word: str = "") -> None:

@@ -23,6 +23,7 @@ from rhytid.fleet.caller import FleetCaller
 from rhytid.fleet.fleet_assets import FleetAssets
 from rhytid.fleet.fleet_snapshots import FleetSnapshots
 from rhytid.fleet.frame_versions import FrameVersions
+from rhytid.fleet.job_names import JobNames
 from rhytid.fleet.options import FleetOptions
 from rhytid.fleet.presence import Presence
 from rhytid.fleet.remote_board import RemoteBoard
@@ -45,8 +46,9 @@ class RayEngine:
         self.memory = ByteBudget(host_memory, "RHYTID_HOST_MEMORY_MB")
         self._presence = Presence(board)
         versions = FrameVersions()
-        self._caller = FleetCaller(replicas, versions, self._present)
         shared = SharedFolder(options.store / "shared")
+        names = JobNames(shared.job_key())
+        self._caller = FleetCaller(replicas, versions, names, self._present)
         self.frames = RemoteFrames(self._caller, versions)
         self.tiles = RemoteTiles(self._caller, versions)
         self.jobs = RemoteJobs(self._caller, JobLedger())

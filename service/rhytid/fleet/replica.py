@@ -23,6 +23,7 @@ from rhytid.errors import DeviceLostError, RhytidError
 from rhytid.fleet.board import Report
 from rhytid.fleet.envelopes import Answer, ElsewhereError, Envelope
 from rhytid.fleet.frame_sync import FrameSync
+from rhytid.fleet.job_names import JobNames
 from rhytid.fleet.local_place import LocalPlace
 from rhytid.fleet.options import FleetOptions
 from rhytid.fleet.remote_board import RemoteBoard
@@ -52,8 +53,11 @@ class EngineReplica:
         frames = FrameSync(self._engine.frames, self._board)
         shared = SharedFolder(options.store / "shared")
         shared.sweep()
-        self._assets = ReplicaAssets(self._engine, shared, frames, self._name, options.assets)
-        self._calls = ReplicaCalls(self._engine, self._assets, frames, self._name)
+        names = JobNames(shared.job_key())
+        self._assets = ReplicaAssets(
+            self._engine, shared, frames, names, self._name, options.assets
+        )
+        self._calls = ReplicaCalls(self._engine, self._assets, frames, names, self._name)
         self._pool = ThreadPoolExecutor(options.calls, "rhytid-call")
         self._closing = threading.Event()
         self._well = time.monotonic()

@@ -19,6 +19,7 @@ from rhytid.engine.messages import AssetInfo, JobInfo, NewAsset, Package
 from rhytid.engine_process.remote_engine import RemoteEngine
 from rhytid.errors import NotFoundError
 from rhytid.fleet.frame_sync import FrameSync
+from rhytid.fleet.job_names import JobNames, ReplicaNames
 from rhytid.fleet.job_watch import JobWatch
 from rhytid.fleet.kept_uploads import read_upload, written_upload
 from rhytid.fleet.residents import Residents
@@ -36,13 +37,15 @@ class ReplicaAssets:
         engine: RemoteEngine,
         shared: SharedFolder,
         frames: FrameSync,
+        names: JobNames,
         replica: str,
         most: int,
     ) -> None:
         self._engine, self._shared = engine, shared
         self._frames, self._replica = frames, replica
         self._jobs = JobWatch(engine.jobs.info)
-        self.residents = Residents(engine, shared, frames, most, replica, self._resume)
+        seen = ReplicaNames(names, replica, engine.jobs.info)
+        self.residents = Residents(engine, shared, frames, most, replica, self._resume, seen.asset)
 
     def close(self) -> None:
         """Watch jobs no more."""
@@ -152,12 +155,14 @@ class ReplicaAssets:
         with self._engine.snapshots.of(asset) as made:
             placed = self._shared.put_snapshot(asset, made)
         self.residents.take(asset, placed)
+        self.residents.describe(asset)
 
     def _share_settings(self, asset: str) -> None:
         with self.residents.changing(asset):
             settings = self._engine.assets.info(asset).settings
             now = {name: settings[name] for name in CHANGEABLE}
             self.residents.note_settings(asset, self._shared.put_settings(asset, now))
+            self.residents.describe(asset)
 
     def _keep_frames(self, asset: str, new: NewAsset) -> None:
         for index, positions in enumerate(() if new.frames is None else new.frames):
