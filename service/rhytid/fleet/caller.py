@@ -80,7 +80,7 @@ class FleetCaller:
         for _ in range(SENT):
             try:
                 return self._opened(request, self._sent(self._envelope(request, asset, to)))
-            except ElsewhereError as error:
+            except ElsewhereError as error:  # noqa: PERF203
                 to = error.replica
             except _LOST as error:
                 request.sent += 1
