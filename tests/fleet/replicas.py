@@ -8,7 +8,6 @@ from dataclasses import replace
 from typing import Any
 
 from engine_process.served import alive
-from rhytid.fleet.job_names import JobName
 
 
 def replicas(fleet: Any) -> dict[str, int]:
@@ -18,7 +17,7 @@ def replicas(fleet: Any) -> dict[str, int]:
 
 
 def replica_of(job: str) -> str:
-    return JobName.read(job).replica
+    return job.split("-")[3]
 
 
 @contextmanager
@@ -26,7 +25,7 @@ def sent_to(fleet: Any, replica: str) -> Iterator[None]:
     """Calls that are made in the block go to a replica, whichever asset they are about."""
     caller = fleet._caller
     made = caller._envelope
-    caller._envelope = lambda request, to: replace(made(request, to), to=replica)
+    caller._envelope = lambda request, asset, to: replace(made(request, asset, to), to=replica)
     try:
         yield
     finally:

@@ -18,14 +18,14 @@ from rhytid.access.api_key import READ, new_key
 from rhytid.access.key_file import write_keys
 from rhytid.api.request_memory import LAST
 from rhytid.errors import AccessError, DeviceError, SettingsError
-from rhytid.fleet.app import application, asking, deployments, ingress_app
+from rhytid.fleet.app import application, asking, deployment, ingress_app
 from rhytid.fleet.local_fleet import local_fleet
 from rhytid.fleet.options import FleetOptions
 from rhytid.settings import ServiceSettings
 
 
 def config_of(**options: Any) -> Any:
-    _, replicas = deployments(ServiceSettings(), FleetOptions(**options))
+    replicas = deployment(ServiceSettings(), FleetOptions(**options))
     return replicas._bound_deployment._deployment_config
 
 
@@ -39,7 +39,7 @@ def test_the_count_of_replicas_is_fixed_or_follows_the_load() -> None:
 
 
 def test_a_replica_asks_for_its_share_of_a_machine() -> None:
-    _, replicas = deployments(ServiceSettings(), FleetOptions(cpus=2.0, gpus=1.0))
+    replicas = deployment(ServiceSettings(), FleetOptions(cpus=2.0, gpus=1.0))
     wanted = replicas._bound_deployment.ray_actor_options
     assert (wanted["num_cpus"], wanted["num_gpus"]) == (2.0, 1.0)
 

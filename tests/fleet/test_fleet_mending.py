@@ -19,6 +19,7 @@ from rhytid.errors import CancelledError, DiskFullError, SharedDamageError
 from rhytid.fleet.fleet_assets import FleetAssets
 from rhytid.fleet.frame_sync import FrameSync
 from rhytid.fleet.frame_versions import FrameVersions
+from rhytid.fleet.job_names import JobNames
 from rhytid.fleet.replica_assets import ReplicaAssets
 from rhytid.fleet.shared_folder import SharedFolder
 
@@ -26,7 +27,8 @@ ASSETS = [f"{number:016x}" for number in range(3)]
 
 
 class NoBoard:
-    def forget(self, asset: str) -> None: ...
+    def forget(self, asset: str, after: int) -> int:
+        return after + 1
 
 
 @pytest.fixture
@@ -43,7 +45,9 @@ def engine(tmp_path: Path) -> Iterator[Engine]:
 @pytest.fixture
 def assets(engine: Any, shared: SharedFolder) -> Iterator[ReplicaAssets]:
     board: Any = NoBoard()
-    made = ReplicaAssets(engine, shared, board, FrameSync(engine.frames, board), "me", 8)
+    made = ReplicaAssets(
+        engine, shared, FrameSync(engine.frames, board), JobNames(b"a key"), "me", 8
+    )
     yield made
     made.close()
 

@@ -19,8 +19,7 @@ from rhytid.engine.messages import JobInfo
 from rhytid.errors import NotFoundError, SettingsError, StorageError
 from rhytid.fleet.board import Board
 from rhytid.fleet.envelopes import Answer, ElsewhereError
-from rhytid.fleet.frame_versions import FrameVersions
-from rhytid.fleet.job_names import JobName, named_job
+from rhytid.fleet.job_names import JobName, JobNames, ReplicaNames
 from rhytid.fleet.kept_uploads import read_upload, written_upload
 from rhytid.fleet.local_place import LocalPlace
 from rhytid.fleet.options import FleetOptions
@@ -46,57 +45,67 @@ def test_the_second_replica_is_the_first_of_those_that_are_left() -> None:
 
 def test_the_id_of_a_job_names_its_replica() -> None:
     info = JobInfo("00ff", ASSET, "build", "running", 0.5, "pores", "")
-    named = named_job(info, "abc12XYZ")
-    assert JobName.read(named.id) == JobName("00ff", "build", ASSET, "abc12XYZ")
+    names = JobNames(b"a key")
+    named = ReplicaNames(names, "abc12XYZ", lambda job: info).job(info)
+    assert JobNames(b"a key").read(named.id) == JobName("00ff", "build", ASSET, "abc12XYZ")
     assert replace(named, id="00ff") == info
     for wrong in ("00ff", f"00ff-build-{ASSET}", f"00ff-build-{ASSET}-a/b", f"{named.id}\n"):
         with pytest.raises(NotFoundError, match="no job"):
-            JobName.read(wrong)
+            names.read(wrong)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [("00ff", "00fe"), ("build", "frames"), (ASSET, "1" * 16), ("abc12XYZ", "abc12XYY")],
+)
+def test_an_id_of_a_job_that_the_fleet_has_not_made_is_none(change: tuple[str, str]) -> None:
+    names = JobNames(b"a key")
+    made = names.id(JobName("00ff", "build", ASSET, "abc12XYZ"))
+    for forged in (made.replace(*change), made[:-1] + "xy"[made[-1] == "x"], made[:-17], "a" * 400):
+        with pytest.raises(NotFoundError, match="no job"):
+            names.read(forged)
+    with pytest.raises(NotFoundError, match="no job"):
+        JobNames(b"another key").read(made)
 
 
 def test_the_board_keeps_frames_under_its_budget() -> None:
     async def use() -> None:
         positions = np.ones((10, 3), np.float32)
-        board = Board(2 * positions.nbytes)
-        first = await board.keep(ASSET, "a", positions)
-        second = await board.keep(ASSET, "a", 2 * positions)
+        board, limit = Board(), 2 * positions.nbytes
+
+        async def keep(name: str, values: Any) -> int:
+            return (await board.keep(ASSET, name, values, limit)).version
+
+        first = await keep("a", positions)
+        second = await keep("a", 2 * positions)
         assert second > first
-        version, kept = await board.frame(ASSET, "a")
-        assert version == second
+        stamp, kept = await board.frame(ASSET, "a")
+        assert stamp.version == second
         assert kept is not None
         assert kept[0, 0] == 2
-        await board.keep(ASSET, "b", positions)
-        assert await board.keep(ASSET, "c", positions) == 0
+        await keep("b", positions)
+        assert await keep("c", positions) == 0
         assert set(await board.versions(ASSET)) == {"a", "b"}
-        assert await board.keep(ASSET, "b", positions) > second
-        assert await board.keep(ASSET, "b", np.ones((11, 3), np.float32)) == 0
+        assert await keep("b", positions) > second
+        assert await keep("b", np.ones((11, 3), np.float32)) == 0
         assert (await board.frame(ASSET, "b"))[1] is not None
         gone = await board.remove(ASSET, "a")
-        assert await board.frame(ASSET, "a") == (gone, None)
-        await board.keep(ASSET, "c", positions)
+        assert await board.frame(ASSET, "a") == (replace(stamp, version=gone), None)
+        await keep("c", positions)
         assert set(await board.versions(ASSET)) == {"a", "b", "c"}
         await board.forget(ASSET)
         assert await board.versions(ASSET) == {}
-        assert await board.frame(ASSET, "b") == (0, None)
+        assert await board.frame(ASSET, "b") == (replace(stamp, version=0), None)
 
     asyncio.run(use())
 
 
 def test_a_board_that_starts_again_has_larger_versions() -> None:
     async def use() -> None:
-        before = await Board(1000).remove(ASSET, "a")
-        time.sleep(0.001)
-        assert await Board(1000).remove(ASSET, "a") > before
+        before = await Board().remove(ASSET, "a")
+        assert await Board().remove(ASSET, "a", before) > before
 
     asyncio.run(use())
-
-
-def test_an_ingress_knows_the_newest_version() -> None:
-    known = FrameVersions()
-    assert known.version(ASSET, "a") == 0
-    known.note(ASSET, "a", 7)
-    known.note(ASSET, "a", 5)
-    assert known.version(ASSET, "a") == 7
 
 
 def test_an_upload_that_is_kept_comes_back() -> None:

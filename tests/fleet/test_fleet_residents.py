@@ -8,6 +8,8 @@ from typing import Any
 
 import pytest
 
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.engine.messages import AssetInfo
 from rhytid.errors import NotFoundError, SharedDamageError, SnapshotError
 from rhytid.fleet.envelopes import ElsewhereError
 from rhytid.fleet.residents import Residents
@@ -33,13 +35,25 @@ class Engine:
     def change(self, asset: str, settings: Any) -> None:
         self.told.append(("change", asset, str(settings["depth"])))
 
+    def info(self, asset: str) -> AssetInfo:
+        settings = AssetSettings().as_json()
+        return AssetInfo(asset, "ready", None, None, settings, (1001,), 9, 4, 2, 0, 0)
+
     def heard(self) -> list[tuple[str, ...]]:
         told, self.told = self.told, []
         return told
 
 
 class Frames:
+    """only: assets with frames that no board has."""
+
+    def __init__(self) -> None:
+        self.only: set[str] = set()
+
     def forget(self, asset: str) -> None: ...
+
+    def only_here(self, asset: str) -> bool:
+        return asset in self.only
 
 
 class Content:
@@ -68,9 +82,13 @@ def resumed() -> list[str]:
 
 
 @pytest.fixture
-def residents(engine: Any, shared: SharedFolder, resumed: list[str]) -> Residents:
-    frames: Any = Frames()
-    return Residents(engine, shared, frames, 2, "me", resumed.append)
+def frames() -> Any:
+    return Frames()
+
+
+@pytest.fixture
+def residents(engine: Any, shared: SharedFolder, frames: Any, resumed: list[str]) -> Residents:
+    return Residents(engine, shared, frames, 2, "me", resumed.append, lambda info: info)
 
 
 def share(shared: SharedFolder, asset: str, word: str = "") -> None:
@@ -107,6 +125,20 @@ def test_the_least_recently_used_leaves(
     residents.take(d)
     use(residents, b)
     assert engine.heard() == [("restore", b), ("delete", a)], "what is not shared yet stays"
+
+
+def test_an_asset_with_frames_that_no_board_has_stays(
+    residents: Residents, shared: SharedFolder, engine: Engine, frames: Any
+) -> None:
+    a, b, c, d = ASSETS
+    for asset in ASSETS:
+        share(shared, asset)
+    frames.only = {a}
+    use(residents, a, b, c)
+    assert engine.heard()[-1] == ("delete", b)
+    frames.only = set()
+    use(residents, d)
+    assert engine.heard() == [("restore", d), ("delete", a)]
 
 
 def test_settings_and_snapshots_are_those_of_now(

@@ -12,20 +12,32 @@ import threading
 import zipfile
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing, suppress
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import httpx
 import numpy as np
 import pytest
+import ray
+from ray import serve
 
 from api.asking import NPY, array_of, built, npy
 from api.live import serving
 from api.patch import obj, smile, upload
-from engine.engines import running
+from engine.engines import new_asset, running
 from engine_process.served import await_value
 from fleet.replicas import replica_of, replicas, sent_to
 from live.speaker import speaking
+from rhytid.errors import DeviceLostError
+from rhytid.fleet.app import REPLICAS, deployment
+from rhytid.fleet.local_fleet import NAME
+from rhytid.fleet.options import FleetOptions
 from rhytid.fleet.order import order
+from rhytid.fleet.ray_engine import RayEngine
+from rhytid.fleet.remote_board import NAMESPACE, RemoteBoard
+from rhytid.settings import ServiceSettings
 
 pytestmark = pytest.mark.slow
 TILE = "tiles/1001/0/0/0"
@@ -176,3 +188,80 @@ def test_a_build_goes_on_elsewhere(fleet: Any, client: httpx.Client) -> None:
     assert job["id"] == made["job"]
     found = client.get(f"/v1/assets/{made['id']}").json()
     assert (found["state"], found["wrinkles"] > 1000) == ("ready", True)
+
+
+def test_frames_survive_the_board_and_then_a_replica(fleet: Any, client: httpx.Client) -> None:
+    names = await_value(lambda: len(found := replicas(fleet)) == 2 and found)
+    assets = [built(client, upload(obj(61.0 + n))) for n in range(4)]
+    frames = [f"/v1/assets/{asset}/frames/f{number}" for asset in assets for number in range(4)]
+    for number, frame in enumerate(frames):
+        positions = npy(smile(0.01 * (number + 1)))
+        client.put(frame, content=positions, headers=NPY).raise_for_status()
+    wanted = {frame: client.get(f"{frame}/{TILE}").raise_for_status().content for frame in frames}
+    kill_board(NAME)
+    board = RemoteBoard(NAME)
+    for asset in assets:
+        await_value(lambda asset=asset: set(versions_of(board, asset)) == {"f0", "f1", "f2", "f3"})
+    os.kill(names[order(assets[0], names)[0]], signal.SIGKILL)
+    answers = {frame: client.get(f"{frame}/{TILE}") for frame in frames}
+    assert {answer.status_code for answer in answers.values()} == {200}
+    assert {frame: answer.content for frame, answer in answers.items()} == wanted
+    await_value(lambda: len(replicas(fleet)) == 2)
+
+
+def test_frames_survive_another_number_of_replicas(fleet: Any, tmp_path: Path) -> None:
+    """`serve deploy` of other options starts every deployment of the application again."""
+    settings, board = replace(ServiceSettings(), store=tmp_path), RemoteBoard("again")
+
+    def deployed(count: int) -> FleetOptions:
+        local = tmp_path / "local"
+        options = FleetOptions(store=tmp_path, least=count, most=count, local=local, cpus=0.0)
+        made = deployment(settings, options)
+        serve.run(made, name="again", route_prefix=None, logging_config={"log_level": "WARNING"})
+        return options
+
+    try:
+        options = deployed(1)
+        handle = serve.get_deployment_handle(REPLICAS, "again")
+        with closing(RayEngine(settings, options, handle, board)) as engine:
+            (before,) = await_value(lambda: replicas(engine))
+            asset, neutral = engine.assets.create(new_asset()).id, new_asset().mesh.positions
+            await_value(lambda: engine.assets.info(asset).state == "ready")
+            for number in range(4):
+                engine.frames.put(asset, f"f{number}", neutral * (1 + number))
+            deployed(2)
+            await_value(lambda: len(now := replicas(engine)) == 2 and before not in now)
+            for number in range(4):
+                found = engine.frames.positions(asset, f"f{number}")
+                assert np.array_equal(found, neutral * (1 + number))
+    finally:
+        serve.delete("again")
+        board.end()
+
+
+def test_a_board_that_nobody_asks_ends_and_another_is_started(fleet: Any) -> None:
+    board = RemoteBoard("left", left=3.0)
+    life = board.news("", 0).life
+
+    def has_ended() -> bool:
+        with suppress(ValueError):
+            return ray.get_actor("left", namespace=NAMESPACE) is None
+        return True
+
+    await_value(has_ended)
+    try:
+        assert board.news("", 0).life != life
+    finally:
+        board.end()
+    await_value(has_ended)
+
+
+def kill_board(application: str) -> None:
+    actor: Any = ray.get_actor(application, namespace=NAMESPACE)
+    os.kill(ray.get(actor.__ray_call__.remote(lambda board: os.getpid())), signal.SIGKILL)
+
+
+def versions_of(board: RemoteBoard, asset: str) -> dict[str, int]:
+    with suppress(DeviceLostError):  # it starts
+        return board.versions(asset)
+    return {}

@@ -16,15 +16,15 @@ from rhytid.api.app import create_app
 from rhytid.api.request_memory import WholeBytes
 from rhytid.device.memory import usual_frame_memory
 from rhytid.errors import AccessError
-from rhytid.fleet.board import Board
 from rhytid.fleet.options import FleetOptions, check_settings
 from rhytid.fleet.ray_engine import RayEngine
+from rhytid.fleet.remote_board import RemoteBoard
 from rhytid.fleet.replica import EngineReplica
 from rhytid.fleet.router import AssetRouter
 from rhytid.logs import log_to_stderr
 from rhytid.settings import ServiceSettings
 
-REPLICAS, BOARD = "Replicas", "Board"
+REPLICAS = "Replicas"
 # Seconds between two looks of Ray at a replica, until an answer, and that calls have to finish when
 # a replica is ended.
 _HEALTH, _HEALTH_ANSWER, _GRACE = 2.0, 30.0, 20.0
@@ -45,7 +45,6 @@ def application(given: Mapping[str, object]) -> Application:
     check_settings(settings)
     options = FleetOptions.read({"store": settings.store, **given})
     settings = asking(replace(settings, store=options.store), options)
-    board, replicas = deployments(settings, options)
 
     def http() -> Any:  # Serve asks whether it is a function: a partial is none
         return _http(settings, options)
@@ -53,7 +52,7 @@ def application(given: Mapping[str, object]) -> Application:
     ingress = serve.deployment(num_replicas=options.ingresses, ray_actor_options={"num_cpus": 0})(
         serve.ingress(http)(Ingress)
     )
-    return ingress.bind(replicas, board)
+    return ingress.bind(deployment(settings, options))
 
 
 def asking(settings: ServiceSettings, options: FleetOptions) -> ServiceSettings:
@@ -68,18 +67,9 @@ def asking(settings: ServiceSettings, options: FleetOptions) -> ServiceSettings:
     return replace(settings, ask_keys=not options.without_keys)
 
 
-def deployments(
-    settings: ServiceSettings, options: FleetOptions
-) -> tuple[Application, Application]:
-    """The board, and the replicas over it."""
+def deployment(settings: ServiceSettings, options: FleetOptions) -> Application:
+    """The replicas. Their board is none of it: it outlives what is deployed anew."""
     limit = (settings.frame_memory or usual_frame_memory()) * options.most
-    board = serve.deployment(
-        name=BOARD,
-        num_replicas=1,
-        ray_actor_options={"num_cpus": 0},
-        max_ongoing_requests=10_000,
-        logging_config=_LOGS,
-    )(Board).bind(limit)
     routing = RequestRouterConfig(
         request_router_class=AssetRouter, request_router_kwargs={"spread": options.spread}
     )
@@ -98,7 +88,7 @@ def deployments(
         logging_config=_LOGS,
         **several,
     )(EngineReplica)
-    return board, replicas.bind(settings, options, board)
+    return replicas.bind(settings, options, limit)
 
 
 def autoscaling(options: FleetOptions) -> dict[str, Any]:
@@ -116,19 +106,20 @@ def autoscaling(options: FleetOptions) -> dict[str, Any]:
 class Ingress:
     """Serves HTTP as `rhytid serve` does, and has no state that others lack.
 
-    replicas, board: handles, which make both part of the application.
+    replicas: handle, which makes them part of the application.
     """
 
-    def __init__(self, replicas: Any, board: Any) -> None:
-        self._parts = (replicas, board)
+    def __init__(self, replicas: Any) -> None:
+        self._parts = (replicas,)
 
 
 def _http(settings: ServiceSettings, options: FleetOptions) -> Any:
     """The application of an ingress, made where it runs."""
     name = serve.get_replica_context().app_name
     log_to_stderr(settings.log_format, logging.INFO, "ingress")
-    handles = (serve.get_deployment_handle(part, name) for part in (REPLICAS, BOARD))
-    return ingress_app(RayEngine(settings, options, *handles), settings)
+    handle = serve.get_deployment_handle(REPLICAS, name)
+    engine = RayEngine(settings, options, handle, RemoteBoard(name))
+    return ingress_app(engine, settings)
 
 
 def ingress_app(engine: Any, settings: ServiceSettings) -> Any:

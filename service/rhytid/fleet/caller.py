@@ -19,8 +19,9 @@ from rhytid.engine_process.requests import Request
 from rhytid.errors import BusyError, CancelledError, DeviceLostError
 from rhytid.fleet.envelopes import Answer, ElsewhereError, Envelope, packed
 from rhytid.fleet.frame_versions import FrameVersions
-from rhytid.fleet.job_names import JobName
+from rhytid.fleet.job_names import JobNames
 from rhytid.logs import request_id
+from rhytid.storage.homes import checked_id
 
 # How often a call is made in all, where its replica is lost each time.
 SENT = 5
@@ -41,8 +42,15 @@ class FleetCaller:
     of the engine can be made twice, so that a call is made again where its replica is lost.
     """
 
-    def __init__(self, handle: Any, versions: FrameVersions, present: Callable[[], bool]) -> None:
+    def __init__(
+        self,
+        handle: Any,
+        versions: FrameVersions,
+        names: JobNames,
+        present: Callable[[], bool],
+    ) -> None:
         self._handle, self._versions, self._present = handle, versions, present
+        self._names = names
         self._lock = threading.Lock()
         self.waiting = 0
         # Actors of replicas that were lost with a call of this ingress.
@@ -67,20 +75,31 @@ class FleetCaller:
         """Nothing: processes of the replicas keep what was refused."""
 
     def _called(self, request: Request) -> Any:
-        to = JobName.read(request.positional[0]).replica if _is_of_job(request) else ""
+        request.sent += 1
+        asset, to = self._place(request)
         for _ in range(SENT):
-            request.sent += 1
             try:
-                return self._opened(request, self._sent(self._envelope(request, to)))
-            except ElsewhereError as error:
-                to, request.sent = error.replica, request.sent - 1
+                return self._opened(request, self._sent(self._envelope(request, asset, to)))
+            except ElsewhereError as error:  # noqa: PERF203
+                to = error.replica
             except _LOST as error:
+                request.sent += 1
                 self._gone.add(str(getattr(error, "actor_id", "")))
                 reason = type(error).__name__
                 _log.warning("%s is sent again: its replica is lost (%s)", request, reason)
         raise DeviceLostError(f"{request}: its replica ended {SENT} times; try later")
 
-    def _envelope(self, request: Request, to: str) -> Envelope:
+    def _place(self, request: Request) -> tuple[str, str]:
+        """The asset that a call is about, and the replica that is asked; empty where it is none.
+        Raises NotFoundError for what is no id: it would become the name of a file."""
+        if request.name == "create":
+            return content_id(request.positional[0]), ""
+        if request.name.startswith("jobs."):
+            job = self._names.read(request.positional[0])
+            return job.asset, job.replica
+        return request.asset and checked_id(request.asset), ""
+
+    def _envelope(self, request: Request, asset: str, to: str) -> Envelope:
         name, positional = request.name, request.positional
         version = 0
         if name.endswith(("_tile", "_map")):
@@ -89,7 +108,7 @@ class FleetCaller:
             version = self._versions.version(*positional[:2])
         body, arrays = packed((positional, dict(request.named)))
         return Envelope(
-            name, _asset_of(request), to, name in _SPREAD, version, body, arrays,
+            name, asset, to, name in _SPREAD, version, body, arrays,
             request_id.get(), spans_are_kept(),
         )  # fmt: skip
 
@@ -129,7 +148,8 @@ class FleetCaller:
         keep_spans(answer.spans)
         if answer.version:
             asset, frame = request.positional[:2]
-            self._versions.note(asset, frame, answer.version)
+            removed = request.name == "frames.delete"
+            self._versions.note(asset, frame, answer.version, removed=removed)
         if answer.good:
             return answer.value()
         error = answer.value()
@@ -137,13 +157,3 @@ class FleetCaller:
             raise error
         finally:  # as `Supervisor.ask`
             del error
-
-
-def _is_of_job(request: Request) -> bool:
-    return request.name.startswith("jobs.")
-
-
-def _asset_of(request: Request) -> str:
-    if request.name == "create":
-        return content_id(request.positional[0])
-    return JobName.read(request.positional[0]).asset if _is_of_job(request) else request.asset

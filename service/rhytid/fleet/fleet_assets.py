@@ -16,12 +16,11 @@ from rhytid.engine_process.upload_holds import UploadHolds
 from rhytid.errors import NotFoundError, SharedDamageError
 from rhytid.fleet.caller import FleetCaller
 from rhytid.fleet.frame_versions import FrameVersions
-from rhytid.fleet.shared_folder import Revision, SharedFolder
+from rhytid.fleet.shared_folder import Revisions, SharedFolder
 
 # Assets that are asked for at once when all are listed.
 _AT_ONCE = 8
 _log = logging.getLogger(__name__)
-_Revisions = tuple[Revision, Revision]
 
 
 class FleetAssets(RemoteAssets):
@@ -38,7 +37,7 @@ class FleetAssets(RemoteAssets):
     ) -> None:
         super().__init__(caller, frames, jobs, uploads, tiles)
         self._shared = shared
-        self._known: dict[str, tuple[_Revisions, AssetInfo]] = {}
+        self._known: dict[str, tuple[Revisions, AssetInfo]] = {}
 
     def create(
         self,
@@ -54,8 +53,8 @@ class FleetAssets(RemoteAssets):
         return self._noted(info)
 
     def all(self) -> list[AssetInfo]:
-        """Every asset of the shared folder but damaged ones. One that no replica has loaded is
-        loaded for it; what was found of ready ones is kept."""
+        """Every asset of the shared folder but those that are known to be damaged. What is said of
+        a ready one there is taken: it is not loaded. What was found is kept."""
         ids = self._shared.ids()
         with ThreadPoolExecutor(_AT_ONCE) as pool:
             found = [info for info in pool.map(self._found, ids) if info is not None]
@@ -69,7 +68,7 @@ class FleetAssets(RemoteAssets):
         if known is not None and known[0] == now:
             return known[1]
         try:
-            info = self.info(asset)
+            info = self._shared.info(asset, now) or self.info(asset)
         except NotFoundError:  # removed since
             return None
         except SharedDamageError as error:

@@ -1,4 +1,4 @@
-"""Frames of the board that a replica lacks."""
+"""Frames of the board that a replica lacks, and those that the board lacks."""
 
 from __future__ import annotations
 
@@ -7,14 +7,16 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, suppress
+from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from rhytid.domain.frame import NEUTRAL
 from rhytid.engine_process.keyed_locks import KeyedLocks
 from rhytid.engine_process.remote_frames import RemoteFrames
-from rhytid.errors import DeviceLostError, FrameMemoryError, NotFoundError
-from rhytid.fleet.board import Positions
+from rhytid.errors import ConflictError, DeviceLostError, FrameMemoryError, NotFoundError
+from rhytid.fleet.board import Positions, Stamp
 from rhytid.fleet.remote_board import RemoteBoard
+from rhytid.fleet.removals import ALL, Removals
 
 # Seconds for which what the board has said of an asset is taken as it was.
 FRESH = 1.0
@@ -39,19 +41,33 @@ class BoardFullError(FrameMemoryError):
         return FrameMemoryError, self.args
 
 
+@dataclass
+class _Held:
+    """A frame that the engine has.
+
+    stamp: of the board that has it, too; its life is empty where none has.  looked: when the engine
+    had it as the board had it.
+    """
+
+    stamp: Stamp
+    looked: float = float("-inf")
+
+
 class FrameSync:
     """Which version of each frame the engine of this replica has.
 
     A frame is fetched where the ingress knows of a newer one, or where the board does: it is asked
     once a second for each asset that is in use. Where the engine has no room, frames of assets go
-    that were not used of late: the board has them.
+    that were not used of late: the board has them. A board that was started again is given what the
+    engine has, by `exchange`, and what was removed: that comes back from nobody.
     """
 
     def __init__(self, frames: RemoteFrames, board: RemoteBoard) -> None:
         self._frames, self._board = frames, board
-        self._versions: dict[str, dict[str, int]] = {}
-        # When the engine had a frame as the board had it.
-        self._looked: dict[str, dict[str, float]] = {}
+        self._held: dict[str, dict[str, _Held]] = {}
+        self._removed = Removals()
+        # The board that was exchanged with last, and how many of its removals were heard.
+        self._life, self._heard = "", 0
         self._away = -AWAY
         self._locks = KeyedLocks()
         self._lock = threading.Lock()
@@ -61,16 +77,14 @@ class FrameSync:
         order."""
         return self._locks.holding(asset)
 
-    def note(self, asset: str, name: str, version: int) -> None:
-        """The engine has this version of a frame."""
-        with self._lock:
-            self._versions.setdefault(asset, {})[name] = version
-
     def forget(self, asset: str) -> None:
         """The engine does not have the asset any more."""
         with self._lock:
-            self._versions.pop(asset, None)
-            self._looked.pop(asset, None)
+            self._held.pop(asset, None)
+
+    def only_here(self, asset: str) -> bool:
+        """Whether the engine has frames of the asset that the board lacks, as far as is known."""
+        return bool(self._not_given(asset))
 
     def bring(self, asset: str, name: str, wanted: int) -> None:
         """See that the engine has a frame as it is now.  wanted: the version that there is at
@@ -86,17 +100,46 @@ class FrameSync:
         self.with_room(asset, bring)
 
     def keep(self, asset: str, name: str, positions: Positions) -> int:
-        """Give the board a frame that the engine has taken; its version. Raises BoardFullError
-        where there is no room: the engine then fetches the frame that was there before."""
-        version = self._board.keep(asset, name, positions)
-        if not version:
-            self.note(asset, name, 0)
-            with suppress(NotFoundError):
-                self._frames.delete(asset, name)
+        """Give the board a frame that the engine has taken; its version.
+
+        Raises BoardFullError where there is no room: the engine then fetches the frame that was
+        there before. Raises DeviceLostError where the board does not answer: it gets the frame
+        later.
+        """
+        known = self._version(asset, name)
+        try:
+            stamp = self._board.keep(asset, name, positions, known)
+        except DeviceLostError:
+            self._hold(asset, name, Stamp("", known + 1))
+            raise
+        if not stamp.version:
+            self._drop(asset, name)
             raise BoardFullError(asset, name)
-        self.note(asset, name, version)
-        self._looked.setdefault(asset, {})[name] = time.monotonic()
+        self._hold(asset, name, stamp)
+        return stamp.version
+
+    def remove(self, asset: str, name: str) -> int:
+        """Remove a frame from the board and from the engine, which has it as it is now; the version
+        of its absence. To be called while `changing` is held."""
+        # In this order: where the board does not answer, nothing has changed. Where the engine does
+        # not, the board has the later version, so that the frame goes when it is asked for.
+        version = self._board.remove(asset, name, self._version(asset, name))
+        with suppress(NotFoundError):
+            self._frames.delete(asset, name)
+        self._note_removal(asset, name, version)
         return version
+
+    def remove_all(self, asset: str) -> None:
+        """The asset was removed for all replicas, and its frames with it."""
+        with self.changing(asset):
+            held = self._held.get(asset, {}).values()
+            known = max((one.stamp.version for one in held), default=0)
+            try:
+                version = self._board.forget(asset, known)
+            except DeviceLostError:
+                version = max(time.time_ns(), known + 1)
+                self._life = ""  # the board is told with the next exchange
+            self._note_removal(asset, ALL, version)
 
     def bring_all(self, asset: str) -> None:
         """See that the engine has every frame of an asset."""
@@ -118,12 +161,85 @@ class FrameSync:
                 if not any(map(self._drop_unused, others)):
                     raise
 
+    def exchange(self) -> None:
+        """Hear what was removed, and give a board that was started again what it lacks. To be
+        called now and then, by one thread; raises DeviceLostError, after which it is done again."""
+        news = self._board.news(self._life, self._heard)
+        for (asset, name), version in news.removed.items():
+            self._hear_removal(asset, name, version)
+        if news.life != self._life:
+            with self._lock:
+                removed, _ = self._removed.since(0)
+            self._board.remember(removed)
+        if not news.whole:
+            self._compare(news.life)
+        self._life, self._heard = news.life, news.count
+        for asset in list(self._held):
+            self._give(asset)
+
+    def _hear_removal(self, asset: str, name: str, version: int) -> None:
+        for one in list(self._held.get(asset, {})) if name == ALL else [name]:
+            with self.changing(asset):
+                found = self._held.get(asset, {}).get(one)
+                if found is not None and found.stamp.version < version:
+                    self._drop(asset, one)
+        with self._lock:
+            self._removed.note(asset, name, version)
+
+    def _compare(self, life: str) -> None:
+        """Drop what the board had and has no more: more was removed than it knows of."""
+        for asset in list(self._held):
+            with self.changing(asset):
+                there = self._board.versions(asset)
+                for name, one in list(self._held.get(asset, {}).items()):
+                    if one.stamp.life == life and name not in there:
+                        self._drop(asset, name)
+
+    def _give(self, asset: str) -> None:
+        """Give the board the frames of an asset that it lacks. What the engine does not have yet
+        is given later."""
+        mine = self._not_given(asset)
+        if not mine:
+            return
+        wanted = set(self._board.missing(asset, mine))
+        stored: set[str] = set()
+        with suppress(NotFoundError, ConflictError):  # the asset is built, or has gone
+            stored = {info.name for info in self._frames.all(asset)} if wanted else set()
+        for name, version in mine.items():
+            if (name in stored or name not in wanted) and not self._gave(
+                asset, name, version, wanted=name in wanted
+            ):
+                _log.warning("the board has no room for frame %s of %s", name, asset)
+                return
+
+    def _gave(self, asset: str, name: str, version: int, *, wanted: bool) -> bool:
+        """Give the board a frame of this version, if it wants it; False where it has no room."""
+        with self.changing(asset):
+            held = self._held.get(asset, {}).get(name)
+            if held is None or held.stamp.version != version:
+                return True  # it has changed since
+            if wanted:
+                try:
+                    positions = self._frames.positions(asset, name)
+                except NotFoundError:
+                    return True
+                if not self._board.give(asset, name, version, positions):
+                    return False
+            held.stamp = Stamp(self._life, version)
+        return True
+
+    def _not_given(self, asset: str) -> dict[str, int]:
+        """Versions of frames that the board was not given that there is now, by name."""
+        with self._lock:
+            held = list(self._held.get(asset, {}).items())
+        return {name: one.stamp.version for name, one in held if one.stamp.life != self._life}
+
     def _idle(self, asset: str) -> list[str]:
         """Other assets, none of whose frames was used of late; the least recently used first."""
         with self._lock:
             used = {
-                name: max(self._looked.get(name, {}).values(), default=0.0)
-                for name in self._versions
+                name: max((one.looked for one in held.values()), default=0.0)
+                for name, held in self._held.items()
                 if name != asset
             }
         before = time.monotonic() - IDLE
@@ -133,14 +249,10 @@ class FrameSync:
         """Drop frames of an asset that the board has; whether there were any."""
         with self.changing(asset):
             there = self._versions_there(asset)
-            here = dict(self._versions.get(asset, {}))
-            known = [
-                name for name, version in here.items() if version and there.get(name) == version
-            ]
+            here = dict(self._held.get(asset, {}))
+            known = [name for name, one in here.items() if there.get(name) == one.stamp.version]
             for name in known:
-                self.note(asset, name, 0)
-                with suppress(NotFoundError):
-                    self._frames.delete(asset, name)
+                self._drop(asset, name)
         return bool(known)
 
     def _fetch(self, asset: str, names: list[str] | None, wanted: int) -> None:
@@ -149,8 +261,9 @@ class FrameSync:
             for name in there if names is None else names:
                 if there.get(name, 0) > self._version(asset, name):
                     self._take(asset, name)
-                if self._version(asset, name):  # not names of frames that there never were
-                    self._looked.setdefault(asset, {})[name] = time.monotonic()
+                held = self._held.get(asset, {}).get(name)
+                if held is not None:  # not names of frames that there are not
+                    held.looked = time.monotonic()
         except DeviceLostError:
             if names is None or any(self._version(asset, name) < wanted for name in names):
                 raise
@@ -166,18 +279,46 @@ class FrameSync:
             raise
 
     def _take(self, asset: str, name: str) -> None:
-        version, positions = self._board.frame(asset, name)
+        stamp, positions = self._board.frame(asset, name)
         if positions is not None:
             self._frames.put(asset, name, positions)
-        elif version:
-            with suppress(NotFoundError):
-                self._frames.delete(asset, name)
-        self.note(asset, name, version)
+            self._hold(asset, name, stamp)
+        elif stamp.version:
+            self._drop(asset, name)
+            self._note_removal(asset, name, stamp.version)
+
+    def _hold(self, asset: str, name: str, stamp: Stamp) -> None:
+        """The engine has this version of a frame now."""
+        with self._lock:
+            self._removed.undo(asset, name)
+            self._held.setdefault(asset, {})[name] = _Held(stamp, time.monotonic())
+
+    def _note_removal(self, asset: str, name: str, version: int) -> None:
+        """The engine has a frame no more, or with ALL none of the asset."""
+        with self._lock:
+            self._removed.note(asset, name, version)
+            held = self._held.get(asset, {})
+            held.pop(name, None)
+            if name == ALL or not held:
+                self._held.pop(asset, None)
+
+    def _drop(self, asset: str, name: str) -> None:
+        """Remove a frame from the engine alone."""
+        with suppress(NotFoundError):
+            self._frames.delete(asset, name)
+        with self._lock:
+            held = self._held.get(asset, {})
+            held.pop(name, None)
+            if not held:
+                self._held.pop(asset, None)
 
     def _version(self, asset: str, name: str) -> int:
-        return self._versions.get(asset, {}).get(name, 0)
+        """Of the frame that the engine has, or of its removal."""
+        held = self._held.get(asset, {}).get(name)
+        return self._removed.version(asset, name) if held is None else held.stamp.version
 
     def _good(self, asset: str, name: str, wanted: int) -> bool:
-        looked = self._looked.get(asset, {}).get(name)
-        fresh = looked is not None and time.monotonic() - looked < FRESH
-        return fresh and self._version(asset, name) >= max(wanted, 1)
+        held = self._held.get(asset, {}).get(name)
+        if held is None or time.monotonic() - held.looked >= FRESH:
+            return False
+        return held.stamp.version >= max(wanted, 1)

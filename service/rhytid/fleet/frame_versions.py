@@ -7,6 +7,7 @@ from collections import OrderedDict
 from typing import Any
 
 from rhytid.engine_process.frame_ledger import FrameLedger
+from rhytid.fleet.removals import Removals
 
 _REMEMBERED = 100_000
 
@@ -17,19 +18,37 @@ class FrameVersions(FrameLedger):
     def __init__(self) -> None:
         super().__init__(0, _never)
         self._versions: OrderedDict[tuple[str, str], int] = OrderedDict()
+        self._removed = Removals()
         self._noting = threading.Lock()
 
-    def note(self, asset: str, name: str, version: int) -> None:
-        """A frame has this version now, or a later one."""
+    def __len__(self) -> int:
+        return len(self._versions) + len(self._removed)
+
+    def note(self, asset: str, name: str, version: int, *, removed: bool = False) -> None:
+        """A frame has this version now, or a later one.  removed: it is that of its absence."""
         with self._noting:
-            known = self._versions.pop((asset, name), 0)
-            self._versions[asset, name] = max(known, version)
+            if version < self.version(asset, name):
+                return
+            self._versions.pop((asset, name), None)
+            if removed:
+                self._removed.note(asset, name, version)
+                return
+            self._removed.undo(asset, name)
+            self._versions[asset, name] = version
             while len(self._versions) > _REMEMBERED:
                 self._versions.popitem(last=False)
 
+    def forget(self, asset: str, name: str | None = None) -> None:
+        """The asset is gone, and all of its frames. Of a single frame that is removed the version
+        stays known: replicas that have it still look for a later one."""
+        if name is None:
+            with self._noting:
+                for key in [key for key in self._versions if key[0] == asset]:
+                    del self._versions[key]
+
     def version(self, asset: str, name: str) -> int:
         """The version that there is at least; 0 of a frame that did not come through here."""
-        return self._versions.get((asset, name), 0)
+        return self._versions.get((asset, name)) or self._removed.version(asset, name)
 
 
 def _never(*arguments: Any) -> None:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import hmac
 import re
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from hashlib import blake2b
 
 from rhytid.engine.messages import AssetInfo, JobInfo
 from rhytid.errors import NotFoundError
 
-_ID = re.compile(r"([0-9a-f]+)-([a-z]+)-([0-9a-f]{16})-([0-9A-Za-z]+)", re.ASCII)
-T = TypeVar("T")
+_ID = re.compile(
+    r"([0-9a-f]{1,64})-([a-z]{1,32})-([0-9a-f]{16})-([0-9A-Za-z]{1,64})-([0-9a-f]{16})", re.ASCII
+)
 
 
 @dataclass(frozen=True)
@@ -22,32 +25,59 @@ class JobName:
     asset: str
     replica: str
 
-    @classmethod
-    def of(cls, info: JobInfo, replica: str) -> JobName:
-        """The name of a job of a replica."""
-        return cls(info.id, info.kind, info.asset, replica)
-
-    @classmethod
-    def read(cls, text: str) -> JobName:
-        """A name that was an id; raises NotFoundError where it is none."""
-        found = _ID.fullmatch(text)
-        if found is None:
-            raise NotFoundError(f"no job {text}")
-        return cls(*found.groups())
-
-    def __str__(self) -> str:
-        return f"{self.own}-{self.kind}-{self.asset}-{self.replica}"
-
-    def unknown(self) -> JobInfo:
-        """The job, of which nobody knows any more how far it is."""
-        return JobInfo(str(self), self.asset, self.kind, "running", 0.0, "", "")
+    def unknown(self, id: str) -> JobInfo:
+        """The job of that id, of which nobody knows any more how far it is."""
+        return JobInfo(id, self.asset, self.kind, "running", 0.0, "", "")
 
 
-def named_job(info: JobInfo, replica: str) -> JobInfo:
-    """A job of a replica as callers see it."""
-    return replace(info, id=str(JobName.of(info, replica)))
+class JobNames:
+    """Makes ids of jobs, and reads them.
+
+    An id ends with a seal, since what it says is believed when its replica has ended: nobody has a
+    list of jobs then.  key: of the fleet, which seals are made with.
+    """
+
+    def __init__(self, key: bytes) -> None:
+        self._key = key
+
+    def id(self, name: JobName) -> str:
+        """The id that callers see."""
+        text = f"{name.own}-{name.kind}-{name.asset}-{name.replica}"
+        return f"{text}-{self._seal(text)}"
+
+    def read(self, id: str) -> JobName:
+        """The job of an id; raises NotFoundError for what this fleet has not made."""
+        found = _ID.fullmatch(id)
+        if found is not None:
+            *parts, seal = found.groups()
+            if hmac.compare_digest(seal, self._seal("-".join(parts))):
+                return JobName(*parts)
+        raise NotFoundError(f"no job {id!r:.200}")
+
+    def _seal(self, text: str) -> str:
+        return blake2b(text.encode(), key=self._key, digest_size=8).hexdigest()
 
 
-def named_asset(info: AssetInfo, job: JobInfo | None, replica: str) -> AssetInfo:
-    """An asset as callers see it.  job: the one that it names."""
-    return replace(info, job=None if job is None else str(JobName.of(job, replica)))
+class ReplicaNames:
+    """Names jobs of one replica.
+
+    replica: its name.  info: tells of a job of its engine, and raises NotFoundError where it is not
+    known any more.
+    """
+
+    def __init__(self, names: JobNames, replica: str, info: Callable[[str], JobInfo]) -> None:
+        self._names, self._replica, self._info = names, replica, info
+
+    def job(self, info: JobInfo) -> JobInfo:
+        """A job as callers see it."""
+        name = JobName(info.id, info.kind, info.asset, self._replica)
+        return replace(info, id=self._names.id(name))
+
+    def asset(self, info: AssetInfo) -> AssetInfo:
+        """An asset as callers see it."""
+        if info.job is None:
+            return info
+        try:
+            return replace(info, job=self.job(self._info(info.job)).id)
+        except NotFoundError:
+            return replace(info, job=None)

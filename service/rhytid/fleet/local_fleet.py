@@ -14,9 +14,10 @@ from ray import serve
 
 from rhytid.domain.wording import plural
 from rhytid.errors import DeviceError
-from rhytid.fleet.app import BOARD, deployments
+from rhytid.fleet.app import deployment
 from rhytid.fleet.options import FleetOptions
 from rhytid.fleet.ray_engine import RayEngine
+from rhytid.fleet.remote_board import RemoteBoard
 from rhytid.settings import ServiceSettings
 
 NAME = "rhytid"
@@ -38,7 +39,7 @@ def local_fleet(
     dashboard, and ended with the block.  ray_options: of `ray.init`, of Ray that is started. Raises
     DeviceError where Ray or the replicas do not start.
     """
-    count = plural(options.least, "replica")
+    count, board = plural(options.least, "replica"), RemoteBoard(NAME)
     _log.info("Ray starts %s, which may take a minute", count)
     try:
         with _own_signals():
@@ -53,14 +54,13 @@ def local_fleet(
         # Of how Serve starts and ends, in words of its own.
         logging.getLogger("ray.serve").setLevel(logging.WARNING)
         serve.start(proxy_location="Disabled", logging_config=_LOGS)
-        _, replicas = deployments(settings, options)
-        handle = _started(replicas)
-        board = serve.get_deployment_handle(BOARD, NAME)
+        handle = _started(deployment(settings, options))
         with closing(RayEngine(settings, options, handle, board)) as engine:
             yield engine
     finally:
         with suppress(Exception):
             serve.delete(NAME)
+        board.end()
         if address is None:
             with suppress(Exception):
                 serve.shutdown()

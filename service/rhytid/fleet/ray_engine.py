@@ -23,6 +23,7 @@ from rhytid.fleet.caller import FleetCaller
 from rhytid.fleet.fleet_assets import FleetAssets
 from rhytid.fleet.fleet_snapshots import FleetSnapshots
 from rhytid.fleet.frame_versions import FrameVersions
+from rhytid.fleet.job_names import JobNames
 from rhytid.fleet.options import FleetOptions
 from rhytid.fleet.presence import Presence
 from rhytid.fleet.remote_board import RemoteBoard
@@ -34,19 +35,20 @@ class RayEngine:
     """What `Engine` is, on replicas of Ray Serve. Blocking; safe from any thread, and from as many
     processes as there are ingresses: none of them knows what others do not.
 
-    replicas, board: handles of their deployments. Calls raise what those of `Engine` do, and
+    replicas: handle of their deployment. Calls raise what those of `Engine` do, and
     DeviceLostError where no replica answers.
     """
 
     def __init__(
-        self, settings: ServiceSettings, options: FleetOptions, replicas: Any, board: Any
+        self, settings: ServiceSettings, options: FleetOptions, replicas: Any, board: RemoteBoard
     ) -> None:
         host_memory = settings.host_memory or usual_host_memory()
         self.memory = ByteBudget(host_memory, "RHYTID_HOST_MEMORY_MB")
-        self._presence = Presence(RemoteBoard(board))
+        self._presence = Presence(board)
         versions = FrameVersions()
-        self._caller = FleetCaller(replicas, versions, self._present)
         shared = SharedFolder(options.store / "shared")
+        names = JobNames(shared.job_key())
+        self._caller = FleetCaller(replicas, versions, names, self._present)
         self.frames = RemoteFrames(self._caller, versions)
         self.tiles = RemoteTiles(self._caller, versions)
         self.jobs = RemoteJobs(self._caller, JobLedger())

@@ -2,49 +2,117 @@
 
 from __future__ import annotations
 
+import logging
+import threading
+import time
+from collections.abc import Mapping
+from concurrent.futures import TimeoutError as FutureTimeout
+from contextlib import suppress
 from typing import Any
 
-from ray.exceptions import RayError
-from ray.serve.exceptions import RayServeException
+import ray
+from ray.exceptions import ActorDiedError, RayError
 
 from rhytid.errors import DeviceLostError
-from rhytid.fleet.board import Positions, Report
+from rhytid.fleet.board import Board, News, Positions, Report, Stamp
+from rhytid.fleet.removals import Removed
 
 # Seconds for an answer.
 PATIENCE = 10.0
+# Seconds after which a board ends that nobody asks any more: its fleet is gone.
+LEFT = 600.0
+# Of the names of boards. The number is that of the calls of `Board`: an update of a fleet keeps its
+# board where both versions of this package have the same.
+NAMESPACE = "rhytid-1"
+_log = logging.getLogger(__name__)
+
+
+class BoardActor(Board):
+    """A board in a process of its own, which ends when nobody has asked it for long.
+
+    left: seconds.
+    """
+
+    def __init__(self, left: float) -> None:
+        super().__init__()
+        self._left, self._asked = left, time.monotonic()
+        threading.Thread(target=self._end_when_left, name="rhytid-left", daemon=True).start()
+
+    async def reports(self) -> list[Report]:
+        """As of `Board`; every ingress asks once a second."""
+        self._asked = time.monotonic()
+        return await super().reports()
+
+    async def report(self, report: Report) -> None:
+        """As of `Board`; every replica reports."""
+        self._asked = time.monotonic()
+        await super().report(report)
+
+    def _end_when_left(self) -> None:
+        while (rest := self._asked + self._left - time.monotonic()) > 0:
+            time.sleep(rest)
+        # Not by an exit of the process, after which Ray would start it again.
+        ray.kill(ray.get_runtime_context().current_actor)
 
 
 class RemoteBoard:
     """The calls of `Board`; each raises DeviceLostError where it does not answer.
 
-    handle: of the deployment of the board.
+    The board is an actor of its own: a deployment of Ray Serve would be started again with every
+    change of the application, and frames would be lost. Who asks first starts it; where its process
+    ends, Ray starts it again.
+
+    application: of Ray Serve, whose board it is.  limit: bytes of positions of all frames.
+    left: seconds as of `BoardActor`, of a board that is started.
     """
 
-    def __init__(self, handle: Any) -> None:
-        self._handle = handle
+    def __init__(self, application: str, limit: int = 0, left: float = LEFT) -> None:
+        self._application, self._limit, self._left = application, limit, left
+        self._lock = threading.Lock()
+        self._known: Any = None
 
-    def keep(self, asset: str, name: str, positions: Positions) -> int:
+    def keep(self, asset: str, name: str, positions: Positions, after: int) -> Stamp:
         """As of `Board`."""
-        found: int = self._ask("keep", asset, name, positions)
+        found: Stamp = self._ask("keep", asset, name, positions, self._limit, after)
         return found
 
-    def remove(self, asset: str, name: str) -> int:
+    def give(self, asset: str, name: str, version: int, positions: Positions) -> str:
         """As of `Board`."""
-        found: int = self._ask("remove", asset, name)
+        found: str = self._ask("give", asset, name, version, positions, self._limit)
         return found
 
-    def forget(self, asset: str) -> None:
+    def missing(self, asset: str, versions: Mapping[str, int]) -> list[str]:
         """As of `Board`."""
-        self._ask("forget", asset)
+        found: list[str] = self._ask("missing", asset, versions)
+        return found
+
+    def remove(self, asset: str, name: str, after: int) -> int:
+        """As of `Board`."""
+        found: int = self._ask("remove", asset, name, after)
+        return found
+
+    def forget(self, asset: str, after: int) -> int:
+        """As of `Board`."""
+        found: int = self._ask("forget", asset, after)
+        return found
+
+    def remember(self, removed: Removed) -> None:
+        """As of `Board`."""
+        self._ask("remember", removed)
+
+    def news(self, life: str, count: int) -> News:
+        """As of `Board`."""
+        found: News = self._ask("news", life, count)
+        return found
 
     def versions(self, asset: str) -> dict[str, int]:
         """As of `Board`."""
         found: dict[str, int] = self._ask("versions", asset)
         return found
 
-    def frame(self, asset: str, name: str) -> tuple[int, Positions | None]:
+    def frame(self, asset: str, name: str) -> tuple[Stamp, Positions | None]:
         """As of `Board`."""
-        found: tuple[int, Positions | None] = self._ask("frame", asset, name)
+        found: tuple[Stamp, Positions | None] = self._ask("frame", asset, name)
         return found
 
     def report(self, report: Report) -> None:
@@ -56,12 +124,41 @@ class RemoteBoard:
         found: list[Report] = self._ask("reports")
         return found
 
+    def end(self) -> None:
+        """End the board, and lose what it has: the fleet ends."""
+        with suppress(ValueError, RayError):  # there is none
+            ray.kill(ray.get_actor(self._application, namespace=NAMESPACE))
+
     def _ask(self, name: str, *arguments: Any) -> Any:
-        response = None
         try:
-            response = getattr(self._handle, name).remote(*arguments)
-            return response.result(timeout_s=PATIENCE)
-        except (RayError, RayServeException, TimeoutError) as error:
-            if response is not None:
-                response.cancel()
+            try:
+                return self._asked(name, arguments)
+            except ActorDiedError:  # it had ended itself; another is started
+                with self._lock:
+                    self._known = None
+                return self._asked(name, arguments)
+        except (RayError, TimeoutError, FutureTimeout) as error:
             raise DeviceLostError("the board of the fleet does not answer; try later") from error
+
+    def _asked(self, name: str, arguments: tuple[Any, ...]) -> Any:
+        answer = getattr(self._board(), name).remote(*arguments)
+        try:
+            return answer.future().result(PATIENCE)
+        except (TimeoutError, FutureTimeout):
+            ray.cancel(answer)
+            raise
+
+    def _board(self) -> Any:
+        with self._lock:
+            if self._known is None:
+                actor: Any = ray.remote(BoardActor)
+                made = actor.options(
+                    name=self._application,
+                    namespace=NAMESPACE,
+                    get_if_exists=True,
+                    lifetime="detached",  # it outlives the replica that has started it
+                    max_restarts=-1,
+                    num_cpus=0,
+                )
+                self._known = made.remote(self._left)
+            return self._known

@@ -12,7 +12,6 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 from ray import serve
 
@@ -24,6 +23,7 @@ from rhytid.errors import DeviceLostError, RhytidError
 from rhytid.fleet.board import Report
 from rhytid.fleet.envelopes import Answer, ElsewhereError, Envelope
 from rhytid.fleet.frame_sync import FrameSync
+from rhytid.fleet.job_names import JobNames
 from rhytid.fleet.local_place import LocalPlace
 from rhytid.fleet.options import FleetOptions
 from rhytid.fleet.remote_board import RemoteBoard
@@ -33,34 +33,40 @@ from rhytid.fleet.shared_folder import SharedFolder
 from rhytid.logs import log_to_stderr, request_id
 from rhytid.settings import ServiceSettings
 
-# Seconds between two reports, and for which the device may compute nothing.
+# Seconds between two reports, and two exchanges of frames with the board; and for which the device
+# may compute nothing.
 REPORT, ILL = 2.0, 120.0
 _log = logging.getLogger(__name__)
 
 
 class EngineReplica:
-    """One replica of the deployment.  board: handle of the deployment of the board."""
+    """One replica of the deployment.  limit: bytes of the frames of all replicas."""
 
-    def __init__(self, settings: ServiceSettings, options: FleetOptions, board: Any) -> None:
-        self._name = serve.get_replica_context().replica_id.unique_id
+    def __init__(self, settings: ServiceSettings, options: FleetOptions, limit: int) -> None:
+        context = serve.get_replica_context()
+        self._name = context.replica_id.unique_id
         log_to_stderr(settings.log_format, logging.INFO, f"replica {self._name}")
         self._place = LocalPlace(options.local)
         own = replace(_of_device(settings, self._place.number), store=self._place.store)
         self._engine = RemoteEngine(own)
-        self._board = RemoteBoard(board)
+        self._board = RemoteBoard(context.app_name, limit)
         frames = FrameSync(self._engine.frames, self._board)
         shared = SharedFolder(options.store / "shared")
         shared.sweep()
+        names = JobNames(shared.job_key())
         self._assets = ReplicaAssets(
-            self._engine, shared, self._board, frames, self._name, options.assets
+            self._engine, shared, frames, names, self._name, options.assets
         )
-        self._calls = ReplicaCalls(self._engine, self._assets, frames, self._board, self._name)
+        self._calls = ReplicaCalls(self._engine, self._assets, frames, names, self._name)
         self._pool = ThreadPoolExecutor(options.calls, "rhytid-call")
         self._closing = threading.Event()
         self._well = time.monotonic()
         reported = threading.Event()
-        work = partial(self._keep_reporting, reported)
-        threading.Thread(target=work, name="rhytid-report", daemon=True).start()
+        for work, name in (
+            (partial(self._keep_reporting, reported), "rhytid-report"),
+            (partial(self._keep_exchanging, frames), "rhytid-frames"),
+        ):
+            threading.Thread(target=work, name=name, daemon=True).start()
         reported.wait(REPORT)  # so that it is known before it is asked
 
     async def call(self, envelope: Envelope) -> Answer:
@@ -111,6 +117,18 @@ class EngineReplica:
             self._report()
             reported.set()
             self._closing.wait(REPORT)
+
+    def _keep_exchanging(self, frames: FrameSync) -> None:
+        while not self._closing.wait(REPORT):
+            self._exchange(frames)
+
+    def _exchange(self, frames: FrameSync) -> None:
+        try:
+            frames.exchange()
+        except RhytidError as error:
+            _log.warning("frames are exchanged with the board later: %s", error)
+        except Exception:  # noqa: BLE001 the next exchange may do
+            _log.exception("frames cannot be exchanged with the board")
 
     def _report(self) -> None:
         try:

@@ -4,7 +4,6 @@ together."""
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,11 +17,11 @@ from rhytid.engine import wanted
 from rhytid.engine.checked_upload import content_id
 from rhytid.engine.messages import AssetInfo, JobInfo, NewAsset, Package
 from rhytid.engine_process.remote_engine import RemoteEngine
-from rhytid.errors import DeviceLostError, NotFoundError
+from rhytid.errors import NotFoundError
 from rhytid.fleet.frame_sync import FrameSync
+from rhytid.fleet.job_names import JobNames, ReplicaNames
 from rhytid.fleet.job_watch import JobWatch
 from rhytid.fleet.kept_uploads import read_upload, written_upload
-from rhytid.fleet.remote_board import RemoteBoard
 from rhytid.fleet.residents import Residents
 from rhytid.fleet.shared_folder import SharedFolder
 
@@ -37,15 +36,16 @@ class ReplicaAssets:
         self,
         engine: RemoteEngine,
         shared: SharedFolder,
-        board: RemoteBoard,
         frames: FrameSync,
+        names: JobNames,
         replica: str,
         most: int,
     ) -> None:
-        self._engine, self._shared, self._board = engine, shared, board
+        self._engine, self._shared = engine, shared
         self._frames, self._replica = frames, replica
         self._jobs = JobWatch(engine.jobs.info)
-        self.residents = Residents(engine, shared, frames, most, replica, self._resume)
+        seen = ReplicaNames(names, replica, engine.jobs.info)
+        self.residents = Residents(engine, shared, frames, most, replica, self._resume, seen.asset)
 
     def close(self) -> None:
         """Watch jobs no more."""
@@ -96,9 +96,8 @@ class ReplicaAssets:
             except NotFoundError:
                 if not there:
                     raise
+            self._frames.remove_all(asset)
             self.residents.forget(asset)
-            with suppress(DeviceLostError):  # a board that starts again has none of its frames
-                self._board.forget(asset)
 
     def package(self, asset: str, *arguments: Any) -> Package | JobInfo | None:
         """As `PackageService.of`; the file lies in the shared folder."""
@@ -156,12 +155,14 @@ class ReplicaAssets:
         with self._engine.snapshots.of(asset) as made:
             placed = self._shared.put_snapshot(asset, made)
         self.residents.take(asset, placed)
+        self.residents.describe(asset)
 
     def _share_settings(self, asset: str) -> None:
         with self.residents.changing(asset):
             settings = self._engine.assets.info(asset).settings
             now = {name: settings[name] for name in CHANGEABLE}
             self.residents.note_settings(asset, self._shared.put_settings(asset, now))
+            self.residents.describe(asset)
 
     def _keep_frames(self, asset: str, new: NewAsset) -> None:
         for index, positions in enumerate(() if new.frames is None else new.frames):

@@ -9,14 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rhytid.engine.frames import refuse_neutral
 from rhytid.engine.messages import ENDED_STATES, AssetInfo, FrameInfo, JobInfo, NewAsset
 from rhytid.engine_process.job_ledger import resumed
 from rhytid.engine_process.remote_engine import RemoteEngine
-from rhytid.errors import NotFoundError
 from rhytid.fleet.envelopes import Envelope
 from rhytid.fleet.frame_sync import FrameSync
-from rhytid.fleet.job_names import JobName, named_asset, named_job
-from rhytid.fleet.remote_board import RemoteBoard
+from rhytid.fleet.job_names import JobName, JobNames, ReplicaNames
 from rhytid.fleet.replica_assets import ReplicaAssets
 
 # Calls of parts of the engine, as they are.
@@ -39,11 +38,12 @@ class ReplicaCalls:
         engine: RemoteEngine,
         assets: ReplicaAssets,
         frames: FrameSync,
-        board: RemoteBoard,
+        names: JobNames,
         replica: str,
     ) -> None:
         self._engine, self._assets, self._frames = engine, assets, frames
-        self._board, self._replica = board, replica
+        self._names, self._replica = names, replica
+        self._seen_as = ReplicaNames(names, replica, engine.jobs.info)
         self._calls: dict[str, Callable[..., Any]] = {
             "assets.change": assets.change,
             "assets.calibrate": assets.calibrate,
@@ -108,10 +108,9 @@ class ReplicaCalls:
     def _remove(self, envelope: Envelope, asset: str, name: str) -> int:
         self._frames.bring(asset, name, envelope.version)
         with self._frames.changing(asset):
-            self._engine.frames.delete(asset, name)
-            version = self._board.remove(asset, name)
-            self._frames.note(asset, name, version)
-        return version
+            self._engine.frames.info(asset, name)  # raises where there is none
+            refuse_neutral(name)
+            return self._frames.remove(asset, name)
 
     def _all_frames(self, asset: str) -> list[FrameInfo]:
         self._frames.bring_all(asset)
@@ -126,18 +125,18 @@ class ReplicaCalls:
         return _drawn(plan)
 
     def _job(self, envelope: Envelope, id: str) -> JobInfo:
-        name = JobName.read(id)
+        name = self._names.read(id)
         if name.replica == self._replica:
             jobs = self._engine.jobs
             call = jobs.info if envelope.name == "jobs.info" else jobs.cancel
             found = call(name.own)
             if found.state in ENDED_STATES:
                 self._assets.settle(name.own)
-            return named_job(found, self._replica)
+            return self._seen_as.job(found)
         with self._assets.residents.using(name.asset, envelope.to):
             if envelope.name == "jobs.cancel":
                 self._cancel_resumed(name)
-            return resumed(name.unknown(), self._engine.assets.info, self._engine.jobs.info)
+            return resumed(name.unknown(id), self._engine.assets.info, self._engine.jobs.info)
 
     def _cancel_resumed(self, name: JobName) -> None:
         info = self._engine.assets.info(name.asset)
@@ -147,14 +146,8 @@ class ReplicaCalls:
     def _seen(self, found: Any) -> Any:
         """As callers see it: ids of jobs name this replica."""
         if isinstance(found, JobInfo):
-            return named_job(found, self._replica)
-        if isinstance(found, AssetInfo) and found.job is not None:
-            try:
-                job: JobInfo | None = self._engine.jobs.info(found.job)
-            except NotFoundError:
-                job = None
-            return named_asset(found, job, self._replica)
-        return found
+            return self._seen_as.job(found)
+        return self._seen_as.asset(found) if isinstance(found, AssetInfo) else found
 
 
 def _drawn(plan: Any) -> tuple[Any, ...]:

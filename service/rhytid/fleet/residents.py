@@ -11,9 +11,10 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 
+from rhytid.engine.messages import AssetInfo
 from rhytid.engine_process.keyed_locks import KeyedLocks
 from rhytid.engine_process.remote_engine import RemoteEngine
-from rhytid.errors import NotFoundError, SharedDamageError, SnapshotError
+from rhytid.errors import NotFoundError, SharedDamageError, SnapshotError, StorageError
 from rhytid.fleet.envelopes import ElsewhereError
 from rhytid.fleet.frame_sync import FrameSync
 from rhytid.fleet.shared_folder import Revision, SharedFolder
@@ -41,7 +42,7 @@ class Residents:
     """Loads assets, and lets them go.
 
     replica: its name.  most: assets that stay loaded.  resume: goes on with a build whose replica
-    is gone.
+    is gone.  seen: an asset as callers see it.
     """
 
     def __init__(
@@ -52,9 +53,11 @@ class Residents:
         most: int,
         replica: str,
         resume: Callable[[str], None],
+        seen: Callable[[AssetInfo], AssetInfo],
     ) -> None:
         self._engine, self._shared, self._frames = engine, shared, frames
-        self._most, self._replica, self._resume = most, replica, resume
+        self._most, self._replica = most, replica
+        self._resume, self._seen = resume, seen
         self._here: OrderedDict[str, Resident] = OrderedDict()
         self._locks = KeyedLocks()
         self._unused = threading.Condition()
@@ -102,6 +105,14 @@ class Residents:
         with self._unused:
             if asset in self._here:
                 self._here[asset].settings = settings
+
+    def describe(self, asset: str) -> None:
+        """Say in the shared folder what the asset is that the engine has: lists need not load it
+        then. Without room there, it is loaded for them."""
+        here = self._here[asset]
+        info = self._seen(self._engine.assets.info(asset))
+        with suppress(StorageError):
+            self._shared.put_info(info, (here.snapshot, here.settings))
 
     def pin(self, asset: str) -> Callable[[], None]:
         """Keep an asset here until what is returned is called."""
@@ -162,6 +173,8 @@ class Residents:
             here = Resident(snapshot=revision)
             self._here[asset] = here
             self._see_to_settings(asset, here)
+            if self._shared.info(asset, (here.snapshot, here.settings)) is None:
+                self.describe(asset)
 
     def _see_to_settings(self, asset: str, here: Resident) -> None:
         revision = self._shared.settings_revision(asset)
@@ -186,7 +199,7 @@ class Residents:
         while len(self._here) > self._most:
             with self._unused:
                 idle = (name for name, one in self._here.items() if not one.users and not one.own)
-                oldest = next(idle, None)
+                oldest = next((one for one in idle if not self._frames.only_here(one)), None)
             if oldest is None:
                 return
             with self._locks.holding(oldest):

@@ -6,23 +6,32 @@
     ├── format.json           the marker: that this is of a fleet, and of which format
     ├── assets/<id>.tar       a built asset as a snapshot
     ├── assets/<id>.json      its present settings, once they were changed
+    ├── assets/<id>.info      what callers see of it with both, so that lists load nothing
     ├── uploads/<id>          what a caller sent, until the asset is built
     ├── uploads/<id>.owner    the replica that builds it
     ├── packages/<id>-<key>.zip
-    └── given/                files on their way between an ingress and a replica
+    ├── given/                files on their way between an ingress and a replica
+    └── jobs.key              of the seals of jobs' ids
 """
 
 from __future__ import annotations
 
 import json
+import os
 import re
+import secrets
 import shutil
+import time
 from collections.abc import Iterable, Mapping
 from contextlib import AbstractContextManager, suppress
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.notices import Notice
+from rhytid.domain.warnings import InputWarning
 from rhytid.durable import (
     claim,
     reported,
@@ -33,7 +42,7 @@ from rhytid.durable import (
     write_file,
     write_pieces,
 )
-from rhytid.engine.messages import Package
+from rhytid.engine.messages import AssetInfo, Package
 from rhytid.errors import SharedDamageError
 from rhytid.owned import (
     UNIQUE,
@@ -45,13 +54,13 @@ from rhytid.owned import (
     restrict,
     restrict_folder,
 )
-from rhytid.storage.homes import ID
+from rhytid.storage.homes import ID, checked_id
 from rhytid.storage.snapshots import Snapshot
 
 # What each folder has, beside what is being written.
 _WRITTEN = r"|\.unfinished-" + UNIQUE.pattern
 _NAMES = {
-    "assets": re.compile(rf"{ID.pattern}\.(tar|json){_WRITTEN}", re.ASCII),
+    "assets": re.compile(rf"{ID.pattern}\.(tar|json|info){_WRITTEN}", re.ASCII),
     "uploads": re.compile(rf"{ID.pattern}(\.owner)?{_WRITTEN}", re.ASCII),
     "packages": re.compile(rf"{ID.pattern}-{UNIQUE.pattern}\.zip{_WRITTEN}", re.ASCII),
     "given": UNIQUE,
@@ -61,6 +70,10 @@ FLEET = Kind("rhytid fleet", format=1, folders=tuple(_NAMES))
 # Skin packages of an asset that stay, by when they were placed.
 _PACKAGES = 4
 Revision = tuple[int, int] | None
+# Of the snapshot and of the settings.
+Revisions = tuple[Revision, Revision]
+# Bytes of the key of seals, and seconds in which one that makes it has written them.
+_KEY, _KEY_SECONDS = 32, 5.0
 
 
 class SharedFolder:
@@ -69,13 +82,14 @@ class SharedFolder:
     They are for their owner alone; where the group of the folder, or of the one around it, may
     write, for that group. Raises StorageError where the folder cannot be read or written, or holds
     what is not ours; StoreFormatError where a newer release made it; SharedDamageError where a file
-    is not what was placed there. Two that write the same asset
-    write the same bytes, so that it does not matter which comes last.
+    is not what was placed there. Two that write the same asset write the same bytes, so that it
+    does not matter which comes last.
     """
 
     def __init__(self, folder: Path) -> None:
         self._assets, self._uploads = folder / "assets", folder / "uploads"
         self._packages, self._given = folder / "packages", folder / "given"
+        self._key = folder / "jobs.key"
         with reported(f"{folder} cannot be used"):
             check_ours(folder, FLEET, _is_of_a_fleet)
             folder.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -150,13 +164,47 @@ class SharedFolder:
         with reported(f"settings of {asset} cannot be removed"):
             self._settings(asset).unlink(missing_ok=True)
 
+    def put_info(self, info: AssetInfo, of: Revisions) -> None:
+        """Say what callers see of a ready asset.  of: the files that it is made of."""
+        text = json.dumps({"of": of, "info": asdict(info)}).encode()
+        path = self._info(info.id)
+        with reported(f"asset {info.id} cannot be described"), self._whole(path) as aside:
+            write_file(aside, text)
+
+    def info(self, asset: str, of: Revisions) -> AssetInfo | None:
+        """What callers see of a ready asset; None where that was not said of these files, or by
+        another version of this package."""
+        with reported(f"asset {asset} cannot be read"), suppress(FileNotFoundError):
+            try:
+                found = json.loads(self._info(asset).read_bytes())
+                if found["of"] == [None if one is None else list(one) for one in of]:
+                    return _asset_info(found["info"])
+            except (ValueError, KeyError, TypeError):
+                return None
+        return None
+
+    def job_key(self) -> bytes:
+        """The key of the seals of jobs' ids: made once, by whoever asks first."""
+        with reported(f"{self._key} cannot be used"):
+            with suppress(FileExistsError):
+                made = os.open(self._key, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600)
+                with open(made, "wb") as file:
+                    file.write(secrets.token_bytes(_KEY))
+                restrict(self._key, group=self._group)
+            until = time.monotonic() + _KEY_SECONDS
+            while len(key := self._key.read_bytes()) != _KEY:
+                if time.monotonic() > until:
+                    raise SharedDamageError(f"{self._key} is damaged: remove it")
+                time.sleep(0.01)  # another is about to write it
+            return key
+
     def put_upload(self, asset: str, owner: str, pieces: Iterable[bytes | memoryview]) -> None:
         """Keep what a caller sent, in place of what was kept; nothing where that fails."""
         self.own(asset, owner)
         try:
             with (
                 reported(f"upload {asset} cannot be kept"),
-                self._whole(self._uploads / asset) as aside,
+                self._whole(self._upload(asset)) as aside,
             ):
                 write_pieces(aside, pieces)
         except BaseException:
@@ -171,18 +219,18 @@ class SharedFolder:
     def owner(self, asset: str) -> str | None:
         """The replica that builds an asset; None where nothing of it was sent, or it is built."""
         with reported(f"upload {asset} cannot be read"), suppress(FileNotFoundError):
-            if (self._uploads / asset).stat():
+            if self._upload(asset).stat():
                 return self._owner(asset).read_text()
         return None
 
     def upload(self, asset: str) -> bytes:
         """What a caller sent; raises FileNotFoundError where it has gone."""
-        return (self._uploads / asset).read_bytes()
+        return self._upload(asset).read_bytes()
 
     def remove_upload(self, asset: str) -> None:
         """What was sent is not needed any more."""
         with reported(f"upload {asset} cannot be removed"):
-            (self._uploads / asset).unlink(missing_ok=True)
+            self._upload(asset).unlink(missing_ok=True)
             self._owner(asset).unlink(missing_ok=True)
 
     def remove(self, asset: str) -> None:
@@ -190,6 +238,7 @@ class SharedFolder:
         with reported(f"asset {asset} cannot be removed"):
             self._snapshot(asset).unlink(missing_ok=True)
             self._settings(asset).unlink(missing_ok=True)
+            self._info(asset).unlink(missing_ok=True)
             for package in self._packages.glob(f"{asset}-*.zip"):
                 package.unlink(missing_ok=True)
         self.remove_upload(asset)
@@ -223,13 +272,19 @@ class SharedFolder:
         return whole(file, private=True, group=self._group)
 
     def _snapshot(self, asset: str) -> Path:
-        return self._assets / f"{asset}.tar"
+        return self._assets / f"{checked_id(asset)}.tar"
 
     def _settings(self, asset: str) -> Path:
-        return self._assets / f"{asset}.json"
+        return self._assets / f"{checked_id(asset)}.json"
+
+    def _info(self, asset: str) -> Path:
+        return self._assets / f"{checked_id(asset)}.info"
+
+    def _upload(self, asset: str) -> Path:
+        return self._uploads / checked_id(asset)
 
     def _owner(self, asset: str) -> Path:
-        return self._uploads / f"{asset}.owner"
+        return self._uploads / f"{checked_id(asset)}.owner"
 
 
 def _is_of_a_fleet(folder: Path) -> bool:
@@ -247,6 +302,28 @@ def _revision(path: Path) -> Revision:
         found = path.stat()
         return found.st_mtime_ns, found.st_ino
     return None
+
+
+def _asset_info(found: dict[str, Any]) -> AssetInfo | None:
+    """What was said of an asset; None where settings have other names now. Raises KeyError,
+    TypeError and ValueError where it is not what is said now."""
+    if not _same_names(found["settings"], AssetSettings().as_json()):
+        return None
+    return AssetInfo(
+        **{
+            **found,
+            "udims": tuple(found["udims"]),
+            "warnings": tuple(InputWarning(**one) for one in found["warnings"]),
+            "notices": tuple(Notice(**one) for one in found["notices"]),
+            "centre": tuple(found["centre"]),
+        }
+    )
+
+
+def _same_names(one: Any, other: Any) -> bool:
+    if not (isinstance(one, dict) and isinstance(other, dict)):
+        return True
+    return one.keys() == other.keys() and all(_same_names(one[k], other[k]) for k in one)
 
 
 def _placed(path: Path) -> int:
