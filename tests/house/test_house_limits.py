@@ -30,6 +30,7 @@ NUMBERS: dict[str, tuple[float, ...]] = {
     "time for the head": (USUAL.stall_seconds,),
     "time for each": (connections.PROGRESS, USUAL.stall_seconds),
     "time in which a client": (connections.TAKEN, USUAL.stall_seconds),
+    "time for the handshake": (USUAL.stall_seconds,),
     "head of a request": (connections.DEFAULT_MAX_INCOMPLETE_EVENT_SIZE,),
     "requests per second": (USUAL.key_rate,),
     "unfinished jobs": (USUAL.key_jobs,),

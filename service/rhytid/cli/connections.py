@@ -27,12 +27,15 @@ logger = logging.getLogger(__name__)
 PROGRESS, TAKEN = 1 << 14, 1 << 18
 # Looks at a connection within that time.
 _LOOKS = 4
+# Headers of a request that has a body.
+_BODY = frozenset((b"content-length", b"transfer-encoding"))
 
 
 @dataclass(frozen=True)
 class ConnectionLimits:
-    """stalled: seconds for a head, for each PROGRESS bytes of a body and each TAKEN bytes of an
-    answer.  most: connections open at once; one address may have half of them."""
+    """stalled: seconds for a head, for each PROGRESS bytes of a body, each TAKEN bytes of an answer
+    and each handshake of a WebSocket.  most: connections open at once; one address may have half of
+    them."""
 
     stalled: float
     most: int
@@ -95,9 +98,15 @@ class LimitedConnection(H11Protocol):
         super().connection_lost(exc)
 
     def handle_websocket_upgrade(self, event: Any) -> None:
-        """Leave it to the WebSocket's own limits."""
+        """Leave the connection to `WebSockets` and its limits; refuse an upgrade that has a body,
+        since none is read before a handshake."""
+        if body := _BODY & {name for name, _ in self.headers}:
+            named = " and ".join(sorted(name.decode().title() for name in body))
+            self._end(HTTPStatus.BAD_REQUEST, f"an upgrade to WebSocket has no body: {named}")
+            return
         self._look.cancel()
         super().handle_websocket_upgrade(event)
+        self.transport.get_protocol().end_unless_open(self.limits.stalled)
 
     def send_400_response(self, msg: str) -> None:
         """A problem in place of plain text."""
@@ -165,11 +174,11 @@ class LimitedConnection(H11Protocol):
         if self.cycle is not None:
             self.cycle.disconnected = True
             self.cycle.message_event.set()
-        self.transport.write(_problem(status, detail))
+        self.transport.write(bare_problem(status, detail))
         self.transport.close()
 
 
-def _problem(status: HTTPStatus, detail: str) -> bytes:
+def bare_problem(status: HTTPStatus, detail: str) -> bytes:
     """An answer of its own, without the machinery of a request."""
     about = {"type": "about:blank", "title": status.phrase, "status": status, "detail": detail}
     body = json.dumps(about).encode()
