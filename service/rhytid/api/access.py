@@ -153,10 +153,10 @@ def _lacking(key: ApiKey, needed: str) -> ScopeError | None:
 
 def _address(scope: Scope) -> str:
     host = (scope.get("client") or ("unknown", 0))[0]
-    if ":" not in host:
-        return f"address {host}"
     try:
-        network = ipaddress.ip_network((host.partition("%")[0], _NETWORK), strict=False)
-    except ValueError:
+        address = ipaddress.ip_address(host.partition("%")[0])
+    except ValueError:  # what a proxy passed on
         return "address unknown"
-    return f"address {network}"
+    if address.version == 4:
+        return f"address {address}"
+    return f"address {ipaddress.ip_network((address, _NETWORK), strict=False)}"

@@ -7,6 +7,7 @@ take for ever, and a connection that is to be closed stays until its client has 
 from __future__ import annotations
 
 import asyncio
+import ipaddress
 import json
 import logging
 import sys
@@ -35,20 +36,29 @@ _BODY = frozenset((b"content-length", b"transfer-encoding"))
 class ConnectionLimits:
     """stalled: seconds for a head, for each PROGRESS bytes of a body, each TAKEN bytes of an answer
     and each handshake of a WebSocket.  most: connections open at once; one address may have half of
-    them."""
+    them, unless it is in `proxies`: networks that connections of many callers come from."""
 
     stalled: float
     most: int
+    proxies: tuple[ipaddress.IPv4Network | ipaddress.IPv6Network, ...] = ()
 
     @classmethod
     def of(cls, settings: ServiceSettings) -> ConnectionLimits:
         """Those of the settings."""
-        return cls(settings.stall_seconds, settings.connections)
+        proxies = tuple(ipaddress.ip_network(proxy) for proxy in settings.proxies)
+        return cls(settings.stall_seconds, settings.connections, proxies)
 
     @property
     def most_of_one(self) -> int:
         """Connections of one address."""
         return max(self.most // 2, 1)
+
+    def of_proxy(self, host: str | None) -> bool:
+        """Whether an address is that of a proxy."""
+        if host is None or not self.proxies:
+            return False
+        address = ipaddress.ip_address(host.partition("%")[0])
+        return any(address in network for network in self.proxies)
 
 
 def allow_files(connections: int) -> None:
@@ -119,6 +129,8 @@ class LimitedConnection(H11Protocol):
         if len(self.connections) > most:
             return f"{most} connections are open already: RHYTID_CONNECTIONS allows no more"
         host = self._host(self)
+        if self.limits.of_proxy(host):
+            return None
         if sum(self._host(other) == host for other in self.connections) > most_of_one:
             rule = "half of what RHYTID_CONNECTIONS allows"
             return f"{most_of_one} connections from this address are open already: {rule}"

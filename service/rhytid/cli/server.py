@@ -11,7 +11,7 @@ from dataclasses import replace
 from ipaddress import ip_address
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import uvicorn
 
@@ -126,15 +126,27 @@ def server_of(
     draining: called when the server begins to end.
     """
     from rhytid.api.app import create_app
-    from rhytid.cli.connections import ConnectionLimits, protocol_of
 
     app = create_app(engine, settings)
     # Each request is logged by the application, with its id.
     config = uvicorn.Config(
-        app, http=protocol_of(ConnectionLimits.of(settings)), log_level=log_level,
-        log_config=None, access_log=False, timeout_graceful_shutdown=GRACE, **OPTIONS,
+        app, log_level=log_level, log_config=None, access_log=False,
+        timeout_graceful_shutdown=GRACE, **protocol_options(settings),
     )  # fmt: skip
     return DrainingServer(config, app.state.drain, draining)
+
+
+def protocol_options(settings: ServiceSettings) -> dict[str, Any]:
+    """Options of uvicorn: how it speaks HTTP and WebSocket, and whom it believes about callers.
+    Without them it believes every program of this machine, and FORWARDED_ALLOW_IPS."""
+    from rhytid.cli.connections import ConnectionLimits, protocol_of
+
+    return {
+        "http": protocol_of(ConnectionLimits.of(settings)),
+        "proxy_headers": bool(settings.proxies),
+        "forwarded_allow_ips": list(settings.proxies),
+        **OPTIONS,
+    }
 
 
 @contextmanager
