@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import pickle
 import signal
@@ -78,8 +79,6 @@ SHAPES = np.stack([positions(), positions() * 1.1]).astype(np.float32)
 
 
 def shapes_file() -> bytes:
-    import io
-
     file = io.BytesIO()
     np.save(file, SHAPES)
     return file.getvalue()
@@ -158,6 +157,29 @@ def test_what_headers_promise_is_counted(hold: Hold, monkeypatch: pytest.MonkeyP
     budget = ByteBudget(1 << 30, "RHYTID_HOST_MEMORY_MB")
     read(mesh("big.npz", packed({"positions": (1_000_000, 3)})), budget.hold("uploads"))
     assert most[0] > 16 * MIB + 3 * 24_000_000
+
+
+@pytest.mark.parametrize("pack", [np.savez, np.savez_compressed])
+@pytest.mark.parametrize("number", ["f4", "f8"])
+def test_a_mesh_is_taken_packed_or_not(
+    hold: Hold, monkeypatch: pytest.MonkeyPatch, pack: Callable[..., None], number: str
+) -> None:
+    """What its arrays take is what is allowed, not what was sent of them."""
+    monkeypatch.setattr(limits, "ROOM", 16 * MIB)
+    side = 317
+    u, v = np.meshgrid(*[np.linspace(0.01, 0.99, side, dtype=number)] * 2)
+    at = np.arange(side * side).reshape(side, side)
+    corners = (at[:-1, :-1], at[:-1, 1:], at[1:, 1:], at[1:, :-1])
+    a, b, c, d = (corner.ravel() for corner in corners)
+    faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]).astype("<i4")
+    uv = np.stack([u.ravel(), v.ravel()], 1)
+    positions = np.concatenate([20 * uv, np.zeros((side**2, 1), number)], 1)
+    file = io.BytesIO()
+    pack(file, positions=positions, faces=faces, uv=uv, face_uv=faces)
+
+    found = read(mesh("grid.npz", file.getvalue()), hold).mesh
+
+    np.testing.assert_array_equal(found.faces, faces)
 
 
 @pytest.mark.slow
