@@ -10,6 +10,7 @@ import subprocess
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from operator import attrgetter
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,8 +22,8 @@ from engine_process.served import children
 from exr_images import exr
 from rhytid.api.parts import Part
 from rhytid.api.spool import Spool
+from rhytid.decoding import child, limits
 from rhytid.decoding import decoder as decoding
-from rhytid.decoding import limits
 from rhytid.decoding.decoder import Decoder
 from rhytid.decoding.words import read_word
 from rhytid.domain import control_samples
@@ -189,6 +190,30 @@ def test_who_takes_too_long_is_refused(hold: Hold, monkeypatch: pytest.MonkeyPat
         read(mesh("m.obj", b"v 0 0 0\n" * (11 * MIB // 8)), hold)
 
 
+def test_who_takes_no_processor_time_is_ended_by_the_clock(
+    hold: Hold, apart: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(limits, "CLOCK", 0.02)
+    others = set(children(os.getpid()))  # servers of other tests
+
+    def stop() -> bool:
+        for pid in set(children(os.getpid())) - others:
+            os.kill(pid, signal.SIGSTOP)
+        return False
+
+    with pytest.raises(LimitError, match=r"decoding it takes more than 0\.6 seconds"):
+        read(mesh("m.obj", obj()), hold, stop)
+
+
+def test_a_file_that_is_too_short_ends(tmp_path: Path) -> None:
+    file = tmp_path / "upload"
+    file.write_bytes(b"12345")
+    with file.open("rb") as opened:
+        part = child.Part("mesh", "m.obj", 10, 2, opened.fileno(), lambda _: None)
+        with pytest.raises(EOFError, match="part mesh has 3 bytes in place of 10"):
+            _ = part.data
+
+
 def test_a_client_that_is_gone_ends_it(hold: Hold, apart: None) -> None:
     with pytest.raises(CancelledError):
         read(mesh("m.obj", obj()), hold, lambda: True)
@@ -198,8 +223,8 @@ def test_a_crash_names_the_file(hold: Hold, apart: None) -> None:
     others = set(children(os.getpid()))  # servers of other tests
 
     def crash() -> bool:
-        for child in set(children(os.getpid())) - others:
-            os.kill(child, signal.SIGSEGV)
+        for pid in set(children(os.getpid())) - others:
+            os.kill(pid, signal.SIGSEGV)
         return False
 
     with pytest.raises(InputError, match=r"damaged: it ends its decoder \(SIGSEGV\)"):

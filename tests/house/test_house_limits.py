@@ -65,6 +65,7 @@ NUMBERS: dict[str, tuple[float, ...]] = {
     "uploads that wait": (decoder._WAITING, decoder._PATIENCE),
     "memory of a process": (limits.ROOM / MIB, limits.ROOM_A_BYTE, limits.ROOM_A_PROMISED),
     "processor": (limits.SECONDS, 1),
+    "time of a process by": (limits.CLOCK,),
     "requests that wait": (USUAL.queue,),
     "jobs that wait": (USUAL.jobs,),
     "answers of": (device_slots.HUGE / MIB, device_slots.AT_ONCE, device_slots.PATIENCE),

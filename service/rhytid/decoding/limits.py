@@ -19,6 +19,8 @@ ROOM, ROOM_A_BYTE, ROOM_A_PROMISED = 256 * MIB, 16, 3
 ROOM_A_PACKED = 2
 # Seconds of processor time: so many, and one for each MiB.
 SECONDS = 30
+# Seconds by the clock for each of these: what waits for a disk takes no processor time.
+CLOCK = 4
 # What is not larger, of formats whose memory is bounded by their bytes, needs no such limits.
 LIGHT, LIGHT_PROMISED = MIB, 16 * MIB
 _BOUNDED = (".obj", ".ply", ".npz", ".npy")
