@@ -75,6 +75,11 @@ class ServiceSettings:
         """Where the API keys are, if there are any."""
         return self.keys or self.store / "keys.json"
 
+    @property
+    def key_mark(self) -> Path:
+        """A file of the store that is there once the server has asked for keys."""
+        return self.store / "keys.json.asked"
+
     @classmethod
     def from_environment(cls, environment: Mapping[str, str] = os.environ) -> ServiceSettings:
         """Read RHYTID_STORE, RHYTID_SHARED_STORE, RHYTID_STORE_MB, RHYTID_DEVICE,

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import uvicorn
 
-from rhytid.access.key_file import has_valid_key
+from rhytid.access.key_file import check_mark, has_valid_key
 from rhytid.cli.web_sockets import OPTIONS
 from rhytid.errors import AccessError, InputError
 from rhytid.settings import ServiceSettings
@@ -50,15 +50,20 @@ def address_of(listening: socket.socket) -> str:
     return f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
 
 
-def asks_keys(listening: socket.socket, keys: Path, *, without: bool) -> bool | None:
+def asks_keys(
+    listening: socket.socket, keys: Path, *, without: bool, mark: Path | None = None
+) -> bool | None:
     """What the setting `ask_keys` is for a server on a socket, whose keys are in a file.
 
-    without: nobody is asked for a key. Raises AccessError where others than this machine reach the
-    socket, a key is asked for and none is valid; StorageError where the file cannot be read.
+    without: nobody is asked for a key.  mark: is there where keys were asked for before. Raises
+    AccessError where the file is gone then, and where others than this machine reach the socket, a
+    key is asked for and none is valid; StorageError where the file cannot be read.
     """
     if without:
         return False
     valid = has_valid_key(keys)
+    if mark is not None:
+        check_mark(keys, mark)
     if ip_address(listening.getsockname()[0]).is_loopback:
         return None
     if not valid:
