@@ -30,14 +30,15 @@ class ServiceSettings:
     cache: folder for what is measured of the device once; None = nothing is measured.
     keys: file of the API keys; None = `keys.json` in the store.  ask_keys: None = once there is
     such a file.  hosts: names that the server may be called by, beside `localhost` and addresses.
-    origins: of web pages from elsewhere that may use it.  key_rate: requests per second, key_jobs:
+    origins: of web pages from elsewhere that may use it.  proxies: addresses and networks whose
+    X-Forwarded-For and X-Forwarded-Proto are believed.  key_rate: requests per second, key_jobs:
     unfinished jobs, of one key, or of one address where no key is asked for.
     devices: numbers of devices that `rhytid serve` uses at once, or `all`; none = the one that
     `device` says.  launch_seconds: that one call of the OpenCL driver may take before `rhytid
     serve` ends the process of the device.  stall_seconds: without progress after which a client is
-    disconnected.  connections: open at once; one address may have half of them.  drain_seconds:
-    that requests have to finish once the server is told to end.  log_format: of the log of `rhytid
-    serve`, text or json.  traces: where OpenTelemetry sends spans; None = nowhere.
+    disconnected.  connections: open at once; one address that is no proxy may have half of them.
+    drain_seconds: that requests have to finish once the server is told to end.  log_format: of the
+    log of `rhytid serve`, text or json.  traces: where OpenTelemetry sends spans; None = nowhere.
     """
 
     store: Path = Path("rhytid-store")
@@ -65,6 +66,7 @@ class ServiceSettings:
     ask_keys: bool | None = None
     hosts: tuple[str, ...] = ()
     origins: tuple[str, ...] = ()
+    proxies: tuple[str, ...] = ()
     key_rate: int = 1000
     key_jobs: int = 64
 
@@ -73,6 +75,11 @@ class ServiceSettings:
         """Where the API keys are, if there are any."""
         return self.keys or self.store / "keys.json"
 
+    @property
+    def key_mark(self) -> Path:
+        """A file of the store that is there once the server has asked for keys."""
+        return self.store / "keys.json.asked"
+
     @classmethod
     def from_environment(cls, environment: Mapping[str, str] = os.environ) -> ServiceSettings:
         """Read RHYTID_STORE, RHYTID_SHARED_STORE, RHYTID_STORE_MB, RHYTID_DEVICE,
@@ -80,9 +87,9 @@ class ServiceSettings:
         RHYTID_UPLOAD_LIMIT_MB, RHYTID_SPOOL_MB, RHYTID_PACKAGES_MB, RHYTID_QUEUE, RHYTID_JOBS,
         RHYTID_DRAW_SECONDS, RHYTID_CACHE, RHYTID_LAUNCH_SECONDS, RHYTID_STALL_SECONDS,
         RHYTID_CONNECTIONS, RHYTID_DRAIN_SECONDS, RHYTID_LOG_FORMAT, RHYTID_KEYS_FILE,
-        RHYTID_ALLOWED_HOSTS, RHYTID_CORS_ORIGINS, RHYTID_KEY_RATE, RHYTID_KEY_JOBS and
-        OTEL_EXPORTER_OTLP_ENDPOINT; raises SettingsError naming the variable, also where an upload
-        of the largest size allowed would not fit into the spool."""
+        RHYTID_ALLOWED_HOSTS, RHYTID_CORS_ORIGINS, RHYTID_PROXIES, RHYTID_KEY_RATE,
+        RHYTID_KEY_JOBS and OTEL_EXPORTER_OTLP_ENDPOINT; raises SettingsError naming the variable,
+        also where an upload of the largest size allowed would not fit into the spool."""
         given = Variables(environment)
         upload_limit, spool = _upload_limits(given)
         return cls(
@@ -109,6 +116,7 @@ class ServiceSettings:
             keys=given.path("RHYTID_KEYS_FILE"),
             hosts=given.hosts("RHYTID_ALLOWED_HOSTS"),
             origins=given.origins("RHYTID_CORS_ORIGINS"),
+            proxies=given.networks("RHYTID_PROXIES"),
             key_rate=given.count("RHYTID_KEY_RATE", cls.key_rate),
             key_jobs=given.count("RHYTID_KEY_JOBS", cls.key_jobs),
         )

@@ -5,6 +5,7 @@ Every function raises SettingsError naming the variable. A variable that is empt
 
 from __future__ import annotations
 
+import ipaddress
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -65,6 +66,13 @@ class Variables:
         """Origins of web pages with commas between, in lower case."""
         return self._several(name, _ORIGIN, "http://localhost:5173")
 
+    def networks(self, name: str) -> tuple[str, ...]:
+        """Addresses, and networks as 10.0.0.0/8, with commas between."""
+        given = [one.strip() for one in (self.text(name) or "").split(",")]
+        for one in filter(None, given):
+            _check_network(name, one)
+        return tuple(filter(None, given))
+
     def home_folder(self, name: str, default: str) -> Path | None:
         """A folder, in which `~` is the user's home. None where the default is used and there is no
         home."""
@@ -82,3 +90,11 @@ class Variables:
         if wrong:
             raise SettingsError(f"{name} has {wrong[0]!r}: must be like {example}, or *")
         return tuple(one for one in given if one)
+
+
+def _check_network(name: str, given: str) -> None:
+    try:
+        ipaddress.ip_network(given)
+    except ValueError as exc:
+        rule = "must be an address or a network, such as 10.1.2.3 or 10.1.0.0/16"
+        raise SettingsError(f"{name} has {given!r}: {rule}") from exc

@@ -11,8 +11,7 @@ import httpx
 import uvicorn
 
 from rhytid.api.app import create_app
-from rhytid.cli.connections import ConnectionLimits, protocol_of
-from rhytid.cli.web_sockets import OPTIONS
+from rhytid.cli.server import protocol_options
 from rhytid.settings import ServiceSettings
 
 
@@ -23,11 +22,10 @@ class _Server(uvicorn.Server):
         config = uvicorn.Config(
             app,
             port=0,
-            http=protocol_of(ConnectionLimits.of(settings)),
             log_config=None,
             access_log=False,
             timeout_graceful_shutdown=1,
-            **OPTIONS,
+            **protocol_options(settings),
         )
         super().__init__(config)
         self.listening = threading.Event()

@@ -339,6 +339,7 @@ def stopped(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_each_key_has_a_rate_of_its_own(tmp_path: Path, stopped: None) -> None:
     (one, a), (two, b) = new_key("one", {"read"}), new_key("two", {"read"}, rate=3)
     access = Access(ring(tmp_path, a, b))
+    asyncio.run(access.fresh())
     # From wherever they come: two seconds' worth may be saved.
     assert admitted(access, 15, one, "10.0.0.1") + admitted(access, 15, one, "10.0.0.2") == 20
     assert admitted(access, 15, two, "10.0.0.1") == 6
@@ -347,6 +348,7 @@ def test_each_key_has_a_rate_of_its_own(tmp_path: Path, stopped: None) -> None:
 def test_who_shows_no_key_is_counted_by_address(tmp_path: Path, stopped: None) -> None:
     shown, key = new_key("one", {"read"})
     access = Access(ring(tmp_path, key))
+    asyncio.run(access.fresh())
     for _ in range(20):
         with pytest.raises(ApiKeyError):
             access.admit(request(None), "read")

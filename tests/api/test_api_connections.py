@@ -166,6 +166,18 @@ def test_addresses_share_what_there_is() -> None:
     assert "4 connections are open" in (LimitedConnection._too_many(many) or "")
 
 
+def test_a_proxy_may_have_all_there_is(tmp_path: Path) -> None:
+    with serving(FakeEngine(), store=tmp_path, connections=4, proxies=("127.0.0.1",)) as client:
+        client.get("/healthz")
+        with ExitStack() as held:
+            for _ in range(3):
+                connection = held.enter_context(connected(client))
+                connection.sendall(b"GET /healthz HTTP/1.1\r\nHost: localhost\r\n\r\n")
+                assert connection.recv(1 << 16).startswith(b"HTTP/1.1 200 ")
+            status, detail = problem(rest(held.enter_context(connected(client))))
+    assert (status, "4 connections are open" in detail) == (503, True)
+
+
 def test_what_is_no_http_is_told_as_a_problem(client: httpx.Client) -> None:
     for wrong in (b"\x16\x03\x01\r\n\r\n", b"GET / HTTP/1.1\r\nX: " + b"x" * 70_000):
         with connected(client) as connection:

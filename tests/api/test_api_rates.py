@@ -15,7 +15,8 @@ from rhytid.api.access import Caller
 from rhytid.api.job_shares import JobShares
 from rhytid.api.rates import REMEMBERED, SAVED, Rates
 from rhytid.engine.messages import JobInfo
-from rhytid.errors import NotFoundError, QuotaError
+from rhytid.errors import NotFoundError, QuotaError, SettingsError
+from rhytid.settings import ServiceSettings
 
 
 class Clock:
@@ -70,17 +71,39 @@ def test_who_asks_too_often_is_told_when_to_come_again() -> None:
             assert client.get("/healthz").status_code == 200
 
 
-def test_behind_a_proxy_on_this_machine_callers_are_told_apart() -> None:
-    """uvicorn believes what 127.0.0.1 says of who asked it."""
-    with serving(FakeEngine(), key_rate=1) as client:
+@pytest.mark.parametrize("proxies", ["127.0.0.1", "127.0.0.0/8, 10.1.0.0/16"])
+def test_behind_a_named_proxy_callers_are_told_apart(proxies: str) -> None:
+    """The last address that is no proxy's counts: a caller writes what stands before it."""
+    settings = ServiceSettings.from_environment({"RHYTID_PROXIES": proxies})
+    with serving(FakeEngine(), key_rate=1, proxies=settings.proxies) as client:
 
-        def answers(address: str) -> list[httpx.Response]:
-            headers = {"X-Forwarded-For": f"198.51.100.7, {address}"}
+        def answers(address: str, forged: str) -> list[httpx.Response]:
+            headers = {"X-Forwarded-For": f"{forged}, {address}"}
             return [client.get("/v1/assets", headers=headers) for _ in range(10)]
 
-        first, second = answers("203.0.113.9"), answers("203.0.113.10")
+        first, second = answers("203.0.113.9", "198.51.100.7"), answers("2001:db8::1", "nobody")
         assert first[0].status_code == second[0].status_code == 200
         assert "address 203.0.113.9 sends more" in is_problem(first[-1], 429, "quota")
+        assert "address 2001:db8::/64 sends more" in is_problem(second[-1], 429, "quota")
+        garbage = answers("x" * 5000, "203.0.113.9")
+        assert "address unknown sends more" in is_problem(garbage[-1], 429, "quota")
+
+
+@pytest.mark.parametrize("proxies", [(), ("203.0.113.0/24",)])
+def test_nobody_else_says_who_asks(
+    proxies: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("FORWARDED_ALLOW_IPS", "*")
+    with serving(FakeEngine(), key_rate=1, proxies=proxies) as client:
+        headers = ({"X-Forwarded-For": f"203.0.113.{i}"} for i in range(10))
+        answers = [client.get("/v1/assets", headers=one) for one in headers]
+        assert "address 127.0.0.1 sends more" in is_problem(answers[-1], 429, "quota")
+
+
+@pytest.mark.parametrize("wrong", ["proxy.example", "*", "10.0.0.1/8", "10.0.0.0/33", "1.2.3.4:80"])
+def test_proxies_are_addresses_and_networks(wrong: str) -> None:
+    with pytest.raises(SettingsError, match="RHYTID_PROXIES has"):
+        ServiceSettings.from_environment({"RHYTID_PROXIES": f"10.0.0.1,{wrong}"})
 
 
 CALLER = Caller("key a", 10, 2)

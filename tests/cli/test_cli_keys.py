@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 import socket
 import stat
 from contextlib import closing
@@ -14,7 +15,7 @@ import httpx
 import pytest
 
 from cli.running import process, usage_error
-from rhytid.access.key_file import read_keys
+from rhytid.access.key_file import leave_mark, read_keys
 from rhytid.cli import main
 from rhytid.cli.server import asks_keys, listen
 from rhytid.errors import AccessError, StorageError
@@ -106,6 +107,51 @@ def test_a_server_on_loopback_asks_for_keys_once_there_are_some(tmp_path: Path) 
     for host in ("127.0.0.1", "localhost"):
         with closing(listen(host, 0)) as listening:
             assert asks_keys(listening, tmp_path / "keys.json", without=False) is None
+
+
+def test_a_server_that_had_keys_does_not_start_without_them(
+    store: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, mark = store / "keys.json", store / "keys.json.asked"
+
+    def asked(without: bool = False) -> bool | None:
+        with closing(listen("127.0.0.1", 0)) as listening:
+            return asks_keys(listening, file, without=without, mark=mark)
+
+    keys(capsys, "create", "farm")
+    leave_mark(mark)
+    keys(capsys, "revoke", "farm")
+    assert asked() is None  # the file is there: a key is asked for, which nobody has
+    file.unlink()
+    for _ in range(2):
+        with pytest.raises(AccessError, match=r"keys\.json is gone.*--without-keys"):
+            asked()
+        assert asked(without=True) is False
+    keys(capsys, "create", "farm")
+    assert asked() is None
+    file.unlink()
+    mark.unlink()
+    assert asked() is None
+
+
+@pytest.mark.slow
+def test_serve_leaves_a_mark_and_heeds_it(
+    store: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    keys(capsys, "create", "farm")
+    serve = ("serve", "--port", "0", "--store", str(store))
+    with process(*serve, folder=tmp_path) as running:
+        assert running.stdout is not None
+        assert "rhytid" in running.stdout.readline()
+        running.send_signal(signal.SIGTERM)
+        running.communicate(timeout=60)
+    (store / "keys.json").unlink()
+
+    with process(*serve, folder=tmp_path) as again:
+        _, errors = again.communicate(timeout=60)
+
+    assert again.returncode == 1
+    assert "keys.json is gone" in errors
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "::"])

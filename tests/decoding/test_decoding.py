@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import pickle
 import signal
@@ -9,6 +10,7 @@ import subprocess
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from operator import attrgetter
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,8 +22,8 @@ from engine_process.served import children
 from exr_images import exr
 from rhytid.api.parts import Part
 from rhytid.api.spool import Spool
+from rhytid.decoding import child, limits
 from rhytid.decoding import decoder as decoding
-from rhytid.decoding import limits
 from rhytid.decoding.decoder import Decoder
 from rhytid.decoding.words import read_word
 from rhytid.domain import control_samples
@@ -78,8 +80,6 @@ SHAPES = np.stack([positions(), positions() * 1.1]).astype(np.float32)
 
 
 def shapes_file() -> bytes:
-    import io
-
     file = io.BytesIO()
     np.save(file, SHAPES)
     return file.getvalue()
@@ -160,11 +160,58 @@ def test_what_headers_promise_is_counted(hold: Hold, monkeypatch: pytest.MonkeyP
     assert most[0] > 16 * MIB + 3 * 24_000_000
 
 
+@pytest.mark.parametrize("pack", [np.savez, np.savez_compressed])
+@pytest.mark.parametrize("number", ["f4", "f8"])
+def test_a_mesh_is_taken_packed_or_not(
+    hold: Hold, monkeypatch: pytest.MonkeyPatch, pack: Callable[..., None], number: str
+) -> None:
+    """What its arrays take is what is allowed, not what was sent of them."""
+    monkeypatch.setattr(limits, "ROOM", 16 * MIB)
+    side = 317
+    u, v = np.meshgrid(*[np.linspace(0.01, 0.99, side, dtype=number)] * 2)
+    at = np.arange(side * side).reshape(side, side)
+    corners = (at[:-1, :-1], at[:-1, 1:], at[1:, 1:], at[1:, :-1])
+    a, b, c, d = (corner.ravel() for corner in corners)
+    faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]).astype("<i4")
+    uv = np.stack([u.ravel(), v.ravel()], 1)
+    positions = np.concatenate([20 * uv, np.zeros((side**2, 1), number)], 1)
+    file = io.BytesIO()
+    pack(file, positions=positions, faces=faces, uv=uv, face_uv=faces)
+
+    found = read(mesh("grid.npz", file.getvalue()), hold).mesh
+
+    np.testing.assert_array_equal(found.faces, faces)
+
+
 @pytest.mark.slow
 def test_who_takes_too_long_is_refused(hold: Hold, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(limits, "SECONDS", -10)
     with pytest.raises(LimitError, match=r"^m\.obj: .* seconds of processor time"):
         read(mesh("m.obj", b"v 0 0 0\n" * (11 * MIB // 8)), hold)
+
+
+def test_who_takes_no_processor_time_is_ended_by_the_clock(
+    hold: Hold, apart: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(limits, "CLOCK", 0.02)
+    others = set(children(os.getpid()))  # servers of other tests
+
+    def stop() -> bool:
+        for pid in set(children(os.getpid())) - others:
+            os.kill(pid, signal.SIGSTOP)
+        return False
+
+    with pytest.raises(LimitError, match=r"decoding it takes more than 0\.6 seconds"):
+        read(mesh("m.obj", obj()), hold, stop)
+
+
+def test_a_file_that_is_too_short_ends(tmp_path: Path) -> None:
+    file = tmp_path / "upload"
+    file.write_bytes(b"12345")
+    with file.open("rb") as opened:
+        part = child.Part("mesh", "m.obj", 10, 2, opened.fileno(), lambda _: None)
+        with pytest.raises(EOFError, match="part mesh has 3 bytes in place of 10"):
+            _ = part.data
 
 
 def test_a_client_that_is_gone_ends_it(hold: Hold, apart: None) -> None:
@@ -176,8 +223,8 @@ def test_a_crash_names_the_file(hold: Hold, apart: None) -> None:
     others = set(children(os.getpid()))  # servers of other tests
 
     def crash() -> bool:
-        for child in set(children(os.getpid())) - others:
-            os.kill(child, signal.SIGSEGV)
+        for pid in set(children(os.getpid())) - others:
+            os.kill(pid, signal.SIGSEGV)
         return False
 
     with pytest.raises(InputError, match=r"damaged: it ends its decoder \(SIGSEGV\)"):

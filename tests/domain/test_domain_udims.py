@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from rhytid.domain import mesh as domain_mesh
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import mesh_udims
 
@@ -76,3 +77,22 @@ def _near(udim, points):
     """Whether a sample point is in the UDIM, or a corner of a triangle may just reach into it."""
     middle = np.array([(udim - 1001) % 10, (udim - 1001) // 10]) + 0.5
     return np.abs(points - middle).max(axis=1).min() < 0.8
+
+
+def test_many_triangles_are_looked_at_in_parts(monkeypatch):
+    rng = np.random.default_rng(3)
+    corners = rng.uniform(0.0, 3.0, (50, 1, 2)) + rng.uniform(-0.3, 0.3, (50, 3, 2))
+    corners[::7] = corners[::7, :1]  # without area
+    space = np.tile(np.eye(3), (50, 1))
+    space[3 * 11 : 3 * 12] = 0.0
+    faces = np.arange(150).reshape(-1, 3)
+    mesh = Mesh(space, faces, corners.reshape(-1, 2), faces)
+    whole = mesh_udims(mesh), mesh.usable_triangles(), mesh.triangles_with_uv()
+    assert len(whole[0]) > 4
+    assert 50 > whole[2].sum() > whole[1].sum() > 0
+
+    monkeypatch.setattr(domain_mesh, "_AT_ONCE", 7)
+
+    assert mesh_udims(mesh) == whole[0]
+    np.testing.assert_array_equal(mesh.usable_triangles(), whole[1])
+    np.testing.assert_array_equal(mesh.triangles_with_uv(), whole[2])

@@ -66,8 +66,7 @@ def test_variables_are_settings(place: str) -> None:
     ServiceSettings.from_environment(Recording(plain))
 
     assert set(ours) <= asked
-    # Read by uvicorn, behind a proxy.
-    assert set(given) - set(ours) <= {"FORWARDED_ALLOW_IPS"}
+    assert set(given) == set(ours)
 
 
 def test_probes_ask_what_the_api_answers_to_anybody() -> None:
@@ -168,6 +167,16 @@ def test_the_proxy_knows_every_server_and_finds_assets() -> None:
     assert found is not None
     assert found["id"] == "0123456789abcdef"
     assert any(route.split(" ")[1].startswith("/v1/assets/{asset}/frames") for route in ROUTES)
+
+
+def test_the_proxy_is_believed_and_limits_its_callers() -> None:
+    found = services("compose.workers.yaml")
+    address = found["proxy"]["networks"]["default"]["ipv4_address"]
+    (most,) = re.findall(r"limit_conn callers (\d+);", NGINX)
+
+    assert found["worker1"]["environment"]["RHYTID_PROXIES"] == address
+    assert found["worker2"]["environment"]["RHYTID_PROXIES"] == address
+    assert int(most) <= ServiceSettings().connections // 8
 
 
 def test_the_proxy_takes_what_the_server_takes() -> None:

@@ -18,23 +18,27 @@ from typing import Any
 
 from rhytid.access.api_key import SCOPES, ApiKey, utc_now
 from rhytid.durable import install, reported
-from rhytid.errors import StorageError
+from rhytid.errors import AccessError, StorageError
 from rhytid.storage.lock import FileLock
 
 FORMAT = 1
 # Bytes: some 40,000 keys.
 LARGEST = 1 << 24
+_MARKED = (
+    "API keys were asked for here: without their file the server starts only with --without-keys. "
+    "Remove this file to go back to a server that has no keys.\n"
+)
 
 
 def read_keys(path: Path) -> list[ApiKey]:
     """The keys of a file, by the time at which they were made.
 
     Raises FileNotFoundError where there is none, StorageError where it cannot be read, is not what
-    `write_keys` writes, or may be written by others than its owner.
+    `write_keys` writes, is no plain file, or may be written by others than its owner.
     """
     try:
-        with path.open("rb") as file:
-            _check_mode(path, os.fstat(file.fileno()))
+        with open(path, "rb", opener=_opened) as file:
+            _check_kind(path, os.fstat(file.fileno()))
             data = file.read(LARGEST + 1)
     except FileNotFoundError:
         raise
@@ -97,7 +101,36 @@ def changing(path: Path) -> Iterator[list[ApiKey]]:
         lock.release()
 
 
-def _check_mode(path: Path, found: os.stat_result) -> None:
+def leave_mark(mark: Path) -> None:
+    """Make the file, where it is not there, which says that keys were asked for beside it: see
+    `check_mark`. Raises StorageError."""
+    with reported(f"{mark} cannot be written"), suppress(FileExistsError):
+        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL
+        with open(os.open(mark, flags, 0o600), "w", encoding="utf-8") as file:
+            file.write(_MARKED)
+            file.flush()
+            os.fsync(file.fileno())
+        _give_away(mark, mark.parent)
+
+
+def check_mark(path: Path, mark: Path) -> None:
+    """Raise AccessError where there is no file of keys, although there was one: nobody would be
+    asked for a key."""
+    if mark.exists() and not path.exists():
+        raise AccessError(
+            f"API keys were asked for here ({mark}), and {path} is gone: put it back, make a key "
+            "with `rhytid keys create NAME`, or give --without-keys"
+        )
+
+
+def _opened(path: str, flags: int) -> int:
+    """A descriptor, without waiting for somebody to write into a named pipe."""
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
+
+
+def _check_kind(path: Path, found: os.stat_result) -> None:
+    if not stat.S_ISREG(found.st_mode):
+        raise StorageError(f"{path} is not a plain file")
     others = stat.S_IWGRP | stat.S_IWOTH
     if os.name != "nt" and stat.S_IMODE(found.st_mode) & others:
         raise StorageError(f"{path} may be written by others than its owner: chmod 600 {path}")

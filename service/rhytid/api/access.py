@@ -88,10 +88,16 @@ class Access:
         self._rates = Rates()
         self._ring = None
         if settings.ask_keys is not False:
-            self._ring = KeyRing(settings.key_file, asked=settings.ask_keys is True)
+            asked = settings.ask_keys is True
+            self._ring = KeyRing(settings.key_file, asked=asked, mark=settings.key_mark)
+
+    async def fresh(self) -> None:
+        """Look at the keys where it is time to, before `admit`."""
+        if self._ring is not None:
+            await self._ring.fresh()
 
     def admit(self, scope: Scope, needed: str) -> None:
-        """Let a caller in who may do what `needed` names.
+        """Let a caller in who may do what `needed` names, by the keys that `fresh` has found.
 
         Raises ApiKeyError, ScopeError, QuotaError, and StorageError where the keys cannot be read.
         """
@@ -134,7 +140,10 @@ async def guard(connection: HTTPConnection) -> None:
     needed = ROUTES.get(f"{method} {path}")
     if needed is None:
         raise RhytidError(f"{method} {path} is in no row of the table of scopes")
-    connection.app.state.access.admit(scope, needed)
+    access: Access = connection.app.state.access
+    if needed != OPEN:
+        await access.fresh()
+    access.admit(scope, needed)
 
 
 def _keys_offered(scope: Scope) -> list[bytes]:
@@ -153,10 +162,10 @@ def _lacking(key: ApiKey, needed: str) -> ScopeError | None:
 
 def _address(scope: Scope) -> str:
     host = (scope.get("client") or ("unknown", 0))[0]
-    if ":" not in host:
-        return f"address {host}"
     try:
-        network = ipaddress.ip_network((host.partition("%")[0], _NETWORK), strict=False)
-    except ValueError:
+        address = ipaddress.ip_address(host.partition("%")[0])
+    except ValueError:  # what a proxy passed on
         return "address unknown"
-    return f"address {network}"
+    if address.version == 4:
+        return f"address {address}"
+    return f"address {ipaddress.ip_network((address, _NETWORK), strict=False)}"

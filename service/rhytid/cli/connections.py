@@ -7,6 +7,7 @@ take for ever, and a connection that is to be closed stays until its client has 
 from __future__ import annotations
 
 import asyncio
+import ipaddress
 import json
 import logging
 import sys
@@ -27,25 +28,37 @@ logger = logging.getLogger(__name__)
 PROGRESS, TAKEN = 1 << 14, 1 << 18
 # Looks at a connection within that time.
 _LOOKS = 4
+# Headers of a request that has a body.
+_BODY = frozenset((b"content-length", b"transfer-encoding"))
 
 
 @dataclass(frozen=True)
 class ConnectionLimits:
-    """stalled: seconds for a head, for each PROGRESS bytes of a body and each TAKEN bytes of an
-    answer.  most: connections open at once; one address may have half of them."""
+    """stalled: seconds for a head, for each PROGRESS bytes of a body, each TAKEN bytes of an answer
+    and each handshake of a WebSocket.  most: connections open at once; one address may have half of
+    them, unless it is in `proxies`: networks that connections of many callers come from."""
 
     stalled: float
     most: int
+    proxies: tuple[ipaddress.IPv4Network | ipaddress.IPv6Network, ...] = ()
 
     @classmethod
     def of(cls, settings: ServiceSettings) -> ConnectionLimits:
         """Those of the settings."""
-        return cls(settings.stall_seconds, settings.connections)
+        proxies = tuple(ipaddress.ip_network(proxy) for proxy in settings.proxies)
+        return cls(settings.stall_seconds, settings.connections, proxies)
 
     @property
     def most_of_one(self) -> int:
         """Connections of one address."""
         return max(self.most // 2, 1)
+
+    def of_proxy(self, host: str | None) -> bool:
+        """Whether an address is that of a proxy."""
+        if host is None or not self.proxies:
+            return False
+        address = ipaddress.ip_address(host.partition("%")[0])
+        return any(address in network for network in self.proxies)
 
 
 def allow_files(connections: int) -> None:
@@ -95,9 +108,15 @@ class LimitedConnection(H11Protocol):
         super().connection_lost(exc)
 
     def handle_websocket_upgrade(self, event: Any) -> None:
-        """Leave it to the WebSocket's own limits."""
+        """Leave the connection to `WebSockets` and its limits; refuse an upgrade that has a body,
+        since none is read before a handshake."""
+        if body := _BODY & {name for name, _ in self.headers}:
+            named = " and ".join(sorted(name.decode().title() for name in body))
+            self._end(HTTPStatus.BAD_REQUEST, f"an upgrade to WebSocket has no body: {named}")
+            return
         self._look.cancel()
         super().handle_websocket_upgrade(event)
+        self.transport.get_protocol().end_unless_open(self.limits.stalled)
 
     def send_400_response(self, msg: str) -> None:
         """A problem in place of plain text."""
@@ -110,6 +129,8 @@ class LimitedConnection(H11Protocol):
         if len(self.connections) > most:
             return f"{most} connections are open already: RHYTID_CONNECTIONS allows no more"
         host = self._host(self)
+        if self.limits.of_proxy(host):
+            return None
         if sum(self._host(other) == host for other in self.connections) > most_of_one:
             rule = "half of what RHYTID_CONNECTIONS allows"
             return f"{most_of_one} connections from this address are open already: {rule}"
@@ -165,11 +186,11 @@ class LimitedConnection(H11Protocol):
         if self.cycle is not None:
             self.cycle.disconnected = True
             self.cycle.message_event.set()
-        self.transport.write(_problem(status, detail))
+        self.transport.write(bare_problem(status, detail))
         self.transport.close()
 
 
-def _problem(status: HTTPStatus, detail: str) -> bytes:
+def bare_problem(status: HTTPStatus, detail: str) -> bytes:
     """An answer of its own, without the machinery of a request."""
     about = {"type": "about:blank", "title": status.phrase, "status": status, "detail": detail}
     body = json.dumps(about).encode()

@@ -89,7 +89,12 @@ def run(arguments: argparse.Namespace) -> None:
     fleet = fleet_of(arguments, settings)
     listening = listen(arguments.host, arguments.port)
     with closing(listening):
-        ask = asks_keys(listening, settings.key_file, without=arguments.without_keys)
+        ask = asks_keys(
+            listening,
+            settings.key_file,
+            without=arguments.without_keys,
+            mark=settings.key_mark,
+        )
         settings = replace(settings, ask_keys=ask)
         if fleet is not None:
             _serve(listening, settings, fleet(settings))
@@ -108,6 +113,7 @@ def _closing(make: Callable[[], AnyEngine]) -> Iterator[AnyEngine]:
 def _serve(
     listening: socket.socket, settings: ServiceSettings, engine_for: AbstractContextManager[Any]
 ) -> None:
+    from rhytid.access.key_file import leave_mark
     from rhytid.api.tracing import send_spans
     from rhytid.cli.connections import allow_files
     from rhytid.cli.server import address_of, server_of
@@ -117,6 +123,10 @@ def _serve(
         send_spans()
     allow_files(settings.connections)
     with engine_for as engine:
+        # The store is there by now, on this machine.
+        asked = settings.ask_keys is not False and settings.key_file.exists()
+        if asked and settings.store.is_dir():
+            leave_mark(settings.key_mark)
         used = [f"{d.name} ({d.platform})" for d in engine.devices() if d.selected]
         where = f"{' and '.join(used)}, store {settings.store}"
         if settings.shared_store:

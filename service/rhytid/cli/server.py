@@ -11,11 +11,11 @@ from dataclasses import replace
 from ipaddress import ip_address
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import uvicorn
 
-from rhytid.access.key_file import has_valid_key
+from rhytid.access.key_file import check_mark, has_valid_key
 from rhytid.cli.web_sockets import OPTIONS
 from rhytid.errors import AccessError, InputError
 from rhytid.settings import ServiceSettings
@@ -50,15 +50,20 @@ def address_of(listening: socket.socket) -> str:
     return f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
 
 
-def asks_keys(listening: socket.socket, keys: Path, *, without: bool) -> bool | None:
+def asks_keys(
+    listening: socket.socket, keys: Path, *, without: bool, mark: Path | None = None
+) -> bool | None:
     """What the setting `ask_keys` is for a server on a socket, whose keys are in a file.
 
-    without: nobody is asked for a key. Raises AccessError where others than this machine reach the
-    socket, a key is asked for and none is valid; StorageError where the file cannot be read.
+    without: nobody is asked for a key.  mark: is there where keys were asked for before. Raises
+    AccessError where the file is gone then, and where others than this machine reach the socket, a
+    key is asked for and none is valid; StorageError where the file cannot be read.
     """
     if without:
         return False
     valid = has_valid_key(keys)
+    if mark is not None:
+        check_mark(keys, mark)
     if ip_address(listening.getsockname()[0]).is_loopback:
         return None
     if not valid:
@@ -126,15 +131,27 @@ def server_of(
     draining: called when the server begins to end.
     """
     from rhytid.api.app import create_app
-    from rhytid.cli.connections import ConnectionLimits, protocol_of
 
     app = create_app(engine, settings)
     # Each request is logged by the application, with its id.
     config = uvicorn.Config(
-        app, http=protocol_of(ConnectionLimits.of(settings)), log_level=log_level,
-        log_config=None, access_log=False, timeout_graceful_shutdown=GRACE, **OPTIONS,
+        app, log_level=log_level, log_config=None, access_log=False,
+        timeout_graceful_shutdown=GRACE, **protocol_options(settings),
     )  # fmt: skip
     return DrainingServer(config, app.state.drain, draining)
+
+
+def protocol_options(settings: ServiceSettings) -> dict[str, Any]:
+    """Options of uvicorn: how it speaks HTTP and WebSocket, and whom it believes about callers.
+    Without them it believes every program of this machine, and FORWARDED_ALLOW_IPS."""
+    from rhytid.cli.connections import ConnectionLimits, protocol_of
+
+    return {
+        "http": protocol_of(ConnectionLimits.of(settings)),
+        "proxy_headers": bool(settings.proxies),
+        "forwarded_allow_ips": list(settings.proxies),
+        **OPTIONS,
+    }
 
 
 @contextmanager

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
+from http import HTTPStatus
 from typing import Any
 
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
+
+from rhytid.cli.connections import bare_problem
 
 # Bytes of one message: positions of 1.4 million vertices.
 LARGEST = 16 << 20
@@ -20,8 +24,9 @@ logger.setLevel(logging.WARNING)
 
 
 class WebSockets(WebSocketsSansIOProtocol):
-    """Ends connections for good: what a client does not read is not kept for ever. Keeps the heads
-    and queries of handshakes, which hold keys, out of the log."""
+    """Ends connections for good: a handshake has a time limit, and what a client does not read is
+    not kept for ever. Keeps the heads and queries of handshakes, which hold keys, out of the log.
+    """
 
     def __init__(self, *arguments: Any, **named: Any) -> None:
         super().__init__(*arguments, **named)
@@ -29,6 +34,47 @@ class WebSockets(WebSocketsSansIOProtocol):
         self.logger = logger
         # The answer to the last pings, while there is no room for it.
         self._pong: list[bytes] = []
+        self._handshake: asyncio.TimerHandle | None = None
+
+    def end_unless_open(self, seconds: float) -> None:
+        """End the connection where the application has not accepted it, nor its refusal been read,
+        within that time."""
+        self._handshake = self.loop.call_later(seconds, self._not_open, seconds)
+
+    def _not_open(self, seconds: float) -> None:
+        if self.transport.is_closing():  # and its client does not read the rest
+            self.transport.abort()
+        elif not self.handshake_complete:
+            rule = f"it must be accepted within {seconds:g} seconds"
+            self._refuse(HTTPStatus.SERVICE_UNAVAILABLE, f"the handshake took too long: {rule}")
+
+    def _refuse(self, status: HTTPStatus, detail: str) -> None:
+        """Answer in place of the application, and end the connection."""
+        logger.warning("%s: %s", self.client[0] if self.client else None, detail)
+        self.transport.write(bare_problem(status, detail))
+        self.transport.close()
+        self.loop.call_later(LEFT_TO_READ, self.transport.abort)
+
+    def data_received(self, data: bytes) -> None:
+        """Read what came. The first of it is the whole head of the handshake: where no request was
+        found in it, none will follow."""
+        super().data_received(data)
+        if not self.handshake_initiated and not self.transport.is_closing():
+            rule = "its head is too long, or not that of a handshake"
+            self._refuse(HTTPStatus.BAD_REQUEST, f"the upgrade to WebSocket was not read: {rule}")
+
+    def shutdown(self) -> None:
+        """End the connection with the server. Without a handshake nothing can be said on it."""
+        if self.handshake_initiated:
+            super().shutdown()
+        else:
+            self.transport.abort()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Watch it no longer."""
+        if self._handshake is not None:
+            self._handshake.cancel()
+        super().connection_lost(exc)
 
     async def send(self, message: Any) -> None:
         """Send a message of the application.

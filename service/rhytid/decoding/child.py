@@ -54,11 +54,13 @@ class Part:
 
     @property
     def data(self) -> bytes:
-        """Its bytes, read anew."""
+        """Its bytes, read anew; raises EOFError where the file ends before them."""
         self.begun(self.filename or f"part {self.name}")
         parts, at = [], 0
         while at < self.size:  # one call reads 2 GiB at most
             parts.append(os.pread(self.descriptor, self.size - at, self.start + at))
+            if not parts[-1]:
+                raise EOFError(f"part {self.name} has {at} bytes in place of {self.size}")
             at += len(parts[-1])
         return parts[0] if len(parts) == 1 else b"".join(parts)
 

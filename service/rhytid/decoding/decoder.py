@@ -105,6 +105,7 @@ class _Process:
     def __init__(self, job: Job, file: int) -> None:
         self._at = ""
         self._seconds = job.seconds
+        self._until = time.monotonic() + limits.CLOCK * job.seconds
         self._line, far = socket.socketpair()
         with far:
             numbers = [str(number) for number in (far.fileno(), file, os.getpid())]
@@ -152,6 +153,9 @@ class _Process:
         while not readable(self._line, _LOOK):
             if gone():
                 raise CancelledError("the client has closed the connection")
+            if time.monotonic() > self._until:
+                limit = f"{limits.CLOCK * self._seconds} seconds"
+                raise LimitError(f"{self._at}: decoding it takes more than {limit}, its limit")
         found = receive(self._line, descriptors=True)
         if found is None:
             raise self._ended()

@@ -15,8 +15,12 @@ MIB = 1 << 20
 AT_ONCE = 2
 # Memory of one: so much, and so many bytes for each that was sent and that headers promise.
 ROOM, ROOM_A_BYTE, ROOM_A_PROMISED = 256 * MIB, 16, 3
+# Of files whose headers promise all that is made of them, packed or not, in place of ROOM_A_BYTE.
+ROOM_A_PACKED = 2
 # Seconds of processor time: so many, and one for each MiB.
 SECONDS = 30
+# Seconds by the clock for each of these: what waits for a disk takes no processor time.
+CLOCK = 4
 # What is not larger, of formats whose memory is bounded by their bytes, needs no such limits.
 LIGHT, LIGHT_PROMISED = MIB, 16 * MIB
 _BOUNDED = (".obj", ".ply", ".npz", ".npy")
@@ -31,7 +35,12 @@ def sent_bytes(parts: Files) -> int:
 
 def room(parts: Files) -> int:
     """Bytes of memory for decoding, beside what headers promise."""
-    return ROOM + ROOM_A_BYTE * sent_bytes(parts)
+    return ROOM + sum(_room_a_byte(file) * file.size for file in all_files(parts))
+
+
+def _room_a_byte(file: Sent) -> int:
+    packed = file.name in ("mesh", "shapes") and _extension(file) == ".npz"
+    return ROOM_A_PACKED if packed else ROOM_A_BYTE
 
 
 def seconds(parts: Files) -> int:
@@ -44,8 +53,7 @@ def is_light(parts: Files) -> bool:
     if sent_bytes(parts) > LIGHT:
         return False
     for file in all_files(parts):
-        extension = PurePath(file.filename or "").suffix.lower()
-        if file.name in ("mesh", "shapes") and extension not in _BOUNDED:
+        if file.name in ("mesh", "shapes") and _extension(file) not in _BOUNDED:
             return False
         if file.data.startswith(exr_header.SIGNATURE):
             return False
@@ -57,6 +65,10 @@ def promised(parts: Files) -> int:
     return sum(_promised(file) for file in all_files(parts))
 
 
+def _extension(file: Sent) -> str:
+    return PurePath(file.filename or "").suffix.lower()
+
+
 def _promised(file: Sent) -> int:
     try:
         return _by_header(file)
@@ -65,7 +77,7 @@ def _promised(file: Sent) -> int:
 
 
 def _by_header(file: Sent) -> int:
-    extension = PurePath(file.filename or "").suffix.lower()
+    extension = _extension(file)
     if file.name in ("mesh", "shapes"):
         if extension == ".npz":
             return promised_by_npz(file.data)

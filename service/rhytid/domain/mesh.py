@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, fields
 from typing import Any
 
@@ -16,6 +17,8 @@ from rhytid.errors import MeshError
 UV_LIMIT = 100.0
 # A triangle whose area is below this share of its longest edge squared has no usable stretch.
 DEGENERATE_AREA = 1e-7
+# Triangles whose areas are computed at a time.
+_AT_ONCE = 1 << 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,12 +80,17 @@ class Mesh:
 
     def usable_triangles(self) -> NDArray[np.bool_]:
         """(F,) true where a triangle has area both in space and in UV."""
-        corners = self.positions[self.faces].astype(np.float64)
-        return has_area(corners) & self.triangles_with_uv()
+        usable = self.triangles_with_uv()
+        for part in in_parts(len(usable)):
+            usable[part] &= has_area(self.positions[self.faces[part]].astype(np.float64))
+        return usable
 
     def triangles_with_uv(self) -> NDArray[np.bool_]:
         """(F,) true where a triangle has area in UV, whatever it has in space."""
-        return has_area(self.triangle_uv())
+        found = np.empty(len(self.face_uv), np.bool_)
+        for part in in_parts(len(found)):
+            found[part] = has_area(self.uv[self.face_uv[part]])
+        return found
 
     def triangle_uv(self) -> NDArray[np.float64]:
         """(F, 3, 2) texture coordinates of the corners."""
@@ -101,6 +109,11 @@ def has_area(corners: NDArray[np.float64]) -> NDArray[np.bool_]:
         area = 0.5 * np.linalg.norm(np.cross(u, w), axis=-1)
     result: NDArray[np.bool_] = (area >= DEGENERATE_AREA * longest) & (longest > 0)
     return result
+
+
+def in_parts(count: int) -> Iterator[slice]:
+    """Ranges that cover so many triangles, for what takes 0.5 KB or more for each."""
+    return (slice(start, start + _AT_ONCE) for start in range(0, count, _AT_ONCE))
 
 
 def _finite(values: Any, what: str, width: int, dtype: type[np.floating[Any]]) -> NDArray[Any]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.domain.mesh import UV_LIMIT, Mesh
+from rhytid.domain.mesh import UV_LIMIT, Mesh, in_parts
 from rhytid.errors import NotFoundError, QueryError
 
 # UV units that a triangle must reach into a UDIM, unless it is as small itself: coordinates that
@@ -97,9 +97,17 @@ def mesh_udims(mesh: Mesh) -> tuple[int, ...]:
     for v in range(first[1], end[1]):
         for u in range(first[0], end[0]):
             near = (high > (u, v)).all(axis=1) & (low < (u + 1, v + 1)).all(axis=1)
-            if _overlaps_square(corners[near], np.array([u, v])):
+            if _overlap_square(corners, np.flatnonzero(near), np.array([u, v])):
                 found.append(1001 + u + 10 * v)
     return tuple(found)
+
+
+def _overlap_square(
+    corners: NDArray[np.float64], near: NDArray[np.intp], origin: NDArray[np.integer]
+) -> bool:
+    """Whether any of those triangles overlaps the unit square at `origin`."""
+    parts = (corners[near[part]] for part in in_parts(len(near)))
+    return any(_overlaps_square(part, origin) for part in parts)
 
 
 def _overlaps_square(corners: NDArray[np.float64], origin: NDArray[np.integer]) -> bool:

@@ -26,10 +26,8 @@ from rhytid.formats.npy import MAX_HEADER, NpyHeader, read_header
 _PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 # Bytes that are unpacked at a time.
 _PIECE = 1 << 20
-_MEMBERS = (
-    *("positions", "neutral", "faces", "uv", "face_uv", "frames"),
-    *("shapes", "names"),
-)
+_OF_MESH = ("positions", "neutral", "faces", "uv", "face_uv")
+_MEMBERS = (*_OF_MESH, "frames", "shapes", "names")
 # What zipfile raises over damaged, encrypted and unknown archives.
 _DAMAGE = (
     *(zipfile.BadZipFile, zlib.error, struct.error),
@@ -109,8 +107,10 @@ def _read(head: bytes, stream: IO[bytes], size: int) -> bytearray:
 
 
 def promised_by_npz(data: bytes) -> int:
-    """Bytes of the members that may be read, by the directory of the archive; raises MeshError."""
-    return Archive(data, MeshError).unpacked(_MEMBERS)
+    """Bytes of the members that may be read, by the directory of the archive; those of the mesh
+    twice, since they are checked as wider numbers. Raises MeshError."""
+    archive = Archive(data, MeshError)
+    return archive.unpacked(_MEMBERS) + archive.unpacked(_OF_MESH)
 
 
 def read_npz(data: bytes) -> tuple[Mesh, NDArray[np.float32] | None]:
