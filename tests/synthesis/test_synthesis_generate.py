@@ -169,7 +169,7 @@ def test_the_real_face(device: Device, face: face_data.Face) -> None:
     # No seam in this layout, so no node without weight, and nothing is stored twice.
     assert figures["pores"] == figures["drawn_pores"] == found.graph.pores
     assert found.graph.arrays().keys().isdisjoint(["node_copy_of", "edge_copy_of", "edge_metric"])
-    assert figures["spacing"]["deviation"] < 0.12 * figures["spacing"]["mean"]
+    assert figures["distance"]["deviation"] < 0.12 * figures["distance"]["mean"]
     assert figures["crossings"] < 0.001
     assert 3.9 < figures["degree"]["mean"] < 4.5
     # Half of all wrinkles are faint, a few are deep, none is at the limit.

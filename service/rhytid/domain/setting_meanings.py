@@ -32,7 +32,10 @@ MEANINGS: dict[str, str] = {
         "wrinkles to synthesise where density is 1 and nothing is painted; null is as many as "
         "area and spacing make; a number fixes the spacing instead"
     ),
-    "graph.seed": "start of the random numbers: another seed gives another skin of the same kind",
+    "graph.seed": (
+        "start of the random numbers: another seed gives another skin of the same kind; null is "
+        "what a given graph says, else 1"
+    ),
     "graph.neighbours": "candidate edges of a pore",
     "graph.lines": (
         'what lines run by: `"expressions"`, across what they fold; `"level"`, around the '
@@ -97,13 +100,14 @@ MEANINGS: dict[str, str] = {
         "make of it; 0 is off"
     ),
     "shape.grain_size": (
-        "largest wavelength of the grain, mesh units; null is 0.2 mm where `unit` is a length, "
-        "else 0.36 of the mean pore spacing"
+        "largest wavelength of the grain, mesh units; null is what a given graph says, else 0.2 mm "
+        "where `unit` is a length, else 0.36 of the pore spacing"
     ),
     "shape.undulation": "root mean square of broad swells of the skin, in depths; 0 is off",
     "shape.undulation_size": (
-        "largest wavelength of the swells, mesh units; the smallest is an eighth of it; null is 6 "
-        "mm where `unit` is a length, else 10.8 of the mean pore spacing"
+        "largest wavelength of the swells, mesh units; the smallest is an eighth of it; null is "
+        "what a given graph says, else 6 mm where `unit` is a length, else 10.8 of the pore "
+        "spacing"
     ),
     "bins.count": "orientation bins, N",
     "bins.samples": "stretches that each bin is drawn at, M",
