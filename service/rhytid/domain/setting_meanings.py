@@ -49,7 +49,11 @@ MEANINGS: dict[str, str] = {
         "age of the skin: deeper, wider and fewer lines, most where skin folds; pores stay"
     ),
     "graph.density": "factor of the number of wrinkles",
-    "graph.strength": "factor of the depth of wrinkles and pores",
+    "graph.strength": (
+        "factor of the strength of each wrinkle and pore, 1 at most: 2 is twice as deep where one "
+        "lies alone; where many overlap the relief grows less, and grain and undulation stay; "
+        "`depth` scales all of it"
+    ),
     "graph.turn": "degrees by which lines turn left of the preferred ones",
     "graph.anisotropy": ("how far lines keep to their direction: 0 any way, 2 one direction alone"),
     "graph.scale": "factor of the width of wrinkles",
