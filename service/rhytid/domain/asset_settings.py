@@ -63,9 +63,10 @@ class ResponseSettings:
     """Exponents of Alg. 1 (alpha, wrinkles) and Alg. 2 (beta, pores), and the clamp of log rho.
 
     ends: of a wrinkle that another continues, how far r goes at that end from its own, 0, to the
-    mean of both, 1; linear between the ends.  soft_limits: log stretch and the logs of the scales
-    bend from half of their limit on and are level at one and a half times it, in place of a clamp.
-    pore_depth_limit: how many times as deep a pore becomes at most; 4 is the limit of all scales.
+    mean of both, 1; widths and depths follow from the r of each end, linear between.  soft_limits:
+    log stretch and the logs of the scales bend from half of their limit on and are level at one and
+    a half times it, in place of a clamp.  pore_depth_limit: how many times as deep a pore becomes
+    at most; 4 is the limit of all scales.
     """
 
     alpha_w: float = number(1.0, 0.0, 64.0)

@@ -64,8 +64,9 @@ MEANINGS: dict[str, str] = {
     "response.beta_d": "how much stretch flattens a pore (Alg. 2)",
     "response.log_stretch_limit": "largest absolute log stretch, against sliver triangles",
     "response.ends": (
-        "how far a wrinkle answers at its ends as the mean of itself and of the one that "
-        "continues it there; 0 as itself alone"
+        "how far the log stretch at the ends of a wrinkle goes from its own, 0, to the mean of "
+        "its own and that of the wrinkle that continues it there, 1; width and strength follow "
+        "from it at each end and are linear between"
     ),
     "response.soft_limits": ("log stretch and scales bend into their limits, in place of a clamp"),
     "response.pore_depth_limit": (
@@ -97,7 +98,10 @@ MEANINGS: dict[str, str] = {
         "swells between furrows; lines of strength 0.08 or less are in the narrow one only; 0 is "
         "off"
     ),
-    "shape.cushion_width": "how many times as wide as a furrow the broad layer is",
+    "shape.cushion_width": (
+        "how many times as wide as a furrow the broad layer is; of a wrinkle with `edge_metric`, "
+        "in that metric"
+    ),
     "shape.cushion_sharpness": "beta of the mellow-max by which heights meet in the broad layer",
     "shape.grain": (
         "root mean square of the micro relief between lines, in depths, times what region and age "
@@ -134,8 +138,11 @@ MEANINGS: dict[str, str] = {
         "the outer samples lie at this times `bins.r_max`, up to `response.log_stretch_limit`"
     ),
     "bins.r_max": "log stretch that most of the skin stays within; calibrated from a frame",
-    "convolve.blur_gain": "how much stretch blurs, for `convolved`",
-    "convolve.sharpen_gain": "how much compression sharpens, for `convolved`",
+    "convolve.blur_gain": (
+        "how much stretch blurs lines and pores, for `convolved`; grain and undulation are added "
+        "after its kernel, as in every method"
+    ),
+    "convolve.sharpen_gain": "how much compression sharpens them, for `convolved`",
     "convolve.sigma": (
         "standard deviation of the Gaussian of `convolved`, mesh units; null is what a given graph "
         "says, else 0.25 of the pore spacing"
