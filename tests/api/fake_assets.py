@@ -85,7 +85,7 @@ class FakeAssets(Part):
             triangles=len(mesh.faces),
             pores=graph.pores if built else 0,
             wrinkles=graph.wrinkles if built else 0,
-            statistics={"spacing": 0.01, **graph.figures()} if built else None,
+            statistics={"spacing": 0.01, "distance": 0.01, **graph.figures()} if built else None,
             warnings=self.state.doubts(mesh.positions, "mesh"),
             centre=tuple(mesh.centre.tolist()),
         )

@@ -44,7 +44,7 @@ def test_an_unknown_unit_needs_a_spacing_or_a_number() -> None:
         AssetSettings.parse({"unit": "furlong"}).for_synthesis()
     for graph in ({"spacing": 2.0}, {"wrinkles": 1000}):
         asked = AssetSettings.parse({"unit": "furlong", "graph": graph})
-        assert asked.for_synthesis() == asked
+        assert asked.for_synthesis() == replace(asked, graph=replace(asked.graph, seed=1))
 
 
 def test_lengths_are_in_proportion_to_the_spacing() -> None:
@@ -57,6 +57,8 @@ def test_lengths_are_in_proportion_to_the_spacing() -> None:
 def test_an_origin_comes_back_from_its_metadata() -> None:
     origin = GraphOrigin.of(MESH, "mm", Lengths.of(0.1 + 0.2))
     assert GraphOrigin.parse(origin.metadata()) == origin
+    whole = replace(origin, grain_size=0.1, undulation_size=3.0, seed=2**31 - 1)
+    assert GraphOrigin.parse(whole.metadata()) == whole
     assert GraphOrigin.parse({"depth": "0.5", "asset": "a"}) == GraphOrigin(depth=0.5)
     assert GraphOrigin.parse({"asset": "a"}) is None
 
@@ -64,7 +66,9 @@ def test_an_origin_comes_back_from_its_metadata() -> None:
 @pytest.mark.parametrize(
     ("key", "text"),
     [("depth", "0"), ("spacing", "-1"), ("sigma", "nan"), ("wave_frequency", "inf"),
-     ("depth", "deep"), ("unit", ""), ("unit", 17 * "m"), ("mesh", "\n")],
+     ("depth", "deep"), ("unit", ""), ("unit", 17 * "m"), ("mesh", "\n"),
+     ("grain_size", "0"), ("undulation_size", "nan"), ("seed", "-1"), ("seed", "2147483648"),
+     ("seed", "1.0"), ("seed", ""), ("seed", "1_0"), ("seed", "١")],
 )  # fmt: skip
 def test_metadata_that_cannot_be_used_are_named(key: str, text: str) -> None:
     with pytest.raises(GraphError, match=f"metadata {key} is "):
@@ -72,7 +76,10 @@ def test_metadata_that_cannot_be_used_are_named(key: str, text: str) -> None:
 
 
 def test_lengths_are_converted_between_units() -> None:
-    origin = GraphOrigin.of(MESH, "mm", Lengths.of(0.5))
+    origin = GraphOrigin.of(MESH, "mm", Lengths.of(0.5), 7)
+    sizes = replace(origin, grain_size=0.2, undulation_size=6.0).in_unit("cm")
+    assert (sizes.grain_size, sizes.undulation_size) == pytest.approx((0.02, 0.6))
+    assert (sizes.seed, sizes.mesh) == (7, origin.mesh)
     found = origin.lengths("cm", 99.0)
     assert found.spacing == pytest.approx(0.05)
     assert found.depth == pytest.approx(0.0075)

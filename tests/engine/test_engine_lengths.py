@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 from scipy.spatial import cKDTree
 
-from engine.engines import BINNED, CONVOLVED, REDRAW, built, new_asset, running, same, settle
+from engine.engines import BINNED, CONVOLVED, REDRAW, built, maps, new_asset, running, same, settle
 from rhytid.cli import main
 from rhytid.domain.ageing import deepest
 from rhytid.domain.asset_settings import AssetSettings
@@ -96,6 +96,61 @@ def test_a_graph_that_is_sent_back_is_drawn_as_before(engine, controls):
     assert read_graph(write_graph(engine.assets.graph(second))).origin == read_graph(data).origin
 
 
+RELIEF = {"graph": {"spacing": 0.3, "seed": 7}, "shape": {"grain_size": 0.1}}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "more",
+    [
+        {},
+        {"unit": "ell", "shape": {"undulation_size": 0.9}},
+        {"graph": {"spacing": 0.3, "seed": 7, "age": 60, "region": "cheek", "strength": 2.0}},
+    ],
+    ids=["usual", "no-unit-of-length", "old"],
+)
+def test_a_graph_alone_draws_the_relief_that_it_was_drawn_with(engine, more):
+    """Grain and undulation, which no array of it holds: another seed was 0.29 of depth apart."""
+    first = grown(engine, **SIZE, **{**RELIEF, **more})
+    graph = read_graph(write_graph(engine.assets.graph(first)))
+    second = built(engine, NewAsset(MESH, AssetSettings.parse(SIZE), graph))
+    for preset in ("best", "paper"):
+        for asset in (first, second):
+            engine.assets.change(asset, {"preset": preset})
+            engine.frames.put(asset, "smile", bent())
+        one, two = (both(engine, asset) for asset in (first, second))
+        assert same(one, two)
+
+
+def bent():
+    x, y, z = MESH.positions.astype(np.float64).T
+    return np.stack([x * (1 + 0.1 * np.sin(y)), y, z + 0.2 * np.sin(2 * x)], axis=-1)
+
+
+def both(engine, asset):
+    return maps(engine, asset, "neutral") + maps(engine, asset, "smile")
+
+
+def test_settings_go_before_the_relief_of_a_file(engine):
+    graph = engine.assets.graph(grown(engine, **SIZE, **RELIEF))
+    assert (graph.origin.seed, graph.origin.grain_size) == (7, 0.1)
+    told = {"graph": {"seed": 1}, "shape": {"grain_size": 0.05}}
+    asset = built(engine, NewAsset(MESH, AssetSettings.parse({**SIZE, **told}), graph))
+    settings = engine.assets.info(asset).settings
+    assert (settings["graph"]["seed"], settings["shape"]["grain_size"]) == (1, 0.05)
+    engine.assets.change(asset, {"shape": {"grain_size": None}})
+    assert engine.assets.info(asset).settings["shape"]["grain_size"] == 0.1
+    # A file of before says neither: it has the usual ones, and the asset that it had.
+    before = replace(graph, origin=replace(graph.origin, seed=None, grain_size=None))
+    made = [
+        built(engine, NewAsset(MESH, AssetSettings.parse({**SIZE, **said}), before))
+        for said in ({}, {"graph": {"seed": 1}})
+    ]
+    assert made[0] == made[1]
+    settings = engine.assets.info(made[0]).settings
+    assert (settings["graph"]["seed"], settings["shape"]["grain_size"]) == (1, 0.02)
+
+
 @pytest.mark.slow
 def test_the_command_line_and_the_service_take_the_same_depth(engine, tmp_path, capsys):
     """Painted four times as dense: the pores alone would say half the depth."""
@@ -130,18 +185,41 @@ def white_png():
 @pytest.mark.parametrize("controls", [None, WHITE], ids=["even", "painted"])
 def test_the_spacing_told_is_that_of_the_pores(engine, controls):
     asset = grown(engine, controls=controls, **SPARSE)
-    told, found = (
-        engine.assets.info(asset).statistics["spacing"],
-        apart(MESH, engine.assets.graph(asset)),
-    )
-    assert told == pytest.approx(found, rel=1e-4)
+    graph, told = engine.assets.graph(asset), engine.assets.info(asset).statistics
+    found = apart(MESH, graph)
+    assert told["distance"] == pytest.approx(found, rel=1e-4)
     assert found == pytest.approx(0.2 if controls is None else 0.1, rel=0.02)
+    assert told["spacing"] == graph.origin.spacing == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize("controls", [None, WHITE], ids=["even", "painted"])
+@pytest.mark.parametrize("grown_by", [{"wrinkles": 900}, {"spacing": 0.2, "density": 4.0}], ids=str)
+def test_one_graph_has_one_spacing_by_every_way(engine, tmp_path, capsys, controls, grown_by):
+    """In its file, in what is told of it, of it sent back and at another size, and in its depth."""
+    first = grown(engine, controls=controls, **SIZE, graph=grown_by)
+    file = tmp_path / "g.safetensors"
+    file.write_bytes(write_graph(engine.assets.graph(first)))
+    sent = NewAsset(MESH, AssetSettings.parse(SIZE), read_graph(file.read_bytes()))
+    second, third = built(engine, sent), engine.assets.resized(first, 256)
+    settle(engine, third.id)
+    wanted = engine.assets.graph(first).origin.spacing
+    for asset in (first, second, third.id):
+        assert engine.assets.info(asset).statistics["spacing"] == wanted
+        assert engine.assets.graph(asset).origin.spacing == wanted
+        engine.assets.change(asset, {"depth": None})
+        assert lengths(engine, asset)[0] == 0.15 * wanted
+    mesh = tmp_path / "mesh.npz"
+    np.savez(mesh, **{n: getattr(MESH, n) for n in ("positions", "faces", "uv", "face_uv")})
+    assert main(["graph", str(mesh), str(file), "--json"]) == 0
+    figures = json.loads(capsys.readouterr().out)
+    assert figures["spacing"] == wanted
+    assert figures["depth"] == 0.15 * wanted
 
 
 def test_the_density_of_the_settings_brings_pores_nearer_and_makes_them_shallower(engine):
     """As it does where the number is given."""
     asset = grown(engine, **SIZE, graph={"spacing": 0.2, "density": 4.0})
-    assert engine.assets.info(asset).statistics["spacing"] == pytest.approx(0.1, rel=0.02)
+    assert engine.assets.info(asset).statistics["distance"] == pytest.approx(0.1, rel=0.02)
     assert lengths(engine, asset)[0] == pytest.approx(0.15 * 0.1)
 
 
@@ -153,8 +231,8 @@ def test_the_same_skin_in_another_unit(engine):
     millimetres = grown(engine, scaled, unit="mm", **SIZE)
     one, two = (engine.assets.info(id) for id in (centimetres, millimetres))
     assert one.wrinkles == two.wrinkles
-    assert one.statistics["spacing"] == pytest.approx(0.05, rel=0.01)
-    assert two.statistics["spacing"] == pytest.approx(0.5, rel=0.01)
+    assert one.statistics["distance"] == pytest.approx(0.05, rel=0.01)
+    assert two.statistics["distance"] == pytest.approx(0.5, rel=0.01)
     assert one.settings["depth"] == pytest.approx(0.0075)
     assert two.settings["depth"] == pytest.approx(0.075)
 
@@ -199,7 +277,7 @@ def test_a_graph_of_another_mesh_is_refused_unless_forced(engine):
         engine.assets.create(new)
     forced = built(engine, replace(new, force=True))
     assert engine.assets.graph(forced).origin == GraphOrigin.of(
-        other, "cm", AssetSettings.parse(engine.assets.info(forced).settings).lengths(0.2)
+        other, "cm", AssetSettings.parse(engine.assets.info(forced).settings).lengths(0.2), 1
     )
     moved = replace(MESH, positions=MESH.positions[:, [1, 0, 2]])  # another head of one topology
     assert built(engine, NewAsset(moved, AssetSettings.parse(SIZE), graph))
@@ -244,7 +322,7 @@ def test_an_asset_of_an_earlier_version_is_read_and_told_truly(tmp_path, monkeyp
         settle(engine, asset)
         found = engine.assets.info(asset)
         assert found.settings["depth"] == before.settings["depth"]
-        assert found.statistics == before.statistics
+        assert found.statistics == {**before.statistics, "spacing": 0.25}
         engine.assets.change(asset, {"depth": 0.5})
         engine.assets.change(asset, {"depth": None})
         assert engine.assets.info(asset).settings["depth"] == pytest.approx(0.15 * 0.25)

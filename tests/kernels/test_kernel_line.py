@@ -25,8 +25,17 @@ __kernel void block(int count, LINES, __global const float *s, float least, __gl
     }
     write_rows(sums, place, shape, 1.0f, 0, out);
 }"""
-# What nearest_on claims: the steepest slopes, and half widths over the length.
-CLAIMS = ((0.8, 1 / 8, 1e-3), (0.6, 1 / 5, 1e-3), (0.8, 1 / 4, 6e-3))
+# What nearest_on claims, by the steepest slopes: half widths over the length, and the error.
+CLAIMS = {
+    0.3: {1 / 8: 2e-3, 1 / 5: 4e-3, 1 / 4: 6e-3, 0.35: 0.01, 0.5: 0.02, 0.75: 0.06, 1.0: 0.11},
+    0.6: {1 / 8: 2e-3, 1 / 5: 4e-3, 1 / 4: 6e-3, 0.35: 0.04, 0.5: 0.11, 0.75: 0.19, 1.0: 0.25},
+    0.8: {1 / 8: 2e-3, 1 / 5: 6e-3, 1 / 4: 0.02, 0.35: 0.08, 0.5: 0.19, 0.75: 0.25, 1.0: 0.32},
+}
+WIDE = [
+    (steepest, ratio, bound)
+    for steepest, bounds in CLAIMS.items()
+    for ratio, bound in bounds.items()
+]
 
 
 def drawn(device, lines, shape, least=0.0, items=1, rows=None, waves=None):
@@ -70,7 +79,11 @@ def lines_of(seed, count, steepest, ratio, narrowest=0.02, length=(4.0, 60.0)):
 
 @pytest.mark.parametrize(
     ("steepest", "ratio", "bound"),
-    [CLAIMS[0], *(pytest.param(*one, marks=pytest.mark.slow) for one in CLAIMS[1:])],
+    [(0.8, 1 / 8, 1e-3)]
+    + [
+        pytest.param(*one, marks=pytest.mark.slow)
+        for one in ((0.6, 1 / 5, 1e-3), (0.8, 0.25, 6e-3))
+    ],
 )
 def test_each_arc_alone_is_that_of_the_true_distance(device, steepest, ratio, bound):
     lines = lines_of(1, 60, steepest, ratio)
@@ -78,6 +91,21 @@ def test_each_arc_alone_is_that_of_the_true_distance(device, steepest, ratio, bo
         line = [x[i : i + 1] for x in lines]
         off = np.abs(drawn(device, line, Shape()) - wanted(line, Shape())).max()
         assert off <= bound
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("bulge", [0.0, 1.0])
+@pytest.mark.parametrize(("steepest", "ratio", "bound"), WIDE)
+def test_wide_arcs_are_as_near_as_it_is_said(device, steepest, ratio, bound, bulge):
+    """All of their widths near the ratio; the bounds are none that any method would keep."""
+    shape = Shape(wrinkle_bulge=bulge)
+    lines = lines_of(9, 40, steepest, ratio, 0.7 * ratio, (12.0, 24.0))
+    off = []
+    for i in range(40):
+        line = [x[i : i + 1] for x in lines]
+        off.append(np.abs(drawn(device, line, shape) - wanted(line, shape)).max())
+    assert max(off) <= bound
+    assert max(off) >= bound / 50
 
 
 @pytest.mark.parametrize("shape", SHAPES)

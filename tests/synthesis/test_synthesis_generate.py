@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
@@ -35,6 +37,19 @@ def test_the_same_seed_gives_the_same_bits(device: Device, made: Synthesis) -> N
     assert made.spacing == again.spacing
     other = synthesize(sheets.sheet(sheets.uneven), wanted(3000, seed=2), device)
     assert not same(made.graph, other.graph)
+
+
+def test_twice_the_strength_is_twice_that_of_each_line_and_pore_up_to_one(
+    device: Device, made: Synthesis
+) -> None:
+    twice = replace(wanted(3000), strength=2.0)
+    graph = synthesize(sheets.sheet(sheets.uneven), twice, device).graph
+    for name in ("node_uv", "node_radius", "edge_nodes", "edge_half_width"):
+        np.testing.assert_array_equal(getattr(graph, name), getattr(made.graph, name), name)
+    for name in ("node_weight", "edge_weight"):
+        found, usual = getattr(graph, name), getattr(made.graph, name)
+        assert 0 < (found == 1).mean() < 0.5
+        np.testing.assert_array_equal(found, np.minimum(2 * usual, 1), name)
 
 
 @pytest.mark.parametrize("count", [100, 101, 2347])
@@ -169,7 +184,7 @@ def test_the_real_face(device: Device, face: face_data.Face) -> None:
     # No seam in this layout, so no node without weight, and nothing is stored twice.
     assert figures["pores"] == figures["drawn_pores"] == found.graph.pores
     assert found.graph.arrays().keys().isdisjoint(["node_copy_of", "edge_copy_of", "edge_metric"])
-    assert figures["spacing"]["deviation"] < 0.12 * figures["spacing"]["mean"]
+    assert figures["distance"]["deviation"] < 0.12 * figures["distance"]["mean"]
     assert figures["crossings"] < 0.001
     assert 3.9 < figures["degree"]["mean"] < 4.5
     # Half of all wrinkles are faint, a few are deep, none is at the limit.

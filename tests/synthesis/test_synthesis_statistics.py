@@ -34,10 +34,10 @@ def test_figures_of_a_synthesis_are_plain_and_right(device: Device, made: Synthe
     assert figures["pores"] == sum(figures["degree"]["histogram"]) == made.graph.pores
     at = sheets.places(Surface.of(sheets.sheet(sheets.uneven)), made.graph)
     nearest = cKDTree(at).query(at, k=2)[0][:, 1]
-    assert figures["spacing"]["mean"] == pytest.approx(nearest.mean(), rel=1e-5)
+    assert figures["distance"]["mean"] == pytest.approx(nearest.mean(), rel=1e-5)
     assert made.spacing == pytest.approx(nearest.mean(), rel=0.01)
     assert figures["degree"]["mean"] == pytest.approx(6000 / made.graph.pores)
-    assert figures["length"]["mean"] > figures["spacing"]["mean"]
+    assert figures["length"]["mean"] > figures["distance"]["mean"]
     assert figures["crossings"] < 0.001
     assert (figures["drawn_pores"], figures["drawn_wrinkles"]) == (made.graph.pores, 3000)
     assert figures["seam_wrinkles"] == 0
@@ -80,7 +80,7 @@ def test_a_graph_that_can_be_counted_by_hand(device: Device) -> None:
     assert figures["angle_strengths"] == [0.25, 0, 0, 0, 1.0, 0, 0, 0, 0.65]
     place = np.array(PLACES)
     apart = np.linalg.norm(place[:, None] - place, axis=-1) + 99 * np.eye(7)
-    assert figures["spacing"]["mean"] == pytest.approx(apart.min(axis=1).mean())
+    assert figures["distance"]["mean"] == pytest.approx(apart.min(axis=1).mean())
 
 
 def test_what_is_not_drawn_counts_for_itself(device: Device) -> None:
@@ -98,7 +98,7 @@ def test_wrinkles_without_pores_are_wrinkles(device: Device) -> None:
     assert figures["drawn_pores"] == 0
     assert figures["angles"] == [1, 0, 0, 0, 1, 0, 0, 0, 1]
     assert figures["degree"] == {"mean": 0.0, "histogram": []}
-    assert figures["spacing"] == {"mean": 0.0, "deviation": 0.0}
+    assert figures["distance"] == {"mean": 0.0, "deviation": 0.0}
 
 
 def test_nodes_on_no_triangle_are_left_out(device: Device) -> None:

@@ -91,8 +91,9 @@ class Asset:
     """A mesh with its wrinkles. `state`: building, ready or failed (with `reason`).
 
     `levels` counts the levels of a map; `pores` and `wrinkles` are 0 until the graph exists.
-    `statistics`, None until then, has the mean `spacing` of pores as it came out, in mesh units,
-    the mean `degree` and `strengths`, wrinkles by weight in tenths from 0 to 1.  `warnings`: what
+    `statistics`, None until then, has the `spacing` of pores where density is 1, which usual
+    lengths are in proportion to, their mean `distance` as it came out, both in mesh units, the mean
+    `degree` and `strengths`, wrinkles by weight in tenths from 0 to 1.  `warnings`: what
     is probably wrong with the mesh, in the answer to `create_asset` also with its frames and
     settings.  `notices`: what is worth knowing of its present settings and no mistake.
     `centre`: what the server subtracts from positions, which it keeps as float32.

@@ -94,7 +94,7 @@ def _control(name: str) -> dict[str, Any]:
 
 _MEANT = {
     "density": "pores and wrinkles per area, white is 4 times, black is none",
-    "strength": "weights, white is double, black is nothing",
+    "strength": "strengths of lines and pores, white is double up to 1, black is nothing",
     "direction": "angle of the lines in UV, 180° is white; black leaves the preferred lines",
     "turn": "of the preferred lines, black is 90° to the right, white to the left",
     "anisotropy": "how far lines keep to it, white is double, black is not at all",
@@ -121,8 +121,9 @@ ASSET_FORM = body(
                     "graph": {
                         **BINARY,
                         "description": "safetensors; absent = synthesise. Its metadata may hold "
-                        "unit, spacing, depth, sigma, wave_frequency (lengths in that unit, "
-                        "converted to settings.unit; explicit settings override them) and mesh, a "
+                        "unit, spacing, depth, sigma, wave_frequency, grain_size, undulation_size "
+                        "(lengths in that unit, converted to settings.unit), seed (of the relief "
+                        "between the lines; explicit settings override all of these) and mesh, a "
                         "digest of the triangles and UV: a graph of another mesh is refused",
                     },
                     "force": {

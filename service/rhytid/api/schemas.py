@@ -210,7 +210,12 @@ class GraphStatistics(BaseModel):
     """Figures of a wrinkle graph."""
 
     spacing: float = Field(
-        description="measured mean distance from a pore to the nearest, mesh units"
+        description="distance of pores where density is 1, mesh units, as the metadata of the "
+        "graph have it: the usual depth and other lengths are in proportion to it"
+    )
+    distance: float = Field(
+        description="mean distance from a pore to the nearest as measured, mesh units: less where "
+        "painted density is above 1"
     )
     degree: float = Field(description="mean number of wrinkles per pore")
     strengths: list[int] = Field(description="wrinkles by weight, in tenths from 0 to 1")

@@ -97,7 +97,11 @@ def write_outputs(
 
     settings = AssetSettings(unit=arguments.unit).for_graph(graph.origin)
     lengths = _lengths(mesh, graph, settings)
-    drawn = {"unit": settings.length_unit, "depth": lengths.depth}
+    drawn = {
+        "unit": settings.length_unit,
+        "depth": lengths.depth,
+        "spacing": lengths.spacing,
+    }
     with working("measuring the graph"):
         figures = {**facts, **statistics(mesh, graph, device), **drawn}
     if arguments.curves is not None:
@@ -105,7 +109,7 @@ def write_outputs(
         detail(f"writing {arguments.curves}")
         whole_file(arguments.curves, write(graph_curves(mesh, graph), settings.length_unit))
     if arguments.preview is not None:
-        distance = figures["spacing"]["mean"] or lengths.spacing
+        distance = figures["distance"]["mean"] or lengths.spacing
         drawing = settings.with_lengths(lengths)
         write_preview(device, mesh, graph, drawing, distance, arguments.preview, arguments.patch)
     report(figures, table(("figure", "value"), _rows(figures)), arguments.json)

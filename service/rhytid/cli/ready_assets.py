@@ -35,7 +35,7 @@ def build(engine: Engine, new: NewAsset, warned: Warned) -> AssetInfo:
     engine.shared.push(asset.id)
     if new.graph is None and asset.statistics is not None:
         settings = AssetSettings.parse(asset.settings)
-        warned.lengths(settings, asset.statistics["spacing"])
+        warned.lengths(settings, asset.statistics["distance"])
     warned.notice(asset.notices)
     return asset
 

@@ -105,7 +105,8 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
         made = synthesize(mesh, settings, device, clock, controls=controls, folds=folds)
     drawn = AssetSettings(unit=unit, graph=settings).with_lengths(made.lengths)
     warned.lengths(drawn, made.distance)
-    graph = replace(made.graph, origin=GraphOrigin.of(mesh, unit, made.lengths))
+    origin = GraphOrigin.of(mesh, unit, drawn.lengths(made.spacing), settings.start)
+    graph = replace(made.graph, origin=origin)
     whole_file(out, [write_graph(graph)])
     facts = {"file": str(out), "seconds": seconds, "warnings": warned.figures()}
     write_outputs(arguments, device, mesh, graph, facts)

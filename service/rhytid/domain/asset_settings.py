@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any
+from typing import Any, TypeVar
 
 from rhytid.domain.ageing import OLDEST, USUAL_AGE, YOUNGEST
 from rhytid.domain.expressions import LINES
-from rhytid.domain.graph_origin import GraphOrigin
+from rhytid.domain.graph_origin import MOST_SEED, GraphOrigin
 from rhytid.domain.lengths import GRAIN, UNDULATION, Lengths, usual_spacing
 from rhytid.domain.regions import REGIONS, WHOLE_FACE
 from rhytid.domain.setting_fields import choice, number, power_of_two, read, text, whole
@@ -17,6 +17,8 @@ from rhytid.domain.units import USUAL_UNIT
 from rhytid.errors import SettingsError
 
 MOST_WRINKLES = 40_000_000
+USUAL_SEED = 1
+T = TypeVar("T")
 # Up to this strength a wrinkle swells nothing, from twice as much on in full; linear between.
 CUSHION_THRESHOLD = 0.08
 
@@ -36,7 +38,7 @@ class GraphSettings:
 
     spacing: float | None = number(None, 1e-30, 1e30)
     wrinkles: int | None = whole(None, 100, MOST_WRINKLES)
-    seed: int = whole(1, 0, 2**31 - 1)
+    seed: int | None = whole(None, 0, MOST_SEED)
     neighbours: int = whole(8, 4, 16)
     # Along what preferred lines run; null is "auto".
     lines: str | None = choice(None, None, *LINES)
@@ -50,15 +52,21 @@ class GraphSettings:
     scale: float = number(1.0, 1 / 4, 4.0)
     pore_radius: float = number(1.0, 1 / 4, 4.0)
 
+    @property
+    def start(self) -> int:
+        """The seed, the usual one where none is set."""
+        return USUAL_SEED if self.seed is None else self.seed
+
 
 @dataclass(frozen=True)
 class ResponseSettings:
     """Exponents of Alg. 1 (alpha, wrinkles) and Alg. 2 (beta, pores), and the clamp of log rho.
 
     ends: of a wrinkle that another continues, how far r goes at that end from its own, 0, to the
-    mean of both, 1; linear between the ends.  soft_limits: log stretch and the logs of the scales
-    bend from half of their limit on and are level at one and a half times it, in place of a clamp.
-    pore_depth_limit: how many times as deep a pore becomes at most; 4 is the limit of all scales.
+    mean of both, 1; widths and depths follow from the r of each end, linear between.  soft_limits:
+    log stretch and the logs of the scales bend from half of their limit on and are level at one and
+    a half times it, in place of a clamp.  pore_depth_limit: how many times as deep a pore becomes
+    at most; 4 is the limit of all scales.
     """
 
     alpha_w: float = number(1.0, 0.0, 64.0)
@@ -251,18 +259,18 @@ class AssetSettings:
         """A copy with the lengths that are not set yet."""
         depth, sigma = self.depth, self.convolve.sigma
         shape = self.shape
-        frequency = shape.wave_frequency
-        if frequency is None:
-            frequency = lengths.wave_frequency
+        frequency, unit = shape.wave_frequency, self.length_unit
+        grain = _first(shape.grain_size, lengths.grain_size)
+        undulation = _first(shape.undulation_size, lengths.undulation_size)
         shape = replace(
             shape,
-            wave_frequency=frequency,
-            grain_size=GRAIN.resolved(shape.grain_size, self.length_unit, lengths),
-            undulation_size=UNDULATION.resolved(shape.undulation_size, self.length_unit, lengths),
+            wave_frequency=lengths.wave_frequency if frequency is None else frequency,
+            grain_size=GRAIN.resolved(grain, unit, lengths),
+            undulation_size=UNDULATION.resolved(undulation, unit, lengths),
         )
         return replace(
             self,
-            unit=self.length_unit,
+            unit=unit,
             depth=lengths.depth if depth is None else depth,
             shape=shape,
             convolve=replace(self.convolve, sigma=lengths.sigma if sigma is None else sigma),
@@ -270,27 +278,31 @@ class AssetSettings:
 
     def lengths(self, spacing: float) -> Lengths:
         """Those of resolved settings.  spacing: of the pores, mesh units."""
-        depth, sigma, frequency = self.depth, self.convolve.sigma, self.shape.wave_frequency
+        depth, sigma, shape = self.depth, self.convolve.sigma, self.shape
         assert depth is not None
         assert sigma is not None
-        assert frequency is not None
-        return Lengths(spacing, depth, sigma, frequency)
+        assert shape.wave_frequency is not None
+        sizes = shape.grain_size, shape.undulation_size
+        return Lengths(spacing, depth, sigma, shape.wave_frequency, *sizes)
 
     def for_graph(self, origin: GraphOrigin | None) -> AssetSettings:
-        """A copy with the unit of a graph where none is set.
+        """A copy with the unit and the seed of a graph where none is set.
 
         Raises SettingsError where the lengths of the graph cannot be converted to that which is.
         """
-        if origin is None:
-            return replace(self, unit=self.length_unit)
+        origin = origin or GraphOrigin()
         unit = self.unit or origin.unit or USUAL_UNIT
         origin.in_unit(unit)
-        return replace(self, unit=unit)
+        return replace(self, unit=unit, graph=self._seeded(origin.seed))
+
+    def _seeded(self, seed: int | None = None) -> GraphSettings:
+        """Those of the graph with a seed: their own, else this, else the usual one."""
+        return replace(self.graph, seed=_first(self.graph.seed, seed, USUAL_SEED))
 
     def for_synthesis(self) -> AssetSettings:
-        """A copy with unit, and with the usual spacing of that where nothing says how dense pores
-        are; raises SettingsError where the unit is not known."""
-        unit, graph = self.length_unit, self.graph
+        """A copy with unit and seed, and with the usual spacing of that unit where nothing says how
+        dense pores are; raises SettingsError where the unit is not known."""
+        unit, graph = self.length_unit, self._seeded()
         if graph.wrinkles is None and graph.spacing is None:
             graph = replace(graph, spacing=usual_spacing(unit))
         return replace(self, unit=unit, graph=graph)
@@ -317,3 +329,8 @@ class AssetSettings:
     def as_json(self) -> dict[str, Any]:
         """Plain nested values, the inverse of `parse`."""
         return asdict(self)
+
+
+def _first(*values: T | None) -> T | None:
+    """The first that is not None."""
+    return next((value for value in values if value is not None), None)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from rhytid.domain.units import millimetres
 from rhytid.errors import GraphError, SettingsError
 
 _LEAST, _MOST = 1e-30, 1e30
+MOST_SEED = 2**31 - 1
 _TEXTS = {"unit": 16, "mesh": 64}
 
 
@@ -22,7 +24,8 @@ _TEXTS = {"unit": 16, "mesh": 64}
 class GraphOrigin:
     """Lengths as in `Lengths`, in `unit`; None where the file does not say.
 
-    mesh: the digest of the mesh that the graph was made for.
+    seed: of the relief between the lines, `graph.seed`.  mesh: the digest of the mesh that the
+    graph was made for.
     """
 
     unit: str | None = None
@@ -30,15 +33,15 @@ class GraphOrigin:
     depth: float | None = None
     sigma: float | None = None
     wave_frequency: float | None = None
+    grain_size: float | None = None
+    undulation_size: float | None = None
+    seed: int | None = None
     mesh: str | None = None
 
     @classmethod
-    def of(cls, mesh: Mesh, unit: str, lengths: Lengths) -> GraphOrigin:
+    def of(cls, mesh: Mesh, unit: str, lengths: Lengths, seed: int | None = None) -> GraphOrigin:
         """Of a graph for this mesh, in its unit."""
-        return cls(
-            unit, lengths.spacing, lengths.depth, lengths.sigma, lengths.wave_frequency,
-            mesh_digest(mesh),
-        )  # fmt: skip
+        return cls(unit, **asdict(lengths), seed=seed, mesh=mesh_digest(mesh))
 
     @classmethod
     def parse(cls, metadata: Mapping[str, str]) -> GraphOrigin | None:
@@ -66,7 +69,7 @@ class GraphOrigin:
         """
         own = self.in_unit(unit)
         usual = Lengths.of(spacing if own.spacing is None else own.spacing)
-        names = ("depth", "sigma", "wave_frequency")
+        names = [field.name for field in fields(Lengths)]
         said = {n: getattr(own, n) for n in names if getattr(own, n) is not None}
         return replace(usual, **said)
 
@@ -81,10 +84,10 @@ class GraphOrigin:
                 "them is no known unit of length, so that depth and spacing cannot be converted"
             )
         factor = one / other
-        return GraphOrigin(
-            unit, _times(self.spacing, factor), _times(self.depth, factor),
-            _times(self.sigma, factor), _times(self.wave_frequency, 1.0 / factor), self.mesh,
-        )  # fmt: skip
+        names = ("spacing", "depth", "sigma", "grain_size", "undulation_size")
+        changed: dict[str, Any] = {n: _times(getattr(self, n), factor) for n in names}
+        changed["wave_frequency"] = _times(self.wave_frequency, 1.0 / factor)
+        return replace(self, unit=unit, **changed)
 
     def check_mesh(self, mesh: Mesh) -> None:
         """Raise GraphError where the graph was made for a mesh of other triangles or UV."""
@@ -108,6 +111,11 @@ def _times(length: float | None, factor: float) -> float | None:
 
 
 def _value(key: str, text: str) -> str | float:
+    if key == "seed":
+        # Digits of ASCII alone: int() takes signs, spaces, underscores and other scripts, too.
+        if not (text.isascii() and text.isdecimal() and len(text) <= 10 and int(text) <= MOST_SEED):
+            raise GraphError(f"metadata seed is {text!r:.80}: must be from 0 to {MOST_SEED}, whole")
+        return int(text)
     if key in _TEXTS:
         if not 0 < len(text) <= _TEXTS[key] or not text.isprintable():
             rule = f"1 to {_TEXTS[key]} printable characters"

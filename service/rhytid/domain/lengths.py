@@ -35,13 +35,16 @@ class Lengths:
     """What a wrinkle graph is drawn with unless settings say otherwise, in mesh units.
 
     spacing: of pores where density is 1.  depth: of strength 1.  sigma: of the Gaussian of
-    `convolved`.  wave_frequency: waves in a mesh unit.
+    `convolved`.  wave_frequency: waves in a mesh unit.  grain_size, undulation_size: the largest
+    waves of the relief between the lines; None: as `LargestWave` has it.
     """
 
     spacing: float
     depth: float
     sigma: float
     wave_frequency: float
+    grain_size: float | None = None
+    undulation_size: float | None = None
 
     @classmethod
     def of(cls, spacing: float, age: float = USUAL_AGE) -> Lengths:

@@ -32,7 +32,10 @@ MEANINGS: dict[str, str] = {
         "wrinkles to synthesise where density is 1 and nothing is painted; null is as many as "
         "area and spacing make; a number fixes the spacing instead"
     ),
-    "graph.seed": "start of the random numbers: another seed gives another skin of the same kind",
+    "graph.seed": (
+        "start of the random numbers: another seed gives another skin of the same kind; null is "
+        "what a given graph says, else 1"
+    ),
     "graph.neighbours": "candidate edges of a pore",
     "graph.lines": (
         'what lines run by: `"expressions"`, across what they fold; `"level"`, around the '
@@ -46,7 +49,11 @@ MEANINGS: dict[str, str] = {
         "age of the skin: deeper, wider and fewer lines, most where skin folds; pores stay"
     ),
     "graph.density": "factor of the number of wrinkles",
-    "graph.strength": "factor of the depth of wrinkles and pores",
+    "graph.strength": (
+        "factor of the strength of each wrinkle and pore, 1 at most: 2 is twice as deep where one "
+        "lies alone; where many overlap the relief grows less, and grain and undulation stay; "
+        "`depth` scales all of it"
+    ),
     "graph.turn": "degrees by which lines turn left of the preferred ones",
     "graph.anisotropy": ("how far lines keep to their direction: 0 any way, 2 one direction alone"),
     "graph.scale": "factor of the width of wrinkles",
@@ -57,8 +64,9 @@ MEANINGS: dict[str, str] = {
     "response.beta_d": "how much stretch flattens a pore (Alg. 2)",
     "response.log_stretch_limit": "largest absolute log stretch, against sliver triangles",
     "response.ends": (
-        "how far a wrinkle answers at its ends as the mean of itself and of the one that "
-        "continues it there; 0 as itself alone"
+        "how far the log stretch at the ends of a wrinkle goes from its own, 0, to the mean of "
+        "its own and that of the wrinkle that continues it there, 1; width and strength follow "
+        "from it at each end and are linear between"
     ),
     "response.soft_limits": ("log stretch and scales bend into their limits, in place of a clamp"),
     "response.pore_depth_limit": (
@@ -90,20 +98,24 @@ MEANINGS: dict[str, str] = {
         "swells between furrows; lines of strength 0.08 or less are in the narrow one only; 0 is "
         "off"
     ),
-    "shape.cushion_width": "how many times as wide as a furrow the broad layer is",
+    "shape.cushion_width": (
+        "how many times as wide as a furrow the broad layer is; of a wrinkle with `edge_metric`, "
+        "in that metric"
+    ),
     "shape.cushion_sharpness": "beta of the mellow-max by which heights meet in the broad layer",
     "shape.grain": (
         "root mean square of the micro relief between lines, in depths, times what region and age "
         "make of it; 0 is off"
     ),
     "shape.grain_size": (
-        "largest wavelength of the grain, mesh units; null is 0.2 mm where `unit` is a length, "
-        "else 0.36 of the mean pore spacing"
+        "largest wavelength of the grain, mesh units; null is what a given graph says, else 0.2 mm "
+        "where `unit` is a length, else 0.36 of the pore spacing"
     ),
     "shape.undulation": "root mean square of broad swells of the skin, in depths; 0 is off",
     "shape.undulation_size": (
-        "largest wavelength of the swells, mesh units; the smallest is an eighth of it; null is 6 "
-        "mm where `unit` is a length, else 10.8 of the mean pore spacing"
+        "largest wavelength of the swells, mesh units; the smallest is an eighth of it; null is "
+        "what a given graph says, else 6 mm where `unit` is a length, else 10.8 of the pore "
+        "spacing"
     ),
     "bins.count": "orientation bins, N",
     "bins.samples": "stretches that each bin is drawn at, M",
@@ -126,8 +138,11 @@ MEANINGS: dict[str, str] = {
         "the outer samples lie at this times `bins.r_max`, up to `response.log_stretch_limit`"
     ),
     "bins.r_max": "log stretch that most of the skin stays within; calibrated from a frame",
-    "convolve.blur_gain": "how much stretch blurs, for `convolved`",
-    "convolve.sharpen_gain": "how much compression sharpens, for `convolved`",
+    "convolve.blur_gain": (
+        "how much stretch blurs lines and pores, for `convolved`; grain and undulation are added "
+        "after its kernel, as in every method"
+    ),
+    "convolve.sharpen_gain": "how much compression sharpens them, for `convolved`",
     "convolve.sigma": (
         "standard deviation of the Gaussian of `convolved`, mesh units; null is what a given graph "
         "says, else 0.25 of the pore spacing"

@@ -114,7 +114,10 @@ class AssetService:
         found = self._assets.get(asset)
         graph, stored = self.graph(asset), self._store.asset(asset)
         side = min(found.settings.tile_size, resolution)
-        settings = replace(found.settings, resolution=resolution, tile_size=side)
+        grown = found.settings.graph
+        if grown.density != 1.0:  # part of the spacing that the graph itself says
+            grown = replace(grown, spacing=None)
+        settings = replace(found.settings, resolution=resolution, tile_size=side, graph=grown)
         return self.create(NewAsset(stored.mesh, settings, graph, stiffness=stored.stiffness))
 
     def delete(self, asset: str, *, shared: bool = False) -> None:
@@ -156,12 +159,14 @@ class AssetService:
         return AssetContent(key, sum(file.nbytes for file in files.values()))
 
     def graph(self, asset: str) -> WrinkleGraph:
-        """The wrinkle graph of a ready asset, with the lengths that it is drawn with now."""
+        """The wrinkle graph of a ready asset, with the lengths that it is drawn with now, and the
+        seed."""
         found = self._assets.get(asset)
         found.check_ready()
         stored = self._store.asset(asset)
         lengths = found.settings.lengths(found.lengths.spacing)
-        origin = GraphOrigin.of(stored.mesh, found.settings.length_unit, lengths)
+        settings = found.settings
+        origin = GraphOrigin.of(stored.mesh, settings.length_unit, lengths, settings.graph.start)
         return replace(stored.graph, origin=origin)
 
     def mesh(self, asset: str) -> Mesh:

@@ -114,13 +114,17 @@ class Asset:
         self.state, self.reason = "failed", reason
 
     def built(self, graph: WrinkleGraph, settings: AssetSettings, distance: float) -> None:
-        """Mark it as ready, with resolved settings.
+        """Mark it as ready, with resolved settings; its lengths are known.
 
-        distance: mean, of neighbouring pores on the surface, in mesh units.
+        distance: measured mean, of neighbouring pores on the surface, in mesh units.
         """
         self.settings = settings
         self.pores, self.wrinkles = graph.counts()
-        self.statistics = {"spacing": distance, **graph.figures()}
+        self.statistics = {
+            "spacing": self.lengths.spacing,
+            "distance": distance,
+            **graph.figures(),
+        }
         self.state = "ready"
 
     @property

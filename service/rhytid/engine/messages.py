@@ -66,8 +66,9 @@ class AssetInfo:
 
     `levels` counts the levels of a map; `pores` and `wrinkles` count each once,
     copies at UV seams not; they are 0 until the graph exists.
-    `statistics`, None until then: "spacing", the mean distance of pores on the surface in mesh
-    units, as it came out; "degree", the mean number of wrinkles at a pore; "strengths", wrinkles
+    `statistics`, None until then: "spacing" of pores where density is 1, mesh units, as the
+    metadata of the graph have it; "distance", the mean of pores on the surface as it came out;
+    "degree", the mean number of wrinkles at a pore; "strengths", wrinkles
     by weight, in tenths from 0 to 1.  `warnings`: what is probably wrong with the mesh.
     `notices`: what is worth knowing of its present settings and no mistake.  `centre`: what was
     subtracted from its positions as they were sent, and is from those of its frames.

@@ -83,7 +83,7 @@ def grain_codes(
         "grain_codes", "grain_codes", (side * side,),
         triangles, located.none, located.corners, planes.values, np.int32(side),
         np.int32(settings.resolution), np.int32(row), np.int32(column),
-        np.uint32(settings.graph.seed), *_shares(settings), codes,
+        np.uint32(settings.graph.start), *_shares(settings), codes,
     )  # fmt: skip
     device.finish()
     triangles.release()

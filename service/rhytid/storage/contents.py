@@ -131,6 +131,7 @@ def _identity(settings: AssetSettings, given: bool) -> dict[str, Any]:
     graph = values["graph"]
     if given and graph["wrinkles"] is None:
         graph["wrinkles"] = _WRINKLES_BEFORE
+    graph["seed"] = settings.graph.start
     # By expressions or not, what lines grow by is part of the id itself.
     graph["lines"] = None
     values["graph"] = {k: v for k, v in graph.items() if k not in _LATER or v != getattr(plain, k)}

@@ -87,7 +87,7 @@ def synthesize(
         skin, cut = _grown(ground, plain if uneven else fields, settings, part(report, 0.0, 0.94))
         distance = mean_spacing(work, skin.net.pores)[0] * surface.scale
         borders = Borders.of(mesh, surface, across)
-        graph = skin.drawn(ground, borders, cut, settings.seed, part(report, 0.95, 1.0))
+        graph = skin.drawn(ground, borders, cut, settings.start, part(report, 0.95, 1.0))
     report(1.0, "shapes")
     lengths = Lengths.of(skin.spacing * surface.scale, settings.age)
     return Synthesis(graph, lengths, distance, surface.stretched)

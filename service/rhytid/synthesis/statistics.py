@@ -32,7 +32,7 @@ def statistics(mesh: Mesh, graph: WrinkleGraph, device: Device) -> dict[str, Any
     many copies there are.  seam_wrinkles: how many wrinkles join pores on two sides of a seam.
 
     Of what is drawn, each pore and wrinkle once:
-    spacing: mean and deviation of the distance from a pore to the nearest on the surface, mesh
+    distance: mean and deviation of that from a pore to the nearest on the surface, mesh
     units.  length: the same of wrinkles.  degree: wrinkles at a pore, mean, and how many pores
     have 0, 1, 2 … of them.  crossings: pairs of wrinkles that cross, per wrinkle.
     strengths: wrinkles by weight, in tenths from 0 to 1.
@@ -57,7 +57,7 @@ def statistics(mesh: Mesh, graph: WrinkleGraph, device: Device) -> dict[str, Any
         "drawn_wrinkles": int(np.count_nonzero(graph.edge_weight[graph.own_edges])),
         "copied_wrinkles": graph.wrinkles - wrinkles,
         "seam_wrinkles": net.seams,
-        "spacing": {"mean": mean * surface.scale, "deviation": deviation * surface.scale},
+        "distance": {"mean": mean * surface.scale, "deviation": deviation * surface.scale},
         "length": _moments(net.length * surface.scale),
         "degree": _degrees(net),
         "crossings": crossing / count,

@@ -73,7 +73,7 @@ class ServiceBench:
             k: getattr(settings, k) for k in ("resolution", "tile_size", "preset")
         }
         lengths = settings.lengths(bench.spacing)
-        origin = GraphOrigin.of(bench.mesh, settings.length_unit, lengths)
+        origin = GraphOrigin.of(bench.mesh, settings.length_unit, lengths, settings.graph.start)
         graph = write_graph(replace(bench.graph, origin=origin))
         asset = self._client.create_asset(arrays, settings=wanted, graph=graph)
         self._asset: Asset = self._client.wait(asset)

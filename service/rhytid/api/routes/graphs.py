@@ -34,8 +34,8 @@ def graph(
     memory: Memory,
     query: Annotated[GraphQuery, Query()],
 ) -> Response:
-    """The wrinkle graph as safetensors, whose metadata say with which depth, spacing, unit, sigma
-    and wave frequency it is drawn, and for which mesh; or its wrinkles as lines in space, as OBJ or
+    """The wrinkle graph as safetensors, whose metadata say with which lengths (in which unit) and
+    which seed it is drawn, and for which mesh; or its wrinkles as lines in space, as OBJ or
     USD text."""
     kind = None if query.format == "safetensors" else curve_format(query.format)
 

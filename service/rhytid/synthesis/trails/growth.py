@@ -71,7 +71,7 @@ def counted(
     check_extent(ground.surface, settings, radius * ground.fields.least_spacing)
     for _ in range(ATTEMPTS):
         spinning = part(progress, 0.0, 0.5)
-        net = CandidateGraph.spun(ground, radius, settings.neighbours, settings.seed, spinning)
+        net = CandidateGraph.spun(ground, radius, settings.neighbours, settings.start, spinning)
         flat = independent_set(ground.work, net.edges.length, net.crossings)
         lines = int(flat.sum())
         if lines >= wanted:
@@ -92,7 +92,7 @@ def grown(ground: Ground, radius: float, settings: GraphSettings, progress: Prog
     check_uv(ground.surface, settings, radius, ground.fields.least_spacing)
     check_extent(ground.surface, settings, radius * ground.fields.least_spacing)
     net = CandidateGraph.spun(
-        ground, radius, settings.neighbours, settings.seed, part(progress, 0.0, 0.5)
+        ground, radius, settings.neighbours, settings.start, part(progress, 0.0, 0.5)
     )
     return _worn(ground, net, radius, settings, part(progress, 0.5, 1.0))
 
@@ -101,13 +101,15 @@ def _worn(
     ground: Ground, net: CandidateGraph, radius: float, settings: GraphSettings, progress: Progress
 ) -> Skin:
     """Strengths of the edges, by walkers and primary lines."""
-    rng = np.random.Generator(np.random.PCG64(settings.seed))
+    rng = np.random.Generator(np.random.PCG64(settings.start))
     directions = Directions(SPACING * radius, rng, ground.fields)
     spinning = part(progress, 0.0, 0.07)
-    primary = Primary.spun(ground, radius, settings.neighbours, settings.seed, directions, spinning)
+    primary = Primary.spun(
+        ground, radius, settings.neighbours, settings.start, directions, spinning
+    )
     with ground.work.room() as room:
         paths = net.paths(room, directions, ground.fields, part(progress, 0.07, 0.15))
-        strength = net.worn(room, paths, settings.seed, FINE, part(progress, 0.15, 0.94))
+        strength = net.worn(room, paths, settings.start, FINE, part(progress, 0.15, 0.94))
         progress(0.94, "trails")
         weight, hubs = primary.laid(ground, net, paths, radius)
     usual = WITH_PRIMARY if has_primary(ground.surface, radius) else WITHOUT_PRIMARY
