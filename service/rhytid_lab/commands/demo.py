@@ -116,11 +116,7 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
 
 def _settings(arguments: argparse.Namespace) -> dict[str, Any]:
     """The usual ones, but for what is given."""
-    sizes = {
-        "resolution": arguments.resolution,
-        "tile_size": min(AssetSettings().tile_size, arguments.resolution),
-    }
-    return skin_settings(arguments, sizes)
+    return skin_settings(arguments, {"resolution": arguments.resolution})
 
 
 def _text(figures: dict[str, Any], session: Session) -> str:

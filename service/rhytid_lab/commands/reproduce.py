@@ -49,8 +49,7 @@ def add_command(commands: Commands) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Draw, time, measure, and write the page."""
-    tile = min(AssetSettings().tile_size, arguments.resolution)
-    AssetSettings.parse({"resolution": arguments.resolution, "tile_size": tile})
+    AssetSettings.parse({"resolution": arguments.resolution})
     # Imported here, so that --help needs no OpenCL.
     from rhytid.engine.opening import open_device
     from rhytid.settings import ServiceSettings
