@@ -64,8 +64,8 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def _run(arguments: argparse.Namespace, warned: Warned) -> None:
-    from rhytid.cli.graph_output import make_place
     from rhytid.cli.input_files import mesh_file
+    from rhytid.cli.places import make_place
     from rhytid.meshes.check import MeshCheck
     from rhytid.meshes.words import HEADER, rows
 

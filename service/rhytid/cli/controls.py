@@ -43,8 +43,9 @@ def add_command(commands: Commands) -> None:
 def run(arguments: argparse.Namespace) -> None:
     """Read the mesh, draw every control, write the picture."""
     from rhytid.cli.control_skins import ControlSkins
-    from rhytid.cli.graph_output import PNG, make_place, open_device
+    from rhytid.cli.graph_output import PNG, open_device
     from rhytid.cli.input_files import mesh_file
+    from rhytid.cli.places import make_place
     from rhytid.durable import whole
     from rhytid.pictures.control_sheet import control_sheet
 

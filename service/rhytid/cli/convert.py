@@ -38,8 +38,8 @@ def add_command(commands: Commands) -> None:
 def run(arguments: argparse.Namespace) -> None:
     """Read the mesh, write it with its frames, and say how a server knows them."""
     from rhytid.cli.frame_files import FrameFiles
-    from rhytid.cli.graph_output import make_place
     from rhytid.cli.input_files import mesh_file
+    from rhytid.cli.places import make_place
     from rhytid.cli.warned import Warned
     from rhytid.durable import whole
     from rhytid.formats.npz_files import write_mesh_npz

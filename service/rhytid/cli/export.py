@@ -86,15 +86,19 @@ def run(arguments: argparse.Namespace) -> None:
 def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     # Imported here, so that --help does not wait for OpenCL.
     from rhytid.cli.export_sources import NewSource, stored
+    from rhytid.cli.places import make_folder
     from rhytid.cli.shared_assets import searching
     from rhytid.skin_package.maps import SkinMaps
     from rhytid.skin_package.package import PackageWriter
 
     clip = cache_clip(arguments)
     new = None if arguments.mesh is None else NewSource.read(arguments, clip, warned)
+    if new is not None:
+        make_folder(arguments.folder)
     with _engine(arguments) as engine:
         with searching(chosen(arguments.store, None).store):
             source = stored(engine, arguments, clip) if new is None else new.built(engine, warned)
+        make_folder(arguments.folder)
         with working("reading the asset"):
             maps = SkinMaps.of(engine, source.asset)
         writer = PackageWriter(maps, source.mesh, source.shapes, arguments.folder, arguments.levels)

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any
 from rhytid.cli.graph_output import (
     add_outputs,
     check_outputs,
-    make_place,
     open_device,
     whole_file,
     write_outputs,
 )
 from rhytid.cli.mesh_options import add_caches, add_mesh, add_unit, cache_clip, length_unit
 from rhytid.cli.options import Commands, add_strict, new_command
+from rhytid.cli.places import make_place
 from rhytid.cli.progress import share_bar, working
 from rhytid.cli.skin_options import add_skin, skin_controls, skin_settings
 from rhytid.domain.asset_settings import AssetSettings, GraphSettings

@@ -58,6 +58,7 @@ def add_command(commands: Commands) -> None:
 def run(arguments: argparse.Namespace) -> None:
     """Read the mesh, draw its UDIMs, write the masks, and report what was written."""
     from rhytid.cli.input_files import mesh_file
+    from rhytid.cli.places import make_folder
     from rhytid.pictures.template_guide import guide
     from rhytid.pictures.uv_template import Charts
 
@@ -67,7 +68,7 @@ def run(arguments: argparse.Namespace) -> None:
     read = mesh_file(arguments.mesh, prim_clip(arguments.prim))
     mesh, unit = read.mesh, length_unit(arguments, read)
     udims = mesh_udims(mesh)
-    out.mkdir(parents=True, exist_ok=True)
+    make_folder(out)
     with working("measuring texels"):
         charts = {udim: Charts.of(mesh, udim, size) for udim in udims}
     unit_mm = millimetres(unit) or MILLIMETRES[USUAL_UNIT]

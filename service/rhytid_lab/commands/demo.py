@@ -89,6 +89,7 @@ def run(arguments: argparse.Namespace) -> None:
 
 def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     # Imported here, so that --help does not wait for OpenCL and the web framework.
+    from rhytid.cli.places import make_folder
     from rhytid.cli.server import serving
     from rhytid_client import RhytidWarning
     from rhytid_lab.commands.demo_face import animation
@@ -104,7 +105,7 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     warned.inputs(face.mesh, name, arguments.unit or USUAL_UNIT, arguments.resolution, face.frames)
     skin_controls(arguments, face.mesh)  # what is wrong with them is said before long work
     out: Path = arguments.out
-    out.mkdir(parents=True, exist_ok=True)
+    make_folder(out)
     if arguments.mesh is None:
         face.save(out / "face.npz")
     with temporary_folder("rhytid-demo-") as store:
