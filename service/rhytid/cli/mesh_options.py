@@ -53,7 +53,7 @@ def add_unit(
 ) -> None:
     """`--unit U`, the length unit of `what`."""
     known = ", ".join(name for name in MILLIMETRES if name.isascii())
-    unit = f"length unit of {what}: {known} (default: {default})"
+    unit = f"length unit of {what}: {known}, or so many of one, as 5.5cm (default: {default})"
     parser.add_argument("--unit", type=unit_name, metavar="U", help=unit)
 
 

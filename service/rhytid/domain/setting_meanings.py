@@ -5,8 +5,9 @@ from __future__ import annotations
 # In Markdown without links: the OpenAPI document and docs/reference/settings.md show it.
 MEANINGS: dict[str, str] = {
     "unit": (
-        "length unit of the mesh, written into files: mm, cm, dm, m, um, in or ft, or any other "
-        "where no length follows from it; null is that of a given graph, else cm"
+        "length unit of the mesh, written into files: mm, cm, dm, m, um, in or ft, or a number of "
+        'one, as `"5.5cm"`; or any other where no length follows from it; null is that of a given '
+        "graph, else cm"
     ),
     "resolution": "texels per side",
     "tile_size": (
