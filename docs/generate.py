@@ -98,8 +98,9 @@ def cli_page() -> str:
         "Every command has `--help` with an example; `-q`, `--quiet`, which leaves results,\n"
         "warnings and errors alone; and `-v`, `--verbose`, which also names steps and written\n"
         "files. Options are written in full. `rhytid --version` prints the version. The exit\n"
-        "status is 0 where all was done, 1 after an error, which is one line on stderr, 2 over\n"
-        "arguments that cannot be understood, 130 when interrupted and 143 when terminated.\n"
+        "status is 0 where all was done, 1 after an error, 2 over arguments that cannot be\n"
+        "understood, either with one line on stderr, 130 when interrupted and 143 when\n"
+        "terminated.\n"
     )
     return text + "".join(_command(name, parser) for name, parser in commands().items())
 
@@ -112,17 +113,32 @@ def commands() -> dict[str, argparse.ArgumentParser]:
 
 
 def _command(name: str, parser: argparse.ArgumentParser) -> str:
-    formatter = parser._get_formatter()
-    rows = ["| argument | meaning |\n|---|---|\n"]
-    for action in parser._actions:
-        if action.dest not in COMMON:
-            meaning = formatter._expand_help(action) if action.help else ""
-            rows.append(f"| {_argument(action, formatter)} | {_plain(_cell(meaning))} |\n")
     example, _, other = (parser.epilog or "").removeprefix("example: ").partition(", or with: ")
-    table = "" if len(rows) == 1 else "\n" + "".join(rows)
+    table = "".join(_group(parser, group) for group in _groups(parser))
     also = f"\nOr with `{other}`.\n" if other else ""
     about = _plain(parser.description or "")
     return f"\n## rhytid {name}\n\n{about}\n{table}\n```sh\n{example}\n```\n{also}"
+
+
+def _groups(parser: argparse.ArgumentParser) -> list[tuple[str, list[argparse.Action]]]:
+    """What --help shows apart, each with its title; arguments and options that are in no group of
+    the command's have none."""
+    usual = (parser._positionals, parser._optionals)
+    own = [action for group in usual for action in group._group_actions]
+    plain = [action for action in parser._actions if action in own]
+    others = [g for g in parser._action_groups if g not in usual]
+    return [("", plain), *((str(g.title).capitalize(), g._group_actions) for g in others)]
+
+
+def _group(parser: argparse.ArgumentParser, group: tuple[str, list[argparse.Action]]) -> str:
+    formatter, (title, actions) = parser._get_formatter(), group
+    rows = []
+    for action in actions:
+        if action.dest not in COMMON:
+            meaning = formatter._expand_help(action) if action.help else ""
+            rows.append(f"| {_argument(action, formatter)} | {_plain(_cell(meaning))} |\n")
+    heading = f"\n**{title}**\n" if title else ""
+    return f"{heading}\n| argument | meaning |\n|---|---|\n{''.join(rows)}" if rows else ""
 
 
 def _argument(action: argparse.Action, formatter: argparse.HelpFormatter) -> str:

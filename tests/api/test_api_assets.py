@@ -63,6 +63,14 @@ def test_an_asset_says_what_it_is(client: httpx.Client, asset: str) -> None:
     assert found in client.get("/v1/assets").json()
 
 
+def test_a_small_resolution_needs_no_tile_size() -> None:
+    settings = json.dumps({"resolution": 256, "graph": {"wrinkles": 200}})
+    with serving(FakeEngine(polls=1)) as client:
+        response = post(client, {**upload(), "settings": (None, settings)})
+        assert response.status_code == 202
+        assert response.json()["settings"]["tile_size"] == 256
+
+
 def test_the_graph_comes_as_safetensors(client: httpx.Client, asset: str) -> None:
     response = client.get(f"/v1/assets/{asset}/graph")
     graph = read_graph(response.content)

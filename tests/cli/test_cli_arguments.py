@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 from pathlib import Path
 
 import pytest
@@ -83,7 +84,71 @@ def test_an_option_of_several_values_may_be_given_again(
 )
 def test_usage_errors_end_with_2(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert ends(arguments) == 2
-    assert capsys.readouterr().err.startswith("usage: rhytid")
+    [line] = capsys.readouterr().err.splitlines()
+    assert re.match("rhytid( [a-z]+)?: error: ", line)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        ("bake --wrinkels 3", "--wrinkels; did you mean --wrinkles?"),
+        ("bake {} --out o --wrinkels=3", "--wrinkels; did you mean --wrinkles?"),
+        ("bake {} --out o --res 256", "--res; did you mean --resolution?"),
+        ("bake {} --out o -resolution 256", "-resolution 256; did you mean --resolution?"),
+        ("look maps --bnd /a", "--bnd; did you mean --bind?"),
+        ("demo --xyz x", "--xyz; rhytid demo --help says more"),
+        ("check {} --dask", "--dask; rhytid check --help says more"),
+        ("check {} {}", "{}; rhytid check --help says more"),
+        ("keys create --scope read", "--scope; did you mean --scopes?"),
+        ("--verison", "--verison; did you mean --version?"),
+    ],
+)
+def test_a_mistyped_option_is_one_line_of_its_command(
+    arguments: str, told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "mesh.obj"
+    file.touch()
+    words = arguments.replace("{}", str(file)).split()
+    program = "rhytid" if words[0].startswith("-") else f"rhytid {words[0]}"
+    assert ends(words) == 2
+    expected = f"{program}: error: unrecognized arguments: {told.replace('{}', str(file))}\n"
+    assert capsys.readouterr().err == expected
+
+
+@pytest.mark.parametrize("name", ["bake", "check", "controls", "convert", "synthesize", "template"])
+def test_the_mesh_is_an_argument_or_an_option(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, out = tmp_path / "mesh.obj", ["--out", "o"] if name != "check" else []
+    file.touch()
+    parser = build_parser()
+    for words in ([str(file), *out], [*out, str(file)], ["--mesh", str(file), *out]):
+        assert parser.parse_args([name, *words]).mesh == file
+    assert ends([name, str(file), "--mesh", str(file), *out]) == 2
+    assert "--mesh: not allowed with" in capsys.readouterr().err
+    assert ends([name, *out]) == 2
+    assert "--mesh is required" in capsys.readouterr().err
+
+
+def test_the_demo_takes_a_mesh_or_none(tmp_path: Path) -> None:
+    file = tmp_path / "mesh.obj"
+    file.touch()
+    parser = build_parser()
+    assert parser.parse_args(["demo"]).mesh is None
+    assert parser.parse_args(["demo", str(file)]).mesh == file
+    assert parser.parse_args(["demo", "--mesh", str(file)]).mesh == file
+
+
+def test_the_help_of_bake_has_its_options_in_groups(capsys: pytest.CaptureFixture[str]) -> None:
+    assert ends(["bake", "--help"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    heads = [line for line in lines if re.fullmatch("[a-z, ]+:", line)]
+    assert heads == [
+        "options:", "input:", "skin:", "output:", "assets, devices and many machines:",
+        "what is reported:",
+    ]  # fmt: skip
+    groups = subparsers()["bake"]._action_groups
+    assert [len(group._group_actions) for group in groups[:2]] == [0, 3]
 
 
 def test_frames_of_the_demo_need_a_mesh(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -75,6 +75,22 @@ def test_synthesize_leaves_nothing_after_an_error(
 
 
 @pytest.mark.slow
+def test_a_unit_of_a_number_and_a_name_goes_through_to_the_files(
+    tmp_path: Path, small_mesh: SmallMesh
+) -> None:
+    mesh = str(write_animation(tmp_path / "mesh.npz", small_mesh, 1))
+    (tmp_path / "s.json").write_text('{"unit": "30cm"}')
+    size = ["--resolution", "256", "--spacing", "0.05"]
+    for name, unit in (("a", ["--unit", "30cm"]), ("b", ["--settings", str(tmp_path / "s.json")])):
+        assert main(["bake", mesh, "--out", str(tmp_path / name), *size, *unit]) == 0
+    first, second = (tmp_path / name / "mesh.1001.0001.exr" for name in "ab")
+    assert read_exr(first)[1]["unit"] == "30cm"
+    assert first.read_bytes() == second.read_bytes()
+    assert main(["look", str(tmp_path / "a"), "--unit", "m"]) == 0
+    assert "= 0.3\n" in (tmp_path / "a" / "mesh.look.usda").read_text()
+
+
+@pytest.mark.slow
 def test_bake_goes_on_with_the_same_inputs_alone(
     tmp_path: Path, small_mesh: SmallMesh, capsys: pytest.CaptureFixture[str]
 ) -> None:

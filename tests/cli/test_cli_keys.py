@@ -99,7 +99,7 @@ def test_what_cannot_be_done_is_said(
 def test_arguments_that_cannot_be_understood(
     store: Path, capsys: pytest.CaptureFixture[str], arguments: list[str]
 ) -> None:
-    assert "usage: rhytid keys" in usage_error(capsys, "keys", *arguments)
+    assert "rhytid keys: error: " in usage_error(capsys, "keys", *arguments)
     assert not store.exists()
 
 

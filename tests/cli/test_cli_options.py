@@ -12,6 +12,7 @@ from rhytid.cli.bake_inputs import asset_settings
 from rhytid.cli.serve import chosen
 from rhytid.cli.server import address_of, listen
 from rhytid.cli.synthesize import grown_settings
+from rhytid.domain.asset_settings import AssetSettings
 from rhytid.errors import InputError, SettingsError
 
 
@@ -55,7 +56,9 @@ def test_options_of_skin_overrule_the_file(tmp_path: Path) -> None:
 
 
 def test_a_small_map_is_one_tile() -> None:
-    assert asset_settings(options(resolution=256)) == {"resolution": 256, "tile_size": 256}
+    given = asset_settings(options(resolution=256))
+    assert given == {"resolution": 256}
+    assert AssetSettings.parse(given).tile_size == 256
 
 
 @pytest.mark.parametrize("text", ["", "{", "[1]", '{"resolutoin": 512}', "\xff"])

@@ -41,7 +41,7 @@ def test_serve_tells_its_address_and_ends_when_told(
             monkeypatch.setattr(server, "server_of", None)  # else it would serve for good
             assert main(SERVE) == 1
             [told] = capsys.readouterr().err.splitlines()
-            assert "store is in use by another rhytid server" in told
+            assert "store is in use by another rhytid serve" in told
         running.send_signal(number)
         _, errors = running.communicate(timeout=60)
 

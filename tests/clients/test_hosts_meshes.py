@@ -90,6 +90,8 @@ def test_units_are_those_of_the_service() -> None:
         ("M", "mm", 1000.0),
         ("µm", "um", 1.0),
         ("μm", "um", 1.0),
+        ("5.5cm", "m", 0.055),
+        ("mm", "2.5 cm", 0.04),
         ("", "?", 1.0),
     ],
 )

@@ -228,7 +228,7 @@ def test_of_a_range_before_0_the_rest_is_baked(
 @pytest.mark.slow
 def test_settings_may_say_the_resolution(server: Server) -> None:
     skin = Skin(Host(), server)
-    skin.send(settings={**TINY, "resolution": 256})
+    skin.send(settings={"graph": TINY["graph"], "resolution": 256})
     assert skin.asset.settings["tile_size"] == 256
 
 

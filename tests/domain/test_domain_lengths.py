@@ -118,3 +118,23 @@ def test_the_digest_of_a_mesh_is_its_triangles_and_uv() -> None:
     for other in (turned, shifted):
         with pytest.raises(GraphError, match="made for another mesh"):
             GraphOrigin.of(MESH, "cm", Lengths.of(1.0)).check_mesh(other)
+
+
+@pytest.mark.parametrize(
+    ("unit", "length"),
+    [
+        ("cm", 10.0), ("5.5cm", 55.0), ("5.5 cm", 55.0), (".5in", 12.7), ("1e-1m", 100.0),
+        ("2µm", 0.002), ("2Μm", 0.002), ("10MM", 10.0), ("0cm", None), ("5,5cm", None),
+        ("-1cm", None), ("5.5", None), ("5.5furlong", None), ("1e99m", None), ("٣cm", None),
+    ],
+)  # fmt: skip
+def test_a_unit_is_a_name_or_so_many_of_one(unit: str, length: float | None) -> None:
+    assert millimetres(unit) == (length if length is None else pytest.approx(length))
+
+
+def test_a_counted_unit_makes_lengths_of_skin() -> None:
+    settings = AssetSettings.parse({"unit": "5.5cm"})
+    assert settings.for_synthesis().graph.spacing == pytest.approx(0.5 / 55)
+    assert settings.resolved(0.5 / 55).as_json()["unit"] == "5.5cm"
+    graph = GraphOrigin("cm", depth=1.1).in_unit("5.5cm")
+    assert graph.depth == pytest.approx(0.2)

@@ -98,3 +98,14 @@ def test_a_dotted_name_is_answered_with_its_nesting(given, hint):
         AssetSettings.parse(given)
     (name,) = given
     assert str(refused.value) == f"unknown setting {name}: settings are nested, as {hint}"
+
+
+@pytest.mark.parametrize(("resolution", "tile"), [(256, 256), (512, 512), (4096, 512)])
+def test_the_usual_tile_size_follows_the_resolution(resolution, tile):
+    assert AssetSettings.parse({"resolution": resolution}).tile_size == tile
+    assert AssetSettings.parse({"resolution": resolution, "tile_size": 64}).tile_size == 64
+
+
+def test_a_tile_size_that_is_given_is_not_changed():
+    with pytest.raises(SettingsError, match="tile_size 512 is above the resolution"):
+        AssetSettings.parse({"resolution": 256, "tile_size": 512})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -55,6 +56,21 @@ def test_a_head_in_the_wrong_unit(unit: str, said: str) -> None:
     assert found.code == limits.MESH_SIZE
     assert said in found.detail
     assert unit in found.detail
+
+
+def test_a_body_is_told_to_measure_its_head() -> None:
+    scale = 175 / np.ptp(FACE.positions.astype(float), axis=0).max()
+    body = replace(FACE, positions=FACE.positions * np.float32(scale))
+    (found,) = mesh_warnings(body, "cm", 1024)
+    assert found.code == limits.MESH_SIZE
+    assert "1.75 m across (175 cm)" in found.detail
+    assert "if it is the head alone, in the unit 'mm' it would be 17.5 cm" in found.detail
+    assert "shoulders or a body belong to it, measure the head" in found.detail
+
+
+def test_sizes_in_a_counted_unit_are_told_as_such() -> None:
+    (found,) = mesh_warnings(FACE, "5.5cm", 1024)
+    assert re.search(r"m across \([0-9.]+ x 5.5cm\)", found.detail)
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import pickle
 import shutil
-import time
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path

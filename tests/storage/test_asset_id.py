@@ -51,6 +51,14 @@ def test_id_is_this_hash_on_every_machine() -> None:
     assert asset_id(mesh, asked, None) == hashlib.sha256(stream).hexdigest()[:16]
 
 
+def test_a_tile_size_that_follows_the_resolution_is_the_one_given(mesh: Mesh) -> None:
+    small = {"resolution": 256}
+    given = AssetSettings.parse({**small, "tile_size": 256})
+    assert asset_id(mesh, AssetSettings.parse(small), None) == asset_id(mesh, given, None)
+    given = AssetSettings.parse({"tile_size": 512})
+    assert asset_id(mesh, AssetSettings(), None) == asset_id(mesh, given, None)
+
+
 def test_what_was_sent_before_is_the_same_asset(mesh: Mesh, graph: WrinkleGraph) -> None:
     """A number of wrinkles was the default and of no account beside a graph; so was the unit."""
     before = AssetSettings.parse({"unit": "cm", "graph": {"wrinkles": 300_000}})

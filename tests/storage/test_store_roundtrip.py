@@ -187,7 +187,7 @@ def test_unknown_ids_are_not_found(store: AssetStore, settings: AssetSettings) -
 
 
 def test_second_holder_is_refused(folder: Path, store: AssetStore) -> None:
-    with pytest.raises(StorageError, match="in use by another rhytid server") as refused:
+    with pytest.raises(StorageError, match="in use by another rhytid serve") as refused:
         AssetStore(folder)
     assert str(folder) in str(refused.value)
     store.close()

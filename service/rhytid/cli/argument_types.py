@@ -57,9 +57,10 @@ def rate(text: str) -> float:
 
 
 def unit_name(text: str) -> str:
-    """The name of a length unit."""
+    """The name of a length unit, or a number and a name."""
     if millimetres(text) is None:
-        raise argparse.ArgumentTypeError(f"{text!r}: one of {', '.join(MILLIMETRES)}")
+        known = ", ".join(MILLIMETRES)
+        raise argparse.ArgumentTypeError(f"{text!r}: one of {known}, or so many, as 5.5cm")
     return text
 
 

@@ -53,9 +53,11 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     from rhytid.cli.bake_inputs import BakeInputs
     from rhytid.cli.bake_job import write_job
     from rhytid.cli.dask_bake import DaskBake
+    from rhytid.cli.places import make_folder
     from rhytid.engine.engine import Engine
 
     given = BakeInputs.read(arguments, warned)
+    make_folder(arguments.openjd or arguments.out)
     if arguments.dask is not None:
         check_cluster(arguments.dask)
     if given.new is not None:
@@ -69,7 +71,6 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
             write_job(arguments, engine, baker, given)
             _share(engine, baker, given)
             return
-        arguments.out.mkdir(parents=True, exist_ok=True)
         sweep(arguments.out)
         cluster = None if arguments.dask is None else DaskBake(arguments, given, baker)
         (cluster or baker).run()

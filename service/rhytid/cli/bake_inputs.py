@@ -127,8 +127,6 @@ def asset_settings(arguments: argparse.Namespace) -> dict[str, Any]:
     settings: dict[str, Any] = dict(given)
     if arguments.resolution is not None:
         settings["resolution"] = arguments.resolution
-        if "tile_size" not in settings and arguments.resolution < AssetSettings().tile_size:
-            settings["tile_size"] = arguments.resolution
     return skin_settings(arguments, settings)
 
 

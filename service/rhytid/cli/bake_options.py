@@ -8,8 +8,9 @@ from pathlib import Path
 from rhytid.cli.argument_types import base_name, positive, readable
 from rhytid.cli.dask_options import add_dask, refuse_dask_conflicts
 from rhytid.cli.frame_range import FrameRange
-from rhytid.cli.mesh_options import FRAME_FILES, MESH_FILES, add_caches
+from rhytid.cli.mesh_options import FRAME_FILES, add_caches, add_mesh, add_unit
 from rhytid.cli.options import (
+    Arguments,
     Commands,
     add_device,
     add_force,
@@ -25,7 +26,7 @@ from rhytid.cli.options import (
 )
 from rhytid.cli.parser import Parser
 from rhytid.cli.serve import sharing
-from rhytid.cli.skin_options import refuse_without_effect, skin_options
+from rhytid.cli.skin_options import add_skin, refuse_without_effect
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.engine.messages import METHODS
 
@@ -50,44 +51,68 @@ names and no numbers, they count from 1."""
 
 def bake_parser(commands: Commands) -> Parser:
     """The parser of `bake`, added to the commands."""
-    example = "rhytid bake --mesh face.obj --frames shot/*.obj --out maps"
-    skin = skin_options("NEUTRAL", graph=True)
-    parser = new_command(commands, "bake", SUMMARY, example, skin)
+    example = "rhytid bake face.obj --frames shot/*.obj --out maps"
+    parser = new_command(commands, "bake", SUMMARY, example)
     parser.description = SUMMARY + DETAILS
     parser.epilog = f"{parser.epilog}, or with: --method convolved --sampling smooth"
-    add = parser.add_argument
-    add("--mesh", type=readable, required=True, metavar="NEUTRAL", help=MESH_FILES)
+    _add_input(parser.add_argument_group("input"))
+    skin = add_skin(parser, graph=True)
+    add_force(skin)
+    add_stiffness(skin)
+    settings = "asset settings as JSON"
+    skin.add_argument("--settings", type=readable, metavar="FILE", help=settings)
+    _add_output(parser.add_argument_group("output"))
+    _add_machines(parser.add_argument_group("assets, devices and many machines"))
+    told = parser.add_argument_group("what is reported")
+    add_strict(told)
+    add_json(told)
+    add_progress(told)
+    parser.set_defaults(usage_error=parser.refuse)
+    return parser
+
+
+def _add_input(group: Arguments) -> None:
+    """The mesh and its frames."""
+    add = group.add_argument
+    add_mesh(group, "NEUTRAL")
     frames = f"{FRAME_FILES}; not needed where NEUTRAL holds frames"
-    add_several(parser, "--frames", type=readable, metavar="FILE", help=frames)
+    add_several(group, "--frames", type=readable, metavar="FILE", help=frames)
     listed = "a text file that lists files of frames, or frames, in place of --frames"
     add("--frames-list", type=readable, metavar="FILE", help=listed)
     beside = "folder that the names in --frames-list are relative to (default: its own folder)"
     add("--frames-folder", type=Path, metavar="DIR", help=beside)
-    add_caches(parser)
+    part = "bake these frames alone, by their numbers: 1-10,15,20-30:2 (default: all)"
+    add("--frame-range", type=FrameRange.parse, metavar="RANGE", help=part)
+    add_caches(group)
+    add_unit(group, "NEUTRAL")
+
+
+def _add_output(group: Arguments) -> None:
+    """What is drawn, and which files are written."""
+    add = group.add_argument
     add("--out", type=Path, required=True, metavar="DIR", help="folder of the maps")
-    add(
-        "--name",
-        type=base_name,
-        metavar="NAME",
-        help="first part of file names (default: NEUTRAL's)",
-    )
+    name = "first part of file names (default: NEUTRAL's)"
+    add("--name", type=base_name, metavar="NAME", help=name)
     size = f"texels per side, a power of two (default: {AssetSettings().resolution})"
     add("--resolution", type=int, metavar="R", help=size)
     add("--method", choices=METHODS, default="redraw", help="how to draw")
-    add_query(parser)
-    add_force(parser)
-    add_stiffness(parser)
-    add("--settings", type=readable, metavar="FILE", help="asset settings as JSON")
-    add_profiles(parser)
+    add_query(group)
+    add_profiles(group)
     geometry = "write each frame as a displaced surface, too: NAME.<FRAME>.glb"
     add("--geometry", choices=("glb", "ply"), help=geometry)
     levels = "how many times --geometry cuts each triangle in four, 0 to 8"
     add("--subdivide", type=int, choices=range(9), default=2, metavar="N", help=levels)
+
+
+def _add_machines(group: Arguments) -> None:
+    """Where the asset is kept, and who draws."""
+    add = group.add_argument
     store = "keep the built asset here, or take --asset from here (default: a temporary folder)"
     add("--store", type=Path, metavar="DIR", help=store)
-    add_shared_store(parser)
+    add_shared_store(group)
     asset = "use this built asset of --store, or of --shared-store, with its settings; builds none"
     add("--asset", metavar="ID", help=asset)
+    add_device(group)
     bundle = "write a job of a render farm into DIR (Open Job Description); bakes no map"
     add("--openjd", type=Path, metavar="DIR", help=bundle)
     chunk = (
@@ -95,17 +120,9 @@ def bake_parser(commands: Commands) -> Parser:
         "gets four tasks, 50 at most)"
     )
     add("--chunk", type=positive, metavar="N", help=chunk)
-    part = "bake these frames alone, by their numbers: 1-10,15,20-30:2 (default: all)"
-    add("--frame-range", type=FrameRange.parse, metavar="RANGE", help=part)
     drawing = "fail where this rhytid draws otherwise: what `rhytid --version` calls drawing"
     add("--drawing-version", metavar="VERSION", help=drawing)
-    add_dask(parser)
-    add_device(parser)
-    add_strict(parser)
-    add_json(parser)
-    add_progress(parser)
-    parser.set_defaults(usage_error=parser.refuse)
-    return parser
+    add_dask(group)
 
 
 def refuse_conflicts(arguments: argparse.Namespace) -> None:

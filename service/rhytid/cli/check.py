@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 from rhytid.cli.argument_types import readable
 from rhytid.cli.mesh_options import (
     FRAME_FILES,
-    MESH_FILES,
     add_caches,
+    add_mesh,
     add_unit,
     cache_clip,
     length_unit,
@@ -39,7 +39,7 @@ def add_command(commands: Commands) -> None:
         "rhytid check face.obj --frames shot/*.obj --picture face.check.png",
     )
     add = parser.add_argument
-    add("mesh", type=readable, metavar="MESH", help=MESH_FILES)
+    add_mesh(parser, "MESH")
     frames = f"frames to check: {FRAME_FILES} (default: those of MESH)"
     add_several(parser, "--frames", type=readable, metavar="FILE", help=frames)
     add_caches(parser)
@@ -64,8 +64,8 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def _run(arguments: argparse.Namespace, warned: Warned) -> None:
-    from rhytid.cli.graph_output import make_place
     from rhytid.cli.input_files import mesh_file
+    from rhytid.cli.places import make_place
     from rhytid.meshes.check import MeshCheck
     from rhytid.meshes.words import HEADER, rows
 

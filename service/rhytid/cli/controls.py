@@ -5,8 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from rhytid.cli.argument_types import readable
-from rhytid.cli.mesh_options import MESH_FILES, add_prim, add_unit, length_unit, prim_clip
+from rhytid.cli.mesh_options import MESH_FILES, add_mesh, add_prim, add_unit, length_unit, prim_clip
 from rhytid.cli.options import Commands, add_device, add_several, new_command
 from rhytid.cli.progress import counted
 from rhytid.cli.voice import note
@@ -26,7 +25,7 @@ def add_command(commands: Commands) -> None:
     parser = new_command(commands, "controls", SUMMARY, example)
     parser.description = SUMMARY + DETAILS
     add = parser.add_argument
-    add("mesh", type=readable, metavar="MESH", help=f"{MESH_FILES} of one mesh")
+    add_mesh(parser, "MESH", f"{MESH_FILES} of one mesh")
     add("--out", type=Path, required=True, metavar="FILE.png", help="the picture to write")
     only = f"masks and settings to show, of {', '.join(NAMES)} (default: all)"
     add_several(parser, "--only", choices=NAMES, metavar="NAME", help=only)
@@ -44,8 +43,9 @@ def add_command(commands: Commands) -> None:
 def run(arguments: argparse.Namespace) -> None:
     """Read the mesh, draw every control, write the picture."""
     from rhytid.cli.control_skins import ControlSkins
-    from rhytid.cli.graph_output import PNG, make_place, open_device
+    from rhytid.cli.graph_output import PNG, open_device
     from rhytid.cli.input_files import mesh_file
+    from rhytid.cli.places import make_place
     from rhytid.durable import whole
     from rhytid.pictures.control_sheet import control_sheet
 

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from rhytid.cli.argument_types import readable
-from rhytid.cli.mesh_options import FRAME_FILES, MESH_FILES, add_caches, cache_clip
+from rhytid.cli.mesh_options import FRAME_FILES, add_caches, add_mesh, cache_clip
 from rhytid.cli.options import Commands, add_json, add_several, new_command
 from rhytid.cli.progress import counted
 from rhytid.cli.reporting import report
@@ -26,7 +26,7 @@ def add_command(commands: Commands) -> None:
     parser = new_command(commands, "convert", SUMMARY, example)
     parser.description = SUMMARY + DETAILS
     add = parser.add_argument
-    add("mesh", type=readable, metavar="MESH", help=MESH_FILES)
+    add_mesh(parser, "MESH")
     frames = f"frames: {FRAME_FILES} (default: those of MESH)"
     add_several(parser, "--frames", type=readable, metavar="FILE", help=frames)
     add_caches(parser)
@@ -38,8 +38,8 @@ def add_command(commands: Commands) -> None:
 def run(arguments: argparse.Namespace) -> None:
     """Read the mesh, write it with its frames, and say how a server knows them."""
     from rhytid.cli.frame_files import FrameFiles
-    from rhytid.cli.graph_output import make_place
     from rhytid.cli.input_files import mesh_file
+    from rhytid.cli.places import make_place
     from rhytid.cli.warned import Warned
     from rhytid.durable import whole
     from rhytid.formats.npz_files import write_mesh_npz

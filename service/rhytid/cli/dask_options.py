@@ -9,7 +9,7 @@ from rhytid.cli.argument_types import positive
 LOCAL = "local"
 
 
-def add_dask(parser: argparse.ArgumentParser) -> None:
+def add_dask(parser: argparse._ActionsContainer) -> None:
     """`--dask` and `--dask-workers`."""
     add = parser.add_argument
     where = (

@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rhytid.cli.argument_types import readable
-from rhytid.cli.mesh_options import MESH_FILES, add_caches, cache_clip
+from rhytid.cli.mesh_options import MESH_FILES, add_caches, add_unit, cache_clip
 from rhytid.cli.options import Commands, add_device, add_force, add_json, add_strict, new_command
 from rhytid.cli.progress import counted, working
 from rhytid.cli.reporting import report, table
 from rhytid.cli.serve import chosen
-from rhytid.cli.skin_options import refuse_without_effect, skin_options
+from rhytid.cli.skin_options import add_skin, refuse_without_effect
 from rhytid.unfinished import temporary_folder
 
 if TYPE_CHECKING:
@@ -41,8 +41,7 @@ _BUILDING = (
 def add_command(commands: Commands) -> None:
     """Add `export` to the parser."""
     example = "rhytid export package --mesh face.glb"
-    skin = skin_options("NEUTRAL", graph=True)
-    parser = new_command(commands, "export", SUMMARY, example, skin)
+    parser = new_command(commands, "export", SUMMARY, example)
     parser.description = SUMMARY + DETAILS
     add = parser.add_argument
     add(
@@ -52,10 +51,11 @@ def add_command(commands: Commands) -> None:
     source.add_argument("--mesh", type=readable, metavar="NEUTRAL", help=MESH_FILES)
     source.add_argument("--asset", metavar="ID", help="an asset of the store")
     add_caches(parser)
+    add_unit(parser, "NEUTRAL")
     size = f"texels per side, a power of two (default: {RESOLUTION})"
     add("--resolution", type=int, metavar="R", help=size)
     add("--settings", type=readable, metavar="FILE", help="asset settings as JSON")
-    add_force(parser)
+    add_force(add_skin(parser, graph=True))
     levels = "levels of the maps: 1 for the finest alone (default: down to one texel)"
     add("--levels", type=int, choices=range(1, 16), metavar="N", help=levels)
     store = "folder of the assets (default: with --asset of RHYTID_STORE, else a temporary one)"
@@ -86,15 +86,19 @@ def run(arguments: argparse.Namespace) -> None:
 def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     # Imported here, so that --help does not wait for OpenCL.
     from rhytid.cli.export_sources import NewSource, stored
+    from rhytid.cli.places import make_folder
     from rhytid.cli.shared_assets import searching
     from rhytid.skin_package.maps import SkinMaps
     from rhytid.skin_package.package import PackageWriter
 
     clip = cache_clip(arguments)
     new = None if arguments.mesh is None else NewSource.read(arguments, clip, warned)
+    if new is not None:
+        make_folder(arguments.folder)
     with _engine(arguments) as engine:
         with searching(chosen(arguments.store, None).store):
             source = stored(engine, arguments, clip) if new is None else new.built(engine, warned)
+        make_folder(arguments.folder)
         with working("reading the asset"):
             maps = SkinMaps.of(engine, source.asset)
         writer = PackageWriter(maps, source.mesh, source.shapes, arguments.folder, arguments.levels)

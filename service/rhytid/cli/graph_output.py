@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rhytid.cli.options import STDOUT, add_device, add_json
+from rhytid.cli.options import add_device, add_json
+from rhytid.cli.places import make_place
 from rhytid.cli.progress import working
 from rhytid.cli.reporting import report, table
 from rhytid.cli.voice import detail
@@ -53,9 +54,8 @@ def check_outputs(arguments: argparse.Namespace, mesh: Mesh) -> None:
         curve_file(arguments.curves.name)
     if arguments.preview is not None and arguments.preview.suffix.lower() != PNG:
         raise InputError(f"{arguments.preview}: the preview is written as {PNG}")
-    for file in (arguments.curves, arguments.preview, arguments.json):
-        if file not in (None, STDOUT):
-            make_place(file)
+    make_place(arguments.curves)
+    make_place(arguments.preview)
 
 
 def _check_patch(arguments: argparse.Namespace, mesh: Mesh) -> None:
@@ -66,20 +66,6 @@ def _check_patch(arguments: argparse.Namespace, mesh: Mesh) -> None:
     if len(arguments.patch) not in (2, 3):
         raise InputError(f"--patch has {plural(len(arguments.patch), 'number')}: U V or X Y Z")
     spot_at(mesh, arguments.patch, 1.0)
-
-
-def make_place(file: Path) -> None:
-    """The folder of a file that will be written; raises InputError where that cannot be."""
-    from rhytid.durable import workplace
-
-    if file.is_dir():
-        raise InputError(f"{file} is a folder, not a file")
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        with workplace(file.parent):
-            pass
-    except OSError as error:
-        raise InputError(f"{file} cannot be written: {error.strerror}") from error
 
 
 def write_outputs(

@@ -19,7 +19,13 @@ from rhytid.domain.origin import ORIGIN, Centre
 from rhytid.domain.stiffness import Stiffness
 from rhytid.domain.tiles import mesh_udims
 from rhytid.errors import InputError, LimitError
-from rhytid.formats.caches import is_cache, read_cache, read_mesh_file
+from rhytid.formats.caches import (
+    check_frame_file,
+    check_shape_file,
+    is_cache,
+    read_cache,
+    read_mesh_file,
+)
 from rhytid.formats.expressions import read_expressions
 from rhytid.formats.frame_set import Clip, FrameSet
 from rhytid.formats.frames import read_frame_file
@@ -46,6 +52,8 @@ def frame_set(
     file: Path, vertices: int, centre: Centre = ORIGIN, clip: Clip | None = None
 ) -> FrameSet:
     """The same as a set: frames of a geometry cache are read when they are asked for."""
+    with _named(file):
+        check_frame_file(file)
     if not is_cache(file):
         return FrameSet.of(frame_file(file, vertices, centre))
     return _named_set(file, lambda: read_cache(file, vertices, centre, clip))
@@ -61,6 +69,7 @@ def shape_files(place: Path | None, mesh: MeshFile, clip: Clip | None = None) ->
         if is_cache(place):
             return frame_set(place, vertices, centre, clip).expressions(vertices)
         with _named(place):
+            check_shape_file(place)
             return read_expressions(place.read_bytes(), place.name, vertices, centre)
     every = sorted(f for f in place.iterdir() if f.suffix.lower() == ".obj" and f.is_file())
     if not every:

@@ -14,12 +14,12 @@ from rhytid.textures.names import PROFILE_NAMES
 
 STDOUT = Path("-")
 Commands = Any  # argparse._SubParsersAction has no public name
+# A parser, or a group of its options in --help.
+Arguments = argparse._ActionsContainer
 
 
-def new_command(
-    commands: Commands, name: str, summary: str, example: str, *parents: argparse.ArgumentParser
-) -> Parser:
-    """A parser for one command, with its help, an example, and the options of its parents."""
+def new_command(commands: Commands, name: str, summary: str, example: str) -> Parser:
+    """A parser for one command, with its help and an example."""
     parser: Parser = commands.add_parser(
         name,
         help=summary,
@@ -28,7 +28,6 @@ def new_command(
         # Else --set would be --settings where there is no --set.
         allow_abbrev=False,
         formatter_class=HelpFormatter,
-        parents=parents,
     )
     voice = parser.add_mutually_exclusive_group()
     quiet = "say nothing but results, warnings and errors"
@@ -49,7 +48,7 @@ class HelpFormatter(argparse.HelpFormatter):
         return f"{action.help} (default: {'%(default)s' if known else 'none'})"
 
 
-def add_json(parser: argparse.ArgumentParser) -> None:
+def add_json(parser: Arguments) -> None:
     """`--json [FILE]`: figures for machines."""
     parser.add_argument(
         "--json",
@@ -61,24 +60,24 @@ def add_json(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_progress(parser: argparse.ArgumentParser) -> None:
+def add_progress(parser: Arguments) -> None:
     """`--progress`: whom progress is reported to."""
     who = "report to a person, or in the lines that workers of Open Job Description read"
     parser.add_argument("--progress", choices=("person", "openjd"), default="person", help=who)
 
 
-def add_several(parser: argparse._ActionsContainer, option: str, **named: Any) -> None:
+def add_several(parser: Arguments, option: str, **named: Any) -> None:
     """An option of one value or more, that may be given more than once."""
     parser.add_argument(option, nargs="+", action="extend", default=[], **named)
 
 
-def add_force(parser: argparse.ArgumentParser) -> None:
+def add_force(parser: Arguments) -> None:
     """`--force`."""
     force = "take a graph that was made for another mesh"
     parser.add_argument("--force", action="store_true", help=force)
 
 
-def add_shared_store(parser: argparse.ArgumentParser) -> None:
+def add_shared_store(parser: Arguments) -> None:
     """`--shared-store PLACE`."""
     told = (
         "where assets are that several machines share: a folder that all mount, or "
@@ -87,26 +86,26 @@ def add_shared_store(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--shared-store", metavar="PLACE", help=told)
 
 
-def add_device(parser: argparse.ArgumentParser, more: str = "") -> None:
+def add_device(parser: Arguments, more: str = "") -> None:
     """`--device D`."""
     device = f"number or part of the name of a device{more} (default: RHYTID_DEVICE, or chosen)"
     parser.add_argument("--device", metavar="D", help=device)
 
 
-def add_stiffness(parser: argparse.ArgumentParser) -> None:
+def add_stiffness(parser: Arguments) -> None:
     """`--stiffness FILE ...`."""
     stiffness = "grey PNG or EXR, one per UDIM, named ANY.<UDIM>.png: white moves, black is rigid"
     add_several(parser, "--stiffness", type=readable, metavar="FILE", help=stiffness)
 
 
-def add_profiles(parser: argparse.ArgumentParser) -> None:
+def add_profiles(parser: Arguments) -> None:
     """`--profile NAME ...`, and `--half` for one of them."""
     kinds = f"kinds of files to write, one or several: {', '.join(PROFILE_NAMES)} (default: float)"
     add_several(parser, "--profile", choices=PROFILE_NAMES, metavar="NAME", help=kinds)
     parser.add_argument("--half", action="store_true", help="the same as --profile half")
 
 
-def add_strict(parser: argparse.ArgumentParser) -> None:
+def add_strict(parser: Arguments) -> None:
     """`--strict`, and `--allow CODE` for what it shall not refuse."""
     strict = "end with an error, before anything is made, where there would be warnings"
     parser.add_argument("--strict", action="store_true", help=strict)
@@ -116,7 +115,7 @@ def add_strict(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_query(parser: argparse.ArgumentParser) -> None:
+def add_query(parser: Arguments) -> None:
     """`--stretch` and `--sampling`, as a tile's query has them."""
     stretch = "how stretch is measured"
     parser.add_argument("--stretch", choices=STRETCH_MODELS, default="tensor", help=stretch)

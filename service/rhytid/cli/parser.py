@@ -3,33 +3,73 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
-from itertools import pairwise
-from typing import NoReturn
+import difflib
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import pairwise, takewhile
+from typing import Any, NoReturn
 
 from rhytid.cli.voice import job_line, voice
 
+# Options that are named to somebody who has written only their beginning.
+_MOST_NAMED = 3
+
 
 class Parser(argparse.ArgumentParser):
-    """Ends with status 2; tells a worker agent of Open Job Description the reason, too.
+    """Ends with status 2 and one line: what is wrong, and what may be meant or where help is. Tells
+    a worker agent of Open Job Description the reason, too.
 
     The parsers of commands are of the same class.
     """
 
     def error(self, message: str) -> NoReturn:
-        """End with the usage and the reason."""
-        self._tell_job(message)
-        super().error(message)
+        """End with the reason, and say how to get help."""
+        self.refuse(message, f"; {self.prog} --help says more")
 
-    def refuse(self, message: str) -> NoReturn:
-        """End with the reason alone, in one line: for arguments that are understood, but do not go
-        together."""
-        self._tell_job(message)
-        self.exit(2, f"{self.prog}: error: {message}\n")
-
-    def _tell_job(self, message: str) -> None:
+    def refuse(self, message: str, more: str = "") -> NoReturn:
+        """End with the reason, and nothing else but what `more` says: for arguments that are
+        understood, but do not go together."""
         if voice().for_job:
             job_line("fail", f"{self.prog}: {message}")
+        self.exit(2, f"{self.prog}: error: {message}{more}\n")
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """The same as that of argparse, but for arguments that are not known: they are refused
+        here, by the parser of the command, and before others that are missing."""
+        words = list(sys.argv[1:] if args is None else args)
+        for option in self._options_of(words):
+            if option not in self._option_string_actions:
+                self._refuse_unknown([option])
+        found, unknown = super().parse_known_args(words, namespace)
+        if unknown:
+            self._refuse_unknown(unknown)
+        return found, unknown
+
+    def _options_of(self, words: Sequence[str]) -> Iterator[str]:
+        """The options among words that are not a command's: `--name` of `--name=value`, too."""
+        mine: Iterable[str] = takewhile(lambda word: word != "--", words)
+        if self._subparsers is not None:
+            mine = takewhile(lambda word: word.startswith("-"), mine)
+        # A word with a space is a value to argparse, whatever it begins with.
+        return (w.partition("=")[0] for w in mine if w.startswith("--") and " " not in w)
+
+    def _refuse_unknown(self, words: Sequence[str]) -> NoReturn:
+        message = f"unrecognized arguments: {' '.join(words)}"
+        near = self._near(words[0].partition("=")[0])
+        if not near:
+            self.error(message)
+        self.refuse(message, f"; did you mean {' or '.join(near)}?")
+
+    def _near(self, word: str) -> list[str]:
+        """Options that a word may stand for: those that begin so, or one that is written alike."""
+        name = word.lstrip("-")
+        if word == name or len(name) < 2:
+            return []
+        known = [option for option in self._option_string_actions if option.startswith("--")]
+        longer = [option for option in known if option.startswith(f"--{name}")]
+        if 0 < len(longer) <= _MOST_NAMED:
+            return longer
+        return difflib.get_close_matches(f"--{name}", known, n=1)
 
 
 def is_for_job(words: Sequence[str]) -> bool:

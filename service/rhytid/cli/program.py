@@ -32,9 +32,11 @@ from rhytid.cli import (
     warnings,
 )
 from rhytid.cli.parser import Parser, is_for_job
+from rhytid.cli.places import make_place
 from rhytid.cli.termination import INTERRUPTED, Interruption
 from rhytid.cli.voice import Voice, job_line, speaking
 from rhytid.errors import RhytidError
+from rhytid.storage.lock import known_as
 
 COMMANDS = (
     serve,
@@ -67,7 +69,8 @@ def run(argv: Sequence[str] | None, interruption: Interruption) -> int:
     for_job = getattr(arguments, "progress", None) == "openjd"
     voice = Voice(arguments.quiet, arguments.verbose, for_job)
     try:
-        with speaking(voice), _logging(voice):
+        with speaking(voice), _logging(voice), known_as(f"rhytid {arguments.command}"):
+            make_place(getattr(arguments, "json", None))
             arguments.run(arguments)
     except KeyboardInterrupt:
         interruption.say()

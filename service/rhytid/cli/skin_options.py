@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rhytid.cli.argument_types import existing, readable
-from rhytid.cli.mesh_options import add_unit
 from rhytid.cli.options import add_several
 from rhytid.domain.controls import CONTROLS, REGION_MAPS, REGION_PREFIX
 from rhytid.domain.expressions import LINES
@@ -27,12 +26,9 @@ _MASKED = [name.removeprefix(REGION_PREFIX) for name in REGION_MAPS]
 _GROWING = ("lines", "shapes", "region", "set", "map", "region_mask")
 
 
-def skin_options(mesh: str, *, graph: bool = False) -> argparse.ArgumentParser:
-    """A parent parser with the options of skin; with `graph` also `--graph` in their place.
-
-    mesh: the name that the mesh has in the help.
-    """
-    parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+def add_skin(command: argparse.ArgumentParser, *, graph: bool = False) -> argparse._ArgumentGroup:
+    """The options of skin, a group of the command's; with `graph` also `--graph` in their place."""
+    parser = command.add_argument_group("skin")
     group = add_density(parser)
     if graph:
         given = "take the wrinkles from safetensors, with their depth and unit; grow none"
@@ -49,11 +45,10 @@ def skin_options(mesh: str, *, graph: bool = False) -> argparse.ArgumentParser:
     add_several(parser, "--map", type=_named(maps), metavar="NAME=FILE", help=painted)
     mask = "grey PNG or EXR, white where skin is of that region: " + ", ".join(_MASKED)
     add_several(parser, "--region-mask", type=_named(_MASKED), metavar="REGION=FILE", help=mask)
-    add_unit(parser, mesh)
     return parser
 
 
-def add_density(parser: argparse.ArgumentParser) -> argparse._ActionsContainer:
+def add_density(parser: argparse._ActionsContainer) -> argparse._ActionsContainer:
     """`--spacing S` or `--wrinkles N`, of which one excludes the other, and what they are in."""
     group = parser.add_mutually_exclusive_group()
     usual = f"distance between pores, mesh units (default: {SKIN.spacing:g} mm through the unit)"
@@ -69,7 +64,7 @@ def density(arguments: argparse.Namespace) -> dict[str, Any]:
     return {name: value for name, value in given.items() if value is not None}
 
 
-def _add_lines(parser: argparse.ArgumentParser) -> None:
+def _add_lines(parser: argparse._ActionsContainer) -> None:
     """`--lines` and `--shapes`: what the lines of the skin grow by."""
     lines = "along the folds of expressions, or level (default: auto, by expressions if any)"
     parser.add_argument("--lines", choices=LINES, help=lines)

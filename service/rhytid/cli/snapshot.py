@@ -76,11 +76,13 @@ def mirrored(
 
 def run(arguments: argparse.Namespace) -> None:
     """Check the asset and write the file, which is there when it is whole."""
+    from rhytid.cli.places import make_place
     from rhytid.durable import whole, write_pieces
 
     out: Path = arguments.out or Path(f"{arguments.asset}{SUFFIX}")
     if out.is_dir():
         out /= f"{arguments.asset}{SUFFIX}"
+    make_place(out)
     with mirrored(arguments.store, arguments.shared_store, new=False) as (store, mirror):
         if mirror is not None:
             bring(mirror, arguments.asset)

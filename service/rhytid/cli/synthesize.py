@@ -9,19 +9,18 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rhytid.cli.argument_types import readable
 from rhytid.cli.graph_output import (
     add_outputs,
     check_outputs,
-    make_place,
     open_device,
     whole_file,
     write_outputs,
 )
-from rhytid.cli.mesh_options import MESH_FILES, add_caches, cache_clip, length_unit
+from rhytid.cli.mesh_options import add_caches, add_mesh, add_unit, cache_clip, length_unit
 from rhytid.cli.options import Commands, add_strict, new_command
+from rhytid.cli.places import make_place
 from rhytid.cli.progress import share_bar, working
-from rhytid.cli.skin_options import skin_controls, skin_options, skin_settings
+from rhytid.cli.skin_options import add_skin, skin_controls, skin_settings
 from rhytid.domain.asset_settings import AssetSettings, GraphSettings
 from rhytid.domain.expressions import grown_from
 from rhytid.domain.graph_origin import GraphOrigin
@@ -47,13 +46,13 @@ def add_command(commands: Commands) -> None:
         "Grow pores and wrinkles on a neutral mesh, write them as safetensors and print their "
         "figures. Folders that do not exist are created.",
         "rhytid synthesize face.obj --out face.safetensors --preview face.png",
-        skin_options("MESH"),
     )
-    parser.add_argument("mesh", type=readable, metavar="MESH", help=MESH_FILES)
+    add_mesh(parser, "MESH")
     parser.add_argument(
         "--out", type=Path, required=True, metavar="GRAPH.safetensors", help="the file to write"
     )
     add_caches(parser)
+    add_unit(parser, "MESH")
     add_strict(parser)
     add_outputs(parser)
     ages = (
@@ -61,6 +60,7 @@ def add_command(commands: Commands) -> None:
         "FILE.regions.png; that is written where there are expressions of known names "
         "(default: the age of --set, else 35)"
     )
+    add_skin(parser)
     parser.add_argument("--ages", nargs="+", type=float, metavar="AGE", help=ages)
     parser.set_defaults(run=run, usage_error=parser.refuse)
 

@@ -7,8 +7,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rhytid.cli.argument_types import readable
-from rhytid.cli.mesh_options import MESH_FILES, add_prim, add_unit, length_unit, prim_clip
+from rhytid.cli.mesh_options import MESH_FILES, add_mesh, add_prim, add_unit, length_unit, prim_clip
 from rhytid.cli.options import Commands, add_json, add_several, new_command
 from rhytid.cli.progress import counted, working
 from rhytid.cli.reporting import report, table
@@ -44,7 +43,7 @@ def add_command(commands: Commands) -> None:
     parser = new_command(commands, "template", SUMMARY, example)
     parser.description = SUMMARY + DETAILS
     add = parser.add_argument
-    add("mesh", type=readable, metavar="MESH", help=f"{MESH_FILES} of one mesh")
+    add_mesh(parser, "MESH", f"{MESH_FILES} of one mesh")
     add("--out", type=Path, required=True, metavar="DIR", help="folder of the images")
     size = f"texels per side of every image, {LEAST_SIDE} to {MOST_SIDE}"
     add("--size", type=int, default=2048, metavar="R", help=size)
@@ -59,6 +58,7 @@ def add_command(commands: Commands) -> None:
 def run(arguments: argparse.Namespace) -> None:
     """Read the mesh, draw its UDIMs, write the masks, and report what was written."""
     from rhytid.cli.input_files import mesh_file
+    from rhytid.cli.places import make_folder
     from rhytid.pictures.template_guide import guide
     from rhytid.pictures.uv_template import Charts
 
@@ -68,7 +68,7 @@ def run(arguments: argparse.Namespace) -> None:
     read = mesh_file(arguments.mesh, prim_clip(arguments.prim))
     mesh, unit = read.mesh, length_unit(arguments, read)
     udims = mesh_udims(mesh)
-    out.mkdir(parents=True, exist_ok=True)
+    make_folder(out)
     with working("measuring texels"):
         charts = {udim: Charts.of(mesh, udim, size) for udim in udims}
     unit_mm = millimetres(unit) or MILLIMETRES[USUAL_UNIT]

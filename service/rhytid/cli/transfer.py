@@ -61,8 +61,9 @@ def run(arguments: argparse.Namespace) -> None:
 
 def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     from rhytid.cli.graph import placed_graph
-    from rhytid.cli.graph_output import make_place, open_device, whole_file
+    from rhytid.cli.graph_output import open_device, whole_file
     from rhytid.cli.input_files import graph_file, mesh_file
+    from rhytid.cli.places import make_place
     from rhytid.formats.graphs import write_graph
     from rhytid.meshes.transfer import transfer
 

@@ -201,9 +201,9 @@ class AssetSettings:
     """Everything that can be set for an asset; `None` is resolved when the asset is built.
 
     `unit` is that of the mesh: of the graph's file where that says one, else cm.  `depth` is the
-    depth of strength 1, in mesh units; `padding` is in level-0 texels. Naming a
-    `preset` sets the bins but for `r_max`, and how lines and limits are drawn (`Preset`); keys
-    beside it override it.
+    depth of strength 1, in mesh units; `padding` is in level-0 texels.  `tile_size` that is not
+    given is the resolution where that is less than the default. Naming a `preset` sets the bins but
+    for `r_max`, and how lines and limits are drawn (`Preset`); keys beside it override it.
     """
 
     unit: str | None = text(None, 16)
@@ -229,6 +229,8 @@ class AssetSettings:
         if not isinstance(data, Mapping):
             raise SettingsError(f"settings are {type(data).__name__}: must be a JSON object")
         settings = read(self._with_preset(data.get("preset")), data)
+        if "tile_size" not in data:
+            settings = replace(settings, tile_size=min(settings.tile_size, settings.resolution))
         if settings.tile_size > settings.resolution:
             raise SettingsError(f"tile_size {settings.tile_size} is above the resolution")
         if settings.bins.r_max > settings.response.log_stretch_limit:

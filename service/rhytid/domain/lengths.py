@@ -68,6 +68,7 @@ def usual_spacing(unit: str) -> float:
             f"unit is {unit!r}, which has no known length, so that graph.spacing has no default: "
             "set graph.spacing in mesh units, or graph.wrinkles; known are "
             + ", ".join(MILLIMETRES)
+            + " or so many of one, as '5.5cm'"
         )
     return SKIN.spacing / length
 

@@ -11,7 +11,7 @@ from rhytid.domain.mesh import Mesh
 from rhytid.domain.origin import number_step, put_back
 from rhytid.domain.texel_sizes import texel_spread
 from rhytid.domain.tiles import mesh_udims, udim_origin
-from rhytid.domain.units import MILLIMETRES, OF_MESHES, millimetres
+from rhytid.domain.units import MILLIMETRES, OF_MESHES, beside_number, millimetres
 from rhytid.domain.uv_overlap import overlap_of
 from rhytid.domain.warnings import (
     FAR_FROM_ORIGIN,
@@ -59,9 +59,10 @@ def median_edge(positions: NDArray[np.float32], faces: NDArray[np.int32]) -> flo
 
 def far_detail(step: float, edge: float, farthest: float, unit: str) -> str:
     """What far-from-origin says of a mesh or a frame."""
+    named = beside_number(unit)
     return (
-        f"numbers this far from the origin ({farthest:.4g} {unit}) come in steps of {step:.2g} "
-        f"{unit}, {step / edge:.1g} of an edge: stretch is that coarse. Send doubles (npy or npz "
+        f"numbers this far from the origin ({farthest:.4g} {named}) come in steps of {step:.2g} "
+        f"{named}, {step / edge:.1g} of an edge: stretch is that coarse. Send doubles (npy or npz "
         "of float64, OBJ), or bring neutral and frames to the origin"
     )
 
@@ -98,12 +99,16 @@ class MeasuredMesh:
         fits = [n for n in OF_MESHES if LEAST_SIZE <= units * MILLIMETRES[n] <= MOST_SIZE]
         fits.sort(key=lambda n: abs(np.log(units * MILLIMETRES[n] / USUAL_SIZE)))
         detail = (
-            f"{_length(size)} across ({units:.4g} {self.unit}), a face or a head is "
+            f"{_length(size)} across ({units:.4g} {beside_number(self.unit)}), a face or a head is "
             f"{LEAST_SIZE / 10:g} to {MOST_SIZE / 10:g} cm"
         )
         if fits:
             would = _length(units * MILLIMETRES[fits[0]])
-            detail += f": in the unit {fits[0]!r} it would be {would}; is the unit wrong?"
+            detail += f": if it is the head alone, in the unit {fits[0]!r} it would be {would}"
+        detail += (
+            "; is the unit wrong? Where shoulders or a body belong to it, measure the head: a "
+            "number and a unit are taken, too, as '5.5cm'"
+        )
         yield InputWarning(MESH_SIZE, detail, "mesh")
 
     def far(self) -> Iterator[InputWarning]:
@@ -199,13 +204,15 @@ class MeasuredMesh:
         point = put_back(self.corners[triangle].mean(axis=0), self.mesh.centre)
         index = int(np.flatnonzero(self.used)[triangle])
         at = ", ".join(f"{x:.6g}" for x in point)
-        return f"triangle {index}, uv ({uv[0]:.3f}, {uv[1]:.3f}), at ({at}) {self.unit}"
+        return (
+            f"triangle {index}, uv ({uv[0]:.3f}, {uv[1]:.3f}), at ({at}) {beside_number(self.unit)}"
+        )
 
     def _texel(self, side: float) -> str:
         length = millimetres(self.unit)
         if length is not None:
             return f"{side * length:.2g} mm"
-        return f"{side:.2g} {self.unit}"
+        return f"{side:.2g} {beside_number(self.unit)}"
 
 
 def _length(millimetres: float) -> str:

@@ -5,11 +5,15 @@ from __future__ import annotations
 # In Markdown without links: the OpenAPI document and docs/reference/settings.md show it.
 MEANINGS: dict[str, str] = {
     "unit": (
-        "length unit of the mesh, written into files: mm, cm, dm, m, um, in or ft, or any other "
-        "where no length follows from it; null is that of a given graph, else cm"
+        "length unit of the mesh, written into files: mm, cm, dm, m, um, in or ft, or a number of "
+        'one, as `"5.5cm"`; or any other where no length follows from it; null is that of a given '
+        "graph, else cm"
     ),
     "resolution": "texels per side",
-    "tile_size": "texels per side of a tile, `resolution` at most",
+    "tile_size": (
+        "texels per side of a tile, `resolution` at most; where it is not given and the default is "
+        "above the resolution, it is the resolution"
+    ),
     "depth": (
         "depth of a wrinkle of strength 1, mesh units; null is what a given graph says, else 0.15 "
         "of the pore spacing: 75 µm by default, more with `graph.age` above 35"

@@ -1,6 +1,8 @@
-"""Units of length by their names, and how long skin is in them."""
+"""Units of length by their names, or by a number and a name: 5.5cm."""
 
 from __future__ import annotations
+
+import re
 
 # Millimetres in one. Names are compared without regard to case.
 MILLIMETRES = {
@@ -16,12 +18,30 @@ MILLIMETRES = {
 USUAL_UNIT = "cm"
 # Those that meshes come in: what a wrong one is compared with.
 OF_MESHES = ("mm", "cm", "m", "in", "ft")
+# Millimetres in a unit of a number and a name.
+SHORTEST, LONGEST = 1e-9, 1e9
+_COUNTED = re.compile(r" *([0-9]*\.?[0-9]+(?:[eE][+-]?[0-9]+)?) *([^\W\d_]+) *")
 
 
 def millimetres(unit: str) -> float | None:
-    """Millimetres in a unit of that name; None for a name that is not known."""
+    """Millimetres in a unit: of that name, or so many of those of a name, as in `5.5cm`; None for a
+    unit that is not known."""
+    count, name = _parts(unit)
     # The micro sign and the Greek letter look alike; lower case makes the letter of both.
-    return _BY_NAME.get(unit.casefold())
+    length = _BY_NAME.get(name.casefold())
+    if length is None or not SHORTEST <= count * length <= LONGEST:
+        return None
+    return count * length
+
+
+def beside_number(unit: str) -> str:
+    """A unit as it is read behind a number: `3 cm`, but `3 x 5.5cm`."""
+    return f"x {unit}" if unit[:1].isdecimal() or unit.startswith(".") else unit
+
+
+def _parts(unit: str) -> tuple[float, str]:
+    match = _COUNTED.fullmatch(unit)
+    return (1.0, unit) if match is None else (float(match[1]), match[2])
 
 
 _BY_NAME = {name.casefold(): length for name, length in MILLIMETRES.items()}

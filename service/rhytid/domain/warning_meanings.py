@@ -54,7 +54,10 @@ WARNINGS = {
     codes.MESH_SIZE: Meaning(
         "a mesh",
         "its longest side is not 9 cm to 1 m in its unit",
-        "set `unit` (`--unit`; with `bake` in the settings file), or scale neutral and frames",
+        (
+            "set `unit` (`--unit`), also to a number and a unit, `5.5cm`, or scale neutral and"
+            " frames; of a bust or a body measure the head alone"
+        ),
     ),
     codes.NORMALS_INWARD: Meaning(
         "a mesh",

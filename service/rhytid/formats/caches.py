@@ -2,20 +2,45 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
 from rhytid.domain.origin import ORIGIN, Centre
-from rhytid.errors import InputError
+from rhytid.domain.wording import install_hint
+from rhytid.errors import FrameError, InputError, MeshError
+from rhytid.formats.expressions import SHAPE_EXTENSIONS
 from rhytid.formats.frame_set import Clip, FrameSet
+from rhytid.formats.frames import FRAME_EXTENSIONS
 from rhytid.formats.gltf_animation import animated, read_gltf_frames
-from rhytid.formats.meshes import USD_EXTENSIONS, MeshFile, read_mesh
+from rhytid.formats.meshes import MESH_EXTENSIONS, USD_EXTENSIONS, MeshFile, read_mesh
 from rhytid.formats.point_caches import read_mdd, read_pc2
 
 GLTF_EXTENSIONS = (".gltf", ".glb")
 _POINTS = {".mdd": read_mdd, ".pc2": read_pc2}
 CACHE_EXTENSIONS = (*USD_EXTENSIONS, *GLTF_EXTENSIONS, *_POINTS)
 _CONVERT = "Alembic is not read here: convert it to USD, by usdcat of a USD build or by Blender"
+
+
+def check_frame_file(file: Path) -> None:
+    """Raise FrameError naming what files of frames may be, for one of another extension."""
+    known = list(dict.fromkeys([*FRAME_EXTENSIONS, *CACHE_EXTENSIONS]))
+    if file.suffix.lower() not in known and not is_cache(file):
+        raise FrameError(f"frame file {_unknown(file, known)}")
+
+
+def check_shape_file(file: Path) -> None:
+    """The same of a file of expressions."""
+    known = list(dict.fromkeys([*SHAPE_EXTENSIONS, *CACHE_EXTENSIONS]))
+    if file.suffix.lower() not in known and not is_cache(file):
+        raise FrameError(f"shapes {_unknown(file, known)}")
+
+
+def _unknown(file: Path, known: Iterable[str]) -> str:
+    return (
+        f"with extension {file.suffix.lower()!r}: must be one of {', '.join(known)} "
+        f"(USD needs the extra usd; {install_hint('usd')})"
+    )
 
 
 def is_cache(file: Path) -> bool:
@@ -44,7 +69,8 @@ def read_cache(
 
 
 def read_mesh_file(file: Path, clip: Clip | None = None) -> MeshFile:
-    """A mesh from a file, with the animation that it holds; as `read_mesh`, and USD."""
+    """A mesh from a file, with the animation that it holds; as `read_mesh`, and USD. Raises
+    MeshError naming what mesh files may be, for one of another extension."""
     clip, extension = clip or Clip(), file.suffix.lower()
     if extension == ".abc":
         raise InputError(_CONVERT)
@@ -52,6 +78,8 @@ def read_mesh_file(file: Path, clip: Clip | None = None) -> MeshFile:
         from rhytid.formats.usd import read_usd
 
         return read_usd(file, clip)
+    if extension not in MESH_EXTENSIONS:
+        raise MeshError(f"mesh file {_unknown(file, (*MESH_EXTENSIONS, *USD_EXTENSIONS))}")
     data = file.read_bytes()
     found = read_mesh(data, file.name)
     if extension not in GLTF_EXTENSIONS or not animated(data, file.name):

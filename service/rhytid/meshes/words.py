@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+from rhytid.domain.units import beside_number
 from rhytid.domain.wording import plural
 from rhytid.meshes.check import MeshCheck
 
@@ -27,7 +28,7 @@ def _size(figures: dict[str, Any]) -> Iterator[Row]:
     size, unit = figures["size"], figures["unit"]
     box = " x ".join(f"{side:.4g}" for side in size["box"])
     low, high = size["usual_mm"]
-    found = f"{box} {unit}"
+    found = f"{box} {beside_number(unit)}"
     if size["longest_mm"] is None:
         yield "size", f"{found}; no known unit of length", ""
     else:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from rhytid.errors import StorageError
@@ -24,6 +26,22 @@ else:
 
 
 _FLAGS = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0)
+# What this process is to others that want what it holds: a server, unless a command says.
+_SERVER = "rhytid serve"
+_name = _SERVER
+# Of a name that is read.
+_LONGEST = 100
+
+
+@contextmanager
+def known_as(name: str) -> Iterator[None]:
+    """Within the block, this process is called so where it holds the store of others."""
+    global _name
+    before, _name = _name, name
+    try:
+        yield
+    finally:
+        _name = before
 
 
 class FileLock:
@@ -49,7 +67,20 @@ class FileLock:
 
 
 class FolderLock(FileLock):
-    """The same on the file `lock` of a store's `folder`; the error names the folder."""
+    """The same on the file `lock` of a store's `folder`, which says who holds it; the error names
+    both."""
 
     def __init__(self, folder: Path) -> None:
-        super().__init__(folder / LOCK, f"store {folder} is in use by another rhytid server")
+        path = folder / LOCK
+        super().__init__(path, f"store {folder} is in use by {_holder(path)}")
+        with suppress(OSError):  # on a full disk it is held without a name
+            os.ftruncate(self._descriptor, 0)
+            os.write(self._descriptor, f"{_name}, process {os.getpid()}\n".encode())
+
+
+def _holder(path: Path) -> str:
+    """Who holds the file, as it says itself; of an earlier version it says nothing."""
+    text = ""
+    with suppress(OSError):
+        text = path.read_text(encoding="utf-8", errors="replace")[:_LONGEST].strip()
+    return f"another {text}" if text else "another rhytid process"

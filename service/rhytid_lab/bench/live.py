@@ -143,7 +143,7 @@ def _percentiles(sent: dict[int, float], came: dict[int, float]) -> str:
 def _connection(take: _Take, options: argparse.Namespace) -> Iterator[Live]:
     count = max(options.resolution // TILE, 1)
     tiles = [(1001, 0, row, column) for row in range(count) for column in range(count)]
-    settings = {"resolution": options.resolution, "tile_size": min(TILE, options.resolution)}
+    settings = {"resolution": options.resolution}
     with (
         tempfile.TemporaryDirectory() as folder,
         served(Path(folder) / "store", options.device) as url,

@@ -139,5 +139,5 @@ def plot(found: Sequence[Growth]) -> Figure:
 
 
 def _settings(size: int, made: Grown, **bins: Any) -> AssetSettings:
-    given = {"resolution": size, "tile_size": min(512, size), "preset": "paper", "bins": bins}
+    given = {"resolution": size, "preset": "paper", "bins": bins}
     return AssetSettings.parse(given).resolved(made.spacing)

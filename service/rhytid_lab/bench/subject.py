@@ -52,9 +52,8 @@ class Subject:
 
     def settings(self, grown: Grown, resolution: int, **changes: object) -> AssetSettings:
         """Settings for these wrinkles, calibrated, the paper's bins.  changes: more, as JSON."""
-        tile = min(AssetSettings().tile_size, resolution)
-        sizes = {"resolution": resolution, "tile_size": tile}
-        settings = AssetSettings.parse({**sizes, "preset": "paper", **changes})
+        usual = {"resolution": resolution, "preset": "paper"}
+        settings = AssetSettings.parse({**usual, **changes})
         return settings.resolved(grown.spacing).with_r_max(self.r_max)
 
 

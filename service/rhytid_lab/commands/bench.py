@@ -81,17 +81,18 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def _run_scaling(arguments: argparse.Namespace) -> None:
+    from rhytid.cli.places import make_folder
     from rhytid_lab.bench.scaling import SERIES, Scaling, plot
     from rhytid_lab.bench.subject import USUAL_WRINKLES
     from rhytid_lab.commands.bench_skin import print_need, scaled_settings
 
+    make_folder(arguments.scaling)
     if arguments.spacing is not None:
         raise InputError("--spacing: series are counted in wrinkles: give --wrinkles")
     device, mesh, deformed = _frame_on_device(arguments)
     wrinkles = arguments.wrinkles or USUAL_WRINKLES
     print_need(device, mesh, scaled_settings(arguments), CASES, wrinkles)
     scaling = Scaling(device, mesh, deformed, arguments.size, wrinkles, arguments.repeats)
-    arguments.scaling.mkdir(parents=True, exist_ok=True)
     found = []
     for series in counted(tuple(SERIES), "scaling", "series"):
         grown = scaling.run(series)

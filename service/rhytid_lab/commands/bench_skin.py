@@ -69,5 +69,5 @@ def _cases(arguments: argparse.Namespace) -> Collection[str]:
 
 
 def _settings(arguments: argparse.Namespace, **more: Any) -> AssetSettings:
-    sizes = {"resolution": arguments.size, "tile_size": min(512, arguments.size)}
-    return AssetSettings.parse({**sizes, "preset": arguments.preset, **more})
+    sizes = {"resolution": arguments.size, "preset": arguments.preset}
+    return AssetSettings.parse({**sizes, **more})

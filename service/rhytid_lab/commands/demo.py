@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING, Any
 from warnings import catch_warnings, simplefilter
 
 from rhytid.cli.argument_types import readable
-from rhytid.cli.mesh_options import FRAME_FILES, MESH_FILES, add_caches, cache_clip
+from rhytid.cli.mesh_options import (
+    FRAME_FILES,
+    MESH_FILES,
+    add_caches,
+    add_mesh,
+    add_unit,
+    cache_clip,
+)
 from rhytid.cli.options import (
     Commands,
     add_device,
@@ -21,7 +28,7 @@ from rhytid.cli.options import (
 )
 from rhytid.cli.reporting import report, table, write_json
 from rhytid.cli.serve import chosen
-from rhytid.cli.skin_options import skin_controls, skin_maps, skin_options, skin_settings
+from rhytid.cli.skin_options import add_skin, skin_controls, skin_maps, skin_settings
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.units import USUAL_UNIT, millimetres
 from rhytid.unfinished import temporary_folder
@@ -34,15 +41,14 @@ if TYPE_CHECKING:
 SUMMARY = "Run the service on a face and write EXR sequences, contact sheets and times."
 DETAILS = """
 A server is started on a free loopback port; face and animation go through the Python SDK. Without
---mesh the face is procedural: it raises its brows, frowns, smiles and opens its mouth."""
+a mesh the face is procedural: it raises its brows, frowns, smiles and opens its mouth."""
 
 
 def add_command(commands: Commands) -> None:
     """Add `demo` to the parser."""
-    skin = skin_options("NEUTRAL")
-    parser = new_command(commands, "demo", SUMMARY, "rhytid demo --out rhytid-demo", skin)
+    parser = new_command(commands, "demo", SUMMARY, "rhytid demo --out rhytid-demo")
     parser.description = SUMMARY + DETAILS
-    parser.epilog = f"{parser.epilog}, or: rhytid demo --mesh animation.npz --sampling smooth"
+    parser.epilog = f"{parser.epilog}, or: rhytid demo animation.npz --sampling smooth"
     add = parser.add_argument
     add(
         "--out",
@@ -52,9 +58,11 @@ def add_command(commands: Commands) -> None:
         help="folder of what is written; maps and sheets of an earlier run there are removed",
     )
     mesh = f"{MESH_FILES}, which may hold the frames"
-    add("--mesh", type=readable, metavar="NEUTRAL", help=mesh)
+    add_mesh(parser, "NEUTRAL", mesh, required=False)
     add_several(parser, "--frames", type=readable, metavar="FILE", help=FRAME_FILES)
     add_caches(parser)
+    add_unit(parser, "NEUTRAL")
+    add_skin(parser)
     add(
         "--resolution",
         type=int,
@@ -73,7 +81,7 @@ def add_command(commands: Commands) -> None:
 def run(arguments: argparse.Namespace) -> None:
     """Serve, send and draw, then print figures and where the files are."""
     if arguments.frames and arguments.mesh is None:
-        arguments.usage_error("--frames needs --mesh: the neutral face that they deform")
+        arguments.usage_error("--frames needs --mesh or NEUTRAL: the neutral face that they deform")
     from rhytid.cli.warned import Warned
 
     with Warned("demo", arguments.strict, arguments.allow) as warned:
@@ -83,6 +91,7 @@ def run(arguments: argparse.Namespace) -> None:
 def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     check_client()
     # Imported here, so that --help does not wait for OpenCL and the web framework.
+    from rhytid.cli.places import make_folder
     from rhytid.cli.server import serving
     from rhytid_client import RhytidWarning
     from rhytid_lab.commands.demo_face import animation
@@ -98,7 +107,7 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     warned.inputs(face.mesh, name, arguments.unit or USUAL_UNIT, arguments.resolution, face.frames)
     skin_controls(arguments, face.mesh)  # what is wrong with them is said before long work
     out: Path = arguments.out
-    out.mkdir(parents=True, exist_ok=True)
+    make_folder(out)
     if arguments.mesh is None:
         face.save(out / "face.npz")
     with temporary_folder("rhytid-demo-") as store:
@@ -118,11 +127,7 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
 
 def _settings(arguments: argparse.Namespace) -> dict[str, Any]:
     """The usual ones, but for what is given."""
-    sizes = {
-        "resolution": arguments.resolution,
-        "tile_size": min(AssetSettings().tile_size, arguments.resolution),
-    }
-    return skin_settings(arguments, sizes)
+    return skin_settings(arguments, {"resolution": arguments.resolution})
 
 
 def _text(figures: dict[str, Any], session: Session) -> str:

@@ -49,17 +49,17 @@ def add_command(commands: Commands) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Draw, time, measure, and write the page."""
-    tile = min(AssetSettings().tile_size, arguments.resolution)
-    AssetSettings.parse({"resolution": arguments.resolution, "tile_size": tile})
+    AssetSettings.parse({"resolution": arguments.resolution})
     # Imported here, so that --help needs no OpenCL.
+    from rhytid.cli.places import make_folder
     from rhytid.engine.opening import open_device
     from rhytid.settings import ServiceSettings
     from rhytid_lab.bench.page import page
     from rhytid_lab.bench.report import Report
 
-    device = open_device(ServiceSettings.from_environment(), arguments.device)
     out: Path = arguments.out
-    out.mkdir(parents=True, exist_ok=True)
+    make_folder(out)
+    device = open_device(ServiceSettings.from_environment(), arguments.device)
     face = _face(device, arguments.mesh)
     unit_mm = millimetres(arguments.unit or USUAL_UNIT) or 1.0
     made = Report(device, face, out, arguments.resolution, unit_mm)

@@ -58,7 +58,6 @@ class Skin:
         settings is found again and not grown anew.
         """
         given = {"resolution": resolution, **(settings or {}), "unit": self._scene.unit}
-        given.setdefault("tile_size", min(given["resolution"], 512))
         with self._scene.working("Send the mesh") as progress:
             shapes = {f"frame {n}": np.asarray(self._scene.positions(n)) for n in expressions}
             steps = self._server.sending(self._scene.rest(), given, shapes or None)

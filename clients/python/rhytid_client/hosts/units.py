@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from math import log
 from typing import Any
 
@@ -17,12 +18,14 @@ MILLIMETRES = {
 # A face or a head, in millimetres, and the units that a mesh of it may be in.
 _HEAD = 250.0
 _GUESSED = ("mm", "cm", "m")
+_COUNTED = re.compile(r" *([0-9]*\.?[0-9]+(?:[eE][+-]?[0-9]+)?) *([^\W\d_]+) *")
 
 
 def factor(of_map: str, of_scene: str) -> float:
     """Units of the scene in one of the map; 1 where the map names none.
 
-    Raises Trouble for a unit that is no length known here.
+    Either is a name, or a number and a name, as `5.5cm`. Raises Trouble for a unit that is no
+    length known here.
     """
     if not of_map:
         return 1.0
@@ -30,10 +33,12 @@ def factor(of_map: str, of_scene: str) -> float:
 
 
 def _millimetres(unit: str) -> float:
-    known = MILLIMETRES.get(unit.casefold().replace("μ", "u"))
-    if known is None:
+    counted = _COUNTED.fullmatch(unit)
+    count, name = ("1", unit) if counted is None else counted.groups()
+    known = MILLIMETRES.get(name.casefold().replace("μ", "u"))
+    if known is None or not float(count) > 0:
         raise Trouble(f"Maps in {unit!r} have no known size: use one of {', '.join(MILLIMETRES)}")
-    return known
+    return float(count) * known
 
 
 def guessed_unit(positions: NDArray[Any]) -> str:
