@@ -32,6 +32,7 @@ READ = {
     "bins": ({"bins": {"count": 8, "depth_factored": True}}, ["binned"]),
     "preset": ({"preset": "best"}, ["neutral", "redraw", "binned", "convolved"]),
     "convolve": ({"convolve": {"blur_gain": 2.0}}, ["convolved"]),
+    "name": ({"name": "Ada at 40"}, []),
 }
 
 
@@ -48,7 +49,7 @@ def etags(client: httpx.Client, asset: str) -> dict[tuple[str, str], str]:
     return {key: answer.raise_for_status().headers["etag"] for key, answer in ask.items()}
 
 
-QUICK = ("depth", "response", "r_max", "convolve")
+QUICK = ("depth", "response", "r_max", "convolve", "name")
 NAMED = [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in READ]
 
 

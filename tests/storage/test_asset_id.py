@@ -40,6 +40,7 @@ def test_id_is_this_hash_on_every_machine() -> None:
     asked = AssetSettings.parse({"graph": {"wrinkles": 300_000}})
     settings = {**asked.as_json(), "unit": "cm"}
     settings["graph"] = {"wrinkles": 300_000, "seed": 1, "neighbours": 8}
+    del settings["name"]
     version = {"settings": settings, "version": 1}
     stream = json.dumps(version, sort_keys=True, separators=(",", ":")).encode()
     stream += b'["mesh",4]'
@@ -64,6 +65,11 @@ def test_what_was_sent_before_is_the_same_asset(mesh: Mesh, graph: WrinkleGraph)
     before = AssetSettings.parse({"unit": "cm", "graph": {"wrinkles": 300_000}})
     assert asset_id(mesh, AssetSettings(), graph) == asset_id(mesh, before, graph)
     assert asset_id(mesh, before, None) != asset_id(mesh, AssetSettings().for_synthesis(), None)
+
+
+def test_a_name_is_of_no_account(mesh: Mesh, graph: WrinkleGraph) -> None:
+    named = AssetSettings.parse({"name": "Ada"})
+    assert asset_id(mesh, named, graph) == asset_id(mesh, AssetSettings(), graph)
 
 
 def test_an_age_counts_but_for_the_usual_one(mesh: Mesh) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 
 import bpy
@@ -10,7 +9,12 @@ from bpy.app.handlers import persistent
 
 from rhytid_client.hosts import Trouble
 
-from . import offline, state, updating
+from . import images, offline, saving, state, updating
+from .typed import ours
+from .words import missing_map
+
+# The cameras that were taken away, by scene, to end a render.
+_cameras: dict[int, bpy.types.Object] = {}
 
 
 @persistent  # type: ignore[untyped-decorator]
@@ -29,44 +33,88 @@ def before_render(scene: bpy.types.Scene, *_: object) -> None:
     """The map of the frame that is about to be rendered.
 
     The frame is set once more: Blender renders what is animated, and the viewport may show what
-    was changed by hand since. Without a map a render in background mode ends with status 1.
+    was changed by hand since. Without a map a render in background mode ends with an error.
     """
     if updating.following(scene):
         with state.quiet():
             scene.frame_set(scene.frame_current, subframe=scene.frame_subframe)
     offline.show_frame(scene)
     drawn = updating.rendered(scene)  # what is disabled may be animated, too
-    for obj in drawn:
-        _render_update(scene, obj, drawn)
+    troubles = [_trouble_of_update(scene, obj, drawn) for obj in drawn]
+    shown = [obj for obj in updating.in_renders(scene) if obj not in drawn]
+    troubles += [_trouble_of_file(scene, obj) for obj in shown]
+    for trouble in filter(None, troubles):
+        line = f"rhytid: frame {scene.frame_current} has no map of its own: {trouble}"
+        print(line, file=sys.stderr, flush=True)  # noqa: T201
+    if any(troubles) and bpy.app.background:
+        _stop(scene)
+
+
+@persistent  # type: ignore[untyped-decorator]
+def after_render(scene: bpy.types.Scene, *_: object) -> None:
+    """A render has ended: the camera that was taken away is there again."""
+    camera = _cameras.pop(scene.session_uid, None)
+    if camera is not None:
+        scene.camera = camera
 
 
 @persistent  # type: ignore[untyped-decorator]
 def after_load(*_: object) -> None:
     """Another file is open: what is known of objects of the one before is no longer true."""
     state.forget()
+    _cameras.clear()
+    for scene in bpy.data.scenes:
+        for obj in scene.objects:
+            _trouble_of_file(scene, obj)
 
 
-def _render_update(
+def _trouble_of_update(
     scene: bpy.types.Scene, obj: bpy.types.Object, drawn: list[bpy.types.Object]
-) -> None:
+) -> str:
     try:
         updating.update(obj, updating.graph_of(scene, obj), drawn)
     except Trouble as trouble:
-        _failed(scene, trouble)
+        return str(trouble)
+    return ""
 
 
-def _failed(scene: bpy.types.Scene, trouble: Trouble) -> None:
-    line = f"rhytid: frame {scene.frame_current} has no map of its own: {trouble}"
-    print(line, file=sys.stderr, flush=True)  # noqa: T201
-    if bpy.app.background:
-        # An exception of a handler would be printed, and the frame rendered with an older map.
-        os._exit(1)
+def _trouble_of_file(scene: bpy.types.Scene, obj: bpy.types.Object) -> str:
+    """What the panel says from now on where the map that an object shows is not there, else "".
+
+    Such a map displaces nothing.
+    """
+    image = ours(obj).image
+    if image is None or image.packed_files:
+        return ""
+    path = offline.path_at(obj, scene.frame_current) if ours(obj).baked else image.filepath
+    found = images.files(image, path, ours(obj).udim_list())
+    missing = next((file for file in found if not file.is_file()), None)
+    if missing is None:
+        return ""
+    status = state.status(obj)
+    status.text, status.failed = missing_map(obj.name, str(missing), ours(obj).baked), True
+    return status.text
+
+
+def _stop(scene: bpy.types.Scene) -> None:
+    """End the render: an exception of a handler would be printed, and the frame rendered.
+
+    Blender ends a render that has no camera: the operator raises RuntimeError, and Blender that was
+    started to render ends with status 1.
+    """
+    if scene.camera is not None:
+        _cameras[scene.session_uid] = scene.camera
+        scene.camera = None
 
 
 HANDLERS = (
     ("frame_change_post", after_frame_change),
     ("render_pre", before_render),
+    ("render_cancel", after_render),
+    ("render_complete", after_render),
     ("load_post", after_load),
+    ("save_pre", saving.before_save),
+    ("save_post", saving.after_save),
 )
 
 

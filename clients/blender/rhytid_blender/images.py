@@ -8,7 +8,7 @@ from typing import Literal
 
 import bpy
 
-from rhytid_client.hosts.files import replaced, slug
+from rhytid_client.hosts.files import folder_at, replaced, slug
 
 from .typed import ours, there
 
@@ -39,8 +39,21 @@ def shows(image: bpy.types.Image | None, path: str, udims: list[int]) -> bool:
     """Whether the image shows a path whose files, one a UDIM, are there."""
     if image is None or image.filepath != path:
         return False
-    paths = (bpy.path.abspath(path.replace("<UDIM>", str(udim))) for udim in udims)
-    return all(Path(file).is_file() for file in paths)
+    return bool(image.packed_files) or all(file.is_file() for file in files(image, path, udims))
+
+
+def files(image: bpy.types.Image, path: str, udims: list[int]) -> list[Path]:
+    """The files of a path of an image, one a UDIM."""
+    whole = bpy.path.abspath(path, library=image.library)
+    return [Path(whole.replace("<UDIM>", str(udim))) for udim in udims]
+
+
+def portable(path: str) -> str:
+    """Beside a saved .blend paths are from it on, so that both can be moved."""
+    try:
+        return bpy.path.relpath(path) if bpy.data.filepath else path
+    except ValueError:  # on another drive of Windows
+        return path
 
 
 def image_of(obj: bpy.types.Object, path: str, udims: list[int]) -> bpy.types.Image:
@@ -62,6 +75,8 @@ def show(image: bpy.types.Image, path: str, udims: list[int]) -> None:
     source: Literal["TILED", "FILE"] = "TILED" if udims != [1001] else "FILE"
     if image.source != source:
         image.source = source
+    if image.packed_files:  # which would go on to be shown
+        image.unpack(method="REMOVE")
     image.filepath = path if source == "TILED" else path.replace("<UDIM>", "1001")
     if source == "TILED":
         _tiles(image, udims)
@@ -84,14 +99,16 @@ def _tiles(image: bpy.types.Image, udims: list[int]) -> None:
             image.tiles.remove(tile)
 
 
-def written(name: str, maps: dict[int, bytes]) -> str:
-    """Write maps to the session's temporary folder; their path, `<UDIM>` in place of the number."""
-    folder = Path(bpy.app.tempdir) / "rhytid"
-    folder.mkdir(exist_ok=True)
-    start, serial = slug(name), f"{next(_serial):06d}"
+def written(obj: bpy.types.Object, maps: dict[int, bytes]) -> str:
+    """Write maps to the session's temporary folder; their path, `<UDIM>` in place of the number.
+
+    Each object has a folder of its own there, whatever it is called meanwhile.
+    """
+    folder = folder_at(Path(bpy.app.tempdir) / "rhytid" / str(obj.session_uid))
+    start, serial = slug(obj.name), f"{next(_serial):06d}"
     for udim, data in maps.items():
         replaced(folder / f"{start}.{udim}.{serial}.exr", data)
-        of_tile = sorted(folder.glob(f"{start}.{udim}.*.exr"))
+        of_tile = sorted(folder.glob(f"*.{udim}.*.exr"), key=lambda file: file.suffixes[-2])
         for old in of_tile[:-KEPT]:
             old.unlink(missing_ok=True)
     return str(folder / f"{start}.<UDIM>.{serial}.exr")

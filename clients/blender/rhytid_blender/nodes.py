@@ -12,7 +12,8 @@ from .typed import mesh_of, ours, tree_of
 from .words import shared
 
 # By these names they are found again.
-UV, TEXTURE, HEIGHT, SUM = "rhytid uv", "rhytid map", "rhytid height", "rhytid sum"
+UV, TEXTURE, GREEN = "rhytid uv", "rhytid map", "rhytid green"
+HEIGHT, SUM = "rhytid height", "rhytid sum"
 
 
 def set_up(obj: bpy.types.Object) -> list[str]:
@@ -74,8 +75,9 @@ def play(obj: bpy.types.Object, count: int, start: int, first: int) -> None:
 def _displace(material: bpy.types.Material, obj: bpy.types.Object) -> None:
     tree = tree_of(material)
     output = _output(tree)
-    uv = _node(tree, UV, "ShaderNodeUVMap", output, -800)
-    texture = _node(tree, TEXTURE, "ShaderNodeTexImage", output, -600)
+    uv = _node(tree, UV, "ShaderNodeUVMap", output, -950)
+    texture = _node(tree, TEXTURE, "ShaderNodeTexImage", output, -750)
+    green = _node(tree, GREEN, "ShaderNodeSeparateColor", output, -450)
     height = _node(tree, HEIGHT, "ShaderNodeDisplacement", output, -300)
     uv.uv_map = ours(obj).uv_map
     texture.image = ours(obj).image
@@ -83,7 +85,9 @@ def _displace(material: bpy.types.Material, obj: bpy.types.Object) -> None:
     texture.interpolation, texture.extension = "Linear", "EXTEND"
     height.space, height.inputs["Midlevel"].default_value = "OBJECT", 0.0
     tree.links.new(uv.outputs["UV"], texture.inputs["Vector"])
-    tree.links.new(texture.outputs["Color"], height.inputs["Height"])
+    # A map is grey. Where its file is missing Blender shows magenta, whose green is 0: smooth skin.
+    tree.links.new(texture.outputs["Color"], green.inputs["Color"])
+    tree.links.new(green.outputs["Green"], height.inputs["Height"])
     _connect(tree, height, output)
     material.displacement_method = "BOTH"
 

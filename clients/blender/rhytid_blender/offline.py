@@ -18,13 +18,13 @@ def opened(obj: bpy.types.Object, maps: MapSequence, start: int | None = None) -
     given, own, factor = ours(obj), images.own(obj), _factor(obj, maps.unit)
     nodes.check(obj, own)
     given.image = own
-    given.baked, given.pattern = True, _portable(maps.pattern)
+    given.baked, given.pattern = True, images.portable(maps.pattern)
     given.digits = maps.digits
     given.first, given.last = maps.frames[0], maps.frames[-1]
     given.start = maps.frames[0] if start is None else start
     given.udims = ",".join(str(udim) for udim in maps.udims)
     given.uv_map, given.factor = meshes.uv_map(obj), factor
-    image = images.image_of(obj, _portable(maps.path(given.first)), list(maps.udims))
+    image = images.image_of(obj, images.portable(maps.path(given.first)), list(maps.udims))
     nodes.set_up(obj)
     if maps.tiled:
         _show(obj, scene_of(bpy.context).frame_current)
@@ -38,14 +38,6 @@ def play(obj: bpy.types.Object) -> None:
     given = ours(obj)
     if given.baked and given.image is not None and given.image.source == "SEQUENCE":
         nodes.play(obj, given.last - given.first + 1, given.start, given.first)
-
-
-def _portable(path: str) -> str:
-    """Beside a saved .blend paths are from it on, so that both can be moved."""
-    try:
-        return bpy.path.relpath(path) if bpy.data.filepath else path
-    except ValueError:  # on another drive of Windows
-        return path
 
 
 def _factor(obj: bpy.types.Object, unit: str) -> float:
@@ -65,10 +57,13 @@ def show_frame(scene: bpy.types.Scene) -> None:
 
 
 def _show(obj: bpy.types.Object, frame: int) -> None:
-    given = ours(obj)
-    if given.image is None:
-        return
-    file = min(max(frame - given.start + given.first, given.first), given.last)
-    path = given.pattern.replace("<FRAME>", f"{file:0{given.digits}d}")
-    if given.image.filepath != path:
+    given, path = ours(obj), path_at(obj, frame)
+    if given.image is not None and given.image.filepath != path:
         images.show(given.image, path, given.udim_list())
+
+
+def path_at(obj: bpy.types.Object, frame: int) -> str:
+    """The path of the map that an object plays at a frame of the scene."""
+    given = ours(obj)
+    file = min(max(frame - given.start + given.first, given.first), given.last)
+    return given.pattern.replace("<FRAME>", f"{file:0{given.digits}d}")

@@ -66,12 +66,13 @@ class RHYTID_OT_send(Worker, bpy.types.Operator):
         obj, scene = active(context), scene_of(context)
         mesh = meshes.rest(obj)
         settings = _settings(obj, mesh["positions"])
-        asset = yield from connection.server().sending(mesh, settings, meshes.shapes(obj))
+        server, shapes = connection.server(), meshes.shapes(obj)
+        asset = yield from server.sending(mesh, settings, shapes, obj.name)
         _sent(obj, asset, settings["unit"])
         updating.update(obj, updating.graph_of(scene, obj))
         done = [*nodes.set_up(obj), *rendering.set_up(obj, scene)]
         self.report({"INFO"}, "Set up: " + "; ".join(done))
-        for warning in state.status(obj.name).of_mesh:
+        for warning in state.status(obj).of_mesh:
             self.report({"WARNING"}, warning)
 
 
@@ -83,7 +84,7 @@ def _settings(obj: bpy.types.Object, positions: meshes.Array) -> dict[str, Any]:
 
 
 def _sent(obj: bpy.types.Object, asset: Asset, unit: str) -> None:
-    given, status = ours(obj), state.status(obj.name)
+    given, status = ours(obj), state.status(obj)
     given.asset, given.vertices, given.sent_unit = asset.id, asset.vertices, unit
     given.image = images.own(obj)  # a copy of another object has a map of its own
     given.udims = ",".join(str(udim) for udim in asset.udims)
@@ -145,19 +146,18 @@ class RHYTID_OT_set_up(Simple, bpy.types.Operator):
         return "; ".join([*done, *rendering.set_up(obj, scene_of(context))])
 
 
-class RHYTID_OT_calibrate(Simple, bpy.types.Operator):
+class RHYTID_OT_calibrate(Worker, bpy.types.Operator):
     """Make the precomputed maps for the stretch of the present shape: choose a strong expression"""
 
     bl_idname, bl_label = "rhytid.calibrate", "Calibrate from This Frame"
 
-    def done(self, context: bpy.types.Context) -> str:
+    def steps(self, context: bpy.types.Context) -> Generator[Step, None, None]:
         """Send the frame and wait for the maps."""
         obj = active(context)
         now = updating.positions(obj, updating.graph_of(scene_of(context), obj))
-        with connection.server().client() as client:
-            client.wait(client.calibrate(ours(obj).asset, now))
-        state.status(obj.name).digest = ""
-        return "Precomputed maps are made for this stretch"
+        yield from connection.server().calibrating(ours(obj).asset, now)
+        state.status(obj).digest = ""
+        self.report({"INFO"}, "Precomputed maps are made for this stretch")
 
 
 class RHYTID_OT_cancel(bpy.types.Operator):

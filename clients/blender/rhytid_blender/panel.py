@@ -82,7 +82,7 @@ def _files(layout: bpy.types.UILayout, obj: bpy.types.Object) -> None:
 
 
 def _status(layout: bpy.types.UILayout, obj: bpy.types.Object) -> None:
-    status = state.status(obj.name)
+    status = state.status(obj)
     if status.text:
         _text(layout, status.text, "ERROR" if status.failed else "CHECKMARK")
     for warning in (*status.of_mesh, *status.of_frame):

@@ -6,13 +6,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
+import bpy
+
 
 @dataclass
 class Status:
     """What the panel shows of an object.
 
-    of_mesh, of_frame: warnings.  digest: of what the present map was drawn from.  path: of the
-    image that showed it.  silent_until: no live update before that time.
+    of_mesh, of_frame: warnings.  digest: of what the present map was drawn from.  path: that the
+    image showed then.  silent_until: no live update before that time.
     """
 
     text: str = ""
@@ -36,7 +38,7 @@ class Work:
 
 @dataclass
 class _Session:
-    statuses: dict[str, Status] = field(default_factory=dict)
+    statuses: dict[int, Status] = field(default_factory=dict)
     work: Work = field(default_factory=Work)
     quiet: int = 0
 
@@ -44,9 +46,16 @@ class _Session:
 _session = _Session()
 
 
-def status(name: str) -> Status:
-    """That of the object with the name."""
-    return _session.statuses.setdefault(name, Status())
+def status(obj: bpy.types.Object) -> Status:
+    """That of an object, which keeps it when it is renamed."""
+    return _session.statuses.setdefault(obj.session_uid, Status())
+
+
+def moved(before: str, after: str) -> None:
+    """The map that images showed by one path is shown by another."""
+    for known in _session.statuses.values():
+        if known.path == before:
+            known.path = after
 
 
 def work() -> Work:

@@ -30,13 +30,26 @@ def live(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     """Those of them that are in a view layer, copies last."""
     layers = scene.view_layers
     found = [o for o in following(scene) if any(o.name in layer.objects for layer in layers)]
-    return sorted(found, key=images.is_of_copy)
+    return sorted(found, key=_is_of_copy)
+
+
+def _is_of_copy(obj: bpy.types.Object) -> tuple[bool, bool]:
+    """What drew the present map comes first, then what the image was made for."""
+    image = ours(obj).image
+    drew = image is not None and state.status(obj).path == image.filepath
+    return not drew, images.is_of_copy(obj)
 
 
 def rendered(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     """Those of them that are not disabled in renders."""
-    shown = set(_shown(scene.collection))
+    shown = in_renders(scene)
     return [obj for obj in live(scene) if obj in shown]
+
+
+def in_renders(scene: bpy.types.Scene) -> set[bpy.types.Object]:
+    """The meshes of the scene's view layers that are not disabled in renders."""
+    of_layers = {obj for layer in scene.view_layers for obj in layer.objects}
+    return {obj for obj in _shown(scene.collection) if obj.type == "MESH" and obj in of_layers}
 
 
 def _shown(collection: bpy.types.Collection) -> Iterator[bpy.types.Object]:
@@ -81,7 +94,7 @@ def update(
     that follow the frame. The first that has the image of `obj` draws it; a copy of it, which has
     the same image, must have its shape.
     """
-    status = state.status(obj.name)
+    status = state.status(obj)
     try:
         now, asked = positions(obj, graph), drawing(obj)
         digest = sha256(now.tobytes() + f"{ours(obj).asset} {asked}".encode()).hexdigest()
@@ -109,27 +122,27 @@ def _drawer(
 
 
 def _not_drawn(obj: bpy.types.Object, drawer: bpy.types.Object) -> Trouble:
-    status = state.status(drawer.name)
+    status = state.status(drawer)
     return Trouble(status.text if status.failed else copied(obj.name, drawer.name))
 
 
 def _is_shown(obj: bpy.types.Object, digest: str) -> bool:
-    status, given = state.status(obj.name), ours(obj)
+    status, given = state.status(obj), ours(obj)
     return digest == status.digest and images.shows(given.image, status.path, given.udim_list())
 
 
 def _draw(obj: bpy.types.Object, now: meshes.Array, asked: Drawing) -> None:
     given, udims = ours(obj), ours(obj).udim_list()
     server, who = connection.server(), slug(obj.name)
-    maps, state.status(obj.name).of_frame = server.drawn(given.asset, who, now, udims, asked)
-    images.image_of(obj, images.written(obj.name, maps), udims)
+    maps, state.status(obj).of_frame = server.drawn(given.asset, who, now, udims, asked)
+    images.image_of(obj, images.written(obj, maps), udims)
 
 
 def quietly(
     obj: bpy.types.Object, graph: bpy.types.Depsgraph, others: Sequence[bpy.types.Object]
 ) -> None:
     """The same for the viewport: what goes wrong is shown by the panel."""
-    if monotonic() < state.status(obj.name).silent_until:
+    if monotonic() < state.status(obj).silent_until:
         return
     try:
         update(obj, graph, others)

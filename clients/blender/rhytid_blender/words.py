@@ -21,6 +21,20 @@ def hidden(name: str) -> str:
     )
 
 
+def missing_map(name: str, path: str, baked: bool) -> str:
+    """The file of a map is gone."""
+    how = "bake the frames again, or open their folder" if baked else "press 'Draw Now'"
+    return f"The map of '{name}' is missing, its skin is smooth: {how} ({path})"
+
+
+def not_kept(name: str, why: object) -> str:
+    """A saved file refers to a map that will be gone."""
+    return (
+        f"The saved file does not have the map of '{name}', its skin will be smooth there until it "
+        f"is drawn again: {why}"
+    )
+
+
 def copied(name: str, other: str) -> str:
     """One image cannot show two maps."""
     return f"'{name}' shows the map of '{other}': give it a material of its own, then send it"

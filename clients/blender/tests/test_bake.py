@@ -181,9 +181,15 @@ bpy.ops.preferences.addon_enable(module="bl_ext.user_default.rhytid")
 bpy.ops.wm.open_mainfile(filepath=sys.argv[3])
 bpy.context.preferences.addons["bl_ext.user_default.rhytid"].preferences.server = sys.argv[1]
 bpy.context.scene.render.filepath = sys.argv[2]
-bpy.ops.render.render(animation=True)
+status = 0
+try:
+    bpy.ops.render.render(animation=True)
+except RuntimeError as exc:
+    print(exc)
+    status = 1
+sys.stdout.flush()
 # bpy, not Blender, may crash while Python ends, when all is done.
-os._exit(0)
+os._exit(status)
 """
     ends = []
     for server, out in ((service, "good."), ("http://127.0.0.1:9", "bad.")):
@@ -194,4 +200,5 @@ os._exit(0)
     assert len(list(tmp_path.glob("good.*.exr"))) == LAST
     assert ends[1].returncode == 1
     assert "frame 1 has no map of its own: No answer" in ends[1].stderr
+    assert "Cannot render, no camera" in ends[1].stdout
     assert list(tmp_path.glob("bad.*")) == []

@@ -33,7 +33,7 @@ def test_sdk_is_that_of_the_package(installed: None) -> None:
 
 def test_handlers_and_properties_come_and_go(installed: None) -> None:
     def present() -> list[bool]:
-        names = ("frame_change_post", "render_pre", "load_post")
+        names = ("frame_change_post", "render_pre", "load_post", "save_pre", "save_post")
         handlers = [getattr(bpy.app.handlers, name) for name in names]
         ours = [[h for h in found if h.__module__.startswith(ADDON)] for found in handlers]
         return [hasattr(bpy.types.Object, "rhytid"), *(len(found) == 1 for found in ours)]

@@ -36,7 +36,7 @@ def copy(sheet: bpy.types.Object) -> bpy.types.Object:
 def status(obj: bpy.types.Object) -> Any:
     from bl_ext.user_default.rhytid import state
 
-    return state.status(obj.name)
+    return state.status(obj)
 
 
 def still(obj: bpy.types.Object) -> None:
@@ -114,7 +114,7 @@ def test_a_copy_draws_where_the_original_is_not_rendered(
     """As after a copy was made to be worked on, and the original put away."""
     from bl_ext.user_default.rhytid import handlers
 
-    monkeypatch.setattr(handlers.os, "_exit", lambda status: pytest.fail(f"status {status}"))
+    monkeypatch.setattr(handlers, "_stop", lambda scene: pytest.fail("the render was stopped"))
     still(sheet)
     sheet.hide_render = sheet.hide_viewport = True
     bpy.context.scene.frame_current = LAST
@@ -132,8 +132,8 @@ def test_what_is_not_rendered_ends_no_render(
 ) -> None:
     from bl_ext.user_default.rhytid import handlers
 
-    ended: list[int] = []
-    monkeypatch.setattr(handlers.os, "_exit", ended.append)
+    ended: list[bpy.types.Scene] = []
+    monkeypatch.setattr(handlers, "_stop", ended.append)
     scene = bpy.context.scene
     aside = bpy.data.collections.new("aside")
     scene.collection.children.link(aside)
@@ -150,4 +150,4 @@ def test_what_is_not_rendered_ends_no_render(
     if how != "excluded":
         hidden.hide_render = False
         handlers.before_render(scene)
-        assert ended == [1]
+        assert ended == [scene]

@@ -20,7 +20,7 @@ def sheet(blender: bpy.types.Scene) -> bpy.types.Object:
 def status(obj: bpy.types.Object) -> object:
     from bl_ext.user_default.rhytid import state
 
-    return state.status(obj.name)
+    return state.status(obj)
 
 
 def test_nothing_selected(blender: bpy.types.Scene) -> None:

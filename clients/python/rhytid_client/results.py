@@ -115,6 +115,12 @@ class Asset:
     notices: tuple[Notice, ...] = ()
     centre: tuple[float, ...] = (0.0, 0.0, 0.0)
 
+    @property
+    def name(self) -> str | None:
+        """What people call it: of the settings, at first that of the mesh's file."""
+        name = self.settings.get("name")
+        return None if name is None else str(name)
+
 
 @dataclass(frozen=True)
 class Frame:

@@ -106,7 +106,7 @@ def new_asset(
         warned.settings(settings_unused(settings))
     return NewAsset(
         mesh.mesh,
-        settings,
+        settings.named_after(arguments.mesh.name),
         graph,
         stiffness=stiffness_files(arguments.stiffness, mesh.mesh),
         controls=skin_controls(arguments, mesh.mesh),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
+from pathlib import PureWindowsPath
 from typing import Any, TypeVar
 
 from rhytid.domain.ageing import OLDEST, USUAL_AGE, YOUNGEST
@@ -18,6 +19,8 @@ from rhytid.errors import SettingsError
 
 MOST_WRINKLES = 40_000_000
 USUAL_SEED = 1
+# Characters of a name.
+LONGEST_NAME = 80
 T = TypeVar("T")
 # Up to this strength a wrinkle swells nothing, from twice as much on in full; linear between.
 CUSHION_THRESHOLD = 0.08
@@ -203,7 +206,8 @@ class AssetSettings:
     `unit` is that of the mesh: of the graph's file where that says one, else cm.  `depth` is the
     depth of strength 1, in mesh units; `padding` is in level-0 texels.  `tile_size` that is not
     given is the resolution where that is less than the default. Naming a `preset` sets the bins but
-    for `r_max`, and how lines and limits are drawn (`Preset`); keys beside it override it.
+    for `r_max`, and how lines and limits are drawn (`Preset`); keys beside it override it.  `name`
+    is for people: no id and nothing that is drawn depends on it.
     """
 
     unit: str | None = text(None, 16)
@@ -218,6 +222,7 @@ class AssetSettings:
     shape: ShapeSettings = field(default_factory=ShapeSettings)
     bins: BinSettings = field(default_factory=lambda: PRESETS[DEFAULT_PRESET].bins)
     convolve: ConvolveSettings = field(default_factory=ConvolveSettings)
+    name: str | None = text(None, LONGEST_NAME)
 
     @classmethod
     def parse(cls, data: Any) -> AssetSettings:
@@ -308,6 +313,20 @@ class AssetSettings:
         if graph.wrinkles is None and graph.spacing is None:
             graph = replace(graph, spacing=usual_spacing(unit))
         return replace(self, unit=unit, graph=graph)
+
+    def named_after(self, file: str) -> AssetSettings:
+        """A copy with the name of a file where none is set: without folders and ending, runs of
+        what is not printable as one space, at most 80 characters."""
+        if self.name is not None:
+            return self
+        # Its separators are those of both systems.
+        stem = PureWindowsPath(file).stem
+        plain = "".join(c if c.isprintable() else " " for c in stem)
+        return replace(self, name=" ".join(plain.split())[:LONGEST_NAME].strip() or None)
+
+    def drawn(self) -> dict[str, Any]:
+        """As `as_json`, without what is for people."""
+        return {key: value for key, value in self.as_json().items() if key != "name"}
 
     @property
     def length_unit(self) -> str:

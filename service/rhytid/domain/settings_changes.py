@@ -14,7 +14,7 @@ from rhytid.domain.wording import plural
 
 Leaves = dict[str, Any]
 # What can change without synthesising or looking up anything again.
-CHANGEABLE = ("depth", "angles", "response", "shape", "preset", "bins", "convolve")
+CHANGEABLE = ("depth", "angles", "response", "shape", "preset", "bins", "convolve", "name")
 # Settings that are listed one by one.
 _LISTED = 6
 _R_MAX = "bins.r_max"
@@ -30,8 +30,8 @@ def settings_changed(
     lengths: what those of either that are null are resolved with. `bins.r_max` that was sent with
     its default is left to calibrations and not reported.
     """
-    wanted, raw = leaves(sent.with_lengths(lengths).as_json()), leaves(sent.as_json())
-    now = leaves(present.with_lengths(lengths).as_json())
+    wanted, raw = leaves(sent.with_lengths(lengths).drawn()), leaves(sent.drawn())
+    now = leaves(present.with_lengths(lengths).drawn())
     calibrated = raw[_R_MAX] == BinSettings().r_max
     if calibrated and now[_R_MAX] <= sent.response.log_stretch_limit:
         wanted[_R_MAX] = now[_R_MAX]

@@ -90,6 +90,7 @@ class AssetService:
 
     def change(self, asset: str, changes: Mapping[str, Any]) -> AssetInfo:
         """Change response, shape, depth, angles, preset, bins or convolve; tiles and keys change.
+        Change the name, which nothing depends on.
 
         A `preset` sets the bins but for `r_max`; keys of `bins` beside it override it. `depth`,
         `convolve.sigma` or `shape.wave_frequency` null means the default again: what the file of a
@@ -104,8 +105,10 @@ class AssetService:
         with found.lock:
             found.check_ready()
             settings = found.settings.changed(changes)
+            same = settings.drawn() == found.settings.drawn()
             self._builder.change(found, settings.with_lengths(found.lengths))
-        self._builder.prepare_bins(found)
+        if not same:
+            self._builder.prepare_bins(found)
         return found.info()
 
     def resized(self, asset: str, resolution: int) -> AssetInfo:

@@ -28,7 +28,7 @@ _UNREAD: dict[str, tuple[str, ...]] = {
 def settings_key(asset: str, settings: AssetSettings, drawn_by: str, method: str) -> str:
     """Names an asset with the present settings that a method reads.  drawn_by: the device and the
     version of the drawing."""
-    read = {k: v for k, v in settings.as_json().items() if k not in _UNREAD[method]}
+    read = {k: v for k, v in settings.drawn().items() if k not in _UNREAD[method]}
     return _digest([asset, read, drawn_by])
 
 
@@ -52,7 +52,7 @@ def package_key(
 ) -> str:
     """Names a skin package.  shapes: digests by name.  written_by: the device, the version of the
     drawing, and that of what writes it."""
-    return _digest([asset, settings.as_json(), dict(shapes), levels, written_by])
+    return _digest([asset, settings.drawn(), dict(shapes), levels, written_by])
 
 
 def _digest(parts: list[Any]) -> str:

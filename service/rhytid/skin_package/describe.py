@@ -71,7 +71,7 @@ def _facts(maps: SkinMaps) -> dict[str, Any]:
         "scale": maps.scale,
         "resolution": settings.resolution,
         "udims": list(maps.engine.assets.info(maps.asset).udims),
-        "settings": settings.as_json(),
+        "settings": settings.drawn(),
     }
 
 

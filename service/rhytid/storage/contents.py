@@ -126,7 +126,7 @@ def read_expressions(data: bytes, names: Any) -> Expressions:
 
 def _identity(settings: AssetSettings, given: bool) -> dict[str, Any]:
     """given: whether the graph is."""
-    values, plain = settings.as_json(), GraphSettings()
+    values, plain = settings.drawn(), GraphSettings()
     values["unit"] = settings.length_unit
     graph = values["graph"]
     if given and graph["wrinkles"] is None:

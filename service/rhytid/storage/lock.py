@@ -9,6 +9,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from rhytid.errors import StorageError
+from rhytid.owned import read_plain
 
 LOCK = "lock"
 
@@ -82,5 +83,5 @@ def _holder(path: Path) -> str:
     """Who holds the file, as it says itself; of an earlier version it says nothing."""
     text = ""
     with suppress(OSError):
-        text = path.read_text(encoding="utf-8", errors="replace")[:_LONGEST].strip()
+        text = read_plain(path, _LONGEST).decode(errors="replace").strip()
     return f"another {text}" if text else "another rhytid process"

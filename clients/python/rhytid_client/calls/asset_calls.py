@@ -71,6 +71,7 @@ def create_asset(
     strict: RequestError, and nothing is kept, where there would be `warnings`; allow: but for those
     of these codes.
 
+    The asset is named after the file; `name` names other meshes, and the setting `name` any.
     The same content gives the same asset. Raises RequestError naming what is wrong with it,
     ValueError for a Trimesh without UV, TypeError for something else of trimesh.
     """
@@ -105,7 +106,8 @@ def asset(asset: Asset | str) -> Flow[Asset]:
 
 
 def change_asset(asset: Asset | str, settings: Mapping[str, Any]) -> Flow[Asset]:
-    """Change response, shape, depth, angles, preset, bins or convolve; nothing is synthesised."""
+    """Change response, shape, depth, angles, preset, bins, convolve or name; nothing is
+    synthesised."""
     changes = with_json("PATCH", "v1", "assets", asset_id(asset), value=dict(settings))
     return parse.one(Asset, (yield changes))
 

@@ -3,6 +3,7 @@ than one request."""
 
 from __future__ import annotations
 
+import re
 import secrets
 from collections.abc import Generator, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -86,14 +87,17 @@ class Server:
         mesh: MeshArrays | Path,
         settings: Mapping[str, Any],
         shapes: Mapping[str, NDArray[Any]] | None = None,
+        name: str | None = None,
     ) -> Generator[Step, None, Asset]:
         """Send a mesh, arrays or the path of a file, and wait until its skin is grown.
 
-        shapes: expressions, positions (V, 3) by name. Closed, it ends the job. Raises Trouble.
+        shapes: expressions, positions (V, 3) by name.  name: of arrays, for people. Closed, it ends
+        the job. Raises Trouble.
         """
         yield 0.0, "sending", 0.0
         with self.client() as client:
-            made = client.create_asset(mesh, settings=settings, shapes=shapes)
+            file = None if name is None else re.sub(r"[/:\\]", "_", name) + ".npz"
+            made = client.create_asset(mesh, name=file, settings=settings, shapes=shapes)
         asset = yield from self._built(made)
         if asset.state == "failed":
             raise Trouble(f"The server cannot grow wrinkles on this mesh: {asset.reason}")
@@ -112,6 +116,26 @@ class Server:
                 client.cancel(job)
             raise
         return asset
+
+    def calibrating(self, asset: Asset | str, positions: ArrayLike) -> Generator[Step, None, None]:
+        """Set the range of the precomputed maps from a frame, positions (V, 3), and wait for them.
+
+        Closed, it ends the job. Raises Trouble.
+        """
+        yield 0.0, "sending", 0.0
+        with self.client() as client:
+            job = client.calibrate(asset, positions)
+        try:
+            while not job.ended:
+                yield job.progress, job.stage, POLL_SECONDS
+                with self.client() as client:
+                    job = client.job(job.id)
+        except GeneratorExit:
+            with suppress(Trouble), self.client() as client:
+                client.cancel(job)
+            raise
+        if job.state != "done":
+            raise Trouble(f"The precomputed maps were not made: {job.detail or job.state}")
 
     def drawn(
         self,

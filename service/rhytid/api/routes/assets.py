@@ -79,7 +79,7 @@ def new_asset(parts: dict[str, Part], decoder: Decoder, hold: Hold, gone: Gone) 
     force = decode_json(parts["force"].data, "part force") if "force" in parts else False
     if not isinstance(force, bool):
         raise InputError(f"part force is {force!r}: must be true or false")
-    chosen = AssetSettings.parse(settings)
+    chosen = AssetSettings.parse(settings).named_after(mesh.filename)
     file = mesh.spool.descriptor
     return decoder.read(parts, chosen, force=force, hold=hold, gone=gone, file=file)
 
