@@ -17,12 +17,13 @@ from engine.engines import new_asset
 from rhytid.engine.messages import JobInfo
 from rhytid.errors import NotFoundError, SettingsError, StorageError
 from rhytid.fleet.board import Board
-from rhytid.fleet.envelopes import Answer, ElsewhereError
+from rhytid.fleet.envelopes import Answer, ElsewhereError, Envelope, packed
 from rhytid.fleet.job_names import JobName, JobNames, ReplicaNames
 from rhytid.fleet.kept_uploads import read_upload, written_upload
 from rhytid.fleet.local_place import LocalPlace
 from rhytid.fleet.options import FleetOptions
 from rhytid.fleet.order import order
+from rhytid.fleet.replica import EngineReplica
 
 ASSET = "0123456789abcdef"
 NAMES = [f"replica{number}" for number in range(10)]
@@ -167,3 +168,24 @@ def test_each_replica_of_a_machine_has_its_place(tmp_path: Path) -> None:
     assert not left.exists()
     second.close()
     third.close()
+
+
+def test_a_replica_of_another_build_performs_nothing() -> None:
+    """Its version is the same, and one kernel another: maps would differ from those of others."""
+
+    class Calls:
+        performed = 0
+
+        def perform(self, envelope: Envelope) -> tuple[str, int]:
+            self.performed += 1
+            return "drawn", 0
+
+    replica: Any = object.__new__(EngineReplica)
+    replica._name, replica._calls = "one", Calls()
+    call = Envelope("tiles.tile", "", "", False, 0, *packed(((), {})))
+
+    assert replica._performed(call, lambda: False).value() == "drawn"
+    answer = replica._performed(replace(call, drawing="0.1.0+other"), lambda: False)
+    assert not answer.good
+    assert "ingress as 0.1.0+other: install the same" in str(answer.value())
+    assert replica._calls.performed == 1

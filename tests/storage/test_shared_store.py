@@ -18,6 +18,7 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import CancelledError, NotFoundError
 from rhytid.storage import AssetStore
+from rhytid.storage.shared import shared_store
 from rhytid.storage.shared.mirror import StoreMirror
 from rhytid.storage.shared.shared_store import SharedStore
 from rhytid.storage.snapshots import Snapshot
@@ -214,6 +215,32 @@ def test_an_asset_is_there_once_its_manifest_is(
     assert StoreMirror(filled, shared).push(ID, quiet)
     assert fetch(other, place)
     assert taken(other) == taken(filled)
+
+
+def test_a_server_that_draws_otherwise_is_told(
+    place: str,
+    filled: AssetStore,
+    caplog: pytest.LogCaptureFixture,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Both have the same version of the package, and one another kernel."""
+    caplog.set_level("WARNING")
+    first = SharedStore.at(place)
+    first.check()
+    StoreMirror(filled, first).push(ID, quiet)
+    SharedStore.at(place).check()
+    assert caplog.messages == []
+
+    monkeypatch.setattr(shared_store, "drawing_version", lambda: "0.1.0+other")
+    SharedStore.at(place).check()
+    assert len(caplog.messages) == 1
+    assert "this one draws as 0.1.0+other" in caplog.messages[0]
+    monkeypatch.undo()
+    caplog.clear()
+    for _ in range(2):
+        first.index(ID)
+    assert len(caplog.messages) == 1, "the one that was there first, once"
+    assert "a rhytid that draws as 0.1.0+other" in caplog.messages[0]
 
 
 def stops_after(steps: int) -> Callable[[float, str], None]:

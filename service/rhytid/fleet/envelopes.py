@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.build_identity import drawing_version
 from rhytid.device.figures import Span
 from rhytid.engine_process.packing import pack
 from rhytid.errors import RhytidError
@@ -26,6 +27,7 @@ class Envelope:
     replica that has what is asked for; empty: one of those that the asset is placed on.
     spread: whether another than the first of these may answer.  version: of the frame that it
     reads, as far as the ingress knows.  request_id, traced: as of `requests.Call`.
+    drawing: `drawing_version` of the ingress.
     """
 
     name: str
@@ -37,6 +39,7 @@ class Envelope:
     arrays: Arrays
     request_id: str = ""
     traced: bool = False
+    drawing: str = field(default_factory=drawing_version)
 
     def arguments(self) -> tuple[tuple[Any, ...], dict[str, Any]]:
         """Positional and named."""

@@ -15,6 +15,7 @@ from functools import partial
 
 from ray import serve
 
+from rhytid.build_identity import drawing_version
 from rhytid.device.figures import SIZE, spans_of_request
 from rhytid.engine import wanted
 from rhytid.engine_process.found_devices import found_devices, named_devices, settings_of
@@ -103,6 +104,7 @@ class EngineReplica:
         kept = spans_of_request() if envelope.traced else nullcontext(())
         with kept as spans, wanted.unless(gone):
             try:
+                self._check(envelope)
                 value, version = self._calls.perform(envelope)
                 return Answer.of(value, spans=list(spans), version=version)
             except (ElsewhereError, RhytidError, OSError) as error:
@@ -111,6 +113,15 @@ class EngineReplica:
                 _log.exception("%s failed", envelope.name)
                 text = f"{type(error).__name__}: {error}"
                 return Answer.of(RuntimeError(text), good=False)
+
+    def _check(self, envelope: Envelope) -> None:
+        """Raise DeviceLostError where the ingress is of another build: other replicas, of the same
+        as the ingress, would draw other maps."""
+        if envelope.drawing != drawing_version():
+            raise DeviceLostError(
+                f"replica {self._name} draws as {drawing_version()}, the ingress as "
+                f"{envelope.drawing}: install the same rhytid on all machines of the fleet"
+            )
 
     def _keep_reporting(self, reported: threading.Event) -> None:
         while not self._closing.is_set():

@@ -6,6 +6,7 @@
     ├── format.json                the marker: that this is a shared store, and of which format
     ├── manifests/<id>.json        what an asset is made of: the index of its snapshot, written last
     ├── objects/<id>/<sha256>      its files, never changed, by the SHA-256 of their bytes
+    ├── drawing                    `drawing_version` of the server that started last
     └── partial/                   of a folder: files that are being written
 
 Nothing is locked. A manifest is replaced as a whole, and objects are there before a manifest names
@@ -16,12 +17,19 @@ finds what the other has left, so that no manifest stays without its objects.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
+from rhytid.build_identity import drawing_version
 from rhytid.durable import remove_tree
-from rhytid.errors import NotFoundError, SharedDamageError, SharedStoreError, StorageError
+from rhytid.errors import (
+    NotFoundError,
+    SharedDamageError,
+    SharedStoreError,
+    StorageError,
+)
 from rhytid.storage.homes import checked_id
 from rhytid.storage.manifest import StoredFile
 from rhytid.storage.shared.manifests import SharedManifests, manifest_name
@@ -34,6 +42,9 @@ Report = Callable[[float, str], None]
 # How often an asset is fetched again that is replaced meanwhile, and how often one is pushed or
 # removed while others do the opposite.
 _TRIES, _ROUNDS = 3, 10
+# The object that names how servers draw, and its bytes at most.
+_DRAWING, _LONGEST_DRAWING = "drawing", 200
+_log = logging.getLogger(__name__)
 
 
 class _Missing(Exception):
@@ -49,6 +60,7 @@ class SharedStore:
     def __init__(self, place: Place) -> None:
         self._place, self._manifests = place, SharedManifests(place)
         self._claimed = False
+        self._seen = drawing_version()
 
     @classmethod
     def at(cls, text: str) -> SharedStore:
@@ -60,9 +72,14 @@ class SharedStore:
 
     def check(self) -> None:
         """Raise SharedStoreError where nothing can be read there, StoreFormatError where a newer
-        release made it."""
+        release made it. Says in the log where the server that started last draws otherwise, and
+        notes how this one does."""
         self._claim()
         self._place.check()
+        self._compare_drawing()
+        if self._seen != drawing_version():
+            with suppress(StorageError, OSError):  # it may be read-only, or full
+                self._place.write(_DRAWING, drawing_version().encode())
 
     def ids(self) -> list[str]:
         """Ids of the assets, ascending; none of them is read."""
@@ -76,6 +93,7 @@ class SharedStore:
         StoreFormatError where a newer version of rhytid wrote that.
         """
         self._claim()
+        self._compare_drawing()
         data = self._manifests.read(id)
         if data is None:
             raise NotFoundError(f"no asset {id} in the shared store")
@@ -154,6 +172,23 @@ class SharedStore:
         if not self._claimed:
             self._place.claim()
             self._claimed = True
+
+    def _compare_drawing(self) -> None:
+        """Warn, once for each, of a `drawing_version` that is not the one of this rhytid: the same
+        asset has other maps there."""
+        text = ""
+        with suppress(SharedDamageError):
+            data = self._place.read(_DRAWING, _LONGEST_DRAWING)
+            text = (data or b"").decode(errors="replace")
+        if text not in ("", drawing_version(), self._seen):
+            _log.warning(
+                "%s is used by a rhytid that draws as %s, this one draws as %s: maps may differ; "
+                "install the same rhytid on all machines",
+                self,
+                text,
+                drawing_version(),
+            )
+        self._seen = text
 
     def _remove(self, id: str) -> bool:
         """Remove the manifest of an asset, then its objects; whether there was a manifest."""
