@@ -195,6 +195,11 @@ def has_group(folder: Path) -> bool:
     return bool(stat.S_IMODE(folder.stat().st_mode) & stat.S_IWGRP)
 
 
+def is_open_to_others(path: Path) -> bool:
+    """Whether others than its owner may do something with a file or a folder."""
+    return bool(stat.S_IMODE(path.lstat().st_mode) & (_GROUP | _OTHERS))
+
+
 def restrict(path: Path, *, group: bool = False) -> None:
     """Leave a file, or a folder and all that is in it, to its owner.  group: and to its group. What
     is somebody else's, or lies where there are no modes, stays as it is."""

@@ -114,9 +114,12 @@ def test_a_copy_that_fails_is_told_and_leaves_nothing(tmp_path: Path) -> None:
     baked(tmp_path, (1001,), (1,))
     maps, folder = found(tmp_path), folder_at(tmp_path / "renamed")
     (folder / "face_f0001.1001.exr").mkdir()
+    (folder / "face_f0001.1001.part").write_text("of somebody else")
     with pytest.raises(Trouble, match=r"face\.1001\.0001\.exr cannot be copied to"):
         copied(maps, folder, UDIM_LAST)
-    assert [path.name for path in folder.iterdir()] == ["face_f0001.1001.exr"]
+    left = sorted(path.name for path in folder.iterdir())
+    assert left == ["face_f0001.1001.exr", "face_f0001.1001.part"]
+    assert (folder / "face_f0001.1001.part").read_text() == "of somebody else"
 
 
 def test_attributes_of_a_header(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from pipeline.scenes import sheet
 from rhytid.domain.texel_sizes import usual_uv_length
 from rhytid.engine import assets, checked_upload
 from rhytid.engine.assets import Asset
+from rhytid.errors import StorageError
 from rhytid.storage.store import AssetStore
 
 
@@ -83,3 +84,41 @@ def test_a_store_of_before_finds_out_how_long_uv_are(tmp_path: Path) -> None:
         store.put_asset(asset, stored.mesh, stored.graph, stored.settings, extra)
     with running(tmp_path) as engine:
         assert engine.assets.info(asset).notices == found.notices != ()
+
+
+def test_a_store_that_fails_once_is_asked_again_how_long_uv_are(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A store of a release that kept a length of 0, when it could not be found out."""
+    wanted = new_asset(unit="cm", shape={"grain": 0.1})
+    with running(tmp_path) as engine:
+        asset = built(engine, wanted)
+        found = engine.assets.info(asset)
+        stored = engine._store.asset(asset)
+    with AssetStore(tmp_path) as store:
+        store.delete(asset)
+        extra = {**stored.extra, "uv_length": 0.0}
+        store.put_asset(asset, stored.mesh, stored.graph, stored.settings, extra)
+    with running(tmp_path) as engine:
+        with monkeypatch.context() as patch:
+            patch.setattr("rhytid.storage.store.read_file", _fails)
+            assert engine.assets.info(asset).notices == ()
+        assert engine.assets.info(asset).notices == found.notices != ()
+
+
+def _fails(*_: object) -> bytes:
+    raise StorageError("the disk fails")
+
+
+def test_a_build_that_goes_on_keeps_how_long_uv_are(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wanted, asset = new_asset(), "0" * 16
+    with AssetStore(tmp_path) as store:
+        store.put_request(asset, wanted.mesh, wanted.settings, wanted.graph)
+    monkeypatch.setattr("rhytid.storage.store.read_file", _fails)
+    with running(tmp_path) as engine:
+        engine.assets.info(asset)  # its notices need it, while it builds
+        rest(engine)
+        stored = engine._store.asset(asset)
+    assert stored.extra["uv_length"] == usual_uv_length(wanted.mesh)

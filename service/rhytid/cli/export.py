@@ -89,8 +89,9 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     from rhytid.cli.places import make_folder
     from rhytid.cli.shared_assets import searching
     from rhytid.skin_package.maps import SkinMaps
-    from rhytid.skin_package.package import PackageWriter
+    from rhytid.skin_package.package import PackageWriter, has_package
 
+    has_package(arguments.folder)  # raises where it is in the way, before long work
     clip = cache_clip(arguments)
     new = None if arguments.mesh is None else NewSource.read(arguments, clip, warned)
     if new is not None:

@@ -16,11 +16,12 @@ from rhytid.build_identity import modules_digest
 from rhytid.domain.expressions import Expressions
 from rhytid.domain.mesh import Mesh
 from rhytid.durable import whole, write_file
+from rhytid.errors import InputError
 from rhytid.formats.ktx2 import CHANNELS
 from rhytid.meshes.morph_glb import write_morph_glb
 from rhytid.skin_package.describe import Written, described
 from rhytid.skin_package.languages import LANGUAGES
-from rhytid.skin_package.manifest import Manifest, schema
+from rhytid.skin_package.manifest import FORMAT, Manifest, schema
 from rhytid.skin_package.maps import CUSHIONS, WRINKLES, Room, SkinMaps
 from rhytid.skin_package.materialx import materialx_texts
 from rhytid.skin_package.paging import Paging, pyramid
@@ -45,6 +46,21 @@ def package_version() -> str:
     """The version of rhytid, and a digest of the modules, shaders and pages that packages are made
     by and made of: the same asset may give other files where it is another."""
     return f"{__version__}+{modules_digest(*_WRITTEN_BY, extra=rhytid_viewer.laid_out())}"
+
+
+def has_package(folder: Path) -> bool:
+    """Whether a folder holds a whole package, which another may replace; raises InputError where
+    its manifest.json is of something else."""
+    path, found = folder / MANIFEST, None
+    try:
+        found = json.loads(path.read_bytes())
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    except (OSError, ValueError, RecursionError):
+        pass
+    if not isinstance(found, dict) or found.get("format") != FORMAT:
+        raise InputError(f"{path} is not of a skin package: choose another folder")
+    return True
 
 
 class PackageWriter:
@@ -141,11 +157,14 @@ class PackageWriter:
         yield lambda: self._write_textures(room.pop())
 
     def _begin(self) -> None:
+        earlier = has_package(self._folder)
         (self._folder / "textures").mkdir(parents=True, exist_ok=True)
         for dialect in {*LANGUAGES, *COMPUTE, "materialx"}:
             (self._folder / "shaders" / dialect).mkdir(parents=True, exist_ok=True)
-        (self._folder / MANIFEST).unlink(missing_ok=True)
-        for name in TEXTURES:  # those of an earlier package, which may have had other UDIMs
+        if not earlier:
+            return
+        (self._folder / MANIFEST).unlink()
+        for name in TEXTURES:  # those of the earlier package, which may have had other UDIMs
             for file in (self._folder / "textures").glob(f"{name}.1[0-9][0-9][0-9].ktx2"):
                 file.unlink()
 

@@ -11,7 +11,15 @@ from types import MappingProxyType
 from rhytid import durable
 from rhytid.durable import is_folder, reported
 from rhytid.errors import NotFoundError, StorageError
-from rhytid.owned import MARKER, Kind, check_ours, make_folder, restrict, restrict_folder
+from rhytid.owned import (
+    MARKER,
+    Kind,
+    check_ours,
+    is_open_to_others,
+    make_folder,
+    restrict,
+    restrict_folder,
+)
 from rhytid.storage.homes import checked_id, holds_homes, holds_something, homes, sweep
 from rhytid.storage.lock import LOCK, FolderLock
 from rhytid.storage.manifest import write_with_manifest
@@ -166,8 +174,9 @@ def _holds_assets(folder: Path) -> bool:
 def _hide(folder: Path) -> None:
     """Leave a store to its owner, as earlier releases did not. What others have put into `folder`
     stays within their reach."""
-    for name in _OURS:
+    for name in (*_OURS, LOCK):
         with suppress(FileNotFoundError):
-            restrict_folder(folder / name)
+            if is_open_to_others(folder / name):
+                restrict(folder / name)
     if {entry.name for entry in folder.iterdir()} <= {*_OURS, *_BESIDE}:
         restrict_folder(folder)

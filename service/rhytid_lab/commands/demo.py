@@ -95,7 +95,7 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     from rhytid.cli.server import serving
     from rhytid_client import RhytidWarning
     from rhytid_lab.commands.demo_face import animation
-    from rhytid_lab.commands.demo_session import Session
+    from rhytid_lab.commands.demo_session import FIGURES, Session
     from rhytid_lab.commands.demo_sheets import write_sheets
     from rhytid_lab.server import connected
 
@@ -121,7 +121,7 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
             session.draw()
             sheets = write_sheets(session, millimetres(arguments.unit or USUAL_UNIT) or 1.0)
             figures = {**session.figures(), "key_frames": sheets, **warned.all_figures()}
-    write_json(figures, out / "times.json")
+    write_json(figures, out / FIGURES)
     report(figures, _text(figures, session), arguments.json)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
@@ -17,12 +19,31 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.notices import Notice
 from rhytid.domain.warnings import InputWarning
 from rhytid.durable import whole
+from rhytid.owned import is_real_folder
 from rhytid_client import Asset, Client, Job, Method, Sampling, StretchModel, Tile, TileFormat
 from rhytid_lab.commands.demo_face import MESH_ARRAYS, Animation
 
 METHODS: tuple[Method, ...] = ("redraw", "binned")
+FIGURES = "times.json"
+_MAP = re.compile(r"face\.1\d{3}\.\d+\.exr", re.ASCII)
+_SHEET = re.compile(r"contact_\d+\.png", re.ASCII)
 # The stages of a build at which another step of the table begins.
 _STEPS = {"placing pores and wrinkles": "placing", "making bins": "bins"}
+
+
+def remove_earlier(out: Path) -> None:
+    """Remove the maps and sheets of an earlier run, perhaps of a longer animation. Its figures say
+    that there was one; without them all that is there is somebody else's."""
+    try:
+        found = json.loads((out / FIGURES).read_bytes())
+    except (OSError, ValueError):
+        return
+    if not (isinstance(found, dict) and {"key_frames", "wrinkles", "r_max"} <= found.keys()):
+        return
+    for folder, name in ((out, _SHEET), *((out / method, _MAP) for method in METHODS)):
+        for file in folder.iterdir() if is_real_folder(folder) else ():
+            if name.fullmatch(file.name) and not is_real_folder(file):
+                file.unlink()
 
 
 class Query(TypedDict):
@@ -97,12 +118,12 @@ class Session:
         self.asset = self.client.asset(self.asset)
 
     def draw(self) -> None:
-        """Write every map of every method as the EXR file that the server sends."""
+        """Write every map of every method as the EXR file that the server sends, in place of what
+        an earlier run wrote."""
+        remove_earlier(self.out)
         for method in METHODS:
             folder = self.out / method
             folder.mkdir(exist_ok=True)
-            for earlier in folder.glob("face.*.exr"):  # of a longer animation, perhaps
-                earlier.unlink()
             for frame in counted(self.frames, method, "frame"):
                 for udim in self.asset.udims:
                     with self.watch.step(f"{method}, as EXR"):

@@ -37,8 +37,6 @@ def key_frames(sizes: Sequence[float], most: int = SHEETS) -> list[int]:
 
 def write_sheets(session: Session, unit_mm: float) -> list[dict[str, Any]]:
     """A sheet for each key frame, and what it shows in figures, the most stretched first."""
-    for earlier in session.out.glob("contact_*.png"):
-        earlier.unlink()
     indices = key_frames(session.sizes)
     udim = busiest_udim(session.face.mesh)
     figures = []

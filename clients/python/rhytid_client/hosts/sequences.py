@@ -7,6 +7,7 @@ import shutil
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from uuid import uuid4
 
 from rhytid_client.hosts.exr_header import float_attribute, text_attribute
 from rhytid_client.hosts.trouble import Trouble
@@ -129,7 +130,7 @@ def copied(maps: MapSequence, folder: Path, style: Style) -> MapSequence:
 
 
 def _copy(source: Path, target: Path) -> None:
-    aside = target.with_suffix(".part")
+    aside = target.with_name(f".{target.name}.{uuid4().hex}")
     try:
         shutil.copyfile(source, aside)
         aside.replace(target)
