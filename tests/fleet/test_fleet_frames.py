@@ -257,6 +257,20 @@ def test_the_latest_of_two_replicas_is_kept(board: Any, first: Replica, second: 
         assert (stamp.version, positions[0, 0]) == (newest, 2)
 
 
+def test_a_board_takes_nothing_that_is_older(board: Any) -> None:
+    """Between what it said that it lacks and what it is given, others may come."""
+    kept, removed = board.put("a"), board.remove(ASSET, "b", 0)
+    board.forget(OTHER, 0)
+    for asset, name, version in (
+        (ASSET, "a", kept - 1),
+        (ASSET, "b", removed - 1),
+        (OTHER, "c", 5),
+    ):
+        assert board.give(asset, name, version, 5 * POSITIONS)
+    assert board.frame(ASSET, "a")[1][0, 0] == 1
+    assert (board.names(), board.names(OTHER)) == ({"a"}, set())
+
+
 def test_what_comes_while_a_board_starts_is_newer_than_what_it_is_given(
     board: Any, first: Replica, second: Replica
 ) -> None:
@@ -321,6 +335,7 @@ def test_frames_of_a_removed_asset_do_not_come_back(
     """Its id is that of its content: it may be sent again."""
     first.put("a")
     assert second.shows("a")
+    first.sync.exchange()
     board.answers = answers
     first.remove_asset()
     board.answers = True
