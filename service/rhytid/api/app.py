@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import partial
+from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
 from fastapi import Depends, FastAPI
@@ -22,7 +22,7 @@ from rhytid.api.metrics import Metrics, Observe
 from rhytid.api.package_files import KEY
 from rhytid.api.request_head import CheckHead
 from rhytid.api.request_ids import HEADER, RequestIds
-from rhytid.api.request_memory import HoldUntilSent
+from rhytid.api.request_memory import HoldUntilSent, small_budget
 from rhytid.api.routes import (
     assets,
     bins,
@@ -93,10 +93,15 @@ def create_app(engine: AnyEngine, settings: ServiceSettings) -> FastAPI:
     app.state.decoder = Decoder()
     app.state.large = LargeAnswers()
     app.state.live_places = LivePlaces()
+    app.state.small = cache(lambda: small_budget(engine.memory))
     app.state.spool = ByteBudget(settings.spool, "RHYTID_SPOOL_MB")
     app.state.metrics = Metrics(
         engine,
-        {"host": lambda: engine.memory, "spool": lambda: app.state.spool},
+        {
+            "host": lambda: engine.memory,
+            "small": app.state.small,
+            "spool": lambda: app.state.spool,
+        },
         app.state.drain,
         app.state.live_places,
     )

@@ -34,7 +34,11 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 # What the bytes of each budget are held for.
-PURPOSES = {"host": ("answers", "uploads", "jobs"), "spool": ("uploads", "answers")}
+PURPOSES = {
+    "host": ("answers", "uploads", "jobs"),
+    "small": ("answers", "uploads"),
+    "spool": ("uploads", "answers"),
+}
 # What can end the process of the device: a fault of its own, a call of the driver that takes too
 # long, somebody else; or it does not start.
 CAUSES = ("fault", "late", "killed", "start")
