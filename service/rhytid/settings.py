@@ -39,6 +39,7 @@ class ServiceSettings:
     disconnected.  connections: open at once; one address that is no proxy may have half of them.
     drain_seconds: that requests have to finish once the server is told to end.  log_format: of the
     log of `rhytid serve`, text or json.  traces: where OpenTelemetry sends spans; None = nowhere.
+    trace_kernels: a span for each kernel and each wait of a request, not one for all of them.
     """
 
     store: Path = Path("rhytid-store")
@@ -60,6 +61,7 @@ class ServiceSettings:
     drain_seconds: int = 20
     log_format: str = "text"
     traces: str | None = None
+    trace_kernels: bool = False
     stall_seconds: float = 30
     connections: int = 1024
     keys: Path | None = None
@@ -88,8 +90,9 @@ class ServiceSettings:
         RHYTID_DRAW_SECONDS, RHYTID_CACHE, RHYTID_LAUNCH_SECONDS, RHYTID_STALL_SECONDS,
         RHYTID_CONNECTIONS, RHYTID_DRAIN_SECONDS, RHYTID_LOG_FORMAT, RHYTID_KEYS_FILE,
         RHYTID_ALLOWED_HOSTS, RHYTID_CORS_ORIGINS, RHYTID_PROXIES, RHYTID_KEY_RATE,
-        RHYTID_KEY_JOBS and OTEL_EXPORTER_OTLP_ENDPOINT; raises SettingsError naming the variable,
-        also where an upload of the largest size allowed would not fit into the spool."""
+        RHYTID_KEY_JOBS, RHYTID_TRACE_KERNELS and OTEL_EXPORTER_OTLP_ENDPOINT; raises
+        SettingsError naming the variable, also where an upload of the largest size allowed would
+        not fit into the spool."""
         given = Variables(environment)
         upload_limit, spool = _upload_limits(given)
         return cls(
@@ -111,6 +114,7 @@ class ServiceSettings:
             drain_seconds=given.count("RHYTID_DRAIN_SECONDS", cls.drain_seconds),
             log_format=given.choice("RHYTID_LOG_FORMAT", LOG_FORMATS),
             traces=given.text("OTEL_EXPORTER_OTLP_ENDPOINT"),
+            trace_kernels=given.choice("RHYTID_TRACE_KERNELS", ("no", "yes")) == "yes",
             stall_seconds=given.number("RHYTID_STALL_SECONDS") or cls.stall_seconds,
             connections=given.count("RHYTID_CONNECTIONS", cls.connections),
             keys=given.path("RHYTID_KEYS_FILE"),

@@ -83,6 +83,9 @@ def create_app(engine: AnyEngine, settings: ServiceSettings) -> FastAPI:
         # `routes.root` has pages that need no internet.
         docs_url=None,
         redoc_url=None,
+        # `Observe` makes the span of each request. Those that new versions of FastAPI make would be
+        # traces beside it, with the query; older versions keep this among what they do not know.
+        telemetry={"tracing": False, "metrics": False, "logs": False},
     )
     app.state.engine = engine
     app.state.settings = settings
@@ -113,7 +116,12 @@ def create_app(engine: AnyEngine, settings: ServiceSettings) -> FastAPI:
         app.add_middleware(CORSMiddleware, allow_origins=settings.origins, **SHARED)
     app.add_middleware(CheckHead, hosts=settings.hosts, origins=settings.origins)
     app.add_middleware(Draining, drain=app.state.drain)
-    app.add_middleware(Observe, metrics=app.state.metrics, tracer=tracer())
+    app.add_middleware(
+        Observe,
+        metrics=app.state.metrics,
+        tracer=tracer(),
+        trace_kernels=settings.trace_kernels,
+    )
     app.add_middleware(RequestIds)
     app.add_middleware(HoldUntilSent)
     problems.install(app)

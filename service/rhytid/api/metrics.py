@@ -151,9 +151,16 @@ class Observe:
     """ASGI middleware: one count, one time and one log line per request; of a WebSocket a line for
     its handshake."""
 
-    def __init__(self, app: ASGIApp, metrics: Metrics, tracer: Tracer | None = None) -> None:
+    def __init__(
+        self,
+        app: ASGIApp,
+        metrics: Metrics,
+        tracer: Tracer | None = None,
+        *,
+        trace_kernels: bool = False,
+    ) -> None:
         self.app = app
-        self.metrics, self._tracer = metrics, tracer
+        self.metrics, self._tracer, self._each = metrics, tracer, trace_kernels
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass the request on and note its status, 500 where it raised."""
@@ -172,7 +179,8 @@ class Observe:
                 status = message["status"]
             await send(message)
 
-        with nullcontext() if self._tracer is None else traced(self._tracer, scope) as span:
+        tracer = self._tracer
+        with nullcontext() if tracer is None else traced(tracer, scope, each=self._each) as span:
             try:
                 await self.app(scope, receive, noting)
             finally:
