@@ -42,6 +42,9 @@ PURPOSES = {
 # What can end the process of the device: a fault of its own, a call of the driver that takes too
 # long, somebody else; or it does not start.
 CAUSES = ("fault", "late", "killed", "start")
+# Asked many times a minute by what watches the server; logged where they are refused.
+PROBES = frozenset({"/healthz", "/readyz", "/metrics"})
+_REFUSED = 400
 METHODS = frozenset({"GET", "HEAD", "PUT", "POST", "PATCH", "DELETE", "OPTIONS"})
 
 
@@ -198,7 +201,8 @@ class Observe:
         fields |= {"milliseconds": round(1000 * seconds, 3), "caller": who}
         text = f"%s %s %d %.1f ms{' %s' if who else '%s'}"
         extra = {"fields": fields}
-        logger.info(text, method, path, status, 1000 * seconds, who, extra=extra)
+        level = logging.DEBUG if route in PROBES and status < _REFUSED else logging.INFO
+        logger.log(level, text, method, path, status, 1000 * seconds, who, extra=extra)
         if span is not None:
             span(status, route)
 
