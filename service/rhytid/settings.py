@@ -5,12 +5,16 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
+from difflib import get_close_matches
 from pathlib import Path
 
 from rhytid.errors import SettingsError
 from rhytid.variables import MIB, Variables
 
 LOG_FORMATS = ("text", "json")
+_PREFIX = "RHYTID_"
+# Of names without the prefix: 1 is the same.
+_ALIKE = 0.75
 
 
 @dataclass(frozen=True)
@@ -93,7 +97,10 @@ class ServiceSettings:
         RHYTID_KEY_JOBS, RHYTID_TRACE_KERNELS and OTEL_EXPORTER_OTLP_ENDPOINT; raises
         SettingsError naming the variable, also where an upload of the largest size allowed would
         not fit into the spool."""
-        given = Variables(environment)
+        return cls._of(Variables(environment))
+
+    @classmethod
+    def _of(cls, given: Variables) -> ServiceSettings:
         upload_limit, spool = _upload_limits(given)
         return cls(
             store=given.path("RHYTID_STORE") or cls.store,
@@ -124,6 +131,21 @@ class ServiceSettings:
             key_rate=given.count("RHYTID_KEY_RATE", cls.key_rate),
             key_jobs=given.count("RHYTID_KEY_JOBS", cls.key_jobs),
         )
+
+
+def misspelt(environment: Mapping[str, str] = os.environ) -> list[str]:
+    """What to say of variables that are not read and are named nearly like one that is. Others that
+    begin alike are left alone: Kubernetes makes RHYTID_PORT of a Service."""
+    given = Variables({})
+    ServiceSettings._of(given)
+    known = [name for name in given.asked if name.startswith(_PREFIX)]
+    said = []
+    for name in environment:
+        if name.startswith(_PREFIX) and name not in known:
+            ends = [one.removeprefix(_PREFIX) for one in known]
+            near = get_close_matches(name.removeprefix(_PREFIX), ends, 1, _ALIKE)
+            said += [f"{name} is not known: did you mean {_PREFIX}{one}?" for one in near]
+    return said
 
 
 def _upload_limits(given: Variables) -> tuple[int, int]:

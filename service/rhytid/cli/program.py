@@ -33,6 +33,7 @@ from rhytid.cli.parser import Parser, is_for_job
 from rhytid.cli.termination import INTERRUPTED, Interruption
 from rhytid.cli.voice import Voice, job_line, speaking
 from rhytid.errors import RhytidError
+from rhytid.settings import misspelt
 
 COMMANDS = (
     serve,
@@ -66,6 +67,8 @@ def run(argv: Sequence[str] | None, interruption: Interruption) -> int:
     voice = Voice(arguments.quiet, arguments.verbose, for_job)
     try:
         with speaking(voice), _logging(voice):
+            if arguments.command != "serve":  # which has a log
+                _warn_of_variables(arguments.command)
             arguments.run(arguments)
     except KeyboardInterrupt:
         interruption.say()
@@ -101,6 +104,11 @@ def build_parser() -> Parser:
     for command in (*COMMANDS, *(entry.load() for entry in others.values())):
         command.add_command(commands)
     return parser
+
+
+def _warn_of_variables(command: str) -> None:
+    for line in misspelt():
+        print(f"rhytid {command}: warning: {line}", file=sys.stderr)
 
 
 @contextmanager
