@@ -5,12 +5,16 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
+from difflib import get_close_matches
 from pathlib import Path
 
 from rhytid.errors import SettingsError
 from rhytid.variables import MIB, Variables
 
 LOG_FORMATS = ("text", "json")
+_PREFIX = "RHYTID_"
+# Of names without the prefix: 1 is the same.
+_ALIKE = 0.75
 
 
 @dataclass(frozen=True)
@@ -39,6 +43,7 @@ class ServiceSettings:
     disconnected.  connections: open at once; one address that is no proxy may have half of them.
     drain_seconds: that requests have to finish once the server is told to end.  log_format: of the
     log of `rhytid serve`, text or json.  traces: where OpenTelemetry sends spans; None = nowhere.
+    trace_kernels: a span for each kernel and each wait of a request, not one for all of them.
     """
 
     store: Path = Path("rhytid-store")
@@ -60,6 +65,7 @@ class ServiceSettings:
     drain_seconds: int = 20
     log_format: str = "text"
     traces: str | None = None
+    trace_kernels: bool = False
     stall_seconds: float = 30
     connections: int = 1024
     keys: Path | None = None
@@ -88,9 +94,13 @@ class ServiceSettings:
         RHYTID_DRAW_SECONDS, RHYTID_CACHE, RHYTID_LAUNCH_SECONDS, RHYTID_STALL_SECONDS,
         RHYTID_CONNECTIONS, RHYTID_DRAIN_SECONDS, RHYTID_LOG_FORMAT, RHYTID_KEYS_FILE,
         RHYTID_ALLOWED_HOSTS, RHYTID_CORS_ORIGINS, RHYTID_PROXIES, RHYTID_KEY_RATE,
-        RHYTID_KEY_JOBS and OTEL_EXPORTER_OTLP_ENDPOINT; raises SettingsError naming the variable,
-        also where an upload of the largest size allowed would not fit into the spool."""
-        given = Variables(environment)
+        RHYTID_KEY_JOBS, RHYTID_TRACE_KERNELS and OTEL_EXPORTER_OTLP_ENDPOINT; raises
+        SettingsError naming the variable, also where an upload of the largest size allowed would
+        not fit into the spool."""
+        return cls._of(Variables(environment))
+
+    @classmethod
+    def _of(cls, given: Variables) -> ServiceSettings:
         upload_limit, spool = _upload_limits(given)
         return cls(
             store=given.path("RHYTID_STORE") or cls.store,
@@ -111,6 +121,7 @@ class ServiceSettings:
             drain_seconds=given.count("RHYTID_DRAIN_SECONDS", cls.drain_seconds),
             log_format=given.choice("RHYTID_LOG_FORMAT", LOG_FORMATS),
             traces=given.text("OTEL_EXPORTER_OTLP_ENDPOINT"),
+            trace_kernels=given.choice("RHYTID_TRACE_KERNELS", ("no", "yes")) == "yes",
             stall_seconds=given.number("RHYTID_STALL_SECONDS") or cls.stall_seconds,
             connections=given.count("RHYTID_CONNECTIONS", cls.connections),
             keys=given.path("RHYTID_KEYS_FILE"),
@@ -120,6 +131,21 @@ class ServiceSettings:
             key_rate=given.count("RHYTID_KEY_RATE", cls.key_rate),
             key_jobs=given.count("RHYTID_KEY_JOBS", cls.key_jobs),
         )
+
+
+def misspelt(environment: Mapping[str, str] = os.environ) -> list[str]:
+    """What to say of variables that are not read and are named nearly like one that is. Others that
+    begin alike are left alone: Kubernetes makes RHYTID_PORT of a Service."""
+    given = Variables({})
+    ServiceSettings._of(given)
+    known = [name for name in given.asked if name.startswith(_PREFIX)]
+    said = []
+    for name in environment:
+        if name.startswith(_PREFIX) and name not in known:
+            ends = [one.removeprefix(_PREFIX) for one in known]
+            near = get_close_matches(name.removeprefix(_PREFIX), ends, 1, _ALIKE)
+            said += [f"{name} is not known: did you mean {_PREFIX}{one}?" for one in near]
+    return said
 
 
 def _upload_limits(given: Variables) -> tuple[int, int]:

@@ -23,9 +23,12 @@ class Variables:
 
     def __init__(self, environment: Mapping[str, str]) -> None:
         self._environment = environment
+        # Names that were asked for.
+        self.asked: set[str] = set()
 
     def text(self, name: str) -> str | None:
         """As it is written."""
+        self.asked.add(name)
         return self._environment.get(name) or None
 
     def path(self, name: str) -> Path | None:

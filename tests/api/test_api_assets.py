@@ -90,7 +90,7 @@ def test_the_graph_comes_as_lines_in_space(client: httpx.Client, asset: str) -> 
     assert stored.content == client.get(path).content
     for query in ({"format": "abc"}, {"format": ["obj", "usda"]}):
         is_problem(client.get(path, params=query), 422, "query")
-    assert "colour" in is_problem(client.get(path, params={"colour": "red"}), 422)
+    assert "colour" in is_problem(client.get(path, params={"colour": "red"}), 422, "query")
     is_problem(client.get("/v1/assets/none/graph?format=obj"), 404, "not-found")
 
 
@@ -103,7 +103,7 @@ def test_the_mesh_comes_as_other_programs_read_it(client: httpx.Client, asset: s
     read = [read_mesh(r.content, f"m.{k}").mesh for r, k in ((glb, "glb"), (ply, "ply"))]
     assert np.array_equal(read[0].positions, read[1].positions)
     is_problem(client.get(path, params={"format": "obj"}), 422, "query")
-    assert "colour" in is_problem(client.get(path, params={"colour": "red"}), 422)
+    assert "colour" in is_problem(client.get(path, params={"colour": "red"}), 422, "query")
     is_problem(client.get("/v1/assets/none/mesh"), 404, "not-found")
 
 

@@ -13,6 +13,7 @@ import httpx
 import pytest
 
 from api.live import serving
+from api.test_api_memory import use
 from engine.engines import built, new_asset, running
 from engine.test_engine_together import until
 from rhytid.api import client_gone
@@ -80,8 +81,8 @@ def asked(client: httpx.Client, path: str) -> socket.socket:
     return connection
 
 
-def at_rest(engine: Engine) -> bool:
-    return engine.waiting == 0 and engine.memory.used == 0
+def at_rest(engine: Engine, client: httpx.Client) -> bool:
+    return engine.waiting == 0 and not any(use(client, one)["used"] for one in ("host", "small"))
 
 
 @pytest.mark.parametrize("place", ["tiles/1001/0/0/0", "maps/1001"])
@@ -101,7 +102,7 @@ def test_drawing_stops_when_the_client_is_gone(
         connection.close()
         until(lambda: client.get("/healthz").status_code == 200)  # the server has seen it close
         held.free.release(3)
-        until(lambda: at_rest(engine))
+        until(lambda: at_rest(engine, client))
         # What was begun, and where buffers were made in steps, one that gives them back.
         assert held.steps <= 5
         held.let_go()
@@ -137,7 +138,7 @@ def test_what_others_wait_for_is_drawn_to_its_end(
         connection.close()
         held.let_go()
         assert other.result(60).status_code == 200
-        until(lambda: at_rest(engine))
+        until(lambda: at_rest(engine, client))
     assert drawings == [1]  # by whoever asked first
 
 
@@ -156,4 +157,4 @@ def test_who_joined_and_is_gone_does_not_stop_the_others(
         until(lambda: engine.tiles.joined == 0)
         held.let_go()
         assert first.result(60).status_code == 200
-        until(lambda: at_rest(engine))
+        until(lambda: at_rest(engine, client))

@@ -19,7 +19,7 @@ from api.asking import NPY, built, is_problem, npy
 from api.fake_engine import FakeEngine
 from api.live import serving
 from api.patch import positions, smile, upload
-from rhytid.api import device_slots, encoding
+from rhytid.api import device_slots, encoding, request_memory
 from rhytid.engine.byte_budget import ByteBudget, Hold
 
 MIB = 1 << 20
@@ -122,9 +122,25 @@ def test_an_upload_takes_its_share_of_memory_while_it_is_used(
     soon(lambda: engine.memory.used == 0)
 
 
-def test_a_frame_takes_its_share_of_memory_while_it_arrives(
+def test_small_requests_do_not_wait_for_large_ones(
     engine: SmallEngine, client: httpx.Client
 ) -> None:
+    frame, large = f"/v1/assets/{built(client, upload())}/frames/smile", map_path(client, 2048)
+    taken = engine.memory.hold("uploads")
+    taken.grow(96 * MIB)
+    assert client.put(frame, content=npy(smile()), headers=NPY).status_code == 200
+    for path in (f"{frame}/tiles/1001/0/0/0", frame, f"{frame}/stretch"):
+        assert client.get(path).status_code == 200, path
+    is_problem(client.get(large), 503, "host-busy")
+    soon(lambda: use(client, "small")["used"] == 0)
+    assert use(client, "small")["limit"] == 24 * MIB
+    taken.release()
+
+
+def test_a_frame_takes_its_share_of_memory_while_it_arrives(
+    engine: SmallEngine, client: httpx.Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(request_memory, "SMALL", 0)
     path = f"/v1/assets/{built(client, upload())}/frames/smile"
     taken = engine.memory.hold("answers")
     taken.grow(96 * MIB - 100)
@@ -174,7 +190,7 @@ def test_huge_answers_are_made_two_at_a_time(
 ) -> None:
     monkeypatch.setattr(device_slots, "HUGE", 1)
     monkeypatch.setattr(device_slots, "PATIENCE", 0.1)
-    path = map_path(client, 256)
+    path = map_path(client, 1024)
     engine.memory.patience = 30
     taken = engine.memory.hold("jobs")
     taken.grow(96 * MIB)

@@ -98,7 +98,7 @@ def test_what_is_not_there(client: httpx.Client, path: str) -> None:
         assert answer.status_code == 404, name
     is_problem(client.get("/v1/assets/0123456789abcdef/package"), 404, "not-found")
     for query in ("levels=0", "levels=17", "level=1"):
-        is_problem(client.get(f"{path}?{query}"), 422)
+        is_problem(client.get(f"{path}?{query}"), 422, "query")
 
 
 def test_while_it_is_made_the_job_is_told(tmp_path: Path) -> None:
@@ -182,7 +182,7 @@ def test_files_of_two_packages_are_not_mixed() -> None:
         again = client.get(f"{path}/manifest.json")
         assert again.headers[KEY] != asked["key"]
         assert again.headers["etag"] != first.headers["etag"]
-        is_problem(client.get(path, params={"key": ""}), 422)
+        is_problem(client.get(path, params={"key": ""}), 422, "query")
 
 
 def test_nothing_in_a_package_runs_beside_the_keys_of_the_page(

@@ -80,6 +80,25 @@ def test_requests_are_logged_on_one_line(caplog: pytest.LogCaptureFixture) -> No
     assert line.startswith("GET /v1/assets/a\\nb 404 ")
 
 
+def test_probes_are_logged_where_they_are_refused_alone(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    caplog.set_level(logging.DEBUG, "rhytid.api.metrics")
+    engine = FakeEngine()
+    with serving(engine) as client:
+        for path in ("/healthz", "/readyz", "/metrics"):
+            assert client.get(path).status_code == 200
+        monkeypatch.setattr(engine, "ready", lambda: False)
+        assert client.get("/readyz").status_code == 503
+    records = [r for r in caplog.records if r.name == "rhytid.api.metrics"]
+    assert {(" ".join(r.getMessage().split()[:3]), r.levelname) for r in records} == {
+        ("GET /healthz 200", "DEBUG"),
+        ("GET /readyz 200", "DEBUG"),
+        ("GET /metrics 200", "DEBUG"),
+        ("GET /readyz 503", "INFO"),
+    }
+
+
 @pytest.fixture(scope="module")
 def document() -> dict[str, Any]:
     engine: Any = FakeEngine()

@@ -200,7 +200,7 @@ def test_bad_queries_are_refused(
     ],
 )
 def test_wrong_types_are_named(client: httpx.Client, frame: str, call: str, what: str) -> None:
-    assert what in is_problem(client.get(f"{frame}/{call}"), 422)
+    assert what in is_problem(client.get(f"{frame}/{call}"), 422, "query")
 
 
 @pytest.mark.parametrize(
@@ -227,11 +227,11 @@ def test_an_unknown_frame_is_404(client: httpx.Client, asset: str) -> None:
 @pytest.mark.parametrize(
     ("query", "status", "kind", "what"),
     [
-        ("", 422, None, "tile is missing"),
+        ("", 422, "query", "tile is missing"),
         ("?tile=1001/0/0", 422, "query", "'1001/0/0'"),
         ("?tile=1001/0/0/0&tile=1001/0/9/0", 404, "not-found", "row 9"),
         ("?tile=1001/0/0/0&format=gif", 422, "query", "gif"),
-        ("?tile=1001/0/0/0&frame=a", 422, None, "unknown query parameter frame"),
+        ("?tile=1001/0/0/0&frame=a", 422, "query", "unknown query parameter frame"),
     ],
 )
 def test_bad_lists_of_tiles_are_refused(

@@ -36,9 +36,9 @@ def asset(server: Attacked) -> str:
 
 
 def held(server: Attacked) -> int:
-    """Bytes of both budgets that requests hold."""
+    """Bytes of all budgets that requests hold."""
     found = server.client.get("/v1/memory").raise_for_status().json()
-    return int(found["host"]["used"] + found["spool"]["used"])
+    return sum(budget["used"] for budget in found.values())
 
 
 def files(server: Attacked) -> int:

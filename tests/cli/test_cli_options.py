@@ -8,12 +8,14 @@ from pathlib import Path
 
 import pytest
 
+from rhytid.cli import main
 from rhytid.cli.bake_inputs import asset_settings
 from rhytid.cli.serve import chosen
 from rhytid.cli.server import address_of, listen
 from rhytid.cli.synthesize import grown_settings
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.errors import InputError, SettingsError
+from rhytid.settings import misspelt
 
 
 def options(**given: object) -> argparse.Namespace:
@@ -107,3 +109,30 @@ def test_a_taken_port_is_refused() -> None:
         port = listening.getsockname()[1]
         with pytest.raises(InputError, match=f"cannot listen on 127.0.0.1 port {port}: Address"):
             listen("127.0.0.1", port)
+
+
+def test_variables_that_are_misspelt_are_named() -> None:
+    given = {
+        "RHYTID_STOER": "x", "RHYTID_HOST_MEMORY": "x", "RHYTID_KEY_FILE": "x",
+        "RHYTID_STALL_SECOND": "x", "PATH": "x", "RHYTID_STORE": "x",
+        # Of tests, of clients, and what Kubernetes makes of a Service called rhytid.
+        "RHYTID_FACE_DATA": "x", "RHYTID_SCREENSHOTS": "x", "RHYTID_KEY": "x", "RHYTID_URL": "x",
+        "RHYTID_TEST_FAULT": "x", "RHYTID_PORT": "x", "RHYTID_SERVICE_HOST": "x",
+        "RHYTID_SERVICE_PORT_HTTP": "x", "RHYTID_PORT_8717_TCP_ADDR": "x",
+    }  # fmt: skip
+    assert misspelt(given) == [
+        "RHYTID_STOER is not known: did you mean RHYTID_STORE?",
+        "RHYTID_HOST_MEMORY is not known: did you mean RHYTID_HOST_MEMORY_MB?",
+        "RHYTID_KEY_FILE is not known: did you mean RHYTID_KEYS_FILE?",
+        "RHYTID_STALL_SECOND is not known: did you mean RHYTID_STALL_SECONDS?",
+    ]
+
+
+def test_commands_warn_of_misspelt_variables(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    monkeypatch.setenv("RHYTID_STORE", str(tmp_path))
+    monkeypatch.setenv("RHYTID_SPOOLMB", "1")
+    assert main(["keys", "list"]) == 0
+    told = "rhytid keys: warning: RHYTID_SPOOLMB is not known: did you mean RHYTID_SPOOL_MB?\n"
+    assert capsys.readouterr().err == told

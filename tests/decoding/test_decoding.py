@@ -269,6 +269,21 @@ def test_what_is_not_light(files: Files) -> None:
     assert not limits.is_light(parts)
 
 
+def test_uploads_that_become_large_are_decoded_one_at_a_time(
+    hold: Hold, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(limits, "LARGE", 20_000_000)
+    monkeypatch.setattr(decoding, "_PATIENCE", 0.05)
+    decoder = Decoder()
+    large = mesh("m.npz", packed({"positions": (1_000_000, 3)}))
+    other = [*mesh("m.obj", obj()), ("stiffness", ("s.exr", exr(GREY)))]
+    with decoding._taken(decoder._alone, lambda: False):
+        with pytest.raises(BusyError, match="other uploads were decoded for"):
+            read(large, hold, decoder=decoder)
+        assert read(other, hold, decoder=decoder).stiffness is not None
+    assert len(read(large, hold, decoder=decoder).mesh.positions) == 1_000_000
+
+
 class _Evil:
     def __init__(self, module: str, name: str, *arguments: Any) -> None:
         self._what = (module, name), arguments

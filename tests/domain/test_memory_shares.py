@@ -7,10 +7,17 @@ from pathlib import Path
 
 import pytest
 
+from rhytid.api.request_memory import small_budget
 from rhytid.device import memory
-from rhytid.device.memory import machine_memory, usual_device_memory, usual_frame_memory
+from rhytid.device.memory import (
+    machine_memory,
+    usual_device_memory,
+    usual_frame_memory,
+    usual_host_memory,
+)
 from rhytid.device.runtime import Device
 from rhytid.device.select import Candidate
+from rhytid.engine.byte_budget import ByteBudget
 from rhytid.errors import SettingsError
 from rhytid.settings import ServiceSettings
 from rhytid.variables import MIB
@@ -33,7 +40,14 @@ def test_a_cpu_gives_half_of_the_machine_and_a_gpu_most_of_its_own(machine: Path
     assert usual_device_memory(CPU) == 8 * GIB
     assert usual_device_memory(replace(CPU, memory=4 * GIB)) == 2 * GIB
     assert usual_device_memory(replace(CPU, kind="gpu")) == int(0.8 * 64 * GIB)
-    assert usual_frame_memory() == 2 * GIB
+    assert usual_frame_memory() == int(1.6 * GIB)
+
+
+def test_all_limits_leave_a_seventh_of_the_machine(machine: Path) -> None:
+    """Those of a server that computes on the processor, with all that requests hold."""
+    host = ByteBudget(usual_host_memory(), "RHYTID_HOST_MEMORY_MB")
+    limits = [usual_device_memory(CPU), usual_frame_memory(), host.limit, small_budget(host).limit]
+    assert sum(limits) <= 6 / 7 * machine_memory()
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import pytest
 
 from house.markdown import table
 from house.pages import ROOT
-from rhytid.api import device_slots, encoding, parts, rates, uploads
+from rhytid.api import device_slots, encoding, parts, rates, request_memory, uploads
 from rhytid.api.live import drawing, places, session, wire
 from rhytid.cli import connections, web_sockets
 from rhytid.decoding import decoder, limits
@@ -37,6 +37,7 @@ NUMBERS: dict[str, tuple[float, ...]] = {
     "callers": (rates.REMEMBERED,),
     "body": (USUAL.upload_limit / MIB,),
     "uploads and large": (USUAL.spool / MIB,),
+    "small answers": (request_memory.SMALL / MIB,),
     "a wait": (byte_budget.PATIENCE,),
     "JSON": (uploads.JSON_LIMIT,),
     "head of a part": (parts.HEADER_LIMIT,),
@@ -61,7 +62,8 @@ NUMBERS: dict[str, tuple[float, ...]] = {
     "time between pings": (web_sockets.PING,),
     "decoded in the server itself: bytes sent": (limits.LIGHT,),
     "decoded in the server itself: bytes that": (limits.LIGHT_PROMISED,),
-    "uploads decoded": (limits.AT_ONCE,),
+    "uploads decoded at once in": (limits.AT_ONCE,),
+    "uploads decoded at once whose": (limits.LARGE / MIB, 1),
     "uploads that wait": (decoder._WAITING, decoder._PATIENCE),
     "memory of a process": (limits.ROOM / MIB, limits.ROOM_A_BYTE, limits.ROOM_A_PROMISED),
     "processor": (limits.SECONDS, 1),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import partial
+from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
 from fastapi import Depends, FastAPI
@@ -22,7 +22,7 @@ from rhytid.api.metrics import Metrics, Observe
 from rhytid.api.package_files import KEY
 from rhytid.api.request_head import CheckHead
 from rhytid.api.request_ids import HEADER, RequestIds
-from rhytid.api.request_memory import HoldUntilSent
+from rhytid.api.request_memory import HoldUntilSent, small_budget
 from rhytid.api.routes import (
     assets,
     bins,
@@ -83,6 +83,9 @@ def create_app(engine: AnyEngine, settings: ServiceSettings) -> FastAPI:
         # `routes.root` has pages that need no internet.
         docs_url=None,
         redoc_url=None,
+        # `Observe` makes the span of each request. Those that new versions of FastAPI make would be
+        # traces beside it, with the query; older versions keep this among what they do not know.
+        telemetry={"tracing": False, "metrics": False, "logs": False},
     )
     app.state.engine = engine
     app.state.settings = settings
@@ -93,10 +96,15 @@ def create_app(engine: AnyEngine, settings: ServiceSettings) -> FastAPI:
     app.state.decoder = Decoder()
     app.state.large = LargeAnswers()
     app.state.live_places = LivePlaces()
+    app.state.small = cache(lambda: small_budget(engine.memory))
     app.state.spool = ByteBudget(settings.spool, "RHYTID_SPOOL_MB")
     app.state.metrics = Metrics(
         engine,
-        {"host": lambda: engine.memory, "spool": lambda: app.state.spool},
+        {
+            "host": lambda: engine.memory,
+            "small": app.state.small,
+            "spool": lambda: app.state.spool,
+        },
         app.state.drain,
         app.state.live_places,
     )
@@ -108,7 +116,12 @@ def create_app(engine: AnyEngine, settings: ServiceSettings) -> FastAPI:
         app.add_middleware(CORSMiddleware, allow_origins=settings.origins, **SHARED)
     app.add_middleware(CheckHead, hosts=settings.hosts, origins=settings.origins)
     app.add_middleware(Draining, drain=app.state.drain)
-    app.add_middleware(Observe, metrics=app.state.metrics, tracer=tracer())
+    app.add_middleware(
+        Observe,
+        metrics=app.state.metrics,
+        tracer=tracer(),
+        trace_kernels=settings.trace_kernels,
+    )
     app.add_middleware(RequestIds)
     app.add_middleware(HoldUntilSent)
     problems.install(app)

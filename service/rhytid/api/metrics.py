@@ -34,10 +34,17 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 # What the bytes of each budget are held for.
-PURPOSES = {"host": ("answers", "uploads", "jobs"), "spool": ("uploads", "answers")}
+PURPOSES = {
+    "host": ("answers", "uploads", "jobs"),
+    "small": ("answers", "uploads"),
+    "spool": ("uploads", "answers"),
+}
 # What can end the process of the device: a fault of its own, a call of the driver that takes too
 # long, somebody else; or it does not start.
 CAUSES = ("fault", "late", "killed", "start")
+# Asked many times a minute by what watches the server; logged where they are refused.
+PROBES = frozenset({"/healthz", "/readyz", "/metrics"})
+_REFUSED = 400
 METHODS = frozenset({"GET", "HEAD", "PUT", "POST", "PATCH", "DELETE", "OPTIONS"})
 
 
@@ -149,9 +156,16 @@ class Observe:
     """ASGI middleware: one count, one time and one log line per request; of a WebSocket a line for
     its handshake."""
 
-    def __init__(self, app: ASGIApp, metrics: Metrics, tracer: Tracer | None = None) -> None:
+    def __init__(
+        self,
+        app: ASGIApp,
+        metrics: Metrics,
+        tracer: Tracer | None = None,
+        *,
+        trace_kernels: bool = False,
+    ) -> None:
         self.app = app
-        self.metrics, self._tracer = metrics, tracer
+        self.metrics, self._tracer, self._each = metrics, tracer, trace_kernels
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass the request on and note its status, 500 where it raised."""
@@ -170,7 +184,8 @@ class Observe:
                 status = message["status"]
             await send(message)
 
-        with nullcontext() if self._tracer is None else traced(self._tracer, scope) as span:
+        tracer = self._tracer
+        with nullcontext() if tracer is None else traced(tracer, scope, each=self._each) as span:
             try:
                 await self.app(scope, receive, noting)
             finally:
@@ -188,7 +203,8 @@ class Observe:
         fields |= {"milliseconds": round(1000 * seconds, 3), "caller": who}
         text = f"%s %s %d %.1f ms{' %s' if who else '%s'}"
         extra = {"fields": fields}
-        logger.info(text, method, path, status, 1000 * seconds, who, extra=extra)
+        level = logging.DEBUG if route in PROBES and status < _REFUSED else logging.INFO
+        logger.log(level, text, method, path, status, 1000 * seconds, who, extra=extra)
         if span is not None:
             span(status, route)
 

@@ -135,7 +135,10 @@ async def _deliberate(request: Request, error: Exception) -> Response:
 
 async def _invalid(request: Request, error: Exception) -> Response:
     assert isinstance(error, RequestValidationError)
-    return problem(422, "; ".join(_fault(fault) for fault in error.errors()))
+    faults = error.errors()
+    in_body = any(fault["loc"][0] == "body" for fault in faults)
+    kind = KINDS[errors.InputError if in_body else errors.QueryError]
+    return problem(kind.status, "; ".join(map(_fault, faults)), kind.title, kind.type)
 
 
 def _fault(fault: Mapping[str, Any]) -> str:

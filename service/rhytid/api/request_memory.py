@@ -24,6 +24,14 @@ PIECES = "rhytid.pieces"
 PIECE, LAST = 1 << 20, 1 << 16
 # What is decoded of an upload, and the bytes that it is decoded from, over these bytes.
 DECODED = 3
+# Small answers and frames have a budget of their own, of so many times less than that of all
+# others, so that they do not wait for uploads. One may have an eighth of it, or so many bytes.
+SMALL_PART, SMALL, SMALL_SHARE = 4, 16 << 20, 8
+
+
+def small_budget(host: ByteBudget) -> ByteBudget:
+    """What small answers and frames may hold beside that budget."""
+    return ByteBudget(host.limit // SMALL_PART, "RHYTID_HOST_MEMORY_MB", host.patience)
 
 
 class _Closable(Protocol):
@@ -36,19 +44,21 @@ Closed = TypeVar("Closed", bound=_Closable)
 class RequestMemory:
     """What one request holds of the budgets; given back when its answer is sent, or it fails.
 
-    host: bytes of memory.  spool: bytes of uploads and large answers on disk, in `folder`, where it
-    is there, else where temporary files are.
+    host: bytes of memory.  small: those of small requests.  spool: bytes of uploads and large
+    answers on disk, in `folder`, where it is there, else where temporary files are.
     """
 
     def __init__(
         self,
         held: ExitStack,
         host: ByteBudget,
+        small: ByteBudget,
         spool: ByteBudget,
         folder: Path,
         large: LargeAnswers,
     ) -> None:
-        self._held, self._host, self._spool, self._folder = held, host, spool, folder
+        self._held, self._host, self._small = held, host, small
+        self._spool, self._folder = spool, folder
         # Held while an answer is made: see `LargeAnswers.one`.
         self.making = large.one
 
@@ -57,17 +67,21 @@ class RequestMemory:
         """Of a request that `HoldUntilSent` passed on."""
         state, held = request.app.state, request.scope[_KEY]
         folder = state.settings.store / "partial"
-        return cls(held, state.engine.memory, state.spool, folder, state.large)
+        return cls(held, state.engine.memory, state.small(), state.spool, folder, state.large)
 
-    def hold(self, purpose: str) -> Hold:
-        """A hold of 0 bytes of memory, for `answers` or `uploads`."""
-        hold = self._host.hold(purpose)
+    def hold(self, purpose: str, most: int | None = None) -> Hold:
+        """A hold of 0 bytes of memory, for `answers` or `uploads`.
+
+        most: bytes that it will have; None = not known, so that they may be many.
+        """
+        small = most is not None and most <= min(SMALL, self._small.limit // SMALL_SHARE)
+        hold = (self._small if small else self._host).hold(purpose)
         self._held.callback(hold.release)
         return hold
 
     def answer(self, nbytes: int) -> Hold:
         """So many bytes for an answer; waits for them. Raises HostBusyError and HostMemoryError."""
-        hold = self.hold("answers")
+        hold = self.hold("answers", nbytes)
         hold.grow(nbytes)
         return hold
 

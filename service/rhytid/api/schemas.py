@@ -203,6 +203,7 @@ class HostMemory(_Answer):
     """Bytes that requests and jobs hold on the host."""
 
     host: Bytes = Field(description="answers until they are sent, uploads, frames that wait")
+    small: Bytes = Field(description="small answers and frames, beside these")
     spool: Bytes = Field(description="uploads on disk")
 
 

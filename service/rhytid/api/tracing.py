@@ -4,7 +4,7 @@ them to; nothing otherwise."""
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -56,9 +56,13 @@ def tracer() -> Tracer | None:
 
 
 @contextmanager
-def traced(tracer: Tracer, scope: Scope) -> Iterator[Any]:
-    """A span around a request, as part of its client's trace; call what is yielded with the status
-    and the route at the end."""
+def traced(tracer: Tracer, scope: Scope, *, each: bool) -> Iterator[Any]:
+    """A span around a request, as part of its client's trace, with spans of its stages in it; call
+    what is yielded with the status and the route at the end.
+
+    each: a span each time that the request goes through a stage, such as a kernel; else one for all
+    times, from the first to the last.
+    """
     from opentelemetry import trace
     from opentelemetry.propagate import extract
 
@@ -78,12 +82,22 @@ def traced(tracer: Tracer, scope: Scope) -> Iterator[Any]:
             span.set_attribute("rhytid.request_id", request_id.get())
             if status >= _FAILED:
                 span.set_status(trace.StatusCode.ERROR)
-            for stage in stages:
-                _note(tracer, stage)
+            for times in [[stage] for stage in stages] if each else _by_stage(stages):
+                _note(tracer, times)
 
         yield end
 
 
-def _note(tracer: Tracer, stage: Span) -> None:
-    found = tracer.start_span(stage.stage, start_time=stage.start)
-    found.end(stage.start + stage.nanoseconds)
+def _by_stage(stages: Iterable[Span]) -> list[list[Span]]:
+    found: dict[str, list[Span]] = {}
+    for stage in stages:
+        found.setdefault(stage.stage, []).append(stage)
+    return list(found.values())
+
+
+def _note(tracer: Tracer, times: list[Span]) -> None:
+    """One span for the times that a request went through a stage."""
+    name, busy = times[0].stage, sum(one.nanoseconds for one in times)
+    about = {"rhytid.times": len(times), "rhytid.nanoseconds": busy}
+    span = tracer.start_span(name, attributes=about, start_time=min(one.start for one in times))
+    span.end(max(one.start + one.nanoseconds for one in times))

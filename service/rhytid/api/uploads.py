@@ -28,9 +28,10 @@ JSON_TYPES = ("application/json", "application/merge-patch+json")
 async def read_frame(request: Request, vertices: int) -> bytes:
     """The body with one frame of that many vertices; raises LimitError where it is larger,
     HostBusyError where other requests hold the memory."""
-    largest = WIDEST_VERTEX * vertices + HEADER_ROOM
-    hold = RequestMemory.of(request).hold("uploads")
-    return await _body(request, min(largest, _limit(request)), hold)
+    largest = min(WIDEST_VERTEX * vertices + HEADER_ROOM, _limit(request))
+    most = DECODED * min(largest, _declared(request) or largest)
+    hold = RequestMemory.of(request).hold("uploads", most)
+    return await _body(request, largest, hold)
 
 
 async def read_parts(request: Request) -> dict[str, Part]:
@@ -101,8 +102,8 @@ async def _body(request: Request, limit: int, hold: Hold | None = None) -> bytes
 
 
 async def _chunks(request: Request, limit: int) -> AsyncIterator[bytes]:
-    declared = request.headers.get("content-length", "")
-    if declared.isascii() and declared.isdigit() and int(declared[:20]) > limit:
+    declared = _declared(request)
+    if declared is not None and declared > limit:
         raise LimitError(f"body has {declared} bytes: at most {limit}")
     total = 0
     async for chunk in request.stream():
@@ -110,6 +111,12 @@ async def _chunks(request: Request, limit: int) -> AsyncIterator[bytes]:
         if total > limit:
             raise LimitError(f"body has more than {total - 1} bytes: at most {limit}")
         yield chunk
+
+
+def _declared(request: Request) -> int | None:
+    """Bytes of the body, by its head; None where that does not say."""
+    declared = request.headers.get("content-length", "")
+    return int(declared[:20]) if declared.isascii() and declared.isdigit() else None
 
 
 def _limit(request: Request) -> int:

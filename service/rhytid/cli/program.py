@@ -36,6 +36,7 @@ from rhytid.cli.places import make_place
 from rhytid.cli.termination import INTERRUPTED, Interruption
 from rhytid.cli.voice import Voice, job_line, speaking
 from rhytid.errors import RhytidError
+from rhytid.settings import misspelt
 from rhytid.storage.lock import known_as
 
 COMMANDS = (
@@ -70,6 +71,8 @@ def run(argv: Sequence[str] | None, interruption: Interruption) -> int:
     voice = Voice(arguments.quiet, arguments.verbose, for_job)
     try:
         with speaking(voice), _logging(voice), known_as(f"rhytid {arguments.command}"):
+            if arguments.command != "serve":  # which has a log
+                _warn_of_variables(arguments.command)
             make_place(getattr(arguments, "json", None))
             arguments.run(arguments)
     except KeyboardInterrupt:
@@ -117,6 +120,11 @@ class _Version(argparse.Action):
     def __call__(self, parser: argparse.ArgumentParser, *rest: object) -> None:
         print(f"rhytid {__version__} (drawing {drawing_version()}, revision {revision()})")
         parser.exit()
+
+
+def _warn_of_variables(command: str) -> None:
+    for line in misspelt():
+        print(f"rhytid {command}: warning: {line}", file=sys.stderr)
 
 
 @contextmanager

@@ -21,7 +21,9 @@ from rhytid.cli.termination import TERMINATED, Terminated, end_now
 from rhytid.cli.voice import voice
 from rhytid.errors import InputError
 from rhytid.logs import log_to_stderr
-from rhytid.settings import LOG_FORMATS, ServiceSettings
+from rhytid.settings import LOG_FORMATS, ServiceSettings, misspelt
+
+logger = logging.getLogger(__name__)
 
 if TYPE_CHECKING:
     from rhytid.engine_process.any_engine import AnyEngine
@@ -119,6 +121,8 @@ def _serve(
     from rhytid.cli.server import address_of, server_of
 
     log_to_stderr(settings.log_format, logging.getLevelName(_log_level().upper()), "server")
+    for line in misspelt():
+        logger.warning("%s", line)
     if settings.traces:
         send_spans()
     allow_files(settings.connections)

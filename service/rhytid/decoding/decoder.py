@@ -11,7 +11,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from typing import Any
 
 from rhytid.decoding import limits
@@ -47,10 +47,12 @@ _CODE = (
 
 
 class Decoder:
-    """Decodes uploads, AT_ONCE of those that are not light at a time."""
+    """Decodes uploads, AT_ONCE of those that are not light at a time, one of those that become
+    large."""
 
     def __init__(self) -> None:
         self._turns = threading.BoundedSemaphore(limits.AT_ONCE)
+        self._alone = threading.BoundedSemaphore(1)
         self._places = threading.BoundedSemaphore(limits.AT_ONCE + _WAITING)
 
     def read(
@@ -77,26 +79,34 @@ class Decoder:
         with self._turn(gone):
             hold.grow(min(limits.room(parts), hold.limit))
             job = Job(_pieces(parts), settings, force, hold.nbytes, limits.seconds(parts))
-            with closing(_Process(job, file())) as process:
-                return process.result(hold, gone)
+            alone = _taken(self._alone, gone)
+            with ExitStack() as held, closing(_Process(job, file())) as process:
+                return process.result(hold, gone, lambda: held.enter_context(alone))
 
     @contextmanager
     def _turn(self, gone: Gone) -> Iterator[None]:
         if not self._places.acquire(blocking=False):
             raise BusyError(f"{_WAITING} uploads wait to be decoded already")
         try:
-            until = time.monotonic() + _PATIENCE
-            while not self._turns.acquire(timeout=_LOOK):
-                if gone():
-                    raise CancelledError("the client has closed the connection")
-                if time.monotonic() > until:
-                    raise BusyError(f"other uploads were decoded for {_PATIENCE:g} seconds")
-            try:
+            with _taken(self._turns, gone):
                 yield
-            finally:
-                self._turns.release()
         finally:
             self._places.release()
+
+
+@contextmanager
+def _taken(turns: threading.BoundedSemaphore, gone: Gone) -> Iterator[None]:
+    """A turn within the block; waits for it."""
+    until = time.monotonic() + _PATIENCE
+    while not turns.acquire(timeout=_LOOK):
+        if gone():
+            raise CancelledError("the client has closed the connection")
+        if time.monotonic() > until:
+            raise BusyError(f"other uploads were decoded for {_PATIENCE:g} seconds")
+    try:
+        yield
+    finally:
+        turns.release()
 
 
 class _Process:
@@ -118,14 +128,20 @@ class _Process:
             )
         self._tell(job)
 
-    def result(self, hold: Hold, gone: Gone) -> NewAsset:
-        """What it makes of the upload, as `Decoder.read` says."""
+    def result(self, hold: Hold, gone: Gone, alone: Callable[[], None]) -> NewAsset:
+        """What it makes of the upload, as `Decoder.read` says.
+
+        alone: waits until no other upload that becomes large is decoded.
+        """
         while True:
             word = self._next(gone)
             if isinstance(word, NewAsset):
                 hold.resize(min(hold.nbytes, limits.ROOM_A_PROMISED * self._nbytes))
                 return word
             if isinstance(word, Promised):
+                if word.nbytes >= limits.LARGE:
+                    alone()
+                    self._until = time.monotonic() + limits.CLOCK * self._seconds
                 more = min(limits.ROOM_A_PROMISED * word.nbytes, hold.limit - hold.nbytes)
                 hold.grow(more)
                 self._tell(Granted(more))

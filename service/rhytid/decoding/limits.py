@@ -13,6 +13,8 @@ from rhytid.formats.npz import promised_by_npz
 MIB = 1 << 20
 # Decodings with limits of their own that go on at once.
 AT_ONCE = 2
+# Bytes that headers promise, from which on one upload is decoded at a time.
+LARGE = 256 * MIB
 # Memory of one: so much, and so many bytes for each that was sent and that headers promise.
 ROOM, ROOM_A_BYTE, ROOM_A_PROMISED = 256 * MIB, 16, 3
 # Of files whose headers promise all that is made of them, packed or not, in place of ROOM_A_BYTE.

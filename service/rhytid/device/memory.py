@@ -7,12 +7,14 @@ from pathlib import Path
 
 from rhytid.device.select import Candidate
 
-# Of the memory of a device of its own; of a CPU, whose memory is that of the machine, where frames,
-# uploads and the rest of the process lie, too.
-DEVICE_SHARE, CPU_SHARE = 0.8, 0.5
-FRAME_SHARE = 0.125
-# What requests hold on the host, and the least of it.
-HOST_SHARE, LEAST_HOST = 0.25, 512 << 20
+# Of the memory of a device that has its own.
+DEVICE_SHARE = 0.8
+# Of the memory of the machine: what a CPU computes with, stored frames, and what requests and jobs
+# hold, those that decode uploads too. What small requests hold beside these is a part of the last:
+# `rhytid.api.request_memory`. The rest is for Python, compilers and everything else that runs.
+CPU_SHARE, FRAME_SHARE, HOST_SHARE = 0.5, 0.1, 0.2
+# The least for requests and jobs.
+LEAST_HOST = 512 << 20
 # If the system does not report it.
 _FALLBACK = 8 << 30
 # What a container may use, of either version of control groups.
