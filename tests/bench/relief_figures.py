@@ -1,12 +1,14 @@
 """The relief of a patch of skin beside that of a scan: octaves, heights, slopes, and three plots:
 
     python tests/bench/relief_figures.py OUT_DIR --patch NAME MESH UNIT MAP X Y Z MM [--patch ...]
+        [--v-up MESH.glb]
 
 NAME is what the patch is called in plots, UNIT the millimetres of a unit of MESH. MAP is an EXR in
 that unit, or a grey picture with 128 for 0 whose micrometres a code are given by `NAME@UM`.
 (X, Y, Z) is a place on MESH and MM the side of the square around it, seen along its normal. The
 form of the square, a polynomial of the second degree, is taken out. Writes spectrum.png,
-heights.png and slopes.png and prints a table.
+heights.png and slopes.png and prints a table. A glTF file is read with its v down, as glTF has it;
+`--v-up` names one whose v points up all the same, as in that of Lee Perry-Smith's head.
 """
 
 from __future__ import annotations
@@ -65,12 +67,21 @@ class Patch:
 
 
 def patch(
-    name: str, mesh: Path, unit: float, relief: Path, at: NDArray[np.float64], side: float
+    name: str,
+    mesh: Path,
+    unit: float,
+    relief: Path,
+    at: NDArray[np.float64],
+    side: float,
+    turned: bool = False,
 ) -> Patch:
-    """The square of `side` mm around the place of a mesh that is nearest to `at`."""
+    """The square of `side` mm around the place of a mesh that is nearest to `at`.  turned: whether
+    v is read upside down."""
     name, _, per_code = name.partition("@")
     whole = mesh_file(mesh).mesh
     corners, uv = whole.positions[whole.faces].astype(np.float64), whole.triangle_uv()
+    if turned:
+        uv = uv * (1, -1) + (0, 1)
     nearest = int(np.argmin(((corners.mean(axis=1) - at) ** 2).sum(axis=-1)))
     frame = Frame.of(corners[nearest])
     seen = surface_patch(corners, uv % 1.0, frame, side / unit, PIXELS)
@@ -129,10 +140,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(allow_abbrev=False, description=__doc__)
     parser.add_argument("out", type=Path)
     parser.add_argument("--patch", nargs=8, action="append", required=True)
+    parser.add_argument("--v-up", action="append", default=[])
     given = parser.parse_args()
     patches = [
-        patch(name, Path(mesh), float(unit), Path(relief), np.array(at, float), float(side))
+        patch(name, Path(mesh), float(unit), Path(relief), np.array(at, float), float(side), up)
         for name, mesh, unit, relief, *at, side in given.patch
+        for up in [mesh in given.v_up]
     ]
     given.out.mkdir(parents=True, exist_ok=True)
     area = "per cent of the area"

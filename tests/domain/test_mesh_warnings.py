@@ -259,7 +259,8 @@ def test_the_real_face_has_coarse_nostrils_alone() -> None:
     ],
 )
 def test_other_heads(place: str, wanted: list[str]) -> None:
-    """The scan is 8.6 of no unit tall, its UV runs against its winding, its scalp has no room."""
+    """The scan is 8.6 of no unit tall and its scalp has no room. Its v points up, unlike that of
+    glTF, so that what is read runs against its winding."""
     file = Path(face_data.folder()) / place
     assert codes(read_mesh(file.read_bytes(), file.name).mesh) == wanted
 

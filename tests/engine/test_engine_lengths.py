@@ -159,7 +159,7 @@ def test_the_command_line_and_the_service_take_the_same_depth(engine, tmp_path, 
     np.savez(mesh, **arrays, frames=MESH.positions[None])
     grey = tmp_path / "density.1001.png"
     grey.write_bytes(white_png())
-    given = ["synthesize", str(mesh), "--out", str(out), "--spacing", "0.2"]
+    given = ["synthesize", str(mesh), "--out", str(out), "--spacing", "0.2", "--seed", "7"]
     assert main([*given, "--map", f"density={grey}", "--json"]) == 0
     figures = json.loads(capsys.readouterr().out)
     assert figures["depth"] == pytest.approx(0.15 * 0.2)
@@ -167,6 +167,7 @@ def test_the_command_line_and_the_service_take_the_same_depth(engine, tmp_path, 
     assert json.loads(capsys.readouterr().out)["depth"] == figures["depth"]
     served = built(engine, NewAsset(MESH, AssetSettings.parse(SIZE), read_graph(out.read_bytes())))
     assert lengths(engine, served) == lengths(engine, grown(engine, controls=WHITE, **SPARSE))
+    assert engine.assets.info(served).settings["graph"]["seed"] == 7
     bake = ["bake", "--mesh", str(mesh), "--out", str(tmp_path / "maps"), "--graph", str(out)]
     assert main([*bake, "--resolution", "512"]) == 0
     baked = read_exr(tmp_path / "maps" / "mesh.1001.0001.exr")[0]

@@ -74,9 +74,9 @@ def write_mipmapped(path: Path, map: FrameMap, facts: Facts) -> None:
 
 
 def write_png16(path: Path, map: FrameMap, facts: Facts) -> None:
-    """Grey PNG of 16 bits, 0 at code 32768; padded."""
+    """Grey PNG of 16 bits, 0 at code 32768, said to be linear; padded."""
     heights = map.padded()
-    _png(path, quantise(heights, map.header.scale), map, facts, heights)
+    _png(path, quantise(heights, map.header.scale), map, facts, heights, linear=True)
 
 
 def write_normals(path: Path, map: FrameMap, facts: Facts) -> None:
@@ -108,7 +108,14 @@ def _bytes(values: NDArray[np.float32]) -> NDArray[np.uint8]:
     return codes
 
 
-def _png(path: Path, codes: Codes, map: FrameMap, facts: Facts, values: NDArray[Any]) -> None:
+def _png(
+    path: Path,
+    codes: Codes,
+    map: FrameMap,
+    facts: Facts,
+    values: NDArray[Any],
+    linear: bool = False,
+) -> None:
     texts = {name: str(v) for name, v in attributes(map.header, facts, values).items()}
     with whole(path) as aside:
-        write_file(aside, encode_png(codes, texts))
+        write_file(aside, encode_png(codes, texts, linear))

@@ -67,7 +67,7 @@ _ALL = (
         drawing.write_half, drawing.plain_facts, described=False,
     ),
     Profile(
-        "png16", "png16-1", ".png", f"png16.{_UDIM_FIRST}", 2.0,
+        "png16", "png16-2", ".png", f"png16.{_UDIM_FIRST}", 2.0,
         drawing.write_png16, drawing.png16_facts,
     ),
     Profile(
