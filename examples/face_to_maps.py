@@ -31,7 +31,7 @@ def main() -> None:
     options.out.mkdir(parents=True, exist_ok=True)
     with Client(options.url, key=options.key) as rhytid:
         asset = rhytid.wait(rhytid.create_asset(options.mesh, settings=settings))
-        # The service counts the frames of a mesh file from 0000; `rhytid bake` counts from 0001.
+        # The frames of a mesh file are called 0001, 0002, …, as `rhytid bake` calls them.
         for frame in rhytid.frames(asset)[1:]:  # the first is "neutral"
             for udim in asset.udims:
                 tile = rhytid.map(asset, frame.name, udim, method="redraw", format="exr")

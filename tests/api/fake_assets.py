@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from api.fake_state import FakeAsset, Part, digest_of
 from rhytid.domain.curves import Curves
 from rhytid.domain.expressions import Expressions
-from rhytid.domain.frame import check_positions
+from rhytid.domain.frame import check_positions, counted_frame
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import mesh_udims
@@ -62,7 +62,7 @@ class FakeAssets(Part):
             job = self.state.start(name, "build")
             self.state.assets[name] = FakeAsset(new, new.settings.resolved(0.01), job)
             for i, frame in enumerate(() if new.frames is None else new.frames):
-                self.state.assets[name].frames[f"{i:04d}"] = frame
+                self.state.assets[name].frames[counted_frame(i)] = frame
         return self.info(name)
 
     def all(self) -> list[AssetInfo]:

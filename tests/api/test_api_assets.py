@@ -137,7 +137,7 @@ def test_frames_in_an_npz_are_stored(client: httpx.Client) -> None:
     np.savez(file, positions=positions(), faces=faces, uv=uv, face_uv=faces, frames=frames)
     made = built(client, upload(file.getvalue(), "patch.npz"))
     names = [f["name"] for f in client.get(f"/v1/assets/{made}/frames").json()]
-    assert names == ["neutral", "0000", "0001"]
+    assert names == ["neutral", "0001", "0002"]
 
 
 BAD_MESHES = {

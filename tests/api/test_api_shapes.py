@@ -66,7 +66,7 @@ def test_frames_of_the_mesh_file_count_where_there_are_no_shapes(url: str) -> No
     ("part", "told"),
     [
         (("shapes.npy", npy(SHAPES[:, :20])), "shape (2, 20, 3)"),
-        (("shapes.npy", npy(np.full_like(SHAPES, np.nan))), "frame 0000, vertex 0"),
+        (("shapes.npy", npy(np.full_like(SHAPES, np.nan))), "frame 0001, vertex 0"),
         (("shapes", npy(SHAPES)), "part shapes has no filename with .npz or .npy"),
         (("shapes.obj", obj()), "must be one of .npz, .npy"),
         (("shapes.npz", b"PK"), "not a readable .npz archive"),

@@ -65,7 +65,7 @@ def test_frame_numbers_and_units_are_told(
     assert main(["convert", str(file), "--out", str(out)]) == 0
     assert capsys.readouterr().out.splitlines() == [
         f"{out}: 2 frames",
-        "A server counts them from 0000: frame 1001 is 0000 there.",
+        "A server counts them from 0001: frame 1001 is 0001 there.",
         'The unit is cm: send it with the settings {"unit": "cm"}.',
     ]
     sent = read_mesh(out.read_bytes(), out.name)

@@ -23,6 +23,7 @@ from rhytid_client import (
     NotReady,
     PlainClient,
     RequestError,
+    RhytidWarning,
     TooLarge,
 )
 
@@ -101,8 +102,11 @@ def test_arrays_and_their_frames(call: Call) -> None:
         "frames": np.stack([corners, 2 * corners]),
     }
     built = call("wait", call("create_asset", arrays, settings=patch.SETTINGS), timeout=30)
-    assert [frame.name for frame in call("frames", built)] == ["neutral", "0000", "0001"]
-    assert np.array_equal(call("positions", built, "0001"), 2 * corners)
+    assert [frame.name for frame in call("frames", built)] == ["neutral", "0001", "0002"]
+    assert np.array_equal(call("positions", built, "0002"), 2 * corners)
+    with pytest.warns(RhytidWarning, match="0000 of a mesh file is named 0001 now") as told:
+        assert np.array_equal(call("positions", built, "0000"), corners)
+    assert ["rhytid_client" in one.filename for one in told] == [False]
 
 
 def test_graph_comes_as_curves_too(call: Call, asset: str) -> None:

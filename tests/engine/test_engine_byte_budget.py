@@ -219,7 +219,7 @@ def test_frames_count_until_their_job_has_stored_them(tmp_path: Path) -> None:
         gate.set()
         rest(engine)
         assert engine.memory.used == 0
-        assert [frame.name for frame in engine.frames.all(info.id)][1:] == ["0000", "0001", "0002"]
+        assert [frame.name for frame in engine.frames.all(info.id)][1:] == ["0001", "0002", "0003"]
 
 
 def test_frames_of_an_upload_are_counted_once(tmp_path: Path) -> None:

@@ -263,7 +263,7 @@ def test_frames_sent_with_a_mesh_are_there_when_it_is_built(engine):
     assert finish(engine, info.job).state == "done"
     rest(engine)
     names = [frame.name for frame in engine.frames.all(info.id)]
-    assert names == ["neutral", "0000", "0001", "0002"]
+    assert names == ["neutral", "0001", "0002", "0003"]
     for name, positions in zip(names[1:], frames, strict=True):
         assert same([engine.frames.positions(info.id, name)], [positions])
 

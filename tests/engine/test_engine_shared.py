@@ -102,11 +102,11 @@ def test_an_asset_that_is_sent_is_fetched_in_place_of_a_build(
     new = replace(new_asset(mesh), frames=deform(mesh.positions, 3, 0.15)[None])
     with running(tmp_path / "a", shared_store=str(folder)) as one:
         asset = built(one, new)
-        wanted = maps(one, asset, "0000")
+        wanted = maps(one, asset, "0001")
     unbuilt()
     with running(tmp_path / "b", shared_store=str(folder)) as other:
         assert built(other, new) == asset
-        assert same(maps(other, asset, "0000"), wanted)
+        assert same(maps(other, asset, "0001"), wanted)
         assert jobs(other, "push") == []
 
 

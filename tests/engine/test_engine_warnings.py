@@ -107,14 +107,14 @@ def test_an_unknown_code_is_refused_with_the_known(engine):
 def test_frames_that_come_with_a_mesh(engine):
     frames = np.stack([BENT, BENT * np.float32(0.1)])
     new = replace(new_asset(unit="ft"), frames=frames)
-    with pytest.raises(StrictError, match="frame-scaled: frame 0001"):
+    with pytest.raises(StrictError, match="frame-scaled: frame 0002"):
         engine.assets.create(new, strict=True)
     info = engine.assets.create(new)
-    assert [(w.code, w.where) for w in info.warnings] == [(codes.FRAME_SCALED, "frame 0001")]
+    assert [(w.code, w.where) for w in info.warnings] == [(codes.FRAME_SCALED, "frame 0002")]
     finish(engine, info.job)
-    assert told(engine.frames.info(info.id, "0001").warnings) == (codes.FRAME_SCALED,)
+    assert told(engine.frames.info(info.id, "0002").warnings) == (codes.FRAME_SCALED,)
     assert (
-        engine.frames.info(info.id, "0000").warnings == engine.assets.info(info.id).warnings == ()
+        engine.frames.info(info.id, "0001").warnings == engine.assets.info(info.id).warnings == ()
     )
 
 

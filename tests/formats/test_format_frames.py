@@ -84,7 +84,7 @@ def test_files(data: bytes, name: str, wanted: Any) -> None:
     [
         (npy(SQUARE[:3]), "a.npy", r"frames have shape \(1, 3, 3\), not \(N, 4, 3\)"),
         (npy(SQUARE.ravel()), "a.npy", r"frames have shape \(12,\)"),
-        (npy(FRAMES * [[[1], [1], [np.nan], [1]]]), "a.npy", "frame 0000, vertex 2 is .*not fin"),
+        (npy(FRAMES * [[[1], [1], [np.nan], [1]]]), "a.npy", "frame 0001, vertex 2 is .*not fin"),
         (npz(offsets=FRAMES), "a.npz", "archive has no 'frames'; it has 'offsets'"),
         (npz(frames=SQUARE), "a.npz", r"frames have shape \(4, 3\)"),
         (npz(frames=FRAMES.astype(object)), "a.npz", "Python objects"),

@@ -229,8 +229,8 @@ def test_packings_that_are_not_read() -> None:
     [
         (FRAMES[:, :3], r"frames have shape \(3, 3, 3\), not \(N, 4, 3\)"),
         (SQUARE, r"frames have shape \(4, 3\), not \(N, 4, 3\)"),
-        (FRAMES + np.array([0, np.nan, 0])[:, None, None], "frame 0001, vertex 0"),
-        (FRAMES.astype(float) * 1e39, "frame 0000, vertex 0 is .*inf.*: not finite"),
+        (FRAMES + np.array([0, np.nan, 0])[:, None, None], "frame 0002, vertex 0"),
+        (FRAMES.astype(float) * 1e39, "frame 0001, vertex 0 is .*inf.*: not finite"),
     ],
 )
 def test_refused_frames(frames: Any, message: str) -> None:

@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 
 from rhytid_client.parse import Response
 from rhytid_client.requests import Request
+from rhytid_client.warned import tell_notice
 
 T = TypeVar("T")
 
@@ -63,6 +64,8 @@ def patient(flow: Flow[T], max_wait: float) -> Flow[T]:
             yield Pause(pause)
             waited += pause
             answer = yield step
+        if answer is not None:
+            tell_notice(answer.headers)
 
 
 def _pause(response: Response) -> float:

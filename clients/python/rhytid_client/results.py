@@ -216,8 +216,8 @@ class Tile:
 
         path: a file, whose extension says the format; or a folder that is there, for a file called
         as those of `bake` are, NAME.<UDIM>.<FRAME>.exr, with the extension of the tile's format.
-        FRAME is the name in the service, which counts frames of a mesh file from 0000, `bake` from
-        0001.
+        FRAME is the name in the service, which counts frames of a mesh file from 0001, as `bake`
+        does.
         What the server sent is written as it came. Of a tile that came as npy or f16 also .npy of
         the same type, and .png of 16 bits are made here.
         scale: of such a .png, mesh units that white stands for, (p - 32768) / 32767 · scale is the

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 
@@ -12,6 +12,9 @@ from rhytid_client.results import InputWarning
 
 # From here up to who called the method of a client: a call, `patient`, `_run`, the method.
 _CALLER = 6
+# The same of what the answer itself says, which `patient` tells.
+_ASKER = 5
+NOTICE = "x-rhytid-notice"
 # Of this thread or task: the filters of Python's warnings are those of the whole process.
 _silent = ContextVar("silent", default=False)
 
@@ -32,3 +35,11 @@ def tell(found: Iterable[InputWarning]) -> None:
         return
     for warning in found:
         warnings.warn(str(warning), RhytidWarning, stacklevel=_CALLER)
+
+
+def tell_notice(headers: Mapping[str, str]) -> None:
+    """Warn of the notice in the headers of an answer, if there is one; to be called by `patient`
+    alone."""
+    notice = headers.get(NOTICE)
+    if notice is not None and not _silent.get():
+        warnings.warn(notice, RhytidWarning, stacklevel=_ASKER)

@@ -16,6 +16,7 @@ from rhytid.api.device_slots import DeviceSlots, LargeAnswers, threads
 from rhytid.api.documentation import describe
 from rhytid.api.draining import Drain, Draining
 from rhytid.api.encoding import SCALE, WARNINGS
+from rhytid.api.former_frames import NOTICE, FormerFrames, FormerNames
 from rhytid.api.job_shares import JobShares
 from rhytid.api.live.places import LivePlaces
 from rhytid.api.metrics import Metrics, Observe
@@ -67,7 +68,7 @@ ROUTERS = (
 SHARED: dict[str, Any] = {
     "allow_methods": ("GET", "HEAD", "PUT", "POST", "PATCH", "DELETE"),
     "allow_headers": ("Authorization", "Content-Type", "If-None-Match", HEADER),
-    "expose_headers": ("ETag", "Location", "Retry-After", HEADER, KEY, SCALE, WARNINGS),
+    "expose_headers": ("ETag", "Location", "Retry-After", HEADER, KEY, NOTICE, SCALE, WARNINGS),
     "max_age": 600,
 }
 
@@ -97,6 +98,7 @@ def create_app(engine: AnyEngine, settings: ServiceSettings) -> FastAPI:
     app.state.large = LargeAnswers()
     app.state.live_places = LivePlaces()
     app.state.small = cache(lambda: small_budget(engine.memory))
+    app.state.former_names = FormerNames()
     app.state.spool = ByteBudget(settings.spool, "RHYTID_SPOOL_MB")
     app.state.metrics = Metrics(
         engine,
@@ -112,6 +114,7 @@ def create_app(engine: AnyEngine, settings: ServiceSettings) -> FastAPI:
     app.state.routes = [route for route in every if isinstance(route, APIRoute)]
     for router in ROUTERS:
         app.include_router(router)
+    app.add_middleware(FormerFrames, names=app.state.former_names)
     if settings.origins:
         app.add_middleware(CORSMiddleware, allow_origins=settings.origins, **SHARED)
     app.add_middleware(CheckHead, hosts=settings.hosts, origins=settings.origins)

@@ -16,6 +16,7 @@ from starlette.concurrency import run_in_threadpool
 from rhytid.api import uploads
 from rhytid.api.access import Caller
 from rhytid.api.client_gone import ClientGone
+from rhytid.api.former_frames import FormerNames
 from rhytid.api.job_shares import JobShare
 from rhytid.api.metrics import Metrics
 from rhytid.api.parts import Part
@@ -47,6 +48,10 @@ EngineDep = Annotated[Engine, Depends(_engine)]
 
 async def _slot(request: Request) -> Any:
     return request.app.state.slots.one(ClientGone(request))
+
+
+async def _former(request: Request) -> Any:
+    return request.app.state.former_names
 
 
 async def _gone(request: Request) -> Any:
@@ -146,6 +151,8 @@ NoRepeats = Depends(no_repeats)
 Slot = Annotated[AbstractContextManager[None], Depends(_slot)]
 # Whether the client has closed the connection, for a thread to ask once the body has been read.
 Gone = Annotated[Callable[[], bool], Depends(_gone)]
+# Which assets have frames that had other names in earlier versions.
+FormerDep = Annotated[FormerNames, Depends(_former)]
 DecoderDep = Annotated[Decoder, Depends(_decoder)]
 # What the request holds of the host's memory until its answer is sent.
 Memory = Annotated[RequestMemory, Depends(_memory)]

@@ -10,6 +10,7 @@ from rhytid.cli.mesh_options import FRAME_FILES, add_caches, add_mesh, cache_cli
 from rhytid.cli.options import Commands, add_json, add_several, new_command
 from rhytid.cli.progress import counted
 from rhytid.cli.reporting import report
+from rhytid.domain.frame import counted_frame
 from rhytid.domain.wording import plural
 from rhytid.errors import InputError
 
@@ -72,8 +73,9 @@ def run(arguments: argparse.Namespace) -> None:
 
 def _summary(out: Path, labels: list[str], unit: str | None) -> str:
     lines = [f"{out}: {plural(len(labels), 'frame')}"]
-    if labels and labels[0] != "0000":
-        lines.append(f"A server counts them from 0000: frame {labels[0]} is 0000 there.")
+    first = counted_frame(0)
+    if labels and labels[0] != first:
+        lines.append(f"A server counts them from {first}: frame {labels[0]} is {first} there.")
     if unit is not None:
         lines.append(f'The unit is {unit}: send it with the settings {{"unit": "{unit}"}}.')
     return "\n".join(lines)

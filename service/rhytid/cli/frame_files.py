@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rhytid.cli.argument_types import is_file_name
 from rhytid.cli.input_files import frame_set
-from rhytid.domain.frame import NEUTRAL, frame_label
+from rhytid.domain.frame import NEUTRAL, counted_frame, frame_label
 from rhytid.domain.wording import plural
 from rhytid.errors import FrameError
 from rhytid.formats.frame_set import Clip, FrameSet
@@ -129,7 +129,7 @@ def frame_labels(files: Sequence[Path | None], counts: Sequence[int]) -> list[st
 
 
 def _counted(frames: int) -> list[str]:
-    return [frame_label(number) for number in range(1, frames + 1)]
+    return [counted_frame(index) for index in range(frames)]
 
 
 def _numbered(files: Sequence[Path | None], numbers: Sequence[int]) -> list[str]:

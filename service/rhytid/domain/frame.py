@@ -52,3 +52,8 @@ def check_positions(
 def frame_label(number: int) -> str:
     """The name of a frame of this number: at least four digits."""
     return f"{number:04d}"
+
+
+def counted_frame(index: int) -> str:
+    """The name of a frame that its file gives no number, by its place there: 0001 of the first."""
+    return frame_label(index + 1)

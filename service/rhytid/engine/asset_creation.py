@@ -10,7 +10,7 @@ from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.expressions import Expressions
 from rhytid.domain.folds import Folds
-from rhytid.domain.frame import frame_label
+from rhytid.domain.frame import counted_frame
 from rhytid.domain.settings_changes import settings_changed
 from rhytid.domain.warnings import InputWarning, check_codes, refuse
 from rhytid.engine.asset_registration import AssetRegistration, Positions
@@ -97,7 +97,7 @@ def _frame_warnings(asset: Asset, frames: Positions) -> Warnings:
     return tuple(
         warning
         for index, positions in enumerate(frames)
-        for warning in asset.frame_warnings(positions, f"frame {frame_label(index)}")
+        for warning in asset.frame_warnings(positions, f"frame {counted_frame(index)}")
     )
 
 

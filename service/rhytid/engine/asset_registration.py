@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.domain.folds import Folds
-from rhytid.domain.frame import frame_label
+from rhytid.domain.frame import counted_frame
 from rhytid.engine.asset_builder import AssetBuilder
 from rhytid.engine.asset_registry import AssetRegistry
 from rhytid.engine.assets import Asset
@@ -144,7 +144,7 @@ class AssetRegistration:
         def work(job: Job) -> None:
             for index, positions in enumerate(frames):
                 job.progress(0.9, "frames", f"{index + 1} of {len(frames)}")
-                name, frame = frame_label(index), Frame.of(positions)
+                name, frame = counted_frame(index), Frame.of(positions)
                 warnings = asset.frame_warnings(positions, f"frame {name}")
                 self._frames.store(asset, name, frame, warnings, patiently=True, since=since)
 

@@ -36,7 +36,7 @@ class NewAsset:
     absent means 1 everywhere.
 
     A `graph` that was made for another mesh is refused unless `force`. `frames` are stored as
-    frames 0000, 0001, … once the asset exists: (N, V, 3) float32. They are less the centre of the
+    frames 0001, 0002, … once the asset exists: (N, V, 3) float32. They are less the centre of the
     mesh, as positions are throughout the engine. `shapes`: expressions that lines grow by, unless
     `graph.lines` of the settings says otherwise; without a graph only.
     """

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from rhytid.domain.curves import Curves
 from rhytid.domain.expressions import Expressions
-from rhytid.domain.frame import frame_label
+from rhytid.domain.frame import counted_frame
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.engine.byte_budget import Hold
@@ -67,7 +67,7 @@ class RemoteAssets:
         if nbytes and asked is not None:
             sent: NewAsset = request.packed.shared().positional[0]
             for index, positions in enumerate(() if sent.frames is None else sent.frames):
-                name = frame_label(index)
+                name = counted_frame(index)
                 with self._frames.sending(info.id, name):
                     # A copy: the whole upload lies in the memory that they are a part of.
                     self._frames.keep(info.id, name, np.array(positions), asked, since)

@@ -10,7 +10,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from rhytid.domain.frame import frame_label
+from rhytid.domain.frame import counted_frame
 from rhytid.domain.settings_changes import CHANGEABLE
 from rhytid.durable import reported
 from rhytid.engine import wanted
@@ -166,7 +166,7 @@ class ReplicaAssets:
 
     def _keep_frames(self, asset: str, new: NewAsset) -> None:
         for index, positions in enumerate(() if new.frames is None else new.frames):
-            name = frame_label(index)
+            name = counted_frame(index)
             with self._frames.changing(asset):
                 self._frames.keep(asset, name, positions)
 

@@ -16,7 +16,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.domain.frame import frame_label
+from rhytid.domain.frame import counted_frame
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.origin import ORIGIN, Centre, brought_to
 from rhytid.errors import FrameError, InputError, MeshError
@@ -155,7 +155,7 @@ def check_frames(
     finite = np.isfinite(frames).all(axis=2)
     if not finite.all():
         frame, vertex = np.unravel_index(int(np.argmin(finite)), finite.shape)
-        where = f"frame {frame_label(int(frame))}, vertex {vertex}"
+        where = f"frame {counted_frame(int(frame))}, vertex {vertex}"
         raise FrameError(f"{where} is {frames[frame, vertex].tolist()}: not finite")
     frames.setflags(write=False)
     return frames

@@ -11,6 +11,7 @@ from rhytid.api.dependencies import (
     AssetId,
     DecoderDep,
     EngineDep,
+    FormerDep,
     Gone,
     JobPlace,
     Json,
@@ -53,6 +54,7 @@ def create(
     memory: Memory,
     metrics: MetricsDep,
     decoder: DecoderDep,
+    former: FormerDep,
     gone: Gone,
     response: Response,
     allow: Allow,
@@ -63,6 +65,8 @@ def create(
     with metrics.figures.stage("decode"):
         new = new_asset(parts, decoder, hold, gone)
     asset = engine.assets.create(new, strict=strict, allow=allow, hold=hold)
+    if new.frames is not None and len(new.frames):
+        former.sent(asset.id)
     place.take(asset.job)
     response.status_code = 202 if asset.state == "building" else 200
     response.headers["Location"] = f"/v1/assets/{asset.id}"
@@ -123,7 +127,8 @@ def change(asset: AssetId, changes: Json, engine: EngineDep, slot: Slot) -> Any:
     response_model=None,
     responses=problems(404, 409, 422, 503),
 )
-def delete(asset: AssetId, engine: EngineDep, shared: Shared = False) -> None:
+def delete(asset: AssetId, engine: EngineDep, former: FormerDep, shared: Shared = False) -> None:
     """Remove an asset, its frames and its files. In a shared store it stays, and is fetched from
     there when it is used again, unless `shared`."""
     engine.assets.delete(asset, shared=shared)
+    former.removed(asset)

@@ -12,6 +12,7 @@ from rhytid.api.dependencies import (
     Allow,
     AssetId,
     EngineDep,
+    FormerDep,
     FrameName,
     JobPlace,
     Memory,
@@ -56,6 +57,7 @@ def put(
     frame: FrameName,
     positions: Positions,
     engine: EngineDep,
+    former: FormerDep,
     slot: Slot,
     allow: Allow,
     strict: Strict = False,
@@ -63,7 +65,9 @@ def put(
     """Store positions under a name, replacing what was there; 507 where the memory for frames is
     full."""
     with slot:
-        return engine.frames.put(asset, frame, positions, strict=strict, allow=allow)
+        stored = engine.frames.put(asset, frame, positions, strict=strict, allow=allow)
+    former.stored(asset, frame)
+    return stored
 
 
 @router.get(
@@ -108,9 +112,10 @@ def show(
     response_model=None,
     responses=problems(404, 409, 422, 503),
 )
-def delete(asset: AssetId, frame: FrameName, engine: EngineDep) -> None:
+def delete(asset: AssetId, frame: FrameName, engine: EngineDep, former: FormerDep) -> None:
     """Delete a frame; `neutral` cannot be deleted."""
     engine.frames.delete(asset, frame)
+    former.deleted(asset, frame)
 
 
 @router.get(
