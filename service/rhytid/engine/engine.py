@@ -20,7 +20,7 @@ from rhytid.engine.device_assets import DeviceAssets
 from rhytid.engine.frame_service import FrameService
 from rhytid.engine.jobs import Jobs
 from rhytid.engine.local_room import LocalRoom
-from rhytid.engine.messages import DeviceInfo
+from rhytid.engine.messages import DeviceInfo, Refusal
 from rhytid.engine.opening import open_device
 from rhytid.engine.packages import PackageService
 from rhytid.engine.restored_assets import RestoredAssets
@@ -58,7 +58,7 @@ class Engine:
     def __init__(
         self,
         settings: ServiceSettings,
-        refused: Mapping[str, str] = MappingProxyType({}),
+        refused: Mapping[str, Refusal] = MappingProxyType({}),
         figures: Figures | None = None,
         only: Collection[str] | None = None,
     ) -> None:
