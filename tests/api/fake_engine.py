@@ -21,7 +21,7 @@ class FakeEngine:
     """Builds take `polls` looks at their job; `drawn` lists what was computed."""
 
     def __init__(self, polls: int = 0) -> None:
-        self.computes = True
+        self.computes = self.lives = True
         self.figures = {"0": Figures()}
         self.memory = ByteBudget(1 << 30, "RHYTID_HOST_MEMORY_MB")
         self.state = FakeState(polls)
@@ -33,6 +33,9 @@ class FakeEngine:
     @property
     def drawn(self) -> list[tuple[Any, ...]]:
         return self.state.drawn
+
+    def well(self) -> bool:
+        return self.lives
 
     def ready(self) -> bool:
         return self.computes

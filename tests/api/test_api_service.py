@@ -5,6 +5,8 @@ from __future__ import annotations
 import logging
 import subprocess
 import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import httpx
@@ -29,6 +31,52 @@ def test_a_device_that_does_not_compute_is_not_ready() -> None:
     with serving(engine) as client:
         is_problem(client.get("/readyz"), 503, "no-device")
         assert client.get("/healthz").status_code == 200
+
+
+def test_a_server_that_has_no_process_for_long_is_not_alive() -> None:
+    engine = FakeEngine()
+    engine.lives = False
+    with serving(engine) as client:
+        answer = client.get("/healthz")
+        is_problem(answer, 503, "device-lost")
+        assert int(answer.headers["Retry-After"]) > 0
+
+
+def test_who_asks_whether_it_is_ready_while_another_does_gets_the_same_answer() -> None:
+    class Slow(FakeEngine):
+        def __init__(self) -> None:
+            super().__init__()
+            self.asked, self.go = threading.Semaphore(0), threading.Event()
+
+        def ready(self) -> bool:
+            self.asked.release()
+            assert self.go.wait(60)
+            return True
+
+    engine, probes = Slow(), 50
+    with serving(engine) as client, ThreadPoolExecutor(probes) as pool:
+        url = str(client.base_url.join("/readyz"))
+        asking = [pool.submit(httpx.get, url, timeout=60) for _ in range(probes)]
+        try:
+            assert engine.asked.acquire(timeout=60)
+            # Threads that answer others are left, however many probes wait.
+            assert client.get("/v1/assets", timeout=60).status_code == 200
+            assert not engine.asked.acquire(blocking=False)
+        finally:
+            engine.go.set()
+        assert {probe.result(60).status_code for probe in asking} == {200}
+        assert client.get("/readyz").status_code == 200
+
+
+def test_refusals_are_counted_by_kind() -> None:
+    engine = FakeEngine()
+    engine.computes = False
+    with serving(engine) as client:
+        client.get("/readyz")
+        client.get("/v1/assets/a")
+        found = figures(client)
+    refused = {name: value for name, value in found.items() if "refused_total" in name}
+    assert refused == {'rhytid_refused_total{problem="no-device"}': 1}
 
 
 def test_devices_say_their_memory(client: httpx.Client) -> None:

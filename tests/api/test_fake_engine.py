@@ -52,7 +52,7 @@ def test_a_call_of_a_part_is_that_of_the_real_one(call: str) -> None:
 
 def test_the_engine_itself_is_that_of_the_real_one() -> None:
     public = {name for name in vars(Engine) if not name.startswith("_")} - OWN
-    assert public == {"ready", "devices", "waiting", "restarts"}
+    assert public == {"well", "ready", "devices", "waiting", "restarts"}
     for name in public:
         fake, real = getattr(FakeEngine, name), getattr(Engine, name)
         if isinstance(real, property):

@@ -49,6 +49,20 @@ def nothing(job: Job) -> None:
     """A job without work."""
 
 
+def test_what_fails_at_the_end_of_a_job_keeps_no_other(
+    jobs: Jobs, gate: Gate, caplog: pytest.LogCaptureFixture
+) -> None:
+    called: list[str] = []
+    failing = jobs.start("build", "a", nothing)
+    failing.when_ended(lambda: {}["absent"])
+    failing.when_ended(lambda: called.append("the next"))
+    later = jobs.start("build", "b", nothing)
+    gate.free.set()
+    assert later.wait(60)
+    assert (failing.info.state, later.info.state, called) == ("done", "done", ["the next"])
+    assert f"the end of job {failing.info.id} failed" in caplog.text
+
+
 def test_jobs_run_by_kind_then_in_order(jobs: Jobs, gate: Gate) -> None:
     ran: list[str] = []
     order = [("bins", "a"), ("build", "b"), ("calibration", "c"), ("build", "d")]

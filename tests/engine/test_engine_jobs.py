@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import threading
+import time
+from contextlib import closing
+from dataclasses import replace
 
 import pytest
 
@@ -22,9 +26,11 @@ from meshes import deform
 from pipeline.scenes import reference_stretch, settings_of, sheet
 from reference.stretch import calibrated_r_max
 from rhytid.domain.tiles import TileAddress
+from rhytid.engine.engine import Engine
 from rhytid.engine.job import Job
-from rhytid.engine.messages import NewAsset
+from rhytid.engine.messages import NewAsset, Refusal
 from rhytid.errors import (
+    FatalRequestError,
     FrameError,
     GraphError,
     LimitError,
@@ -32,6 +38,7 @@ from rhytid.errors import (
     NotReadyError,
     SettingsError,
 )
+from rhytid.settings import ServiceSettings
 
 ADDRESS = TileAddress(1001, 0, 0, 0)
 
@@ -253,6 +260,36 @@ def test_what_is_fixed_cannot_be_changed(engine, key):
         engine.assets.change(asset, {key: settings_of().as_json()[key]})
     with pytest.raises(SettingsError, match="nothing_like_this"):
         engine.assets.change(asset, {"nothing_like_this": 1})
+
+
+def settings_of_store(folder):
+    return replace(ServiceSettings.from_environment(), store=folder / "store")
+
+
+def test_what_was_refused_is_built_once_it_was_removed(tmp_path):
+    new = new_asset()
+    with running(tmp_path / "other") as engine:
+        id = engine.assets.create(new).id
+    refused = {id: Refusal("it ended twice", math.inf)}
+    with (
+        closing(Engine(settings_of_store(tmp_path), refused)) as engine,
+        pytest.raises(FatalRequestError, match="it ended twice"),
+    ):
+        engine.assets.create(new)
+    with closing(Engine(settings_of_store(tmp_path), refused)) as engine:
+        assert engine.assets.info(id).state == "failed"
+        with pytest.raises(FatalRequestError, match="it ended twice"):
+            engine.assets.create(new)
+        engine.assets.delete(id)
+        assert built(engine, new) == id
+
+
+def test_a_refusal_that_is_over_refuses_nothing(tmp_path):
+    with running(tmp_path / "other") as engine:
+        id = engine.assets.create(new_asset()).id
+    refused = {id: Refusal("it was late twice", time.monotonic() - 1)}
+    with closing(Engine(settings_of_store(tmp_path), refused)) as engine:
+        assert built(engine, new_asset()) == id
 
 
 def test_frames_sent_with_a_mesh_are_there_when_it_is_built(engine):

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import re
 import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -24,6 +25,7 @@ from engine.engines import (
     same,
     settle,
 )
+from engine.test_engine_together import until
 from meshes import deform
 from pipeline.scenes import random_graph, settings_of, sheet
 from rhytid.domain.tiles import TileAddress
@@ -226,8 +228,12 @@ def test_a_full_queue_is_busy_and_recovers(tmp_path):
             with pytest.raises(BusyError, match="1 request waits") as raised:
                 engine.tiles.plan(asset, "neutral", REDRAW, ADDRESS).draw()
             assert raised.value.retry_after > 0
-            assert engine.ready()  # a device at work is ready
             assert engine.tiles.plan(asset, "neutral", REDRAW, ADDRESS).key  # needs no device
+            with ThreadPoolExecutor(1) as pool:
+                ready = pool.submit(engine.ready)
+                until(lambda: bool(engine._worker._first))
+                free.set()
+                assert ready.result(60)  # a device at work is ready
         finally:
             free.set()
             for thread in threads:

@@ -20,7 +20,7 @@ from rhytid.domain.tiles import TileAddress
 from rhytid.engine.engine import Engine
 from rhytid.engine.messages import MapQuery
 from rhytid.engine.worker import DeviceWorker
-from rhytid.errors import LimitError
+from rhytid.errors import BusyError, LimitError
 from rhytid.pipeline.redraw import launch_blocks
 from rhytid.pipeline.work import BLOCK
 
@@ -49,6 +49,27 @@ def test_who_waits_when_the_worker_ends_is_refused() -> None:
                 with pytest.raises(Exception, match="shutting down"):
                     future.result(60)
         closing_it.result(60)
+
+
+def test_a_probe_goes_before_all_that_wait() -> None:
+    order: list[str] = []
+
+    def run(name: str) -> bool:
+        order.append(name)
+        return True
+
+    with closing(DeviceWorker(2)) as worker, ThreadPoolExecutor(3) as pool:
+        with occupied(worker):
+            for count, name in enumerate(["one", "other"], 1):
+                pool.submit(worker.call, lambda name=name: run(name))
+                until(lambda n=count: worker.waiting == n)  # type: ignore[misc]
+            ready = pool.submit(worker.answers, lambda: run("probe"), 60)
+            until(lambda: bool(worker._first))
+            assert not worker.answers(lambda: run("late"), 0), "nothing ended meanwhile"
+        assert ready.result(60)
+    assert order == ["probe", "one", "other"]
+    with pytest.raises(BusyError, match="shutting down"):
+        worker.answers(lambda: True, 60)
 
 
 @pytest.fixture

@@ -84,12 +84,19 @@ class Served:
 
 
 @contextmanager
-def serving(folder: Path, faults: Path, *options: str, seconds: int = 600) -> Iterator[Served]:
-    """A server on the store in `folder`.  seconds: that a call of the driver may take."""
+def serving(
+    folder: Path,
+    faults: Path,
+    *options: str,
+    seconds: int = 600,
+    run: tuple[str, ...] = ("-m", "rhytid"),
+) -> Iterator[Served]:
+    """A server on the store in `folder`.  seconds: that a call of the driver may take.  run: what
+    Python runs."""
     fault = folder / "fault"
     preload = {"LD_PRELOAD": str(faults), "RHYTID_TEST_FAULT": str(fault)}
     environment = {**os.environ, **preload, "RHYTID_LAUNCH_SECONDS": str(seconds)}
-    command = [sys.executable, "-m", "rhytid", "serve", "--port", "0"]
+    command = [sys.executable, *run, "serve", "--port", "0"]
     command += ["--store", str(folder / "store"), *options]
     log = folder / f"log{len(list(folder.glob('log*')))}"
     with (  # not a pipe, which fills up where nobody reads it

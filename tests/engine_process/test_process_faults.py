@@ -79,6 +79,13 @@ def test_a_build_that_crashes_twice_is_refused(served: Served) -> None:
     is_problem(served.client.post("/v1/assets", files=upload(obj(2.0))), 422, "fatal-request")
     assert served.tile().status_code == 200
     assert served.restarts() == {"fault": 2}
+    served.heal()
+    is_problem(served.client.post("/v1/assets", files=upload(obj(2.0))), 422, "fatal-request")
+    served.client.delete(path).raise_for_status()
+    assert built(served.client, upload(obj(2.0))) == made["id"]
+    os.kill(served.child, signal.SIGKILL)
+    await_value(served.ready)
+    assert served.client.get(path).json()["state"] == "ready"
 
 
 def failed(client: httpx.Client, path: str) -> dict[str, str] | None:

@@ -29,6 +29,7 @@ FRAME = np.ones((10, 3), np.float32)
 JOB = JobInfo("j", "a", "build", "running", 0.5, "trails", "")
 ASSET = AssetInfo("a", "ready", None, None, {}, (), 1, 3, 1, 0, 0)
 SEGV = Ending("fault", "it ended by SIGSEGV", Purpose())
+TOO_LATE = Ending("late", "a call of the OpenCL driver took more than 60 seconds", Purpose())
 
 
 def test_frames_are_sent_once_to_every_new_process() -> None:
@@ -129,7 +130,40 @@ def test_builds_are_refused_after_two_strikes() -> None:
     refusals.strike_build("a", SEGV)
     assert refusals.builds() == {}
     refusals.strike_build("a", SEGV)
-    assert "its build" in refusals.builds()["a"]
+    assert "its build" in refusals.builds()["a"].reason
+    refusals.forget("b")
+    assert list(refusals.builds()) == ["a"]
+    refusals.forget("a")
+    assert refusals.builds() == {}
+    refusals.strike_build("a", SEGV)
+    assert refusals.builds() == {}
+
+
+def test_what_was_late_is_refused_for_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The machine may have been busy; what is late again is refused for longer."""
+    now = 1000.0
+    monkeypatch.setattr("time.monotonic", lambda: now)
+    refusals, request = Refusals(), Request("draw_tile", ("a", "smile", 3))
+
+    def strike() -> None:
+        refusals.strike(request, TOO_LATE)
+        refusals.strike_build("a", TOO_LATE)
+
+    strike()
+    for seconds in (600, 1200, 2400):
+        strike()
+        with pytest.raises(FatalRequestError, match=f"after {seconds // 60} minutes"):
+            refusals.check(request)
+        assert refusals.builds()["a"].holds
+        now += seconds - 1
+        assert refusals.builds()["a"].holds
+        now += 2
+        refusals.check(request)
+        assert refusals.builds() == {}
+    refusals.strike(request, SEGV)
+    now += 1e9
+    with pytest.raises(FatalRequestError, match="SIGSEGV"):
+        refusals.check(request)
 
 
 @pytest.mark.parametrize(

@@ -27,6 +27,7 @@ def families() -> dict[str, Any]:
     metrics = app.state.metrics
     metrics.figures.took("upload", 1)
     metrics.requests.labels("GET", "/", "200").inc()
+    metrics.refused.labels("busy").inc()
     metrics.seconds.labels("/").observe(1.0)
     metrics.tiles.labels("redraw").inc()
     return {family.name: family for family in metrics.registry.collect()}

@@ -93,6 +93,7 @@ def create_app(engine: AnyEngine, settings: ServiceSettings) -> FastAPI:
     app.state.access = Access(settings)
     app.state.job_shares = JobShares(lambda job: engine.jobs.info(job))
     app.state.slots = DeviceSlots(settings.queue)
+    app.state.readiness = health.Readiness(lambda: engine.ready())
     app.state.drain = Drain(settings.drain_seconds)
     app.state.decoder = Decoder()
     app.state.large = LargeAnswers()

@@ -71,6 +71,12 @@ class Metrics:
             ("method", "route", "status"),
             registry=self.registry,
         )
+        self.refused = Counter(
+            "rhytid_refused",
+            "Requests answered with 429, 503 or 507, by the kind of problem",
+            ("problem",),
+            registry=self.registry,
+        )
         self.seconds = Histogram(
             "rhytid_request_seconds",
             "Time to the end of the response, by route",

@@ -20,6 +20,8 @@ from rhytid.logs import request_id
 
 MEDIA_TYPE = "application/problem+json"
 LONGEST_DETAIL = 2000
+# What a caller may ask for again later, counted by kind.
+_REFUSALS = (429, 503, 507)
 logger = logging.getLogger(__name__)
 
 
@@ -121,6 +123,8 @@ async def _deliberate(request: Request, error: Exception) -> Response:
     if kind.status == HTTPStatus.INTERNAL_SERVER_ERROR:
         logger.error("%s failed", _call(request), exc_info=error)
         return problem(kind.status, "the server's log has the reason", kind.title, kind.type)
+    if kind.status in _REFUSALS:
+        request.app.state.metrics.refused.labels(kind.name).inc()
     retry = getattr(error, "retry_after", None)
     headers = {} if retry is None else {"Retry-After": str(retry)}
     if kind.status == HTTPStatus.UNAUTHORIZED:

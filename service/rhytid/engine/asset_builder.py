@@ -20,6 +20,7 @@ from rhytid.engine.device_assets import DeviceAssets
 from rhytid.engine.given_graphs import graph_lengths
 from rhytid.engine.job import Job
 from rhytid.engine.jobs import Jobs
+from rhytid.engine.messages import Refusal
 from rhytid.engine.shared_assets import SharedAssets
 from rhytid.engine.spacing import mean_spacing
 from rhytid.errors import CancelledError, FatalRequestError, NotFoundError, public_message
@@ -49,11 +50,11 @@ class AssetBuilder:
         shared: SharedAssets,
         jobs: Jobs,
         limit: DrawLimit,
-        refused: Mapping[str, str],
+        refused: Mapping[str, Refusal],
     ) -> None:
         self._device, self._on_device = device, on_device
         self._store, self._shared, self._jobs = store, shared, jobs
-        self._limit, self._refused = limit, refused
+        self._limit, self._refused = limit, dict(refused)
 
     def start(
         self, asset: Asset, afterwards: Callable[[Job], None] | None = None, *, always: bool = False
@@ -63,8 +64,9 @@ class AssetBuilder:
         Raises BusyError where too many jobs wait, unless `always`, and FatalRequestError where the
         asset is not to be built.
         """
-        if asset.id in self._refused:
-            raise FatalRequestError(self._refused[asset.id])
+        refusal = self._refused.get(asset.id)
+        if refusal is not None and refusal.holds:
+            raise FatalRequestError(refusal.reason)
 
         def work(job: Job) -> None:
             self._make(job, asset)
@@ -73,6 +75,10 @@ class AssetBuilder:
             self.prepare_bins(asset)
 
         asset.job = self._jobs.start("build", asset.id, work, small=asset.small, always=always)
+
+    def allow(self, asset: str) -> None:
+        """An asset was removed: where it is sent again, it may be built."""
+        self._refused.pop(asset, None)
 
     def change(self, asset: Asset, settings: AssetSettings) -> None:
         """Give a ready asset, whose lock is held, other settings, on the device and in the store.

@@ -147,6 +147,7 @@ class AssetService:
             found.state = "removed"
             self._jobs.cancel_all(asset)
             self._assets.replace(found, None)
+        self._builder.allow(asset)
         found.frames.close()
         self._on_device.drop(found)
 

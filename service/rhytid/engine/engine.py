@@ -20,7 +20,7 @@ from rhytid.engine.device_assets import DeviceAssets
 from rhytid.engine.frame_service import FrameService
 from rhytid.engine.jobs import Jobs
 from rhytid.engine.local_room import LocalRoom
-from rhytid.engine.messages import DeviceInfo
+from rhytid.engine.messages import DeviceInfo, Refusal
 from rhytid.engine.opening import open_device
 from rhytid.engine.packages import PackageService
 from rhytid.engine.restored_assets import RestoredAssets
@@ -29,7 +29,7 @@ from rhytid.engine.snapshots import SnapshotService
 from rhytid.engine.stored_assets import StoredAssets
 from rhytid.engine.tile_batcher import MOST_TILES, TileBatcher
 from rhytid.engine.tile_service import TileService
-from rhytid.engine.worker import DeviceWorker
+from rhytid.engine.worker import READY, DeviceWorker
 from rhytid.errors import BusyError, DeviceError
 from rhytid.pipeline.draw_limit import DrawLimit
 from rhytid.settings import ServiceSettings
@@ -58,7 +58,7 @@ class Engine:
     def __init__(
         self,
         settings: ServiceSettings,
-        refused: Mapping[str, str] = MappingProxyType({}),
+        refused: Mapping[str, Refusal] = MappingProxyType({}),
         figures: Figures | None = None,
         only: Collection[str] | None = None,
     ) -> None:
@@ -117,13 +117,16 @@ class Engine:
         self._worker.close()
         self._store.close()
 
+    def well(self) -> bool:
+        """Whether the thread of the device runs. Does not block."""
+        return self._worker.runs
+
     def ready(self) -> bool:
-        """Whether a kernel computes on the device; true if its queue is full."""
+        """Whether a kernel computes on the device. It goes before whatever waits; where a task
+        takes long, true if one ends within READY seconds."""
         try:
-            return self._on_device.run(self._probe)
-        except BusyError:
-            return True
-        except DeviceError:
+            return self._worker.answers(self._probe, READY)
+        except (BusyError, DeviceError):  # busy: the engine is closed
             return False
 
     def devices(self) -> list[DeviceInfo]:
@@ -159,12 +162,13 @@ class Engine:
 
     def _probe(self) -> bool:
         """Launch the kernel that devices are tried with, and check what it wrote."""
-        buffer = self._device.empty(_PROBED, np.float32)
-        try:
-            self._device.launch("trial", "probe", (_PROBED,), buffer)
-            values = self._device.read(buffer, (_PROBED,), np.float32)
-        finally:
-            buffer.release()
+        with self._device.task():
+            buffer = self._device.empty(_PROBED, np.float32)
+            try:
+                self._device.launch("trial", "probe", (_PROBED,), buffer)
+                values = self._device.read(buffer, (_PROBED,), np.float32)
+            finally:
+                buffer.release()
         return bool(np.array_equal(values, 2.0 * np.arange(_PROBED)))
 
     def _device_info(self, candidate: Candidate) -> DeviceInfo:

@@ -82,7 +82,8 @@ class Job:
         self.update(state="failed", detail=public)
 
     def when_ended(self, call: Callable[[], None]) -> None:
-        """Have `call` called once the job has ended, at once where it has; it must not block."""
+        """Have `call` called once the job has ended, at once where it has; it must not block.
+        What it raises is logged."""
         with self._lock:
             self._at_end.append(call)
         if self.ended:
@@ -92,7 +93,10 @@ class Job:
         with self._lock:
             calls, self._at_end = self._at_end, []
         for call in calls:
-            call()
+            try:
+                call()
+            except Exception:  # noqa: BLE001, PERF203 the thread goes on, and so do the others
+                _log.exception("what follows the end of job %s failed", self.info.id)
 
     def wait(self, seconds: float | None = None) -> bool:
         """Whether the job has ended, at the latest after so many seconds."""

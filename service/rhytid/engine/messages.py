@@ -6,6 +6,7 @@ without its callers noticing.
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,20 @@ STRETCH_MODELS = ("tensor", "tension", "uv")
 SAMPLINGS = ("nearest", "smooth")
 # The states of a job in which nothing more will happen.
 ENDED_STATES = ("done", "failed", "cancelled")
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """Why something is not tried again.  until: when it may be, in seconds of the monotonic clock,
+    which the processes of a machine share."""
+
+    reason: str
+    until: float
+
+    @property
+    def holds(self) -> bool:
+        """Whether it is still refused."""
+        return time.monotonic() < self.until
 
 
 @dataclass(frozen=True, eq=False)

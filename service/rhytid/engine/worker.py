@@ -6,7 +6,7 @@ import threading
 import time
 from collections import OrderedDict, deque
 from collections.abc import Callable, Hashable
-from concurrent.futures import Future
+from concurrent.futures import Future, wait
 from contextvars import copy_context
 from functools import partial
 from typing import Any, TypeVar
@@ -16,6 +16,8 @@ from rhytid.domain.wording import waiting
 from rhytid.errors import BusyError
 
 T = TypeVar("T")
+# Seconds in which a device that computes answers, or ends a task.
+READY = 5.0
 _Task = tuple["Future[Any]", Callable[[], Any]]
 
 
@@ -34,7 +36,9 @@ class DeviceWorker:
         self.size = size
         self._figures = figures or Figures()
         self._turns: OrderedDict[Hashable, deque[_Task]] = OrderedDict()
-        self._waiting = 0
+        # Before all turns, and not counted among those that wait.
+        self._first: deque[_Task] = deque()
+        self._waiting = self._ended = 0
         self._runs = False
         self._closed = False
         self._changed = threading.Condition()
@@ -45,6 +49,11 @@ class DeviceWorker:
     def waiting(self) -> int:
         """Calls in the queue."""
         return self._waiting
+
+    @property
+    def runs(self) -> bool:
+        """Whether its thread is there."""
+        return self._thread.is_alive()
 
     def call(self, task: Callable[[], T], turn: Hashable = None) -> T:
         """Run `task` alone and return what it returns.
@@ -57,12 +66,26 @@ class DeviceWorker:
         """As `call`, for long work: waits for a place in the queue."""
         return self._run(task, turn, block=True)
 
+    def answers(self, probe: Callable[[], bool], seconds: float) -> bool:
+        """What a probe returns that goes before whatever waits, also where the queue is full; where
+        it does not get its turn in time, whether any call ended meanwhile.
+
+        Raises BusyError where the worker is closed, and what the probe raises.
+        """
+        with self._changed:
+            ended, future = self._ended, self._in_front(probe)
+        if wait([future], seconds).done or not future.cancel():
+            return future.result()
+        return self._ended > ended
+
     def close(self) -> None:
         """Let the call at work finish, refuse those that wait, and end the thread."""
         with self._changed:
             self._closed = True
             refused = [item for tasks in self._turns.values() for item in tasks]
+            refused += self._first
             self._turns.clear()
+            self._first.clear()
             self._waiting = 0
             self._changed.notify_all()
         for future, _ in refused:
@@ -72,7 +95,7 @@ class DeviceWorker:
     def _run(self, task: Callable[[], T], turn: Hashable, *, block: bool) -> T:
         timed = partial(self._figures.task, task, time.perf_counter_ns())
         with self._changed:
-            alone = not (self._runs or self._turns or self._closed or _interruptible())
+            alone = not (self._runs or self._waits() or self._closed or _interruptible())
             if alone:
                 self._runs = True
             else:
@@ -104,6 +127,18 @@ class DeviceWorker:
             self._changed.notify_all()
         return future
 
+    def _in_front(self, probe: Callable[[], bool]) -> Future[bool]:
+        future: Future[bool] = Future()
+        if self._closed:
+            _refuse(future)
+        else:
+            self._first.append((future, partial(copy_context().run, probe)))
+            self._changed.notify_all()
+        return future
+
+    def _waits(self) -> bool:
+        return bool(self._turns or self._first)
+
     def _work(self) -> None:
         while (item := self._take()) is not None:
             _perform(*item)
@@ -113,10 +148,13 @@ class DeviceWorker:
     def _take(self) -> _Task | None:
         """The next call; None once the queue is closed."""
         with self._changed:
-            while self._runs or not (self._turns or self._closed):
+            while self._runs or not (self._waits() or self._closed):
                 self._changed.wait()
             if self._closed:
                 return None
+            if self._first:
+                self._runs = True
+                return self._first.popleft()
             turn, tasks = self._turns.popitem(last=False)
             item = tasks.popleft()
             if tasks:
@@ -129,7 +167,8 @@ class DeviceWorker:
     def _finished(self) -> None:
         with self._changed:
             self._runs = False
-            if self._turns or self._closed:
+            self._ended += 1
+            if self._waits() or self._closed:
                 self._changed.notify_all()
 
 
@@ -139,6 +178,8 @@ def _interruptible() -> bool:
 
 
 def _perform(future: Future[T], task: Callable[[], T]) -> None:
+    if not future.set_running_or_notify_cancel():
+        return
     try:
         future.set_result(task())
     except BaseException as error:  # noqa: BLE001 handed to the caller, who waits for it

@@ -8,6 +8,7 @@ import threading
 from dataclasses import dataclass
 from typing import Any
 
+from rhytid.engine.messages import Refusal
 from rhytid.engine_process.packing import pack
 from rhytid.engine_process.wire import Message, receive, send
 from rhytid.settings import ServiceSettings
@@ -23,7 +24,7 @@ class Start:
     """
 
     settings: ServiceSettings
-    refused: dict[str, str]
+    refused: dict[str, Refusal]
     log_level: int
     assets: frozenset[str] | None = None
 

@@ -12,7 +12,8 @@ import sys
 import time
 from collections.abc import Callable
 from concurrent.futures import Future
-from contextlib import suppress
+from contextlib import ExitStack, suppress
+from dataclasses import replace
 from typing import Any
 
 from rhytid.device.watch import SIZE, Report
@@ -25,8 +26,8 @@ from rhytid.engine_process.wire import close_all, readable
 _log = logging.getLogger(__name__)
 # Seconds between two looks at what the process does.
 LOOK = 0.1
-# Seconds that it has to end by itself once it is asked to.
-CLOSING = 4.0
+# Seconds that it has to end by itself once it is asked to, and to answer once it is started.
+CLOSING, STARTING = 4.0, 600.0
 # It gets the path of this process, not what lies in the folder that it is started in.
 _CODE = (
     "import sys; sys.path[:] = sys.argv[1].split(sys.argv[2]); "
@@ -55,15 +56,22 @@ class DeviceProcess:
         self.ending: Future[Ending] = Future()
         self._limit, self._on_message = start.settings.launch_seconds, on_message
         self._on_ready = on_ready
-        near, far = socket.socketpair()
+        with ExitStack() as undone:  # descriptors, where the system starts no process
+            near, far = socket.socketpair()
+            undone.enter_context(near)
+            with far:
+                memory = shared_file(mmap.PAGESIZE)
+                try:
+                    self.report = Report(mapped(memory, mmap.PAGESIZE).data[:SIZE])
+                    self._process = _spawned(far.fileno(), memory, figures_memory)
+                finally:
+                    os.close(memory)
+            undone.pop_all()
         self._control = Control(near)
-        memory = shared_file(mmap.PAGESIZE)
-        self.report = Report(mapped(memory, mmap.PAGESIZE).data[:SIZE])
-        with far:
-            self._process = _spawned(far.fileno(), memory, figures_memory)
-        os.close(memory)
         self.lines = Lines(self._new_line)
+        self._answers_by = time.monotonic() + STARTING
         self._late: float | None = None
+        self._unanswered = False
         self._close_by: float | None = None
         with suppress(OSError):  # it has ended already: `watch` reports it
             self._control.send(start)
@@ -88,8 +96,7 @@ class DeviceProcess:
         """Wait for its end, and end it where a call of the driver takes too long."""
         try:
             while self._handle_message():
-                if self._late is None and self.report.late:
-                    self._late = self._limit
+                if self._late is None and self._is_late():
                     self.kill()
                 if self._close_by is not None and time.monotonic() > self._close_by:
                     self.kill()
@@ -97,9 +104,20 @@ class DeviceProcess:
             _log.exception("the process of the device (%d) cannot be watched", self.pid)
         self.kill()  # it has closed its control socket, so that nothing can be asked of it
         ending = ending_of(self._process.wait(), self._late, self.report.purpose)
+        if self._unanswered:
+            reason = f"it did not answer within {STARTING:g} seconds of its start"
+            ending = replace(ending, kind="killed", reason=reason)
         self._control.line.close()
         self.lines.close()
         return ending
+
+    def _is_late(self) -> bool:
+        """Whether it takes longer than it may, which is noted."""
+        if self.report.late:
+            self._late = self._limit
+        elif not self.started.done() and time.monotonic() > self._answers_by:
+            self._unanswered = True
+        return self._late is not None or self._unanswered
 
     def _handle_message(self) -> bool:
         """Handle a message of the process, if one comes within LOOK; False where it is gone."""

@@ -2,31 +2,45 @@
 
 from __future__ import annotations
 
+import math
 import threading
+import time
 from collections import OrderedDict
 from dataclasses import dataclass
 
+from rhytid.engine.messages import Refusal
 from rhytid.engine_process.ending import Ending
 from rhytid.engine_process.requests import Request
 from rhytid.errors import FatalRequestError
 
 # Endings after which the same is refused.
 STRIKES = 2
+# Seconds of a refusal whose last ending was a call of the driver that took too long, twice as many
+# after each further one: the machine may have been busy, or asleep.
+LATE, LONGEST_LATE = 600.0, 86_400.0
 _REMEMBERED = 1000
 
 
 @dataclass
 class _Record:
     asset: str
-    reason: str = ""
+    refusal: Refusal | None = None
     strikes: int = 0
 
     def strike(self, what: str, ending: Ending) -> None:
         self.strikes += 1
-        self.reason = (
-            f"the process of the device ended {STRIKES} times while it worked on {what}: "
+        if self.strikes < STRIKES:
+            return
+        reason = (
+            f"the process of the device ended {self.strikes} times while it worked on {what}: "
             f"{ending.reason}"
         )
+        until = math.inf
+        if ending.kind == "late":
+            seconds = min(LATE * 2 ** min(self.strikes - STRIKES, 10), LONGEST_LATE)
+            until = time.monotonic() + seconds
+            reason += f"; it may be tried again after {seconds / 60:.0f} minutes"
+        self.refusal = Refusal(reason, until)
 
 
 class Refusals:
@@ -45,8 +59,9 @@ class Refusals:
             return
         with self._lock:
             record = self._requests.get(request.digest)
-        if record is not None and record.strikes >= STRIKES:
-            raise FatalRequestError(record.reason)
+        refusal = None if record is None else record.refusal
+        if refusal is not None and refusal.holds:
+            raise FatalRequestError(refusal.reason)
 
     def strike(self, request: Request, ending: Ending) -> None:
         """The process ended at this request."""
@@ -72,11 +87,12 @@ class Refusals:
     def forget(self, asset: str) -> None:
         """The asset was changed or removed: what is asked of it may be tried again."""
         with self._lock:
+            self._builds.pop(asset, None)
             for digest in [d for d, record in self._requests.items() if record.asset == asset]:
                 del self._requests[digest]
 
-    def builds(self) -> dict[str, str]:
+    def builds(self) -> dict[str, Refusal]:
         """Ids of assets that are not to be built, and why."""
         with self._lock:
-            refused = [record for record in self._builds.values() if record.strikes >= STRIKES]
-            return {record.asset: record.reason for record in refused}
+            found = {asset: record.refusal for asset, record in self._builds.items()}
+        return {asset: one for asset, one in found.items() if one is not None and one.holds}

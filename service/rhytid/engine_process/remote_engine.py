@@ -13,6 +13,7 @@ from rhytid.device.memory import usual_frame_memory, usual_host_memory
 from rhytid.engine import wanted
 from rhytid.engine.byte_budget import ByteBudget
 from rhytid.engine.messages import DeviceInfo
+from rhytid.engine.worker import READY
 from rhytid.engine_process.control import FramesStored
 from rhytid.engine_process.device_process import DeviceProcess
 from rhytid.engine_process.frame_ledger import FrameLedger, Positions
@@ -29,9 +30,6 @@ from rhytid.engine_process.supervisor import Supervisor
 from rhytid.engine_process.supervisors import Supervisors
 from rhytid.engine_process.upload_holds import UploadHolds
 from rhytid.settings import ServiceSettings
-
-# Seconds in which a device that computes answers, or ends a call of its driver.
-READY = 5.0
 
 
 class RemoteEngine:
@@ -72,6 +70,11 @@ class RemoteEngine:
         """End the process: within a few seconds, whatever the device does. Calls that wait raise
         DeviceLostError."""
         self._supervisor.close()
+
+    def well(self) -> bool:
+        """Whether the process of a device answers, did within two minutes, and is started again
+        where it ends. Does not block."""
+        return self._supervisor.well
 
     def ready(self) -> bool:
         """Whether a kernel computes on the device, or on one of several. Not where nothing came

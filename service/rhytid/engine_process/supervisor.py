@@ -31,6 +31,10 @@ _SENT = 4
 # Seconds between an end and the next start: none the first time, then growing; a process that ran
 # for so long counts as a good one.
 _FIRST_PAUSE, _LONGEST_PAUSE, _GOOD = 0.5, 30.0, 60.0
+# Failed starts in a row after which calls do not wait for the next.
+_HOPELESS = 3
+# Seconds without a process that answers after which the server is not well.
+UNWELL = 120.0
 _log = logging.getLogger(__name__)
 
 
@@ -62,7 +66,11 @@ class Supervisor:
         self._made: DeviceProcess | None = None
         self._ready: DeviceProcess | None = None
         self._failed: BaseException | None = None
+        # Whether any process ever answered.
+        self._begun = False
         self._closing = False
+        # Starts in a row after which no process answered, and since when none does.
+        self._failures, self._without_since = 0, time.monotonic()
         self._thread = threading.Thread(target=self._run, name="rhytid-supervisor", daemon=True)
         self._thread.start()
 
@@ -76,8 +84,20 @@ class Supervisor:
         """The process that answers now, if there is one."""
         return self._ready
 
+    @property
+    def runs(self) -> bool:
+        """Whether its thread is there, which starts processes."""
+        return self._closing or self._thread.is_alive()
+
+    @property
+    def well(self) -> bool:
+        """Whether a process answers, or did within UNWELL seconds."""
+        recent = time.monotonic() - self._without_since <= UNWELL
+        return self._closing or self._ready is not None or recent
+
     def start(self) -> None:
-        """Wait until the first process answers; raises what it ended with, else."""
+        """Wait until the first process answers; raises what it ended with, else, or DeviceError
+        where none can be started."""
         with self._changed:
             while self._ready is None and self._failed is None:
                 # In turns: a signal is handled between two of them.
@@ -158,12 +178,16 @@ class Supervisor:
         if found is not None and not self._closing:
             return found
         with self._changed:
-            self._changed.wait_for(lambda: self._ready or self._closing, PATIENCE)
+            self._changed.wait_for(self._known, PATIENCE)
             if self._closing:
                 raise DeviceLostError("the server is shutting down")
             if self._ready is None:
                 raise DeviceLostError("the process of the device is not running; it is restarted")
             return self._ready
+
+    def _known(self) -> bool:
+        """Whether there is a process, or there will be none for a while."""
+        return self._ready is not None or self._closing or self._failures >= _HOPELESS
 
     def _await_end(self, process: DeviceProcess) -> None:
         try:
@@ -172,20 +196,54 @@ class Supervisor:
             raise DeviceLostError("the process of the device does not answer") from None
 
     def _run(self) -> None:
-        failures, first = 0, True
+        short = 0
         while not self._closing:
             began = time.monotonic()
-            process = self._make()
-            ending = process.watch()
-            good = time.monotonic() - began > _GOOD
-            if first and self._failed_to_start(process, ending):
+            try:
+                self._run_once()
+            except Exception as error:  # noqa: BLE001 else nobody would start a process any more
+                self._note_failure(error)
+            if self._failed is not None:
                 return
-            self._settle(process, ending)
-            first = False
-            failures = 1 if good else failures + 1
-            pause = 0.0 if failures == 1 else _FIRST_PAUSE * 2 ** (failures - 2)
+            good = self._failures == 0 and time.monotonic() - began > _GOOD
+            short = 1 if good else short + 1
+            pause = (
+                0.0 if short == 1 else min(_FIRST_PAUSE * 2 ** min(short - 2, 10), _LONGEST_PAUSE)
+            )
             with self._changed:
-                self._changed.wait_for(lambda: self._closing, min(pause, _LONGEST_PAUSE))
+                self._changed.wait_for(lambda: self._closing, pause)
+
+    def _run_once(self) -> None:
+        """Start a process, and watch it until it has ended."""
+        process = self._make()
+        ending = process.watch()
+        answered = process.started.done() and process.started.exception() is None
+        with self._changed:
+            self._failures = 0 if answered else self._failures + 1
+            self._changed.notify_all()
+        if not answered and not self._begun:
+            self._fail(_reason(process, ending))
+        self._settle(process, ending)
+
+    def _note_failure(self, error: Exception) -> None:
+        """A process could not be started: the system has no room for it, for one."""
+        why = str(error) or type(error).__name__
+        # The system's own words say enough; of anything else the log has the place.
+        place = None if isinstance(error, OSError | MemoryError) else error
+        _log.error("the process of the device cannot be started: %s", why, exc_info=place)
+        self.restarts["start"] += self._begun
+        with self._changed:
+            self._ready = self._made = None
+            self._failures += 1
+            self._changed.notify_all()
+        if not self._begun:
+            self._fail(DeviceError(f"the process of the device cannot be started: {why}"))
+
+    def _fail(self, error: BaseException) -> None:
+        """The first process did not start: then there is no service."""
+        with self._changed:
+            self._failed = error
+            self._changed.notify_all()
 
     def _make(self) -> DeviceProcess:
         level, assets = logging.getLogger("rhytid").level, self._assets and self._assets()
@@ -199,23 +257,29 @@ class Supervisor:
 
     def _publish(self, process: DeviceProcess) -> None:
         with self._changed:
-            self._ready = process
+            self._ready, self._begun, self._failures = process, True, 0
             self._changed.notify_all()
 
     def _settle(self, process: DeviceProcess, ending: Ending) -> None:
         """Find who is to blame, and let those go on who wait for the end of the process."""
         with self._changed:
+            if self._ready is not None:
+                self._without_since = time.monotonic()
             self._ready = self._made = None
-        if not self._closing:
-            began = process.started.done() and process.started.exception() is None
-            self.restarts[ending.kind if began else "start"] += 1
-            _log.error(
-                "the process of the device (%d) is restarted: %s", process.pid, ending.reason
-            )
-            if ending.blames:
-                self._blame(ending)
-        self._on_end(process)
-        process.ending.set_result(ending)
+        try:
+            if self._begun and not self._closing:
+                self._note_end(process, ending)
+            self._on_end(process)
+        except Exception:  # noqa: BLE001 the next process is started all the same
+            _log.exception("the end of the process of the device (%d)", process.pid)
+        finally:
+            process.ending.set_result(ending)
+
+    def _note_end(self, process: DeviceProcess, ending: Ending) -> None:
+        self.restarts["start" if self._failures else ending.kind] += 1
+        _log.error("the process of the device (%d) is restarted: %s", process.pid, ending.reason)
+        if ending.blames:
+            self._blame(ending)
 
     def _blame(self, ending: Ending) -> None:
         request = self._asked.get(ending.purpose.request)
@@ -227,15 +291,13 @@ class Supervisor:
             _log.error("it worked on a job of asset %s", asset)
             self._refusals.strike_build(asset, ending)
 
-    def _failed_to_start(self, process: DeviceProcess, ending: Ending) -> bool:
-        """Whether the first process did not start: then there is no service."""
-        if process.started.done() and process.started.exception() is None:
-            return False
-        with self._changed:
-            self._made = None
-            self._failed = (
-                process.started.exception() if process.started.done()
-                else DeviceError(f"the process of the device did not start: {ending.reason}")
-            )  # fmt: skip
-            self._changed.notify_all()
-        return True
+
+def _pause(short: int) -> float:
+    """Seconds until the next start.  short: processes in a row that did not run for long."""
+    return 0.0 if short == 1 else min(_FIRST_PAUSE * 2 ** min(short - 2, 10), _LONGEST_PAUSE)
+
+
+def _reason(process: DeviceProcess, ending: Ending) -> BaseException:
+    """Why a process did not start."""
+    said = process.started.exception() if process.started.done() else None
+    return said or DeviceError(f"the process of the device did not start: {ending.reason}")

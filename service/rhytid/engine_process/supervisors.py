@@ -83,6 +83,12 @@ class Supervisors:
         """How often the processes were started again, by what had ended them."""
         return sum((one.restarts for one in self.all), Counter[str]())
 
+    @property
+    def well(self) -> bool:
+        """Whether every device's process is looked after, and one of them answers, or did of
+        late."""
+        return all(one.runs for one in self.all) and any(one.well for one in self.all)
+
     def start(self) -> None:
         """Wait until every first process answers; raises what one ended with, else."""
         for one in self.all:

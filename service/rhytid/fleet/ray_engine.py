@@ -18,7 +18,7 @@ from rhytid.engine_process.remote_packages import RemotePackages
 from rhytid.engine_process.remote_tiles import RemoteTiles
 from rhytid.engine_process.requests import Request
 from rhytid.engine_process.upload_holds import UploadHolds
-from rhytid.errors import DeviceLostError
+from rhytid.errors import BusyError, DeviceLostError
 from rhytid.fleet.caller import FleetCaller
 from rhytid.fleet.fleet_assets import FleetAssets
 from rhytid.fleet.fleet_snapshots import FleetSnapshots
@@ -61,10 +61,16 @@ class RayEngine:
         """Look after the replicas no more; they belong to who started them."""
         self._presence.close()
 
+    def well(self) -> bool:
+        """True: Ray looks after replicas, and ends those that are not."""
+        return True
+
     def ready(self) -> bool:
-        """Whether a kernel computes on the device of a replica."""
+        """Whether a kernel computes on the device of a replica; true where all of them are busy."""
         try:
             return bool(self._present() and self._caller.call(Request("ready")))
+        except BusyError:
+            return True
         except DeviceLostError:
             return False
 

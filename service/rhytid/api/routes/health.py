@@ -2,32 +2,62 @@
 
 from __future__ import annotations
 
+import asyncio
+from collections.abc import Callable
 from typing import Any
 
-from fastapi import APIRouter, Response
+import anyio.to_thread
+from anyio import CapacityLimiter
+from fastapi import APIRouter, Request, Response
 
-from rhytid.api.dependencies import EngineDep, MetricsDep, NoQuery, Slot
+from rhytid.api.dependencies import EngineDep, MetricsDep, NoQuery
 from rhytid.api.documentation import binary, problems
 from rhytid.api.schemas import Device, HostMemory, Status
-from rhytid.errors import NoDeviceError
+from rhytid.errors import DeviceLostError, NoDeviceError
 
 PROMETHEUS = "text/plain; version=0.0.4; charset=utf-8"
 router = APIRouter(tags=["service"])
 
 
-@router.get("/healthz", operation_id="getHealth", response_model=Status, responses=problems())
-async def healthz() -> Any:
-    """The process answers."""
+class Readiness:
+    """Whether the device computes. It is asked once at a time, on a thread of its own: who asks
+    meanwhile gets the same answer, and requests that wait for the device keep none of them."""
+
+    def __init__(self, ready: Callable[[], bool]) -> None:
+        self._ready = ready
+        self._limiter: CapacityLimiter | None = None
+        self._asking: asyncio.Future[bool] | None = None
+
+    async def now(self) -> bool:
+        """What the engine answers."""
+        if self._asking is None:
+            self._asking = asyncio.ensure_future(self._ask())
+        return await asyncio.shield(self._asking)
+
+    async def _ask(self) -> bool:
+        self._limiter = self._limiter or CapacityLimiter(1)
+        try:
+            return await anyio.to_thread.run_sync(self._ready, limiter=self._limiter)
+        finally:
+            self._asking = None
+
+
+@router.get("/healthz", operation_id="getHealth", response_model=Status, responses=problems(503))
+async def healthz(engine: EngineDep) -> Any:
+    """The server answers, and a process of the device does or did within two minutes; 503
+    otherwise: then only a new start of the server helps."""
+    if not engine.well():
+        raise DeviceLostError("no process of the device could be started for two minutes")
     return {"status": "alive"}
 
 
 @router.get("/readyz", operation_id="getReadiness", response_model=Status, responses=problems(503))
-def readyz(engine: EngineDep, slot: Slot) -> Any:
-    """A small kernel computes on the device; 503 too where no more requests may wait for it, and
-    while its process restarts or nothing comes back from its driver."""
-    with slot:
-        if not engine.ready():
-            raise NoDeviceError("the device does not compute")
+async def readyz(request: Request) -> Any:
+    """A small kernel computes on the device, however many requests wait for it; 503 while its
+    process restarts or nothing comes back from its driver."""
+    readiness: Readiness = request.app.state.readiness
+    if not await readiness.now():
+        raise NoDeviceError("the device does not compute")
     return {"status": "ready"}
 
 
