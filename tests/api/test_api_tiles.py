@@ -175,7 +175,7 @@ BAD_QUERIES = {
     "unknown stretch": ("?stretch=magic", "query", "magic"),
     "unknown sampling": ("?sampling=magic", "query", "magic"),
     "unknown format": ("?format=tiff", "query", "tiff"),
-    "unknown parameter": ("?methd=redraw", None, "unknown query parameter methd"),
+    "unknown parameter": ("?methd=redraw", "query", "unknown query parameter methd"),
     "sent twice": ("?format=npy&format=png", "query", "'format' was sent more than once"),
 }
 
