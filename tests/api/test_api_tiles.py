@@ -183,7 +183,7 @@ BAD_QUERIES = {
 @pytest.mark.parametrize(("query", "kind", "what"), BAD_QUERIES.values(), ids=BAD_QUERIES.keys())
 @pytest.mark.parametrize("call", [TILE, "maps/1001"])
 def test_bad_queries_are_refused(
-    client: httpx.Client, frame: str, call: str, query: str, kind: str | None, what: str
+    client: httpx.Client, frame: str, call: str, query: str, kind: str, what: str
 ) -> None:
     assert what in is_problem(client.get(f"{frame}/{call}{query}"), 422, kind)
 

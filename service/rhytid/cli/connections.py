@@ -116,7 +116,8 @@ class LimitedConnection(H11Protocol):
             return
         self._look.cancel()
         super().handle_websocket_upgrade(event)
-        self.transport.get_protocol().end_unless_open(self.limits.stalled)
+        opened: Any = self.transport.get_protocol()  # `WebSockets`, by now
+        opened.end_unless_open(self.limits.stalled)
 
     def send_400_response(self, msg: str) -> None:
         """A problem in place of plain text."""
