@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from uuid import uuid4
 
@@ -132,9 +132,12 @@ class Board:
         removed, whole = self._removed.since(count if life == self._life else 0)
         return News(self._life, self._removed.count, removed, whole)
 
-    async def versions(self, asset: str) -> dict[str, int]:
-        """Of the frames of an asset, and of those that were removed of late."""
-        return {name: kept.version for name, kept in self._frames.get(asset, {}).items()}
+    async def versions(self, asset: str, names: Collection[str] | None = None) -> dict[str, int]:
+        """Of the frames of an asset, and of those that were removed of late; of these names where
+        they are given."""
+        frames = self._frames.get(asset, {})
+        asked = frames if names is None else [name for name in names if name in frames]
+        return {name: frames[name].version for name in asked}
 
     async def frame(self, asset: str, name: str) -> tuple[Stamp, Positions | None]:
         """Stamp and (V, 3) positions of a frame; None of one that was removed, version 0 of one
@@ -172,9 +175,9 @@ class Board:
 
     def _note_removal(self, asset: str, name: str, version: int) -> None:
         frames = self._frames.get(asset, {})
-        older = [one for one, kept in frames.items() if kept.version < version]
-        for one in older if name == ALL else [name]:
-            self._drop(asset, one)
+        for one in list(frames) if name == ALL else [name]:
+            if one in frames and frames[one].version < version:
+                self._drop(asset, one)
         if name != ALL:
             self._frames.setdefault(asset, {})[name] = _Kept(version, None)
         oldest = self._removed.note(asset, name, version)

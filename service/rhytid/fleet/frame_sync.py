@@ -257,7 +257,7 @@ class FrameSync:
 
     def _fetch(self, asset: str, names: list[str] | None, wanted: int) -> None:
         try:
-            there = self._versions_there(asset)
+            there = self._versions_there(asset, names)
             for name in there if names is None else names:
                 if there.get(name, 0) > self._version(asset, name):
                     self._take(asset, name)
@@ -268,11 +268,11 @@ class FrameSync:
             if names is None or any(self._version(asset, name) < wanted for name in names):
                 raise
 
-    def _versions_there(self, asset: str) -> dict[str, int]:
+    def _versions_there(self, asset: str, names: list[str] | None = None) -> dict[str, int]:
         if time.monotonic() - self._away < AWAY:
             raise DeviceLostError("the board of the fleet did not answer; try later")
         try:
-            return self._board.versions(asset)
+            return self._board.versions(asset, names)
         except DeviceLostError:
             self._away = time.monotonic()
             _log.warning("frames of %s are taken as they are here: no board answers", asset)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from concurrent.futures import TimeoutError as FutureTimeout
 from contextlib import suppress
 from typing import Any
@@ -105,9 +105,9 @@ class RemoteBoard:
         found: News = self._ask("news", life, count)
         return found
 
-    def versions(self, asset: str) -> dict[str, int]:
+    def versions(self, asset: str, names: Collection[str] | None = None) -> dict[str, int]:
         """As of `Board`."""
-        found: dict[str, int] = self._ask("versions", asset)
+        found: dict[str, int] = self._ask("versions", asset, names)
         return found
 
     def frame(self, asset: str, name: str) -> tuple[Stamp, Positions | None]:

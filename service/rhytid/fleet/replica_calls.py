@@ -55,8 +55,8 @@ class ReplicaCalls:
             "plans_once": self._plans_once,
             "draw_once": self._draw_once,
         }
-        for part, names in PLAIN.items():
-            for name in names:
+        for part, plain in PLAIN.items():
+            for name in plain:
                 self._calls[f"{part}.{name}"] = getattr(getattr(engine, part), name)
         self._of_frame: dict[str, Callable[..., Any]] = {
             f"frames.{name}": getattr(engine.frames, name) for name in _OF_FRAME
