@@ -191,8 +191,12 @@ def read_plain(path: Path, most: int) -> bytes:
 
 
 def has_group(folder: Path) -> bool:
-    """Whether the group of a folder may write into it: then it gets what we make there, too."""
-    return bool(stat.S_IMODE(folder.stat().st_mode) & stat.S_IWGRP)
+    """Whether the group of a folder may write into it, and what is made there is that group's: then
+    it gets the same rights as the owner."""
+    found = folder.stat()
+    if os.name == "nt" or not found.st_mode & stat.S_IWGRP:
+        return False
+    return bool(found.st_mode & stat.S_ISGID) or found.st_gid == os.getegid()
 
 
 def is_open_to_others(path: Path) -> bool:

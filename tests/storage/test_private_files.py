@@ -106,6 +106,21 @@ def test_a_group_that_may_write_shares_it(
     assert modes(tmp_path / "store") == PRIVATE
 
 
+def test_of_another_group_nobody_gets_what_is_not_made_for_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without the bit for the group, files of a folder have that of the process."""
+    place, own = tmp_path / "place", os.getegid()
+    place.mkdir()
+    place.chmod(0o775)
+    monkeypatch.setattr(os, "getegid", lambda: own + 1)
+    SharedStore.at(str(place)).check()
+    assert modes(place) == PRIVATE | {("folder", 0o775)}
+    place.chmod(0o2775)
+    SharedStore.at(str(place)).check()
+    assert ("folder", 0o770) in {(kind, mode & 0o777) for kind, mode in modes(place)}
+
+
 def opened_to_all(folder: Path) -> None:
     """As an earlier release made it."""
     for path in (folder, *folder.rglob("*")):
