@@ -134,6 +134,7 @@ def test_of_an_earlier_store_nothing_can_be_reached_by_others(
     place.mkdir()
     with AssetStore(folder) as store:
         filled(store, mesh, graph, settings, place)
+    (folder / "packages" / "notes").touch()
     for top in (folder, place):
         opened_to_all(top)
     (folder / "format.json").write_bytes(b'{"format":1}')
@@ -141,6 +142,8 @@ def test_of_an_earlier_store_nothing_can_be_reached_by_others(
     AssetStore(folder).close()
     SharedStore.at(str(place)).check()
     (folder / "cache").rmdir()
+    assert stat.S_IMODE((folder / "packages" / "notes").stat().st_mode) == 0o644, "of others"
+    (folder / "packages" / "notes").unlink()
     assert modes(folder) == PRIVATE
     for part in (path for path in place.iterdir() if path.is_dir()):
         assert stat.S_IMODE(part.stat().st_mode) == 0o700, part

@@ -16,6 +16,7 @@ from rhytid.owned import (
     Kind,
     check_ours,
     is_open_to_others,
+    is_real_folder,
     make_folder,
     restrict,
     restrict_folder,
@@ -177,6 +178,13 @@ def _hide(folder: Path) -> None:
     for name in (*_OURS, LOCK):
         with suppress(FileNotFoundError):
             if is_open_to_others(folder / name):
-                restrict(folder / name)
+                restrict_folder(folder / name)
+                if name in (ASSETS, PACKAGES):
+                    _hide_homes(folder / name)
     if {entry.name for entry in folder.iterdir()} <= {*_OURS, *_BESIDE}:
         restrict_folder(folder)
+
+
+def _hide_homes(place: Path) -> None:
+    for home in homes(place) if is_real_folder(place) else ():
+        restrict(home)
