@@ -143,8 +143,18 @@ def _hidden_workplace(folder: Path) -> Iterator[Path]:
     """The same in a folder that holds files of others, with a name and a marker by which `sweep`
     knows it."""
     with _workplace(folder / f"{_UNFINISHED}{uuid4().hex}") as place:
-        (place / UNFINISHED.marker).write_bytes(UNFINISHED.text())
+        _mark_unfinished(place)
         yield place
+
+
+def _mark_unfinished(place: Path) -> None:
+    """Write its marker, which need not last; each map of a bake has such a folder for a moment."""
+    flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL
+    descriptor = os.open(place / UNFINISHED.marker, flags, 0o644)
+    try:
+        os.write(descriptor, UNFINISHED.text())
+    finally:
+        os.close(descriptor)
 
 
 @contextmanager

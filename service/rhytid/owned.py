@@ -47,13 +47,15 @@ class Kind:
     """What a folder of ours is.
 
     name: as its marker has it.  format: the newest that this release reads, and which it writes.
-    folders: those in it that are swept, or from which files are removed.  marker: the name of the
-    marker.  unnamed: a marker of an earlier release has a format and no name.
+    folders: those in it that are swept, or from which files are removed.  needed: those of them
+    that were there with every marker of an earlier release.  marker: the name of the marker.
+    unnamed: a marker of an earlier release has a format and no name.
     """
 
     name: str
     format: int = 1
     folders: tuple[str, ...] = ()
+    needed: tuple[str, ...] = ()
     marker: str = MARKER
     unnamed: bool = False
 
@@ -98,7 +100,9 @@ def check_ours(folder: Path, kind: Kind, before: Callable[[Path], bool] | None =
     with suppress(FileNotFoundError, NotADirectoryError):
         data = read_plain(folder / kind.marker, _LONGEST)
     current = data is not None and kind.reads(data, folder)
-    known = data is not None or (before is not None and before(folder))
+    # A marker without a name could be of others; with one came these folders.
+    earlier = data is not None and all(is_real_folder(folder / name) for name in kind.needed)
+    known = current or earlier or (before is not None and before(folder))
     for name in kind.folders:
         _check_folder(folder / name, known=known)
     return current
@@ -191,8 +195,12 @@ def read_plain(path: Path, most: int) -> bytes:
 
 
 def has_group(folder: Path) -> bool:
-    """Whether the group of a folder may write into it: then it gets what we make there, too."""
-    return bool(stat.S_IMODE(folder.stat().st_mode) & stat.S_IWGRP)
+    """Whether the group of a folder may write into it, and what is made there is that group's: then
+    it gets the same rights as the owner."""
+    found = folder.stat()
+    if os.name == "nt" or not found.st_mode & stat.S_IWGRP:
+        return False
+    return bool(found.st_mode & stat.S_ISGID) or found.st_gid == os.getegid()
 
 
 def is_open_to_others(path: Path) -> bool:

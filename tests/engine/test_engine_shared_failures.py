@@ -12,8 +12,9 @@ import pytest
 
 from engine.engines import built, new_asset, rest, running
 from engine.test_engine_shared import LONG, jobs, patiently
-from rhytid.errors import FetchingError, NotFoundError, SharedStoreError
+from rhytid.errors import FetchingError, NotFoundError, SharedStoreError, StoreFormatError
 from rhytid.storage.shared.folder_place import FolderPlace
+from rhytid.storage.shared.object_place import ObjectPlace
 from rhytid.storage.shared.shared_store import SharedStore
 from storage.places import new_folder
 
@@ -118,3 +119,18 @@ def test_what_is_no_id_is_not_found(folder: Path, tmp_path: Path) -> None:
     ):
         engine.assets.delete("..", shared=True)
     assert (folder / "notes.txt").exists()
+
+
+def test_a_bucket_of_a_newer_release_lets_no_server_start_and_is_left_alone(
+    bucket: str, tmp_path: Path
+) -> None:
+    place, marker = ObjectPlace(bucket), b'{"format": 2, "kind": "rhytid shared store"}'
+    place.write("format.json", marker)
+    text = r"was made by a newer release of rhytid \(format 2, this one reads up to 1\)"
+    for _ in range(2):  # the local store is free again
+        with (
+            pytest.raises(StoreFormatError, match=f"{bucket} {text}"),
+            running(tmp_path, shared_store=bucket),
+        ):
+            pass
+    assert place.read("format.json", 100) == marker

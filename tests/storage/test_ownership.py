@@ -311,6 +311,17 @@ def test_a_store_is_not_taken_for_something_else(
     assert tree(folder) == before
 
 
+def test_a_format_without_a_kind_is_of_a_store_that_has_its_folders(folder: Path) -> None:
+    written(folder / "format.json", '{"format": 1}')
+    written(folder / "partial" / UNIQUE / "download")
+    before = tree(folder)
+
+    with pytest.raises(StorageError, match=f"{folder / 'partial'} is not ours"):
+        opened(folder)
+
+    assert tree(folder) == before
+
+
 @pytest.mark.parametrize("text", ['{"format": "3"}', '{"version": 1}', "[1]", '{"format": true}'])
 def test_a_format_file_of_others_is_not_a_marker(text: str, folder: Path) -> None:
     written(folder / "format.json", text)

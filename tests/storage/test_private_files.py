@@ -106,6 +106,21 @@ def test_a_group_that_may_write_shares_it(
     assert modes(tmp_path / "store") == PRIVATE
 
 
+def test_of_another_group_nobody_gets_what_is_not_made_for_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without the bit for the group, files of a folder have that of the process."""
+    place, own = tmp_path / "place", os.getegid()
+    place.mkdir()
+    place.chmod(0o775)
+    monkeypatch.setattr(os, "getegid", lambda: own + 1)
+    SharedStore.at(str(place)).check()
+    assert modes(place) == PRIVATE | {("folder", 0o775)}
+    place.chmod(0o2775)
+    SharedStore.at(str(place)).check()
+    assert ("folder", 0o770) in {(kind, mode & 0o777) for kind, mode in modes(place)}
+
+
 def opened_to_all(folder: Path) -> None:
     """As an earlier release made it."""
     for path in (folder, *folder.rglob("*")):
@@ -119,6 +134,7 @@ def test_of_an_earlier_store_nothing_can_be_reached_by_others(
     place.mkdir()
     with AssetStore(folder) as store:
         filled(store, mesh, graph, settings, place)
+    (folder / "packages" / "notes").touch()
     for top in (folder, place):
         opened_to_all(top)
     (folder / "format.json").write_bytes(b'{"format":1}')
@@ -126,6 +142,8 @@ def test_of_an_earlier_store_nothing_can_be_reached_by_others(
     AssetStore(folder).close()
     SharedStore.at(str(place)).check()
     (folder / "cache").rmdir()
+    assert stat.S_IMODE((folder / "packages" / "notes").stat().st_mode) == 0o644, "of others"
+    (folder / "packages" / "notes").unlink()
     assert modes(folder) == PRIVATE
     for part in (path for path in place.iterdir() if path.is_dir()):
         assert stat.S_IMODE(part.stat().st_mode) == 0o700, part

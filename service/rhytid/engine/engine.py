@@ -108,7 +108,11 @@ class Engine:
         )
         self.snapshots = SnapshotService(registry, self._store, restored, self.shared)
         registration.open_store(only)
-        self.shared.open()
+        try:
+            self.shared.open()
+        except BaseException:
+            self.close()
+            raise
 
     def close(self) -> None:
         """Stop the jobs, finish the tasks that wait for the device, and close the store."""

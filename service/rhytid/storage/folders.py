@@ -16,6 +16,7 @@ from rhytid.owned import (
     Kind,
     check_ours,
     is_open_to_others,
+    is_real_folder,
     make_folder,
     restrict,
     restrict_folder,
@@ -27,7 +28,7 @@ from rhytid.storage.manifest import write_with_manifest
 ASSETS, PARTIAL, PACKAGES = "assets", "partial", "packages"
 _OURS = (ASSETS, PARTIAL, PACKAGES)
 # Of the store as a whole: raise its format when an older release must not open a new store.
-STORE = Kind("rhytid store", format=1, folders=_OURS, unnamed=True)
+STORE = Kind("rhytid store", folders=_OURS, needed=(ASSETS, PARTIAL), unnamed=True)
 # What else may be in a store: kernels, a fleet's shared folder, API keys.
 _BESIDE = {MARKER, LOCK, "cache", "shared", "keys.json", "keys.json.lock"}
 _NOTHING: Mapping[str, bytes] = MappingProxyType({})
@@ -177,6 +178,13 @@ def _hide(folder: Path) -> None:
     for name in (*_OURS, LOCK):
         with suppress(FileNotFoundError):
             if is_open_to_others(folder / name):
-                restrict(folder / name)
+                restrict_folder(folder / name)
+                if name in (ASSETS, PACKAGES):
+                    _hide_homes(folder / name)
     if {entry.name for entry in folder.iterdir()} <= {*_OURS, *_BESIDE}:
         restrict_folder(folder)
+
+
+def _hide_homes(place: Path) -> None:
+    for home in homes(place) if is_real_folder(place) else ():
+        restrict(home)

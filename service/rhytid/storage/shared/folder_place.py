@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import os
 import re
 import shutil
@@ -82,11 +81,11 @@ class FolderPlace:
         with reached(f"shared store {self} cannot be read"), _refused(self):
             if self._claimed and is_real_folder(self._partial):
                 return
-            current = check_ours(self._folder, SHARED_STORE, _holds_assets)
-            if not current:
-                with _unless_read_only():
+            self._claimed = check_ours(self._folder, SHARED_STORE, _holds_assets)
+            if not self._claimed:
+                with suppress(OSError):  # it may only be read, or is full: then it is marked later
                     durable.claim(self._folder, SHARED_STORE, _holds_assets)
-            self._claimed = True
+                    self._claimed = True
 
     def size(self, name: str) -> int | None:
         """As `Place.size`."""
@@ -182,16 +181,6 @@ def _refused(place: FolderPlace) -> Iterator[None]:
         raise
     except StorageError as error:
         raise InputError(f"shared store {place}: {error}") from error
-
-
-@contextmanager
-def _unless_read_only() -> Iterator[None]:
-    """Go on where a shared store may only be read."""
-    try:
-        yield
-    except OSError as error:
-        if error.errno not in (errno.EROFS, errno.EACCES, errno.EPERM):
-            raise
 
 
 def _holds_assets(folder: Path) -> bool:

@@ -202,13 +202,16 @@ class SharedStore:
         """Whether objects had to be written again that were removed before the manifest was there.
         The manifest goes where they cannot be."""
         index = made.index
+        there = set(self._place.names(_object_folder(index.asset)))
+        gone = [name for name, file in index.files.items() if file.sha256 not in there]
         try:
-            again = [self._put(made, name, _untold, anew=False) for name in index.files]
+            for name in gone:
+                self._put(made, name, _untold, anew=True)
         except BaseException:
             with suppress(StorageError):
                 self._manifests.remove(index.asset)
             raise
-        return any(again)
+        return bool(gone)
 
     def _before(self, id: str) -> bytes | None:
         """The manifest that is there; None where it is to be written anew."""
