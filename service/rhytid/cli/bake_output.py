@@ -5,7 +5,7 @@ from __future__ import annotations
 import glob
 import hashlib
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from rhytid.cli.frame_files import FramePlace
 from rhytid.cli.frame_range import FrameRange
 from rhytid.domain.wording import plural
 from rhytid.durable import whole, write_file
-from rhytid.textures.frame_map import Facts, FrameMap
+from rhytid.textures.frame_map import FrameMap
 from rhytid.textures.profiles import PROFILES, Profile
 
 _UNITS = ("bytes", "kB", "MB", "GB", "TB")
@@ -135,7 +135,7 @@ class BakeSize:
         )
 
 
-def _write_facts(file: Path, facts: Facts) -> None:
+def _write_facts(file: Path, facts: Mapping[str, str | int | float]) -> None:
     data = f"{json.dumps(facts, indent=1)}\n".encode()
     if not (file.is_file() and file.read_bytes() == data):
         with whole(file) as aside:

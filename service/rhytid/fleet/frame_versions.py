@@ -18,11 +18,11 @@ class FrameVersions(FrameLedger):
     def __init__(self) -> None:
         super().__init__(0, _never)
         self._versions: OrderedDict[tuple[str, str], int] = OrderedDict()
-        self._removed = Removals()
+        self._gone = Removals()
         self._noting = threading.Lock()
 
     def __len__(self) -> int:
-        return len(self._versions) + len(self._removed)
+        return len(self._versions) + len(self._gone)
 
     def note(self, asset: str, name: str, version: int, *, removed: bool = False) -> None:
         """A frame has this version now, or a later one.  removed: it is that of its absence."""
@@ -31,9 +31,9 @@ class FrameVersions(FrameLedger):
                 return
             self._versions.pop((asset, name), None)
             if removed:
-                self._removed.note(asset, name, version)
+                self._gone.note(asset, name, version)
                 return
-            self._removed.undo(asset, name)
+            self._gone.undo(asset, name)
             self._versions[asset, name] = version
             while len(self._versions) > _REMEMBERED:
                 self._versions.popitem(last=False)
@@ -48,7 +48,7 @@ class FrameVersions(FrameLedger):
 
     def version(self, asset: str, name: str) -> int:
         """The version that there is at least; 0 of a frame that did not come through here."""
-        return self._versions.get((asset, name)) or self._removed.version(asset, name)
+        return self._versions.get((asset, name)) or self._gone.version(asset, name)
 
 
 def _never(*arguments: Any) -> None:
