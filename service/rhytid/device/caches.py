@@ -23,6 +23,8 @@ def provide_cache_folder() -> None:
 
     Where nothing at all can be written, pyopencl is told to go without.
     """
+    # Else pyopencl raises a KeyError where its cache fails, as it may beside other processes.
+    os.environ.setdefault("PYOPENCL_CACHE_FAILURE_FATAL", "")
     if sys.platform != "linux":
         return
     usual = _usual_folder()

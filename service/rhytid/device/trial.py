@@ -47,12 +47,13 @@ def open_context(handle: Any) -> Any:
 
 @without_sigint()
 def compile_program(context: Any, text: str, options: list[str]) -> Any:
-    """Build a program; raises the runtime's own error. The warning that pyopencl raises for output
-    of the compiler is suppressed."""
+    """Build a program; raises the runtime's own error. The warnings that pyopencl raises for output
+    of the compiler, and where its cache fails and it compiles without, are suppressed."""
     watch.begin_compiling()
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", cl.CompilerWarning)
+            warnings.filterwarnings("ignore", "PyOpenCL compiler caching failed")
             return cl.Program(context, text).build(options)
     finally:
         watch.end_call()
