@@ -13,6 +13,8 @@ from rhytid.variables import MIB, Variables
 
 LOG_FORMATS = ("text", "json")
 _PREFIX = "RHYTID_"
+# Of uvicorn, which `rhytid serve` overrides.
+_INSTEAD = {"FORWARDED_ALLOW_IPS": "RHYTID_PROXIES"}
 # Of names without the prefix: 1 is the same.
 _ALIKE = 0.75
 
@@ -134,12 +136,15 @@ class ServiceSettings:
 
 
 def misspelt(environment: Mapping[str, str] = os.environ) -> list[str]:
-    """What to say of variables that are not read and are named nearly like one that is. Others that
-    begin alike are left alone: Kubernetes makes RHYTID_PORT of a Service."""
+    """What to say of variables that are not read, where one that is has nearly their name or stands
+    for them. Others that begin alike are left alone: Kubernetes makes RHYTID_PORT of a Service."""
     given = Variables({})
     ServiceSettings._of(given)
     known = [name for name in given.asked if name.startswith(_PREFIX)]
     said = []
+    for name, instead in _INSTEAD.items():
+        if environment.get(name) and not environment.get(instead):
+            said.append(f"{name} is not read: {instead} stands for it")
     for name in environment:
         if name.startswith(_PREFIX) and name not in known:
             ends = [one.removeprefix(_PREFIX) for one in known]

@@ -128,6 +128,12 @@ def test_variables_that_are_misspelt_are_named() -> None:
     ]
 
 
+def test_a_variable_that_another_stands_for_is_named() -> None:
+    given = {"FORWARDED_ALLOW_IPS": "*"}
+    assert misspelt(given) == ["FORWARDED_ALLOW_IPS is not read: RHYTID_PROXIES stands for it"]
+    assert misspelt({**given, "RHYTID_PROXIES": "10.1.2.3"}) == []
+
+
 def test_commands_warn_of_misspelt_variables(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

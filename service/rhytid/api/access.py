@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ipaddress
 from dataclasses import dataclass
+from functools import lru_cache
 
 from fastapi.requests import HTTPConnection
 from starlette.types import Scope
@@ -161,7 +162,11 @@ def _lacking(key: ApiKey, needed: str) -> ScopeError | None:
 
 
 def _address(scope: Scope) -> str:
-    host = (scope.get("client") or ("unknown", 0))[0]
+    return _caller_at((scope.get("client") or ("unknown", 0))[0])
+
+
+@lru_cache(1024)
+def _caller_at(host: str) -> str:
     try:
         address = ipaddress.ip_address(host.partition("%")[0])
     except ValueError:  # what a proxy passed on
