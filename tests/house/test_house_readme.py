@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from importlib.metadata import metadata
 
+import pytest
+
 import rhytid
 import rhytid_client
 from house.markdown import shell_lines
@@ -17,6 +19,25 @@ CHANGELOG = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
 
 def test_the_readme_is_short() -> None:
     assert len(README.splitlines()) <= 150
+
+
+@pytest.mark.parametrize(("page", "link"), [("README.md", "docs/"), ("docs/index.md", "")])
+def test_a_reader_with_a_mesh_comes_first(page: str, link: str) -> None:
+    text = PAGES[page].partition("\n")[2].lstrip()
+    first = text.partition(". ")[0]
+    assert "mesh" in first
+    assert "displacement maps" in first
+    assert "HTTP" not in first
+    assert re.findall(r"\]\(([^)]+)\)", text)[0] == f"{link}ten_minutes.md"
+
+
+def test_pages_for_operators_alone_stand_apart() -> None:
+    nav = (ROOT / "mkdocs.yml").read_text(encoding="utf-8").partition("nav:\n")[2]
+    sections = re.split(r"^  - ", nav, flags=re.MULTILINE)[1:]
+    found = {part.partition(":")[0]: re.findall(r"\S+\.md", part) for part in sections}
+    apart = ["operate.md", "farm.md", "farm_dask.md", "shared-store.md", "fleet.md", "scaling.md"]
+    assert found["For operators"][: len(apart)] == apart
+    assert list(found).index("For artists") < list(found).index("For operators")
 
 
 def test_the_test_command_is_what_ci_runs() -> None:

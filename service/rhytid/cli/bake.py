@@ -57,9 +57,9 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     from rhytid.engine.engine import Engine
 
     given = BakeInputs.read(arguments, warned)
-    make_folder(arguments.openjd or arguments.out)
     if arguments.dask is not None:
         check_cluster(arguments.dask)
+    make_folder(arguments.openjd or arguments.out)
     if given.new is not None:
         note(f"rhytid: {given.size(given.new.settings.resolution).text()}")
     watch = Stopwatch()
