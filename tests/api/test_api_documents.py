@@ -222,3 +222,20 @@ def test_the_docs_load_nothing_from_elsewhere(client: httpx.Client) -> None:
     assert client.get("/docs/..%2f__init__.py").status_code == 404
     is_problem(client.get("/docs/__init__.py"), 404)
     assert client.get("/redoc").status_code == 404
+
+
+def test_a_file_is_called_as_the_client_accepts_it(client: httpx.Client, asset: str) -> None:
+    """Its own type, or octets where that alone is accepted; the bytes are the same."""
+    path = f"/v1/assets/{asset}/mesh"
+    own = client.get(path)
+    assert own.headers["content-type"] == "model/gltf-binary"
+    for accept in ("*/*", "model/*, application/octet-stream;q=0.5", "application/json"):
+        answer = client.get(path, headers={"Accept": accept})
+        assert answer.headers["content-type"] == "model/gltf-binary"
+    for accept in ("application/octet-stream", "application/json, application/octet-stream;q=0.1"):
+        answer = client.get(path, headers={"Accept": accept})
+        assert answer.headers["content-type"] == "application/octet-stream"
+        assert "Accept" in answer.headers["vary"]
+        assert answer.content == own.content
+        listed = client.get("/v1/assets", headers={"Accept": accept})
+        assert listed.headers["content-type"] == "application/json"

@@ -49,6 +49,9 @@ class Look:
         """To another view of the same page, by the part of the address after #; what was said
         before is forgotten."""
         self.page.keyboard.press("Escape")
+        # No button over the picture is pointed at or has a ring around it.
+        self.page.mouse.move(2, 2)
+        self.page.evaluate("document.activeElement.blur()")
         self.page.set_viewport_size({"width": width, "height": height})
         self.page.evaluate("(hash) => { location.hash = hash }", view or "none")
         self.still()

@@ -31,6 +31,9 @@ STATES = {
     "split": "weights=smile:1,brow_furrow:1&split=0.5&relief=2",
 }
 
+# Behind a face, as it is drawn.
+GROUND = np.array([61, 63, 68]) / 255
+
 
 def test_it_loads_quietly_and_from_here_alone(open_page: Opened, package: str) -> None:
     look = open_page(package).ready()
@@ -40,6 +43,60 @@ def test_it_loads_quietly_and_from_here_alone(open_page: Opened, package: str) -
     assert {urlsplit(url).netloc for url in look.asked} == {urlsplit(package).netloc}
     assert picture.std() > 0.05  # a face on a plain ground
     assert look.page.locator("input[value=exact]").is_disabled()
+
+
+def ground(look: Look) -> float:
+    """The share of the picture without a face."""
+    picture = look.picture()[:300]  # above the buttons
+    return float((np.abs(picture - GROUND).max(axis=2) < 0.02).mean())
+
+
+def test_the_first_view_is_close_and_buttons_have_the_others(look: Look) -> None:
+    look.page.click("#views >> text=Face")
+    whole = ground(look)
+    look.page.keyboard.press("r")
+    first = look.picture()[:300]
+    assert 0.2 < whole < 0.9
+    assert ground(look) < 0.1
+    views: dict[str, Any] = {}
+    for name in ("Face", "Forehead", "Eye", "Cheek", "Mouth"):
+        look.page.click(f"#views >> text={name}")
+        views[name] = look.picture()
+        assert name == "Face" or ground(look) < 0.2
+        look.keep(f"view_{name.lower()}")
+    assert min(differ(a, b) for a, b in combinations(views.values(), 2)) > 0.1
+    assert differ(views["Cheek"][:300], first) == 0
+    places = [look.state()["camera"]]
+    for _ in range(5):
+        look.page.keyboard.press("v")
+        places.append(look.state()["camera"])
+    assert places[0] == places[5]
+    assert len({json.dumps(place) for place in places}) == 5
+
+
+PLACES = (
+    "const { viewsOf } = await import('./viewer/app/views.js');"
+    "const { mesh } = rhytid.face.skin;"
+    "return Object.fromEntries(viewsOf({ ...mesh, shapes: shapes(mesh) }, 0.45)"
+    ".map(({ name, place }) => [name, place]))"
+)
+
+
+@pytest.mark.parametrize(
+    "shapes",
+    [
+        "[]",
+        "mesh.shapes.map((shape, index) => ({ ...shape, name: `shape${index}` }))",
+        "mesh.shapes.map(({ offsets }) => ({ name: 'eyeBlink', offsets: offsets.map(() => 0) }))",
+    ],
+)
+def test_a_face_that_no_shape_tells_of_is_looked_at_all_the_same(look: Look, shapes: str) -> None:
+    found = look.page.evaluate(f"(async () => {{ const shapes = (mesh) => {shapes}; {PLACES} }})()")
+    assert list(found) == ["Face", "Forehead", "Eye", "Cheek", "Mouth"]
+    heights = [found[name]["target"][1] for name in ("Forehead", "Eye", "Cheek", "Mouth")]
+    assert heights == sorted(heights, reverse=True)
+    assert all(np.isfinite(place["distance"]) for place in found.values())
+    assert found["Face"]["distance"] > 2 * found["Cheek"]["distance"]
 
 
 def test_states_are_drawn(look: Look) -> None:
@@ -195,6 +252,7 @@ def test_weights_are_read_as_numpy_writes_them(look: Look, tmp_path: Path, packe
 
 def test_the_probe_tells_what_is_under_the_pointer(look: Look) -> None:
     look.go("weights=smile:1")
+    look.page.click("#views >> text=Face")
     look.page.hover("#canvas")
     look.until("document.getElementById('probe-displacement').textContent.endsWith('µm')")
     assert "×" in look.page.inner_text("#probe-stretch")

@@ -183,10 +183,56 @@ def test_a_mesh_is_sent_and_shown(open_page: Opened, served: Served, tmp_path: P
 
     assert page.page.evaluate("rhytid.face.skin.manifest.stretch.triangles") == 512
     assert not page.page.locator("#job").is_visible()
+    listed = page.page.locator("#asset option").all_inner_texts()
+    assert [text for text in listed if text.startswith("small · 1024², 512 triangles")]
+
+
+def test_a_file_that_is_refused_is_named_and_the_dialog_stays(
+    open_page: Opened, served: Served, tmp_path: Path
+) -> None:
     (tmp_path / "flat.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
-    page.page.set_input_files("#upload-file", tmp_path / "flat.obj")
-    page.page.click("#files-use")
-    page.until("document.getElementById('banner').textContent.includes('texture coordinate')")
+    sample = procedural_face(16)
+    mesh = {name: getattr(sample.mesh, name) for name in ("positions", "faces", "uv", "face_uv")}
+    np.savez(tmp_path / "good.npz", **mesh)
+    np.savez(tmp_path / "other.npz", shapes=np.zeros((1, 7, 3), np.float32))
+    np.savez(tmp_path / "both.npz", **mesh, weights=np.zeros((4, 99), np.float32))
+    page = open_page(served.url).ready()
+    wrong = "document.getElementById('files-wrong').textContent"
+    for files, told in (
+        (["flat.obj"], ["flat.obj", "texture coordinate"]),
+        (["good.npz", "other.npz"], ["other.npz", "(1, 7, 3)"]),
+        (["both.npz"], ["both.npz", "99 weights"]),
+    ):
+        page.page.set_input_files("#upload-file", [tmp_path / name for name in files])
+        page.until("document.getElementById('files-dialog').open")
+        if files == ["both.npz"]:
+            page.page.get_by_label("both.npz").select_option("weights")
+        page.page.click("#files-use")
+        page.until(f"{wrong} !== ''")
+        text = page.page.evaluate(wrong)
+        assert [part for part in told if part not in text] == []
+        assert page.page.locator("#files-list").inner_text().count(".") == len(files)
+        assert page.page.locator("#files-use").is_enabled()
+        page.keep(f"refused_{files[0]}")
+    page.page.click("#files-cancel")
+    assert not page.page.locator("#files-dialog").is_visible()
+    assert page.page.evaluate("document.getElementById('banner').hidden")
+
+
+def test_assets_of_one_name_are_told_apart(
+    open_page: Opened, served: Served, http: httpx.Client
+) -> None:
+    page = open_page(served.url).ready()
+    one = http.get("/v1/assets").json()[0]
+    many = [
+        {**one, "id": id, "settings": {**one["settings"], "name": name}}
+        for id, name in (("1" * 16, "Ada"), ("2" * 16, "Ada"), ("3" * 16, "Eve"), ("4" * 16, None))
+    ]
+    page.page.route("**/v1/assets", lambda route: route.fulfill(json=many))
+    page.page.evaluate("rhytid.served.refresh()")
+    listed = page.page.locator("#asset option").all_inner_texts()
+    names = [text.partition(" · ")[0] for text in listed]
+    assert names == ["Ada 11111111", "Ada 22222222", "Eve", "44444444"]
 
 
 def test_a_key_is_asked_for_and_kept_for_the_tab(open_page: Opened, tmp_path: Path) -> None:

@@ -71,7 +71,7 @@ def _kept(obj: bpy.types.Object, blend: Path) -> str:
     folder = blend.parent / "rhytid" / slug(blend.stem)
     found = images.files(image, image.filepath, udims)
     try:
-        maps = {udim: file.read_bytes() for udim, file in zip(udims, found, strict=True)}
+        maps = dict(zip(udims, found, strict=True))
         path = _written(folder_at(folder), slug(obj.name), maps)
     except (OSError, Trouble) as exc:
         status = state.status(obj)
@@ -84,15 +84,17 @@ def _kept(obj: bpy.types.Object, blend: Path) -> str:
     return ""
 
 
-def _written(folder: Path, name: str, maps: dict[int, bytes]) -> str:
-    """Write the maps that are not there; their path, `<UDIM>` in place of the number."""
-    digest = sha256(b"".join(sha256(data).digest() for data in maps.values())).hexdigest()[:16]
-    for udim, data in maps.items():
+def _written(folder: Path, name: str, maps: dict[int, Path]) -> str:
+    """Copy the maps that are not there; their path, `<UDIM>` in place of the number. One map at a
+    time is in memory. Raises OSError and Trouble."""
+    whole = sha256(b"".join(sha256(path.read_bytes()).digest() for path in maps.values()))
+    digest = whole.hexdigest()[:16]
+    for udim, path in maps.items():
         file = folder / f"{name}.{udim}.{digest}.exr"
-        if file.is_file() and file.stat().st_size == len(data):
+        if file.is_file() and file.stat().st_size == path.stat().st_size:
             os.utime(file)
         else:
-            replaced(file, data)
+            replaced(file, path.read_bytes())
         _prune(folder, f"{name}.{udim}")
     return str(folder / f"{name}.<UDIM>.{digest}.exr")
 

@@ -6,8 +6,14 @@ import re
 from dataclasses import dataclass
 
 from fastapi import Request
+from starlette.datastructures import Headers, MutableHeaders
 from starlette.exceptions import HTTPException
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+# Bytes of any kind.
+OCTETS = "application/octet-stream"
+# What is no file: texts, documents, parts of several.
+_OTHERS = ("text/", "multipart/", "application/json", "application/problem+json")
 _WEIGHT = re.compile(r"0(\.[0-9]{0,3})?|1(\.0{0,3})?", re.ASCII)
 
 
@@ -61,3 +67,33 @@ def _rated(offer: str, ranges: list[_Range]) -> tuple[float, int]:
         return 0.0, 0
     entry = max(fitting, key=lambda entry: entry.precision)
     return entry.weight, -entry.place
+
+
+class PlainBytes:
+    """ASGI middleware: a file is called `application/octet-stream` where a client accepts that and
+    not the type of the file. The bytes are the same."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self.app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass the request on."""
+        accept = ", ".join(Headers(scope=scope).getlist("accept")) if "headers" in scope else ""
+        if scope["type"] != "http" or OCTETS not in accept.lower():
+            await self.app(scope, receive, send)
+            return
+        ranges = _ranges(accept)
+
+        async def renamed(message: Message) -> None:
+            if message["type"] == "http.response.start" and message["status"] < 300:
+                _rename(MutableHeaders(scope=message), ranges)
+            await send(message)
+
+        await self.app(scope, receive, renamed)
+
+
+def _rename(headers: MutableHeaders, ranges: list[_Range]) -> None:
+    own = headers.get("content-type", "text/").lower()
+    if not own.startswith(_OTHERS) and not _rated(own, ranges)[0] and _rated(OCTETS, ranges)[0]:
+        headers["Content-Type"] = OCTETS
+        headers.add_vary_header("Accept")

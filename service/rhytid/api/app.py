@@ -11,6 +11,7 @@ from starlette.middleware.cors import CORSMiddleware
 
 from rhytid import __version__
 from rhytid.api import problems
+from rhytid.api.accept import PlainBytes
 from rhytid.api.access import Access, guard
 from rhytid.api.device_slots import DeviceSlots, LargeAnswers, threads
 from rhytid.api.documentation import describe
@@ -118,6 +119,7 @@ def create_app(engine: AnyEngine, settings: ServiceSettings) -> FastAPI:
     app.add_middleware(FormerFrames, names=app.state.former_names)
     if settings.origins:
         app.add_middleware(CORSMiddleware, allow_origins=settings.origins, **SHARED)
+    app.add_middleware(PlainBytes)
     app.add_middleware(CheckHead, hosts=settings.hosts, origins=settings.origins)
     app.add_middleware(Draining, drain=app.state.drain)
     app.add_middleware(

@@ -10,6 +10,7 @@ from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 
 from rhytid import __version__
+from rhytid.api.accept import OCTETS
 from rhytid.api.access_documentation import document_access
 from rhytid.api.encoding import WARNINGS
 from rhytid.api.events import EVENT_STREAM
@@ -48,8 +49,13 @@ def problems(*statuses: int) -> Responses:
 
 
 def binary(*media_types: str) -> Responses:
-    """A 200 whose body is bytes of one of these types."""
+    """A 200 whose body is bytes of one of these types; files also as `PlainBytes` names them.
+
+    Generated clients know that name, and few others.
+    """
     content = {media_type: {"schema": BINARY} for media_type in media_types}
+    if all(media_type.startswith(("application/", "model/")) for media_type in media_types):
+        content.setdefault(OCTETS, {"schema": BINARY})
     return {200: {"description": "OK", "content": content}}
 
 
@@ -156,7 +162,8 @@ ASSET_FORM = body(
         }
     }
 )
-SNAPSHOT = body({TAR: {"schema": {**BINARY, "description": "a file of `getSnapshot`, as it is"}}})
+_SNAPSHOT = {"schema": {**BINARY, "description": "a file of `getSnapshot`, as it is"}}
+SNAPSHOT = body({TAR: _SNAPSHOT, OCTETS: _SNAPSHOT})
 EVENTS: Responses = {
     200: {
         "description": "Server-sent events until the job ends: `progress`, then one `end`; the "
@@ -199,7 +206,8 @@ def describe(app: FastAPI) -> dict[str, Any]:
     """The OpenAPI document, with problems in place of the framework's own error models."""
     if app.openapi_schema is None:
         document = get_openapi(
-            title="rhytid",
+            # Generators name a package after it; that of the SDK is rhytid_client.
+            title="rhytid HTTP",
             version=__version__,
             summary="Dynamic facial wrinkles: an animated face in, displacement tiles out.",
             routes=app.routes,

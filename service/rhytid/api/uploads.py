@@ -10,6 +10,7 @@ from typing import Any
 from fastapi import Request
 from starlette.exceptions import HTTPException
 
+from rhytid.api.accept import OCTETS
 from rhytid.api.parts import Part, PartReader, boundary
 from rhytid.api.request_memory import DECODED, RequestMemory
 from rhytid.api.spool import Spool
@@ -54,8 +55,8 @@ async def read_snapshot(request: Request) -> Spool:
     Raises LimitError above `upload_limit`, and what `Spool.settle` does.
     """
     media_type = media_type_of(request)
-    if media_type != TAR:
-        raise HTTPException(415, f"Content-Type is {media_type!r}: must be {TAR}")
+    if media_type not in (TAR, OCTETS):
+        raise HTTPException(415, f"Content-Type is {media_type!r}: one of {TAR}, {OCTETS}")
     spool = RequestMemory.of(request).spooled()
     async for chunk in _chunks(request, _limit(request)):
         spool.write(chunk)

@@ -105,10 +105,8 @@ class AssetService:
         with found.lock:
             found.check_ready()
             settings = found.settings.changed(changes)
-            same = settings.drawn() == found.settings.drawn()
             self._builder.change(found, settings.with_lengths(found.lengths))
-        if not same:
-            self._builder.prepare_bins(found)
+        self._builder.prepare_bins(found)
         return found.info()
 
     def resized(self, asset: str, resolution: int) -> AssetInfo:

@@ -1,6 +1,7 @@
 // Sends a mesh and follows the job that grows its skin.
 
 import { byId } from "./dom.js";
+import { reason } from "./messages.js";
 import { Refused, passing, pause } from "./retry.js";
 import { chunks } from "./service.js";
 
@@ -21,34 +22,57 @@ export class Building {
   }
 
   /**
+   * Send a mesh.
    * @param {import('./files_dialog.js').Upload} upload
-   * @returns {Promise<string>} the id of the asset, ready
-   * @throws {Error} with the reason where it is refused, fails or is cancelled
+   * @param {AbortSignal} signal ends it
+   * @returns {Promise<Asset>} which the service has taken, built or not
+   * @throws {Error} with the file and the reason where it is refused
    */
-  async run({ mesh, shapes, settings }) {
+  async send(upload, signal) {
+    const { mesh, shapes, settings } = upload;
     const form = new FormData();
     form.append("mesh", mesh, mesh.name);
     if (shapes) form.append("shapes", shapes, shapes.name);
     form.append("settings", JSON.stringify(settings));
     try {
       this.show(`Sending ${mesh.name}`, 0);
-      const asset = await this.send(form);
-      if (asset.job) await this.follow(asset.job);
-      return asset.id;
+      return await this.post(form, signal);
+    } catch (error) {
+      throw new Error(named(reason(error), upload), { cause: error });
     } finally {
-      this.job = null;
-      byId("job", HTMLDivElement).hidden = true;
+      this.hide();
     }
+  }
+
+  /**
+   * Wait until an asset is built.
+   * @param {Asset} asset
+   * @throws {Error} with the reason where that fails or is cancelled
+   */
+  async built({ job }) {
+    try {
+      if (job) await this.follow(job);
+    } finally {
+      this.hide();
+    }
+  }
+
+  hide() {
+    this.job = null;
+    byId("job", HTMLDivElement).hidden = true;
   }
 
   /**
    * By XMLHttpRequest: fetch does not tell how much is sent.
    * @param {FormData} form
+   * @param {AbortSignal} signal
    * @returns {Promise<Asset>}
    */
-  send(form) {
+  post(form, signal) {
     return new Promise((resolve, reject) => {
       const request = new XMLHttpRequest();
+      signal.addEventListener("abort", () => request.abort());
+      request.onabort = () => reject(signal.reason);
       request.open("POST", this.service.url("v1/assets"));
       for (const [name, value] of Object.entries(this.service.headers())) request.setRequestHeader(name, value);
       request.responseType = "json";
@@ -108,4 +132,14 @@ export class Building {
     byId("job-progress", HTMLProgressElement).value = share;
     byId("job-cancel", HTMLButtonElement).hidden = this.job === null;
   }
+}
+
+/**
+ * What is wrong, with the file that it is about.
+ * @param {string} detail
+ * @param {import('./files_dialog.js').Upload} upload
+ */
+function named(detail, { mesh, shapes }) {
+  const file = shapes && /^(part )?shapes\b/.test(detail) ? shapes : mesh;
+  return detail.includes(file.name) ? detail : `${file.name}: ${detail}`;
 }

@@ -4,6 +4,7 @@ import { SkinView } from "../view/skin_view.js";
 import { afterQuiet, byId, oncePerPicture } from "./dom.js";
 import { showProbe } from "./probe_line.js";
 import { weightOf } from "./state.js";
+import { FIRST, viewsOf } from "./views.js";
 
 /**
  * @typedef {import('./state.js').State} State
@@ -45,7 +46,10 @@ export class Face {
     this.view = new SkinView(canvas, skin);
     // They are on the GPU; if they are lost there the package is read again.
     skin.textures.clear();
-    this.home = this.place();
+    this.views = viewsOf(skin.mesh, this.view.camera.fov);
+    /** Where it is looked at from at first. */
+    this.home = (this.views.find(({ name }) => name === FIRST) ?? this.views[0]).place;
+    Object.assign(this.view.camera, { ...this.home, target: [...this.home.target] });
     this.gone = false;
     /** Pictures a second while something moves, 0 while nothing does. */
     this.rate = 0;

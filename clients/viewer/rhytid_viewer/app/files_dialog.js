@@ -2,6 +2,7 @@
 
 import { byId, make } from "./dom.js";
 import { purposeOf } from "./dropped.js";
+import { reason } from "./messages.js";
 
 /**
  * @typedef {import('./dropped.js').Purpose} Purpose
@@ -12,8 +13,8 @@ const WORDS = { mesh: "Mesh of a new asset", shapes: "Its shapes", weights: "Wei
 
 export class FilesDialog {
   /**
-   * @param {(upload: Upload) => void} build
-   * @param {(file: File) => void} play
+   * @param {(upload: Upload, signal: AbortSignal) => Promise<void>} build done when the service has taken it
+   * @param {(file: File) => Promise<void>} play
    */
   constructor(build, play) {
     this.build = build;
@@ -22,10 +23,14 @@ export class FilesDialog {
     this.wrong = byId("files-wrong", HTMLParagraphElement);
     /** @type {{file: File, select: HTMLSelectElement}[]} */
     this.rows = [];
+    this.button = byId("files-use", HTMLButtonElement);
+    /** Ends what is being sent. */
+    this.sending = new AbortController();
     byId("files-cancel", HTMLButtonElement).addEventListener("click", () => this.dialog.close());
-    byId("files-use", HTMLButtonElement).addEventListener("click", (event) => {
+    this.dialog.addEventListener("close", () => this.sending.abort());
+    this.button.addEventListener("click", (event) => {
       event.preventDefault();
-      this.use();
+      void this.use();
     });
   }
 
@@ -41,7 +46,7 @@ export class FilesDialog {
     const weights = found.find(({ purpose, also }) => purpose === "weights" || also.includes("weights"));
     if (plain || !canBuild) {
       if (!weights) throw new Error(`${files.map((file) => file.name).join(", ")}: no weights, and no mesh that can be sent`);
-      this.play(weights.file);
+      await this.play(weights.file);
       return;
     }
     this.rows = found.map(({ file, purpose, also }) => {
@@ -52,23 +57,40 @@ export class FilesDialog {
     });
     const lines = this.rows.map(({ file, select }) => make("label", {}, [make("span", {}, [file.name]), select]));
     byId("files-list", HTMLDivElement).replaceChildren(...lines);
-    this.wrong.hidden = true;
-    this.dialog.showModal();
+    this.tell(null);
+    if (!this.dialog.open) this.dialog.showModal();
   }
 
-  use() {
+  /** Do what is asked for. Where that fails the dialog stays, with the files and the reason. */
+  async use() {
     const of = (/** @type {Purpose} */ purpose) => this.rows.filter((row) => row.select.value === purpose).map((row) => row.file);
     const [meshes, shapes, weights] = [of("mesh"), of("shapes"), of("weights")];
     if (meshes.length > 1 || shapes.length > 1 || (shapes.length && !meshes.length) || meshes.length + weights.length === 0) {
-      this.wrong.textContent = "One mesh, and one file of its shapes at most.";
-      this.wrong.hidden = false;
+      this.tell("One mesh, and one file of its shapes at most.");
       return;
     }
-    this.dialog.close();
     const resolution = Number(byId("files-resolution", HTMLSelectElement).value);
     const unit = byId("files-unit", HTMLSelectElement).value;
     const settings = { resolution, ...(unit ? { unit } : {}) };
-    if (meshes.length) this.build({ mesh: meshes[0], shapes: shapes[0] ?? null, settings });
-    else this.play(weights[0]);
+    const sending = (this.sending = new AbortController());
+    this.tell(null);
+    this.button.disabled = true;
+    this.button.textContent = meshes.length ? "Sending…" : "Reading…";
+    try {
+      if (meshes.length) await this.build({ mesh: meshes[0], shapes: shapes[0] ?? null, settings }, sending.signal);
+      else await this.play(weights[0]);
+      if (sending === this.sending) this.dialog.close();
+    } catch (error) {
+      if (!sending.signal.aborted) this.tell(reason(error));
+    } finally {
+      this.button.disabled = false;
+      this.button.textContent = "Build";
+    }
+  }
+
+  /** @param {string | null} text what is wrong */
+  tell(text) {
+    this.wrong.textContent = text;
+    this.wrong.hidden = text === null;
   }
 }

@@ -7,16 +7,16 @@ import { banner, reason } from "./messages.js";
 
 /**
  * @param {import('./page.js').Page} page
- * @param {((upload: import('./files_dialog.js').Upload) => Promise<void>) | null} build sends a mesh;
- *   null without a service
+ * @param {((upload: import('./files_dialog.js').Upload, signal: AbortSignal) => Promise<void>) | null} build
+ *   sends a mesh; null without a service
  */
 export function addIntake(page, build) {
   const told = (/** @type {unknown} */ error) => banner(reason(error), { stays: true });
-  const play = (/** @type {File} */ file) => {
-    if (page.face) page.player.open(file).catch(told);
-    else banner("Weights move a face: there is none yet.");
+  const play = async (/** @type {File} */ file) => {
+    if (!page.face) throw new Error(`${file.name}: weights move a face, and there is none yet`);
+    await page.player.open(file);
   };
-  const dialog = new FilesDialog((upload) => void build?.(upload).catch(told), play);
+  const dialog = new FilesDialog(async (upload, signal) => build?.(upload, signal), play);
   const take = (/** @type {File[]} */ files) => {
     banner(null);
     if (files.length) dialog.take(files, build !== null).catch(told);

@@ -14,6 +14,7 @@ import { Player } from "./player.js";
 import { addPointer } from "./pointer.js";
 import { ShapesPanel } from "./shapes_panel.js";
 import { LIGHT, Store } from "./state.js";
+import { ViewsBar } from "./views.js";
 
 const REMEDY = "Turn on hardware acceleration in its settings, or take a current Chrome, Edge, Firefox or Safari.";
 
@@ -45,6 +46,7 @@ export class Page {
     this.shapes = new ShapesPanel(this.store, () => this.player.pause());
     this.light = new Light(this.store, () => this.face?.view.camera ?? null);
     this.look = new LookPanel(this.store, SkinView.legend());
+    this.views = new ViewsBar((place) => this.face?.moveTo(place));
     addDivider(this.store, byId("stage", HTMLElement));
     this.writeSoon = afterQuiet(250, () => this.writeAddress());
     this.store.listen((state, changed) => {
@@ -79,6 +81,7 @@ export class Page {
     banner(null);
     this.shapes.fill(this.face.shapes);
     this.player.face(this.face.shapes);
+    this.views.fill(this.face.views);
     if (place) this.face.moveTo(place);
     this.light.show();
     this.told.shown(this.face, asset);
@@ -234,6 +237,7 @@ function addControls(page) {
       x: { does: "Principal axes", run: () => store.set({ axes: !store.state.axes }) },
       s: { does: "Split with neutral", run: () => store.set({ split: store.state.split === null ? 0.5 : null }) },
       " ": { does: "Play, pause", run: () => player.toggle() },
+      v: { does: "The next view", run: () => page.views.next() },
       r: { does: "Reset camera and light", run: () => page.resetView() },
       0: { does: "All weights to 0", run: () => page.shapes.reset() },
       f: { does: "Filter shapes", run: () => page.shapes.filter.focus() },

@@ -35,7 +35,7 @@ export class Served {
     /** Ends the loading of an asset when another one is chosen. */
     this.loading = new AbortController();
     this.showPlaces(places);
-    addIntake(page, (upload) => this.build(upload));
+    addIntake(page, (upload, signal) => this.build(upload, signal));
     this.select.addEventListener("change", () => this.choose(this.select.value, null));
     page.store.listen((state, changed) => changed.has("method") && this.turn(state.method));
     page.told = {
@@ -77,7 +77,8 @@ export class Served {
   async refresh() {
     this.assets = await this.service.assets();
     const options = this.assets.map((one) => {
-      const text = one.state === "ready" ? titleOf(one) : `${titleOf(one)} (${one.state})`;
+      const title = titleOf(one, this.assets);
+      const text = one.state === "ready" ? title : `${title} (${one.state})`;
       const option = make("option", { value: one.id }, [text]);
       option.disabled = one.state !== "ready";
       return option;
@@ -176,11 +177,22 @@ export class Served {
     }
   }
 
-  /** Send a mesh and show what becomes of it. @param {import('./files_dialog.js').Upload} upload */
-  async build(upload) {
-    const id = await this.building.run(upload);
+  /**
+   * Send a mesh, and show what becomes of it as soon as it is built.
+   * @param {import('./files_dialog.js').Upload} upload
+   * @param {AbortSignal} signal ends the sending
+   * @throws {Error} where the service does not take it
+   */
+  async build(upload, signal) {
+    const asset = await this.building.send(upload, signal);
+    this.grown(asset).catch((error) => banner(`${upload.mesh.name}: ${reason(error)}`, { stays: true }));
+  }
+
+  /** @param {Asset} asset */
+  async grown(asset) {
+    await this.building.built(asset);
     await this.refresh();
-    await this.choose(id, null);
+    await this.choose(asset.id, null);
   }
 
   /** @param {Record<string, string>} places */
@@ -191,10 +203,17 @@ export class Served {
   }
 }
 
-/** @param {Asset} asset */
-function titleOf({ id, settings, triangles }) {
+/**
+ * Its name, with the id where it has none or another asset has it, too.
+ * @param {Asset} asset
+ * @param {Asset[]} all
+ */
+function titleOf({ id, settings, triangles }, all) {
+  const { name } = settings;
+  const known = name && all.every((other) => other.id === id || other.settings.name !== name);
+  const title = known ? name : [name, id.slice(0, 8)].filter(Boolean).join(" ");
   const size = settings.resolution ? `${settings.resolution}², ` : "";
-  return `${id.slice(0, 8)} · ${size}${triangles.toLocaleString("en")} triangles`;
+  return `${title} · ${size}${triangles.toLocaleString("en")} triangles`;
 }
 
 /** @param {import('./exact.js').Progress} progress */

@@ -15,8 +15,8 @@
  * @property {Readonly<Record<string, number>>} weights of the shapes that are not 0, by name
  */
 
-/** Grazing, from the right and above. @type {Vector} */
-export const LIGHT = [0.86, 0.36, 0.36];
+/** Grazing, from above and the right. @type {Vector} */
+export const LIGHT = [0.5, 0.8, 0.3];
 
 /** @returns {State} */
 export function initialState() {
