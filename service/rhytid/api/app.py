@@ -16,6 +16,7 @@ from rhytid.api.device_slots import DeviceSlots, LargeAnswers, threads
 from rhytid.api.documentation import describe
 from rhytid.api.draining import Drain, Draining
 from rhytid.api.encoding import SCALE, WARNINGS
+from rhytid.api.events import JobEvents
 from rhytid.api.job_shares import JobShares
 from rhytid.api.live.places import LivePlaces
 from rhytid.api.metrics import Metrics, Observe
@@ -91,6 +92,9 @@ def create_app(engine: AnyEngine, settings: ServiceSettings) -> FastAPI:
     app.state.slots = DeviceSlots(settings.queue)
     app.state.readiness = health.Readiness(lambda: engine.ready())
     app.state.drain = Drain(settings.drain_seconds)
+    app.state.job_events = JobEvents(
+        lambda job: engine.jobs.info(job), lambda: app.state.drain.begun
+    )
     app.state.decoder = Decoder()
     app.state.large = LargeAnswers()
     app.state.live_places = LivePlaces()
