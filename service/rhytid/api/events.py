@@ -40,6 +40,8 @@ class _Watched:
 
     def __init__(self, job: JobInfo) -> None:
         self.job, self.over, self.listeners = job, False, 0
+        # Made once for all who listen.
+        self.progress = event("progress", job)
         self._changed = asyncio.Event()
         self.looking: asyncio.Task[None] | None = None
 
@@ -50,7 +52,7 @@ class _Watched:
     def tell(self, job: JobInfo) -> None:
         """The job as it is now; who listens wakes where it has changed."""
         if job != self.job:
-            self.job = job
+            self.job, self.progress = job, event("progress", job)
             self.wake()
 
     def wake(self) -> None:
@@ -119,7 +121,7 @@ class JobEvents:
             while watched.job != seen or not (watched.ended or watched.over):
                 if watched.job != seen:
                     seen = watched.job
-                    yield event("progress", seen)
+                    yield watched.progress
                 elif not await watched.change(seen):
                     yield b": still at it\n\n"
             if watched.ended:
