@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import replace
@@ -19,7 +19,7 @@ from rhytid.device.paces import WorkPace
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.engine import Engine
 from rhytid.engine.messages import MapQuery
-from rhytid.engine.worker import DeviceWorker
+from rhytid.engine.worker import DeviceWorker, drawn_live
 from rhytid.errors import BusyError, LimitError
 from rhytid.pipeline.redraw import launch_blocks
 from rhytid.pipeline.work import BLOCK
@@ -49,6 +49,92 @@ def test_who_waits_when_the_worker_ends_is_refused() -> None:
                 with pytest.raises(Exception, match="shutting down"):
                     future.result(60)
         closing_it.result(60)
+
+
+class Shared:
+    """A worker whose calls take the time that they are given, and their order."""
+
+    def __init__(self, worker: DeviceWorker, pool: ThreadPoolExecutor) -> None:
+        self.worker, self.pool, self.order, self.now = worker, pool, list[str](), 0.0
+        worker._clock = lambda: self.now
+
+    def ask(self, name: str, live: bool, seconds: float, turn: str = "asset") -> None:
+        """Queue a call."""
+
+        def task() -> None:
+            self.order.append(name)
+            self.now += seconds
+
+        def call() -> None:
+            with drawn_live(live):
+                self.worker.call(task, turn)
+
+        before = self.worker.waiting
+        self.pool.submit(call)
+        until(lambda: self.worker.waiting == before + 1)
+
+
+@pytest.fixture
+def shared() -> Iterator[Shared]:
+    with closing(DeviceWorker(64)) as worker, ThreadPoolExecutor(80) as pool:
+        yield Shared(worker, pool)
+
+
+def test_a_live_call_waits_for_the_call_at_work_alone(shared: Shared) -> None:
+    with occupied(shared.worker):
+        for _ in range(64):
+            shared.ask("tile", False, 0.01)
+        shared.ask("live", True, 0.01)
+    shared.pool.shutdown()
+    assert shared.order == ["live", *["tile"] * 64]
+
+
+@pytest.mark.parametrize(("live", "tile"), [(0.01, 0.01), (0.03, 0.01), (0.01, 0.03)])
+def test_live_and_the_rest_have_half_of_the_time_each(
+    shared: Shared, live: float, tile: float
+) -> None:
+    with occupied(shared.worker):
+        for number in range(30):
+            shared.ask("tile", False, tile, turn=f"asset {number % 3}")
+            shared.ask("live", True, live)
+    shared.pool.shutdown()
+    running = {"live": 0.0, "tile": 0.0}
+    until_one_is_through = min(30 * live, 30 * tile)
+    for name in shared.order:
+        running[name] += live if name == "live" else tile
+        if max(running.values()) >= until_one_is_through:
+            break
+        assert abs(running["live"] - running["tile"]) <= max(live, tile) + 1e-9
+
+
+def test_who_did_not_wait_has_no_claim_to_time_that_passed(shared: Shared) -> None:
+    with occupied(shared.worker):
+        for _ in range(20):
+            shared.ask("live", True, 1.0)
+    until(lambda: len(shared.order) == 20 and not shared.worker._runs)
+    shared.order.clear()
+    with occupied(shared.worker):
+        for _ in range(10):
+            shared.ask("tile", False, 1.0)
+            shared.ask("live", True, 1.0)
+    shared.pool.shutdown()
+    assert shared.order == ["live", "tile"] * 10
+
+
+def test_a_full_queue_leaves_live_calls_theirs() -> None:
+    with closing(DeviceWorker(2)) as worker, ThreadPoolExecutor(8) as pool:
+        with occupied(worker):
+            shared = Shared(worker, pool)
+            shared.ask("tile", False, 1.0)
+            shared.ask("tile", False, 1.0)
+            with pytest.raises(BusyError):
+                worker.call(lambda: None)
+            shared.ask("live", True, 1.0)
+            shared.ask("live", True, 1.0)
+            with drawn_live(), pytest.raises(BusyError):
+                worker.call(lambda: None)
+        pool.shutdown()
+    assert sorted(shared.order) == ["live", "live", "tile", "tile"]
 
 
 def test_a_probe_goes_before_all_that_wait() -> None:

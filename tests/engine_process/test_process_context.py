@@ -8,6 +8,7 @@ from typing import Any, cast
 import pytest
 
 from rhytid.device.figures import Figures, spans_of_request
+from rhytid.engine.worker import drawn_live, is_live
 from rhytid.engine_process.child import _Process
 from rhytid.engine_process.packing import unpack
 from rhytid.engine_process.requests import Call, Request
@@ -25,7 +26,7 @@ class Told:
         FIGURES.took("kernel", 7)
         if call.name == "fails":
             raise NotFoundError("no")
-        return request_id.get()
+        return "live" if is_live() else request_id.get()
 
 
 def performed(name: str) -> tuple[bool, Any, Any]:
@@ -50,6 +51,16 @@ def named() -> Any:
 @pytest.mark.usefixtures("named")
 def test_the_id_of_the_request_comes_to_the_process() -> None:
     assert performed("tile") == (True, "farm-7", ())
+
+
+@pytest.mark.usefixtures("named")
+def test_that_it_is_for_a_live_connection_comes_to_the_process() -> None:
+    one = Request("tile", ("a",))
+    with drawn_live():
+        assert performed("tile")[1] == "live"
+        other = Request("tile", ("a",))
+        assert one.digest == other.digest
+    assert performed("tile")[1] == "farm-7"
 
 
 def test_stages_come_back_where_they_are_wanted() -> None:

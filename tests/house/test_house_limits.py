@@ -9,7 +9,7 @@ import pytest
 
 from house.markdown import table
 from house.pages import ROOT
-from rhytid.api import device_slots, encoding, parts, rates, request_memory, uploads
+from rhytid.api import device_slots, encoding, events, parts, rates, request_memory, uploads
 from rhytid.api.live import drawing, places, session, wire
 from rhytid.cli import connections, web_sockets
 from rhytid.decoding import decoder, limits
@@ -68,6 +68,8 @@ NUMBERS: dict[str, tuple[float, ...]] = {
     "memory of a process": (limits.ROOM / MIB, limits.ROOM_A_BYTE, limits.ROOM_A_PROMISED),
     "processor": (limits.SECONDS, 1),
     "time of a process by": (limits.CLOCK,),
+    "listeners to jobs": (events.MOST,),
+    "listeners of": (events.MOST_EACH,),
     "requests that wait": (USUAL.queue,),
     "jobs that wait": (USUAL.jobs,),
     "answers of": (device_slots.HUGE / MIB, device_slots.AT_ONCE, device_slots.PATIENCE),

@@ -12,6 +12,7 @@ import numpy as np
 from api.fake_engine import FakeEngine
 from api.patch import positions
 from rhytid.engine.tile_plan import TilePlan
+from rhytid.engine.worker import is_live
 
 TILE = [1001, 0, 1, 2]
 NAMES = ["browInnerUp_L", "browInnerUp_R", "jawOpen"]
@@ -27,6 +28,8 @@ class GatedEngine(FakeEngine):
         self.began = threading.Semaphore(0)
         self.error: Exception | None = None
         self.drawing, self.most = 0, 0
+        # Of each tile whether it was drawn for a live connection.
+        self.live: list[bool] = []
         plans_once = self.tiles.plans_once
 
         def gated(*arguments: Any) -> list[TilePlan]:
@@ -40,6 +43,7 @@ class GatedEngine(FakeEngine):
         def draw() -> Any:
             self.drawing += 1
             self.most = max(self.most, self.drawing)
+            self.live.append(is_live())
             self.began.release()
             try:
                 assert self.gate.wait(10)

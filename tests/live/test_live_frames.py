@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import httpx
@@ -40,6 +41,27 @@ def test_positions_in_tiles_out(server: httpx.Client, asset: str, speaker: Speak
     assert {**end, "seconds": 0} == {
         "message": "frame", "frame": 7, "sent": 2, "unchanged": 0, "dropped": 0, "seconds": 0,
     }  # fmt: skip
+
+
+def test_a_full_queue_refuses_no_frame() -> None:
+    """Live connections have places of their own, and tell the engine that they are live."""
+    engine = GatedEngine()
+    with serving(engine, queue=1) as server, ThreadPoolExecutor(1) as pool:
+        asset = built(server, upload())
+        with speaking(server, asset) as speaker:
+            speaker.open(tiles=[TILE])
+            engine.gate.clear()
+            try:
+                other = pool.submit(drawn, server, asset, smile())
+                assert engine.began.acquire(timeout=60)
+                speaker.positions(1, smile())
+                assert engine.began.acquire(timeout=60)
+            finally:
+                engine.gate.set()
+            tiles, end = speaker.answer()
+            assert (len(tiles), end["message"]) == (1, "frame")
+            other.result(60)
+    assert engine.live == [False, True]
 
 
 def test_nothing_is_stored(server: httpx.Client, asset: str, speaker: Speaker) -> None:

@@ -17,9 +17,10 @@ from rhytid.api.device_slots import DeviceSlots, LargeAnswers, threads
 from rhytid.api.documentation import describe
 from rhytid.api.draining import Drain, Draining
 from rhytid.api.encoding import SCALE, WARNINGS
+from rhytid.api.events import JobEvents
 from rhytid.api.former_frames import NOTICE, FormerFrames, FormerNames
 from rhytid.api.job_shares import JobShares
-from rhytid.api.live.places import LivePlaces
+from rhytid.api.live import places
 from rhytid.api.metrics import Metrics, Observe
 from rhytid.api.package_files import KEY
 from rhytid.api.request_head import CheckHead
@@ -94,11 +95,16 @@ def create_app(engine: AnyEngine, settings: ServiceSettings) -> FastAPI:
     app.state.access = Access(settings)
     app.state.job_shares = JobShares(lambda job: engine.jobs.info(job))
     app.state.slots = DeviceSlots(settings.queue)
+    # One for each connection, which draws one tile at a time: others leave them theirs.
+    app.state.live_slots = DeviceSlots(places.MOST)
     app.state.readiness = health.Readiness(lambda: engine.ready())
     app.state.drain = Drain(settings.drain_seconds)
+    app.state.job_events = JobEvents(
+        lambda job: engine.jobs.info(job), lambda: app.state.drain.begun
+    )
     app.state.decoder = Decoder()
     app.state.large = LargeAnswers()
-    app.state.live_places = LivePlaces()
+    app.state.live_places = places.LivePlaces()
     app.state.small = cache(lambda: small_budget(engine.memory))
     app.state.former_names = FormerNames()
     app.state.spool = ByteBudget(settings.spool, "RHYTID_SPOOL_MB")

@@ -10,6 +10,7 @@ from contextlib import asynccontextmanager, contextmanager
 import anyio.to_thread
 from fastapi import FastAPI
 
+from rhytid.api.live import places
 from rhytid.domain.wording import waiting
 from rhytid.engine import wanted
 from rhytid.errors import BusyError, HostBusyError
@@ -73,7 +74,9 @@ class LargeAnswers:
 
 @asynccontextmanager
 async def threads(app: FastAPI) -> AsyncIterator[None]:
-    """The lifespan of the app: a thread per slot, and LIGHT_THREADS more."""
+    """The lifespan of the app: a thread per slot, those of live connections too, and LIGHT_THREADS
+    more."""
     settings: ServiceSettings = app.state.settings
-    anyio.to_thread.current_default_thread_limiter().total_tokens = settings.queue + LIGHT_THREADS
+    slots = settings.queue + places.MOST
+    anyio.to_thread.current_default_thread_limiter().total_tokens = slots + LIGHT_THREADS
     yield

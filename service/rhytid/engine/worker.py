@@ -1,13 +1,15 @@
-"""One task uses the device at a time; others wait in a bounded queue, where assets take turns."""
+"""One task uses the device at a time; others wait in bounded queues, where live connections and the
+rest share its time, and assets take turns."""
 
 from __future__ import annotations
 
 import threading
 import time
 from collections import OrderedDict, deque
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterator
 from concurrent.futures import Future, wait
-from contextvars import copy_context
+from contextlib import contextmanager
+from contextvars import ContextVar, copy_context
 from functools import partial
 from typing import Any, TypeVar
 
@@ -18,7 +20,55 @@ from rhytid.errors import BusyError
 T = TypeVar("T")
 # Seconds in which a device that computes answers, or ends a task.
 READY = 5.0
+# Of the device's time, what live connections have where others wait, too.
+LIVE_SHARE = 0.5
 _Task = tuple["Future[Any]", Callable[[], Any]]
+_live: ContextVar[bool] = ContextVar("live", default=False)
+
+
+@contextmanager
+def drawn_live(live: bool = True) -> Iterator[None]:
+    """What this thread asks of the device in the block is for a live connection."""
+    token = _live.set(live)
+    try:
+        yield
+    finally:
+        _live.reset(token)
+
+
+def is_live() -> bool:
+    """Whether what this thread asks of the device is for a live connection."""
+    return _live.get()
+
+
+class _Lane:
+    """Calls that wait, by turn.  share: of the device's time.  spent: seconds that calls took, by
+    the share."""
+
+    def __init__(self, share: float) -> None:
+        self.turns: OrderedDict[Hashable, deque[_Task]] = OrderedDict()
+        self.waiting, self.spent, self._share = 0, 0.0, share
+
+    def put(self, turn: Hashable, task: _Task) -> None:
+        self.turns.setdefault(turn, deque()).append(task)
+        self.waiting += 1
+
+    def take(self) -> _Task:
+        turn, tasks = self.turns.popitem(last=False)
+        task = tasks.popleft()
+        if tasks:
+            self.turns[turn] = tasks  # at the end: the others come first
+        self.waiting -= 1
+        return task
+
+    def took(self, seconds: float) -> None:
+        self.spent += seconds / self._share
+
+    def clear(self) -> list[_Task]:
+        tasks = [task for turn in self.turns.values() for task in turn]
+        self.turns.clear()
+        self.waiting = 0
+        return tasks
 
 
 class DeviceWorker:
@@ -29,16 +79,23 @@ class DeviceWorker:
     served in rotation, one call each; calls of one turn are served in the order in which they came.
     So a call waits for at most one call of every other turn, however many of those wait.
 
-    `size` is the number of calls that may wait.  figures: how long calls wait and take.
+    Calls for live connections have turns of their own, and LIVE_SHARE of the time where others
+    wait, too: next comes whoever had less time since both wait. So one live call waits for the call
+    at work alone, and the others have the rest however many frames come.
+
+    `size` is the number of calls that may wait, of live connections as many again.  figures: how
+    long calls wait and take.
     """
 
     def __init__(self, size: int, figures: Figures | None = None) -> None:
         self.size = size
         self._figures = figures or Figures()
-        self._turns: OrderedDict[Hashable, deque[_Task]] = OrderedDict()
+        # By whether they are for live connections.
+        self._lanes = {True: _Lane(LIVE_SHARE), False: _Lane(1.0 - LIVE_SHARE)}
         # Before all turns, and not counted among those that wait.
         self._first: deque[_Task] = deque()
-        self._waiting = self._ended = 0
+        self._ended = 0
+        self._clock = time.perf_counter
         self._runs = False
         self._closed = False
         self._changed = threading.Condition()
@@ -48,7 +105,7 @@ class DeviceWorker:
     @property
     def waiting(self) -> int:
         """Calls in the queue."""
-        return self._waiting
+        return sum(lane.waiting for lane in self._lanes.values())
 
     @property
     def runs(self) -> bool:
@@ -82,11 +139,9 @@ class DeviceWorker:
         """Let the call at work finish, refuse those that wait, and end the thread."""
         with self._changed:
             self._closed = True
-            refused = [item for tasks in self._turns.values() for item in tasks]
+            refused = [task for lane in self._lanes.values() for task in lane.clear()]
             refused += self._first
-            self._turns.clear()
             self._first.clear()
-            self._waiting = 0
             self._changed.notify_all()
         for future, _ in refused:
             _refuse(future)
@@ -94,36 +149,39 @@ class DeviceWorker:
 
     def _run(self, task: Callable[[], T], turn: Hashable, *, block: bool) -> T:
         timed = partial(self._figures.task, task, time.perf_counter_ns())
+        lane = self._lanes[is_live()]
         with self._changed:
             alone = not (self._runs or self._waits() or self._closed or _interruptible())
             if alone:
                 self._runs = True
             else:
-                future = self._queued(timed, turn, block)
+                future = self._queued(lane, timed, turn, block)
         if alone:
+            began = self._clock()
             try:
                 return timed()
             finally:
-                self._finished()
+                self._finished(lane, began)
         try:
             return future.result()
         finally:  # else its error's traceback and this frame hold each other
             del future
 
-    def _queued(self, task: Callable[[], T], turn: Hashable, block: bool) -> Future[T]:
+    def _queued(self, lane: _Lane, task: Callable[[], T], turn: Hashable, block: bool) -> Future[T]:
         """A call in the queue; a refused one, where the queue is closed."""
-        while block and self._waiting >= self.size and not self._closed:
+        while block and lane.waiting >= self.size and not self._closed:
             self._changed.wait()
         future: Future[T] = Future()
         if self._closed:
             _refuse(future)
-        elif self._waiting >= self.size:
+        elif lane.waiting >= self.size:
             raise BusyError(f"{waiting(self.size)} already")
         else:
             # In the context of the caller: `device.watch` reports for whom the device works.
             run = partial(copy_context().run, task)
-            self._turns.setdefault(turn, deque()).append((future, run))
-            self._waiting += 1
+            if not lane.turns:  # it has no claim to time in which it did not wait
+                lane.spent = max(one.spent for one in self._lanes.values())
+            lane.put(turn, (future, run))
             self._changed.notify_all()
         return future
 
@@ -137,36 +195,36 @@ class DeviceWorker:
         return future
 
     def _waits(self) -> bool:
-        return bool(self._turns or self._first)
+        return bool(self._first) or any(lane.turns for lane in self._lanes.values())
 
     def _work(self) -> None:
-        while (item := self._take()) is not None:
+        while (taken := self._take()) is not None:
+            lane, item = taken
+            began = self._clock()
             _perform(*item)
-            del item  # while the thread waits, nobody holds what the task answered
-            self._finished()
+            del item, taken  # while the thread waits, nobody holds what the task answered
+            self._finished(lane, began)
 
-    def _take(self) -> _Task | None:
-        """The next call; None once the queue is closed."""
+    def _take(self) -> tuple[_Lane | None, _Task] | None:
+        """The next call, and the lane whose time it takes; None once the queue is closed."""
         with self._changed:
             while self._runs or not (self._waits() or self._closed):
                 self._changed.wait()
             if self._closed:
                 return None
-            if self._first:
-                self._runs = True
-                return self._first.popleft()
-            turn, tasks = self._turns.popitem(last=False)
-            item = tasks.popleft()
-            if tasks:
-                self._turns[turn] = tasks  # at the end: the others come first
-            self._waiting -= 1
             self._runs = True
+            if self._first:
+                return None, self._first.popleft()
+            waiting = [lane for lane in self._lanes.values() if lane.turns]
+            lane = min(waiting, key=lambda lane: lane.spent)  # the live one where both had as much
             self._changed.notify_all()
-            return item
+            return lane, lane.take()
 
-    def _finished(self) -> None:
+    def _finished(self, lane: _Lane | None, began: float) -> None:
         with self._changed:
             self._runs = False
+            if lane is not None:
+                lane.took(self._clock() - began)
             self._ended += 1
             if self._waits() or self._closed:
                 self._changed.notify_all()

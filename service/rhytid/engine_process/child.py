@@ -21,6 +21,7 @@ from rhytid.device.figures import Figures, spans_of_request
 from rhytid.device.watch import SIZE, Purpose, Report, report_to, used_for
 from rhytid.engine import wanted
 from rhytid.engine.engine import Engine
+from rhytid.engine.worker import drawn_live
 from rhytid.engine_process import heaps
 from rhytid.engine_process.calls import Calls
 from rhytid.engine_process.control import (
@@ -129,7 +130,7 @@ class _Process:
         kept = spans_of_request() if call.traced else nullcontext(())
         with kept as spans:
             try:
-                with used_for(Purpose(request=call.number)):
+                with used_for(Purpose(request=call.number)), drawn_live(call.live):
                     return pack((True, self._calls.perform(call), spans))
             except RhytidError as error:
                 return pack((False, error, spans))

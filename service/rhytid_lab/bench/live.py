@@ -2,23 +2,28 @@
 
 One real server on loopback, one live connection, a take of weights at a steady rate: of the sample
 face, or of a face and a performance that are given. A thread sends at the times of the frames,
-whatever comes back; times are those of frames that were drawn, dropped ones are counted.
+whatever comes back; times are those of frames that were drawn, dropped ones are counted. With
+`--beside N`, N clients of a process of their own ask for tiles of other frames all the while.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
+import multiprocessing
 import os
 import statistics
 import tempfile
 import threading
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import httpx
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,6 +33,8 @@ from rhytid_lab.samples.face import procedural_face
 from rhytid_lab.server import connected, served
 
 TILE, WARM_UP = 512, 60
+# Frames that others ask for.
+_OTHERS = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +68,7 @@ def main() -> None:
     parser.add_argument("--method", default="binned")
     parser.add_argument("--format", default="f16")
     parser.add_argument("--tolerance", type=float, default=0.0, help="mesh units")
+    parser.add_argument("--beside", type=int, default=0, help="clients that ask for tiles")
     given = "folder with face.npz and performance.npz, else the sample face"
     parser.add_argument("--face", type=Path, help=given)
     options = parser.parse_args()
@@ -149,14 +157,58 @@ def _connection(take: _Take, options: argparse.Namespace) -> Iterator[Live]:
         served(Path(folder) / "store", options.device) as url,
         connected(url) as client,
     ):
+        few = take.weights[:: max(len(take.weights) // _OTHERS, 1)][:_OTHERS]
         made = client.create_asset(take.mesh, settings=settings, shapes=take.shapes)
         asset = client.wait(made)
+        neutral = take.mesh["positions"]
+        for number, weights in enumerate(few):
+            moves = zip(weights, take.shapes.values(), strict=True)
+            posed = neutral + sum(weight * (shape - neutral) for weight, shape in moves)
+            client.put_frame(asset, f"{number:04d}", posed.astype(np.float32))
         print(f"{asset.vertices} vertices, {asset.wrinkles} wrinkles")  # noqa: T201
-        with client.live(
-            asset, tiles=tiles, method=options.method, format=options.format,
-            tolerance=options.tolerance,
-        ) as live:  # fmt: skip
+        query = {"method": options.method, "format": options.format}
+        with (
+            client.live(asset, tiles=tiles, tolerance=options.tolerance, **query) as live,
+            _asking(url, asset.id, tiles, options.beside),
+        ):
             yield live
+
+
+@contextmanager
+def _asking(url: str, asset: str, tiles: list[tuple[int, ...]], count: int) -> Iterator[None]:
+    """So many clients ask for one tile after the other; prints how many were answered."""
+    context = multiprocessing.get_context("spawn")
+    over, answered = context.Event(), context.Value("q", 0)
+    process = context.Process(target=_ask_all, args=(url, asset, tiles, count, over, answered))
+    process.start()
+    began = time.perf_counter()
+    try:
+        yield
+    finally:
+        over.set()
+        process.join()
+    seconds = time.perf_counter() - began
+    print(f"tiles of {count} others: {answered.value} in {seconds:.0f} s")  # noqa: T201
+
+
+def _ask_all(
+    url: str, asset: str, tiles: list[tuple[int, ...]], count: int, over: Any, answered: Any
+) -> None:
+    def ask(first: int) -> None:
+        with httpx.Client(base_url=url, timeout=600) as client:
+            for number in itertools.count(first):
+                udim, level, row, column = tiles[number % len(tiles)]
+                place = f"tiles/{udim}/{level}/{row}/{column}"
+                path = f"/v1/assets/{asset}/frames/{number % _OTHERS:04d}/{place}"
+                good = client.get(path, params={"method": "redraw"}).status_code == 200
+                with answered.get_lock():
+                    answered.value += good
+                if over.is_set():
+                    return
+
+    with ThreadPoolExecutor(max(count, 1)) as pool:
+        for first in range(count):
+            pool.submit(ask, first)
 
 
 def _sample() -> _Take:

@@ -26,6 +26,7 @@ from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import TileAddress, TileGrid
 from rhytid.domain.view import ViewedTiles
 from rhytid.engine.messages import AssetInfo
+from rhytid.engine.worker import drawn_live
 from rhytid.errors import HostMemoryError, NotFoundError
 from rhytid.formats.frames import RAW, read_positions
 
@@ -119,7 +120,7 @@ class LiveDrawing:
 
     def tile(self, plan: TilePlan, number: int, dropped: int) -> bytes | None:
         """The message with a tile; None where it changed too little since it was last sent."""
-        with self._slot():
+        with self._slot(), drawn_live():
             tile = plan.draw()
         self._drawn.inc()
         header = plan.header

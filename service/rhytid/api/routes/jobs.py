@@ -7,10 +7,10 @@ from typing import Any
 from fastapi import APIRouter, Request
 from fastapi.responses import StreamingResponse
 
+from rhytid.api.access import Caller
 from rhytid.api.dependencies import EngineDep, JobId, NoQuery
 from rhytid.api.documentation import EVENTS, problems
-from rhytid.api.draining import Drain
-from rhytid.api.events import EVENT_STREAM, job_events
+from rhytid.api.events import EventStream, JobEvents
 from rhytid.api.schemas import Job
 
 router = APIRouter(prefix="/v1/jobs", tags=["jobs"], dependencies=[NoQuery])
@@ -26,17 +26,14 @@ def show(job: JobId, engine: EngineDep) -> Any:
     "/{job}/events",
     operation_id="streamJobEvents",
     response_class=StreamingResponse,
-    responses={**EVENTS, **problems(404, 422)},
+    responses={**EVENTS, **problems(404, 422, 503)},
 )
-def events(job: JobId, request: Request, engine: EngineDep) -> StreamingResponse:
-    """Server-sent events `progress` while it runs and `end` once; the data is the job as JSON."""
-    drain: Drain = request.app.state.drain
-
-    async def over() -> bool:
-        return drain.begun or await request.is_disconnected()
-
-    stream = job_events(engine.jobs.info(job), engine.jobs.info, over)
-    return StreamingResponse(stream, media_type=EVENT_STREAM, headers={"Cache-Control": "no-store"})
+async def events(job: JobId, request: Request) -> EventStream:
+    """Server-sent events `progress` while it runs and `end` once; the data is the job as JSON.
+    Refused where too many listen already: then ask for the job itself."""
+    listened: JobEvents = request.app.state.job_events
+    found = await listened.find(job)
+    return EventStream(listened, found, Caller.of(request.scope).name)
 
 
 @router.delete("/{job}", operation_id="cancelJob", response_model=Job, responses=problems(404, 422))

@@ -34,7 +34,7 @@ async def live(websocket: WebSocket, asset: AssetId) -> None:
         await _accept(websocket, subprotocol, largest_message(info.vertices))
 
         def begin(opening: Opening) -> LiveDrawing:
-            slot = partial(state.slots.one, lambda: session.over)
+            slot = partial(state.live_slots.one, lambda: session.over)
             drawn = state.metrics.tiles_of(opening.method)
             return LiveDrawing(state.engine, info, opening, slot, drawn)
 
