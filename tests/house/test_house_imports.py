@@ -14,15 +14,16 @@ import pytest
 from house.syntax import PACKAGES, ROOT, Import, imported_room, imports, room, sources, tree
 
 # What each part of `rhytid` may import of `rhytid`, beside itself.
-_FACTS = {"errors", "domain"}
+_FACTS = {"errors", "domain", "stopping"}
 _TOOLS = _FACTS | {"device", "formats", "durable", "unfinished"}
 _WORK = {"pipeline", "synthesis", "storage"}
 ALLOWED = {
     "__init__": set(),
     "__main__": {"cli"},
     "errors": set(),
+    "stopping": set(),
     "unfinished": set(),
-    "durable": {"errors", "unfinished"},
+    "durable": {"errors", "stopping", "unfinished"},
     "settings": {"errors", "variables"},
     "variables": {"errors"},
     "logs": set(),

@@ -11,6 +11,7 @@ from starlette.types import Scope
 from rhytid.access.api_key import ADMIN, COMPUTE, READ, ApiKey
 from rhytid.access.key_ring import KeyRing
 from rhytid.api.rates import Rates
+from rhytid.engine import callers
 from rhytid.errors import AccessError, ApiKeyError, QuotaError, RhytidError, ScopeError
 from rhytid.settings import ServiceSettings
 
@@ -135,6 +136,7 @@ async def guard(connection: HTTPConnection) -> None:
     if needed is None:
         raise RhytidError(f"{method} {path} is in no row of the table of scopes")
     connection.app.state.access.admit(scope, needed)
+    callers.caller.set(Caller.of(scope).name)
 
 
 def _keys_offered(scope: Scope) -> list[bytes]:

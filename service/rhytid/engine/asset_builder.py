@@ -71,7 +71,14 @@ class AssetBuilder:
                 afterwards(job)
             self.prepare_bins(asset)
 
-        asset.job = self._jobs.start("build", asset.id, work, small=asset.small, always=always)
+        job = self._jobs.start("build", asset.id, work, small=asset.small, always=always)
+        asset.job = job
+        job.when_ended(partial(self._not_begun, job, asset))
+
+    def _not_begun(self, job: Job, asset: Asset) -> None:
+        """Give an asset up whose build was cancelled before it began."""
+        if job.info.state == "cancelled" and asset.state == "building":
+            self._fail(job, asset, CancelledError(job.info.detail))
 
     def change(self, asset: Asset, settings: AssetSettings) -> None:
         """Give a ready asset, whose lock is held, other settings, on the device and in the store.
@@ -210,10 +217,13 @@ class AssetBuilder:
         try:
             yield
         except BaseException as error:
-            with asset.lock:
-                if asset.state != "removed":
-                    asset.fail(public_message(error))
-                    if isinstance(error, CancelledError) and not job.resumes:
-                        with suppress(NotFoundError):
-                            self._store.delete(asset.id)
+            self._fail(job, asset, error)
             raise
+
+    def _fail(self, job: Job, asset: Asset, error: BaseException) -> None:
+        with asset.lock:
+            if asset.state != "removed":
+                asset.fail(public_message(error))
+                if isinstance(error, CancelledError) and not job.resumes:
+                    with suppress(NotFoundError):
+                        self._store.delete(asset.id)

@@ -10,6 +10,7 @@ from functools import cached_property
 from typing import Any
 
 from rhytid.device.figures import spans_are_kept
+from rhytid.engine.callers import caller
 from rhytid.engine_process.packing import Packed, pack
 from rhytid.logs import request_id
 
@@ -21,7 +22,7 @@ class Call:
     """One call of the engine, as it goes to the process.
 
     number: names the request in the process's report.  name: such as `tiles.draw`.  request_id: of
-    the HTTP request.  traced: whether its stages are wanted with the answer.
+    the HTTP request.  traced: whether its stages are wanted with the answer.  caller: who asks.
     """
 
     number: int
@@ -30,6 +31,7 @@ class Call:
     named: Mapping[str, Any]
     request_id: str = ""
     traced: bool = False
+    caller: str = ""
 
 
 @dataclass(eq=False)
@@ -53,7 +55,7 @@ class Request:
         """As it is sent."""
         named, traced = dict(self.named), spans_are_kept()
         about = (self.number, self.name, self.positional, named, request_id.get(), traced)
-        return pack(Call(*about))
+        return pack(Call(*about, caller.get()))
 
     @cached_property
     def digest(self) -> str:

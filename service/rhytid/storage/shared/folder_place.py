@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
@@ -10,7 +9,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from rhytid import durable
-from rhytid.durable import sync_file, sync_folder, write_file
+from rhytid.durable import copy_file, sync_folder, write_file
 from rhytid.errors import InputError, SharedStoreError
 from rhytid.storage.shared.place import reached
 
@@ -49,11 +48,12 @@ class FolderPlace:
 
     def fetch(self, name: str, to: Path) -> bool:
         """As `Place.fetch`."""
-        if self._found(name, lambda path: shutil.copyfile(path, to)) is None:
-            return False
-        with reached(f"{to} cannot be written"):
-            sync_file(to)
-        return True
+
+        def copied(path: Path) -> bool:
+            copy_file(path, to)
+            return True
+
+        return self._found(name, copied) is not None
 
     def write(self, name: str, data: bytes) -> None:
         """As `Place.write`."""
@@ -61,7 +61,7 @@ class FolderPlace:
 
     def send(self, name: str, source: Path) -> None:
         """As `Place.send`."""
-        self._install(name, partial(_copy, source))
+        self._install(name, partial(copy_file, source))
 
     def names(self, folder: str) -> list[str]:
         """As `Place.names`."""
@@ -105,8 +105,3 @@ def _move(aside: Path, path: Path) -> None:
         if not aside.exists():
             break
     raise FileNotFoundError(f"{path.parent} is being removed")
-
-
-def _copy(source: Path, to: Path) -> None:
-    shutil.copyfile(source, to)
-    sync_file(to)
