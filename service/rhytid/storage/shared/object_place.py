@@ -99,7 +99,7 @@ class ObjectPlace:
 def _asking() -> Any:
     """Told of each piece of a transfer, on another thread: raises there where this thread is to
     stop."""
-    from fsspec import Callback
+    from fsspec import Callback  # type: ignore[import-untyped]
 
     class Asking(Callback):  # type: ignore[misc]
         asked = staticmethod(stopping.asked())
