@@ -11,9 +11,11 @@ import stat
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from uuid import uuid4
 
+from rhytid import stopping
 from rhytid.errors import DiskFullError, StorageError, TooManyFilesError
 from rhytid.owned import (
     UNIQUE,
@@ -37,6 +39,8 @@ _OPEN = (errno.EMFILE, errno.ENFILE)
 _UNFINISHED, _ABANDONED = ".unfinished-", 24 * 3600.0
 _HIDDEN = re.compile(re.escape(_UNFINISHED) + UNIQUE.pattern, re.ASCII)
 UNFINISHED = Kind("rhytid unfinished", marker=".rhytid-unfinished")
+# Bytes that are copied at a time.
+_PIECE = 1 << 22
 # The mode of a file that others may read.
 READABLE = 0o644
 _KINDS = {**dict.fromkeys(_FULL, DiskFullError), **dict.fromkeys(_OPEN, TooManyFilesError)}
@@ -76,6 +80,15 @@ def write_pieces(path: Path, pieces: Iterable[bytes | memoryview]) -> None:
         file.writelines(pieces)
         file.flush()
         os.fsync(file.fileno())
+
+
+def copy_file(source: Path, to: Path) -> None:
+    """Write what is in one file to another, whose bytes are on the disk when this returns; stops
+    where the work of this thread is to stop."""
+    with source.open("rb") as read, to.open("wb") as write:
+        write.writelines(stopping.each(iter(partial(read.read, _PIECE), b"")))
+        write.flush()
+        os.fsync(write.fileno())
 
 
 def sync_file(path: Path) -> None:

@@ -17,6 +17,8 @@ _PREFIX = "RHYTID_"
 _INSTEAD = {"FORWARDED_ALLOW_IPS": "RHYTID_PROXIES"}
 # Of names without the prefix: 1 is the same.
 _ALIKE = 0.75
+# Seconds that a build of a server may take, unless it is told otherwise.
+BUILD_SECONDS = 7200
 
 
 @dataclass(frozen=True)
@@ -32,6 +34,7 @@ class ServiceSettings:
     device or the machine has.  host_memory: that answers and uploads hold at once.  spool: of
     uploads on disk at once.  packages: of skin packages that are kept.
     queue: waiting device requests at most.  jobs: waiting jobs at most.
+    build_seconds: that a build may take; None: any.
     draw_seconds: that the map of a UDIM may take, by an estimate; graphs beyond it are refused.
     cache: folder for what is measured of the device once; None = nothing is measured.
     keys: file of the API keys; None = `keys.json` in the store.  ask_keys: None = once there is
@@ -61,6 +64,7 @@ class ServiceSettings:
     packages: int = 4096 * MIB
     queue: int = 256
     jobs: int = 256
+    build_seconds: int | None = None
     draw_seconds: int = 60
     cache: Path | None = None
     launch_seconds: int = 60
@@ -93,7 +97,8 @@ class ServiceSettings:
         """Read RHYTID_STORE, RHYTID_SHARED_STORE, RHYTID_STORE_MB, RHYTID_DEVICE,
         RHYTID_DEVICE_MEMORY_MB, RHYTID_FRAME_MEMORY_MB, RHYTID_HOST_MEMORY_MB,
         RHYTID_UPLOAD_LIMIT_MB, RHYTID_SPOOL_MB, RHYTID_PACKAGES_MB, RHYTID_QUEUE, RHYTID_JOBS,
-        RHYTID_DRAW_SECONDS, RHYTID_CACHE, RHYTID_LAUNCH_SECONDS, RHYTID_STALL_SECONDS,
+        RHYTID_BUILD_SECONDS, RHYTID_DRAW_SECONDS, RHYTID_CACHE, RHYTID_LAUNCH_SECONDS,
+        RHYTID_STALL_SECONDS,
         RHYTID_CONNECTIONS, RHYTID_DRAIN_SECONDS, RHYTID_LOG_FORMAT, RHYTID_KEYS_FILE,
         RHYTID_ALLOWED_HOSTS, RHYTID_CORS_ORIGINS, RHYTID_PROXIES, RHYTID_KEY_RATE,
         RHYTID_KEY_JOBS, RHYTID_TRACE_KERNELS and OTEL_EXPORTER_OTLP_ENDPOINT; raises
@@ -117,6 +122,7 @@ class ServiceSettings:
             packages=given.mebibytes("RHYTID_PACKAGES_MB") or cls.packages,
             queue=given.count("RHYTID_QUEUE", cls.queue),
             jobs=given.count("RHYTID_JOBS", cls.jobs),
+            build_seconds=given.count("RHYTID_BUILD_SECONDS", BUILD_SECONDS),
             draw_seconds=given.count("RHYTID_DRAW_SECONDS", cls.draw_seconds),
             cache=given.home_folder("RHYTID_CACHE", "~/.cache/rhytid"),
             launch_seconds=given.count("RHYTID_LAUNCH_SECONDS", cls.launch_seconds),

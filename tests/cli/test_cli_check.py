@@ -138,3 +138,20 @@ def test_a_mesh_that_cannot_be_read(tmp_path: Path, capsys: pytest.CaptureFixtur
     (tmp_path / "bad.obj").write_text("v 0 0 x\n")
     assert main(["check", str(tmp_path / "bad.obj")]) == 1
     assert "bad.obj: " in capsys.readouterr().err
+
+
+def test_how_much_skin_there_would_be_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """And that a body has too much of it, and texels that are too coarse."""
+    file = tmp_path / "body.npz"
+    np.savez(file, **{**ARRAYS, "positions": SAMPLE.mesh.positions * np.float32(8)})
+    given = ["check", str(file), "--unit", "cm", "--resolution", "4096"]
+    assert main([*given, "--json", str(tmp_path / "figures.json")]) == 0
+    printed = capsys.readouterr()
+    figures = json.loads((tmp_path / "figures.json").read_text())
+    build = figures["build"]
+    assert set(build) == {"wrinkles", "pores", "seconds", "nbytes"}
+    assert f"about {build['wrinkles'] / 1e6:.2g} million wrinkles" in printed.out
+    assert [notice["code"] for notice in figures["notices"]] == ["few-texels", "large-build"]
+    assert "notice: few-texels: fewer than four texels lie between pores" in printed.err

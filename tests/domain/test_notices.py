@@ -11,7 +11,13 @@ from meshes import bumpy_grid
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.lengths import Lengths
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.notices import count_told, grain_notice
+from rhytid.domain.notices import (
+    LARGE_WRINKLES,
+    build_notice,
+    count_told,
+    grain_notice,
+    texel_notice,
+)
 from rhytid.domain.texel_sizes import usual_uv_length
 from rhytid_lab.samples.face import procedural_face
 
@@ -75,3 +81,37 @@ def test_a_number_of_wrinkles_says_which_lengths_follow() -> None:
     assert "pores are 0.251 ell apart, furrows of strength 1 are 0.0375 ell deep," in count_told(
         other, 0.251
     )
+
+
+@pytest.mark.parametrize(
+    ("resolution", "uv_length", "would"),
+    [
+        (1024, 250.0, "a resolution of 2048 would do"),
+        (2048, 1000.0, "a resolution of 8192 would do"),
+        (4096, 5000.0, "no resolution would do: use UDIMs"),
+        (2048, 250.0, None),
+    ],
+)
+def test_fewer_than_four_texels_between_pores(
+    resolution: int, uv_length: float, would: str | None
+) -> None:
+    settings = AssetSettings.parse({"unit": "mm", "resolution": resolution}).for_synthesis()
+    found = texel_notice(settings, uv_length)
+    assert [notice.code for notice in found] == ([] if would is None else ["few-texels"])
+    if would is not None:
+        assert found[0].detail.endswith(would)
+        assert "pores are 0.5 mm apart" in found[0].detail
+        assert f"texels {uv_length / resolution:.3g} mm wide" in found[0].detail
+
+
+def test_spacing_that_came_out_goes_before_that_of_the_settings() -> None:
+    settings = AssetSettings.parse({"unit": "mm", "resolution": 1024}).for_synthesis()
+    assert texel_notice(settings, 250.0, spacing=1.0) == ()
+    assert texel_notice(AssetSettings(), 250.0) == ()  # not known yet
+
+
+@pytest.mark.parametrize(("wrinkles", "count"), [(LARGE_WRINKLES, 0), (18_000_000, 1)])
+def test_a_large_build(wrinkles: int, count: int) -> None:
+    found = build_notice(wrinkles)
+    assert len(found) == count
+    assert all("about 18 million wrinkles" in notice.detail for notice in found)

@@ -6,9 +6,12 @@ import threading
 import time
 import weakref
 from collections.abc import Iterator
+from contextlib import contextmanager
 
 import pytest
 
+from rhytid import stopping
+from rhytid.engine.callers import caller
 from rhytid.engine.job import Job
 from rhytid.engine.jobs import Jobs
 from rhytid.errors import BusyError, CancelledError
@@ -251,3 +254,78 @@ def test_what_a_job_was_given_is_let_go_at_its_end(jobs: Jobs) -> None:
     while kept() is not None and time.monotonic() < end:  # until its thread waits for the next
         time.sleep(0.001)
     assert kept() is None
+
+
+@contextmanager
+def asked_by(name: str) -> Iterator[None]:
+    token = caller.set(name)
+    yield
+    caller.reset(token)
+
+
+def test_one_caller_does_not_keep_others_waiting(jobs: Jobs) -> None:
+    """Not with both lanes, nor with what waits in the queue."""
+    gates, started = [Gate(), Gate()], []
+    with asked_by("greedy"):
+        for n, gate in enumerate(gates):
+            jobs.start("build", f"at work {n}", gate, small=True)
+            assert gate.entered.wait(60)
+        started = [jobs.start("build", f"waits {n}", nothing, small=True) for n in range(2)]
+    with asked_by("other"):
+        for small in (True, False):
+            other = jobs.start("build", f"of another, small: {small}", nothing, small=small)
+            assert other.wait(60)
+            assert other.info.state == "done"
+    assert {job.info.state for job in started} == {"queued"}
+    for gate in gates:
+        gate.free.set()
+    assert all(job.wait(60) for job in started)
+
+
+def test_callers_take_turns(jobs: Jobs) -> None:
+    gate, ran = Gate(), list[str]()
+    with asked_by("a"):
+        jobs.start("build", "at work", gate)
+        assert gate.entered.wait(60)
+    started = []
+    for name, number in (("a", 1), ("a", 2), ("b", 1), ("c", 1)):
+        with asked_by(name):
+            one = f"{name}{number}"
+            started.append(jobs.start("build", one, lambda job, one=one: ran.append(one)))
+    gate.free.set()
+    assert all(job.wait(60) for job in started)
+    assert ran == ["b1", "c1", "a1", "a2"]
+
+
+def test_what_a_job_starts_is_its_callers(jobs: Jobs) -> None:
+    children: list[Job] = []
+    with asked_by("someone"):
+        parent = jobs.start(
+            "build", "a", lambda job: children.append(jobs.start("bins", "a", nothing))
+        )
+    assert parent.wait(60)
+    assert [child.caller for child in children] == ["someone"]
+    assert children[0].wait(60)
+
+
+def test_a_job_that_waits_ends_at_once_when_it_is_cancelled(jobs: Jobs, gate: Gate) -> None:
+    """Though the thread that would find that out is busy."""
+    waiting = jobs.start("build", "a", nothing)
+    assert jobs.cancel(waiting.info.id).state == "cancelled"
+    assert not gate.free.is_set()
+
+
+def test_a_build_that_takes_too_long_fails_and_says_so() -> None:
+    jobs, began = Jobs(MOST, build_seconds=0.05), time.monotonic()
+
+    def long(job: Job) -> None:
+        while time.monotonic() < began + 60:
+            time.sleep(0.01)
+            stopping.check()
+
+    build = jobs.start("build", "a", long)
+    assert build.wait(60)
+    assert build.info.state == "failed"
+    assert "took longer than 0.05 s" in build.info.detail
+    assert "RHYTID_BUILD_SECONDS" in build.info.detail
+    jobs.close()

@@ -91,6 +91,9 @@ def test_progress_rises_from_nothing_to_the_end(engine, reports):
     assert info.state == "building"
     finish(engine, info.job)
     own = [report for report in reports if report.id == info.job]
+    grown = [report for report in own if 0 < report.progress < 0.8]
+    assert own[1].detail == ""
+    assert {report.detail.partition(" and ")[0] for report in grown} == {"about 300 wrinkles"}
     progress = [report.progress for report in own]
     assert progress == sorted(progress)
     assert (progress[0], progress[-1]) == (0.0, 1.0)

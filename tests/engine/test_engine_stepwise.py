@@ -138,7 +138,7 @@ def test_half_made_maps_are_given_back_when_their_asset_changes(
         held.free.set()
         rest(engine)
         states = {job.info.kind: job.info.state for job in engine.jobs._known()}
-        assert states["bins"] == ("failed" if change == "removal" else "done")
+        assert states["bins"] == ("cancelled" if change == "removal" else "done")
         if change != "removal":
             assert np.isfinite(draw(engine, asset, "neutral", BINNED, ADDRESS)).all()
             engine.assets.delete(asset)

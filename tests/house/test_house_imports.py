@@ -14,7 +14,7 @@ import pytest
 from house.syntax import PACKAGES, ROOT, Import, imported_room, imports, room, sources, tree
 
 # What each part of `rhytid` may import of `rhytid`, beside itself.
-_FACTS = {"errors", "domain", "build_identity"}
+_FACTS = {"errors", "domain", "build_identity", "stopping"}
 _TOOLS = _FACTS | {"device", "formats", "durable", "owned", "unfinished"}
 _WORK = {"pipeline", "synthesis", "storage"}
 ALLOWED = {
@@ -22,9 +22,10 @@ ALLOWED = {
     "__main__": {"cli"},
     "errors": set(),
     "build_identity": {"errors"},
+    "stopping": set(),
     "unfinished": set(),
     "owned": {"errors"},
-    "durable": {"errors", "owned", "unfinished"},
+    "durable": {"errors", "owned", "stopping", "unfinished"},
     "settings": {"errors", "variables"},
     "variables": {"errors"},
     "logs": set(),

@@ -15,6 +15,7 @@ from rhytid.cli import connections, web_sockets
 from rhytid.decoding import decoder, limits
 from rhytid.domain import expressions, painted, view
 from rhytid.engine import byte_budget
+from rhytid.engine.job_lanes import LANES
 from rhytid.formats import limits as format_limits
 from rhytid.formats import npy, obj
 from rhytid.settings import ServiceSettings
@@ -74,6 +75,8 @@ NUMBERS: dict[str, tuple[float, ...]] = {
     "jobs that wait": (USUAL.jobs,),
     "answers of": (device_slots.HUGE / MIB, device_slots.AT_ONCE, device_slots.PATIENCE),
     "an answer": (encoding.LARGE / MIB,),
+    "time that a build": (USUAL.build_seconds,),
+    "lanes that": (len(LANES) - 3, len(LANES) - 2),
     "time that a map": (USUAL.draw_seconds,),
     "time of a call": (USUAL.launch_seconds,),
 }

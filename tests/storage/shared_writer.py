@@ -7,7 +7,6 @@ before the file of that number; `within`, in the middle of writing it.
 from __future__ import annotations
 
 import os
-import shutil
 import signal
 import sys
 from contextlib import suppress
@@ -16,9 +15,10 @@ from typing import Any
 
 from rhytid.errors import SharedStoreError
 from rhytid.storage import AssetStore
+from rhytid.storage.shared import folder_place
 from rhytid.storage.shared.shared_store import SharedStore
 
-_copy = shutil.copyfile
+_copy = folder_place.copy_file
 
 
 def main() -> None:
@@ -38,7 +38,7 @@ def main() -> None:
             left -= 1
             if left < 0 and what == "until":
                 die()
-            shutil.copyfile = half if left < 0 else _copy  # type: ignore[assignment]
+            folder_place.copy_file = half if left < 0 else _copy  # type: ignore[assignment]
 
         with store.snapshots.of(id) as made:
             shared.push(made, report)

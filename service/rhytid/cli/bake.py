@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -122,7 +122,7 @@ def _service(arguments: argparse.Namespace, watch: Stopwatch) -> Iterator[Servic
         found = sharing(arguments.store or folder, arguments.device, arguments.shared_store)
         if arguments.asset is not None:
             fetch(found, arguments.asset, watch)
-        yield found
+        yield replace(found, build_seconds=None)  # nobody else waits for it
 
 
 def _report(

@@ -81,7 +81,8 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     with working("checking the mesh"):
         check = MeshCheck.of(read, unit, arguments.resolution)
     figures = check.figures() | _frames(arguments, check, warned)
-    figures = {"file": str(arguments.mesh), **figures, "warnings": warned.figures()}
+    warned.notice(check.notices())
+    figures = {"file": str(arguments.mesh), **figures, **warned.all_figures()}
     if picture is not None:
         with working(f"drawing {picture.name}"):
             _draw(check, arguments.mesh.name, picture)

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import sys
 from typing import TYPE_CHECKING
 
 from rhytid.cli.progress import share_bar
 from rhytid.cli.warned import Warned
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.notices import LARGE_BUILD
 from rhytid.engine.job import Job
 from rhytid.engine.messages import AssetInfo, JobInfo, NewAsset
 from rhytid.errors import ConflictError, InputError
+from rhytid.synthesis.fields.build_size import BuildSize
+from rhytid.synthesis.fields.capacity_check import check_amount
 
 if TYPE_CHECKING:
     from rhytid.engine.engine import Engine
@@ -23,6 +27,11 @@ def build(engine: Engine, new: NewAsset, warned: Warned) -> AssetInfo:
     """Have an asset built and return it ready; raises ConflictError with the reason if it fails."""
     asset = engine.assets.create(new)
     warned.settings(asset.warnings)
+    if asset.state == "building" and new.graph is None:
+        graph = new.settings.for_synthesis().graph
+        wrinkles = check_amount(new.mesh, graph, new.controls, sys.maxsize)
+        warned.note(str(BuildSize.of(new.mesh, wrinkles)))
+        warned.notice(notice for notice in asset.notices if notice.code == LARGE_BUILD)
     job = None
     if asset.job is not None:
         job = _wait(engine.jobs.get(asset.job), "building")

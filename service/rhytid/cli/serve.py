@@ -166,8 +166,9 @@ def _log_level() -> str:
 
 
 def chosen(store: Path | None, device: str | None) -> ServiceSettings:
-    """The settings of the environment, which the command line overrides; without a shared store."""
-    return replace(sharing(store, device, None), shared_store=None)
+    """The settings of the environment, which the command line overrides; without a shared store,
+    and without a limit to how long a build takes, which nobody else waits for."""
+    return replace(sharing(store, device, None), shared_store=None, build_seconds=None)
 
 
 def sharing(store: Path | None, device: str | None, shared_store: str | None) -> ServiceSettings:

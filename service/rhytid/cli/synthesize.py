@@ -79,6 +79,8 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     # Imported here, so that --help needs no OpenCL.
     from rhytid.cli.input_files import mesh_file, shape_files
     from rhytid.formats.graphs import write_graph
+    from rhytid.synthesis.fields.build_size import BuildSize
+    from rhytid.synthesis.fields.capacity_check import check_amount
     from rhytid.synthesis.generate import synthesize
     from rhytid.synthesis.progress import clocked
 
@@ -100,6 +102,8 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     device = open_device(arguments)
     out: Path = arguments.out
     folds = None if expressions is None else _folds(device, mesh, expressions, unit)
+    wrinkles = check_amount(mesh, settings, controls, device.budget.limit, folds)
+    warned.note(str(BuildSize.of(mesh, wrinkles)))
     with share_bar("synthesis") as show:
         clock, seconds = clocked(show)
         made = synthesize(mesh, settings, device, clock, controls=controls, folds=folds)

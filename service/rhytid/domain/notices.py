@@ -10,7 +10,14 @@ from rhytid.domain.lengths import GRAIN, SKIN
 from rhytid.domain.units import millimetres
 
 GRAIN_NOT_DRAWN = "grain-not-drawn"
-NOTICES = (GRAIN_NOT_DRAWN,)
+FEW_TEXELS = "few-texels"
+LARGE_BUILD = "large-build"
+NOTICES = (GRAIN_NOT_DRAWN, FEW_TEXELS, LARGE_BUILD)
+# few-texels: texels between pores from which on they are told apart.
+TEXELS_BETWEEN = 4.0
+# large-build: wrinkles beyond which more than a head may have been asked for. A face has one to two
+# million at the usual spacing, and 20 million take three minutes and 4.6 GB on two cores.
+LARGE_WRINKLES = 5_000_000
 # Texels to a wave from which on an octave of the grain is drawn, as grain_codes.cl has it.
 LEAST_TEXELS = 2.0
 _RESOLUTIONS = tuple(2**n for n in range(8, 15))
@@ -48,6 +55,40 @@ def grain_notice(settings: AssetSettings, uv_length: float) -> tuple[Notice, ...
         f"{drawn}, so would shape.grain_size {LEAST_TEXELS * texel:.3g}; shape.grain 0 is without"
     )
     return (Notice(GRAIN_NOT_DRAWN, detail),)
+
+
+def texel_notice(
+    settings: AssetSettings, uv_length: float, spacing: float | None = None
+) -> tuple[Notice, ...]:
+    """Where fewer than four texels lie between pores on half of the skin or more.
+
+    uv_length: as of `grain_notice`.  spacing: of the pores, mesh units; None: as the settings say.
+    """
+    graph = settings.graph
+    if spacing is None and graph.spacing is not None:
+        spacing = graph.spacing * graph.density**-0.5
+    texel = uv_length / settings.resolution
+    if spacing is None or uv_length <= 0.0 or spacing >= TEXELS_BETWEEN * texel:
+        return ()
+    fine = [r for r in _RESOLUTIONS if spacing * r >= TEXELS_BETWEEN * uv_length]
+    would = f"a resolution of {fine[0]} would do" if fine else "no resolution would do: use UDIMs"
+    detail = (
+        f"fewer than four texels lie between pores on half of the skin or more: pores are "
+        f"{_length(spacing, settings)} apart and texels {_length(texel, settings)} wide at "
+        f"{settings.resolution} x {settings.resolution}; {would}"
+    )
+    return (Notice(FEW_TEXELS, detail),)
+
+
+def build_notice(wrinkles: int) -> tuple[Notice, ...]:
+    """Where there will be many wrinkles."""
+    if wrinkles <= LARGE_WRINKLES:
+        return ()
+    detail = (
+        f"about {wrinkles / 1e6:.2g} million wrinkles: a face has one to two million; mask the "
+        "face (paint density 0 elsewhere) or raise the spacing for less"
+    )
+    return (Notice(LARGE_BUILD, detail),)
 
 
 def count_told(settings: AssetSettings, distance: float) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from rhytid.domain import warnings as codes
-from rhytid.domain.notices import GRAIN_NOT_DRAWN
+from rhytid.domain.notices import FEW_TEXELS, GRAIN_NOT_DRAWN, LARGE_BUILD
 
 
 @dataclass(frozen=True)
@@ -136,6 +136,22 @@ NOTICES = {
         (
             "raise `resolution` for the final maps, or `shape.grain_size`; `shape.grain` 0 is "
             "without grain. In a draft it may stay"
+        ),
+    ),
+    FEW_TEXELS: Meaning(
+        "an asset, a mesh that is checked",
+        "fewer than four texels lie between pores on half of the skin or more",
+        (
+            "raise `resolution` for the final maps to what the text says, or `graph.spacing`; "
+            "give skin more room in UV, or UDIMs. In a draft it may stay"
+        ),
+    ),
+    LARGE_BUILD: Meaning(
+        "an asset that builds, a mesh that is checked",
+        "there will be more than 5 million wrinkles (a face has one to two million)",
+        (
+            "mask the face: paint `density` 0 elsewhere; or raise `graph.spacing`. If all of it "
+            "is wanted it may stay"
         ),
     ),
 }

@@ -9,7 +9,7 @@ from functools import partial
 
 from rhytid.device.runtime import Device
 from rhytid.domain.ageing import USUAL_AGE
-from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.asset_settings import MOST_WRINKLES, AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.graph_origin import GraphOrigin
 from rhytid.domain.texel_sizes import usual_uv_length
@@ -28,6 +28,7 @@ from rhytid.pipeline.draw_limit import DrawLimit
 from rhytid.pipeline.element_arrays import check_cover
 from rhytid.storage.records import StoredRequest
 from rhytid.storage.store import AssetStore
+from rhytid.synthesis.fields.build_size import BuildSize
 from rhytid.synthesis.generate import Synthesis, synthesize
 
 # Share of a build's progress at which the synthesis ends.
@@ -74,7 +75,14 @@ class AssetBuilder:
                 afterwards(job)
             self.prepare_bins(asset)
 
-        asset.job = self._jobs.start("build", asset.id, work, small=asset.small, always=always)
+        job = self._jobs.start("build", asset.id, work, small=asset.small, always=always)
+        asset.job = job
+        job.when_ended(partial(self._not_begun, job, asset))
+
+    def _not_begun(self, job: Job, asset: Asset) -> None:
+        """Give an asset up whose build was cancelled before it began."""
+        if job.info.state == "cancelled" and asset.state == "building":
+            self._fail(job, asset, CancelledError(job.info.detail))
 
     def allow(self, asset: str) -> None:
         """An asset was removed: where it is sent again, it may be built."""
@@ -155,7 +163,7 @@ class AssetBuilder:
 
     def _build(self, job: Job, asset: Asset) -> None:
         wanted = self._store.request(asset.id)
-        graph, grown = self._graph(job, wanted)
+        graph, grown = self._graph(job, asset, wanted)
         job.progress(_SYNTHESIS, "placing pores and wrinkles")
         made = self._on_device.place(wanted.mesh, graph, wanted.settings, wanted.stiffness)
         try:
@@ -194,14 +202,21 @@ class AssetBuilder:
             self._store.put_asset(asset.id, wanted.mesh, graph, settings, facts, wanted.stiffness)
         return settings, distance
 
-    def _graph(self, job: Job, wanted: StoredRequest) -> tuple[WrinkleGraph, Synthesis | None]:
+    def _graph(
+        self, job: Job, asset: Asset, wanted: StoredRequest
+    ) -> tuple[WrinkleGraph, Synthesis | None]:
         """The graph that was sent, or a new one with its figures; other tasks of the device run
         between the steps of its synthesis."""
         if wanted.graph is not None:
             return wanted.graph, None
 
+        told = ""
+        if asset.wanted < MOST_WRINKLES:  # else nobody has counted
+            told = str(BuildSize.of(wanted.mesh, asset.wanted))
+        job.progress(0.0, "starting", told)
+
         def report(share: float, stage: str) -> None:
-            job.progress(_SYNTHESIS * share, stage)
+            job.progress(_SYNTHESIS * share, stage, told)
 
         found = synthesize(
             wanted.mesh, wanted.settings.graph, self._device, report,
@@ -219,10 +234,13 @@ class AssetBuilder:
         try:
             yield
         except BaseException as error:
-            with asset.lock:
-                if asset.state != "removed":
-                    asset.fail(public_message(error))
-                    if isinstance(error, CancelledError) and not job.resumes:
-                        with suppress(NotFoundError):
-                            self._store.delete(asset.id)
+            self._fail(job, asset, error)
             raise
+
+    def _fail(self, job: Job, asset: Asset, error: BaseException) -> None:
+        with asset.lock:
+            if asset.state != "removed":
+                asset.fail(public_message(error))
+                if isinstance(error, CancelledError) and not job.resumes:
+                    with suppress(NotFoundError):
+                        self._store.delete(asset.id)

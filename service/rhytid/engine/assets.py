@@ -18,7 +18,7 @@ from rhytid.domain.frame_warnings import FrameCheck
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.lengths import Lengths
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.notices import grain_notice
+from rhytid.domain.notices import Notice, build_notice, grain_notice, texel_notice
 from rhytid.domain.origin import ORIGIN, Centre
 from rhytid.domain.texel_sizes import usual_uv_length
 from rhytid.domain.tiles import TileAddress, mesh_udims
@@ -149,8 +149,19 @@ class Asset:
             wrinkles=self.wrinkles,
             statistics=self.statistics,
             warnings=self.warnings,
-            notices=grain_notice(self.settings, self.uv_length),
+            notices=self._notices(),
             centre=tuple(self.centre.tolist()),
+        )
+
+    def _notices(self) -> tuple[Notice, ...]:
+        """What is worth knowing of its present settings."""
+        spacing = self.lengths.spacing if self.state == "ready" else None
+        building = self.state == "building" and self.wanted != MOST_WRINKLES
+        large = build_notice(self.wanted) if building else ()
+        return (
+            *grain_notice(self.settings, self.uv_length),
+            *texel_notice(self.settings, self.uv_length, spacing),
+            *large,
         )
 
     @contextmanager

@@ -34,6 +34,7 @@ class Calibration:
         ratios, _ = self._on_device.use(
             asset, lambda resident: resident.frames.ratios(self._frame), patiently=True
         )
+        job.check()
         with asset.kept():
             limit = asset.settings.response.log_stretch_limit
             self._builder.change(asset, asset.settings.with_r_max(r_max_of(ratios, limit)))

@@ -7,6 +7,7 @@ from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, TypeVar
 
+from rhytid import stopping
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
@@ -79,6 +80,7 @@ class DeviceAssets:
         """
         made = 0
         for _ in range(_ATTEMPTS):
+            stopping.check()
             self.loaded(asset)
             try:
                 return call()
@@ -130,12 +132,12 @@ class DeviceAssets:
             if self.found(asset) is not resident or resident.mesh.settings is not settings:
                 raise Evicted
 
-        with self._device.from_elsewhere(self._steps(asset), check):
+        with self._device.from_elsewhere(self._steps(asset.id), check):
             yield resident
 
-    def _steps(self, asset: Asset) -> Callable[..., Any]:
-        """Runs steps in the turn of an asset, until nobody wants what this thread makes any more:
-        then it raises CancelledError once, and what follows are steps that give back."""
+    def _steps(self, turn: Hashable = None) -> Callable[..., Any]:
+        """Runs steps in a turn, until nobody wants what this thread makes any more: then it raises
+        CancelledError once, and what follows are steps that give back."""
         leaving = False
 
         def step(task: Callable[..., T], *arguments: Any) -> T:
@@ -143,7 +145,7 @@ class DeviceAssets:
             if not leaving and wanted.is_gone():
                 leaving = True
                 wanted.check()
-            return self._worker.call_patiently(lambda: self._whole(task, arguments), turn=asset.id)
+            return self._worker.call_patiently(lambda: self._whole(task, arguments), turn=turn)
 
         return step
 
@@ -167,7 +169,7 @@ class DeviceAssets:
         self, mesh: Mesh, graph: WrinkleGraph, settings: AssetSettings, stiffness: Stiffness | None
     ) -> DeviceAsset:
         """A mesh with the triangles of its pores and wrinkles; `finish` or `give_up` it."""
-        with self._device.from_elsewhere(self.run_patiently):
+        with self._device.from_elsewhere(self._steps()):
             made = DeviceAsset(self._device, mesh, settings, stiffness)
             made.mesh.locate(graph)
             made.mesh.bounded = True
@@ -182,7 +184,7 @@ class DeviceAssets:
         """
         try:
             prepared = made.mesh.prepare(graph, settings)
-            with self._device.from_elsewhere(self.run_patiently):
+            with self._device.from_elsewhere(self._steps()):
                 elements = made.mesh.upload(prepared, settings)
             self.run_patiently(made.mesh.take, elements, settings)
             self.run_patiently(made.warm_up)

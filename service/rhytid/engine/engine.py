@@ -73,7 +73,7 @@ class Engine:
         self._on_device = DeviceAssets(self._device, self._worker, self._store)
         host_memory = settings.host_memory or usual_host_memory()
         self.memory = ByteBudget(host_memory, "RHYTID_HOST_MEMORY_MB")
-        self.jobs = Jobs(settings.jobs, figures)
+        self.jobs = Jobs(settings.jobs, figures, settings.build_seconds)
         registry = AssetRegistry(settings.frame_memory or usual_frame_memory())
         limit = DrawLimit(settings.draw_seconds, self._device.work_pace)
         stored = StoredAssets(self._store, self._on_device, registry.frame_memory)

@@ -5,14 +5,19 @@ from __future__ import annotations
 import logging
 import re
 import threading
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
+from rhytid import stopping
 from rhytid.device import watch
 from rhytid.device.figures import working_on
+from rhytid.engine import wanted
+from rhytid.engine.callers import caller
 from rhytid.engine.messages import ENDED_STATES, JobInfo
-from rhytid.errors import CancelledError, RhytidError, public_message
+from rhytid.errors import CancelledError, LimitError, RhytidError, public_message
 
 _log = logging.getLogger(__name__)
 
@@ -24,12 +29,20 @@ class GaveWay(Exception):
 class Job:
     """One piece of long work, as seen by the thread that does it.
 
-    waits: whether a job of higher priority waits.  reason: why it failed, for callers in this
-    process; `info` has what others may know.
+    waits: whether a job of higher priority waits.  seconds: that its work may take; None: any.
+    caller: who asked for it.  reason: why it failed, for callers in this process; `info` has what
+    others may know.
     """
 
-    def __init__(self, info: JobInfo, waits: Callable[[Job], bool] = lambda job: False) -> None:
-        self._info, self._waits = info, waits
+    def __init__(
+        self,
+        info: JobInfo,
+        waits: Callable[[Job], bool] = lambda job: False,
+        seconds: float | None = None,
+    ) -> None:
+        self._info, self._waits, self._seconds = info, waits, seconds
+        self.caller = caller.get()
+        self._began: float | None = None
         self._lock = threading.Lock()
         self._cancelled = threading.Event()
         self._ended = threading.Event()
@@ -44,11 +57,29 @@ class Job:
             return self._info
 
     def progress(self, share: float, stage: str, detail: str = "") -> None:
-        """Report how far the job is; raises CancelledError if it was cancelled."""
-        if self._cancelled.is_set():
-            raise CancelledError(f"job {self._info.id} was cancelled")
+        """Report how far the job is; raises what `check` does."""
+        self.check()
         share = min(max(share, self.info.progress), 1.0)
         self.update(progress=share, stage=stage, detail=detail)
+
+    def check(self) -> None:
+        """Raise CancelledError if the job was cancelled, LimitError if its work takes longer than
+        it may."""
+        if self._cancelled.is_set():
+            raise CancelledError(self._was_cancelled)
+        if self._is_late():
+            raise LimitError(
+                f"the {self._info.kind} was ended: it took longer than {self._seconds:g} s, which "
+                "is as long as this server allows (RHYTID_BUILD_SECONDS)"
+            )
+
+    def _is_late(self) -> bool:
+        if self._seconds is None or self._began is None:
+            return False
+        return time.monotonic() - self._began > self._seconds
+
+    def _stops(self) -> bool:
+        return self._cancelled.is_set() or self._is_late()
 
     def give_way(self) -> None:
         """Raise GaveWay if a job of higher priority, of another asset, waits: this one is queued
@@ -61,6 +92,14 @@ class Job:
         if not self._cancelled.is_set():
             self.resumes = resumes
             self._cancelled.set()
+
+    def end_cancelled(self) -> None:
+        """End a job that was cancelled before its work began."""
+        self.update(state="cancelled", detail=self._was_cancelled)
+
+    @property
+    def _was_cancelled(self) -> str:
+        return f"job {self._info.id} was cancelled"
 
     def update(self, **changes: Any) -> None:
         """Replace parts of the info."""
@@ -109,11 +148,13 @@ class Job:
 
     def run(self, work: Callable[[Job], None]) -> bool:
         """Do the work of the job, and end it; whether it gave way and is to be queued again."""
+        self._began = time.monotonic()
+        caller.set(self.caller)  # so that jobs that this one starts are the same caller's
         try:
             self.update(state="running")
             self.progress(0.0, "starting")
             purpose = watch.Purpose(asset=asset_number(self.info.asset))
-            with watch.used_for(purpose), working_on("job"):
+            with watch.used_for(purpose), working_on("job"), self._stopping():
                 work(self)
         except GaveWay:
             self.update(state="queued")
@@ -125,6 +166,12 @@ class Job:
         else:
             self.update(state="done", progress=1.0, stage="done", detail="")
         return False
+
+    @contextmanager
+    def _stopping(self) -> Iterator[None]:
+        """Have whatever this thread does in the block ask whether the job goes on."""
+        with stopping.where(self.check), wanted.unless(self._stops):
+            yield
 
 
 def asset_number(asset: str) -> int:

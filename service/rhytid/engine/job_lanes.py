@@ -35,6 +35,11 @@ class Queued:
         return self.kind in TRANSFERS
 
     @property
+    def caller(self) -> str:
+        """Who asked for it."""
+        return self.job.caller
+
+    @property
     def turn(self) -> tuple[str, bool]:
         """Jobs of one turn run one after the other."""
         return self.asset, self.transfers
@@ -42,16 +47,20 @@ class Queued:
 
 @dataclass(frozen=True, eq=False)
 class Lane:
-    """Jobs that one thread takes."""
+    """Jobs that one thread takes.  transfers: those that wait for a shared store.  spare:
+    only while one caller has all other lanes that do not transfer, for other callers."""
 
     name: str
     takes: Callable[[Queued], bool]
+    spare: bool = False
+    transfers: bool = False
 
 
 LARGE = Lane("rhytid-jobs", lambda queued: not queued.transfers)
 LANES = (
     LARGE,
     Lane("rhytid-small-jobs", lambda queued: queued.small and not queued.transfers),
-    Lane("rhytid-transfers", lambda queued: queued.transfers),
-    Lane("rhytid-fetches", lambda queued: queued.kind == "fetch"),
+    Lane("rhytid-spare-jobs", lambda queued: not queued.transfers, spare=True),
+    Lane("rhytid-transfers", lambda queued: queued.transfers, transfers=True),
+    Lane("rhytid-fetches", lambda queued: queued.kind == "fetch", transfers=True),
 )

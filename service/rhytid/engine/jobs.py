@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import secrets
 import threading
 from collections import Counter, OrderedDict
@@ -20,25 +21,34 @@ KINDS = JOB_KINDS
 # A new job of these kinds replaces those of the same asset that still wait.
 _SUPERSEDED = ("calibration", "bins", "push")
 _REMEMBERED = 1000
+# Threads that do what does not transfer, without the spare one.
+_USUAL = len(LANES) - len([lane for lane in LANES if lane.spare or lane.transfers])
 
 
 class Jobs:
-    """Runs jobs by the priority of their kind, then in the order in which they came.
+    """Runs jobs by the priority of their kind; of one kind those of callers with fewer jobs at work
+    first, then those of callers that were served longest ago, then in the order in which they came.
 
     Two threads take jobs from the queue, one of them small jobs only, so that these never wait for
-    a large job of another asset. Jobs of one asset run one after the other. Two more threads take
+    a large job of another asset. While both do what one caller asked for, a third one does what
+    others ask for. Jobs of one asset run one after the other. Two more threads take
     what waits for a shared store, one of them fetches only; these run beside other jobs of their
     asset. A job that gives way is queued again, behind those of higher priority.  most: jobs that
-    may wait.  figures: counts them.
+    may wait.  figures: counts them.  build_seconds: that a build may take; None: any.
     """
 
-    def __init__(self, most: int, figures: Figures | None = None) -> None:
-        self._most = most
+    def __init__(
+        self, most: int, figures: Figures | None = None, build_seconds: float | None = None
+    ) -> None:
+        self._most, self._build_seconds = most, build_seconds
         self._figures = figures or Figures()
         self._jobs: OrderedDict[str, Job] = OrderedDict()
         self._queue: list[Queued] = []
         # What is at work, and where.
-        self._at_work: dict[tuple[str, bool], Lane] = {}
+        self._at_work: dict[tuple[str, bool], tuple[Lane, Queued]] = {}
+        # When callers were last given a thread, as a number that grows.
+        self._served: dict[str, int] = {}
+        self._turns = itertools.count(1)
         self._running: Counter[str] = Counter()
         self._closed = False
         self._changed = threading.Condition()
@@ -63,9 +73,8 @@ class Jobs:
         A calibration, bins or a push that still waits for the same asset is cancelled: this comes
         in its place. Raises BusyError where too many jobs wait, unless `always`.
         """
-        job = Job(
-            JobInfo(secrets.token_hex(8), asset, kind, "queued", 0.0, "queued", ""), self._waits
-        )
+        info = JobInfo(secrets.token_hex(8), asset, kind, "queued", 0.0, "queued", "")
+        job = Job(info, self._waits, self._build_seconds if kind == "build" else None)
         with self._changed:
             if kind in _SUPERSEDED:
                 self._supersede(kind, asset)
@@ -93,9 +102,10 @@ class Jobs:
         return self.get(id).info
 
     def cancel(self, id: str) -> JobInfo:
-        """Ask a job to stop at its next step; raises NotFoundError."""
+        """End a job that waits; ask one at work to stop, which it does within a second. Raises
+        NotFoundError."""
         job = self.get(id)
-        job.cancel()
+        self._cancel([job], resumes=False)
         return job.info
 
     def cancel_all(self, asset: str, *, resumes: bool = False) -> None:
@@ -118,6 +128,12 @@ class Jobs:
     def _cancel(self, jobs: list[Job], resumes: bool) -> None:
         for job in jobs:
             job.cancel(resumes=resumes)
+            with self._changed:
+                waiting = [queued for queued in self._queue if queued.job is job]
+                self._queue = [queued for queued in self._queue if queued.job is not job]
+                self._note()
+            if waiting:
+                job.end_cancelled()
 
     def _known(self) -> list[Job]:
         with self._changed:
@@ -143,14 +159,36 @@ class Jobs:
     def _waits(self, job: Job) -> bool:
         """Whether a job waits that the thread of this one would do first."""
         with self._changed:
-            lane = self._at_work.get((job.info.asset, False), LARGE)
+            lane, _ = self._at_work.get((job.info.asset, False), (LARGE, None))
             return any(
                 _rank(queued.job) < _rank(job) and self._may(queued, lane) for queued in self._queue
             )
 
     def _may(self, queued: Queued, lane: Lane) -> bool:
         """Whether the thread of a lane may do a job now."""
-        return queued.turn not in self._at_work and lane.takes(queued)
+        if queued.turn in self._at_work or not lane.takes(queued):
+            return False
+        return not lane.spare or self._held_by_another(queued.caller)
+
+    def _held_by_another(self, caller: str) -> bool:
+        """Whether another caller alone keeps all lanes that others could use, the spare one not
+        counted."""
+        callers = [
+            queued.caller
+            for lane, queued in self._at_work.values()
+            if not (lane.spare or queued.transfers)
+        ]
+        return len(callers) == _USUAL and len(set(callers)) == 1 and callers[0] != caller
+
+    def _next(self, lane: Lane) -> Queued | None:
+        """The job that the thread of a lane is to do now."""
+        working = Counter(queued.caller for _, queued in self._at_work.values())
+
+        def order(queued: Queued) -> tuple[int, int, int]:
+            caller = queued.caller
+            return _rank(queued.job), working[caller], self._served.get(caller, 0)
+
+        return min((q for q in self._queue if self._may(q, lane)), key=order, default=None)
 
     def _forget(self) -> None:
         ended = [id for id, job in self._jobs.items() if job.ended]
@@ -163,6 +201,12 @@ class Jobs:
         for kind in KINDS:
             self._figures.set(queued[kind], "jobs", kind, "queued")
             self._figures.set(self._running[kind], "jobs", kind, "running")
+
+    def _note_served(self, caller: str) -> None:
+        """Keep the turns of callers that have jobs in the queue or at work."""
+        self._served[caller] = next(self._turns)
+        known = {one.caller for one in self._queue} | {q.caller for _, q in self._at_work.values()}
+        self._served = {name: turn for name, turn in self._served.items() if name in known}
 
     def _count_end(self, job: Job) -> None:
         self._figures.count("ended", job.info.kind, job.info.state)
@@ -186,14 +230,17 @@ class Jobs:
         """The next job of this thread; None once the queue is closed and has none for it."""
         with self._changed:
             while True:
-                queued = next((q for q in self._queue if self._may(q, lane)), None)
+                queued = self._next(lane)
                 if queued is not None:
                     self._queue.remove(queued)
-                    self._at_work[queued.turn] = lane
+                    self._at_work[queued.turn] = lane, queued
+                    self._note_served(queued.caller)
                     self._running[queued.job.info.kind] += 1
                     self._note()
+                    # The spare lane may be free for what waits now.
+                    self._changed.notify_all()
                     return queued
-                if self._closed and not any(map(lane.takes, self._queue)):
+                if self._closed and (lane.spare or not any(map(lane.takes, self._queue))):
                     return None
                 self._changed.wait()
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 
+from rhytid import stopping
 from rhytid.errors import CancelledError
 
 _gone: ContextVar[Callable[[], bool] | None] = ContextVar("gone", default=None)
@@ -43,6 +44,7 @@ def is_gone() -> bool:
 
 
 def check() -> None:
-    """Raise CancelledError where nobody waits any more."""
+    """Raise CancelledError where nobody waits any more; in a job, what that stops with."""
     if is_gone():
+        stopping.check()
         raise CancelledError("the client closed the connection before the answer was drawn")

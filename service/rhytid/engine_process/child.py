@@ -20,6 +20,7 @@ from rhytid.device import figures
 from rhytid.device.figures import Figures, spans_of_request
 from rhytid.device.watch import SIZE, Purpose, Report, report_to, used_for
 from rhytid.engine import wanted
+from rhytid.engine.callers import caller
 from rhytid.engine.engine import Engine
 from rhytid.engine.worker import drawn_live
 from rhytid.engine_process import heaps
@@ -127,6 +128,7 @@ class _Process:
         assert self._calls is not None  # lines are opened once the engine is there
         call = unpack(message.body, message.sizes, memory)
         request_id.set(call.request_id)
+        caller.set(call.caller)
         kept = spans_of_request() if call.traced else nullcontext(())
         with kept as spans:
             try:

@@ -10,6 +10,7 @@ from functools import cached_property
 from typing import Any
 
 from rhytid.device.figures import spans_are_kept
+from rhytid.engine.callers import caller
 from rhytid.engine.worker import is_live
 from rhytid.engine_process.packing import Packed, pack
 from rhytid.logs import request_id
@@ -23,7 +24,7 @@ class Call:
 
     number: names the request in the process's report.  name: such as `tiles.draw`.  request_id: of
     the HTTP request.  traced: whether its stages are wanted with the answer.  live: whether it is
-    for a live connection.
+    for a live connection.  caller: who asks.
     """
 
     number: int
@@ -33,6 +34,7 @@ class Call:
     request_id: str = ""
     traced: bool = False
     live: bool = False
+    caller: str = ""
 
 
 @dataclass(eq=False)
@@ -56,7 +58,7 @@ class Request:
         """As it is sent."""
         named, traced = dict(self.named), spans_are_kept()
         about = (self.number, self.name, self.positional, named, request_id.get(), traced)
-        return pack(Call(*about, is_live()))
+        return pack(Call(*about, is_live(), caller.get()))
 
     @cached_property
     def digest(self) -> str:

@@ -13,6 +13,7 @@ from ray.serve.exceptions import BackPressureError, RayServeException
 
 from rhytid.device.figures import keep_spans, spans_are_kept
 from rhytid.engine import wanted
+from rhytid.engine.callers import caller
 from rhytid.engine.checked_upload import content_id
 from rhytid.engine_process.device_process import DeviceProcess
 from rhytid.engine_process.requests import Request
@@ -109,7 +110,7 @@ class FleetCaller:
         body, arrays = packed((positional, dict(request.named)))
         return Envelope(
             name, asset, to, name in _SPREAD, version, body, arrays,
-            request_id.get(), spans_are_kept(),
+            request_id.get(), spans_are_kept(), caller.get(),
         )  # fmt: skip
 
     def _sent(self, envelope: Envelope) -> Answer:

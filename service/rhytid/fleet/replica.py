@@ -18,6 +18,7 @@ from ray import serve
 from rhytid.build_identity import drawing_version
 from rhytid.device.figures import SIZE, spans_of_request
 from rhytid.engine import wanted
+from rhytid.engine.callers import caller
 from rhytid.engine_process.found_devices import found_devices, named_devices, settings_of
 from rhytid.engine_process.remote_engine import RemoteEngine
 from rhytid.errors import DeviceLostError, RhytidError
@@ -101,6 +102,7 @@ class EngineReplica:
 
     def _performed(self, envelope: Envelope, gone: Callable[[], bool]) -> Answer:
         request_id.set(envelope.request_id)
+        caller.set(envelope.caller)
         kept = spans_of_request() if envelope.traced else nullcontext(())
         with kept as spans, wanted.unless(gone):
             try:

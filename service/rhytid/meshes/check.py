@@ -3,20 +3,28 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.named_shapes import region_of
+from rhytid.domain.notices import Notice, build_notice, texel_notice
 from rhytid.domain.origin import put_back
+from rhytid.domain.texel_sizes import usual_uv_length
 from rhytid.domain.tiles import udim_origin
 from rhytid.domain.units import millimetres
 from rhytid.domain.warnings import LEAST_SIZE, MOST_SIZE, TEXEL_RATIO
+from rhytid.errors import MeshError
 from rhytid.formats.meshes import MeshFile
 from rhytid.meshes.layout import Layout
 from rhytid.meshes.topology import Topology
+from rhytid.synthesis.fields.build_size import BuildSize
+from rhytid.synthesis.fields.wanted import Wanted
+from rhytid.synthesis.surface import Surface
 
 Mask = NDArray[np.bool_]
 # Listed of each kind: places of the largest triangles, the longest borders, the largest parts.
@@ -108,9 +116,37 @@ class MeshCheck:
             **self._surface(),
             "uv": self._uv(),
             "texels": self.texel_sizes(),
+            "build": None if self.build is None else self.build.figures(),
             "shapes": self.shapes(),
             "frames": 0 if self.file.frames is None else len(self.file.frames),
         }
+
+    @cached_property
+    def build(self) -> BuildSize | None:
+        """How much skin of the usual spacing will be; None for a unit of no known length, and where
+        nothing can carry skin."""
+        if millimetres(self.unit) is None:
+            return None
+        settings = self.settings.for_synthesis().graph
+        try:
+            surface = Surface.of(self.mesh)
+        except MeshError:
+            return None
+        area = float(surface.area.sum()) * surface.scale**2
+        return BuildSize.of(self.mesh, round(Wanted.of(settings, area).wrinkles))
+
+    @property
+    def settings(self) -> AssetSettings:
+        """Those of an asset of the mesh, where nothing else is said."""
+        given = {"unit": self.unit, "resolution": self.resolution}
+        return AssetSettings.parse({**given, "tile_size": min(self.resolution, 512)})
+
+    def notices(self) -> tuple[Notice, ...]:
+        """What is worth knowing before skin is grown on it."""
+        if self.build is None:
+            return ()
+        texels = texel_notice(self.settings.for_synthesis(), usual_uv_length(self.mesh))
+        return (*texels, *build_notice(self.build.wrinkles))
 
     def size(self) -> dict[str, Any]:
         """The box around the mesh, and what heads have."""

@@ -20,6 +20,7 @@ def rows(check: MeshCheck, figures: dict[str, Any]) -> list[Row]:
         *_surface(check, figures),
         *_uv(check, figures),
         *_texels(check, figures),
+        *_skin(check),
         *_motion(figures),
     ]
 
@@ -96,6 +97,11 @@ def _texels(check: MeshCheck, figures: dict[str, Any]) -> Iterator[Row]:
         side, named = length if found["mm"] is None else unit
         at = f"{side:.3g} {named} at {check.resolution} x {check.resolution}"
         yield f"texel, {name}", at, str(check.place(triangle))
+
+
+def _skin(check: MeshCheck) -> Iterator[Row]:
+    if check.build is not None:
+        yield "skin at the usual spacing", str(check.build), ""
 
 
 def _motion(figures: dict[str, Any]) -> Iterator[Row]:

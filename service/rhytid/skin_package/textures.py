@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid import stopping
 from rhytid.durable import whole, write_pieces
 from rhytid.formats.ktx2 import CHANNELS, ktx2_pieces
 from rhytid.skin_package.manifest import Codes, Textures
@@ -43,7 +44,8 @@ class TextureFiles:
         layers, rows, columns = self.shape = levels[0].shape
         file = self.folder / f"{self.name}.{udim}.ktx2"
         with whole(file) as aside:
-            write_pieces(aside, ktx2_pieces(self.channel, (layers, rows, columns), levels))
+            pieces = ktx2_pieces(self.channel, (layers, rows, columns), levels)
+            write_pieces(aside, stopping.each(pieces))
         item = CHANNELS[self.channel].dtype.itemsize
         self.files[str(udim)] = f"{self.folder.name}/{file.name}"
         self.levels = len(levels)

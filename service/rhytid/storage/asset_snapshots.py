@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 
-from rhytid.durable import is_folder, remove_tree, reported, sync_file, sync_folder
+from rhytid.durable import copy_file, is_folder, remove_tree, reported, sync_folder
 from rhytid.errors import StorageError, StoreFormatError
 from rhytid.storage.folders import StoreFolders
 from rhytid.storage.homes import ASSET, OVERLAY, REQUEST, SHAPES, SHARED, is_built
@@ -110,9 +109,9 @@ class AssetSnapshots:
                 return unpacked
             if unpacked.has_shapes:
                 remove_tree(place)
-            shutil.copytree(own, place)
-            for file in place.iterdir():
-                sync_file(file)
+            place.mkdir()
+            for file in own.iterdir():
+                copy_file(file, place / file.name)
             sync_folder(place)
         return replace(unpacked, has_shapes=True)
 

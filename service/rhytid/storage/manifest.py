@@ -7,12 +7,13 @@ of any byte of any file in the folder, its own included, is seen.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rhytid.durable import reported, sync_folder, write_file
+from rhytid import stopping
+from rhytid.durable import reported, sync_folder, write_file, write_pieces
 from rhytid.storage.canonical import canonical, check_format, damaged, parse_canonical
 from rhytid.storage.homes import MANIFEST
 
@@ -31,7 +32,10 @@ class StoredFile:
     @classmethod
     def of(cls, data: bytes) -> StoredFile:
         """Of a file with these bytes."""
-        return cls(len(data), hashlib.sha256(data).hexdigest())
+        digest = hashlib.sha256()
+        for piece in _pieces(data):
+            digest.update(piece)
+        return cls(len(data), digest.hexdigest())
 
     @classmethod
     def read(cls, path: Path) -> StoredFile:
@@ -40,6 +44,7 @@ class StoredFile:
         digest, nbytes = hashlib.sha256(), 0
         with path.open("rb") as file:
             while piece := file.read(_PIECE):
+                stopping.check()
                 digest.update(piece)
                 nbytes += len(piece)
         return cls(nbytes, digest.hexdigest())
@@ -61,8 +66,14 @@ def write_with_manifest(folder: Path, label: str, files: Mapping[str, bytes]) ->
     """
     folder.mkdir()
     for name, data in files.items():
-        write_file(folder / name, data)
+        write_pieces(folder / name, _pieces(data))
     seal(folder, label, {name: StoredFile.of(data) for name, data in files.items()})
+
+
+def _pieces(data: bytes) -> Iterator[memoryview]:
+    """Some bytes at a time, unless the work of this thread is to stop."""
+    view = memoryview(data)
+    return stopping.each(view[at : at + _PIECE] for at in range(0, len(view), _PIECE))
 
 
 def seal(folder: Path, label: str, files: Mapping[str, StoredFile]) -> None:

@@ -7,13 +7,14 @@ them, and it stays whole when the archive is removed meanwhile.
 from __future__ import annotations
 
 import os
-import shutil
 import struct
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import BinaryIO
 from zipfile import ZIP_STORED, BadZipFile, ZipFile, ZipInfo
 
+from rhytid import stopping
 from rhytid.storage.canonical import damaged
 
 # Of a file's local header: its bytes, the place of the lengths of name and further fields in it.
@@ -32,7 +33,8 @@ def write_archive(folder: Path, archive: Path, between: Callable[[], None]) -> N
                 about = ZipInfo(name)
                 about.file_size, about.external_attr = file.stat().st_size, 0o644 << 16
                 with file.open("rb") as source, zipped.open(about, "w") as member:
-                    shutil.copyfileobj(source, member, 1 << 20)
+                    for piece in stopping.each(iter(partial(source.read, 1 << 20), b"")):
+                        member.write(piece)
                 file.unlink()  # so that a package takes its room on the disk once
         out.flush()
         os.fsync(out.fileno())

@@ -7,6 +7,8 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+from rhytid import stopping
+
 Arrays = dict[str, NDArray[Any]]
 
 
@@ -14,6 +16,7 @@ ROWS = 1 << 19
 
 
 def row_blocks(count: int) -> Iterator[slice]:
-    """The rows 0 to count, ROWS at a time."""
+    """The rows 0 to count, ROWS at a time, unless the work is to stop."""
     for first in range(0, count, ROWS):
+        stopping.check()
         yield slice(first, min(first + ROWS, count))

@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from rhytid import stopping
 from rhytid.device.buffer import Buffer
 from rhytid.device.runtime import Device
 
@@ -51,19 +52,19 @@ class Workspace:
 
     def upload(self, array: NDArray[Any]) -> Buffer:
         """A buffer with the bytes of `array`."""
-        return self._mine(self._call(self._device.upload, array))
+        return self._mine(self._step(self._device.upload, array))
 
     def empty(self, count: int, dtype: DTypeLike) -> Buffer:
         """A buffer for `count` values, not initialised."""
-        return self._mine(self._call(self._device.empty, count, dtype))
+        return self._mine(self._step(self._device.empty, count, dtype))
 
     def full(self, count: int, value: np.generic) -> Buffer:
         """A buffer of `count` times a numpy scalar."""
-        return self._mine(self._call(self._device.full, max(count, 1), value))
+        return self._mine(self._step(self._device.full, max(count, 1), value))
 
     def read(self, buffer: Buffer, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
         """The first values of a buffer; waits for all launches before."""
-        found: NDArray[Any] = self._call(self._device.read, buffer, shape, dtype)
+        found: NDArray[Any] = self._step(self._device.read, buffer, shape, dtype)
         return found
 
     def run(
@@ -85,7 +86,7 @@ class Workspace:
         )  # compiled here, not on its thread
         values, first = [_scalar(a) for a in arguments], 0
         while first < count:
-            first = self._call(self._block, program, kernel, first, count, values, defines or {})
+            first = self._step(self._block, program, kernel, first, count, values, defines or {})
             if report is not None:
                 report(first / count)
 
@@ -115,6 +116,12 @@ class Workspace:
             self._call(buffer.release)
         given = set(map(id, buffers))
         self._buffers = [b for b in self._buffers if id(b) not in given]
+
+    def _step(self, task: Callable[..., T], *arguments: Any) -> T:
+        """One call in a task of the device, unless the work is to stop."""
+        stopping.check()
+        result: T = self._call(task, *arguments)
+        return result
 
     def _mine(self, buffer: Buffer) -> Buffer:
         self._buffers.append(buffer)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 import stat
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -12,8 +11,8 @@ from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
-from rhytid import durable
-from rhytid.durable import sync_file, sync_folder, write_file
+from rhytid import durable, stopping
+from rhytid.durable import copy_file, sync_file, sync_folder, write_file
 from rhytid.errors import InputError, SharedStoreError, StorageError, StoreFormatError
 from rhytid.owned import (
     NotPlainError,
@@ -109,7 +108,7 @@ class FolderPlace:
 
     def send(self, name: str, source: Path) -> None:
         """As `Place.send`."""
-        self._install(name, partial(_copy, source))
+        self._install(name, partial(copy_file, source))
 
     def names(self, folder: str) -> list[str]:
         """As `Place.names`."""
@@ -213,11 +212,7 @@ def _copy_plain(path: Path, to: Path) -> bool:
     with open_plain(path) as source, to.open("xb") as target:
         left = os.fstat(source.fileno()).st_size
         while left and (piece := source.read(min(left, _PIECE))):
+            stopping.check()
             target.write(piece)
             left -= len(piece)
     return True
-
-
-def _copy(source: Path, to: Path) -> None:
-    shutil.copyfile(source, to)
-    sync_file(to)

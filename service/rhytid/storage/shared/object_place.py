@@ -6,6 +6,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from rhytid import stopping
 from rhytid.domain.wording import install_hint
 from rhytid.durable import sync_file
 from rhytid.errors import InputError, SharedStoreError
@@ -70,7 +71,7 @@ class ObjectPlace:
         """As `Place.fetch`."""
         with reached(f"{self._path(name)} cannot be fetched"):
             try:
-                self._files.get_file(self._path(name), str(to))
+                self._files.get_file(self._path(name), str(to), callback=_asking())
             except FileNotFoundError:
                 return False
             sync_file(to)
@@ -85,7 +86,11 @@ class ObjectPlace:
         """As `Place.send`."""
         with reached(f"{self._path(name)} cannot be written"):
             self._files.put_file(
-                str(source), self._path(name), chunksize=_PART, max_concurrency=_AT_ONCE
+                str(source),
+                self._path(name),
+                callback=_asking(),
+                chunksize=_PART,
+                max_concurrency=_AT_ONCE,
             )
 
     def names(self, folder: str) -> list[str]:
@@ -104,6 +109,20 @@ class ObjectPlace:
 
     def _path(self, name: str) -> str:
         return f"{self._url}/{name}"
+
+
+def _asking() -> Any:
+    """Told of each piece of a transfer, on another thread: raises there where this thread is to
+    stop."""
+    from fsspec import Callback  # type: ignore[import-untyped]
+
+    class Asking(Callback):  # type: ignore[misc]
+        asked = staticmethod(stopping.asked())
+
+        def relative_update(self, inc: int = 1) -> None:
+            self.asked()
+
+    return Asking()
 
 
 def _file_system(silent: int) -> Any:

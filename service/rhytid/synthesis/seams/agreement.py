@@ -6,6 +6,7 @@ from itertools import product
 
 import numpy as np
 
+from rhytid import stopping
 from rhytid.synthesis.seams.border_places import BorderPlaces
 from rhytid.synthesis.seams.borders import NONE, Borders
 from rhytid.synthesis.seams.supports import Supports
@@ -49,9 +50,8 @@ def _heights(
 ) -> tuple[IntArray, list[tuple[FloatArray, FloatArray]]]:
     """(K,) elements, each with a place of a seam, and for each of _SIZES, straight and bent, on
     either side (K, I) heights there of its images, by slot."""
-    who, place = places.reached(supports, drawn)
-    charts = drawn.charts(supports, borders)
-    seam = ~places.open[place] & (places.chart[place] == charts[who])
+    who, place = places.reached(supports, drawn, drawn.charts(supports, borders))
+    seam = ~places.open[place]
     who, place = who[seam], place[seam]
     there = drawn.back(who, places.here[place])
     looks = [supports.straight(), supports] if supports.slopes.any() else [supports]
@@ -80,6 +80,7 @@ def _least(
     least = _apart(element, tables, best[0], count)
     limit = _BETTER * least
     for code in range(2 ** (images - 1) - 1):
+        stopping.check()
         mask = np.array([True, *(code >> bit & 1 for bit in range(images - 1))], np.bool_)
         left = _apart(element, tables, mask, count)
         better = left < np.minimum(least, limit)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rhytid.synthesis.seams.agreement import agreeing
-from rhytid.synthesis.seams.border_places import BorderPlaces
+from rhytid.synthesis.seams.border_places import MOST_PAIRS, BorderPlaces, TooManyPairs
 from rhytid.synthesis.seams.borders import Borders
 from rhytid.synthesis.seams.search import Search
 from rhytid.synthesis.seams.supports import Supports
@@ -24,7 +24,9 @@ WIDEST = 4.0 + FURTHER
 _COUNTS, _OTHERS, _APART = 2.0, (0.7, 4.0, 8.0), 0.1
 # Of these one that leaves less than this share of the error is taken.
 _BETTER = 0.95
-_BLOCK = 1 << 13
+# Elements that are looked at together, unless they reach too many places, and how many times as
+# many of these their twins are counted to reach.
+_BLOCK, _TWINS = 1 << 13, 4
 
 
 class Seams:
@@ -38,7 +40,7 @@ class Seams:
     def twins(self, supports: Supports) -> Twins:
         """What is to be drawn beside the elements, in the order of these."""
         blocks = self._blocks(supports)
-        found = (self._best(supports.take(some)).renamed(some) for some in blocks)
+        found = (self._within_limits(supports, some) for some in blocks)
         return Twins.join([Twins.originals(np.zeros(0, np.int64)), *found])
 
     def reaching(self, supports: Supports) -> IntArray:
@@ -55,7 +57,20 @@ class Seams:
         if self._places.open.all() or not len(supports):
             return []
         near = self._places.nearby(supports)
-        return [near[start : start + _BLOCK] for start in range(0, len(near), _BLOCK)]
+        if not len(near):
+            return []
+        # An element may come to have many twins, each of which reaches as much.
+        load = np.cumsum(self._places.near(supports.take(near))) * _TWINS // MOST_PAIRS
+        block = np.arange(len(near)) // _BLOCK + load
+        return np.split(near, np.flatnonzero(np.diff(block)) + 1)
+
+    def _within_limits(self, supports: Supports, some: IntArray) -> Twins:
+        """Twins of the elements `some`, in halves of them where these reach too many places."""
+        try:
+            return self._best(supports.take(some)).renamed(some)
+        except TooManyPairs:
+            parts = np.array_split(some, 2)
+            return Twins.join([self._within_limits(supports, half) for half in parts])
 
     def _best(self, supports: Supports) -> Twins:
         """Twins as both sides of a seam agree best with them, be lines drawn straight or bent."""
