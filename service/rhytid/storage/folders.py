@@ -30,7 +30,7 @@ _OURS = (ASSETS, PARTIAL, PACKAGES)
 # Of the store as a whole: raise its format when an older release must not open a new store.
 STORE = Kind("rhytid store", folders=_OURS, needed=(ASSETS, PARTIAL), unnamed=True)
 # What else may be in a store: kernels, a fleet's shared folder, API keys.
-_BESIDE = {MARKER, LOCK, "cache", "shared", "keys.json", "keys.json.lock"}
+_BESIDE = {MARKER, LOCK, "cache", "shared", "keys.json", "keys.json.asked", "keys.json.lock"}
 _NOTHING: Mapping[str, bytes] = MappingProxyType({})
 
 
