@@ -16,7 +16,7 @@ import statistics
 import tempfile
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -175,7 +175,7 @@ def _connection(take: _Take, options: argparse.Namespace) -> Iterator[Live]:
 
 
 @contextmanager
-def _asking(url: str, asset: str, tiles: list[tuple[int, ...]], count: int) -> Iterator[None]:
+def _asking(url: str, asset: str, tiles: Sequence[tuple[int, ...]], count: int) -> Iterator[None]:
     """So many clients ask for one tile after the other; prints how many were answered."""
     context = multiprocessing.get_context("spawn")
     over, answered = context.Event(), context.Value("q", 0)
@@ -192,7 +192,7 @@ def _asking(url: str, asset: str, tiles: list[tuple[int, ...]], count: int) -> I
 
 
 def _ask_all(
-    url: str, asset: str, tiles: list[tuple[int, ...]], count: int, over: Any, answered: Any
+    url: str, asset: str, tiles: Sequence[tuple[int, ...]], count: int, over: Any, answered: Any
 ) -> None:
     def ask(first: int) -> None:
         with httpx.Client(base_url=url, timeout=600) as client:
