@@ -101,7 +101,7 @@ def test_parts_write_the_same_files_as_one_bake(tmp_path: Path) -> None:
 def test_each_part_has_a_record_and_all_are_read(tmp_path: Path) -> None:
     for part in ("1-2", "3-4"):
         bake(FakeEngine(), tmp_path, VALUES, part=part)
-    records = sorted(file.name for file in tmp_path.glob("*.json"))
+    records = sorted(file.name for file in tmp_path.glob("face.bake.*.json"))
     assert records == ["face.bake.1-2.json", "face.bake.3-4.json"]
     assert len(json.loads((tmp_path / records[0]).read_text())["maps"]) == 4
 
@@ -139,9 +139,9 @@ def test_a_part_reads_the_records_that_concern_it(
         return {}
 
     monkeypatch.setattr("rhytid.cli.bake_record._load", load)
-    Output(tmp_path, "face", part=FrameRange.parse("11-20")).record()
+    Output(tmp_path, "face", part=FrameRange.parse("11-20")).record("device")
     wanted = ["", ".11-20", ".5-15", ".h0123456789abcdef"]
     assert sorted(set(read)) == sorted(f"face.bake{text}.json" for text in wanted)
     read.clear()
-    Output(tmp_path, "face").record()
+    Output(tmp_path, "face").record("device")
     assert len(set(read)) == 6

@@ -156,9 +156,9 @@ def test_a_removed_asset_takes_no_frame_and_gives_its_memory_back(engine, monkey
     put = Frames.put
     bent = deform(sheet().positions, 3, 0.15)
 
-    def late(*arguments):
+    def late(*arguments, **named):
         engine.assets.delete(asset)
-        put(*arguments)
+        put(*arguments, **named)
 
     monkeypatch.setattr(Frames, "put", late)
     with pytest.raises(NotFoundError, match="removed"):

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from engine.engines import new_asset
 from rhytid.domain.mesh import Mesh
 from rhytid.engine.checked_upload import CheckedUpload, content_id
-from rhytid.engine.messages import JobInfo
+from rhytid.engine.messages import AssetInfo, JobInfo
 from rhytid.engine_process import supervisors
 from rhytid.engine_process.found_devices import FoundDevice, named_devices, settings_of
 from rhytid.engine_process.job_ledger import JobLedger
@@ -249,7 +249,7 @@ def test_jobs_are_asked_for_with_their_asset() -> None:
     jobs.note("job", "asset")
     jobs.info("job")
     jobs.cancel("job")
-    expected = ["jobs.info", "jobs.info", "jobs.cancel"]
+    expected = ["jobs.info", "jobs.cancel"]
     assert asked == [(name, "asset") for name in expected]
 
 
@@ -278,3 +278,23 @@ def test_an_upload_has_its_id_before_it_is_checked() -> None:
     assert content_id(grown) == CheckedUpload.of(grown, GIB, limit).id
     assert supervisors._sent(grown)[0] == content_id(grown)
     assert content_id(given) != content_id(grown)
+
+
+def test_a_build_whose_process_ended_before_anyone_asked_goes_on() -> None:
+    """The answer with its id came, and the process was gone: a new one builds under another id."""
+    building = AssetInfo("asset", "building", "new", None, {}, (), 1, 3, 1, 0, 0)
+    jobs = {"new": JobInfo("new", "asset", "build", "running", 0.5, "pores", "")}
+
+    def call(request: Request) -> object:
+        if request.name == "assets.info":
+            return building
+        if request.positional[0] not in jobs:
+            raise NotFoundError("no such job")
+        return jobs[request.positional[0]]
+
+    remote = RemoteJobs(cast(Any, SimpleNamespace(call=call)), JobLedger())
+    remote.note("old", "asset")
+    found = remote.info("old")
+    assert (found.id, found.state, found.stage) == ("old", "running", "pores")
+    with pytest.raises(NotFoundError):
+        remote.info("of nobody")

@@ -37,16 +37,16 @@ class JobLedger:
                 self._jobs.popitem(last=False)
         return info
 
-    def knows(self, id: str) -> bool:
-        """Whether a job is remembered."""
+    def find(self, id: str) -> JobInfo | None:
+        """A job as it was last; None where it is not remembered."""
         with self._lock:
-            return id in self._jobs
+            known = self._jobs.get(id)
+        return None if known is None else known.info
 
     def asset(self, id: str) -> str:
         """The asset of a job; empty where the job is not remembered."""
-        with self._lock:
-            known = self._jobs.get(id)
-        return "" if known is None else known.info.asset
+        known = self.find(id)
+        return "" if known is None else known.asset
 
     def lose(self, its: Callable[[str], bool] = lambda asset: True) -> None:
         """A process has ended.  its: whether an asset was."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from functools import partial
 
 from rhytid.engine.messages import AssetInfo, JobInfo
@@ -27,10 +26,10 @@ class RemoteJobs:
         try:
             return self._ledger.keep(self._now(id))
         except NotFoundError:
-            lost = self._ledger.lost(id)  # the process may have ended since
-            if lost is None:
+            known = self._ledger.find(id)  # the process may have ended, since or before
+            if known is None:
                 raise
-            return self._resumed(lost)
+            return self._resumed(known)
 
     def cancel(self, id: str) -> JobInfo:
         """Ask a job to stop at its next step; raises NotFoundError."""
@@ -48,10 +47,10 @@ class RemoteJobs:
         return self._ledger.keep(info)
 
     def note(self, id: str, asset: str) -> None:
-        """Remember a job of an asset, whose id a caller gets."""
-        if not self._ledger.knows(id):
-            with suppress(NotFoundError):
-                self._ledger.keep(self._now(id, asset))
+        """Remember the build of an asset, whose id a caller gets. The process is not asked: the
+        build may have ended it by now, or may keep it from answering."""
+        if self._ledger.find(id) is None:
+            self._ledger.keep(JobInfo(id, asset, "build", "queued", 0.0, "", ""))
 
     def _now(self, id: str, asset: str = "") -> JobInfo:
         of = asset or self._ledger.asset(id)
