@@ -35,7 +35,7 @@ def test_a_cache_that_fails_costs_a_compilation_alone(device, monkeypatch):
 
     # It is used where a driver has no cache of its own.
     monkeypatch.setattr("pyopencl._PYOPENCL_NO_CACHE", False)
-    monkeypatch.setattr("pyopencl.has_src_build_cache", lambda device: False)
+    monkeypatch.setattr("pyopencl.characterize.has_src_build_cache", lambda device: False)
     monkeypatch.setattr(cache, "_create_built_program_from_source_cached", broken)
     monkeypatch.delenv("PYOPENCL_CACHE_FAILURE_FATAL", raising=False)
     provide_cache_folder()
