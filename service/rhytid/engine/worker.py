@@ -133,7 +133,9 @@ class DeviceWorker:
             ended, future = self._ended, self._in_front(probe)
         if wait([future], seconds).done or not future.cancel():
             return future.result()
-        return self._ended > ended
+        with self._changed:
+            self._first = deque(one for one in self._first if one[0] is not future)
+            return self._ended > ended
 
     def close(self) -> None:
         """Let the call at work finish, refuse those that wait, and end the thread."""
@@ -247,4 +249,5 @@ def _perform(future: Future[T], task: Callable[[], T]) -> None:
 
 
 def _refuse(future: Future[Any]) -> None:
-    future.set_exception(BusyError("the server is shutting down"))
+    if future.set_running_or_notify_cancel():
+        future.set_exception(BusyError("the server is shutting down"))
