@@ -96,6 +96,8 @@ def check_ours(folder: Path, kind: Kind, before: Callable[[Path], bool] | None =
     StorageError naming what is in the way and not ours, StoreFormatError where a newer release made
     the folder, and OSError. Nothing is changed.
     """
+    # Seen before the marker is read: another process that makes these folders now marks them first.
+    filled = [folder / name for name in kind.folders if _is_filled(folder / name)]
     data = None
     with suppress(FileNotFoundError, NotADirectoryError):
         data = read_plain(folder / kind.marker, _LONGEST)
@@ -103,8 +105,9 @@ def check_ours(folder: Path, kind: Kind, before: Callable[[Path], bool] | None =
     # A marker without a name could be of others; with one came these folders.
     earlier = data is not None and all(is_real_folder(folder / name) for name in kind.needed)
     known = current or earlier or (before is not None and before(folder))
-    for name in kind.folders:
-        _check_folder(folder / name, known=known)
+    for path in filled:
+        if path.is_symlink() or not known:
+            raise not_ours(path)
     return current
 
 
@@ -131,16 +134,13 @@ def is_real_folder(path: Path) -> bool:
     return False
 
 
-def _check_folder(path: Path, *, known: bool) -> None:
-    """known: the folder around it is ours; then nothing but a link is somebody else's. Raises
-    StorageError where this one is not ours."""
+def _is_filled(path: Path) -> bool:
+    """Whether there is something of that name but an empty folder."""
     try:
         mode = path.lstat().st_mode
     except (FileNotFoundError, NotADirectoryError):
-        return
-    empty = stat.S_ISDIR(mode) and not any(path.iterdir())
-    if stat.S_ISLNK(mode) or not (known or empty):
-        raise not_ours(path)
+        return False
+    return not stat.S_ISDIR(mode) or any(path.iterdir())
 
 
 def ours(folder: Path, name: re.Pattern[str]) -> Iterator[Path]:
