@@ -211,26 +211,15 @@ def is_open_to_others(path: Path) -> bool:
 def restrict(path: Path, *, group: bool = False) -> None:
     """Leave a file, or a folder and all that is in it, to its owner.  group: and to its group. What
     is somebody else's, or lies where there are no modes, stays as it is."""
-    _restrict(path, group)
+    restrict_folder(path, group=group)
     if is_real_folder(path):
         for place, folders, files in os.walk(path):
             for name in (*folders, *files):
-                _restrict(Path(place, name), group)
+                restrict_folder(Path(place, name), group=group)
 
 
 def restrict_folder(path: Path, *, group: bool = False) -> None:
     """As `restrict`, of a folder alone: who may not pass through it cannot reach what is in it."""
-    _restrict(path, group)
-
-
-def make_folder(path: Path, *, group: bool = False) -> None:
-    """Make a folder of its owner, or its group, where it is not there."""
-    with suppress(FileExistsError):
-        path.mkdir(mode=0o700)
-        _restrict(path, group)
-
-
-def _restrict(path: Path, group: bool) -> None:
     mode = path.lstat().st_mode
     if stat.S_ISLNK(mode):
         return
@@ -245,3 +234,10 @@ def _restrict(path: Path, group: bool) -> None:
     except OSError as error:
         if error.errno not in _NO_MODES:
             raise
+
+
+def make_folder(path: Path, *, group: bool = False) -> None:
+    """Make a folder of its owner, or its group, where it is not there."""
+    with suppress(FileExistsError):
+        path.mkdir(mode=0o700)
+        restrict_folder(path, group=group)
