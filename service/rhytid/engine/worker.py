@@ -124,8 +124,8 @@ class DeviceWorker:
         return self._run(task, turn, block=True)
 
     def answers(self, probe: Callable[[], bool], seconds: float) -> bool:
-        """What a probe returns that goes before whatever waits, also where the queue is full; where
-        it does not get its turn in time, whether any call ended meanwhile.
+        """Run a probe before whatever waits, also where the queue is full, and return what it does.
+        Where it does not get its turn in time: whether any call ended meanwhile.
 
         Raises BusyError where the worker is closed, and what the probe raises.
         """
