@@ -64,6 +64,16 @@ def test_a_probe_that_was_given_up_does_not_hinder_the_end() -> None:
     assert not worker.runs
 
 
+def test_a_probe_that_never_ends_is_not_awaited() -> None:
+    free = threading.Event()
+    with closing(DeviceWorker(1)) as worker, ThreadPoolExecutor(1) as pool:
+        asked = pool.submit(worker.answers, lambda: free.wait(60), 0.2)
+        try:
+            assert asked.result(30) is False
+        finally:
+            free.set()
+
+
 class Shared:
     """A worker whose calls take the time that they are given, and their order."""
 
