@@ -188,8 +188,12 @@ class SharedFolder:
         with reported(f"{self._key} cannot be used"):
             with suppress(FileExistsError):
                 made = os.open(self._key, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600)
-                with open(made, "wb") as file:
-                    file.write(secrets.token_bytes(_KEY))
+                try:
+                    with open(made, "wb") as file:
+                        file.write(secrets.token_bytes(_KEY))
+                except BaseException:  # such as of a full disk: the next start makes it
+                    self._key.unlink(missing_ok=True)
+                    raise
                 restrict(self._key, group=self._group)
             until = time.monotonic() + _KEY_SECONDS
             while len(key := self._key.read_bytes()) != _KEY:
