@@ -96,6 +96,8 @@ def check_ours(folder: Path, kind: Kind, before: Callable[[Path], bool] | None =
     StorageError naming what is in the way and not ours, StoreFormatError where a newer release made
     the folder, and OSError. Nothing is changed.
     """
+    # Seen before the marker is read: another process that makes these folders now marks them first.
+    filled = [folder / name for name in kind.folders if _is_filled(folder / name)]
     data = None
     with suppress(FileNotFoundError, NotADirectoryError):
         data = read_plain(folder / kind.marker, _LONGEST)
@@ -103,8 +105,9 @@ def check_ours(folder: Path, kind: Kind, before: Callable[[Path], bool] | None =
     # A marker without a name could be of others; with one came these folders.
     earlier = data is not None and all(is_real_folder(folder / name) for name in kind.needed)
     known = current or earlier or (before is not None and before(folder))
-    for name in kind.folders:
-        _check_folder(folder / name, known=known)
+    for path in filled:
+        if path.is_symlink() or not known:
+            raise not_ours(path)
     return current
 
 
@@ -131,16 +134,13 @@ def is_real_folder(path: Path) -> bool:
     return False
 
 
-def _check_folder(path: Path, *, known: bool) -> None:
-    """known: the folder around it is ours; then nothing but a link is somebody else's. Raises
-    StorageError where this one is not ours."""
+def _is_filled(path: Path) -> bool:
+    """Whether there is something of that name but an empty folder."""
     try:
         mode = path.lstat().st_mode
     except (FileNotFoundError, NotADirectoryError):
-        return
-    empty = stat.S_ISDIR(mode) and not any(path.iterdir())
-    if stat.S_ISLNK(mode) or not (known or empty):
-        raise not_ours(path)
+        return False
+    return not stat.S_ISDIR(mode) or any(path.iterdir())
 
 
 def ours(folder: Path, name: re.Pattern[str]) -> Iterator[Path]:
@@ -211,26 +211,15 @@ def is_open_to_others(path: Path) -> bool:
 def restrict(path: Path, *, group: bool = False) -> None:
     """Leave a file, or a folder and all that is in it, to its owner.  group: and to its group. What
     is somebody else's, or lies where there are no modes, stays as it is."""
-    _restrict(path, group)
+    restrict_folder(path, group=group)
     if is_real_folder(path):
         for place, folders, files in os.walk(path):
             for name in (*folders, *files):
-                _restrict(Path(place, name), group)
+                restrict_folder(Path(place, name), group=group)
 
 
 def restrict_folder(path: Path, *, group: bool = False) -> None:
     """As `restrict`, of a folder alone: who may not pass through it cannot reach what is in it."""
-    _restrict(path, group)
-
-
-def make_folder(path: Path, *, group: bool = False) -> None:
-    """Make a folder of its owner, or its group, where it is not there."""
-    with suppress(FileExistsError):
-        path.mkdir(mode=0o700)
-        _restrict(path, group)
-
-
-def _restrict(path: Path, group: bool) -> None:
     mode = path.lstat().st_mode
     if stat.S_ISLNK(mode):
         return
@@ -245,3 +234,10 @@ def _restrict(path: Path, group: bool) -> None:
     except OSError as error:
         if error.errno not in _NO_MODES:
             raise
+
+
+def make_folder(path: Path, *, group: bool = False) -> None:
+    """Make a folder of its owner, or its group, where it is not there."""
+    with suppress(FileExistsError):
+        path.mkdir(mode=0o700)
+        restrict_folder(path, group=group)

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from engine.engines import new_asset, rest, running
 from pipeline.scenes import sheet
 from rhytid.engine.byte_budget import ByteBudget, Hold
+from rhytid.engine.jobs import Jobs
 from rhytid.errors import HostBusyError, HostMemoryError
 
 
@@ -63,6 +64,17 @@ def test_who_waited_long_enough_is_refused_and_holds_nothing() -> None:
         second.grow(60)
     first.release()
     assert (budget.used, budget.waiting, second.nbytes) == (0, 0, 0)
+
+
+def test_a_job_that_is_cancelled_waits_for_no_bytes() -> None:
+    budget, jobs = ByteBudget(100, "X", patience=60), Jobs(4)
+    first, second = held(budget, 80), budget.hold("jobs")
+    job = jobs.start("package", "a", lambda job: second.grow(60))
+    until(budget, 1)
+    jobs.cancel(job.info.id)
+    assert job.wait(5)
+    assert (job.info.state, budget.used, budget.waiting) == ("cancelled", first.nbytes, 0)
+    jobs.close()
 
 
 def test_what_would_never_fit_is_refused_at_once() -> None:

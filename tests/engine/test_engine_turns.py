@@ -51,6 +51,29 @@ def test_who_waits_when_the_worker_ends_is_refused() -> None:
         closing_it.result(60)
 
 
+def test_a_probe_that_was_given_up_does_not_hinder_the_end() -> None:
+    worker = DeviceWorker(1)
+    with ThreadPoolExecutor(1) as pool:
+        with occupied(worker):
+            for _ in range(3):
+                assert not worker.answers(lambda: True, 0)
+            assert not worker._first, "nobody asks for them any more"
+            closing_it = pool.submit(worker.close)
+            until(lambda: worker._closed)
+        closing_it.result(60)
+    assert not worker.runs
+
+
+def test_a_probe_that_never_ends_is_not_awaited() -> None:
+    free = threading.Event()
+    with closing(DeviceWorker(1)) as worker, ThreadPoolExecutor(1) as pool:
+        asked = pool.submit(worker.answers, lambda: free.wait(60), 0.2)
+        try:
+            assert asked.result(30) is False
+        finally:
+            free.set()
+
+
 class Shared:
     """A worker whose calls take the time that they are given, and their order."""
 

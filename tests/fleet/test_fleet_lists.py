@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import threading
@@ -17,7 +18,7 @@ from engine_process.served import await_value
 from fleet.test_fleet_residents import Content, Engine, Frames
 from rhytid.engine.engine import Engine as RealEngine
 from rhytid.engine_process.requests import Request
-from rhytid.errors import NotFoundError, SharedDamageError
+from rhytid.errors import NotFoundError, SharedDamageError, StorageError
 from rhytid.fleet.caller import FleetCaller
 from rhytid.fleet.fleet_assets import FleetAssets
 from rhytid.fleet.frame_sync import FrameSync
@@ -178,7 +179,20 @@ def test_all_who_start_at_once_have_one_key(shared: SharedFolder, tmp_path: Path
 def test_a_key_that_is_cut_off_is_named(
     shared: SharedFolder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("rhytid.fleet.shared_folder._WRITTEN", 0.05)
+    monkeypatch.setattr("rhytid.fleet.shared_folder._KEY_SECONDS", 0.05)
     (tmp_path / "shared" / "jobs.key").write_bytes(b"half")
     with pytest.raises(SharedDamageError, match=r"jobs\.key is damaged: remove it"):
         shared.job_key()
+
+
+def test_a_key_that_cannot_be_written_is_made_later(
+    shared: SharedFolder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(nbytes: int) -> bytes:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("secrets.token_bytes", full)
+        with pytest.raises(StorageError, match="No space left"):
+            shared.job_key()
+    assert len(shared.job_key()) == 32

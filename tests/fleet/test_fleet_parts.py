@@ -6,18 +6,23 @@ import asyncio
 import pickle
 import shutil
 from collections import Counter
+from contextvars import Context
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
 from engine.engines import new_asset
 from rhytid.engine.messages import JobInfo
+from rhytid.engine.worker import drawn_live, is_live
+from rhytid.engine_process.requests import Request
 from rhytid.errors import NotFoundError, SettingsError, StorageError
 from rhytid.fleet.board import Board
+from rhytid.fleet.caller import FleetCaller
 from rhytid.fleet.envelopes import Answer, ElsewhereError, Envelope, packed
+from rhytid.fleet.frame_versions import FrameVersions
 from rhytid.fleet.job_names import JobName, JobNames, ReplicaNames
 from rhytid.fleet.kept_uploads import read_upload, written_upload
 from rhytid.fleet.local_place import LocalPlace
@@ -189,3 +194,23 @@ def test_a_replica_of_another_build_performs_nothing() -> None:
     assert not answer.good
     assert "ingress as 0.1.0+other: install the same" in str(answer.value())
     assert replica._calls.performed == 1
+
+
+def test_that_it_is_for_a_live_connection_comes_to_the_replica() -> None:
+    """Else live frames of a fleet wait for every tile that others ask for."""
+
+    class Calls:
+        def perform(self, envelope: Envelope) -> tuple[bool, int]:
+            return is_live(), 0
+
+    parts, replica = None, object.__new__(EngineReplica)
+    replica._name, replica._calls = "one", cast(Any, Calls())
+    caller = FleetCaller(cast(Any, parts), FrameVersions(), JobNames(b"a key"), lambda: True)
+
+    def performed() -> Any:
+        envelope = caller._envelope(Request("draw_once", (ASSET,)), ASSET, "")
+        return Context().run(replica._performed, envelope, lambda: False).value()
+
+    with drawn_live():
+        assert performed() is True
+    assert performed() is False

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from rhytid import owned
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
@@ -330,6 +331,29 @@ def test_a_format_file_of_others_is_not_a_marker(text: str, folder: Path) -> Non
         opened(folder)
 
     assert [path.name for path in folder.iterdir()] == ["format.json"]
+
+
+@pytest.mark.parametrize("use", [shared, fleet])
+def test_servers_that_begin_together_take_a_folder_together(
+    use: Callable[[Path], None], folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The second marks the folder and fills it while the first has just found no marker there."""
+    folder.mkdir(exist_ok=True)
+    read, others = owned.read_plain, iter([use])
+
+    def read_late(path: Path, most: int) -> bytes:
+        try:
+            return read(path, most)
+        finally:
+            for other in others:
+                other(folder)
+                for name in ("partial", "assets"):
+                    if (folder / name).is_dir():
+                        written(folder / name / f"{ID}.tar")
+
+    monkeypatch.setattr(owned, "read_plain", read_late)
+    use(folder)
+    assert (folder / "format.json").is_file()
 
 
 def test_a_shared_store_that_may_only_be_read_is_read(

@@ -225,22 +225,39 @@ def test_a_server_that_draws_otherwise_is_told(
 ) -> None:
     """Both have the same version of the package, and one another kernel."""
     caplog.set_level("WARNING")
+    monkeypatch.setattr(shared_store, "_LOOK", 0.0)
     first = SharedStore.at(place)
     first.check()
     StoreMirror(filled, first).push(ID, quiet)
     SharedStore.at(place).check()
     assert caplog.messages == []
 
-    monkeypatch.setattr(shared_store, "drawing_version", lambda: "0.1.0+other")
-    SharedStore.at(place).check()
+    with monkeypatch.context() as patch:
+        patch.setattr(shared_store, "drawing_version", lambda: "0.1.0+other")
+        SharedStore.at(place).check()
     assert len(caplog.messages) == 1
     assert "this one draws as 0.1.0+other" in caplog.messages[0]
-    monkeypatch.undo()
     caplog.clear()
     for _ in range(2):
         first.index(ID)
     assert len(caplog.messages) == 1, "the one that was there first, once"
     assert "a rhytid that draws as 0.1.0+other" in caplog.messages[0]
+
+
+def test_how_others_draw_is_looked_at_now_and_then(place: str, filled: AssetStore) -> None:
+    """Not with each manifest, which would take twice as long."""
+    shared = SharedStore.at(place)
+    StoreMirror(filled, shared).push(ID, quiet)
+    read, names = shared._place.read, list[str]()
+
+    def noted(name: str, most: int) -> bytes | None:
+        names.append(name)
+        return read(name, most)
+
+    shared._place.read = noted  # type: ignore[method-assign]
+    for _ in range(5):
+        shared.index(ID)
+    assert names.count("drawing") == 1
 
 
 def stops_after(steps: int) -> Callable[[float, str], None]:

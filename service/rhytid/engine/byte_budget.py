@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import asyncio
 import threading
+import time
 from collections import Counter
-from concurrent.futures import Future
-from concurrent.futures import TimeoutError as FutureTimeoutError
+from concurrent.futures import Future, wait
 from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import takewhile
 
+from rhytid import stopping
 from rhytid.errors import HostBusyError, HostMemoryError
 
 # Seconds that a request waits for bytes before it is refused.
 PATIENCE = 10.0
+# Seconds between two looks at whether it is still to wait.
+_LOOK = 0.1
 
 
 @dataclass(eq=False)
@@ -155,14 +158,21 @@ class Hold:
         """Hold `more` bytes, and wait for them where they are not free.
 
         Raises HostBusyError where they do not come free in time, HostMemoryError where they never
-        would.
+        would, and what the work of this thread is to stop with.
         """
         waiting = self._budget.ask(self, more)
-        if waiting is not None:
+        if waiting is None:
+            return
+        until = time.monotonic() + self._budget.patience
+        while not wait([waiting.granted], min(_LOOK, self._budget.patience)).done:
+            if time.monotonic() >= until:
+                return self._budget.give_up(waiting)
             try:
-                waiting.granted.result(self._budget.patience)
-            except FutureTimeoutError:
-                self._budget.give_up(waiting)
+                stopping.check()
+            except BaseException:
+                with suppress(HostBusyError):
+                    self._budget.give_up(waiting)
+                raise
 
     async def grow_async(self, more: int) -> None:
         """As `grow`, without blocking the event loop."""

@@ -124,16 +124,20 @@ class DeviceWorker:
         return self._run(task, turn, block=True)
 
     def answers(self, probe: Callable[[], bool], seconds: float) -> bool:
-        """What a probe returns that goes before whatever waits, also where the queue is full; where
-        it does not get its turn in time, whether any call ended meanwhile.
+        """Run a probe before whatever waits, also where the queue is full, and return what it does.
+        Where it does not get its turn in time: whether any call ended meanwhile. False where it
+        gets its turn and does not end in time.
 
         Raises BusyError where the worker is closed, and what the probe raises.
         """
         with self._changed:
             ended, future = self._ended, self._in_front(probe)
-        if wait([future], seconds).done or not future.cancel():
-            return future.result()
-        return self._ended > ended
+        if not wait([future], seconds).done and future.cancel():
+            with self._changed:
+                self._first = deque(one for one in self._first if one[0] is not future)
+                return self._ended > ended
+        # Where it has begun, it gets as long: the driver may never come back from it.
+        return bool(wait([future], seconds).done) and future.result()
 
     def close(self) -> None:
         """Let the call at work finish, refuse those that wait, and end the thread."""
@@ -247,4 +251,5 @@ def _perform(future: Future[T], task: Callable[[], T]) -> None:
 
 
 def _refuse(future: Future[Any]) -> None:
-    future.set_exception(BusyError("the server is shutting down"))
+    if future.set_running_or_notify_cancel():
+        future.set_exception(BusyError("the server is shutting down"))

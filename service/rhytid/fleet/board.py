@@ -107,7 +107,8 @@ class Board:
         return self._life
 
     async def missing(self, asset: str, versions: Mapping[str, int]) -> list[str]:
-        """Names of the frames of which no version as late as these is known."""
+        """Names of those of these frames that this board has, or knows as removed, only in an
+        older version, or not at all."""
         return [name for name, version in versions.items() if version > self._latest(asset, name)]
 
     async def remove(self, asset: str, name: str, after: int = 0) -> int:

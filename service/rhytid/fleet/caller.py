@@ -15,6 +15,7 @@ from rhytid.device.figures import keep_spans, spans_are_kept
 from rhytid.engine import wanted
 from rhytid.engine.callers import caller
 from rhytid.engine.checked_upload import content_id
+from rhytid.engine.worker import is_live
 from rhytid.engine_process.device_process import DeviceProcess
 from rhytid.engine_process.requests import Request
 from rhytid.errors import BusyError, CancelledError, DeviceLostError
@@ -110,7 +111,7 @@ class FleetCaller:
         body, arrays = packed((positional, dict(request.named)))
         return Envelope(
             name, asset, to, name in _SPREAD, version, body, arrays,
-            request_id.get(), spans_are_kept(), caller.get(),
+            request_id.get(), spans_are_kept(), caller.get(), is_live(),
         )  # fmt: skip
 
     def _sent(self, envelope: Envelope) -> Answer:

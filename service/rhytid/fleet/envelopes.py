@@ -26,7 +26,7 @@ class Envelope:
     name: such as `draw_tile`.  asset: what it is about; empty: any replica may answer.  to: the
     replica that has what is asked for; empty: one of those that the asset is placed on.
     spread: whether another than the first of these may answer.  version: of the frame that it
-    reads, as far as the ingress knows.  request_id, traced, caller: as of `requests.Call`.
+    reads, as far as the ingress knows.  request_id, traced, caller, live: as of `requests.Call`.
     drawing: `drawing_version` of the ingress.
     """
 
@@ -40,6 +40,7 @@ class Envelope:
     request_id: str = ""
     traced: bool = False
     caller: str = ""
+    live: bool = False
     drawing: str = field(default_factory=drawing_version)
 
     def arguments(self) -> tuple[tuple[Any, ...], dict[str, Any]]:

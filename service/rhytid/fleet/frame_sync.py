@@ -229,7 +229,7 @@ class FrameSync:
         return True
 
     def _not_given(self, asset: str) -> dict[str, int]:
-        """Versions of frames that the board was not given that there is now, by name."""
+        """By name, versions of the frames that were not given to the board of now."""
         with self._lock:
             held = list(self._held.get(asset, {}).items())
         return {name: one.stamp.version for name, one in held if one.stamp.life != self._life}

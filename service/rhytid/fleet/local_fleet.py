@@ -60,7 +60,8 @@ def local_fleet(
     finally:
         with suppress(Exception):
             serve.delete(NAME)
-        board.end()
+        with suppress(Exception):
+            board.end()
         if address is None:
             with suppress(Exception):
                 serve.shutdown()

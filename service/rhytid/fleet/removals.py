@@ -30,8 +30,8 @@ class Removals:
         return len(self._known)
 
     def note(self, asset: str, name: str, version: int) -> tuple[str, str] | None:
-        """A frame was removed, or with ALL every frame; the one that is forgotten for it, if any.
-        What is known already, and of no older version, stays."""
+        """Note that a frame was removed, or with ALL every frame of an asset. Returns the oldest
+        removal where that is forgotten for it, else None. Of two versions the later one stays."""
         _, known = self._known.get((asset, name), (0, 0))
         if known >= version:
             return None

@@ -19,6 +19,7 @@ from rhytid.build_identity import drawing_version
 from rhytid.device.figures import SIZE, spans_of_request
 from rhytid.engine import wanted
 from rhytid.engine.callers import caller
+from rhytid.engine.worker import drawn_live
 from rhytid.engine_process.found_devices import found_devices, named_devices, settings_of
 from rhytid.engine_process.remote_engine import RemoteEngine
 from rhytid.errors import DeviceLostError, RhytidError
@@ -104,7 +105,7 @@ class EngineReplica:
         request_id.set(envelope.request_id)
         caller.set(envelope.caller)
         kept = spans_of_request() if envelope.traced else nullcontext(())
-        with kept as spans, wanted.unless(gone):
+        with kept as spans, wanted.unless(gone), drawn_live(envelope.live):
             try:
                 self._check(envelope)
                 value, version = self._calls.perform(envelope)

@@ -172,8 +172,8 @@ class SharedFolder:
             write_file(aside, text)
 
     def info(self, asset: str, of: Revisions) -> AssetInfo | None:
-        """What callers see of a ready asset; None where that was not said of these files, or by
-        another version of this package."""
+        """What callers see of a ready asset; None where nobody has said it of these files, or
+        another release did."""
         with reported(f"asset {asset} cannot be read"), suppress(FileNotFoundError):
             try:
                 found = json.loads(self._info(asset).read_bytes())
@@ -188,8 +188,12 @@ class SharedFolder:
         with reported(f"{self._key} cannot be used"):
             with suppress(FileExistsError):
                 made = os.open(self._key, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600)
-                with open(made, "wb") as file:
-                    file.write(secrets.token_bytes(_KEY))
+                try:
+                    with open(made, "wb") as file:
+                        file.write(secrets.token_bytes(_KEY))
+                except BaseException:  # such as of a full disk: the next start makes it
+                    self._key.unlink(missing_ok=True)
+                    raise
                 restrict(self._key, group=self._group)
             until = time.monotonic() + _KEY_SECONDS
             while len(key := self._key.read_bytes()) != _KEY:
@@ -305,8 +309,8 @@ def _revision(path: Path) -> Revision:
 
 
 def _asset_info(found: dict[str, Any]) -> AssetInfo | None:
-    """What was said of an asset; None where settings have other names now. Raises KeyError,
-    TypeError and ValueError where it is not what is said now."""
+    """What `put_info` has written of an asset; None where settings have other names now. Raises
+    KeyError, TypeError and ValueError where another release wrote something else."""
     if not _same_names(found["settings"], AssetSettings().as_json()):
         return None
     return AssetInfo(

@@ -159,8 +159,8 @@ class FolderPlace:
             sync_folder(self._folder if path.parent == self._folder else path.parent.parent)
 
     def _move(self, aside: Path, path: Path, group: bool) -> None:
-        """Make a file visible in a folder that `remove` may take, empty, or with the file in it:
-        then this raises FileNotFoundError, and so it does where it fails again and again."""
+        """Make a file visible in its folder, which is made again where `remove` takes it meanwhile.
+        Raises FileNotFoundError where it takes the file, too, or the folder again and again."""
         for _ in range(_TRIES):
             with suppress(FileNotFoundError):
                 for around in reversed(path.relative_to(self._folder).parents[:-1]):

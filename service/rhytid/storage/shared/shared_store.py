@@ -18,6 +18,7 @@ finds what the other has left, so that no manifest stays without its objects.
 from __future__ import annotations
 
 import logging
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -44,6 +45,8 @@ Report = Callable[[float, str], None]
 _TRIES, _ROUNDS = 3, 10
 # The object that names how servers draw, and its bytes at most.
 _DRAWING, _LONGEST_DRAWING = "drawing", 200
+# Seconds between two looks at it.
+_LOOK = 60.0
 _log = logging.getLogger(__name__)
 
 
@@ -60,7 +63,7 @@ class SharedStore:
     def __init__(self, place: Place) -> None:
         self._place, self._manifests = place, SharedManifests(place)
         self._claimed = False
-        self._seen = drawing_version()
+        self._seen, self._look_at = drawing_version(), 0.0
 
     @classmethod
     def at(cls, text: str) -> SharedStore:
@@ -93,7 +96,8 @@ class SharedStore:
         StoreFormatError where a newer version of rhytid wrote that.
         """
         self._claim()
-        self._compare_drawing()
+        if time.monotonic() >= self._look_at:  # of a bucket it takes as long as the manifest
+            self._compare_drawing()
         data = self._manifests.read(id)
         if data is None:
             raise NotFoundError(f"no asset {id} in the shared store")
@@ -176,6 +180,7 @@ class SharedStore:
     def _compare_drawing(self) -> None:
         """Warn, once for each, of a `drawing_version` that is not the one of this rhytid: the same
         asset has other maps there."""
+        self._look_at = time.monotonic() + _LOOK
         text = ""
         with suppress(SharedDamageError):
             data = self._place.read(_DRAWING, _LONGEST_DRAWING)
