@@ -207,11 +207,8 @@ class Supervisor:
                 return
             good = self._failures == 0 and time.monotonic() - began > _GOOD
             short = 1 if good else short + 1
-            pause = (
-                0.0 if short == 1 else min(_FIRST_PAUSE * 2 ** min(short - 2, 10), _LONGEST_PAUSE)
-            )
             with self._changed:
-                self._changed.wait_for(lambda: self._closing, pause)
+                self._changed.wait_for(lambda: self._closing, _pause(short))
 
     def _run_once(self) -> None:
         """Start a process, and watch it until it has ended."""
