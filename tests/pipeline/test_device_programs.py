@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import time
+
 from pyopencl import cache
 
-from rhytid.device import trial
+from rhytid.device import caches, trial
 from rhytid.device.caches import provide_cache_folder
 from rhytid.device.runtime import Device
 
@@ -43,3 +45,37 @@ def test_a_cache_that_fails_costs_a_compilation_alone(device, monkeypatch):
     text = "kernel void nothing(global int *out) { out[0] = 1; }"
     assert trial.compile_program(own.context, text, []) is not None
     assert failed
+
+
+def test_a_lock_that_a_killed_process_left_is_waited_for_a_moment_only(
+    device, monkeypatch, tmp_path
+):
+    """A process that is killed while it reads or writes pyopencl's cache leaves the lock there, and
+    each compilation of every later process waited a minute for it."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    own, text = Device(device.info, 1 << 20), "kernel void left(global int *out) { out[0] = 1; }"
+    assert own.programs.build(text, ["-DFIRST"]) is not None
+    for folder in (tmp_path / "pyopencl").glob("pyopencl-compiler-cache-*"):
+        (folder / "lock").touch()
+        began = time.monotonic()
+        assert own.programs.build(text, ["-DSECOND"]) is not None
+        assert time.monotonic() - began < 10
+        assert not (folder / "lock").exists()
+
+
+def test_a_lock_that_others_take_in_turns_is_theirs(monkeypatch, tmp_path):
+    """Each time it is another file: the processes live."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(caches, "_HELD", 0.2)
+    lock = tmp_path / "pyopencl" / "pyopencl-compiler-cache-v2" / "lock"
+    lock.parent.mkdir(parents=True)
+    lock.touch()
+
+    def taken_anew(seconds):
+        another = lock.with_name("another")
+        another.touch()
+        another.replace(lock)
+
+    monkeypatch.setattr(caches.time, "sleep", taken_anew)
+    caches.free_programs()
+    assert lock.exists()

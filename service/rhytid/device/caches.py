@@ -10,12 +10,19 @@ import os
 import stat
 import sys
 import tempfile
+import time
+from contextlib import suppress
 from pathlib import Path
 
 from rhytid.unfinished import until_exit
 
 # What is made there by PoCL and by pyopencl: one of another owner is as bad as none.
 _MADE = ("pocl/kcache", "pyopencl", "pytools")
+# What pyopencl holds while it reads or writes a program: for milliseconds. A process that is killed
+# meanwhile leaves it, and every compilation of this user would wait for it for a minute.
+_LOCKS = "pyopencl/pyopencl-compiler-cache-*/lock"
+# Seconds after which one that did not change is of a process that is gone, and between two looks.
+_HELD, _LOOK = 1.0, 0.02
 
 
 def provide_cache_folder() -> None:
@@ -35,6 +42,27 @@ def provide_cache_folder() -> None:
         folder != usual or "HOME" not in os.environ
     ):  # PoCL does not look up the home folder by itself
         os.environ["XDG_CACHE_HOME"] = str(folder)
+
+
+def free_programs() -> None:
+    """Remove the locks of pyopencl's compiled programs that killed processes have left."""
+    folder = _usual_folder()
+    if sys.platform != "linux" or folder is None:
+        return
+    for lock in folder.glob(_LOCKS):
+        with suppress(OSError):
+            seen, until = _which(lock), time.monotonic() + _HELD
+            while _which(lock) == seen:
+                if time.monotonic() > until:
+                    lock.unlink()
+                    break
+                time.sleep(_LOOK)
+
+
+def _which(file: Path) -> tuple[int, int]:
+    """Names a file: another number for one that took its place."""
+    found = file.stat()
+    return found.st_ino, found.st_ctime_ns
 
 
 def provide_places(folder: Path) -> Path | None:

@@ -11,6 +11,7 @@ import numpy as np
 
 import rhytid_kernels
 from rhytid.device import watch
+from rhytid.device.caches import free_programs
 from rhytid.device.loader import load_pyopencl
 from rhytid.device.sigint import without_sigint
 
@@ -51,6 +52,7 @@ def compile_program(context: Any, text: str, options: list[str]) -> Any:
     of the compiler, and where its cache fails and it compiles without, are suppressed."""
     watch.begin_compiling()
     try:
+        free_programs()
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", cl.CompilerWarning)
             warnings.filterwarnings("ignore", "PyOpenCL compiler caching failed")
