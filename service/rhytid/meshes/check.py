@@ -138,8 +138,7 @@ class MeshCheck:
     @property
     def settings(self) -> AssetSettings:
         """Those of an asset of the mesh, where nothing else is said."""
-        given = {"unit": self.unit, "resolution": self.resolution}
-        return AssetSettings.parse({**given, "tile_size": min(self.resolution, 512)})
+        return AssetSettings.parse({"unit": self.unit, "resolution": self.resolution})
 
     def notices(self) -> tuple[Notice, ...]:
         """What is worth knowing before skin is grown on it."""
