@@ -101,6 +101,7 @@ def test_usage_errors_end_with_2(arguments: list[str], capsys: pytest.CaptureFix
         ("check {} {}", "{}; rhytid check --help says more"),
         ("keys create --scope read", "--scope; did you mean --scopes?"),
         ("--verison", "--verison; did you mean --version?"),
+        ("export --mesh {} --out x", "--out; rhytid export --help says more"),
     ],
 )
 def test_a_mistyped_option_is_one_line_of_its_command(

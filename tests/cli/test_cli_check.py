@@ -87,6 +87,16 @@ def test_texels_shrink_with_the_resolution(head: Path, tmp_path: Path) -> None:
     assert fine["least"]["mm"] < fine["median"]["mm"] < fine["most"]["mm"]
 
 
+@pytest.mark.parametrize(
+    ("unit", "named"), [("cm", r"\S+ x \S+ x \S+ cm,"), ("5.5cm", r"\(\S+ x \S+ x \S+\) x 5\.5cm,")]
+)
+def test_a_size_has_three_sides_in_any_unit(
+    head: Path, unit: str, named: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["check", str(head), "--unit", unit]) == 0
+    assert re.search(rf"^size +{named}", capsys.readouterr().out, re.MULTILINE)
+
+
 def test_frames_are_looked_at(
     head: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

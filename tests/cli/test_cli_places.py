@@ -80,6 +80,34 @@ def test_a_file_is_no_folder_of_maps(
     assert f"{mesh} is a file, not a folder" in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures("no_device")
+@pytest.mark.parametrize("link", [False, True])
+@pytest.mark.parametrize(
+    ("arguments", "name"),
+    [
+        ("synthesize {mesh} --out {pipe}", "g.safetensors"),
+        ("convert {mesh} --out {pipe}", "shot.2.npz"),
+        ("convert {mesh} --out {mesh} --json {pipe}", "figures.json"),
+    ],
+)
+def test_no_file_takes_the_place_of_a_pipe_or_a_device(
+    arguments: str,
+    name: str,
+    link: bool,
+    tmp_path: Path,
+    small_mesh: SmallMesh,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    mesh = write_animation(tmp_path / "shot.npz", small_mesh, 1)
+    pipe = tmp_path / name
+    os.mkfifo(tmp_path / "fifo" if link else pipe)
+    if link:
+        pipe.symlink_to("fifo")
+    assert main(arguments.format(mesh=mesh, pipe=pipe).split()) == 1
+    assert f"{pipe} is a device or a pipe, not a plain file" in capsys.readouterr().err
+    assert pipe.is_fifo()
+
+
 def test_a_second_bake_is_told_of_the_first(
     tmp_path: Path,
     small_mesh: SmallMesh,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import time
 
 from starlette.datastructures import MutableHeaders
@@ -44,9 +45,25 @@ class Drain:
             self._by = time.monotonic() + self._seconds
 
 
+class _Closing:
+    """Sends an answer; one that begins once the drain has begun closes its connection."""
+
+    def __init__(self, send: Send, drain: Drain) -> None:
+        self._send, self._drain = send, drain
+        self.answered = False
+
+    async def __call__(self, message: Message) -> None:
+        """Send a message."""
+        if message["type"] == "http.response.start":
+            self.answered = True
+            if self._drain.begun:
+                MutableHeaders(scope=message)["Connection"] = "close"
+        await self._send(message)
+
+
 class Draining:
     """ASGI middleware: counts what runs; once the drain has begun, refuses what comes and closes
-    connections."""
+    connections. What the server cancels at the end of the drain is answered like what comes."""
 
     def __init__(self, app: ASGIApp, drain: Drain) -> None:
         self.app = app
@@ -61,18 +78,15 @@ class Draining:
         # A WebSocket has no end of its own: the server closes it.
         counts = scope["type"] == "http" and not watching
         self._drain.running += counts
+        closing = _Closing(send, self._drain)
         try:
-            await self.app(scope, receive, self._closing(send))
+            await self.app(scope, receive, closing)
+        except asyncio.CancelledError:
+            if not (counts and self._drain.begun) or closing.answered:
+                raise
+            await self._refused(scope, receive, send)
         finally:
             self._drain.running -= counts
-
-    def _closing(self, send: Send) -> Send:
-        async def closing(message: Message) -> None:
-            if message["type"] == "http.response.start" and self._drain.begun:
-                MutableHeaders(scope=message)["Connection"] = "close"
-            await send(message)
-
-        return closing
 
     async def _refused(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] == "websocket" and "websocket.http.response" not in scope["extensions"]:

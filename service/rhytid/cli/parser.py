@@ -65,11 +65,11 @@ class Parser(argparse.ArgumentParser):
         name = word.lstrip("-")
         if word == name or len(name) < 2:
             return []
-        known = [option for option in self._option_string_actions if option.startswith("--")]
-        longer = [option for option in known if option.startswith(f"--{name}")]
-        if 0 < len(longer) <= _MOST_NAMED:
-            return longer
-        return difflib.get_close_matches(f"--{name}", known, n=1)
+        known = [option[2:] for option in self._option_string_actions if option.startswith("--")]
+        near = [option for option in known if option.startswith(name)]
+        if not 0 < len(near) <= _MOST_NAMED:
+            near = difflib.get_close_matches(name, known, n=1)
+        return [f"--{option}" for option in near]
 
 
 def is_for_job(words: Sequence[str]) -> bool:

@@ -17,6 +17,8 @@ def make_place(file: Path | None) -> None:
     assert file is not None
     if file.is_dir():
         raise InputError(f"{file} is a folder, not a file")
+    if file.exists() and not file.is_file():  # the file would take its place
+        raise InputError(f"{file} is a device or a pipe, not a plain file")
     _make(file.parent, file)
 
 

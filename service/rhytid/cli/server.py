@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 LOOPBACK = "127.0.0.1"
 # Seconds that open requests get to finish after an interrupt.
 GRACE = 5
+# The same once these had the time of a drain, or somebody does not want to wait for it.
+LAST_GRACE = 1
 
 
 def listen(host: str, port: int) -> socket.socket:
@@ -104,7 +106,10 @@ class DrainingServer(uvicorn.Server):
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
         """Begin to drain; at a second signal, or another than SIGTERM, end at once."""
-        if sig != signal.SIGTERM or self._drain.begun:
+        if self._drain.begun:
+            self._end(sig)
+            return
+        if sig != signal.SIGTERM:
             super().handle_exit(sig, frame)
             return
         self._signal = sig
@@ -114,10 +119,13 @@ class DrainingServer(uvicorn.Server):
     async def on_tick(self, counter: int) -> bool:
         """Ten times a second: whether to end."""
         if self._signal is not None and self._drain.over and not self.should_exit:
-            # Who has not finished by now does not.
-            self.config.timeout_graceful_shutdown = 1
-            super().handle_exit(self._signal, None)
+            self._end(self._signal)
         return await super().on_tick(counter)
+
+    def _end(self, sig: int) -> None:
+        """Who has not finished by now does not."""
+        self.config.timeout_graceful_shutdown = LAST_GRACE
+        super().handle_exit(sig, None)
 
 
 def server_of(

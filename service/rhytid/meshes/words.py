@@ -29,7 +29,8 @@ def _size(figures: dict[str, Any]) -> Iterator[Row]:
     size, unit = figures["size"], figures["unit"]
     box = " x ".join(f"{side:.4g}" for side in size["box"])
     low, high = size["usual_mm"]
-    found = f"{box} {beside_number(unit)}"
+    named = beside_number(unit)
+    found = f"{box} {unit}" if named == unit else f"({box}) {named}"
     if size["longest_mm"] is None:
         yield "size", f"{found}; no known unit of length", ""
     else:
