@@ -89,6 +89,29 @@ def test_usage_errors_end_with_2(arguments: list[str], capsys: pytest.CaptureFix
 
 
 @pytest.mark.parametrize(
+    ("arguments", "program", "told"),
+    [
+        ("bak", "rhytid", "argument COMMAND: invalid choice: 'bak' (.*); did you mean bake[?]"),
+        (
+            "bake --allow texel-siez",
+            "rhytid bake",
+            "argument --allow: invalid choice: 'texel-siez' (.*); did you mean texel-size[?]",
+        ),
+        (
+            "xyz",
+            "rhytid",
+            "argument COMMAND: invalid choice: 'xyz' (.*); rhytid --help says more",
+        ),
+    ],
+)
+def test_a_mistyped_choice_is_told_what_may_be_meant(
+    arguments: str, program: str, told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert ends(arguments.split()) == 2
+    assert re.fullmatch(f"{program}: error: {told}\n", capsys.readouterr().err)
+
+
+@pytest.mark.parametrize(
     ("arguments", "told"),
     [
         ("bake --wrinkels 3", "--wrinkels; did you mean --wrinkles?"),
