@@ -29,7 +29,8 @@ def _size(figures: dict[str, Any]) -> Iterator[Row]:
     size, unit = figures["size"], figures["unit"]
     box = " x ".join(f"{side:.4g}" for side in size["box"])
     low, high = size["usual_mm"]
-    found = f"{box} {beside_number(unit)}"
+    named = beside_number(unit)
+    found = f"{box} {unit}" if named == unit else f"({box}) {named}"
     if size["longest_mm"] is None:
         yield "size", f"{found}; no known unit of length", ""
     else:
@@ -68,7 +69,8 @@ def _loops(loops: dict[str, Any], unit: str) -> Row:
     lengths = ", ".join(f"{loop['length']:.4g}" for loop in loops["longest"])
     first = loops["longest"][0]["place"]
     at = f"triangle {first['triangle']}"
-    return "boundary loops", f"{loops['count']}, {unit} long: {lengths}", at
+    long = f"{unit} long" if beside_number(unit) == unit else f"in units of {unit}"
+    return "boundary loops", f"{loops['count']}, {long}: {lengths}", at
 
 
 def _uv(check: MeshCheck, figures: dict[str, Any]) -> Iterator[Row]:
