@@ -101,7 +101,7 @@ def test_fewer_than_four_texels_between_pores(
     if would is not None:
         assert found[0].detail.endswith(would)
         assert "pores are 0.5 mm apart" in found[0].detail
-        assert f"texels {uv_length / resolution:.3g} mm wide" in found[0].detail
+        assert f"longer side of texels is {uv_length / resolution:.3g} mm at" in found[0].detail
 
 
 def test_spacing_that_came_out_goes_before_that_of_the_settings() -> None:
