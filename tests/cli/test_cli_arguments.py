@@ -119,6 +119,8 @@ def test_a_mistyped_choice_is_told_what_may_be_meant(
         ("bake {} --out o --res 256", "--res; did you mean --resolution?"),
         ("bake {} --out o -resolution 256", "-resolution 256; did you mean --resolution?"),
         ("look maps --bnd /a", "--bnd; did you mean --bind?"),
+        ("look maps --out x", "--out; rhytid look --help says more"),
+        ("template {} --preview x", "--preview; rhytid template --help says more"),
         ("demo --xyz x", "--xyz; rhytid demo --help says more"),
         ("check {} --dask", "--dask; rhytid check --help says more"),
         ("check {} {}", "{}; rhytid check --help says more"),

@@ -81,7 +81,9 @@ class Parser(argparse.ArgumentParser):
         longer = [option for option in known if option.startswith(f"--{name}")]
         if 0 < len(longer) <= _MOST_NAMED:
             return longer
-        return difflib.get_close_matches(f"--{name}", known, n=1)
+        # Without their dashes, which would make any two short ones alike.
+        names = [option.removeprefix("--") for option in known]
+        return [f"--{near}" for near in difflib.get_close_matches(name, names, n=1)]
 
 
 def is_for_job(words: Sequence[str]) -> bool:
