@@ -88,6 +88,15 @@ def test_usage_errors_end_with_2(arguments: list[str], capsys: pytest.CaptureFix
     assert re.match("rhytid( [a-z]+)?: error: ", line)
 
 
+def test_a_folder_in_place_of_files_is_told_as_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert ends(["bake", __file__, "--frames", str(tmp_path), "--out", "x"]) == 2
+    assert (
+        f"argument --frames: {tmp_path} is a folder: name a file in it" in capsys.readouterr().err
+    )
+
+
 @pytest.mark.parametrize(
     ("arguments", "program", "told"),
     [
