@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from rhytid.domain.ageing import deepest
-from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.asset_settings import MOST_WRINKLES, AssetSettings
 from rhytid.domain.lengths import GRAIN, SKIN
 from rhytid.domain.units import millimetres
 
@@ -88,6 +88,8 @@ def build_notice(wrinkles: int) -> tuple[Notice, ...]:
         f"about {wrinkles / 1e6:.2g} million wrinkles: a face has about half a million; mask "
         "the face (paint density 0 elsewhere) or raise the spacing for less"
     )
+    if wrinkles > MOST_WRINKLES:
+        detail += f"; more than the {MOST_WRINKLES / 1e6:g} million that a graph holds are refused"
     return (Notice(LARGE_BUILD, detail),)
 
 
