@@ -88,6 +88,38 @@ def test_usage_errors_end_with_2(arguments: list[str], capsys: pytest.CaptureFix
     assert re.match("rhytid( [a-z]+)?: error: ", line)
 
 
+def test_a_folder_in_place_of_files_is_told_as_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert ends(["bake", __file__, "--frames", str(tmp_path), "--out", "x"]) == 2
+    assert (
+        f"argument --frames: {tmp_path} is a folder: name a file in it" in capsys.readouterr().err
+    )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "program", "told"),
+    [
+        ("bak", "rhytid", "argument COMMAND: invalid choice: 'bak' (.*); did you mean bake[?]"),
+        (
+            "bake --allow texel-siez",
+            "rhytid bake",
+            "argument --allow: invalid choice: 'texel-siez' (.*); did you mean texel-size[?]",
+        ),
+        (
+            "xyz",
+            "rhytid",
+            "argument COMMAND: invalid choice: 'xyz' (.*); rhytid --help says more",
+        ),
+    ],
+)
+def test_a_mistyped_choice_is_told_what_may_be_meant(
+    arguments: str, program: str, told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert ends(arguments.split()) == 2
+    assert re.fullmatch(f"{program}: error: {told}\n", capsys.readouterr().err)
+
+
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
@@ -96,6 +128,8 @@ def test_usage_errors_end_with_2(arguments: list[str], capsys: pytest.CaptureFix
         ("bake {} --out o --res 256", "--res; did you mean --resolution?"),
         ("bake {} --out o -resolution 256", "-resolution 256; did you mean --resolution?"),
         ("look maps --bnd /a", "--bnd; did you mean --bind?"),
+        ("look maps --out x", "--out; rhytid look --help says more"),
+        ("template {} --preview x", "--preview; rhytid template --help says more"),
         ("demo --xyz x", "--xyz; rhytid demo --help says more"),
         ("check {} --dask", "--dask; rhytid check --help says more"),
         ("check {} {}", "{}; rhytid check --help says more"),

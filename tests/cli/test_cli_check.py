@@ -46,6 +46,17 @@ def test_a_table_tells_and_the_status_is_0(
     assert "mesh-size" in told.err
 
 
+def test_lengths_in_a_counted_unit_are_no_fourth_side(
+    head: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["check", str(head), "--unit", "5.5cm"]) == 0
+    rows = capsys.readouterr().out.splitlines()
+    size = next(row for row in rows if row.startswith("size"))
+    assert re.search(r"  \([0-9.]+ x [0-9.]+ x [0-9.]+\) x 5\.5cm, longest [0-9.]+ mm", size)
+    loops = next(row for row in rows if row.startswith("boundary loops"))
+    assert re.search(r"\d, in units of 5\.5cm: [0-9.]+", loops)
+
+
 def test_shares_are_told_in_plain_numbers(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

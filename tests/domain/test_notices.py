@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from meshes import bumpy_grid
-from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.asset_settings import MOST_WRINKLES, AssetSettings
 from rhytid.domain.lengths import Lengths
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.notices import (
@@ -101,7 +101,7 @@ def test_fewer_than_four_texels_between_pores(
     if would is not None:
         assert found[0].detail.endswith(would)
         assert "pores are 0.5 mm apart" in found[0].detail
-        assert f"texels {uv_length / resolution:.3g} mm wide" in found[0].detail
+        assert f"longer side of texels is {uv_length / resolution:.3g} mm at" in found[0].detail
 
 
 def test_spacing_that_came_out_goes_before_that_of_the_settings() -> None:
@@ -115,3 +115,9 @@ def test_a_large_build(wrinkles: int, count: int) -> None:
     found = build_notice(wrinkles)
     assert len(found) == count
     assert all("about 18 million wrinkles" in notice.detail for notice in found)
+    assert not any("are refused" in notice.detail for notice in found)
+
+
+def test_more_than_a_graph_holds_is_said_to_be_refused() -> None:
+    (found,) = build_notice(MOST_WRINKLES + 1)
+    assert found.detail.endswith("more than the 40 million that a graph holds are refused")

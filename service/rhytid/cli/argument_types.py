@@ -19,6 +19,8 @@ MOST_FPS = 10_000
 def readable(text: str) -> Path:
     """A file that is there."""
     path = Path(text)
+    if path.is_dir():
+        raise argparse.ArgumentTypeError(f"{text} is a folder: name a file in it")
     if not path.is_file():
         raise argparse.ArgumentTypeError(f"no such file: {text}")
     return path

@@ -59,7 +59,10 @@ class FrameFiles:
         listed = [place for place in files if isinstance(place, FramePlace)]
         self.places = listed or self._found([file for file in files if isinstance(file, Path)])
         if not self.places:
-            raise FrameError("no frames: name files of frames, or a mesh file that holds frames")
+            raise FrameError(
+                "no frames: name files of frames, the neutral's own for skin at rest, or a mesh "
+                "file that holds frames"
+            )
 
     def _found(self, files: Sequence[Path]) -> list[FramePlace]:
         sources: list[Path | None] = [*files] or [None]

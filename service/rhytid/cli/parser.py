@@ -45,6 +45,18 @@ class Parser(argparse.ArgumentParser):
             self._refuse_unknown(unknown)
         return found, unknown
 
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        """The same as that of argparse, but that a value written nearly as one of the choices, a
+        command's name too, is told which."""
+        try:
+            super()._check_value(action, value)
+        except argparse.ArgumentError as error:
+            choices = [str(choice) for choice in action.choices or ()]
+            near = difflib.get_close_matches(str(value), choices, n=1)
+            if near:
+                self.refuse(str(error), f"; did you mean {near[0]}?")
+            raise
+
     def _options_of(self, words: Sequence[str]) -> Iterator[str]:
         """The options among words that are not a command's: `--name` of `--name=value`, too."""
         mine: Iterable[str] = takewhile(lambda word: word != "--", words)

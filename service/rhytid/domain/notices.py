@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from rhytid.domain.ageing import deepest
-from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.asset_settings import MOST_WRINKLES, AssetSettings
 from rhytid.domain.lengths import GRAIN, SKIN
 from rhytid.domain.units import millimetres
 
@@ -15,8 +15,8 @@ LARGE_BUILD = "large-build"
 NOTICES = (GRAIN_NOT_DRAWN, FEW_TEXELS, LARGE_BUILD)
 # few-texels: texels between pores from which on they are told apart.
 TEXELS_BETWEEN = 4.0
-# large-build: wrinkles beyond which more than a head may have been asked for. A face has one to two
-# million at the usual spacing, and 20 million take three minutes and 4.6 GB on two cores.
+# large-build: wrinkles beyond which more than a head may have been asked for. A face has about half
+# a million at the usual spacing, and 20 million take three minutes and 4.6 GB on two cores.
 LARGE_WRINKLES = 5_000_000
 # Texels to a wave from which on an octave of the grain is drawn, as grain_codes.cl has it.
 LEAST_TEXELS = 2.0
@@ -74,8 +74,8 @@ def texel_notice(
     would = f"a resolution of {fine[0]} would do" if fine else "no resolution would do: use UDIMs"
     detail = (
         f"fewer than four texels lie between pores on half of the skin or more: pores are "
-        f"{_length(spacing, settings)} apart and texels {_length(texel, settings)} wide at "
-        f"{settings.resolution} x {settings.resolution}; {would}"
+        f"{_length(spacing, settings)} apart and the longer side of texels is "
+        f"{_length(texel, settings)} at {settings.resolution} x {settings.resolution}; {would}"
     )
     return (Notice(FEW_TEXELS, detail),)
 
@@ -85,9 +85,11 @@ def build_notice(wrinkles: int) -> tuple[Notice, ...]:
     if wrinkles <= LARGE_WRINKLES:
         return ()
     detail = (
-        f"about {wrinkles / 1e6:.2g} million wrinkles: a face has one to two million; mask the "
-        "face (paint density 0 elsewhere) or raise the spacing for less"
+        f"about {wrinkles / 1e6:.2g} million wrinkles: a face has about half a million; mask "
+        "the face (paint density 0 elsewhere) or raise the spacing for less"
     )
+    if wrinkles > MOST_WRINKLES:
+        detail += f"; more than the {MOST_WRINKLES / 1e6:g} million that a graph holds are refused"
     return (Notice(LARGE_BUILD, detail),)
 
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 # In Markdown without links: the OpenAPI document and docs/reference/settings.md show it.
 MEANINGS: dict[str, str] = {
     "name": (
-        "what people call the asset; null is the name of the mesh's file without its ending. The "
-        "same content with another name is the same asset, and keeps the name that it has"
+        "what people call the asset; null is the name of the mesh's file without its ending where "
+        "an asset is sent, none in a PATCH. The same content with another name is the same asset, "
+        "and keeps the name that it has"
     ),
     "unit": (
         "length unit of the mesh, written into files: mm, cm, dm, m, um, in or ft, or a number of "

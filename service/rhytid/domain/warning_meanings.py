@@ -148,7 +148,7 @@ NOTICES = {
     ),
     LARGE_BUILD: Meaning(
         "an asset that builds, a mesh that is checked",
-        "there will be more than 5 million wrinkles (a face has one to two million)",
+        "there will be more than 5 million wrinkles (a face has about half a million)",
         (
             "mask the face: paint `density` 0 elsewhere; or raise `graph.spacing`. If all of it "
             "is wanted it may stay"

@@ -69,7 +69,8 @@ def _loops(loops: dict[str, Any], unit: str) -> Row:
     lengths = ", ".join(f"{loop['length']:.4g}" for loop in loops["longest"])
     first = loops["longest"][0]["place"]
     at = f"triangle {first['triangle']}"
-    return "boundary loops", f"{loops['count']}, {unit} long: {lengths}", at
+    long = f"{unit} long" if beside_number(unit) == unit else f"in units of {unit}"
+    return "boundary loops", f"{loops['count']}, {long}: {lengths}", at
 
 
 def _uv(check: MeshCheck, figures: dict[str, Any]) -> Iterator[Row]:
