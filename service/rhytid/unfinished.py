@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import atexit
 import shutil
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,8 +12,9 @@ from tempfile import TemporaryDirectory
 
 # Of each which folder it is, so that no other is removed that has its name by then.
 _folders: dict[Path, tuple[int, int]] = {}
-# Another thread may still write into a folder while it is removed.
-_TRIES = 5
+# Another thread, or a process that is ending, may still write into a folder while it is removed: how
+# often that is tried, and the seconds between two tries.
+_TRIES, _PAUSE = 10, 0.02
 
 
 @contextmanager
@@ -39,6 +41,7 @@ def remove_unfinished() -> None:
         left = [folder for folder in _folders.copy() if not _removed(folder)]
         if not left:
             return
+        time.sleep(_PAUSE)
 
 
 def until_exit(folder: Path) -> Path:
