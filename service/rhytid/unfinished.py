@@ -12,8 +12,8 @@ from tempfile import TemporaryDirectory
 
 # Of each which folder it is, so that no other is removed that has its name by then.
 _folders: dict[Path, tuple[int, int]] = {}
-# Another thread, or a process that is ending, may still write into a folder while it is removed: how
-# often that is tried, and the seconds between two tries.
+# Another thread, or a process that is ending, may still write into a folder while it is removed:
+# how often that is tried, and the seconds between two tries.
 _TRIES, _PAUSE = 10, 0.02
 
 
