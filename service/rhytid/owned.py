@@ -49,7 +49,7 @@ class Kind:
     name: as its marker has it.  format: the newest that this release reads, and which it writes.
     folders: those in it that are swept, or from which files are removed.  needed: those of them
     that were there with every marker of an earlier release.  marker: the name of the marker.
-    unnamed: a marker of an earlier release has a format and no name.
+    unnamed: a marker of an earlier release has a format and nothing else.
     """
 
     name: str
@@ -73,7 +73,8 @@ class Kind:
         except (ValueError, RecursionError) as error:
             raise StorageError(f"{path} is damaged: not JSON ({error})") from error
         named = found.get("format") if isinstance(found, dict) else None
-        kind = found.get("kind", self.name if self.unnamed else None) if named else None
+        earlier = self.unnamed and found == {"format": named}
+        kind = found.get("kind", self.name if earlier else None) if named else None
         if type(named) is not int or kind != self.name:
             what = f"it does not say that this is a {self.name}"
             raise StorageError(f"{path} is not ours: {what}. {_CHOOSE}")

@@ -134,6 +134,23 @@ def test_long_ones_are_jobs_that_can_be_cancelled(
     assert "manifest.json" in made(engine, asset).files
 
 
+def test_an_asset_that_is_deleted_while_it_is_made_is_not_there(
+    engine: Engine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its files are gone below the job, which is no fault of the disk."""
+    asset, mesh = built(engine, new_asset()), AssetStore.mesh
+
+    def deleted(self: AssetStore, id: str) -> Any:
+        engine.assets.delete(asset)
+        return mesh(self, id)
+
+    monkeypatch.setattr(AssetStore, "mesh", deleted)
+    with pytest.raises(NotFoundError, match="was removed"):
+        engine.packages.of(asset)
+    rest(engine)
+    assert kept(engine) == []
+
+
 def test_settings_that_change_while_it_is_made_end_it(
     engine: Engine, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -323,7 +323,10 @@ def test_a_format_without_a_kind_is_of_a_store_that_has_its_folders(folder: Path
     assert tree(folder) == before
 
 
-@pytest.mark.parametrize("text", ['{"format": "3"}', '{"version": 1}', "[1]", '{"format": true}'])
+@pytest.mark.parametrize(
+    "text",
+    ['{"format": "3"}', '{"version": 1}', "[1]", '{"format": true}', '{"format": 1, "tool": "x"}'],
+)
 def test_a_format_file_of_others_is_not_a_marker(text: str, folder: Path) -> None:
     written(folder / "format.json", text)
 

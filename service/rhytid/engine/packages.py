@@ -108,6 +108,7 @@ class PackageService:
             if not making.job.wait(PATIENCE):
                 return making.job.info
             if (state := making.job.info.state) != "done":
+                found.check_known()  # what it failed with may follow from that
                 raise making.error or CancelledError(f"the job of the package was {state}")
 
     def _wanted(self, asset: Asset, levels: int) -> _Wanted:
