@@ -142,6 +142,23 @@ def test_asset_is_awaited_through_its_job(shell: Callable[..., Shell]) -> None:
     assert server.seen[-1] == "assets/a"
 
 
+@pytest.mark.parametrize(("kind", "looks"), [("frames", 3), ("calibrate", 1)])
+def test_frames_of_an_asset_that_is_known_are_awaited(
+    shell: Callable[..., Shell], kind: str, looks: int
+) -> None:
+    """It is ready at once where a mesh is sent again; its frames are stored by a job."""
+    states = ("queued", "running", "done")
+    server = Server(*({**at(0.5, state), "kind": kind} for state in states))
+    assert shell(server).wait(Asset("a", "ready", job="j")).state == "ready"
+    assert server.seen.count("jobs/j") == looks
+    assert server.seen[-1] == "assets/a"
+
+
+def test_frames_that_failed_before_are_no_matter(shell: Callable[..., Shell]) -> None:
+    server = Server({**at(0.5, "failed"), "kind": "frames"})
+    assert shell(server).wait(Asset("a", "ready", job="j")).state == "ready"
+
+
 def test_asset_whose_job_is_forgotten(shell: Callable[..., Shell]) -> None:
     assert shell(Server()).wait(ASSET).state == "ready"
     with pytest.raises(NotFound):

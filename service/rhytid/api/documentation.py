@@ -100,7 +100,7 @@ def _control(name: str) -> dict[str, Any]:
 
 _MEANT = {
     "density": "pores and wrinkles per area, white is 4 times, black is none",
-    "strength": "strengths of lines and pores, white is double up to 1, black is nothing",
+    "strength": "strengths of lines and pores, white is double up to 1, black is none of them",
     "direction": "angle of the lines in UV, 180° is white; black leaves the preferred lines",
     "turn": "of the preferred lines, black is 90° to the right, white to the left",
     "anisotropy": "how far lines keep to it, white is double, black is not at all",

@@ -35,7 +35,8 @@ def cancel(job: Job | str) -> Flow[Job]:
 
 
 def wait(what: W, *, progress: Progress | None = None, timeout: float | None = None) -> Flow[W]:
-    """Wait until a job has ended, or an asset is built, and return it as it is then.
+    """Wait until a job has ended, or an asset is built and the frames of a mesh file that was sent
+    again are stored, and return it as it is then.
 
     progress: called with the job each time it has moved.  timeout: seconds; None = for ever.
     Raises JobFailed, JobCancelled or Timeout.
@@ -124,6 +125,9 @@ def _built(wanted: Asset, watch: _Watch) -> Flow[Asset]:
         # Jobs do not survive a restart of the server; the asset does, and knows its state.
         with suppress(NotFound):
             yield from _ended(wanted.job, watch)
+    elif wanted.state == "ready" and wanted.job is not None:
+        with suppress(NotFound):
+            yield from _stored(wanted.job, watch)
     while True:
         now = yield from asset(wanted.id)
         if now.state == "failed":
@@ -131,6 +135,14 @@ def _built(wanted: Asset, watch: _Watch) -> Flow[Asset]:
         if now.state != "building":
             return now
         yield Pause(watch.left(POLL_SECONDS))
+
+
+def _stored(id: str, watch: _Watch) -> Flow[None]:
+    """Wait for a job that stores the frames of a file; not for others of an asset, nor for what has
+    become of one that ended before."""
+    now = yield from job(id)
+    if now.kind == "frames" and not now.ended:
+        yield from _ended(id, watch)
 
 
 def _id(job: Job | str) -> str:
