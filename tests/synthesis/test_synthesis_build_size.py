@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +15,7 @@ from rhytid.synthesis.fields import build_size
 from rhytid.synthesis.fields.build_size import LESS, BuildSize
 from rhytid.synthesis.fields.capacity_check import check_amount
 from rhytid.synthesis.generate import synthesize
+from rhytid.synthesis.seams import charts
 from synthesis import sheets
 
 MOST = 1 << 62
@@ -31,6 +33,23 @@ def test_as_many_wrinkles_are_made_as_were_said(device: Device, mesh: Mesh) -> N
     pores, drawn = made.counts()
     assert abs(size.wrinkles - drawn) < 0.15 * drawn
     assert abs(size.pores - pores) < 0.15 * pores
+
+
+def test_what_the_size_is_found_by_is_found_once(
+    device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = []
+    across = charts._across
+    monkeypatch.setattr(charts, "_across", lambda mesh: found.append(1) or across(mesh))
+    settings = AssetSettings.parse({"graph": {"wrinkles": 200}}).for_synthesis().graph
+    mesh, before = sheets.sheet(), len(charts._found)
+    BuildSize.of(mesh, 200)
+    BuildSize.of(mesh, 200)
+    synthesize(mesh, settings, device)
+    assert len(found) == 1
+    del mesh
+    gc.collect()
+    assert len(charts._found) <= before
 
 
 def test_a_body_in_pores_of_a_face_is_told_to_be_long() -> None:

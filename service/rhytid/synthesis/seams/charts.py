@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,12 +34,26 @@ class Traces:
     length: FloatArray
 
 
+# Of meshes that are in use: the size of a build is found before it, by the same neighbours.
+_found: WeakKeyDictionary[Mesh, NDArray[np.int32]] = WeakKeyDictionary()
+
+
 def neighbours(mesh: Mesh) -> NDArray[np.int32]:
-    """(F, 3) the triangle across the side from corner i to i + 1, or BORDER.
+    """(F, 3) the triangle across the side from corner i to i + 1, or BORDER; read-only.
 
     Two triangles meet where a side has the same two vertices and the same UV at both, however
-    often the file repeats that UV; not across a fold of the map, nor where three meet.
+    often the file repeats that UV; not across a fold of the map, nor where three meet. They are
+    found once for a mesh.
     """
+    across = _found.get(mesh)
+    if across is None:
+        across = _across(mesh)
+        across.flags.writeable = False
+        _found[mesh] = across
+    return across
+
+
+def _across(mesh: Mesh) -> NDArray[np.int32]:
     keys = corner_numbers(mesh)[:, SIDES]
     keys = np.sort(keys, axis=-1).reshape(-1, 2)
     order = np.lexsort((keys[:, 1], keys[:, 0]))
@@ -114,12 +129,16 @@ def _exit(
 
 def corner_numbers(mesh: Mesh) -> IntArray:
     """(F, 3) one number for each pair of a vertex and a place in UV."""
-    corner = np.empty(mesh.faces.size, dtype=[("vertex", "i8"), ("u", "f8"), ("v", "f8")])
-    corner["vertex"] = mesh.faces.ravel()
     # Adding zero turns -0.0 into 0.0.
-    corner["u"], corner["v"] = (mesh.uv[mesh.face_uv.ravel()] + 0.0).T
-    _, inverse = np.unique(corner, return_inverse=True)
-    welded: IntArray = inverse.reshape(-1, 3).astype(np.int64)
+    u, v = (mesh.uv[mesh.face_uv.ravel()] + 0.0).T
+    vertex = mesh.faces.ravel()
+    order = np.lexsort((v, u, vertex))
+    differs = np.zeros(len(order), bool)
+    for key in (vertex, u, v):
+        ordered = key[order]
+        differs[1:] |= ordered[1:] != ordered[:-1]
+    welded = np.empty((len(mesh.faces), 3), np.int64)
+    welded.reshape(-1)[order] = np.cumsum(differs)
     return welded
 
 
