@@ -134,6 +134,18 @@ def test_a_server_that_had_keys_does_not_start_without_them(
     assert asked() is None
 
 
+def test_a_file_of_keys_that_is_named_must_be_there(
+    store: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As where a secret is not mounted: nobody would be asked for a key."""
+    with closing(listen("127.0.0.1", 0)) as listening:
+        with pytest.raises(AccessError, match="RHYTID_KEYS_FILE names .*keys.json, which is not"):
+            asks_keys(listening, store / "keys.json", without=False, named=True)
+        assert asks_keys(listening, store / "keys.json", without=True, named=True) is False
+        keys(capsys, "create", "farm")
+        assert asks_keys(listening, store / "keys.json", without=False, named=True) is None
+
+
 @pytest.mark.slow
 def test_serve_leaves_a_mark_and_heeds_it(
     store: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path

@@ -96,6 +96,7 @@ def run(arguments: argparse.Namespace) -> None:
             settings.key_file,
             without=arguments.without_keys,
             mark=settings.key_mark,
+            named=settings.keys is not None,
         )
         settings = replace(settings, ask_keys=ask)
         if fleet is not None:

@@ -53,12 +53,18 @@ def address_of(listening: socket.socket) -> str:
 
 
 def asks_keys(
-    listening: socket.socket, keys: Path, *, without: bool, mark: Path | None = None
+    listening: socket.socket,
+    keys: Path,
+    *,
+    without: bool,
+    mark: Path | None = None,
+    named: bool = False,
 ) -> bool | None:
     """What the setting `ask_keys` is for a server on a socket, whose keys are in a file.
 
-    without: nobody is asked for a key.  mark: is there where keys were asked for before. Raises
-    AccessError where the file is gone then, and where others than this machine reach the socket, a
+    without: nobody is asked for a key.  mark: is there where keys were asked for before.  named:
+    whether the user named the file, so that it ought to be there. Raises AccessError where the file
+    is missing in these cases, and where others than this machine reach the socket, a
     key is asked for and none is valid; StorageError where the file cannot be read.
     """
     if without:
@@ -66,6 +72,11 @@ def asks_keys(
     valid = has_valid_key(keys)
     if mark is not None:
         check_mark(keys, mark)
+    if named and not keys.exists():
+        raise AccessError(
+            f"RHYTID_KEYS_FILE names {keys}, which is not there: is it mounted? Make a key with "
+            "`rhytid keys create NAME`, or give --without-keys"
+        )
     if ip_address(listening.getsockname()[0]).is_loopback:
         return None
     if not valid:
