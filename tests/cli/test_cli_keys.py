@@ -139,7 +139,7 @@ def test_a_file_of_keys_that_is_named_must_be_there(
 ) -> None:
     """As where a secret is not mounted: nobody would be asked for a key."""
     with closing(listen("127.0.0.1", 0)) as listening:
-        with pytest.raises(AccessError, match="RHYTID_KEYS_FILE names .*keys.json, which is not"):
+        with pytest.raises(AccessError, match=r"RHYTID_KEYS_FILE names .*keys\.json, which is not"):
             asks_keys(listening, store / "keys.json", without=False, named=True)
         assert asks_keys(listening, store / "keys.json", without=True, named=True) is False
         keys(capsys, "create", "farm")
