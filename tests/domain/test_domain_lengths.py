@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rhytid.domain import units
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph_origin import GraphOrigin, mesh_digest
 from rhytid.domain.lengths import Lengths
@@ -138,3 +139,10 @@ def test_a_counted_unit_makes_lengths_of_skin() -> None:
     assert settings.resolved(0.5 / 55).as_json()["unit"] == "5.5cm"
     graph = GraphOrigin("cm", depth=1.1).in_unit("5.5cm")
     assert graph.depth == pytest.approx(0.2)
+
+
+def test_a_unit_is_read_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    read, parts = [], units._parts
+    monkeypatch.setattr(units, "_parts", lambda unit: read.append(unit) or parts(unit))
+    assert [millimetres("7.125cm"), millimetres("7.125cm")] == [71.25, 71.25]
+    assert read == ["7.125cm"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import lru_cache
 
 # Millimetres in one. Names are compared without regard to case.
 MILLIMETRES = {
@@ -23,6 +24,8 @@ SHORTEST, LONGEST = 1e-9, 1e9
 _COUNTED = re.compile(r" *([0-9]*\.?[0-9]+(?:[eE][+-]?[0-9]+)?) *([^\W\d_]+) *")
 
 
+# Settings are read far more often than units change.
+@lru_cache(256)
 def millimetres(unit: str) -> float | None:
     """Millimetres in a unit: of that name, or so many of those of a name, as in `5.5cm`; None for a
     unit that is not known."""
