@@ -11,7 +11,6 @@ from functools import cache
 from importlib.resources import files
 from typing import TYPE_CHECKING
 
-import rhytid_kernels
 from rhytid import __version__
 from rhytid.errors import InputError
 
@@ -34,6 +33,9 @@ def drawing_version() -> str:
     It is part of the keys of all that is computed, so that after an update nothing that was drawn
     before is taken for new. It is no part of the ids of assets: these name content.
     """
+    # Only here, for `rhytid --help` needs no kernels.
+    import rhytid_kernels
+
     return f"{__version__}+{rhytid_kernels.digest_of_all()}.{modules_digest(*_DRAWN_BY)}"
 
 

@@ -114,8 +114,10 @@ def test_shapes_are_named(tmp_path: Path) -> None:
     assert known == {"count": 2, "names": ["jawOpen", "odd"], "regions": {"neck": ["jawOpen"]}}
 
 
-def test_other_commands_leave_trimesh_alone() -> None:
-    code = "import sys, rhytid.cli.program as p; p.build_parser(); print('trimesh' in sys.modules)"
+@pytest.mark.parametrize("module", ["trimesh", "rhytid_kernels"])
+def test_other_commands_leave_modules_alone(module: str) -> None:
+    parser = "import sys, rhytid.cli.program as p; p.build_parser()"
+    code = f"{parser}; print('{module}' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"
 
