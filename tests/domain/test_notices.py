@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from meshes import bumpy_grid
+from rhytid.domain import notices
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.lengths import Lengths
 from rhytid.domain.mesh import Mesh
@@ -115,3 +116,13 @@ def test_a_large_build(wrinkles: int, count: int) -> None:
     found = build_notice(wrinkles)
     assert len(found) == count
     assert all("about 18 million wrinkles" in notice.detail for notice in found)
+
+
+def test_notices_of_the_same_settings_are_worded_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    worded, length = [], notices._length
+    monkeypatch.setattr(notices, "_length", lambda *given: worded.append(1) or length(*given))
+    settings = AssetSettings.parse({"resolution": 512})
+    for _ in range(3):
+        assert grain_notice(settings, 31.0)
+        assert texel_notice(settings, 31.0, 0.05)
+    assert len(worded) == 4
