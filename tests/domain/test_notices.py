@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from meshes import bumpy_grid
+from rhytid.domain import notices
 from rhytid.domain.asset_settings import MOST_WRINKLES, AssetSettings
 from rhytid.domain.lengths import Lengths
 from rhytid.domain.mesh import Mesh
@@ -121,3 +122,13 @@ def test_a_large_build(wrinkles: int, count: int) -> None:
 def test_more_than_a_graph_holds_is_said_to_be_refused() -> None:
     (found,) = build_notice(MOST_WRINKLES + 1)
     assert found.detail.endswith("more than the 40 million that a graph holds are refused")
+
+
+def test_notices_of_the_same_settings_are_worded_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    worded, length = [], notices._length
+    monkeypatch.setattr(notices, "_length", lambda *given: worded.append(1) or length(*given))
+    settings = AssetSettings.parse({"resolution": 512})
+    for _ in range(3):
+        assert grain_notice(settings, 31.0)
+        assert texel_notice(settings, 31.0, 0.05)
+    assert len(worded) == 4

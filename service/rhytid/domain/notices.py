@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 from rhytid.domain.ageing import deepest
 from rhytid.domain.asset_settings import MOST_WRINKLES, AssetSettings
@@ -34,6 +35,8 @@ class Notice:
         return f"{self.code}: {self.detail}"
 
 
+# Lists of assets ask for the same notices again and again.
+@lru_cache(1024)
 def grain_notice(settings: AssetSettings, uv_length: float) -> tuple[Notice, ...]:
     """Where half of the skin or more is drawn without the grain that is set: its waves are shorter
     than two texels there.
@@ -57,6 +60,7 @@ def grain_notice(settings: AssetSettings, uv_length: float) -> tuple[Notice, ...
     return (Notice(GRAIN_NOT_DRAWN, detail),)
 
 
+@lru_cache(1024)
 def texel_notice(
     settings: AssetSettings, uv_length: float, spacing: float | None = None
 ) -> tuple[Notice, ...]:
