@@ -166,7 +166,7 @@ def test_a_mesh_is_taken_packed_or_not(
     hold: Hold, monkeypatch: pytest.MonkeyPatch, pack: Callable[..., None], number: str
 ) -> None:
     """What its arrays take is what is allowed, not what was sent of them."""
-    monkeypatch.setattr(limits, "ROOM", 16 * MIB)
+    monkeypatch.setattr(limits, "ROOM", 48 * MIB)
     side = 317
     u, v = np.meshgrid(*[np.linspace(0.01, 0.99, side, dtype=number)] * 2)
     at = np.arange(side * side).reshape(side, side)
