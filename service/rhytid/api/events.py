@@ -5,9 +5,8 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
-from collections import Counter
 from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict, replace
 
 import anyio
@@ -17,8 +16,9 @@ from starlette.concurrency import run_in_threadpool
 from starlette.responses import StreamingResponse
 from starlette.types import Receive, Scope, Send
 
+from rhytid.api.caller_places import CallerPlaces
 from rhytid.engine.messages import ENDED_STATES, JobInfo
-from rhytid.errors import BusyError, NotFoundError, QuotaError, RhytidError
+from rhytid.errors import NotFoundError, RhytidError
 
 EVENT_STREAM = "text/event-stream"
 # Listeners to all jobs at once, in all and of one caller.
@@ -84,29 +84,22 @@ class JobEvents:
         most_each: int = MOST_EACH,
     ) -> None:
         self._look, self._ends = look, ends
-        self._most, self._most_each = most, most_each
-        self._callers: Counter[str] = Counter()
+        self._places = CallerPlaces(
+            most,
+            most_each,
+            "{count} clients listen to jobs already",
+            "{caller} listens to jobs {count} times already",
+        )
         self._watched: dict[str, _Watched] = {}
         self._limiter: CapacityLimiter | None = None
 
     def __len__(self) -> int:
-        return self._callers.total()
+        return len(self._places)
 
-    @contextmanager
-    def place(self, caller: str) -> Iterator[None]:
+    def place(self, caller: str) -> AbstractContextManager[None]:
         """A place among the listeners within the block; raises QuotaError and BusyError naming the
         limit."""
-        if self._callers[caller] >= self._most_each:
-            raise QuotaError(f"{caller} listens to jobs {self._most_each} times already", 1)
-        if self._callers.total() >= self._most:
-            raise BusyError(f"{self._most} clients listen to jobs already")
-        self._callers[caller] += 1
-        try:
-            yield
-        finally:
-            self._callers[caller] -= 1
-            if not self._callers[caller]:
-                del self._callers[caller]
+        return self._places.one(caller)
 
     async def find(self, id: str) -> JobInfo:
         """A job, as it was seen last where somebody listens to it; raises NotFoundError."""
