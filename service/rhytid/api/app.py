@@ -47,7 +47,7 @@ from rhytid.engine.byte_budget import ByteBudget
 from rhytid.settings import ServiceSettings
 
 if TYPE_CHECKING:
-    from rhytid.engine_process.any_engine import AnyEngine
+    from rhytid.engine.operations import Engine
 
 # Looked through in this order for each request: what is asked for most comes first.
 ROUTERS = (
@@ -75,7 +75,7 @@ SHARED: dict[str, Any] = {
 }
 
 
-def create_app(engine: AnyEngine, settings: ServiceSettings) -> FastAPI:
+def create_app(engine: Engine, settings: ServiceSettings) -> FastAPI:
     """An application over `engine`, which stays the caller's to close."""
     app = FastAPI(
         title="rhytid",

@@ -29,7 +29,7 @@ from rhytid.errors import QueryError
 from rhytid.formats.frames import read_positions
 
 if TYPE_CHECKING:
-    from rhytid.engine_process.any_engine import AnyEngine as Engine
+    from rhytid.engine.operations import Engine
 else:
     # FastAPI resolves annotations at run time; the transport loads no OpenCL for a name.
     Engine = object
@@ -121,7 +121,7 @@ async def no_repeats(request: Request) -> None:
 
 async def _positions(request: Request, asset: AssetId, engine: EngineDep) -> NDArray[np.float32]:
     # The asset comes first: it says how much of a body is worth reading.
-    found = await run_in_threadpool(engine.assets.info, asset)
+    found = await run_in_threadpool(engine.assets.dimensions, asset)
     figures: Figures = request.app.state.metrics.figures
     with figures.stage("upload"):
         body = await uploads.read_frame(request, found.vertices)

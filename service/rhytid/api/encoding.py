@@ -19,19 +19,21 @@ from rhytid import __version__
 from rhytid.api.request_memory import PIECE, RequestMemory
 from rhytid.api.spool import Spool
 from rhytid.device.figures import working_on
+from rhytid.domain.tiles import MapAddress, TileAddress
 from rhytid.domain.warnings import InputWarning
 from rhytid.engine.byte_budget import Hold
-from rhytid.engine.messages import AssetContent, FrameStretch
+from rhytid.engine.messages import AssetContent, FrameStretch, MapQuery, TileDescription
 from rhytid.errors import QueryError
 from rhytid.formats.tile_header import TileHeader
 from rhytid.formats.tiles import FORMATS, Encoded, encode
 
 if TYPE_CHECKING:
     from rhytid.api.dependencies import Drawing
-    from rhytid.engine.tile_plan import TilePlan
 
 NPY = "application/x-npy"
 RAW = "application/octet-stream"
+# Bytes of a texel.
+TEXEL = 4
 # An array and what it is encoded to, over the array.
 WORKING = 2
 # Bytes of an answer from which on it is sent from disk.
@@ -65,40 +67,42 @@ def matches(if_none_match: str | None, tag: str) -> bool:
 def answer(
     request: Request,
     format: str,
-    plan: Callable[[], TilePlan],
-    method: str,
     drawing: Drawing,
+    asset: str,
+    frame: str,
+    query: MapQuery,
+    place: TileAddress | MapAddress,
 ) -> Response:
     """The encoded displacement, 304 where the client has it, headers alone for HEAD.
 
-    plan: what the address stands for now, drawn by `method`. Only drawing takes a slot; raises
-    BusyError, and what `RequestMemory.answer` does.
+    Only drawing takes a slot; raises BusyError, and what `RequestMemory.answer` does.
     """
     check_format(format)
-    wanted = plan()
     asked, headers_alone = request.headers.get("if-none-match"), request.method == "HEAD"
-    # Otherwise the key is asked for after drawing, when it costs nothing.
+    # Otherwise the key comes with the tile.
     if asked is not None or headers_alone:
-        validators = _validators(wanted, format)
+        known = drawing.engine.tiles.describe(asset, frame, query, place)
+        validators = _validators(known, format)
         if matches(asked, validators["ETag"]):
             return Response(status_code=304, headers=validators)
         if headers_alone:
-            about = {**validators, **scale_header(format, wanted.header)}
+            about = {**validators, **scale_header(format, known.header)}
             return bodiless(about, FORMATS[format].media_type)
+    nbytes = TEXEL * drawing.engine.assets.dimensions(asset).grid.side_of(place) ** 2
     memory = drawing.memory
-    with drawing.slot, memory.making(wanted.nbytes):
-        hold = memory.answer(WORKING * wanted.nbytes)
-        tile = wanted.draw()
-        with working_on(method), drawing.metrics.figures.stage("encode"):
-            encoded = encode(tile, format, wanted.header)
-        del tile
+    with drawing.slot, memory.making(nbytes):
+        hold = memory.answer(WORKING * nbytes)
+        drawn = drawing.engine.tiles.draw(asset, frame, query, place)
+        found, key = drawn.description, drawn.key
+        with working_on(query.method), drawing.metrics.figures.stage("encode"):
+            encoded = encode(drawn.tile, format, found.header)
+        del drawn
         hold.resize(len(encoded.body))
         file = memory.aside(encoded.body) if len(encoded.body) >= LARGE else None
-    drawing.metrics.tiles_of(method).inc()
-    now = plan().key if wanted.key_now is None else wanted.key_now()
+    drawing.metrics.tiles_of(query.method).inc()
     # Where it was replaced while it was drawn, these bytes may belong to either content.
-    tags = _validators(wanted, format) if now == wanted.key else {"Cache-Control": "no-store"}
-    about = {**tags, **scale_header(format, wanted.header)}
+    tags = _validators(found, format) if key == found.key else {"Cache-Control": "no-store"}
+    about = {**tags, **scale_header(format, found.header)}
     return _sent(encoded, about, hold, file)
 
 
@@ -112,8 +116,8 @@ def _sent(encoded: Encoded, headers: Mapping[str, str], hold: Hold, file: Spool 
     return StreamingResponse(file.pieces(PIECE), headers=about, media_type=kind)
 
 
-def _validators(plan: TilePlan, format: str) -> dict[str, str]:
-    tag = etag(plan.key, format, plan.header, __version__)
+def _validators(tile: TileDescription, format: str) -> dict[str, str]:
+    tag = etag(tile.key, format, tile.header, __version__)
     return {"ETag": tag, "Cache-Control": "no-cache"}
 
 

@@ -30,7 +30,7 @@ from rhytid.engine.byte_budget import ByteBudget
 if TYPE_CHECKING:
     from opentelemetry.trace import Tracer
 
-    from rhytid.engine_process.any_engine import AnyEngine
+    from rhytid.engine.operations import Engine
 
 logger = logging.getLogger(__name__)
 # What the bytes of each budget are held for.
@@ -58,7 +58,7 @@ class Metrics:
 
     def __init__(
         self,
-        engine: AnyEngine,
+        engine: Engine,
         budgets: Mapping[str, Callable[[], ByteBudget]],
         drain: Drain,
         live: Sized,

@@ -26,7 +26,7 @@ from rhytid.settings import LOG_FORMATS, ServiceSettings, misspelt
 logger = logging.getLogger(__name__)
 
 if TYPE_CHECKING:
-    from rhytid.engine_process.any_engine import AnyEngine
+    from rhytid.engine.operations import Engine
 
 PORT = 8717
 ALL = "all"
@@ -107,7 +107,7 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 @contextmanager
-def _closing(make: Callable[[], AnyEngine]) -> Iterator[AnyEngine]:
+def _closing(make: Callable[[], Engine]) -> Iterator[Engine]:
     """What is made once the block begins, closed after it."""
     with closing(make()) as made:
         yield made

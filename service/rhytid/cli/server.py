@@ -22,7 +22,7 @@ from rhytid.settings import ServiceSettings
 
 if TYPE_CHECKING:
     from rhytid.api.draining import Drain
-    from rhytid.engine_process.any_engine import AnyEngine
+    from rhytid.engine.operations import Engine
 
 LOOPBACK = "127.0.0.1"
 # Seconds that open requests get to finish after an interrupt.
@@ -88,7 +88,7 @@ def asks_keys(
     return True
 
 
-def engine_of(settings: ServiceSettings, *, in_process: bool) -> AnyEngine:
+def engine_of(settings: ServiceSettings, *, in_process: bool) -> Engine:
     """An engine in a process of its own, or in this one: where that is asked for, and on Windows.
 
     Raises what `Engine` does.
@@ -140,7 +140,7 @@ class DrainingServer(uvicorn.Server):
 
 
 def server_of(
-    engine: AnyEngine,
+    engine: Engine,
     settings: ServiceSettings,
     log_level: str,
     draining: Callable[[], None] = lambda: None,

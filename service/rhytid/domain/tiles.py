@@ -38,6 +38,22 @@ class TileAddress:
 
 
 @dataclass(frozen=True)
+class MapAddress:
+    """A whole level of a UDIM: `udim/level`."""
+
+    udim: int
+    level: int
+
+    def __str__(self) -> str:
+        return f"{self.udim}/{self.level}"
+
+    @property
+    def first(self) -> TileAddress:
+        """Its first tile."""
+        return TileAddress(self.udim, self.level, 0, 0)
+
+
+@dataclass(frozen=True)
 class TileGrid:
     """How a map of `resolution`² texels is cut into levels and tiles of `tile_size`² texels."""
 
@@ -56,6 +72,11 @@ class TileGrid:
     def texels(self, level: int) -> int:
         """Texels per side of a tile at a level: a level smaller than a tile is one smaller tile."""
         return min(self.tile_size, self.side(level))
+
+    def side_of(self, place: TileAddress | MapAddress) -> int:
+        """Texels per side of a tile or of a whole level."""
+        level = place.level
+        return self.texels(level) if isinstance(place, TileAddress) else self.side(level)
 
     def first_texel(self, address: TileAddress) -> tuple[int, int]:
         """Row and column of a tile's first texel, in its level."""

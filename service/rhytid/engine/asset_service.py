@@ -26,7 +26,7 @@ from rhytid.engine.device_assets import DeviceAssets
 from rhytid.engine.frame_service import checked_frame
 from rhytid.engine.jobs import Jobs
 from rhytid.engine.keys import content_key
-from rhytid.engine.messages import AssetContent, AssetInfo, JobInfo, NewAsset
+from rhytid.engine.messages import AssetContent, AssetDimensions, AssetInfo, JobInfo, NewAsset
 from rhytid.engine.shared_assets import SharedAssets
 from rhytid.errors import NotFoundError, SettingsError
 from rhytid.storage.store import AssetStore
@@ -87,6 +87,10 @@ class AssetService:
     def info(self, asset: str) -> AssetInfo:
         """One asset."""
         return self._assets.get(asset).info()
+
+    def dimensions(self, asset: str) -> AssetDimensions:
+        """The sizes of an asset, in whatever state it is."""
+        return self._assets.get(asset).dimensions
 
     def change(self, asset: str, changes: Mapping[str, Any]) -> AssetInfo:
         """Change response, shape, depth, angles, preset, bins or convolve; tiles and keys change.

@@ -11,7 +11,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from rhytid.domain.asset_settings import MOST_WRINKLES, AssetSettings
 from rhytid.domain.frame_warnings import FrameCheck
@@ -26,7 +26,7 @@ from rhytid.domain.warnings import InputWarning
 from rhytid.engine.device_asset import DeviceAsset
 from rhytid.engine.frames import LEFT, Frame, FrameMemory, Frames
 from rhytid.engine.job import Job
-from rhytid.engine.messages import AssetInfo
+from rhytid.engine.messages import AssetDimensions, AssetInfo
 from rhytid.errors import (
     CancelledError,
     ConflictError,
@@ -133,6 +133,21 @@ class Asset:
         wrinkles = self.wrinkles if self.state == "ready" else self.wanted
         return wrinkles <= _SMALL_WRINKLES and self.settings.resolution <= _SMALL_RESOLUTION
 
+    @property
+    def dimensions(self) -> AssetDimensions:
+        """Its sizes."""
+        centre = tuple(self.centre.tolist())
+        grid = self.settings.grid
+        return AssetDimensions(self.id, self.vertices, self.triangles, self.udims, grid, centre)
+
+    def checked(self, positions: ArrayLike | Frame) -> Frame:
+        """Positions (V, 3) as a frame; raises FrameError. Those of a frame were checked before."""
+        if not isinstance(positions, Frame):
+            return Frame.checked(positions, self.vertices)
+        if positions.positions is not None and len(positions.positions) != self.vertices:
+            return Frame.checked(positions.positions, self.vertices)  # which raises
+        return positions
+
     def info(self) -> AssetInfo:
         """As a caller sees it."""
         return AssetInfo(
@@ -199,10 +214,13 @@ class Asset:
         resident = self.on_device
         return None if resident is None or resident.mesh.kept.released else resident
 
-    def frame(self, name: str) -> Frame:
-        """A stored frame; raises NotFoundError, and what `check_ready` raises."""
+    def frame(self, frame: str | Frame) -> Frame:
+        """A stored frame by its name, or one that is not stored, with its positions. Raises
+        NotFoundError, UnknownFrameError, FrameError and what `check_ready` raises."""
         self.check_ready()
-        return self.frames.get(name)
+        if isinstance(frame, str):
+            return self.frames.get(frame)
+        return self.frames.recent(self.checked(frame))
 
     @property
     def uv_length(self) -> float:
@@ -228,7 +246,4 @@ class Asset:
     def check_address(self, address: TileAddress) -> None:
         """Raise NotFoundError where the tile does not exist, and what `check_ready` raises."""
         self.check_ready()
-        if address.udim not in self.udims:
-            have = ", ".join(str(u) for u in self.udims) or "none"
-            raise NotFoundError(f"UDIM {address.udim} has no mesh; asset {self.id} has {have}")
-        self.settings.grid.check(address)
+        self.dimensions.check(address)

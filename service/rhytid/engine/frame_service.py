@@ -7,7 +7,7 @@ from collections.abc import Collection
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rhytid.domain.frame import NEUTRAL, check_frame_name, check_positions
+from rhytid.domain.frame import NEUTRAL, check_frame_name
 from rhytid.domain.warnings import InputWarning, check_codes, refuse
 from rhytid.engine.asset_registry import AssetRegistry
 from rhytid.engine.assets import Asset
@@ -27,7 +27,7 @@ class FrameService:
         self,
         asset: str,
         frame: str,
-        positions: ArrayLike,
+        positions: ArrayLike | Frame,
         *,
         strict: bool = False,
         allow: Collection[str] = (),
@@ -69,7 +69,7 @@ class FrameService:
     def warnings(
         self,
         asset: str,
-        positions: ArrayLike,
+        positions: ArrayLike | Frame,
         *,
         strict: bool = False,
         allow: Collection[str] = (),
@@ -79,7 +79,9 @@ class FrameService:
         strict: raise StrictError where there is something whose code is not in `allow`.
         """
         found = self._assets.get(asset)
-        return checked_frame(found, positions, "the positions", strict, allow)[1]
+        frame, warnings = checked_frame(found, positions, "the positions", strict, allow)
+        found.frames.recent(frame)  # drawn next, most of the time
+        return warnings
 
     def all(self, asset: str) -> list[FrameInfo]:
         """Every frame of an asset, `neutral` first."""
@@ -121,16 +123,17 @@ class FrameService:
 
 
 def checked_frame(
-    asset: Asset, positions: ArrayLike, name: str, strict: bool, allow: Collection[str]
+    asset: Asset, positions: ArrayLike | Frame, name: str, strict: bool, allow: Collection[str]
 ) -> tuple[Frame, tuple[InputWarning, ...]]:
     """Positions as a frame, and what is probably wrong with it; strict: raises StrictError for what
     is not in `allow`."""
     check_codes(allow)
-    checked = check_positions(positions, asset.vertices)
-    warnings = asset.frame_warnings(checked, name)
+    frame = asset.checked(positions)
+    assert frame.positions is not None
+    warnings = asset.frame_warnings(frame.positions, name)
     if strict:
         refuse(warnings, allow)
-    return Frame.of(checked), warnings
+    return frame, warnings
 
 
 def _limit(asset: Asset) -> float:

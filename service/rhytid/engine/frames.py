@@ -4,29 +4,58 @@ from __future__ import annotations
 
 import hashlib
 import threading
+from collections import OrderedDict
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from rhytid.domain.frame import NEUTRAL
+from rhytid.domain.frame import NEUTRAL, check_positions
 from rhytid.domain.warnings import InputWarning
 from rhytid.engine.log_stretch import NAMES, LogStretch
 from rhytid.engine.messages import FrameInfo
-from rhytid.errors import FetchingError, FrameMemoryError, NotFoundError, ReadOnlyError
+from rhytid.errors import (
+    FetchingError,
+    FrameMemoryError,
+    NotFoundError,
+    ReadOnlyError,
+    RhytidError,
+)
+
+# Bytes of frames that are drawn without being stored, which are remembered.
+_RECENT = 64 << 20
+
+
+class UnknownFrameError(RhytidError):
+    """A frame that is named by its digest alone is not here (any more); never seen by callers."""
 
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """Positions (V, 3) float32, None for the neutral; `digest` names their content."""
+    """Checked positions (V, 3) float32 and 32 hex digits that name them.
+
+    positions: None for the neutral, and for a frame that the engine got a moment ago: `digest`
+    alone names that.
+    """
 
     positions: NDArray[np.float32] | None
     digest: str
 
     @classmethod
     def of(cls, positions: NDArray[np.float32]) -> Frame:
-        """A frame with the digest of its positions."""
+        """A frame of checked positions."""
         return cls(positions, hashlib.sha256(positions.tobytes()).hexdigest()[:32])
+
+    @classmethod
+    def checked(cls, positions: ArrayLike, vertices: int) -> Frame:
+        """A frame of positions; raises FrameError naming the count or the first vertex that is not
+        finite."""
+        return cls.of(check_positions(positions, vertices))
+
+    @property
+    def bare(self) -> Frame:
+        """The same without its positions."""
+        return Frame(None, self.digest)
 
 
 NEUTRAL_FRAME = Frame(None, NEUTRAL)
@@ -36,12 +65,31 @@ LEFT = "the asset has left this machine for the shared store: ask again"
 
 
 class FrameMemory:
-    """Counts the bytes of all frames of all assets against a limit."""
+    """Counts the bytes of all stored frames of all assets against a limit, and keeps those for a
+    while that were drawn without being stored."""
 
     def __init__(self, limit: int) -> None:
         self._limit = limit
         self._used = 0
         self._lock = threading.Lock()
+        self._recent: OrderedDict[str, Frame] = OrderedDict()
+        self._recent_bytes = 0
+
+    def recent(self, frame: Frame) -> Frame:
+        """A frame that is not stored, with its positions, which are kept; raises UnknownFrameError
+        where it has none and they are not here."""
+        with self._lock:
+            known = self._recent.pop(frame.digest, None)
+            found = known or frame
+            if found.positions is None:
+                raise UnknownFrameError(f"frame {frame.digest} is not here")
+            self._recent[frame.digest] = found
+            self._recent_bytes += 0 if known else found.positions.nbytes
+            while self._recent_bytes > _RECENT and len(self._recent) > 1:
+                _, oldest = self._recent.popitem(last=False)
+                assert oldest.positions is not None
+                self._recent_bytes -= oldest.positions.nbytes
+        return found
 
     def change(self, more: int) -> None:
         """Count `more` bytes in, or out where negative; raises FrameMemoryError naming both
@@ -75,6 +123,10 @@ class Frames:
         self._frames: dict[str, _Stored] = {}
         self._closed = self._left = False
         self._stored = 0
+
+    def recent(self, frame: Frame) -> Frame:
+        """As `FrameMemory.recent`."""
+        return self._memory.recent(frame)
 
     @property
     def stored(self) -> int:

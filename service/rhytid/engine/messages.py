@@ -21,8 +21,10 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.notices import Notice
 from rhytid.domain.stiffness import Stiffness
+from rhytid.domain.tiles import TileAddress, TileGrid
 from rhytid.domain.warnings import InputWarning
-from rhytid.errors import QueryError
+from rhytid.errors import NotFoundError, QueryError
+from rhytid.formats.tile_header import TileHeader
 
 METHODS = ("neutral", "redraw", "binned", "convolved")
 STRETCH_MODELS = ("tensor", "tension", "uv")
@@ -64,6 +66,57 @@ class NewAsset:
     controls: Controls | None = None
     force: bool = False
     shapes: Expressions | None = None
+
+
+@dataclass(frozen=True)
+class AssetDimensions:
+    """Sizes of an asset, which its id stands for: they never change.
+
+    vertices, triangles: of its mesh; 0 of an asset of which only the failure is known.  udims:
+    those of its mesh.  grid: how its maps are cut.  centre: what was subtracted from its positions
+    as they were sent.
+    """
+
+    id: str
+    vertices: int
+    triangles: int
+    udims: tuple[int, ...]
+    grid: TileGrid
+    centre: tuple[float, ...]
+
+    def check(self, address: TileAddress) -> None:
+        """Raise NotFoundError where there is no such tile."""
+        if address.udim not in self.udims:
+            have = ", ".join(str(udim) for udim in self.udims) or "none"
+            raise NotFoundError(f"UDIM {address.udim} has no mesh; asset {self.id} has {have}")
+        self.grid.check(address)
+
+
+@dataclass(frozen=True)
+class TileDescription:
+    """A tile or a map, not drawn.
+
+    key: names its content; two with the same key have the same bytes.  header: what a file of it
+    says of itself.  side: texels per side.
+    """
+
+    key: str
+    header: TileHeader
+    side: int
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnTile:
+    """A tile or a map.
+
+    tile: displacement (n, n) float32, mesh units, row 0 at the top.  description: what it was
+    planned as.  key: the key that the same place had once it was drawn: where it is another, the
+    asset or the frame was changed meanwhile, and the tile may be of either.
+    """
+
+    tile: NDArray[np.float32]
+    description: TileDescription
+    key: str
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.engine.messages import TileDescription
 from rhytid.formats.tile_header import TileHeader
 
 Tile = NDArray[np.float32]
@@ -17,19 +18,24 @@ Tile = NDArray[np.float32]
 class TilePlan:
     """A tile or a map that is named and not drawn yet.
 
-    key: names its content; two plans with the same key draw the same bytes.  header: what a file of
-    it says of itself.  draw: its displacement (n, n) float32, mesh units, row 0 at the top; raises
-    BusyError where too many wait for the device.  side: n.  key_now: after `draw`, the key that the
-    same address had when it was drawn; None where that takes planning again.
+    draw: its displacement (n, n) float32, mesh units, row 0 at the top; raises BusyError where too
+    many wait for the device.
     """
 
-    key: str
-    header: TileHeader
-    side: int
+    description: TileDescription
     draw: Callable[[], Tile]
-    key_now: Callable[[], str] | None = None
 
     @property
-    def nbytes(self) -> int:
-        """Of its displacement."""
-        return 4 * self.side**2
+    def key(self) -> str:
+        """As of `TileDescription`."""
+        return self.description.key
+
+    @property
+    def header(self) -> TileHeader:
+        """As of `TileDescription`."""
+        return self.description.header
+
+    @property
+    def side(self) -> int:
+        """As of `TileDescription`."""
+        return self.description.side

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,8 +11,7 @@ from rhytid.build_identity import drawing_version
 from rhytid.device.figures import spent_on
 from rhytid.device.runtime import Device
 from rhytid.domain.bin_manifest import BinManifest
-from rhytid.domain.frame import check_positions
-from rhytid.domain.tiles import TileAddress
+from rhytid.domain.tiles import MapAddress, TileAddress
 from rhytid.engine.asset_registry import AssetRegistry
 from rhytid.engine.assets import Asset
 from rhytid.engine.bin_manifest import bin_manifest
@@ -23,7 +20,7 @@ from rhytid.engine.device_assets import DeviceAssets
 from rhytid.engine.frames import Frame
 from rhytid.engine.keys import map_key, settings_key
 from rhytid.engine.map_drawing import MapDrawing
-from rhytid.engine.messages import MapQuery
+from rhytid.engine.messages import DrawnTile, MapQuery, TileDescription
 from rhytid.engine.tile_batcher import TileBatcher
 from rhytid.engine.tile_plan import Tile, TilePlan
 from rhytid.errors import NotFoundError, QueryError
@@ -59,30 +56,45 @@ class TileService:
         """Callers that wait for what another draws."""
         return self._batcher.joined + self._maps.joined
 
+    def describe(
+        self, asset: str, frame: str | Frame, query: MapQuery, place: TileAddress | MapAddress
+    ) -> TileDescription:
+        """What would be drawn; nothing is."""
+        return self._plan(asset, frame, query, place).description
+
+    def draw(
+        self, asset: str, frame: str | Frame, query: MapQuery, place: TileAddress | MapAddress
+    ) -> DrawnTile:
+        """The displacement of a tile or of a whole level of a UDIM."""
+        plan = self._plan(asset, frame, query, place)
+        tile = plan.draw()
+        return DrawnTile(tile, plan.description, self._plan(asset, frame, query, place).key)
+
     def plan(self, asset: str, frame: str, query: MapQuery, address: TileAddress) -> TilePlan:
         """One tile of a frame. Raises NotFoundError for what does not exist, NotReadyError while
         the asset builds, ConflictError where it failed."""
-        found = self._assets.get(asset)
-        found.check_address(address)
-        stored = found.frame(frame)
-        return TilePlan(
-            self._key(found, stored, query, str(address)),
-            _header(found, frame, query, address),
-            found.settings.grid.texels(address.level),
-            _measured(query, self._tile, found, stored, query, address),
-        )
+        return self._plan(asset, frame, query, address)
 
     def plan_map(self, asset: str, frame: str, query: MapQuery, udim: int, level: int) -> TilePlan:
         """A whole level of a UDIM; raises what `plan` does."""
-        found, first = self._assets.get(asset), TileAddress(udim, level, 0, 0)
+        return self._plan(asset, frame, query, MapAddress(udim, level))
+
+    def _plan(
+        self, asset: str, frame: str | Frame, query: MapQuery, place: TileAddress | MapAddress
+    ) -> TilePlan:
+        found, whole = self._assets.get(asset), isinstance(place, MapAddress)
+        first = place.first if isinstance(place, MapAddress) else place
         found.check_address(first)
-        stored, whole = found.frame(frame), (0, 0, found.settings.grid.side(level))
-        return TilePlan(
-            self._key(found, stored, query, f"{udim}/{level}"),
-            _header(found, frame, query, first),
-            whole[2],
-            _measured(query, self._maps.square, found, stored, query, udim, level, whole),
+        drawn, side = found.frame(frame), found.settings.grid.side_of(place)
+        name = frame if isinstance(frame, str) else ""
+        description = TileDescription(
+            self._key(found, drawn, query, str(place)), _header(found, name, query, first), side
         )
+        square = partial(
+            self._maps.square, found, drawn, query, place.udim, place.level, (0, 0, side)
+        )
+        draw = square if whole else partial(self._tile, found, drawn, query, first)
+        return TilePlan(description, partial(spent_on, query.method, draw))
 
     def triangles(self, asset: str, udim: int) -> NDArray[np.int32]:
         """(R, R) the triangle that each texel of a UDIM shows, padding included, row 0 at the top;
@@ -102,19 +114,8 @@ class TileService:
         self, asset: str, positions: ArrayLike, query: MapQuery, addresses: list[TileAddress]
     ) -> list[TilePlan]:
         """Tiles of positions (V, 3) that are not stored, in the order of `addresses`."""
-        found = self._assets.get(asset)
-        for address in addresses:
-            found.check_address(address)
-        frame = Frame.of(check_positions(positions, found.vertices))
-        return [
-            TilePlan(
-                self._key(found, frame, query, str(address)),
-                _header(found, "", query, address),
-                found.settings.grid.texels(address.level),
-                _measured(query, self._tile, found, frame, query, address),
-            )
-            for address in addresses
-        ]
+        frame = self._assets.get(asset).checked(positions)
+        return [self._plan(asset, frame, query, address) for address in addresses]
 
     def bins(self, asset: str) -> BinManifest:
         """The precomputed maps of an asset (section 2.4)."""
@@ -170,11 +171,6 @@ class TileService:
 
         tile = self._batcher.tile
         return self._on_device.using(asset, lambda: tile(key, address, texels, draw, asset.id))
-
-
-def _measured(query: MapQuery, draw: Callable[..., Tile], *arguments: Any) -> Callable[[], Tile]:
-    """Draws with these arguments; what it takes is counted for the method."""
-    return partial(spent_on, query.method, partial(draw, *arguments))
 
 
 def displacement_scale(asset: Asset) -> float:

@@ -12,19 +12,16 @@ import signal
 import socket
 import sys
 import threading
-from contextlib import nullcontext, suppress
+from contextlib import suppress
 from functools import partial
 from typing import Any, NoReturn
 
 from rhytid.device import figures
-from rhytid.device.figures import Figures, spans_of_request
+from rhytid.device.figures import Figures
 from rhytid.device.watch import SIZE, Purpose, Report, report_to, used_for
-from rhytid.engine import wanted
-from rhytid.engine.callers import caller
 from rhytid.engine.engine import Engine
-from rhytid.engine.worker import drawn_live
+from rhytid.engine.messages import AssetInfo
 from rhytid.engine_process import heaps
-from rhytid.engine_process.calls import Calls
 from rhytid.engine_process.control import (
     Close,
     Control,
@@ -33,11 +30,13 @@ from rhytid.engine_process.control import (
     Start,
     Started,
 )
+from rhytid.engine_process.envelope import Envelope, answered
 from rhytid.engine_process.packing import Packed, pack, unpack
 from rhytid.engine_process.shared import Bytes, mapped, private
 from rhytid.engine_process.wire import Message, close_all, receive, send
-from rhytid.errors import RhytidError
-from rhytid.logs import log_to_stderr, request_id
+from rhytid.errors import NotFoundError, RhytidError
+from rhytid.logs import log_to_stderr
+from rhytid.storage.snapshots import Snapshot
 
 # Of prctl: the signal that comes when the parent ends.
 _PARENT_DIES = 1
@@ -72,7 +71,7 @@ class _Process:
     def __init__(self, control: Control) -> None:
         self._control = control
         self._closing = threading.Event()
-        self._calls: Calls | None = None
+        self._engine: Engine | None = None
 
     def run(self, start: Start, counters: Figures) -> NoReturn:
         threading.Thread(target=self._listen, name="rhytid-control", daemon=True).start()
@@ -83,7 +82,7 @@ class _Process:
                 _log.exception("the engine does not start")
             self._notify(Started(_sendable(error)))
             _exit(1)
-        self._calls = Calls(engine, lambda token: self._notify(FramesStored(token)))
+        self._engine = engine
         self._notify(Started(None))
         heaps.keep_giving_back(self._closing)
         self._closing.wait()
@@ -110,35 +109,50 @@ class _Process:
         room: Bytes | None = None
         with line, suppress(ConnectionError):
             while (message := receive(line, descriptors=True)) is not None:
-                memory, room = _memory(message, room)
-                with wanted.unless(partial(_hung_up, line)):
-                    answer = self._performed(message, memory)
-                del message, memory
+                answer = self._answered(message, line)
                 if answer.nbytes > (0 if room is None else len(room)):
                     send(line, Message(room=answer.nbytes))
                     if (offer := receive(line, descriptors=True)) is None:
                         return
-                    _, room = _memory(offer, room)
+                    room = _room(offer)
                 if room is not None and answer.sizes:
                     answer.write(room)
                 send(line, Message(answer.body, answer.sizes))
-                del answer
+                del answer, message
 
-    def _performed(self, message: Message, memory: Bytes | None) -> Packed:
-        assert self._calls is not None  # lines are opened once the engine is there
-        call = unpack(message.body, message.sizes, memory)
-        request_id.set(call.request_id)
-        caller.set(call.caller)
-        kept = spans_of_request() if call.traced else nullcontext(())
-        with kept as spans:
+    def _answered(self, message: Message, line: socket.socket) -> Packed:
+        files = message.descriptors
+        try:
+            memory = private(files[0], message.shared) if message.shared else None
+            own = files[1:] if message.shared else files
+            envelope: Envelope = unpack(message.body, message.sizes, memory, own)
+            answer = answered(envelope, self._perform, partial(_hung_up, line))
             try:
-                with used_for(Purpose(request=call.number)), drawn_live(call.live):
-                    return pack((True, self._calls.perform(call), spans))
-            except RhytidError as error:
-                return pack((False, error, spans))
-            except Exception as error:  # noqa: BLE001 the server raises it
-                _log.exception("%s failed", call.name)
-                return pack((False, _sendable(error), spans))
+                return pack(answer)
+            finally:
+                if isinstance(answer.value, Snapshot):  # the server opens its files
+                    answer.value.close()
+        finally:
+            close_all(files)
+
+    def _perform(self, envelope: Envelope) -> Any:
+        assert self._engine is not None  # lines are opened once the engine is there
+        with used_for(Purpose(request=envelope.number)):
+            value = envelope.perform(self._engine)
+        if isinstance(value, AssetInfo) and envelope.operation.addresses == "content":
+            self._when_stored(value, envelope.number)
+        return value
+
+    def _when_stored(self, info: AssetInfo, number: int) -> None:
+        """Tell the server when the frames are stored that came with an asset."""
+        assert self._engine is not None
+        stored = partial(self._notify, FramesStored(number))
+        try:
+            if info.job is None:
+                raise NotFoundError
+            self._engine.jobs.get(info.job).when_ended(stored)
+        except NotFoundError:
+            stored()
 
 
 def _hung_up(line: socket.socket) -> bool:
@@ -148,14 +162,12 @@ def _hung_up(line: socket.socket) -> bool:
     return bool(poll.poll(0))
 
 
-def _memory(message: Message, room: Bytes | None) -> tuple[Bytes | None, Bytes | None]:
-    """The memory that the arrays of a message lie in, and that for the answer."""
-    descriptors = list(message.descriptors)
+def _room(offer: Message) -> Bytes:
+    """The memory for an answer."""
     try:
-        memory = private(descriptors[0], message.shared) if message.shared else None
-        return memory, mapped(descriptors[-1], message.room) if message.room else room
+        return mapped(offer.descriptors[0], offer.room)
     finally:
-        close_all(descriptors)
+        close_all(offer.descriptors)
 
 
 def _sendable(error: Exception) -> Exception:

@@ -48,9 +48,9 @@ class Started:
 
 @dataclass(frozen=True)
 class FramesStored:
-    """The job that stored the frames of an upload has ended; `token` is that of the upload."""
+    """The job that stored the frames of an upload has ended.  number: of the call of the upload."""
 
-    token: int
+    number: int
 
 
 class Control:

@@ -37,6 +37,11 @@ class JobLedger:
                 self._jobs.popitem(last=False)
         return info
 
+    def note(self, id: str, asset: str) -> None:
+        """Remember the build of an asset, where it is not known yet."""
+        if self.find(id) is None:
+            self.keep(JobInfo(id, asset, "build", "queued", 0.0, "", ""))
+
     def find(self, id: str) -> JobInfo | None:
         """A job as it was last; None where it is not remembered."""
         with self._lock:

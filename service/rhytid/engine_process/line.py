@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from rhytid.engine import wanted
-from rhytid.engine_process.packing import Packed, room_for, unpack
+from rhytid.engine_process.packing import Packed, unpack
 from rhytid.engine_process.shared import Bytes, mapped, shared_file
 from rhytid.engine_process.wire import Message, close_all, receive, send
 
@@ -38,16 +38,16 @@ class Line:
         """Bytes of shared memory for answers."""
         return 0 if self._room is None else len(self._room)
 
-    def ask(self, request: Packed, room: int, seconds: float | None) -> tuple[Any, Any]:
+    def ask(self, request: Packed, seconds: float | None) -> tuple[Any, Any]:
         """The answer, and what holds the shared memory that it lies in, None where it lies in none.
 
-        room: bytes of arrays that the answer is expected to have.  seconds: to wait for it.
+        seconds: to wait for it.
 
         Raises LineBroken, TimeoutError, and CancelledError where `engine.wanted` says so.
         """
         self._socket.settimeout(seconds)
         try:
-            self._send(request, room)
+            self._send(request)
             self._wait(seconds)
             answer = receive(self._socket)
             if answer is not None and answer.room:
@@ -75,19 +75,19 @@ class Line:
         """End it; the process lets go of the shared memory."""
         self._socket.close()
 
-    def _send(self, request: Packed, room: int) -> None:
-        shared, wanted, descriptors = request.nbytes, room_for((room,)), []
+    def _send(self, request: Packed) -> None:
+        memory = shared_file(request.nbytes) if request.nbytes else None
+        own = () if memory is None else (memory,)
         try:
-            if shared:
-                descriptors.append(shared_file(shared))
-                request.write(mapped(descriptors[0], shared))
-            new = wanted if wanted > self.room else 0
-            if new:
-                descriptors.append(self._new_room(new))
-            head = Message(request.body, request.sizes, shared, new, tuple(descriptors))
-            send(self._socket, head)
+            if memory is not None:
+                request.write(mapped(memory, request.nbytes))
+            descriptors = (*own, *request.files)
+            send(
+                self._socket,
+                Message(request.body, request.sizes, request.nbytes, descriptors=descriptors),
+            )
         finally:
-            close_all(descriptors)
+            close_all(own)
 
     def _offer(self, nbytes: int) -> None:
         descriptor = self._new_room(nbytes)
@@ -119,11 +119,11 @@ class Lines:
         self._free: list[Line] = []
         self._closed = False
 
-    def ask(self, request: Packed, room: int = 0, seconds: float | None = None) -> Any:
+    def ask(self, request: Packed, seconds: float | None = None) -> Any:
         """As `Line.ask`, on a line that is free; the answer alone."""
         line = self._take()
         try:
-            answer, holds = line.ask(request, room, seconds)
+            answer, holds = line.ask(request, seconds)
         except BaseException:
             line.close()
             raise

@@ -1,4 +1,4 @@
-"""Plain values as bytes: pickles, of which the bytes of large arrays lie apart.
+"""Plain values as bytes: pickles, of which the bytes of large arrays lie apart, and open files.
 
 Only for messages between a server and the process that it started: a pickle can run any code.
 """
@@ -10,13 +10,16 @@ import io
 import os
 import pickle
 from collections.abc import Sequence
+from contextvars import ContextVar
 from dataclasses import dataclass
+from functools import partial
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from rhytid.engine_process.shared import Bytes
+from rhytid.storage.snapshots import OpenFile, Snapshot
 
 # Bytes from which on those of an array lie apart.
 APART = 8192
@@ -26,13 +29,14 @@ _STEP = 64
 
 @dataclass
 class Packed:
-    """A value as a pickle, and the bytes of its large arrays.
+    """A value as a pickle, the bytes of its large arrays, and the descriptors of its files.
 
-    memory: shared memory that these were written to last, None where they were not.
+    memory: shared memory that the arrays were written to last, None where they were not.
     """
 
     body: bytes
     arrays: tuple[memoryview, ...]
+    files: tuple[int, ...] = ()
     memory: Bytes | None = None
 
     @property
@@ -79,21 +83,49 @@ def pack(value: Any) -> Packed:
     # No references to what came before: else two equal values differ by which parts are the same
     # object.
     pickler.fast = True
-    pickler.dispatch_table = _REDUCERS
+    files: list[int] = []
+    pickler.dispatch_table = {**_REDUCERS, OpenFile: partial(_numbered, files)}
     pickler.dump(value)
-    return Packed(file.getvalue(), tuple(arrays))
+    return Packed(file.getvalue(), tuple(arrays), tuple(files))
 
 
-def unpack(body: bytes | memoryview, sizes: Sequence[int], memory: Bytes | None) -> Any:
-    """The value; its large arrays lie in `memory`, and hold it."""
+def unpack(
+    body: bytes | memoryview,
+    sizes: Sequence[int],
+    memory: Bytes | None,
+    files: Sequence[int] = (),
+) -> Any:
+    """The value; its large arrays lie in `memory`, and hold it.  files: descriptors of its files,
+    which stay the caller's."""
     raw = np.empty(0, np.uint8) if memory is None else memory
-    return pickle.loads(body, buffers=slices(raw, sizes))
+    token = _files.set(files)
+    try:
+        return pickle.loads(body, buffers=slices(raw, sizes))
+    finally:
+        _files.reset(token)
 
 
 def slices(memory: Bytes, sizes: Sequence[int]) -> list[memoryview]:
     """The bytes of each array in shared memory."""
     placed = zip(_starts(sizes), sizes, strict=True)
     return [memory[start : start + size].data for start, size in placed]
+
+
+_files: ContextVar[Sequence[int]] = ContextVar("files", default=())
+
+
+def _numbered(files: list[int], file: OpenFile) -> tuple[Any, ...]:
+    files.append(file.descriptor)
+    return _opened, (len(files) - 1,)
+
+
+def _opened(number: int) -> OpenFile:
+    return OpenFile(_files.get()[number])
+
+
+def _made_again(snapshot: Snapshot) -> tuple[Any, ...]:
+    """By the paths of its files, which the other side opens."""
+    return Snapshot, snapshot.parts
 
 
 def _read_only(content: dict[Any, Any]) -> MappingProxyType[Any, Any]:
@@ -105,7 +137,11 @@ def _reduced(mapping: MappingProxyType[Any, Any]) -> tuple[Any, ...]:
 
 
 # What pickles cannot hold by themselves. A dict: a pickler asks it for every object.
-_REDUCERS: dict[Any, Any] = {**copyreg.dispatch_table, MappingProxyType: _reduced}
+_REDUCERS: dict[Any, Any] = {
+    **copyreg.dispatch_table,
+    MappingProxyType: _reduced,
+    Snapshot: _made_again,
+}
 
 
 def room_for(sizes: Sequence[int]) -> int:

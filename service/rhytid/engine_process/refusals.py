@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from rhytid.engine.messages import Refusal
 from rhytid.engine_process.ending import Ending
-from rhytid.engine_process.requests import Request
+from rhytid.engine_process.envelope import Request
 from rhytid.errors import FatalRequestError
 
 # Endings after which the same is refused.
@@ -55,7 +55,7 @@ class Refusals:
 
     def check(self, request: Request) -> None:
         """Raise FatalRequestError where the process ended twice at such a request."""
-        if request.name not in self._names:
+        if request.operation.name not in self._names:
             return
         with self._lock:
             record = self._requests.get(request.digest)
@@ -66,7 +66,7 @@ class Refusals:
     def strike(self, request: Request, ending: Ending) -> None:
         """The process ended at this request."""
         with self._lock:
-            self._names.add(request.name)
+            self._names.add(request.operation.name)
             record = self._requests.setdefault(request.digest, _Record(request.asset))
             record.strike("this request", ending)
             self._requests.move_to_end(request.digest)
@@ -80,7 +80,7 @@ class Refusals:
 
     def absolve(self, request: Request) -> None:
         """The request was answered."""
-        if request.name in self._names:
+        if request.operation.name in self._names:
             with self._lock:
                 self._requests.pop(request.digest, None)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 from rhytid.device.figures import Figures
@@ -13,50 +12,35 @@ from rhytid.device.memory import usual_frame_memory, usual_host_memory
 from rhytid.engine import wanted
 from rhytid.engine.byte_budget import ByteBudget
 from rhytid.engine.messages import DeviceInfo
+from rhytid.engine.operations import OPERATIONS, Proxy
 from rhytid.engine.worker import READY
 from rhytid.engine_process.control import FramesStored
 from rhytid.engine_process.device_process import DeviceProcess
+from rhytid.engine_process.envelope import Answer, Request
 from rhytid.engine_process.frame_ledger import FrameLedger, Positions
 from rhytid.engine_process.job_ledger import JobLedger
 from rhytid.engine_process.line import LineBroken
-from rhytid.engine_process.remote_assets import RemoteAssets
-from rhytid.engine_process.remote_frames import RemoteFrames
-from rhytid.engine_process.remote_jobs import RemoteJobs
-from rhytid.engine_process.remote_packages import RemotePackages
-from rhytid.engine_process.remote_snapshots import RemoteSnapshots
-from rhytid.engine_process.remote_tiles import RemoteTiles
-from rhytid.engine_process.requests import Request
+from rhytid.engine_process.remote_calls import RemoteCalls
 from rhytid.engine_process.supervisor import Supervisor
 from rhytid.engine_process.supervisors import Supervisors
 from rhytid.engine_process.upload_holds import UploadHolds
 from rhytid.settings import ServiceSettings
 
 
-class RemoteEngine:
-    """What `Engine` is, in another process, which is started again when it ends.
+class RemoteEngine(Proxy):
+    """An engine in another process, which is started again when it ends.
 
-    Blocking; safe from any thread.
-
-    Calls raise what those of `Engine` do; DeviceLostError where the process ended and no other
-    answers in time, and FatalRequestError where it ended twice while it worked on the call. Stored
-    frames survive it: they are kept here, too.
-
-    Raises what `Engine` raises where the process does not start.
+    Stored frames survive that: they are kept here, too. Raises what `rhytid.engine.engine.Engine`
+    raises where the process does not start.
     """
 
     def __init__(self, settings: ServiceSettings) -> None:
         host_memory = settings.host_memory or usual_host_memory()
         self.memory = ByteBudget(host_memory, "RHYTID_HOST_MEMORY_MB")
-        self._uploads = UploadHolds(self.memory)
-        jobs = JobLedger()
-        self._supervisor = Supervisors(settings, self._on_message, partial(self._lost, jobs))
+        self._uploads, self._jobs = UploadHolds(self.memory), JobLedger()
+        self._supervisor = Supervisors(settings, self._on_message, self._on_end)
         frames = FrameLedger(settings.frame_memory or usual_frame_memory(), self._put)
-        self.frames = RemoteFrames(self._supervisor, frames)
-        self.tiles = RemoteTiles(self._supervisor, frames)
-        self.jobs = RemoteJobs(self._supervisor, jobs)
-        self.assets = RemoteAssets(self._supervisor, frames, self.jobs, self._uploads, self.tiles)
-        self.packages = RemotePackages(self._supervisor, self.jobs)
-        self.snapshots = RemoteSnapshots(self._supervisor)
+        super().__init__(RemoteCalls(self._supervisor, frames, self._jobs, self._uploads))
         self._devices: dict[Supervisor, list[DeviceInfo]] = {}
         self.figures: dict[str, Figures] = {}
         try:
@@ -85,10 +69,11 @@ class RemoteEngine:
             return any(pool.map(_ready, self._supervisor.all))
 
     def devices(self) -> list[DeviceInfo]:
-        """As `Engine.devices`; while a process restarts, what was known of its device before."""
+        """Every OpenCL device, with budget and use of those of this engine; while a process
+        restarts, what was known of its device before."""
         for one in self._supervisor.all:
             if one.ready is not None or one not in self._devices:
-                self._devices[one] = one.call(Request("devices"))
+                self._devices[one] = one.call(Request(OPERATIONS["devices"]))
         found = list(next(iter(self._devices.values())))
         for one, listed in self._devices.items():
             for number, device in enumerate(listed):
@@ -110,14 +95,15 @@ class RemoteEngine:
 
     def _put(self, process: DeviceProcess, asset: str, name: str, positions: Positions) -> None:
         with wanted.anyway():  # else the process may store it later, after another
-            self._supervisor.ask(process, Request("frames.put", (asset, name, positions)))
+            put = Request(OPERATIONS["frames.put"], (asset, name, positions))
+            self._supervisor.ask(process, put)
 
     def _on_message(self, message: Any) -> None:
         if isinstance(message, FramesStored):
-            self._uploads.release(message.token)
+            self._uploads.release(message.number)
 
-    def _lost(self, jobs: JobLedger, process: DeviceProcess, its: Callable[[str], bool]) -> None:
-        jobs.lose(its)
+    def _on_end(self, process: DeviceProcess, its: Callable[[str], bool]) -> None:
+        self._jobs.lose(its)
         self._uploads.release_of(process)
 
 
@@ -127,9 +113,9 @@ def _ready(supervisor: Supervisor) -> bool:
         return False
     ended = process.report.ended
     try:
-        good, computes, _ = process.lines.ask(Request("ready").packed, seconds=READY)
+        answer: Answer = process.lines.ask(Request(OPERATIONS["ready"]).packed, seconds=READY)
     except LineBroken:
         return False
     except TimeoutError:  # others go first, where something ended meanwhile
         return process.report.ended > ended
-    return bool(good and computes)
+    return bool(answer.good and answer.value)

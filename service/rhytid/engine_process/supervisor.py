@@ -13,13 +13,13 @@ from contextlib import contextmanager
 from typing import Any
 
 from rhytid.device import figures
-from rhytid.device.figures import Figures, keep_spans
+from rhytid.device.figures import Figures
 from rhytid.engine_process.control import Start
 from rhytid.engine_process.device_process import DeviceProcess
 from rhytid.engine_process.ending import Ending
+from rhytid.engine_process.envelope import Answer, Request
 from rhytid.engine_process.line import LineBroken
 from rhytid.engine_process.refusals import Refusals
-from rhytid.engine_process.requests import Request
 from rhytid.engine_process.shared import mapped, shared_file
 from rhytid.errors import DeviceError, DeviceLostError
 from rhytid.settings import ServiceSettings
@@ -147,7 +147,7 @@ class Supervisor:
         self._asked[request.number] = getattr(self._local, "blamed", None) or request
         request.sent += 1
         try:
-            good, answer, spans = process.lines.ask(request.packed, request.room)
+            answer: Answer = process.lines.ask(request.packed)
         except LineBroken:
             # Until it is known who is to blame, this is among those who were at work.
             self._await_end(process)
@@ -155,13 +155,7 @@ class Supervisor:
         finally:
             self._asked.pop(request.number, None)
         self._refusals.absolve(request)
-        keep_spans(spans)
-        if good:
-            return answer
-        try:
-            raise answer
-        finally:  # else its traceback and this frame hold each other, and all that frames hold
-            del answer
+        return answer.open()
 
     @contextmanager
     def _instead(self, request: Request) -> Iterator[None]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import io
+import os
 from collections import Counter
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -12,17 +12,17 @@ from typing import Any
 
 from rhytid.engine.checked_upload import content_id
 from rhytid.engine.messages import NewAsset
+from rhytid.engine.operations import OPERATIONS
 from rhytid.engine_process.device_process import DeviceProcess
+from rhytid.engine_process.envelope import Request
 from rhytid.engine_process.found_devices import found_devices, named_devices, settings_of
 from rhytid.engine_process.keyed_locks import KeyedLocks
 from rhytid.engine_process.placement import Placement
-from rhytid.engine_process.requests import Request
 from rhytid.engine_process.supervisor import Supervisor
 from rhytid.errors import DeviceLostError, NotFoundError, StorageError
 from rhytid.settings import ServiceSettings
 from rhytid.storage.homes import ID
-from rhytid.storage.snapshot_index import BLOCK, LONGEST_INDEX
-from rhytid.storage.snapshots import asset_of
+from rhytid.storage.snapshots import OpenFile, asset_of
 from rhytid.storage.store import AssetStore
 
 Prepare = Callable[[DeviceProcess], None]
@@ -113,15 +113,17 @@ class Supervisors:
         """As `Supervisor.call`, of the device that has the asset."""
         if len(self.all) == 1:
             return self.all[0].call(request, prepare)
-        if request.name in _NEW:
-            return self._placed(request, prepare)
-        if request.name == "assets.all":
+        operation = request.operation
+        if operation.addresses == "content":
+            asset, nbytes = _content(request.positional[0])
+            return self._placed_as(asset, nbytes, request, prepare)
+        if operation.addresses == "assets":
             # All or none: a list without the assets of a device that is lost would say that they
             # are gone.
-            return [info for one in self.all for info in one.call(Request(request.name))]
-        if request.name.startswith("jobs."):
+            return [info for one in self.all for info in one.call(Request(operation))]
+        if operation.addresses == "job":
             return self._of_job(request)
-        if request.name == "assets.delete":
+        if (operation.addresses, operation.effect) == ("asset", "remove"):
             return self._deleted(request)
         if self._shared and request.asset and self._placement.of(request.asset) is None:
             return self._fetched(request, prepare)
@@ -141,17 +143,12 @@ class Supervisors:
         lost: DeviceLostError | None = None
         for one in sorted(self.all, key=lambda one: one.ready is None):
             try:
-                return one.call(Request(request.name, request.positional))
+                return one.call(Request(request.operation, request.positional))
             except DeviceLostError as error:  # noqa: PERF203 a handful of devices
                 lost = error
             except NotFoundError as error:
                 missing = error
         raise lost or missing
-
-    def _placed(self, request: Request, prepare: Prepare | None) -> Any:
-        """The answer to a request that brings an asset, which may be there already."""
-        asset, nbytes = _NEW[request.name](request.positional[0])
-        return self._placed_as(asset, nbytes, request, prepare)
 
     def _fetched(self, request: Request, prepare: Prepare | None) -> Any:
         """The answer to a request for an asset that may be in the shared store alone, of a size
@@ -160,7 +157,7 @@ class Supervisors:
         if ID.fullmatch(asset):
             # Asked for apart: whoever sends a frame holds a lock of it, and none waits for that
             # while the asset is placed.
-            looked = Request("assets.info", (asset,))
+            looked = Request(OPERATIONS["assets.info"], (asset,))
             self._placed_as(asset, _WRINKLE * _WRINKLES, looked, None)
         return self._of(asset).call(request, prepare)
 
@@ -192,7 +189,7 @@ class Supervisors:
 
     def _knows(self, number: int, asset: str) -> bool:
         try:
-            self.all[number].call(Request("assets.info", (asset,)))
+            self.all[number].call(Request(OPERATIONS["assets.info"], (asset,)))
         except NotFoundError:
             return False
         except Exception:  # noqa: BLE001 the caller gets the first error
@@ -200,21 +197,16 @@ class Supervisors:
         return True
 
 
-def _sent(new: NewAsset) -> tuple[str, int]:
-    """The id of what is sent, and the bytes that it will take."""
-    mesh, wrinkles = new.mesh, new.settings.graph.wrinkles or _WRINKLES
+def _content(content: NewAsset | OpenFile) -> tuple[str, int]:
+    """The id of what is sent, a mesh or a snapshot, and the bytes that it will take."""
+    if isinstance(content, OpenFile):
+        descriptor = content.descriptor
+        return asset_of(OpenFile(descriptor)), os.fstat(descriptor).st_size
+    mesh, wrinkles = content.mesh, content.settings.graph.wrinkles or _WRINKLES
     own = sum(array.nbytes for array in (mesh.positions, mesh.faces, mesh.uv, mesh.face_uv))
-    if new.graph is not None:
-        wrinkles = new.graph.wrinkles
-    return content_id(new), own + _WRINKLE * wrinkles
-
-
-def _restored(content: Any) -> tuple[str, int]:
-    # Its index lies in the first bytes; the rest is not copied.
-    return asset_of(io.BytesIO(content[: BLOCK + LONGEST_INDEX].data)), content.nbytes
-
-
-_NEW: dict[str, Callable[[Any], tuple[str, int]]] = {"create": _sent, "restore": _restored}
+    if content.graph is not None:
+        wrinkles = content.graph.wrinkles
+    return content_id(content), own + _WRINKLE * wrinkles
 
 
 def _sizes(store: AssetStore) -> Iterator[tuple[str, int]]:

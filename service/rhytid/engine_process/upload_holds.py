@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import threading
 
 from rhytid.engine.byte_budget import ByteBudget, Hold
@@ -14,13 +13,12 @@ class UploadHolds:
     def __init__(self, memory: ByteBudget) -> None:
         self._memory = memory
         self._lock = threading.Lock()
-        self._tokens = itertools.count(1)
         self._holds: dict[int, Hold] = {}
         self._sent: dict[int, object] = {}
 
-    def take(self, nbytes: int, counted: Hold | None) -> int:
-        """Hold so many bytes, as far as `counted` has any out of it; the token of the hold. Raises
-        HostBusyError and HostMemoryError."""
+    def take(self, number: int, nbytes: int, counted: Hold | None) -> None:
+        """Hold so many bytes for the call of that number, as far as `counted` has any out of it.
+        Raises HostBusyError and HostMemoryError."""
         hold = self._memory.hold("jobs") if counted is None else counted.split("jobs", nbytes)
         try:
             hold.grow(nbytes - hold.nbytes)
@@ -28,26 +26,24 @@ class UploadHolds:
             hold.release()
             raise
         with self._lock:
-            token = next(self._tokens)
-            self._holds[token] = hold
-        return token
+            self._holds[number] = hold
 
-    def sent(self, token: int, process: object) -> None:
+    def sent(self, number: int, process: object) -> None:
         """The frames went to a process."""
         with self._lock:
-            self._sent[token] = process
+            self._sent[number] = process
 
-    def release(self, token: int) -> None:
+    def release(self, number: int) -> None:
         """The job has ended."""
         with self._lock:
-            self._sent.pop(token, None)
-            hold = self._holds.pop(token, None)
+            self._sent.pop(number, None)
+            hold = self._holds.pop(number, None)
         if hold is not None:
             hold.release()
 
     def release_of(self, process: object) -> None:
         """A process has ended, and with it all of its jobs."""
         with self._lock:
-            tokens = [token for token, to in self._sent.items() if to is process]
-        for token in tokens:
-            self.release(token)
+            numbers = [number for number, to in self._sent.items() if to is process]
+        for number in numbers:
+            self.release(number)

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 # an answer. A descriptor goes with each of the two that is not 0, where one is needed.
 _HEAD = struct.Struct("<IIQQ")
 _PIECE = 1 << 20
-_MOST_DESCRIPTORS = 2
+_MOST_DESCRIPTORS = 3
 
 
 @dataclass(frozen=True)

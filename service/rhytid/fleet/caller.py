@@ -11,18 +11,15 @@ from typing import Any
 from ray.exceptions import ObjectLostError, RayActorError, RayError, WorkerCrashedError
 from ray.serve.exceptions import BackPressureError, RayServeException
 
-from rhytid.device.figures import keep_spans, spans_are_kept
 from rhytid.engine import wanted
-from rhytid.engine.callers import caller
 from rhytid.engine.checked_upload import content_id
-from rhytid.engine.worker import is_live
+from rhytid.engine.messages import NewAsset
 from rhytid.engine_process.device_process import DeviceProcess
-from rhytid.engine_process.requests import Request
+from rhytid.engine_process.envelope import Answer, Request
 from rhytid.errors import BusyError, CancelledError, DeviceLostError
-from rhytid.fleet.envelopes import Answer, ElsewhereError, Envelope, packed
+from rhytid.fleet.envelopes import Addressed, ElsewhereError
 from rhytid.fleet.frame_versions import FrameVersions
 from rhytid.fleet.job_names import JobNames
-from rhytid.logs import request_id
 from rhytid.storage.homes import checked_id
 
 # How often a call is made in all, where its replica is lost each time.
@@ -31,17 +28,13 @@ SENT = 5
 # replicas at all.
 LOOK, PATIENCE = 0.2, 15.0
 _LOST = (RayActorError, ObjectLostError, WorkerCrashedError)
-# What any replica of the asset's order may draw.
-_SPREAD = frozenset(("draw_tile", "draw_map", "draw_once"))
-_OF_FRAME = ("frames.info", "frames.positions", "frames.stretch", "frames.delete")
 _log = logging.getLogger(__name__)
 
 
 class FleetCaller:
-    """What `Supervisors` is for the engine in another process, for one on replicas of Ray.
+    """Carries calls to replicas of Ray, and makes them again where a replica is lost.
 
-    handle: of the deployment of the replicas.  present: whether any has reported of late. All calls
-    of the engine can be made twice, so that a call is made again where its replica is lost.
+    handle: of the deployment of the replicas.  present: whether any has reported of late.
     """
 
     def __init__(
@@ -81,7 +74,7 @@ class FleetCaller:
         asset, to = self._place(request)
         for _ in range(SENT):
             try:
-                return self._opened(request, self._sent(self._envelope(request, asset, to)))
+                return self._opened(request, self._sent(self._addressed(request, asset, to)))
             except ElsewhereError as error:  # noqa: PERF203
                 to = error.replica
             except _LOST as error:
@@ -94,34 +87,28 @@ class FleetCaller:
     def _place(self, request: Request) -> tuple[str, str]:
         """The asset that a call is about, and the replica that is asked; empty where it is none.
         Raises NotFoundError for what is no id: it would become the name of a file."""
-        if request.name == "create":
-            return content_id(request.positional[0]), ""
-        if request.name.startswith("jobs."):
+        if request.operation.addresses == "content":
+            content = request.positional[0]
+            return content_id(content) if isinstance(content, NewAsset) else content.asset, ""
+        if request.operation.addresses == "job":
             job = self._names.read(request.positional[0])
             return job.asset, job.replica
         return request.asset and checked_id(request.asset), ""
 
-    def _envelope(self, request: Request, asset: str, to: str) -> Envelope:
-        name, positional = request.name, request.positional
-        version = 0
-        if name.endswith(("_tile", "_map")):
-            version = positional[-1]
-        elif name in _OF_FRAME:
-            version = self._versions.version(*positional[:2])
-        body, arrays = packed((positional, dict(request.named)))
-        return Envelope(
-            name, asset, to, name in _SPREAD, version, body, arrays,
-            request_id.get(), spans_are_kept(), caller.get(), is_live(),
-        )  # fmt: skip
+    def _addressed(self, request: Request, asset: str, to: str) -> Addressed:
+        if request.frame:
+            request.version = self._versions.version(asset, request.frame)
+        # Packed for each way: what is asked for may have another version by then.
+        return Addressed.of(request.envelope, asset, to)
 
-    def _sent(self, envelope: Envelope) -> Answer:
+    def _sent(self, call: Addressed) -> Answer:
         response: Any = None
         began = time.monotonic()
         while True:
             try:
                 if response is None:
-                    response = self._handle.call.remote(envelope)
-                answer: Answer = response.result(timeout_s=LOOK)
+                    response = self._handle.call.remote(call)
+                answer: Answer = response.result(timeout_s=LOOK).open()
                 return answer
             except TimeoutError:  # noqa: PERF203
                 began = self._still_wanted(response, began)
@@ -147,15 +134,7 @@ class FleetCaller:
         return began
 
     def _opened(self, request: Request, answer: Answer) -> Any:
-        keep_spans(answer.spans)
         if answer.version:
-            asset, frame = request.positional[:2]
-            removed = request.name == "frames.delete"
-            self._versions.note(asset, frame, answer.version, removed=removed)
-        if answer.good:
-            return answer.value()
-        error = answer.value()
-        try:
-            raise error
-        finally:  # as `Supervisor.ask`
-            del error
+            removed = request.operation.effect == "remove"
+            self._versions.note(request.asset, request.frame, answer.version, removed=removed)
+        return answer.open()

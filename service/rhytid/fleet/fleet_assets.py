@@ -3,19 +3,13 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Collection
 from concurrent.futures import ThreadPoolExecutor
 
-from rhytid.engine.byte_budget import Hold
-from rhytid.engine.messages import AssetInfo, NewAsset
-from rhytid.engine_process.remote_assets import RemoteAssets
-from rhytid.engine_process.remote_jobs import RemoteJobs
-from rhytid.engine_process.remote_tiles import RemoteTiles
-from rhytid.engine_process.requests import Request
-from rhytid.engine_process.upload_holds import UploadHolds
+from rhytid.engine.messages import AssetInfo
+from rhytid.engine.operations import OPERATIONS
+from rhytid.engine_process.envelope import Request
 from rhytid.errors import NotFoundError, SharedDamageError
 from rhytid.fleet.caller import FleetCaller
-from rhytid.fleet.frame_versions import FrameVersions
 from rhytid.fleet.shared_folder import Revisions, SharedFolder
 
 # Assets that are asked for at once when all are listed.
@@ -23,34 +17,12 @@ _AT_ONCE = 8
 _log = logging.getLogger(__name__)
 
 
-class FleetAssets(RemoteAssets):
-    """The calls of `AssetService`."""
+class FleetAssets:
+    """Lists the assets of the shared folder."""
 
-    def __init__(
-        self,
-        caller: FleetCaller,
-        frames: FrameVersions,
-        jobs: RemoteJobs,
-        uploads: UploadHolds,
-        tiles: RemoteTiles,
-        shared: SharedFolder,
-    ) -> None:
-        super().__init__(caller, frames, jobs, uploads, tiles)
-        self._shared = shared
+    def __init__(self, caller: FleetCaller, shared: SharedFolder) -> None:
+        self._caller, self._shared = caller, shared
         self._known: dict[str, tuple[Revisions, AssetInfo]] = {}
-
-    def create(
-        self,
-        new: NewAsset,
-        *,
-        strict: bool = False,
-        allow: Collection[str] = (),
-        hold: Hold | None = None,
-    ) -> AssetInfo:
-        """As `AssetService.create`; the replica has the frames when this returns."""
-        named = {"strict": strict, "allow": tuple(allow)}
-        info: AssetInfo = self._supervisor.call(Request("create", (new,), named))
-        return self._noted(info)
 
     def all(self) -> list[AssetInfo]:
         """Every asset of the shared folder but those that are known to be damaged. What is said of
@@ -68,7 +40,7 @@ class FleetAssets(RemoteAssets):
         if known is not None and known[0] == now:
             return known[1]
         try:
-            info = self._shared.info(asset, now) or self.info(asset)
+            info = self._shared.info(asset, now) or self._asked(asset)
         except NotFoundError:  # removed since
             return None
         except SharedDamageError as error:
@@ -77,3 +49,7 @@ class FleetAssets(RemoteAssets):
         if info.state == "ready" and now[0] is not None:
             self._known[asset] = (now, info)
         return info
+
+    def _asked(self, asset: str) -> AssetInfo:
+        found: AssetInfo = self._caller.call(Request(OPERATIONS["assets.info"], (asset,)))
+        return found

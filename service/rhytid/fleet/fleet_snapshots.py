@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import ExitStack, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
 from rhytid.durable import reported
 from rhytid.engine.messages import AssetInfo
-from rhytid.engine_process.remote_snapshots import RemoteSnapshots
-from rhytid.engine_process.requests import Request
+from rhytid.engine.operations import OPERATIONS
+from rhytid.engine_process.envelope import Request
 from rhytid.fleet.caller import FleetCaller
 from rhytid.fleet.shared_folder import SharedFolder
 from rhytid.storage.snapshot_index import BLOCK, SnapshotIndex, index_size
@@ -36,16 +37,23 @@ class GivenSnapshot(Snapshot):
         self._file.close()
 
 
-class FleetSnapshots(RemoteSnapshots):
-    """The calls of `SnapshotService`."""
+@dataclass(frozen=True)
+class SharedSnapshot:
+    """A snapshot in the shared folder, in place of its bytes.  asset: the one that it is of."""
+
+    asset: str
+    path: Path
+
+
+class FleetSnapshots:
+    """Gives snapshots to replicas and takes theirs, by way of the shared folder."""
 
     def __init__(self, caller: FleetCaller, shared: SharedFolder) -> None:
-        super().__init__(caller)
-        self._shared = shared
+        self._caller, self._shared = caller, shared
 
     def of(self, asset: str) -> Snapshot:
         """A ready asset as a file, which is the caller's to close."""
-        path: Path = self._supervisor.call(Request("snapshot", (asset,)))
+        path: Path = self._caller.call(Request(OPERATIONS["snapshots.of"], (asset,)))
         with reported("a snapshot cannot be read"), ExitStack() as stack:
             file = stack.enter_context(path.open("rb"))
             path.unlink()
@@ -55,13 +63,14 @@ class FleetSnapshots(RemoteSnapshots):
             return made
 
     def restore(self, stream: Readable, nbytes: int) -> tuple[AssetInfo, bool]:
-        """As `SnapshotService.restore`."""
+        """The asset of a snapshot of so many bytes, and whether it is new."""
         path = self._shared.give(iter(lambda: stream.read(PIECE), b""))
         try:
             with path.open("rb") as file:
                 asset = asset_of(file)
-            request = Request("restore", (asset, str(path), nbytes))
-            found: tuple[AssetInfo, bool] = self._supervisor.call(request)
+            content = SharedSnapshot(asset, path)
+            request = Request(OPERATIONS["snapshots.restore"], (content, nbytes))
+            found: tuple[AssetInfo, bool] = self._caller.call(request)
             return found
         finally:
             with suppress(OSError):

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from rhytid.domain.frame import NEUTRAL
+from rhytid.engine.operations import Frames
 from rhytid.engine_process.keyed_locks import KeyedLocks
-from rhytid.engine_process.remote_frames import RemoteFrames
 from rhytid.errors import ConflictError, DeviceLostError, FrameMemoryError, NotFoundError
 from rhytid.fleet.board import Positions, Stamp
 from rhytid.fleet.remote_board import RemoteBoard
@@ -62,7 +62,7 @@ class FrameSync:
     engine has, by `exchange`, and what was removed: that comes back from nobody.
     """
 
-    def __init__(self, frames: RemoteFrames, board: RemoteBoard) -> None:
+    def __init__(self, frames: Frames, board: RemoteBoard) -> None:
         self._frames, self._board = frames, board
         self._held: dict[str, dict[str, _Held]] = {}
         self._removed = Removals()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -11,12 +12,10 @@ from rhytid.device.figures import Figures
 from rhytid.device.memory import usual_host_memory
 from rhytid.engine.byte_budget import ByteBudget
 from rhytid.engine.messages import DeviceInfo
+from rhytid.engine.operations import OPERATIONS, Proxy
+from rhytid.engine_process.envelope import Request
 from rhytid.engine_process.job_ledger import JobLedger
-from rhytid.engine_process.remote_frames import RemoteFrames
-from rhytid.engine_process.remote_jobs import RemoteJobs
-from rhytid.engine_process.remote_packages import RemotePackages
-from rhytid.engine_process.remote_tiles import RemoteTiles
-from rhytid.engine_process.requests import Request
+from rhytid.engine_process.remote_calls import RemoteCalls
 from rhytid.engine_process.upload_holds import UploadHolds
 from rhytid.errors import BusyError, DeviceLostError
 from rhytid.fleet.caller import FleetCaller
@@ -31,12 +30,11 @@ from rhytid.fleet.shared_folder import SharedFolder
 from rhytid.settings import ServiceSettings
 
 
-class RayEngine:
-    """What `Engine` is, on replicas of Ray Serve. Blocking; safe from any thread, and from as many
-    processes as there are ingresses: none of them knows what others do not.
+class RayEngine(Proxy):
+    """An engine on replicas of Ray Serve. There may be as many as there are ingresses: none of them
+    knows what others do not.
 
-    replicas: handle of their deployment. Calls raise what those of `Engine` do, and
-    DeviceLostError where no replica answers.
+    replicas: handle of their deployment.
     """
 
     def __init__(
@@ -49,13 +47,14 @@ class RayEngine:
         shared = SharedFolder(options.store / "shared")
         names = JobNames(shared.job_key())
         self._caller = FleetCaller(replicas, versions, names, self._present)
-        self.frames = RemoteFrames(self._caller, versions)
-        self.tiles = RemoteTiles(self._caller, versions)
-        self.jobs = RemoteJobs(self._caller, JobLedger())
+        assets, snapshots = FleetAssets(self._caller, shared), FleetSnapshots(self._caller, shared)
+        own: dict[str, Callable[..., Any]] = {
+            "assets.all": assets.all,
+            "snapshots.of": snapshots.of,
+            "snapshots.restore": snapshots.restore,
+        }
         uploads = UploadHolds(self.memory)
-        self.assets = FleetAssets(self._caller, versions, self.jobs, uploads, self.tiles, shared)
-        self.packages = RemotePackages(self._caller, self.jobs)
-        self.snapshots = FleetSnapshots(self._caller, shared)
+        super().__init__(RemoteCalls(self._caller, versions, JobLedger(), uploads, own))
 
     def close(self) -> None:
         """Look after the replicas no more; they belong to who started them."""
@@ -68,7 +67,7 @@ class RayEngine:
     def ready(self) -> bool:
         """Whether a kernel computes on the device of a replica; true where all of them are busy."""
         try:
-            return bool(self._present() and self._caller.call(Request("ready")))
+            return bool(self._present() and self._caller.call(Request(OPERATIONS["ready"])))
         except BusyError:
             return True
         except DeviceLostError:

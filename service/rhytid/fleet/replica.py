@@ -9,22 +9,19 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 
 from ray import serve
 
 from rhytid.build_identity import drawing_version
-from rhytid.device.figures import SIZE, spans_of_request
-from rhytid.engine import wanted
-from rhytid.engine.callers import caller
-from rhytid.engine.worker import drawn_live
+from rhytid.device.figures import SIZE
+from rhytid.engine_process.envelope import Answer, Envelope, answered
 from rhytid.engine_process.found_devices import found_devices, named_devices, settings_of
 from rhytid.engine_process.remote_engine import RemoteEngine
 from rhytid.errors import DeviceLostError, RhytidError
 from rhytid.fleet.board import Report
-from rhytid.fleet.envelopes import Answer, ElsewhereError, Envelope
+from rhytid.fleet.envelopes import Addressed, Parcel
 from rhytid.fleet.frame_sync import FrameSync
 from rhytid.fleet.job_names import JobNames
 from rhytid.fleet.local_place import LocalPlace
@@ -33,7 +30,7 @@ from rhytid.fleet.remote_board import RemoteBoard
 from rhytid.fleet.replica_assets import ReplicaAssets
 from rhytid.fleet.replica_calls import ReplicaCalls
 from rhytid.fleet.shared_folder import SharedFolder
-from rhytid.logs import log_to_stderr, request_id
+from rhytid.logs import log_to_stderr
 from rhytid.settings import ServiceSettings
 
 # Seconds between two reports, and two exchanges of frames with the board; and for which the device
@@ -72,13 +69,13 @@ class EngineReplica:
             threading.Thread(target=work, name=name, daemon=True).start()
         reported.wait(REPORT)  # so that it is known before it is asked
 
-    async def call(self, envelope: Envelope) -> Answer:
+    async def call(self, call: Addressed) -> Parcel:
         """Perform a call; errors of the engine are answers, too. Where the caller does not wait any
         more, drawing stops at its next piece."""
         gone = threading.Event()
         loop = asyncio.get_running_loop()
         try:
-            work = partial(self._performed, envelope, gone.is_set)
+            work = partial(self._performed, call, gone.is_set)
             return await loop.run_in_executor(self._pool, work)
         except asyncio.CancelledError:
             gone.set()
@@ -101,21 +98,12 @@ class EngineReplica:
             self._engine.close()
             self._place.close()
 
-    def _performed(self, envelope: Envelope, gone: Callable[[], bool]) -> Answer:
-        request_id.set(envelope.request_id)
-        caller.set(envelope.caller)
-        kept = spans_of_request() if envelope.traced else nullcontext(())
-        with kept as spans, wanted.unless(gone), drawn_live(envelope.live):
-            try:
-                self._check(envelope)
-                value, version = self._calls.perform(envelope)
-                return Answer.of(value, spans=list(spans), version=version)
-            except (ElsewhereError, RhytidError, OSError) as error:
-                return Answer.of(error, good=False, spans=list(spans))
-            except Exception as error:  # noqa: BLE001 the ingress raises it
-                _log.exception("%s failed", envelope.name)
-                text = f"{type(error).__name__}: {error}"
-                return Answer.of(RuntimeError(text), good=False)
+    def _performed(self, call: Addressed, gone: Callable[[], bool]) -> Parcel:
+        def perform(envelope: Envelope) -> Answer:
+            self._check(envelope)
+            return self._calls.perform(envelope, call.asset, call.to)
+
+        return Parcel.of(answered(call.parcel.open(), perform, gone))
 
     def _check(self, envelope: Envelope) -> None:
         """Raise DeviceLostError where the ingress is of another build: other replicas, of the same

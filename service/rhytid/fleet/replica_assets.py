@@ -18,6 +18,7 @@ from rhytid.engine.checked_upload import content_id
 from rhytid.engine.messages import AssetInfo, JobInfo, NewAsset, Package
 from rhytid.engine_process.remote_engine import RemoteEngine
 from rhytid.errors import NotFoundError
+from rhytid.fleet.fleet_snapshots import SharedSnapshot
 from rhytid.fleet.frame_sync import FrameSync
 from rhytid.fleet.job_names import JobNames, ReplicaNames
 from rhytid.fleet.job_watch import JobWatch
@@ -117,8 +118,9 @@ class ReplicaAssets:
         wanted.check()
         return path
 
-    def restore(self, asset: str, path: Path, nbytes: int) -> tuple[AssetInfo, bool]:
-        """As `SnapshotService.restore`, of a file in the shared folder."""
+    def restore(self, content: SharedSnapshot, nbytes: int) -> tuple[AssetInfo, bool]:
+        """The asset of a snapshot in the shared folder, and whether it is new here."""
+        asset, path = content.asset, content.path
         with reported(f"{path} cannot be read"), path.open("rb") as stream:
             info, new = self._engine.snapshots.restore(stream, nbytes)
         if new:

@@ -2,32 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
-from pathlib import Path
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from rhytid.engine.frames import refuse_neutral
-from rhytid.engine.messages import ENDED_STATES, AssetInfo, FrameInfo, JobInfo, NewAsset
+from rhytid.engine.frames import Frame, refuse_neutral
+from rhytid.engine.messages import ENDED_STATES, AssetInfo, FrameInfo, JobInfo
+from rhytid.engine_process.envelope import Answer, Envelope
 from rhytid.engine_process.job_ledger import resumed
 from rhytid.engine_process.remote_engine import RemoteEngine
-from rhytid.fleet.envelopes import Envelope
 from rhytid.fleet.frame_sync import FrameSync
 from rhytid.fleet.job_names import JobName, JobNames, ReplicaNames
 from rhytid.fleet.replica_assets import ReplicaAssets
-
-# Calls of parts of the engine, as they are.
-PLAIN = {
-    "assets": ("info", "content", "graph", "mesh", "shapes", "shapes_nbytes", "curves"),
-    "frames": ("warnings",),
-    "tiles": ("triangles", "bins", "bin_tile"),
-}
-# Calls of frames that are there, by asset and name.
-_OF_FRAME = ("info", "positions", "stretch")
-# Calls that replace or remove what may be damaged.
-_MENDING = ("assets.change", "assets.delete", "restore")
 
 
 class ReplicaCalls:
@@ -44,97 +31,81 @@ class ReplicaCalls:
         self._engine, self._assets, self._frames = engine, assets, frames
         self._names, self._replica = names, replica
         self._seen_as = ReplicaNames(names, replica, engine.jobs.info)
-        self._calls: dict[str, Callable[..., Any]] = {
+        # Calls that change what all replicas share. All others go to the engine as they are.
+        self._own: dict[str, Callable[..., Any]] = {
             "assets.change": assets.change,
             "assets.calibrate": assets.calibrate,
             "assets.delete": assets.delete,
             "packages.of": assets.package,
-            "snapshot": assets.snapshot,
-            "restore": self._restore,
-            "frames.all": self._all_frames,
-            "plans_once": self._plans_once,
-            "draw_once": self._draw_once,
+            "snapshots.of": assets.snapshot,
+            "snapshots.restore": assets.restore,
         }
-        for part, plain in PLAIN.items():
-            for name in plain:
-                self._calls[f"{part}.{name}"] = getattr(getattr(engine, part), name)
-        self._of_frame: dict[str, Callable[..., Any]] = {
-            f"frames.{name}": getattr(engine.frames, name) for name in _OF_FRAME
-        }
-        for kind, plan in (("tile", engine.tiles.plan), ("map", engine.tiles.plan_map)):
-            self._of_frame[f"plan_{kind}"] = lambda *a, plan=plan: plan(*a[:-1]).facts()
-            self._of_frame[f"draw_{kind}"] = lambda *a, plan=plan: _drawn(plan(*a[:-1]))
 
-    def perform(self, envelope: Envelope) -> tuple[Any, int]:
-        """What the engine answers, and the version of a frame that it stored or removed, else 0;
-        raises what the engine raises, and ElsewhereError."""
-        positional, named = envelope.arguments()
-        if envelope.name == "ready":
-            return self._engine.ready(), 0
-        if envelope.name.startswith("jobs."):
-            return self._job(envelope, *positional), 0
-        if envelope.name == "create":
-            return self._seen(self._create(envelope, *positional, **named)), 0
-        mend = envelope.name in _MENDING
-        with self._assets.residents.using(envelope.asset, envelope.to, mend=mend):
-            if envelope.name == "frames.put":
-                return self._put(*positional, **named)
-            if envelope.name == "frames.delete":
-                return None, self._remove(envelope, *positional)
-            if envelope.name in self._of_frame:
-                self._frames.bring(positional[0], positional[1], envelope.version)
-                return self._of_frame[envelope.name](*positional, **named), 0
-            return self._seen(self._calls[envelope.name](*positional, **named)), 0
+    def perform(self, envelope: Envelope, asset: str, to: str) -> Answer:
+        """What the engine answers, with the version of a frame that it stored or removed; raises
+        what the engine raises, and ElsewhereError.
 
-    def _create(
-        self, envelope: Envelope, new: NewAsset, *, strict: bool, allow: Collection[str]
-    ) -> AssetInfo:
-        return self._assets.create(new, envelope.to, strict=strict, allow=allow)
+        asset: what the call is about.  to: the replica that the asset was asked for at before.
+        """
+        operation = envelope.operation
+        if operation.addresses == "engine":
+            return Answer(True, envelope.perform(self._engine))
+        if operation.addresses == "job":
+            return Answer(True, self._job(envelope, to))
+        if operation.name == "assets.create":
+            new = envelope.positional[0]
+            return Answer(True, self._seen(self._assets.create(new, to, **envelope.named)))
+        with self._assets.residents.using(asset, to, mend=operation.mends):
+            way = (operation.addresses, operation.effect)
+            if way == ("frame", "change"):
+                return self._put(*envelope.positional, **envelope.named)
+            if way == ("frame", "remove"):
+                return self._remove(envelope.version, *envelope.positional)
+            return Answer(True, self._seen(self._done(envelope, asset)))
 
-    def _restore(self, asset: str, path: str, nbytes: int) -> tuple[AssetInfo, bool]:
-        info, new = self._assets.restore(asset, Path(path), nbytes)
-        return self._seen(info), new
+    def _done(self, envelope: Envelope, asset: str) -> Any:
+        if envelope.operation.addresses == "frames":
+            self._frames.bring_all(asset)
+        elif envelope.operation.addresses == "frame":
+            frame = envelope.positional[1]
+            if isinstance(frame, str):
+                self._frames.bring(asset, frame, envelope.version)
+        own = self._own.get(envelope.name)
+        if own is None:
+            return envelope.perform(self._engine)
+        return own(*envelope.positional, **envelope.named)
 
-    def _put(
-        self, asset: str, name: str, positions: ArrayLike, **named: Any
-    ) -> tuple[FrameInfo, int]:
+    def _put(self, asset: str, name: str, frame: Any, **named: Any) -> Answer:
+        given = frame.positions if isinstance(frame, Frame) else frame
+        positions = np.asarray(given, np.float32)
+
         def put() -> tuple[FrameInfo, int]:
             with self._frames.changing(asset):
-                info = self._engine.frames.put(asset, name, positions, **named)
-                return info, self._frames.keep(asset, name, np.asarray(positions, np.float32))
+                info = self._engine.frames.put(asset, name, frame, **named)
+                return info, self._frames.keep(asset, name, positions)
 
-        return self._frames.with_room(asset, put)
+        info, version = self._frames.with_room(asset, put)
+        return Answer(True, info, version=version)
 
-    def _remove(self, envelope: Envelope, asset: str, name: str) -> int:
-        self._frames.bring(asset, name, envelope.version)
+    def _remove(self, wanted: int, asset: str, name: str) -> Answer:
+        self._frames.bring(asset, name, wanted)
         with self._frames.changing(asset):
             self._engine.frames.info(asset, name)  # raises where there is none
             refuse_neutral(name)
-            return self._frames.remove(asset, name)
+            return Answer(True, None, version=self._frames.remove(asset, name))
 
-    def _all_frames(self, asset: str) -> list[FrameInfo]:
-        self._frames.bring_all(asset)
-        return self._engine.frames.all(asset)
-
-    def _plans_once(self, *arguments: Any) -> list[Any]:
-        plans: list[Any] = list(self._engine.tiles.plans_once(*arguments))
-        return [plan.facts() for plan in plans]
-
-    def _draw_once(self, asset: str, positions: ArrayLike, query: Any, address: Any) -> Any:
-        (plan,) = self._engine.tiles.plans_once(asset, positions, query, [address])
-        return _drawn(plan)
-
-    def _job(self, envelope: Envelope, id: str) -> JobInfo:
+    def _job(self, envelope: Envelope, to: str) -> JobInfo:
+        id = envelope.positional[0]
         name = self._names.read(id)
+        cancels = envelope.operation.effect != "read"
         if name.replica == self._replica:
             jobs = self._engine.jobs
-            call = jobs.info if envelope.name == "jobs.info" else jobs.cancel
-            found = call(name.own)
+            found = jobs.cancel(name.own) if cancels else jobs.info(name.own)
             if found.state in ENDED_STATES:
                 self._assets.settle(name.own)
             return self._seen_as.job(found)
-        with self._assets.residents.using(name.asset, envelope.to):
-            if envelope.name == "jobs.cancel":
+        with self._assets.residents.using(name.asset, to):
+            if cancels:
                 self._cancel_resumed(name)
             return resumed(name.unknown(id), self._engine.assets.info, self._engine.jobs.info)
 
@@ -147,10 +118,6 @@ class ReplicaCalls:
         """As callers see it: ids of jobs name this replica."""
         if isinstance(found, JobInfo):
             return self._seen_as.job(found)
+        if isinstance(found, tuple) and found and isinstance(found[0], AssetInfo):
+            return self._seen_as.asset(found[0]), *found[1:]
         return self._seen_as.asset(found) if isinstance(found, AssetInfo) else found
-
-
-def _drawn(plan: Any) -> tuple[Any, ...]:
-    """A tile, what was planned, and the key that there is when it is drawn."""
-    tile = plan.draw()
-    return tile, plan.facts(), plan.key_now()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ray.serve.request_router import PendingRequest, RequestRouter, RunningReplica
 
-from rhytid.fleet.envelopes import Envelope
+from rhytid.fleet.envelopes import Addressed
 from rhytid.fleet.order import order
 
 
@@ -35,13 +35,13 @@ class AssetRouter(RequestRouter):  # type: ignore[misc]
         if pending_request is None:
             return [candidate_replicas]
         pending_request.routing_context.should_backoff = True
-        envelope = pending_request.args[0] if pending_request.args else None
-        if not isinstance(envelope, Envelope) or not (envelope.asset or envelope.to):
+        call = pending_request.args[0] if pending_request.args else None
+        if not isinstance(call, Addressed) or not (call.asset or call.to):
             return [candidate_replicas]
         by_name = {one.replica_id.unique_id: one for one in candidate_replicas}
-        if envelope.to in by_name:
-            return [[by_name[envelope.to]]]
-        if not envelope.asset:
+        if call.to in by_name:
+            return [[by_name[call.to]]]
+        if not call.asset:
             return [candidate_replicas]
-        names = order(envelope.asset, by_name)
-        return [[by_name[name]] for name in names[: self._spread if envelope.spread else 1]]
+        names = order(call.asset, by_name)
+        return [[by_name[name]] for name in names[: self._spread if call.spread else 1]]

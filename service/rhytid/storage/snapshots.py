@@ -4,6 +4,7 @@ format)."""
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -34,6 +35,21 @@ class Readable(Protocol):
     def read(self, size: int, /) -> bytes:
         """The next bytes, at most `size`; empty at the end."""
         ...
+
+
+class OpenFile:
+    """A file that is read from its start, by a descriptor, which stays the caller's.
+
+    The position of the descriptor itself is left alone: others read it beside this one."""
+
+    def __init__(self, descriptor: int) -> None:
+        self.descriptor, self._at = descriptor, 0
+
+    def read(self, size: int, /) -> bytes:
+        """The next bytes, at most `size`; empty at the end."""
+        data = os.pread(self.descriptor, size, self._at)
+        self._at += len(data)
+        return data
 
 
 class Snapshot:

@@ -25,6 +25,7 @@ from rhytid.domain.blendshapes import Blendshapes
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import TileAddress, TileGrid
 from rhytid.domain.view import ViewedTiles
+from rhytid.engine.frames import Frame
 from rhytid.engine.messages import AssetInfo
 from rhytid.engine.worker import drawn_live
 from rhytid.errors import HostMemoryError, NotFoundError
@@ -33,8 +34,7 @@ from rhytid.formats.frames import RAW, read_positions
 if TYPE_CHECKING:
     from prometheus_client import Counter
 
-    from rhytid.engine.tile_plan import TilePlan
-    from rhytid.engine_process.any_engine import AnyEngine
+    from rhytid.engine.operations import Engine
 
 # Of one view: as many as a map of 8192² has.
 MOST_TEXELS = 8192**2
@@ -56,7 +56,7 @@ class LiveDrawing:
 
     def __init__(
         self,
-        engine: AnyEngine,
+        engine: Engine,
         info: AssetInfo,
         opening: Opening,
         slot: Callable[[], AbstractContextManager[None]],
@@ -98,11 +98,12 @@ class LiveDrawing:
         self._check_texels(view.addresses())
         self._view = view
 
-    def plans(self, frame: LiveFrame) -> list[TilePlan]:
-        """What is in view of a frame, the largest first where a camera looks.
+    def in_view(self, frame: LiveFrame) -> tuple[Frame, list[TileAddress]]:
+        """The positions of a frame, and the tiles in view of it, the largest first where a camera
+        looks.
 
-        Raises FrameError for numbers that are not finite, what the budget of memory and
-        `TileService.plans_once` do.
+        Raises FrameError for numbers that are not finite, NotFoundError where the asset is gone,
+        what the budget of memory does.
         """
         positions, view = self._positions(frame), self._view
         addresses = view.addresses()
@@ -114,17 +115,14 @@ class LiveDrawing:
         wanted = set(addresses)
         self._sent = {at: tile for at, tile in self._sent.items() if at in wanted}
         self._reserve(self._tile_bytes(addresses))
-        if not addresses:
-            return []
-        return self._engine.tiles.plans_once(self._info.id, positions, self._query, addresses)
+        return Frame.checked(positions, self._info.vertices), addresses
 
-    def tile(self, plan: TilePlan, number: int, dropped: int) -> bytes | None:
+    def tile(self, frame: Frame, at: TileAddress, number: int, dropped: int) -> bytes | None:
         """The message with a tile; None where it changed too little since it was last sent."""
         with self._slot(), drawn_live():
-            tile = plan.draw()
+            drawn = self._engine.tiles.draw(self._info.id, frame, self._query, at)
         self._drawn.inc()
-        header = plan.header
-        at = TileAddress(header.udim, header.level, header.row, header.column)
+        tile, header = drawn.tile, drawn.description.header
         before = self._sent.get(at)
         if before is not None and not self._differs(before, tile):
             return None

@@ -19,6 +19,7 @@ from rhytid.api.live.drawing import LiveDrawing
 from rhytid.api.live.wire import LiveFrame, Opening, read_frame, read_opening, read_view
 from rhytid.api.problems import kind_of
 from rhytid.api.rates import Rates
+from rhytid.domain.tiles import TileAddress
 from rhytid.errors import (
     CancelledError,
     InputError,
@@ -156,11 +157,11 @@ class LiveSession:
         """Draw and send what changed in a frame; an error of the frame is sent in its place."""
         dropped, self._dropped = self._dropped, 0
         self._frames, self._dropped_ever = self._frames + 1, self._dropped_ever + dropped
-        started, sent, plans = time.monotonic(), 0, []
+        started, sent, tiles = time.monotonic(), 0, list[TileAddress]()
         try:
-            plans = await run_in_threadpool(drawing.plans, frame)
-            for plan in plans:
-                found = await run_in_threadpool(drawing.tile, plan, frame.number, dropped)
+            positions, tiles = await run_in_threadpool(drawing.in_view, frame)
+            for at in tiles:
+                found = await run_in_threadpool(drawing.tile, positions, at, frame.number, dropped)
                 if found is not None:
                     await self._send({"type": "websocket.send", "bytes": found})
                     sent += 1
@@ -175,7 +176,7 @@ class LiveSession:
             await self._refuse(error, frame, dropped)
             return
         seconds = round(time.monotonic() - started, 6)
-        unchanged = len(plans) - sent
+        unchanged = len(tiles) - sent
         await self._send_text(
             "frame", frame=frame.number, sent=sent, unchanged=unchanged, dropped=dropped,
             seconds=seconds,

@@ -69,7 +69,7 @@ def tile(
     Level 0 only: a coarser level is 404, for those of `binned` are means of its level 0.
     """
     address = TileAddress(udim, level, row, column)
-    side = engine.assets.info(asset).settings["tile_size"]
+    side = engine.assets.dimensions(asset).grid.tile_size
     with slot:
         hold = memory.answer(WORKING * WIDEST_CODE * side**2)
         codes = engine.tiles.bin_tile(asset, address, query.layer, query.bin, query.sample)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from fastapi import APIRouter, Request, Response
 
+from rhytid.api import schemas
 from rhytid.api.accept import preferred
 from rhytid.api.dependencies import (
     Allow,
@@ -23,9 +24,9 @@ from rhytid.api.dependencies import (
 )
 from rhytid.api.documentation import POSITIONS, binary, problems
 from rhytid.api.encoding import NPY, RAW, WORKING, npy, npz
-from rhytid.api.schemas import Frame, Job
 from rhytid.api.uploads import WIDEST_VERTEX
 from rhytid.domain.origin import put_back
+from rhytid.engine.frames import Frame
 
 JSON = "application/json"
 NPZ = "application/x-npz"
@@ -37,7 +38,7 @@ router = APIRouter(prefix="/v1/assets/{asset}", tags=["frames"], dependencies=[N
 @router.get(
     "/frames",
     operation_id="listFrames",
-    response_model=list[Frame],
+    response_model=list[schemas.Frame],
     responses=problems(404, 409, 422, 503),
 )
 def listing(asset: AssetId, engine: EngineDep) -> Any:
@@ -48,7 +49,7 @@ def listing(asset: AssetId, engine: EngineDep) -> Any:
 @router.put(
     "/frames/{frame}",
     operation_id="putFrame",
-    response_model=Frame,
+    response_model=schemas.Frame,
     responses=problems(404, 409, 413, 422, 503, 507),
     openapi_extra=POSITIONS,
 )
@@ -65,7 +66,8 @@ def put(
     """Store positions under a name, replacing what was there; 507 where the memory for frames is
     full."""
     with slot:
-        stored = engine.frames.put(asset, frame, positions, strict=strict, allow=allow)
+        sent = Frame.of(positions)
+        stored = engine.frames.put(asset, frame, sent, strict=strict, allow=allow)
     former.stored(asset, frame)
     return stored
 
@@ -73,7 +75,7 @@ def put(
 @router.get(
     "/frames/{frame}",
     operation_id="getFrame",
-    response_model=Frame,
+    response_model=schemas.Frame,
     responses={200: {"content": {NPY: {}, RAW: {}}}, **problems(404, 406, 409, 422, 503, 507)},
 )
 def show(
@@ -96,7 +98,7 @@ def show(
     if wanted == JSON:
         response.headers["Vary"] = "Accept"
         return info
-    about = engine.assets.info(asset)
+    about = engine.assets.dimensions(asset)
     with slot:  # the asset may have to be loaded onto the device
         memory.answer(WORKING * WIDEST_VERTEX * about.vertices)
         positions = put_back(engine.frames.positions(asset, frame), np.array(about.centre))
@@ -128,7 +130,7 @@ def stretch(
     asset: AssetId, frame: FrameName, engine: EngineDep, slot: Slot, memory: Memory
 ) -> Response:
     """`.npz` with axes (F, 2, 2), axes[f, i] = ŝᵢ, and ratios (F, 2), unclamped."""
-    triangles = engine.assets.info(asset).triangles
+    triangles = engine.assets.dimensions(asset).triangles
     with slot:
         memory.answer(WORKING * STRETCH * triangles)
         found = engine.frames.stretch(asset, frame)
@@ -139,7 +141,7 @@ def stretch(
     "/calibration",
     operation_id="calibrateAsset",
     status_code=202,
-    response_model=Job,
+    response_model=schemas.Job,
     responses=problems(404, 409, 413, 422, 503, 507),
     openapi_extra=POSITIONS,
 )

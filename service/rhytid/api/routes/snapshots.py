@@ -13,6 +13,7 @@ from rhytid.api.encoding import WORKING, etag, matches
 from rhytid.api.request_memory import PIECE
 from rhytid.api.schemas import Asset
 from rhytid.api.uploads import TAR
+from rhytid.storage.snapshots import OpenFile
 
 router = APIRouter(prefix="/v1", tags=["assets"], dependencies=[NoQuery])
 
@@ -59,7 +60,7 @@ def restore(
     cannot be, so this takes the scope admin."""
     memory.decode(body.size)
     with slot:
-        asset, new = engine.snapshots.restore(body.reader(), body.size)
+        asset, new = engine.snapshots.restore(OpenFile(body.descriptor()), body.size)
     response.status_code = 201 if new else 200
     response.headers["Location"] = f"/v1/assets/{asset.id}"
     return asset

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Annotated
 
 import numpy as np
@@ -25,12 +24,14 @@ from rhytid.api.dependencies import (
     Udim,
 )
 from rhytid.api.documentation import POSITIONS, TILES, TILES_ONCE, problems
-from rhytid.api.encoding import WORKING, answer, check_format, scale_header, warnings_header
+from rhytid.api.encoding import TEXEL, WORKING, answer, check_format, scale_header, warnings_header
 from rhytid.api.multipart import MixedPart, mixed_response
 from rhytid.api.schemas import TileQuery, TilesQuery, WholeMapQuery
 from rhytid.device.figures import working_on
-from rhytid.domain.tiles import TileAddress, TileGrid
+from rhytid.domain.tiles import MapAddress, TileAddress
 from rhytid.domain.wording import plural
+from rhytid.engine.frames import Frame
+from rhytid.engine.messages import AssetDimensions
 from rhytid.errors import LimitError
 from rhytid.formats.tile_header import TileHeader
 from rhytid.formats.tiles import encode
@@ -60,9 +61,8 @@ def tile(
     query: Annotated[TileQuery, Query()],
 ) -> Response:
     """One tile of displacement; `If-None-Match` is answered without drawing it."""
-    wanted, at = query.map_query(), TileAddress(udim, level, row, column)
-    plan = partial(drawing.engine.tiles.plan, asset, frame, wanted, at)
-    return answer(request, query.format, plan, wanted.method, drawing)
+    place = TileAddress(udim, level, row, column)
+    return answer(request, query.format, drawing, asset, frame, query.map_query(), place)
 
 
 @router.head("/frames/{frame}/maps/{udim}", include_in_schema=False)
@@ -81,9 +81,8 @@ def whole_map(
     query: Annotated[WholeMapQuery, Query()],
 ) -> Response:
     """A whole map of one UDIM; equals its tiles bit for bit."""
-    wanted, level = query.map_query(), query.level
-    plan = partial(drawing.engine.tiles.plan_map, asset, frame, wanted, udim, level)
-    return answer(request, query.format, plan, wanted.method, drawing)
+    place = MapAddress(udim, query.level)
+    return answer(request, query.format, drawing, asset, frame, query.map_query(), place)
 
 
 @router.post(
@@ -107,37 +106,35 @@ def tiles_once(
     What is probably wrong with the positions is in the header `X-Rhytid-Warnings`.
     """
     check_format(query.format)
-    wanted = query.map_query()
+    wanted, frame = query.map_query(), Frame.of(positions)
     addresses = [TileAddress.parse(text) for text in query.tile]
-    check_texels(engine, asset, addresses)
-    warnings = engine.frames.warnings(asset, positions, strict=query.strict, allow=query.allow)
-    plans = engine.tiles.plans_once(asset, positions, wanted, addresses)
-    drawn = metrics.tiles_of(wanted.method)
+    texels = check_texels(engine.assets.dimensions(asset), addresses)
+    warnings = engine.frames.warnings(asset, frame, strict=query.strict, allow=query.allow)
     parts = []
     with slot:
-        hold = memory.answer(WORKING * sum(plan.nbytes for plan in plans))
-        for plan in plans:
-            tile = plan.draw()
+        hold = memory.answer(WORKING * TEXEL * texels)
+        for address in addresses:
+            drawn = engine.tiles.draw(asset, frame, wanted, address)
             with working_on(wanted.method), metrics.figures.stage("encode"):
-                parts.append(mixed_part(tile, query.format, plan.header))
-            drawn.inc()
+                parts.append(mixed_part(drawn.tile, query.format, drawn.description.header))
+            metrics.tiles_of(wanted.method).inc()
     mixed = mixed_response(parts, warnings_header(warnings))
     hold.resize(len(mixed.body))
     return mixed
 
 
-def check_texels(engine: EngineDep, asset: str, addresses: list[TileAddress]) -> None:
-    """Raise LimitError where one answer would hold more texels than the largest map."""
-    settings = engine.assets.info(asset).settings
-    grid = TileGrid(settings["resolution"], settings["tile_size"])
+def check_texels(asset: AssetDimensions, addresses: list[TileAddress]) -> int:
+    """Texels of these tiles; raises LimitError where one answer would hold more than the largest
+    map has, NotFoundError naming what there is not."""
     for address in addresses:
-        grid.check(address)
-    texels = sum(grid.texels(address.level) ** 2 for address in addresses)
+        asset.check(address)
+    texels = sum(asset.grid.texels(address.level) ** 2 for address in addresses)
     if texels > TEXELS:
         raise LimitError(
             f"{plural(len(addresses), 'tile holds', 'tiles hold')} {texels} texels: at most "
             f"{TEXELS} per answer"
         )
+    return texels
 
 
 def mixed_part(tile: NDArray[np.float32], format: str, header: TileHeader) -> MixedPart:

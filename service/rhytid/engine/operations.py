@@ -1,0 +1,459 @@
+"""What an engine can be asked for: one method per operation, declared once.
+
+A method of a protocol below is the signature and the documentation of an operation; the decorator
+above it is its row: what it addresses and what it does. Everything that carries operations to an
+engine (the process of a device, a fleet) reads these rows, and nothing else lists operations. A new
+operation takes three places: its row here, the method of the engine, and the route that asks for
+it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Literal, Protocol, TypeVar, cast
+
+from numpy import float32, int32, integer
+from numpy.typing import ArrayLike, NDArray
+
+from rhytid.device.figures import Figures
+from rhytid.domain.bin_manifest import BinManifest
+from rhytid.domain.curves import Curves
+from rhytid.domain.expressions import Expressions
+from rhytid.domain.graph import WrinkleGraph
+from rhytid.domain.mesh import Mesh
+from rhytid.domain.tiles import MapAddress, TileAddress
+from rhytid.domain.warnings import InputWarning
+from rhytid.engine.byte_budget import ByteBudget, Hold
+from rhytid.engine.frames import Frame
+from rhytid.engine.messages import (
+    AssetContent,
+    AssetDimensions,
+    AssetInfo,
+    DeviceInfo,
+    DrawnTile,
+    FrameInfo,
+    FrameStretch,
+    JobInfo,
+    MapQuery,
+    NewAsset,
+    Package,
+    TileDescription,
+)
+from rhytid.storage.snapshots import Readable, Snapshot
+
+# What the first arguments of an operation name: nothing, every asset, the content that makes an
+# asset, an asset, all frames of an asset, a frame of an asset, a job.
+Addressed = Literal["engine", "assets", "content", "asset", "frames", "frame", "job"]
+Effect = Literal["read", "create", "change", "remove"]
+Method = TypeVar("Method", bound=Callable[..., Any])
+
+
+@dataclass(frozen=True, eq=False)
+class Operation:
+    """One row.
+
+    part, method: the attribute of the engine and its method, such as `tiles` and `draw`; part is
+    empty for methods of the engine itself.  addresses: what the first arguments name.  effect: what
+    it does to that.  spread: any engine that has the asset may do it.  constant: of an asset the
+    answer stays the same for as long as the asset exists.
+
+    Every operation may be sent again: doing it twice is doing it once, but that the second removal
+    finds nothing.
+    """
+
+    part: str
+    method: str
+    addresses: Addressed
+    effect: Effect = "read"
+    spread: bool = False
+    constant: bool = False
+
+    @property
+    def name(self) -> str:
+        """Such as `tiles.draw`."""
+        return f"{self.part}.{self.method}" if self.part else self.method
+
+    @property
+    def mends(self) -> bool:
+        """Whether it replaces or removes what may be damaged: it is tried all the same."""
+        return self.effect != "read" and self.addresses in ("asset", "content")
+
+    def of(self, engine: Any) -> Callable[..., Any]:
+        """The method of an engine."""
+        found: Callable[..., Any] = getattr(engine, self.name.partition(".")[0])
+        return getattr(found, self.method) if self.part else found
+
+
+OPERATIONS: dict[str, Operation] = {}
+
+
+def operation(
+    addresses: Addressed,
+    effect: Effect = "read",
+    *,
+    spread: bool = False,
+    constant: bool = False,
+) -> Callable[[Method], Method]:
+    """Enter a method of a protocol below as an operation; arguments as of `Operation`."""
+
+    def enter(method: Method) -> Method:
+        protocol, _, name = method.__qualname__.partition(".")
+        part = "" if protocol == "Engine" else protocol.lower()
+        row = Operation(part, name, addresses, effect, spread, constant)
+        OPERATIONS[row.name] = row
+        return method
+
+    return enter
+
+
+class Assets(Protocol):
+    """Creates assets; answers what they are; changes, calibrates and removes them."""
+
+    @operation("content", "create")
+    def create(
+        self,
+        new: NewAsset,
+        *,
+        strict: bool = False,
+        allow: Collection[str] = (),
+        hold: Hold | None = None,
+    ) -> AssetInfo:
+        """Take a mesh in; the build runs as a job. The same content again: the same asset.
+
+        Named shapes are kept beside it, in place of those that came before.
+
+        The answer warns of the mesh, of the frames that came with it, of settings of a known asset
+        that were changed since, and of those without effect. strict: raise StrictError instead,
+        before anything is kept, of warnings whose codes are not in `allow`.  hold: counts the bytes
+        of the frames already, as far as it has any; the job that stores them takes these over.
+
+        Raises GraphError where a given graph does not fit the mesh or was made for another, unless
+        `force`; SettingsError where its lengths are of a unit that cannot be converted, or a graph
+        is to be grown in one that is not known; LimitError where it covers too many texels or its
+        maps take too long to draw, QueryError for a code of `allow` that there is not, MeshError
+        where the mesh has no UV inside the range of UDIMs, InputError where a painted map is of a
+        UDIM without mesh or `graph.lines` asks for expressions and none came, what `check_amount`
+        does.
+        """
+
+    @operation("assets")
+    def all(self) -> list[AssetInfo]:
+        """Every asset."""
+
+    @operation("asset")
+    def info(self, asset: str) -> AssetInfo:
+        """One asset."""
+
+    @operation("asset", constant=True)
+    def dimensions(self, asset: str) -> AssetDimensions:
+        """The sizes of an asset, in whatever state it is."""
+
+    @operation("asset", "change")
+    def change(self, asset: str, changes: Mapping[str, Any]) -> AssetInfo:
+        """Change response, shape, depth, angles, preset, bins or convolve; tiles and keys change.
+        Change the name, which nothing depends on.
+
+        A `preset` sets the bins but for `r_max`; keys of `bins` beside it override it. `depth`,
+        `convolve.sigma` or `shape.wave_frequency` null means the default again: what the file of a
+        given graph says, else in proportion to the spacing. Raises SettingsError for what cannot be
+        changed.
+        """
+
+    @operation("asset", "remove")
+    def delete(self, asset: str, *, shared: bool = False) -> None:
+        """Remove an asset from memory, device and disk; cancels what is being made of it.
+
+        shared: from the shared store, too, where it may be alone; otherwise it stays there. Raises
+        QueryError where there is none.
+        """
+
+    @operation("asset")
+    def content(self, asset: str) -> AssetContent:
+        """The key and the size of what `graph`, `mesh` and `curves` of a ready asset return now;
+        reads none of it."""
+
+    @operation("asset")
+    def graph(self, asset: str) -> WrinkleGraph:
+        """The wrinkle graph of a ready asset, with the lengths that it is drawn with now, and the
+        seed."""
+
+    @operation("asset")
+    def mesh(self, asset: str) -> Mesh:
+        """The neutral mesh of a ready asset, out of the store."""
+
+    @operation("asset")
+    def shapes(self, asset: str) -> Expressions:
+        """The named shapes that came with the mesh of a ready asset, out of the store. Raises
+        NotFoundError where none came."""
+
+    @operation("asset")
+    def shapes_nbytes(self, asset: str) -> int:
+        """Bytes of what `shapes` answers, which is not read; raises as it does."""
+
+    @operation("asset")
+    def curves(self, asset: str) -> Curves:
+        """The wrinkles of a ready asset as lines in space; those with an end off the mesh are not
+        among them."""
+
+    @operation("asset")
+    def calibrate(
+        self,
+        asset: str,
+        positions: ArrayLike,
+        *,
+        strict: bool = False,
+        allow: Collection[str] = (),
+    ) -> JobInfo:
+        """Set r_max from a frame (section 2.4) and make the bins anew, as a job.
+
+        The job warns of the frame; strict: raise StrictError instead, unless its code is in
+        `allow`.
+        """
+
+
+class Frames(Protocol):
+    """Stores, lists, reads and deletes frames, and measures their stretch."""
+
+    @operation("frame", "change")
+    def put(
+        self,
+        asset: str,
+        frame: str,
+        positions: ArrayLike | Frame,
+        *,
+        strict: bool = False,
+        allow: Collection[str] = (),
+    ) -> FrameInfo:
+        """Store positions (V, 3) under a name, in place of what had that name.
+
+        The answer warns of what is probably wrong; strict: raise StrictError instead, and store
+        nothing, unless its code is in `allow`.
+
+        Raises QueryError for a code that there is not, FrameError naming the count or the vertex,
+        ReadOnlyError for `neutral`, FrameMemoryError where the memory for frames is full.
+        """
+
+    @operation("asset")
+    def warnings(
+        self,
+        asset: str,
+        positions: ArrayLike | Frame,
+        *,
+        strict: bool = False,
+        allow: Collection[str] = (),
+    ) -> tuple[InputWarning, ...]:
+        """What is probably wrong with positions (V, 3) that are not stored.
+
+        strict: raise StrictError where there is something whose code is not in `allow`.
+        """
+
+    @operation("frames")
+    def all(self, asset: str) -> list[FrameInfo]:
+        """Every frame of an asset, `neutral` first."""
+
+    @operation("frame")
+    def info(self, asset: str, frame: str) -> FrameInfo:
+        """The stretch and the warnings of a frame."""
+
+    @operation("frame")
+    def positions(self, asset: str, frame: str) -> NDArray[float32]:
+        """(V, 3) positions of a frame; those of the neutral mesh for `neutral`."""
+
+    @operation("frame", "remove")
+    def delete(self, asset: str, frame: str) -> None:
+        """Delete a frame."""
+
+    @operation("frame")
+    def stretch(self, asset: str, frame: str) -> FrameStretch:
+        """Axes and unclamped ratios of every triangle in a frame (section 2.2)."""
+
+
+class Tiles(Protocol):
+    """Names and draws displacement: tiles, whole maps and precomputed maps.
+
+    frame: the name of a stored frame, or a `Frame` that is not stored. Every method raises
+    NotFoundError for what does not exist.
+    """
+
+    @operation("frame")
+    def describe(
+        self, asset: str, frame: str | Frame, query: MapQuery, place: TileAddress | MapAddress
+    ) -> TileDescription:
+        """What would be drawn; nothing is."""
+
+    @operation("frame", spread=True)
+    def draw(
+        self, asset: str, frame: str | Frame, query: MapQuery, place: TileAddress | MapAddress
+    ) -> DrawnTile:
+        """The displacement of a tile or of a whole level of a UDIM; raises BusyError where too many
+        wait for the device."""
+
+    @operation("asset")
+    def triangles(self, asset: str, udim: int) -> NDArray[int32]:
+        """(R, R) the triangle that each texel of a UDIM shows, padding included, row 0 at the top;
+        the number of triangles for none."""
+
+    @operation("asset")
+    def bins(self, asset: str) -> BinManifest:
+        """The precomputed maps of an asset (section 2.4)."""
+
+    @operation("asset")
+    def bin_tile(
+        self,
+        asset: str,
+        address: TileAddress,
+        layer: str,
+        bin: int | None = None,
+        sample: int | None = None,
+    ) -> NDArray[integer]:
+        """(n, n) int8 or int16 codes of one precomputed map tile; displacement = code * step.
+
+        bin, sample: needed where the layer has more than one.  Of the cushions n is that of the
+        samples under the tile, with the apron around them.
+
+        Raises NotFoundError above level 0: what is blended has coarser levels, the maps have none;
+        QueryError where bin or sample is missing.
+        """
+
+
+class Jobs(Protocol):
+    """Long work in the background."""
+
+    @operation("job")
+    def info(self, id: str) -> JobInfo:
+        """How far a job is; raises NotFoundError. Where the process that ran it has ended, a build
+        goes on under the same id; other jobs have failed."""
+
+    @operation("job", "change")
+    def cancel(self, id: str) -> JobInfo:
+        """End a job that waits; ask one at work to stop, which it does within a second. Raises
+        NotFoundError."""
+
+
+class Snapshots(Protocol):
+    """Ready assets as files for other servers."""
+
+    @operation("asset")
+    def of(self, asset: str) -> Snapshot:
+        """A ready asset as a file, which is the caller's to close."""
+
+    @operation("content", "create")
+    def restore(self, stream: Readable, nbytes: int) -> tuple[AssetInfo, bool]:
+        """The asset of a snapshot of so many bytes, and whether it is new here. Nothing is
+        synthesised.
+
+        One that is known and did not fail stays as it is, its present settings too. Raises
+        SnapshotError before anything is changed; StoreFormatError where another version stored it.
+        """
+
+
+class Packages(Protocol):
+    """Skin packages of ready assets."""
+
+    @operation("asset")
+    def of(
+        self, asset: str, levels: int = 1, key: str | None = None, begin: bool = True
+    ) -> Package | JobInfo | None:
+        """The package of an asset with so many levels of its maps; the job that makes it, where
+        that takes longer than a second.  key: that of the package that the caller has begun to
+        read.  begin: start that job; otherwise None where there is neither.
+
+        Raises ChangedError where the package has another key now, ConflictError where packages do
+        not know a setting of the asset, LimitError where it is larger than the packages that are
+        kept may be, HostMemoryError and HostBusyError for lack of memory, and what the job fails
+        with meanwhile.
+        """
+
+
+class Engine(Protocol):
+    """An engine, wherever it runs: in this process, in a supervised one, on a fleet.
+
+    Blocking; safe from any thread. Every operation raises NotFoundError for an unknown id,
+    NotReadyError while the asset builds, ConflictError where it failed to build, and BusyError
+    where too many calls wait already. With a shared store it raises FetchingError while the asset
+    is fetched, SharedDamageError and SharedStoreError; where the engine is in another process,
+    DeviceLostError if that ended and no other answers in time, and FatalRequestError if it ended
+    twice at the same call.
+
+    memory: bytes that requests and jobs hold on this host.  figures: what each device does, by its
+    number.
+    """
+
+    memory: ByteBudget
+
+    @property
+    def assets(self) -> Assets:
+        """Operations on assets."""
+
+    @property
+    def frames(self) -> Frames:
+        """Operations on frames."""
+
+    @property
+    def tiles(self) -> Tiles:
+        """Operations on tiles and maps."""
+
+    @property
+    def jobs(self) -> Jobs:
+        """Operations on jobs."""
+
+    @property
+    def snapshots(self) -> Snapshots:
+        """Operations on snapshots."""
+
+    @property
+    def packages(self) -> Packages:
+        """Operations on packages."""
+
+    @property
+    def figures(self) -> Mapping[str, Figures]:
+        """What each device does, by its number."""
+
+    @property
+    def waiting(self) -> int:
+        """Calls that are not answered yet."""
+
+    @property
+    def restarts(self) -> Mapping[str, int]:
+        """How often the process of a device was started again, by what had ended it."""
+
+    @operation("engine")
+    def ready(self) -> bool:
+        """Whether a kernel computes on the device, or on one of several. It goes before whatever
+        waits; where a task takes long, true if one ends within five seconds."""
+
+    @operation("engine")
+    def devices(self) -> list[DeviceInfo]:
+        """Every OpenCL device; budget and use are those of the selected ones, else 0."""
+
+    def well(self) -> bool:
+        """Whether the engine can still answer. Does not block."""
+
+    def close(self) -> None:
+        """End the engine, in bounded time; calls that wait raise DeviceLostError or BusyError."""
+
+
+# Makes a call: an operation, then its arguments.
+Call = Callable[..., Any]
+
+
+class Proxy:
+    """The operations of every part of an engine, each made by `call`, with the operation before its
+    arguments."""
+
+    def __init__(self, call: Call) -> None:
+        self.assets = cast(Assets, _Part("assets", call))
+        self.frames = cast(Frames, _Part("frames", call))
+        self.tiles = cast(Tiles, _Part("tiles", call))
+        self.jobs = cast(Jobs, _Part("jobs", call))
+        self.snapshots = cast(Snapshots, _Part("snapshots", call))
+        self.packages = cast(Packages, _Part("packages", call))
+
+
+class _Part:
+    def __init__(self, part: str, call: Call) -> None:
+        for row in OPERATIONS.values():
+            if row.part == part:
+                setattr(self, row.method, partial(call, row))
