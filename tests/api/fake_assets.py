@@ -20,6 +20,7 @@ from rhytid.domain.warnings import check_codes, refuse
 from rhytid.engine.byte_budget import Hold
 from rhytid.engine.messages import (
     AssetContent,
+    AssetDimensions,
     AssetInfo,
     JobInfo,
     NewAsset,
@@ -89,6 +90,11 @@ class FakeAssets(Part):
             warnings=self.state.doubts(mesh.positions, "mesh"),
             centre=tuple(mesh.centre.tolist()),
         )
+
+    def dimensions(self, asset: str) -> AssetDimensions:
+        info, found = self.info(asset), self.state.find(asset)
+        sizes = (info.vertices, info.triangles, info.udims)
+        return AssetDimensions(asset, *sizes, found.settings.grid, info.centre)
 
     def change(self, asset: str, changes: Mapping[str, Any]) -> AssetInfo:
         found = self.state.built(asset)

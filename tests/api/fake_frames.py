@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from api.fake_state import Part
 from rhytid.domain.frame import NEUTRAL, check_frame_name, check_positions
 from rhytid.domain.warnings import InputWarning
+from rhytid.engine.frames import Frame
 from rhytid.engine.messages import (
     FrameInfo,
     FrameStretch,
@@ -26,12 +27,13 @@ class FakeFrames(Part):
         self,
         asset: str,
         frame: str,
-        positions: ArrayLike,
+        positions: ArrayLike | Frame,
         *,
         strict: bool = False,
         allow: Collection[str] = (),
     ) -> FrameInfo:
         found = self.state.built(asset)
+        positions = positions.positions if isinstance(positions, Frame) else positions
         self.warnings(asset, positions, strict=strict, allow=allow)
         if check_frame_name(frame) == NEUTRAL:
             raise ReadOnlyError("frame 'neutral' cannot be written")
@@ -50,11 +52,12 @@ class FakeFrames(Part):
     def warnings(
         self,
         asset: str,
-        positions: ArrayLike,
+        positions: ArrayLike | Frame,
         *,
         strict: bool = False,
         allow: Collection[str] = (),
     ) -> tuple[InputWarning, ...]:
+        positions = positions.positions if isinstance(positions, Frame) else positions
         return self.state.judged(positions, "the positions", strict, allow)
 
     def positions(self, asset: str, frame: str) -> NDArray[np.float32]:

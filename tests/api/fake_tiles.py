@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from api.fake_state import Part, digest_of
 from rhytid.domain.bin_manifest import BinManifest, CushionLayer, GrainLayer
-from rhytid.domain.tiles import TileAddress
-from rhytid.engine.messages import MapQuery
-from rhytid.engine.tile_plan import TilePlan
+from rhytid.domain.tiles import MapAddress, TileAddress
+from rhytid.engine.frames import Frame
+from rhytid.engine.messages import DrawnTile, MapQuery, TileDescription
 from rhytid.engine.tile_service import of_map
 from rhytid.errors import NotFoundError
 from rhytid.formats.tile_header import TileHeader
@@ -21,38 +20,36 @@ from rhytid.formats.tile_header import TileHeader
 class FakeTiles(Part):
     """Heights are a ripple over the whole map, scaled by how far the frame is from the neutral."""
 
-    def _key(self, asset: str, frame: str, query: MapQuery, address: TileAddress) -> str:
-        found = self.state.check(asset, address)
-        positions = self.state.positions(asset, frame)
-        return digest_of(repr((asset, found.settings, query, address)), positions)
+    def describe(self, asset: str, frame: Any, query: MapQuery, place: Any) -> TileDescription:
+        first = place.first if isinstance(place, MapAddress) else place
+        found = self.state.check(asset, first)
+        text = repr((asset, found.settings, query, place))
+        key = digest_of(text, self._positions(asset, frame))
+        name = frame if isinstance(frame, str) else ""
+        header = self._header(asset, name, query, first)
+        return TileDescription(key, header, found.settings.grid.side_of(place))
 
-    def tile(
-        self, asset: str, frame: str, query: MapQuery, address: TileAddress
-    ) -> NDArray[np.float32]:
-        self._key(asset, frame, query, address)
-        return self._draw(asset, self.state.positions(asset, frame), query, address)
+    def draw(self, asset: str, frame: Any, query: MapQuery, place: Any) -> DrawnTile:
+        planned = self.describe(asset, frame, query, place)
+        tile = self.tile(asset, frame, query, place)
+        return DrawnTile(tile, planned, self.describe(asset, frame, query, place).key)
 
-    def _map_key(self, asset: str, frame: str, query: MapQuery, udim: int, level: int) -> str:
-        return "map" + self._key(asset, frame, query, TileAddress(udim, level, 0, 0))
+    def tile(self, asset: str, frame: Any, query: MapQuery, place: Any) -> NDArray[np.float32]:
+        """What tests replace."""
+        positions = self._positions(asset, frame)
+        if isinstance(place, MapAddress):
+            self.state.drawn.append((place.udim, place.level, query.method))
+            return self._ripple(asset, positions, place.level)
+        self.state.drawn.append((place, query.method))
+        n = self.state.find(asset).settings.grid.texels(place.level)
+        rows, columns = (slice(i * n, (i + 1) * n) for i in (place.row, place.column))
+        return self._ripple(asset, positions, place.level)[rows, columns]
 
-    def _map(
-        self, asset: str, frame: str, query: MapQuery, udim: int, level: int
-    ) -> NDArray[np.float32]:
-        self._map_key(asset, frame, query, udim, level)
-        self.state.drawn.append((udim, level, query.method))
-        return self._ripple(asset, self.state.positions(asset, frame), level)
-
-    def plan(self, asset: str, frame: str, query: MapQuery, address: TileAddress) -> TilePlan:
-        key = self._key(asset, frame, query, address)
-        draw = partial(self.tile, asset, frame, query, address)
-        side = self.state.find(asset).settings.grid.texels(address.level)
-        return TilePlan(key, self._header(asset, frame, query, address), side, draw)
-
-    def plan_map(self, asset: str, frame: str, query: MapQuery, udim: int, level: int) -> TilePlan:
-        key = self._map_key(asset, frame, query, udim, level)
-        draw = partial(self._map, asset, frame, query, udim, level)
-        header = self._header(asset, frame, query, TileAddress(udim, level, 0, 0))
-        return TilePlan(key, header, self.state.find(asset).settings.grid.side(level), draw)
+    def _positions(self, asset: str, frame: str | Frame) -> NDArray[np.float32]:
+        if isinstance(frame, str):
+            return self.state.positions(asset, frame)
+        assert frame.positions is not None
+        return frame.positions
 
     def _header(self, asset: str, frame: str, query: MapQuery, at: TileAddress) -> TileHeader:
         settings = self.state.built(asset).settings
@@ -93,29 +90,6 @@ class FakeTiles(Part):
         side = found.settings.grid.texels(0)
         dtype = np.int8 if manifest.bits == 8 else np.int16
         return np.full((side, side), 10 * bin + sample, dtype)
-
-    def plans_once(
-        self, asset: str, positions: ArrayLike, query: MapQuery, addresses: list[TileAddress]
-    ) -> list[TilePlan]:
-        for address in addresses:
-            self.state.check(asset, address)
-        return [
-            TilePlan(
-                str(address),
-                self._header(asset, "", query, address),
-                self.state.find(asset).settings.grid.texels(address.level),
-                partial(self._draw, asset, positions, query, address),
-            )
-            for address in addresses
-        ]
-
-    def _draw(
-        self, asset: str, positions: Any, query: MapQuery, at: TileAddress
-    ) -> NDArray[np.float32]:
-        self.state.drawn.append((at, query.method))
-        n = self.state.find(asset).settings.grid.texels(at.level)
-        ripple = self._ripple(asset, positions, at.level)
-        return ripple[at.row * n : (at.row + 1) * n, at.column * n : (at.column + 1) * n]
 
     def _ripple(self, asset: str, positions: Any, level: int) -> NDArray[np.float32]:
         settings = self.state.find(asset).settings

@@ -13,13 +13,15 @@ import pytest
 
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine import wanted
+from rhytid.engine.byte_budget import ByteBudget
 from rhytid.engine.messages import AssetInfo, FrameInfo, MapQuery, NewAsset
+from rhytid.engine.operations import OPERATIONS, Proxy
+from rhytid.engine_process.envelope import Request
 from rhytid.engine_process.frame_ledger import FrameLedger
+from rhytid.engine_process.job_ledger import JobLedger
 from rhytid.engine_process.keyed_locks import KeyedLocks
-from rhytid.engine_process.remote_assets import RemoteAssets
-from rhytid.engine_process.remote_frames import RemoteFrames
-from rhytid.engine_process.remote_tiles import RemoteTiles
-from rhytid.engine_process.requests import Request
+from rhytid.engine_process.remote_calls import RemoteCalls
+from rhytid.engine_process.upload_holds import UploadHolds
 from rhytid.errors import DeviceLostError, NotFoundError
 
 SECONDS = 60.0
@@ -44,7 +46,7 @@ class Process:
         self.puts: list[float] = []
 
     def perform(self, request: Request) -> Any:
-        name, (_, *rest) = request.name, request.positional
+        name, (_, *rest) = request.operation.name, request.positional
         if name == "frames.put":
             self.puts.append(float(rest[1][0, 0]))
             self.frames[rest[0]] = self.puts[-1]
@@ -57,13 +59,12 @@ class Process:
             return sorted(self.frames)
         if name == "assets.delete":
             return self.frames.clear()
-        if name == "create":
-            self.frames.update({"0000": 1.0})
+        if name == "assets.create":
+            self.frames.update({"0001": 1.0})
             return ASSET
         if rest[0] not in self.frames:
             raise NotFoundError(rest[0])
-        value = self.frames[rest[0]]
-        return (value, (f"key {value}", None, 8), "") if name.startswith("draw") else ("", None, 8)
+        return self.frames[rest[0]]
 
 
 class Caller:
@@ -97,11 +98,11 @@ class Caller:
         self.sent.append(request)
         if request.packed.arrays:
             request.packed.write(np.empty(request.packed.nbytes, np.uint8))
-        self.at.pop(request.name, lambda: None)()
+        self.at.pop(request.operation.name, lambda: None)()
         if process is not self.process:
             raise Ended
         answer = process.perform(request)
-        self.answering.pop(request.name, lambda: None)()
+        self.answering.pop(request.operation.name, lambda: None)()
         if process is not self.process:
             raise Ended
         return answer
@@ -115,31 +116,22 @@ class Server:
     def __init__(self) -> None:
         self.caller = Caller()
         self.ledger = FrameLedger(1 << 30, self._put)
-        caller = cast(Any, self.caller)
-        self.frames = RemoteFrames(caller, self.ledger)
-        self.tiles = RemoteTiles(caller, self.ledger)
-        none = cast(Any, _NoUploads())
-        self.assets = RemoteAssets(caller, self.ledger, none, none, self.tiles)
+        uploads = UploadHolds(ByteBudget(1 << 30, "RHYTID_HOST_MEMORY_MB"))
+        calls = RemoteCalls(cast(Any, self.caller), self.ledger, JobLedger(), uploads)
+        engine = Proxy(calls)
+        self.frames, self.tiles, self.assets = engine.frames, engine.tiles, engine.assets
 
     def _put(self, process: Any, asset: str, name: str, positions: Any) -> None:
         with wanted.anyway():
-            self.caller.ask(process, Request("frames.put", (asset, name, positions)))
+            self.caller.ask(process, Request(OPERATIONS["frames.put"], (asset, name, positions)))
 
     def drawn(self) -> float:
         """Of which positions a tile is drawn."""
-        plan = self.tiles.plan("a", "smile", MapQuery(), WHOLE)
-        return float(cast(Any, plan.draw()))
+        return cast(float, self.tiles.draw("a", "smile", MapQuery(), WHOLE))
 
     def create(self) -> None:
         new = cast(Any, _Upload(frame(1.0)[None]))
         self.assets.create(new)
-
-
-class _NoUploads:
-    def take(self, *_: Any) -> int:
-        return 0
-
-    def sent(self, *_: Any) -> None: ...
 
 
 class _Upload(NewAsset):
@@ -279,7 +271,7 @@ def test_a_removed_asset_takes_its_frames_along(server: Server) -> None:
         removed[0].result(SECONDS)
     server.caller.answering["frames.put"] = lambda: server.assets.delete("a")
     server.frames.put("a", "other", frame(3.0))
-    server.caller.answering["create"] = lambda: server.assets.delete("a")
+    server.caller.answering["assets.create"] = lambda: server.assets.delete("a")
     server.create()
     server.caller.restart()
     assert server.frames.all("a") == []
@@ -287,13 +279,15 @@ def test_a_removed_asset_takes_its_frames_along(server: Server) -> None:
 
 
 def test_a_frame_that_is_stored_beside_an_upload_stays(server: Server) -> None:
-    server.caller.answering["create"] = lambda: server.frames.put("a", "0000", frame(5.0)) and None
+    server.caller.answering["assets.create"] = lambda: (
+        server.frames.put("a", "0001", frame(5.0)) and None
+    )
     server.create()
-    assert server.frames.all("a") == ["0000", "smile"]
-    assert server.caller.process.frames["0000"] == 5.0
+    assert server.frames.all("a") == ["0001", "smile"]
+    assert server.caller.process.frames["0001"] == 5.0
     server.caller.restart()
     server.frames.all("a")
-    assert server.caller.process.frames["0000"] == 5.0
+    assert server.caller.process.frames["0001"] == 5.0
 
 
 def test_a_list_has_what_was_stored_before_it_was_sent_again(server: Server) -> None:

@@ -12,20 +12,22 @@ import numpy as np
 import pytest
 
 from rhytid.device.watch import SIZE, Purpose, Report
+from rhytid.domain.tiles import TileGrid
 from rhytid.engine.byte_budget import ByteBudget
-from rhytid.engine.messages import AssetInfo, JobInfo, MapQuery
+from rhytid.engine.messages import AssetDimensions, AssetInfo, JobInfo
+from rhytid.engine.operations import OPERATIONS, Proxy
 from rhytid.engine_process.ending import Ending, ending_of
+from rhytid.engine_process.envelope import Request
 from rhytid.engine_process.frame_ledger import FrameLedger
 from rhytid.engine_process.job_ledger import JobLedger, resumed
 from rhytid.engine_process.refusals import Refusals
-from rhytid.engine_process.remote_assets import RemoteAssets
-from rhytid.engine_process.remote_tiles import RemoteTiles
-from rhytid.engine_process.requests import Request
+from rhytid.engine_process.remote_calls import RemoteCalls
 from rhytid.engine_process.upload_holds import UploadHolds
 from rhytid.errors import FatalRequestError, NotFoundError
 
 ONE, OTHER = cast(Any, "process 1"), cast(Any, "process 2")
 FRAME = np.ones((10, 3), np.float32)
+DRAW = OPERATIONS["tiles.draw"]
 JOB = JobInfo("j", "a", "build", "running", 0.5, "trails", "")
 ASSET = AssetInfo("a", "ready", None, None, {}, (), 1, 3, 1, 0, 0)
 SEGV = Ending("fault", "it ended by SIGSEGV", Purpose())
@@ -110,7 +112,7 @@ def test_the_second_strike_refuses_until_an_answer_or_a_change() -> None:
     refusals = Refusals()
 
     def draw() -> Request:
-        return Request("draw_tile", ("a", "smile", 3))
+        return Request(DRAW, ("a", "smile"), version=3)
 
     refusals.strike(draw(), SEGV)
     refusals.check(draw())
@@ -120,7 +122,7 @@ def test_the_second_strike_refuses_until_an_answer_or_a_change() -> None:
     refusals.strike(draw(), SEGV)
     with pytest.raises(FatalRequestError, match=r"2 times.*SIGSEGV"):
         refusals.check(draw())
-    refusals.check(Request("draw_tile", ("a", "smile", 4)))
+    refusals.check(Request(DRAW, ("a", "smile"), version=4))
     refusals.forget("a")
     refusals.check(draw())
 
@@ -143,7 +145,7 @@ def test_what_was_late_is_refused_for_a_while(monkeypatch: pytest.MonkeyPatch) -
     """The machine may have been busy; what is late again is refused for longer."""
     now = 1000.0
     monkeypatch.setattr("time.monotonic", lambda: now)
-    refusals, request = Refusals(), Request("draw_tile", ("a", "smile", 3))
+    refusals, request = Refusals(), Request(DRAW, ("a", "smile"), version=3)
 
     def strike() -> None:
         refusals.strike(request, TOO_LATE)
@@ -215,16 +217,27 @@ def test_a_thread_that_compiles_does_not_hide_a_launch_that_hangs() -> None:
     assert not seen.late
 
 
-def test_sides_of_a_removed_asset_are_forgotten() -> None:
+def test_what_never_changes_is_asked_once_until_the_asset_is_removed() -> None:
+    asked: list[str] = []
+
+    def call(request: Request, prepare: Any = None) -> Any:
+        asked.append(request.operation.name)
+        sizes = (3, 1) if request.asset == "a" else (0, 0)
+        return AssetDimensions(request.asset, *sizes, (1001,), TileGrid(64, 64), (0.0, 0.0, 0.0))
+
+    transport = cast(Any, SimpleNamespace(call=call, forget=lambda asset: None))
+    uploads = UploadHolds(ByteBudget(0, "RHYTID_HOST_MEMORY_MB"))
     ledger = FrameLedger(0, lambda *_: None)
-    answer = SimpleNamespace(call=lambda request, prepare=None: ("key", None, 64))
-    none = SimpleNamespace(call=lambda *_: None, forget=lambda *_: None)
-    tiles = RemoteTiles(cast(Any, answer), ledger)
-    assets = RemoteAssets(cast(Any, none), ledger, cast(Any, None), cast(Any, None), tiles)
-    for asset in "ab":
-        tiles.plan_map(asset, "neutral", MapQuery(), 1001, 0)
+    assets = Proxy(RemoteCalls(transport, ledger, JobLedger(), uploads)).assets
+    for _ in range(2):
+        assert assets.dimensions("a").vertices == 3
     assets.delete("a")
-    assert [known[1] for known in tiles._sides] == ["b"]
+    assets.dimensions("a")
+    assert asked == ["assets.dimensions", "assets.delete", "assets.dimensions"]
+    # Of a failed asset nothing is known: it may be sent again.
+    for _ in range(2):
+        assets.dimensions("failed")
+    assert asked[3:] == ["assets.dimensions"] * 2
 
 
 def test_bytes_of_uploads_come_free_with_their_job_or_their_process() -> None:
@@ -232,7 +245,9 @@ def test_bytes_of_uploads_come_free_with_their_job_or_their_process() -> None:
     uploads = UploadHolds(memory)
     request = memory.hold("uploads")
     request.grow(60)
-    one, other = uploads.take(40, request), uploads.take(30, None)
+    one, other = 1, 2
+    uploads.take(one, 40, request)
+    uploads.take(other, 30, None)
     assert (memory.used, memory.used_for("jobs")) == (90, 70)
     uploads.release(one)
     uploads.release(one)

@@ -2,31 +2,36 @@
 
 from __future__ import annotations
 
+import tempfile
 import threading
 import tracemalloc
 from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any, cast
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from engine.engines import new_asset
 from rhytid.domain.mesh import Mesh
+from rhytid.engine.byte_budget import ByteBudget
 from rhytid.engine.checked_upload import CheckedUpload, content_id
 from rhytid.engine.messages import AssetInfo, JobInfo
+from rhytid.engine.operations import OPERATIONS, Jobs, Proxy
 from rhytid.engine_process import supervisors
+from rhytid.engine_process.envelope import Request
 from rhytid.engine_process.found_devices import FoundDevice, named_devices, settings_of
+from rhytid.engine_process.frame_ledger import FrameLedger
 from rhytid.engine_process.job_ledger import JobLedger
 from rhytid.engine_process.keyed_locks import KeyedLocks
 from rhytid.engine_process.placement import Placement
-from rhytid.engine_process.remote_jobs import RemoteJobs
-from rhytid.engine_process.requests import Request
+from rhytid.engine_process.remote_calls import RemoteCalls
 from rhytid.engine_process.supervisors import Supervisors
+from rhytid.engine_process.upload_holds import UploadHolds
 from rhytid.errors import DeviceLostError, LimitError, NoDeviceError, NotFoundError, SnapshotError
 from rhytid.settings import ServiceSettings
+from rhytid.storage.snapshots import OpenFile
 
 GIB = 1 << 30
 GPUS = [FoundDevice(0, "gpu", "gpu", 8 * GIB), FoundDevice(1, "gpu", "gpu", 24 * GIB)]
@@ -109,22 +114,22 @@ class One:
         return None if self.lost else self
 
     def call(self, request: Request, prepare: Any = None) -> Any:
-        self.asked.append(request.name)
+        self.asked.append(request.operation.name)
         if self.lost:
             raise DeviceLostError("lost")
-        if request.name == "create":
+        if request.operation.name == "assets.create":
             if self.fails:
                 raise self.fails
             self.known.add(content_id(request.positional[0]))
             return "created"
-        if request.name == "assets.all":
+        if request.operation.name == "assets.all":
             return sorted(self.known)
         if request.positional[0] not in self.known:
             raise NotFoundError(request.positional[0])
-        if request.name == "assets.delete":
+        if request.operation.name == "assets.delete":
             self.known.remove(request.positional[0])
             self.then()
-        return request.name
+        return request.operation.name
 
 
 @pytest.fixture
@@ -137,7 +142,7 @@ def two() -> Supervisors:
 
 
 def sent(seed: int) -> Request:
-    return Request("create", (new_asset(seed=seed), 0))
+    return Request(OPERATIONS["assets.create"], (new_asset(seed=seed),))
 
 
 def test_requests_go_to_the_device_of_their_asset(two: Supervisors) -> None:
@@ -148,11 +153,11 @@ def test_requests_go_to_the_device_of_their_asset(two: Supervisors) -> None:
     first, second = (one.known for one in two.all)  # type: ignore[attr-defined]
     assert (first, second) == ({ids[0], ids[2]}, {ids[1]})
     for id in ids:
-        assert two.call(Request("frames.all", (id,))) == "frames.all"
-    assert two.call(Request("assets.all")) == [*sorted(first), ids[1]]
-    two.call(Request("assets.delete", (ids[1],)))
+        assert two.call(Request(OPERATIONS["frames.all"], (id,))) == "frames.all"
+    assert two.call(Request(OPERATIONS["assets.all"])) == [*sorted(first), ids[1]]
+    two.call(Request(OPERATIONS["assets.delete"], (ids[1],)))
     with pytest.raises(NotFoundError):
-        two.call(Request("frames.all", (ids[1],)))
+        two.call(Request(OPERATIONS["frames.all"], (ids[1],)))
     assert two._placement.on(1) == frozenset()
 
 
@@ -165,37 +170,37 @@ def test_an_asset_that_is_fetched_stays_where_it_was_asked_for(two: Supervisors)
     second.known.add(fetched)  # type: ignore[attr-defined] the device that has more room finds it
     assert two._placement.of(fetched) is None
 
-    assert two.call(Request("frames.all", (fetched,))) == "frames.all"
+    assert two.call(Request(OPERATIONS["frames.all"], (fetched,))) == "frames.all"
     assert two._placement.of(fetched) == 1
     for asset in (missing, "no-id"):
         with pytest.raises(NotFoundError):
-            two.call(Request("frames.all", (asset,)))
+            two.call(Request(OPERATIONS["frames.all"], (asset,)))
         assert two._placement.of(asset) is None
 
     second.lost = True  # type: ignore[attr-defined]
     with pytest.raises(DeviceLostError):
-        two.call(Request("frames.all", (fetched,)))
+        two.call(Request(OPERATIONS["frames.all"], (fetched,)))
     assert two._placement.of(fetched) == 1
 
 
 def test_a_job_is_found_on_whichever_device_it_is(two: Supervisors) -> None:
     two.all[1].known.add("job")  # type: ignore[attr-defined]
-    assert two.call(Request("jobs.info", ("job",))) == "jobs.info"
+    assert two.call(Request(OPERATIONS["jobs.info"], ("job",))) == "jobs.info"
     with pytest.raises(NotFoundError):
-        two.call(Request("jobs.info", ("none",)))
+        two.call(Request(OPERATIONS["jobs.info"], ("none",)))
 
 
 def test_what_is_deleted_is_forgotten_on_its_own_device(two: Supervisors) -> None:
     for seed in (1, 2):
         two.call(sent(seed))
     id = content_id(sent(2).positional[0])
-    delete = Request("assets.delete", (id,))
+    delete = Request(OPERATIONS["assets.delete"], (id,))
     two.call(delete)
     assert [one.forgotten for one in two.all] == [[], [id]]  # type: ignore[attr-defined]
     two._placement.place("lost before", 2)
     number = two._placement.place("unknown", 1)[0]
     with pytest.raises(NotFoundError):
-        two.call(Request("assets.delete", ("unknown",)))
+        two.call(Request(OPERATIONS["assets.delete"], ("unknown",)))
     assert two.all[number].forgotten[-1] == "unknown"  # type: ignore[attr-defined]
     assert two._placement.of("unknown") is None
 
@@ -210,7 +215,7 @@ def test_an_asset_that_is_sent_while_it_is_deleted_keeps_its_device(two: Supervi
         again.join(0.05)
 
     two.all[0].then = send  # type: ignore[attr-defined]
-    two.call(Request("assets.delete", (id,)))
+    two.call(Request(OPERATIONS["assets.delete"], (id,)))
     again.join()
     knows = [id in one.known for one in two.all]  # type: ignore[attr-defined]
     assert knows.index(True) == two._placement.of(id)
@@ -224,17 +229,24 @@ def test_a_lost_device_does_not_keep_jobs_of_the_others(two: Supervisors) -> Non
     assert two._placement.place("asset", 1) == (1, True)
     second.known.update(("job", "found"))  # type: ignore[attr-defined]
     for name in ("jobs.info", "jobs.cancel"):
-        assert two.call(Request(name, ("job",), of="asset")) == name
-        assert two.call(Request(name, ("found",))) == name
+        assert two.call(Request(OPERATIONS[name], ("job",), of="asset")) == name
+        assert two.call(Request(OPERATIONS[name], ("found",))) == name
     assert first.asked == []  # type: ignore[attr-defined]
     with pytest.raises(DeviceLostError):
-        two.call(Request("jobs.info", ("none",)))
+        two.call(Request(OPERATIONS["jobs.info"], ("none",)))
 
 
 def test_assets_are_listed_all_or_not_at_all(two: Supervisors) -> None:
     two.all[0].lost = True  # type: ignore[attr-defined]
     with pytest.raises(DeviceLostError):
-        two.call(Request("assets.all"))
+        two.call(Request(OPERATIONS["assets.all"]))
+
+
+def jobs_over(call: Callable[[Request], Any], ledger: JobLedger) -> Jobs:
+    """The jobs of an engine that answers as `call` does."""
+    transport: Any = SimpleNamespace(call=call)
+    uploads = UploadHolds(ByteBudget(0, "RHYTID_HOST_MEMORY_MB"))
+    return Proxy(RemoteCalls(transport, FrameLedger(0, cast(Any, None)), ledger, uploads)).jobs
 
 
 def test_jobs_are_asked_for_with_their_asset() -> None:
@@ -242,24 +254,26 @@ def test_jobs_are_asked_for_with_their_asset() -> None:
     job = JobInfo("job", "asset", "build", "running", 0.0, "", "")
 
     def call(request: Request) -> JobInfo:
-        asked.append((request.name, request.of))
+        asked.append((request.operation.name, request.of))
         return job
 
-    jobs = RemoteJobs(cast(Any, SimpleNamespace(call=call)), JobLedger())
-    jobs.note("job", "asset")
+    ledger = JobLedger()
+    ledger.note("job", "asset")
+    jobs = jobs_over(call, ledger)
     jobs.info("job")
     jobs.cancel("job")
     expected = ["jobs.info", "jobs.cancel"]
     assert asked == [(name, "asset") for name in expected]
 
 
-def test_of_a_snapshot_the_beginning_alone_is_copied() -> None:
-    content = np.zeros(1 << 24, np.uint8)
-    tracemalloc.start()
-    with pytest.raises(SnapshotError):
-        supervisors._restored(content)
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
+def test_of_a_snapshot_the_beginning_alone_is_read() -> None:
+    with tempfile.TemporaryFile() as file:
+        file.truncate(1 << 24)
+        tracemalloc.start()
+        with pytest.raises(SnapshotError):
+            supervisors._content(OpenFile(file.fileno()))
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
     assert peak < 1 << 20
 
 
@@ -276,7 +290,7 @@ def test_an_upload_has_its_id_before_it_is_checked() -> None:
     given = new_asset(seed=5)
     grown = type(given)(Mesh(*vars(given.mesh).values()), given.settings, None)
     assert content_id(grown) == CheckedUpload.of(grown, GIB, limit).id
-    assert supervisors._sent(grown)[0] == content_id(grown)
+    assert supervisors._content(grown)[0] == content_id(grown)
     assert content_id(given) != content_id(grown)
 
 
@@ -286,14 +300,15 @@ def test_a_build_whose_process_ended_before_anyone_asked_goes_on() -> None:
     jobs = {"new": JobInfo("new", "asset", "build", "running", 0.5, "pores", "")}
 
     def call(request: Request) -> object:
-        if request.name == "assets.info":
+        if request.operation.name == "assets.info":
             return building
         if request.positional[0] not in jobs:
             raise NotFoundError("no such job")
         return jobs[request.positional[0]]
 
-    remote = RemoteJobs(cast(Any, SimpleNamespace(call=call)), JobLedger())
-    remote.note("old", "asset")
+    ledger = JobLedger()
+    ledger.note("old", "asset")
+    remote = jobs_over(call, ledger)
     found = remote.info("old")
     assert (found.id, found.state, found.stage) == ("old", "running", "pores")
     with pytest.raises(NotFoundError):

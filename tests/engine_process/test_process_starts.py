@@ -19,11 +19,12 @@ import pytest
 from api.asking import is_problem
 from engine_process.served import LONG, await_value, serving
 from rhytid.device.watch import Purpose
+from rhytid.engine.operations import OPERATIONS
 from rhytid.engine_process import device_process, supervisor
 from rhytid.engine_process.control import Start
 from rhytid.engine_process.device_process import DeviceProcess
 from rhytid.engine_process.ending import Ending
-from rhytid.engine_process.requests import Request
+from rhytid.engine_process.envelope import Answer, Request
 from rhytid.engine_process.supervisor import Supervisor
 from rhytid.errors import DeviceError, DeviceLostError
 from rhytid.settings import ServiceSettings
@@ -57,7 +58,7 @@ class Started:
     def __init__(self, on_ready: Callable[[Any], None], *, mute: bool) -> None:
         self.started: Future[None] = Future()
         self.ending: Future[Ending] = Future()
-        self.lines = SimpleNamespace(ask=lambda *_: (True, "answer", ()))
+        self.lines = SimpleNamespace(ask=lambda *_: Answer(True, "answer"))
         self._on_ready, self._mute, self._over = on_ready, mute, threading.Event()
 
     def watch(self) -> Ending:
@@ -109,7 +110,7 @@ def test_a_process_that_cannot_be_started_is_tried_again(starts: Starts) -> None
         starts.made[0].close()
         await_value(lambda: len(starts.made) == 3 and running.ready is starts.made[2])
         assert running.restarts == {"killed": 1, "start": 5}
-        assert running.call(Request("ready")) == "answer"
+        assert running.call(Request(OPERATIONS["ready"])) == "answer"
         assert (running.runs, running.well) == (True, True)
 
 
@@ -147,7 +148,7 @@ def test_who_asks_meanwhile_is_told_at_once(
         starts.made[0].close()
         await_value(lambda: running.ready is None)
         with pytest.raises(DeviceLostError) as refused:
-            running.call(Request("ready"))
+            running.call(Request(OPERATIONS["ready"]))
         assert refused.value.retry_after > 0
         starts.failing = []
         await_value(lambda: running.ready)

@@ -24,9 +24,9 @@ def replica_of(job: str) -> str:
 def sent_to(fleet: Any, replica: str) -> Iterator[None]:
     """Calls that are made in the block go to a replica, whichever asset they are about."""
     caller = fleet._caller
-    made = caller._envelope
-    caller._envelope = lambda request, asset, to: replace(made(request, asset, to), to=replica)
+    made = caller._addressed
+    caller._addressed = lambda request, asset, to: replace(made(request, asset, to), to=replica)
     try:
         yield
     finally:
-        caller._envelope = made
+        caller._addressed = made

@@ -17,7 +17,8 @@ from engine.engines import new_asset, running
 from engine_process.served import await_value
 from fleet.test_fleet_residents import Content, Engine, Frames
 from rhytid.engine.engine import Engine as RealEngine
-from rhytid.engine_process.requests import Request
+from rhytid.engine.operations import OPERATIONS
+from rhytid.engine_process.envelope import Request
 from rhytid.errors import NotFoundError, SharedDamageError, StorageError
 from rhytid.fleet.caller import FleetCaller
 from rhytid.fleet.fleet_assets import FleetAssets
@@ -51,9 +52,8 @@ class Fleet:
             return self.engine.info(request.asset)
 
     def ingress(self) -> FleetAssets:
-        parts: Any = None
         caller: Any = self
-        return FleetAssets(caller, FrameVersions(), parts, parts, parts, self._shared)
+        return FleetAssets(caller, self._shared)
 
     def restores(self) -> int:
         """Since the last time."""
@@ -150,13 +150,11 @@ def test_a_replica_says_what_it_has_built_and_changed(
 def test_what_is_no_id_becomes_no_name_of_a_file(shared: SharedFolder, strange: str) -> None:
     parts: Any = None
     caller = FleetCaller(parts, FrameVersions(), JobNames(b"a key"), lambda: True)
-    for call in ("assets.info", "assets.delete", "frames.put", "draw_tile", "packages.of"):
-        with pytest.raises(NotFoundError, match="no asset"):
-            caller.call(Request(call, (strange,)))
-    with pytest.raises(NotFoundError, match="no asset"):
-        FleetAssets(caller, FrameVersions(), parts, parts, parts, shared).delete(strange)
-    with pytest.raises(NotFoundError, match="no job"):
-        caller.call(Request("jobs.info", (strange,)))
+    for operation in OPERATIONS.values():
+        kind = "job" if operation.addresses == "job" else "asset"
+        if operation.addresses in ("asset", "frames", "frame", "job"):
+            with pytest.raises(NotFoundError, match=f"no {kind}"):
+                caller.call(Request(operation, (strange, "smile")))
     for ask in (shared.revision, shared.settings, shared.owner, shared.upload, shared.remove):
         with pytest.raises(NotFoundError, match="no asset"):
             ask(strange)

@@ -18,7 +18,6 @@ from rhytid.engine.engine import Engine
 from rhytid.errors import CancelledError, DiskFullError, SharedDamageError
 from rhytid.fleet.fleet_assets import FleetAssets
 from rhytid.fleet.frame_sync import FrameSync
-from rhytid.fleet.frame_versions import FrameVersions
 from rhytid.fleet.job_names import JobNames
 from rhytid.fleet.replica_assets import ReplicaAssets
 from rhytid.fleet.shared_folder import SharedFolder
@@ -119,6 +118,5 @@ def test_a_list_leaves_out_what_is_damaged(shared: SharedFolder) -> None:
         return SimpleNamespace(id=request.asset, state="ready", job=None)
 
     caller: Any = SimpleNamespace(call=call)
-    parts: Any = None
-    listed = FleetAssets(caller, FrameVersions(), parts, parts, parts, shared).all()
+    listed = FleetAssets(caller, shared).all()
     assert [info.id for info in listed] == [ASSETS[0], ASSETS[2]]

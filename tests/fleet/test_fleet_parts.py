@@ -16,12 +16,13 @@ import pytest
 
 from engine.engines import new_asset
 from rhytid.engine.messages import JobInfo
+from rhytid.engine.operations import OPERATIONS
 from rhytid.engine.worker import drawn_live, is_live
-from rhytid.engine_process.requests import Request
+from rhytid.engine_process.envelope import Answer, Envelope, Request
 from rhytid.errors import NotFoundError, SettingsError, StorageError
 from rhytid.fleet.board import Board
 from rhytid.fleet.caller import FleetCaller
-from rhytid.fleet.envelopes import Answer, ElsewhereError, Envelope, packed
+from rhytid.fleet.envelopes import Addressed, ElsewhereError, Parcel
 from rhytid.fleet.frame_versions import FrameVersions
 from rhytid.fleet.job_names import JobName, JobNames, ReplicaNames
 from rhytid.fleet.kept_uploads import read_upload, written_upload
@@ -140,10 +141,10 @@ def test_an_upload_runs_no_code() -> None:
 
 def test_answers_and_errors_come_back() -> None:
     array = np.arange(10_000, dtype=np.float32)
-    answer = Answer.of({"a": array, "b": 1})
+    answer = Parcel.of(Answer(True, {"a": array, "b": 1}))
     assert answer.arrays[0].nbytes == array.nbytes
-    assert np.array_equal(answer.value()["a"], array)
-    error = Answer.of(ElsewhereError("abc"), good=False).value()
+    assert np.array_equal(answer.open().value["a"], array)
+    error = Parcel.of(Answer(False, ElsewhereError("abc"))).open().value
     assert isinstance(error, ElsewhereError)
     assert error.replica == "abc"
 
@@ -181,18 +182,22 @@ def test_a_replica_of_another_build_performs_nothing() -> None:
     class Calls:
         performed = 0
 
-        def perform(self, envelope: Envelope) -> tuple[str, int]:
+        def perform(self, envelope: Envelope, asset: str, to: str) -> Answer:
             self.performed += 1
-            return "drawn", 0
+            return Answer(True, "drawn")
 
     replica: Any = object.__new__(EngineReplica)
     replica._name, replica._calls = "one", Calls()
-    call = Envelope("tiles.tile", "", "", False, 0, *packed(((), {})))
+    call = Envelope(1, "tiles.draw", (), {})
 
-    assert replica._performed(call, lambda: False).value() == "drawn"
-    answer = replica._performed(replace(call, drawing="0.1.0+other"), lambda: False)
+    def performed(call: Envelope) -> Answer:
+        found = replica._performed(Addressed.of(call, "", ""), lambda: False).open()
+        return cast(Answer, found)
+
+    assert performed(call).value == "drawn"
+    answer = performed(replace(call, drawing="0.1.0+other"))
     assert not answer.good
-    assert "ingress as 0.1.0+other: install the same" in str(answer.value())
+    assert "ingress as 0.1.0+other: install the same" in str(answer.value)
     assert replica._calls.performed == 1
 
 
@@ -200,16 +205,16 @@ def test_that_it_is_for_a_live_connection_comes_to_the_replica() -> None:
     """Else live frames of a fleet wait for every tile that others ask for."""
 
     class Calls:
-        def perform(self, envelope: Envelope) -> tuple[bool, int]:
-            return is_live(), 0
+        def perform(self, envelope: Envelope, asset: str, to: str) -> Answer:
+            return Answer(True, is_live())
 
     parts, replica = None, object.__new__(EngineReplica)
     replica._name, replica._calls = "one", cast(Any, Calls())
     caller = FleetCaller(cast(Any, parts), FrameVersions(), JobNames(b"a key"), lambda: True)
 
     def performed() -> Any:
-        envelope = caller._envelope(Request("draw_once", (ASSET,)), ASSET, "")
-        return Context().run(replica._performed, envelope, lambda: False).value()
+        call = caller._addressed(Request(OPERATIONS["tiles.draw"], (ASSET, "smile")), ASSET, "")
+        return Context().run(replica._performed, call, lambda: False).open().value
 
     with drawn_live():
         assert performed() is True

@@ -15,7 +15,7 @@ from ray.serve._private.common import (
 )
 from ray.serve.request_router import PendingRequest
 
-from rhytid.fleet.envelopes import Envelope
+from rhytid.fleet.envelopes import Addressed, Parcel
 from rhytid.fleet.order import order
 from rhytid.fleet.router import AssetRouter
 
@@ -61,8 +61,8 @@ class Asking:
         """The replica that a call goes to."""
         self._asked += 1
         about = RequestMetadata(str(self._asked), str(self._asked))
-        envelope = Envelope("a", asset, to, spread, 0, b"", ())
-        pending = PendingRequest([envelope], {}, about)
+        call = Addressed(asset, to, spread, Parcel(b"", ()))
+        pending = PendingRequest([call], {}, about)
         found = await self._router._choose_replica_for_request(pending)
         return str(found.replica_id.unique_id)
 

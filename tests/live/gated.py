@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import io
 import threading
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from api.fake_engine import FakeEngine
 from api.patch import positions
-from rhytid.engine.tile_plan import TilePlan
 from rhytid.engine.worker import is_live
 
 TILE = [1001, 0, 1, 2]
@@ -30,28 +28,21 @@ class GatedEngine(FakeEngine):
         self.drawing, self.most = 0, 0
         # Of each tile whether it was drawn for a live connection.
         self.live: list[bool] = []
-        plans_once = self.tiles.plans_once
+        self._draw = self.tiles.draw
+        self.tiles.draw = self._gated  # type: ignore[method-assign]
 
-        def gated(*arguments: Any) -> list[TilePlan]:
-            if self.error is not None:
-                raise self.error
-            return [replace(plan, draw=self._gated(plan)) for plan in plans_once(*arguments)]
-
-        self.tiles.plans_once = gated  # type: ignore[method-assign]
-
-    def _gated(self, plan: TilePlan) -> Any:
-        def draw() -> Any:
-            self.drawing += 1
-            self.most = max(self.most, self.drawing)
-            self.live.append(is_live())
-            self.began.release()
-            try:
-                assert self.gate.wait(10)
-                return plan.draw()
-            finally:
-                self.drawing -= 1
-
-        return draw
+    def _gated(self, *arguments: Any) -> Any:
+        if self.error is not None:
+            raise self.error
+        self.drawing += 1
+        self.most = max(self.most, self.drawing)
+        self.live.append(is_live())
+        self.began.release()
+        try:
+            assert self.gate.wait(10)
+            return self._draw(*arguments)
+        finally:
+            self.drawing -= 1
 
 
 def shapes() -> Any:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from typing import Any
 
 import httpx
@@ -17,7 +18,6 @@ from api.patch import positions, smile, upload
 from live.gated import NAMES, TILE, GatedEngine, shapes
 from live.speaker import Speaker, speaking
 from rhytid.api.live import session
-from rhytid.engine.tile_plan import TilePlan
 from rhytid.errors import DeviceLostError
 
 
@@ -240,14 +240,12 @@ def test_what_was_sent_is_not_what_the_engine_draws_into_next() -> None:
     place = np.empty((64, 64), np.float32)
     gated = engine._gated
 
-    def reusing(plan: TilePlan) -> Any:
-        def draw() -> Any:
-            place[:] = gated(plan)()
-            return place
+    def reusing(*arguments: Any) -> Any:
+        drawn = gated(*arguments)
+        place[:] = drawn.tile
+        return replace(drawn, tile=place)
 
-        return draw
-
-    engine._gated = reusing  # type: ignore[method-assign]
+    engine.tiles.draw = reusing  # type: ignore[method-assign]
     with serving(engine) as client:
         asset = built(client, upload())
         with speaking(client, asset) as speaker:

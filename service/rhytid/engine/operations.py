@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, Literal, Protocol, TypeVar, cast
 
-from numpy import float32, int32, integer
+from numpy import float32, integer
 from numpy.typing import ArrayLike, NDArray
 
 from rhytid.device.figures import Figures
@@ -289,11 +289,6 @@ class Tiles(Protocol):
     ) -> DrawnTile:
         """The displacement of a tile or of a whole level of a UDIM; raises BusyError where too many
         wait for the device."""
-
-    @operation("asset")
-    def triangles(self, asset: str, udim: int) -> NDArray[int32]:
-        """(R, R) the triangle that each texel of a UDIM shows, padding included, row 0 at the top;
-        the number of triangles for none."""
 
     @operation("asset")
     def bins(self, asset: str) -> BinManifest:
