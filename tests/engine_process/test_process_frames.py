@@ -20,8 +20,7 @@ from rhytid.engine_process.envelope import Request
 from rhytid.engine_process.frame_ledger import FrameLedger
 from rhytid.engine_process.job_ledger import JobLedger
 from rhytid.engine_process.keyed_locks import KeyedLocks
-from rhytid.engine_process.remote_calls import RemoteCalls
-from rhytid.engine_process.upload_holds import UploadHolds
+from rhytid.engine_process.remote_calls import RemoteCalls, UploadHolds
 from rhytid.errors import DeviceLostError, NotFoundError
 
 SECONDS = 60.0

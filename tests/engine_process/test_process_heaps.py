@@ -5,16 +5,17 @@ from __future__ import annotations
 import platform
 import subprocess
 import sys
+from typing import Any
 
 import pytest
+
+from rhytid.engine_process import device_process
 
 pytestmark = pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="others have no settings")
 
 # Prints how many heaps there are, apart from the first, when eight threads have allocated.
 HEAPS = """
 import ctypes, threading
-from rhytid.engine_process import heaps
-heaps.keep_few()
 allocate, met = ctypes.CDLL(None).malloc, threading.Barrier(9)
 def work():
     allocate(100_000)
@@ -31,7 +32,7 @@ print(sum(start % (64 << 20) == 0 for start in starts))
 # Prints by how many MiB it shrinks: every second block of 64 KiB was freed.
 SHRINKS = """
 import ctypes, os, sys
-from rhytid.engine_process import heaps
+from rhytid.engine_process.child import give_back_memory
 library = ctypes.CDLL(None)
 library.malloc.restype = library.memset.restype = ctypes.c_void_p
 library.free.argtypes = library.memset.argtypes = None
@@ -43,18 +44,24 @@ for block in blocks[::2]:
 def resident():
     return int(open("/proc/self/statm").read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 before = resident()
-heaps.give_back()
+give_back_memory()
 print((before - resident()) >> 20)
 """
 
 
-def printed(program: str) -> int:
+def printed(program: str, env: dict[str, str] | None = None) -> int:
     command = [sys.executable, "-c", program]
-    return int(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=env)
+    return int(done.stdout)
 
 
-def test_threads_share_few_heaps() -> None:
-    assert printed(HEAPS) <= 1
+def test_threads_share_few_heaps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the environment that the process is started with."""
+    given: dict[str, Any] = {}
+    monkeypatch.setattr(device_process.subprocess, "Popen", lambda *_, **named: given.update(named))
+    device_process._spawned(0, 1, 2)
+    monkeypatch.undo()
+    assert printed(HEAPS, given["env"]) <= 1
 
 
 def test_gaps_go_back_to_the_system() -> None:

@@ -16,13 +16,12 @@ from rhytid.domain.tiles import TileGrid
 from rhytid.engine.byte_budget import ByteBudget
 from rhytid.engine.messages import AssetDimensions, AssetInfo, JobInfo
 from rhytid.engine.operations import OPERATIONS, Proxy
-from rhytid.engine_process.ending import Ending, ending_of
+from rhytid.engine_process.device_process import Ending, ending_of
 from rhytid.engine_process.envelope import Request
 from rhytid.engine_process.frame_ledger import FrameLedger
 from rhytid.engine_process.job_ledger import JobLedger, resumed
-from rhytid.engine_process.refusals import Refusals
-from rhytid.engine_process.remote_calls import RemoteCalls
-from rhytid.engine_process.upload_holds import UploadHolds
+from rhytid.engine_process.remote_calls import RemoteCalls, UploadHolds
+from rhytid.engine_process.supervisor import Refusals
 from rhytid.errors import FatalRequestError, NotFoundError
 
 ONE, OTHER = cast(Any, "process 1"), cast(Any, "process 2")

@@ -5,8 +5,9 @@ from __future__ import annotations
 import gc
 import os
 import resource
-import socket
 import threading
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
 from types import MappingProxyType
 from typing import Any
 
@@ -24,9 +25,8 @@ from rhytid.engine import wanted
 from rhytid.engine.messages import MapQuery, NewAsset
 from rhytid.engine.operations import OPERATIONS
 from rhytid.engine_process.envelope import Request
-from rhytid.engine_process.line import Line, Lines
-from rhytid.engine_process.packing import APART, pack, unpack
-from rhytid.engine_process.shared import mapped, private, shared_file
+from rhytid.engine_process.lines import Line, Lines
+from rhytid.engine_process.packing import APART, mapped, pack, private, shared_file, unpack
 from rhytid.engine_process.wire import Message, close_all, readable, receive, send
 from rhytid.errors import CancelledError, HostBusyError, NotFoundError, RhytidError, StrictError
 
@@ -103,12 +103,12 @@ def test_equal_requests_have_equal_digests() -> None:
     assert request("one").number != request("one").number
 
 
-def answering(far: socket.socket, answer: Any) -> threading.Thread:
+def answering(far: Connection, answer: Any) -> threading.Thread:
     """Answers every call of a line with the same value, as the process does."""
 
     def answer_all() -> None:
         room = None
-        while (message := receive(far, descriptors=True)) is not None:
+        while (message := receive(far)) is not None:
             packed = pack(answer)
             while True:
                 descriptors = list(message.descriptors)
@@ -118,7 +118,7 @@ def answering(far: socket.socket, answer: Any) -> threading.Thread:
                 if packed.nbytes <= (0 if room is None else len(room)):
                     break
                 send(far, Message(room=packed.nbytes))
-                message = receive(far, descriptors=True)  # type: ignore[assignment]
+                message = receive(far)  # type: ignore[assignment]
             if room is not None:
                 packed.write(room)
             send(far, Message(packed.body, packed.sizes))
@@ -134,7 +134,7 @@ def test_a_line_is_free_when_its_answer_is_forgotten() -> None:
     sent = np.arange(100_000, dtype=np.float32)
 
     def connect() -> Line:
-        near, far = socket.socketpair()
+        near, far = Pipe()
         made.append(answering(far, sent))
         return Line(near)
 
@@ -156,11 +156,11 @@ def test_a_line_is_free_when_its_answer_is_forgotten() -> None:
 
 
 def test_a_call_that_nobody_waits_for_hangs_up() -> None:
-    near, far = socket.socketpair()
+    near, far = Pipe()
     lines = Lines(lambda: Line(near))
     with far, wanted.unless(lambda: True), pytest.raises(CancelledError):
         lines.ask(pack("a"))
-    assert near.fileno() < 0
+    assert near.closed
 
 
 def test_an_upload_with_everything_comes_over() -> None:
@@ -196,11 +196,11 @@ def test_a_high_descriptor_can_be_waited_for() -> None:
     """A server with many connections has descriptors above 1023."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, 2048), hard))
-    near, far = socket.socketpair()
+    near, far = Pipe()
     try:
-        with near, far, socket.socket(fileno=os.dup2(near.fileno(), 1999)) as high:
+        with near, far, Connection(os.dup2(near.fileno(), 1999)) as high:
             assert not readable(high, 0)
-            far.send(b"!")
+            far.send_bytes(b"!")
             assert readable(high, 5)
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))

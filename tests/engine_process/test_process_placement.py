@@ -21,14 +21,12 @@ from rhytid.engine.messages import AssetInfo, JobInfo
 from rhytid.engine.operations import OPERATIONS, Jobs, Proxy
 from rhytid.engine_process import supervisors
 from rhytid.engine_process.envelope import Request
-from rhytid.engine_process.found_devices import FoundDevice, named_devices, settings_of
 from rhytid.engine_process.frame_ledger import FrameLedger
 from rhytid.engine_process.job_ledger import JobLedger
 from rhytid.engine_process.keyed_locks import KeyedLocks
-from rhytid.engine_process.placement import Placement
-from rhytid.engine_process.remote_calls import RemoteCalls
+from rhytid.engine_process.placement import FoundDevice, Placement, named_devices, settings_of
+from rhytid.engine_process.remote_calls import RemoteCalls, UploadHolds
 from rhytid.engine_process.supervisors import Supervisors
-from rhytid.engine_process.upload_holds import UploadHolds
 from rhytid.errors import DeviceLostError, LimitError, NoDeviceError, NotFoundError, SnapshotError
 from rhytid.settings import ServiceSettings
 from rhytid.storage.snapshots import OpenFile

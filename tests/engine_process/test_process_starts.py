@@ -21,11 +21,10 @@ from engine_process.served import LONG, await_value, serving
 from rhytid.device.watch import Purpose
 from rhytid.engine.operations import OPERATIONS
 from rhytid.engine_process import device_process, supervisor
-from rhytid.engine_process.control import Start
-from rhytid.engine_process.device_process import DeviceProcess
-from rhytid.engine_process.ending import Ending
+from rhytid.engine_process.device_process import DeviceProcess, Ending
 from rhytid.engine_process.envelope import Answer, Request
 from rhytid.engine_process.supervisor import Supervisor
+from rhytid.engine_process.wire import Start
 from rhytid.errors import DeviceError, DeviceLostError
 from rhytid.settings import ServiceSettings
 

@@ -10,11 +10,11 @@ import ctypes
 import mmap
 import os
 import signal
-import socket
 import sys
 import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
@@ -30,8 +30,7 @@ from rhytid.decoding.words import (
     read_word,
     written,
 )
-from rhytid.engine_process.packing import pack
-from rhytid.engine_process.shared import shared_file
+from rhytid.engine_process.packing import pack, shared_file
 from rhytid.engine_process.wire import Message, receive, send
 from rhytid.errors import RhytidError
 from rhytid.formats import grey_exr
@@ -73,7 +72,7 @@ def main(control: int, file: int, parent: int) -> None:
         if os.getppid() != parent:
             os._exit(0)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    line = socket.socket(fileno=control)
+    line = Connection(control)
     job: Job = _heard(line)
     memory = _Memory(job.room)
     _limit_seconds(job.seconds)
@@ -87,7 +86,7 @@ def main(control: int, file: int, parent: int) -> None:
         _tell(line, Broken(traceback.format_exc(limit=20)))
 
 
-def _decoded(line: socket.socket, file: int, job: Job, memory: _Memory) -> Any:
+def _decoded(line: Connection, file: int, job: Job, memory: _Memory) -> Any:
     def begun(name: str) -> None:
         _tell(line, Begun(name))
 
@@ -140,18 +139,18 @@ def _limit_seconds(seconds: int) -> None:
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))  # nor fill the disk as it crashes
 
 
-def _heard(line: socket.socket) -> Any:
+def _heard(line: Connection) -> Any:
     found = receive(line)
     if found is None:  # the server has no more use for it
         os._exit(0)
     return read_word(found.body)
 
 
-def _tell(line: socket.socket, word: Any) -> None:
+def _tell(line: Connection, word: Any) -> None:
     send(line, Message(written(word)))
 
 
-def _answer(line: socket.socket, found: Any) -> None:
+def _answer(line: Connection, found: Any) -> None:
     packed = pack(found)
     if not packed.nbytes:
         send(line, Message(packed.body))

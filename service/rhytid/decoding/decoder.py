@@ -5,13 +5,13 @@ from __future__ import annotations
 import logging
 import os
 import signal
-import socket
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager, suppress
+from multiprocessing import Pipe
 from typing import Any
 
 from rhytid.decoding import limits
@@ -31,7 +31,7 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.engine.byte_budget import Hold
 from rhytid.engine.messages import NewAsset
 from rhytid.engine_process.device_process import possible
-from rhytid.engine_process.shared import private
+from rhytid.engine_process.packing import private
 from rhytid.engine_process.wire import Message, close_all, readable, receive, send
 from rhytid.errors import BusyError, CancelledError, InputError, LimitError, RhytidError
 
@@ -116,7 +116,7 @@ class _Process:
         self._at = ""
         self._seconds = job.seconds
         self._until = time.monotonic() + limits.CLOCK * job.seconds
-        self._line, far = socket.socketpair()
+        self._line, far = Pipe()
         with far:
             numbers = [str(number) for number in (far.fileno(), file, os.getpid())]
             code = [sys.executable, "-c", _CODE, os.pathsep.join(sys.path), os.pathsep]
@@ -172,7 +172,7 @@ class _Process:
             if time.monotonic() > self._until:
                 limit = f"{limits.CLOCK * self._seconds} seconds"
                 raise LimitError(f"{self._at}: decoding it takes more than {limit}, its limit")
-        found = receive(self._line, descriptors=True)
+        found = receive(self._line)
         if found is None:
             raise self._ended()
         try:

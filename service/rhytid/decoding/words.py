@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.engine_process.packing import pack, slices
-from rhytid.engine_process.shared import Bytes
+from rhytid.engine_process.packing import Bytes, pack, slices
 from rhytid.errors import RhytidError
 
 

@@ -10,7 +10,7 @@ it.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Literal, Protocol, TypeVar, cast
 
@@ -57,7 +57,7 @@ class Operation:
     part, method: the attribute of the engine and its method, such as `tiles` and `draw`; part is
     empty for methods of the engine itself.  addresses: what the first arguments name.  effect: what
     it does to that.  spread: any engine that has the asset may do it.  constant: of an asset the
-    answer stays the same for as long as the asset exists.
+    answer stays the same for as long as the asset exists.  name: both, such as `tiles.draw`.
 
     Every operation may be sent again: doing it twice is doing it once, but that the second removal
     finds nothing.
@@ -69,11 +69,11 @@ class Operation:
     effect: Effect = "read"
     spread: bool = False
     constant: bool = False
+    name: str = field(init=False)
 
-    @property
-    def name(self) -> str:
-        """Such as `tiles.draw`."""
-        return f"{self.part}.{self.method}" if self.part else self.method
+    def __post_init__(self) -> None:
+        name = f"{self.part}.{self.method}" if self.part else self.method
+        object.__setattr__(self, "name", name)
 
     @property
     def mends(self) -> bool:
@@ -82,8 +82,9 @@ class Operation:
 
     def of(self, engine: Any) -> Callable[..., Any]:
         """The method of an engine."""
-        found: Callable[..., Any] = getattr(engine, self.name.partition(".")[0])
-        return getattr(found, self.method) if self.part else found
+        owner = getattr(engine, self.part) if self.part else engine
+        method: Callable[..., Any] = getattr(owner, self.method)
+        return method
 
 
 OPERATIONS: dict[str, Operation] = {}

@@ -9,11 +9,11 @@ import mmap
 import os
 import select
 import signal
-import socket
 import sys
 import threading
 from contextlib import suppress
 from functools import partial
+from multiprocessing.connection import Connection
 from typing import Any, NoReturn
 
 from rhytid.device import figures
@@ -21,23 +21,26 @@ from rhytid.device.figures import Figures
 from rhytid.device.watch import SIZE, Purpose, Report, report_to, used_for
 from rhytid.engine.engine import Engine
 from rhytid.engine.messages import AssetInfo
-from rhytid.engine_process import heaps
-from rhytid.engine_process.control import (
+from rhytid.engine_process.envelope import Envelope, answered
+from rhytid.engine_process.packing import Bytes, Packed, mapped, pack, private, unpack
+from rhytid.engine_process.wire import (
     Close,
     Control,
     FramesStored,
+    Message,
     OpenLine,
     Start,
     Started,
+    close_all,
+    receive,
+    send,
 )
-from rhytid.engine_process.envelope import Envelope, answered
-from rhytid.engine_process.packing import Packed, pack, unpack
-from rhytid.engine_process.shared import Bytes, mapped, private
-from rhytid.engine_process.wire import Message, close_all, receive, send
 from rhytid.errors import NotFoundError, RhytidError
 from rhytid.logs import log_to_stderr
 from rhytid.storage.snapshots import Snapshot
 
+# Seconds between two times that free memory is given back, which takes milliseconds.
+_PAUSE = 30.0
 # Of prctl: the signal that comes when the parent ends.
 _PARENT_DIES = 1
 _log = logging.getLogger(__name__)
@@ -47,7 +50,6 @@ def main(control: int, report: int, figures_memory: int, parent: int) -> NoRetur
     """Run the process.  control, report, figures_memory: descriptors of the control socket, and
     of the memory for the report and for figures.  parent: the process that started this one."""
     _end_with(parent)
-    heaps.keep_few()
     for descriptor in (control, report, figures_memory):
         os.set_inheritable(descriptor, False)
     # The server ends this process: signals of a terminal or a service manager are for the server.
@@ -55,7 +57,7 @@ def main(control: int, report: int, figures_memory: int, parent: int) -> NoRetur
         signal.signal(number, signal.SIG_IGN)
     with suppress(OSError, ValueError):  # without stderr
         faulthandler.enable()
-    server = Control(socket.socket(fileno=control))
+    server = Control(Connection(control))
     found = server.receive()
     if found is None:
         os._exit(0)
@@ -84,7 +86,7 @@ class _Process:
             _exit(1)
         self._engine = engine
         self._notify(Started(None))
-        heaps.keep_giving_back(self._closing)
+        _keep_giving_back(self._closing)
         self._closing.wait()
         engine.close()
         _exit(0)
@@ -94,7 +96,7 @@ class _Process:
         while (received := self._control.receive()) is not None:
             message, descriptors = received
             if isinstance(message, OpenLine):
-                line = socket.socket(fileno=descriptors[0])
+                line = Connection(descriptors[0])
                 threading.Thread(target=self._answer, args=(line,), daemon=True).start()
             elif isinstance(message, Close):
                 self._closing.set()
@@ -104,15 +106,15 @@ class _Process:
         with suppress(OSError):  # `_listen` finds that the server is gone
             self._control.send(message)
 
-    def _answer(self, line: socket.socket) -> None:
+    def _answer(self, line: Connection) -> None:
         """Answer the calls of one line until it is closed."""
         room: Bytes | None = None
         with line, suppress(ConnectionError):
-            while (message := receive(line, descriptors=True)) is not None:
+            while (message := receive(line)) is not None:
                 answer = self._answered(message, line)
                 if answer.nbytes > (0 if room is None else len(room)):
                     send(line, Message(room=answer.nbytes))
-                    if (offer := receive(line, descriptors=True)) is None:
+                    if (offer := receive(line)) is None:
                         return
                     room = _room(offer)
                 if room is not None and answer.sizes:
@@ -120,7 +122,7 @@ class _Process:
                 send(line, Message(answer.body, answer.sizes))
                 del answer, message
 
-    def _answered(self, message: Message, line: socket.socket) -> Packed:
+    def _answered(self, message: Message, line: Connection) -> Packed:
         files = message.descriptors
         try:
             memory = private(files[0], message.shared) if message.shared else None
@@ -155,7 +157,7 @@ class _Process:
             stored()
 
 
-def _hung_up(line: socket.socket) -> bool:
+def _hung_up(line: Connection) -> bool:
     """Whether the server has closed a line: nobody waits for the answer."""
     poll = select.poll()
     poll.register(line, 0)
@@ -196,3 +198,21 @@ def _exit(status: int) -> NoReturn:
         with suppress(OSError, ValueError, AttributeError):
             stream.flush()
     os._exit(status)
+
+
+def _keep_giving_back(end: threading.Event) -> None:
+    """Give what is free in heaps back to the system every so often, on a thread of its own: glibc
+    by itself gives back the end of a heap alone."""
+
+    def work() -> None:
+        while not end.wait(_PAUSE):
+            give_back_memory()
+
+    threading.Thread(target=work, name="rhytid-memory", daemon=True).start()
+
+
+def give_back_memory() -> None:
+    """Give what is free in heaps back to the system; other C libraries than glibc do by
+    themselves."""
+    with suppress(AttributeError, OSError, TypeError):
+        ctypes.CDLL(None).malloc_trim(ctypes.c_size_t(0))

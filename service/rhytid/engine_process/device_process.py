@@ -1,4 +1,4 @@
-"""One process of a device, as the server sees it: from its start to its end."""
+"""One process of a device, as the server sees it: from its start to its end, and why it ended."""
 
 from __future__ import annotations
 
@@ -13,21 +13,60 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Future
 from contextlib import ExitStack, suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from multiprocessing import Pipe
 from typing import Any
 
-from rhytid.device.watch import SIZE, Report
-from rhytid.engine_process.control import Close, Control, OpenLine, Start, Started
-from rhytid.engine_process.ending import Ending, ending_of
-from rhytid.engine_process.line import Line, Lines
-from rhytid.engine_process.shared import mapped, shared_file
-from rhytid.engine_process.wire import close_all, readable
+from rhytid.device.watch import SIZE, Purpose, Report
+from rhytid.engine_process.lines import Line, Lines
+from rhytid.engine_process.packing import mapped, shared_file
+from rhytid.engine_process.wire import Close, Control, OpenLine, Start, Started, close_all, readable
+
+_FAULTS = {signal.SIGSEGV, signal.SIGABRT, signal.SIGFPE, signal.SIGILL}
+if hasattr(signal, "SIGBUS"):
+    _FAULTS.add(signal.SIGBUS)
+
+
+@dataclass(frozen=True)
+class Ending:
+    """Why a process is no more.
+
+    kind: fault, one of its own; late, a call of the driver took too long; killed, from elsewhere.
+    reason: in words.  purpose: what the driver worked for.
+    """
+
+    kind: str
+    reason: str
+    purpose: Purpose
+
+    @property
+    def blames(self) -> bool:
+        """Whether what the driver worked for may have caused it."""
+        return self.kind in ("fault", "late")
+
+
+def ending_of(status: int, late: float | None, purpose: Purpose) -> Ending:
+    """Of a process with this exit status.  late: seconds that a call of the driver had, where the
+    process was ended because they were over."""
+    if late is not None:
+        reason = f"a call of the OpenCL driver took more than {late:g} seconds"
+        return Ending("late", reason, purpose)
+    if status >= 0:
+        return Ending("fault", f"it ended with status {status}", purpose)
+    name = signal.Signals(-status).name
+    kind = "fault" if -status in _FAULTS else "killed"
+    return Ending(kind, f"it ended by {name}", purpose)
+
 
 _log = logging.getLogger(__name__)
 # Seconds between two looks at what the process does.
 LOOK = 0.1
 # Seconds that it has to end by itself once it is asked to, and to answer once it is started.
 CLOSING, STARTING = 4.0, 600.0
+# Heaps that glibc makes there at most, unless the environment says otherwise. By itself it makes 8
+# per core, each with gaps of its own: after 15 minutes of mixed load on two cores 17 heaps took
+# 300 MiB. Python runs one thread at a time, and the kernels of PoCL allocate nothing.
+_ARENAS = "2"
 # It gets the path of this process, not what lies in the folder that it is started in.
 _CODE = (
     "import sys; sys.path[:] = sys.argv[1].split(sys.argv[2]); "
@@ -57,7 +96,7 @@ class DeviceProcess:
         self._limit, self._on_message = start.settings.launch_seconds, on_message
         self._on_ready = on_ready
         with ExitStack() as undone:  # descriptors, where the system starts no process
-            near, far = socket.socketpair()
+            near, far = Pipe()
             undone.enter_context(near)
             with far:
                 memory = shared_file(mmap.PAGESIZE)
@@ -139,7 +178,7 @@ class DeviceProcess:
         return True
 
     def _new_line(self) -> Line:
-        near, far = socket.socketpair()
+        near, far = Pipe()
         with far, suppress(OSError):  # else the line is broken, which its user finds
             self._control.send(OpenLine(), far.fileno())
         return Line(near)
@@ -151,7 +190,11 @@ def _spawned(control: int, report: int, figures_memory: int) -> subprocess.Popen
     command = [sys.executable, "-c", _CODE, os.pathsep.join(sys.path), os.pathsep, *numbers]
     # A session of its own: an interrupt at the terminal is for the server, which ends it.
     return subprocess.Popen(
-        command, stdin=subprocess.DEVNULL, pass_fds=descriptors, start_new_session=True
+        command,
+        stdin=subprocess.DEVNULL,
+        pass_fds=descriptors,
+        start_new_session=True,
+        env={"MALLOC_ARENA_MAX": _ARENAS, **os.environ},
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -13,6 +14,7 @@ import numpy as np
 
 from rhytid.domain.frame import counted_frame
 from rhytid.engine import wanted
+from rhytid.engine.byte_budget import ByteBudget, Hold
 from rhytid.engine.frames import Frame, UnknownFrameError
 from rhytid.engine.messages import AssetInfo, JobInfo, NewAsset
 from rhytid.engine.operations import OPERATIONS, Operation
@@ -20,8 +22,50 @@ from rhytid.engine_process.device_process import DeviceProcess
 from rhytid.engine_process.envelope import Envelope, Request, Transport
 from rhytid.engine_process.frame_ledger import FrameLedger
 from rhytid.engine_process.job_ledger import JobLedger, resumed
-from rhytid.engine_process.upload_holds import UploadHolds
 from rhytid.errors import DeviceLostError, NotFoundError
+
+
+class UploadHolds:
+    """The bytes of frames that came with uploads, until the job that stores them has ended."""
+
+    def __init__(self, memory: ByteBudget) -> None:
+        self._memory = memory
+        self._lock = threading.Lock()
+        self._holds: dict[int, Hold] = {}
+        self._sent: dict[int, object] = {}
+
+    def take(self, number: int, nbytes: int, counted: Hold | None) -> None:
+        """Hold so many bytes for the call of that number, as far as `counted` has any out of it.
+        Raises HostBusyError and HostMemoryError."""
+        hold = self._memory.hold("jobs") if counted is None else counted.split("jobs", nbytes)
+        try:
+            hold.grow(nbytes - hold.nbytes)
+        except BaseException:
+            hold.release()
+            raise
+        with self._lock:
+            self._holds[number] = hold
+
+    def sent(self, number: int, process: object) -> None:
+        """The frames went to a process."""
+        with self._lock:
+            self._sent[number] = process
+
+    def release(self, number: int) -> None:
+        """The job has ended."""
+        with self._lock:
+            self._sent.pop(number, None)
+            hold = self._holds.pop(number, None)
+        if hold is not None:
+            hold.release()
+
+    def release_of(self, process: object) -> None:
+        """A process has ended, and with it all of its jobs."""
+        with self._lock:
+            numbers = [number for number, to in self._sent.items() if to is process]
+        for number in numbers:
+            self.release(number)
+
 
 # Answers that stay the same, and frames that were sent without being stored, that are remembered.
 _CONSTANTS, _SENT_FRAMES = 10_000, 64

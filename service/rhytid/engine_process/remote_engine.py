@@ -14,16 +14,15 @@ from rhytid.engine.byte_budget import ByteBudget
 from rhytid.engine.messages import DeviceInfo
 from rhytid.engine.operations import OPERATIONS, Proxy
 from rhytid.engine.worker import READY
-from rhytid.engine_process.control import FramesStored
 from rhytid.engine_process.device_process import DeviceProcess
 from rhytid.engine_process.envelope import Answer, Request
 from rhytid.engine_process.frame_ledger import FrameLedger, Positions
 from rhytid.engine_process.job_ledger import JobLedger
-from rhytid.engine_process.line import LineBroken
-from rhytid.engine_process.remote_calls import RemoteCalls
+from rhytid.engine_process.lines import LineBroken
+from rhytid.engine_process.remote_calls import RemoteCalls, UploadHolds
 from rhytid.engine_process.supervisor import Supervisor
 from rhytid.engine_process.supervisors import Supervisors
-from rhytid.engine_process.upload_holds import UploadHolds
+from rhytid.engine_process.wire import FramesStored
 from rhytid.settings import ServiceSettings
 
 

@@ -1,27 +1,29 @@
-"""Keeps a process of the device running: starts it, and starts it again when it has ended."""
+"""Keeps a process of the device running: starts it, and starts it again when it has ended. What
+ended it twice is refused."""
 
 from __future__ import annotations
 
 import logging
+import math
 import os
 import threading
 import time
-from collections import Counter
+from collections import Counter, OrderedDict
 from collections.abc import Callable, Iterator
 from concurrent.futures import TimeoutError as FutureTimeoutError
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any
 
 from rhytid.device import figures
 from rhytid.device.figures import Figures
-from rhytid.engine_process.control import Start
-from rhytid.engine_process.device_process import DeviceProcess
-from rhytid.engine_process.ending import Ending
+from rhytid.engine.messages import Refusal
+from rhytid.engine_process.device_process import DeviceProcess, Ending
 from rhytid.engine_process.envelope import Answer, Request
-from rhytid.engine_process.line import LineBroken
-from rhytid.engine_process.refusals import Refusals
-from rhytid.engine_process.shared import mapped, shared_file
-from rhytid.errors import DeviceError, DeviceLostError
+from rhytid.engine_process.lines import LineBroken
+from rhytid.engine_process.packing import mapped, shared_file
+from rhytid.engine_process.wire import Start
+from rhytid.errors import DeviceError, DeviceLostError, FatalRequestError
 from rhytid.settings import ServiceSettings
 
 # Seconds that a call waits for a process that starts, and for the end of one that broke its line.
@@ -292,3 +294,87 @@ def _reason(process: DeviceProcess, ending: Ending) -> BaseException:
     """Why a process did not start."""
     said = process.started.exception() if process.started.done() else None
     return said or DeviceError(f"the process of the device did not start: {ending.reason}")
+
+
+STRIKES = 2
+# Seconds of a refusal whose last ending was a call of the driver that took too long, twice as many
+# after each further one: the machine may have been busy, or asleep.
+LATE, LONGEST_LATE = 600.0, 86_400.0
+_REMEMBERED = 1000
+
+
+@dataclass
+class _Record:
+    asset: str
+    refusal: Refusal | None = None
+    strikes: int = 0
+
+    def strike(self, what: str, ending: Ending) -> None:
+        self.strikes += 1
+        if self.strikes < STRIKES:
+            return
+        reason = (
+            f"the process of the device ended {self.strikes} times while it worked on {what}: "
+            f"{ending.reason}"
+        )
+        until = math.inf
+        if ending.kind == "late":
+            seconds = min(LATE * 2 ** min(self.strikes - STRIKES, 10), LONGEST_LATE)
+            until = time.monotonic() + seconds
+            reason += f"; it may be tried again after {seconds / 60:.0f} minutes"
+        self.refusal = Refusal(reason, until)
+
+
+class Refusals:
+    """Counts, by what was asked for, how often the process ended meanwhile."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        # Names of calls that the process ended at: of others no digest has to be made.
+        self._names: set[str] = set()
+        self._requests: OrderedDict[str, _Record] = OrderedDict()
+        self._builds: dict[str, _Record] = {}
+
+    def check(self, request: Request) -> None:
+        """Raise FatalRequestError where the process ended twice at such a request."""
+        if request.operation.name not in self._names:
+            return
+        with self._lock:
+            record = self._requests.get(request.digest)
+        refusal = None if record is None else record.refusal
+        if refusal is not None and refusal.holds:
+            raise FatalRequestError(refusal.reason)
+
+    def strike(self, request: Request, ending: Ending) -> None:
+        """The process ended at this request."""
+        with self._lock:
+            self._names.add(request.operation.name)
+            record = self._requests.setdefault(request.digest, _Record(request.asset))
+            record.strike("this request", ending)
+            self._requests.move_to_end(request.digest)
+            while len(self._requests) > _REMEMBERED:
+                self._requests.popitem(last=False)
+
+    def strike_build(self, asset: str, ending: Ending) -> None:
+        """The process ended at a job of an asset."""
+        with self._lock:
+            self._builds.setdefault(asset, _Record(asset)).strike("its build", ending)
+
+    def absolve(self, request: Request) -> None:
+        """The request was answered."""
+        if request.operation.name in self._names:
+            with self._lock:
+                self._requests.pop(request.digest, None)
+
+    def forget(self, asset: str) -> None:
+        """The asset was changed or removed: what is asked of it may be tried again."""
+        with self._lock:
+            self._builds.pop(asset, None)
+            for digest in [d for d, record in self._requests.items() if record.asset == asset]:
+                del self._requests[digest]
+
+    def builds(self) -> dict[str, Refusal]:
+        """Ids of assets that are not to be built, and why."""
+        with self._lock:
+            found = {asset: record.refusal for asset, record in self._builds.items()}
+        return {asset: one for asset, one in found.items() if one is not None and one.holds}

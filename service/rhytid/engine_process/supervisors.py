@@ -15,9 +15,8 @@ from rhytid.engine.messages import NewAsset
 from rhytid.engine.operations import OPERATIONS
 from rhytid.engine_process.device_process import DeviceProcess
 from rhytid.engine_process.envelope import Request
-from rhytid.engine_process.found_devices import found_devices, named_devices, settings_of
 from rhytid.engine_process.keyed_locks import KeyedLocks
-from rhytid.engine_process.placement import Placement
+from rhytid.engine_process.placement import Placement, found_devices, named_devices, settings_of
 from rhytid.engine_process.supervisor import Supervisor
 from rhytid.errors import DeviceLostError, NotFoundError, StorageError
 from rhytid.settings import ServiceSettings

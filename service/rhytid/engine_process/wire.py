@@ -1,32 +1,38 @@
-"""Messages over a Unix socket: a head, sizes of arrays, a pickle; descriptors of shared memory go
-beside them.
+"""Messages between a server and a process that it started, over a Unix socket.
 
-On a line one side asks and the other answers; on the control socket both send messages.
+A message is a pickle, the sizes of the arrays that lie apart, and descriptors of files. On a line
+one side asks and the other answers; on the control connection both send messages.
 """
 
 from __future__ import annotations
 
-import array
 import os
+import pickle
 import select
-import socket
 import struct
+import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from multiprocessing.reduction import recv_handle, send_handle
+from typing import Any
 
-# Bytes of the pickle, number of arrays, bytes of shared memory with the arrays, bytes of room for
-# an answer. A descriptor goes with each of the two that is not 0, where one is needed.
+from rhytid.engine.messages import Refusal
+from rhytid.engine_process.packing import pack
+from rhytid.settings import ServiceSettings
+
+# Number of arrays, of descriptors, bytes of shared memory with the arrays, bytes of room for an
+# answer.
 _HEAD = struct.Struct("<IIQQ")
-_PIECE = 1 << 20
-_MOST_DESCRIPTORS = 3
 
 
 @dataclass(frozen=True)
 class Message:
     """One message as it is on the wire.
 
-    shared: bytes of memory with the arrays.  room: of a message that asks, bytes of memory for the
-    answer; of one that answers, bytes that the answer needs and does not have.
+    shared: bytes of the memory with the arrays, whose descriptor is the first.  room: bytes that an
+    answer needs in memory of the line and does not have; of the message after it, bytes of that
+    memory.
     """
 
     body: bytes = b""
@@ -36,69 +42,99 @@ class Message:
     descriptors: tuple[int, ...] = ()
 
 
-def readable(line: socket.socket, seconds: float) -> bool:
-    """Whether something comes, or the end, in that time. `select` has descriptors to 1023 alone."""
+def send(line: Connection, message: Message) -> None:
+    """Send a message; its descriptors stay the caller's. Raises OSError on a broken line."""
+    sizes, files = message.sizes, message.descriptors
+    head = _HEAD.pack(len(sizes), len(files), message.shared, message.room)
+    line.send_bytes(b"".join((head, struct.pack(f"<{len(sizes)}Q", *sizes), message.body)))
+    for descriptor in files:
+        send_handle(line, descriptor, None)
+
+
+def receive(line: Connection) -> Message | None:
+    """The next message, whose descriptors are the caller's to close; None where the other side is
+    gone."""
+    files: list[int] = []
+    try:
+        data = line.recv_bytes()
+        arrays, count, shared, room = _HEAD.unpack_from(data)
+        for _ in range(count):
+            files.append(recv_handle(line))
+            os.set_inheritable(files[-1], False)
+    except (EOFError, OSError, RuntimeError):  # the last where descriptors were lost
+        close_all(files)
+        return None
+    sizes = struct.unpack_from(f"<{arrays}Q", data, _HEAD.size)
+    return Message(data[_HEAD.size + 8 * arrays :], sizes, shared, room, tuple(files))
+
+
+def readable(line: Connection, seconds: float) -> bool:
+    """Whether something comes, or the end, in that time. A fifth of what `Connection.poll` takes,
+    and for each tile it is asked."""
     poll = select.poll()
     poll.register(line, select.POLLIN)
     return bool(poll.poll(1000 * seconds))
-
-
-def send(line: socket.socket, message: Message) -> None:
-    """Send a message; its descriptors stay the caller's. Raises OSError on a broken line."""
-    head = _HEAD.pack(len(message.body), len(message.sizes), message.shared, message.room)
-    data = b"".join((head, struct.pack(f"<{len(message.sizes)}Q", *message.sizes), message.body))
-    sent = 0
-    if message.descriptors:
-        sent = socket.send_fds(line, [data], list(message.descriptors))
-    if sent < len(data):
-        line.sendall(memoryview(data)[sent:])
-
-
-def receive(line: socket.socket, *, descriptors: bool = False) -> Message | None:
-    """The next message; None where the other side is gone.  descriptors: whether some may come with
-    it, which are the caller's to close."""
-    found: list[int] = []
-    try:
-        data = _head(line, found) if descriptors else bytearray(line.recv(_HEAD.size))
-        if not data or not _filled(line, data, _HEAD.size):
-            close_all(found)
-            return None
-        length, count, shared, room = _HEAD.unpack(data)
-        rest = bytearray()
-        if not _filled(line, rest, 8 * count + length):
-            close_all(found)
-            return None
-    except ConnectionError:
-        close_all(found)
-        return None
-    sizes = struct.unpack_from(f"<{count}Q", rest)
-    return Message(bytes(memoryview(rest)[8 * count :]), sizes, shared, room, tuple(found))
-
-
-def _head(line: socket.socket, found: list[int]) -> bytearray:
-    """The head of a message, or its beginning, and the descriptors that come with it."""
-    size = array.array("i").itemsize * _MOST_DESCRIPTORS
-    data, beside, _, _ = line.recvmsg(_HEAD.size, socket.CMSG_SPACE(size))
-    for _, _, content in beside:
-        numbers = array.array("i")
-        numbers.frombytes(content[: len(content) // numbers.itemsize * numbers.itemsize])
-        found += numbers
-    for descriptor in found:
-        os.set_inheritable(descriptor, False)
-    return bytearray(data)
-
-
-def _filled(line: socket.socket, data: bytearray, size: int) -> bool:
-    """Read on until there are so many bytes; False where the other side is gone."""
-    while len(data) < size:
-        more = line.recv(min(size - len(data), _PIECE))
-        if not more:
-            return False
-        data += more
-    return True
 
 
 def close_all(descriptors: Sequence[int]) -> None:
     """Close descriptors."""
     for descriptor in descriptors:
         os.close(descriptor)
+
+
+@dataclass(frozen=True)
+class Start:
+    """The first message to a process.
+
+    refused: ids of assets that are not to be built, and why.  log_level: of what it logs; 0 = only
+    what Python writes by itself, warnings.  assets: those of the store that are this device's;
+    None = all.
+    """
+
+    settings: ServiceSettings
+    refused: dict[str, Refusal]
+    log_level: int
+    assets: frozenset[str] | None = None
+
+
+@dataclass(frozen=True)
+class OpenLine:
+    """A line, whose other end comes along."""
+
+
+@dataclass(frozen=True)
+class Close:
+    """The process shall end."""
+
+
+@dataclass(frozen=True)
+class Started:
+    """The engine is there, or else the error that it ended with."""
+
+    error: Exception | None
+
+
+@dataclass(frozen=True)
+class FramesStored:
+    """The job that stored the frames of an upload has ended.  number: of the call of the upload."""
+
+    number: int
+
+
+class Control:
+    """The connection between both beside calls. Any thread may send, one receives."""
+
+    def __init__(self, line: Connection) -> None:
+        self.line = line
+        self._sending = threading.Lock()
+
+    def send(self, message: Any, *descriptors: int) -> None:
+        """Send a message; raises OSError where it is gone."""
+        with self._sending:
+            send(self.line, Message(pack(message).body, descriptors=descriptors))
+
+    def receive(self) -> tuple[Any, tuple[int, ...]] | None:
+        """The next message of the other side, and descriptors, which are the caller's to close;
+        None where it is gone."""
+        found = receive(self.line)
+        return None if found is None else (pickle.loads(found.body), found.descriptors)

@@ -15,8 +15,7 @@ from rhytid.engine.messages import DeviceInfo
 from rhytid.engine.operations import OPERATIONS, Proxy
 from rhytid.engine_process.envelope import Request
 from rhytid.engine_process.job_ledger import JobLedger
-from rhytid.engine_process.remote_calls import RemoteCalls
-from rhytid.engine_process.upload_holds import UploadHolds
+from rhytid.engine_process.remote_calls import RemoteCalls, UploadHolds
 from rhytid.errors import BusyError, DeviceLostError
 from rhytid.fleet.caller import FleetCaller
 from rhytid.fleet.fleet_assets import FleetAssets

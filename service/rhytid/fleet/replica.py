@@ -17,7 +17,7 @@ from ray import serve
 from rhytid.build_identity import drawing_version
 from rhytid.device.figures import SIZE
 from rhytid.engine_process.envelope import Answer, Envelope, answered
-from rhytid.engine_process.found_devices import found_devices, named_devices, settings_of
+from rhytid.engine_process.placement import found_devices, named_devices, settings_of
 from rhytid.engine_process.remote_engine import RemoteEngine
 from rhytid.errors import DeviceLostError, RhytidError
 from rhytid.fleet.board import Report

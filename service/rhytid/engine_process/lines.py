@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-import select
-import socket
 import threading
 import weakref
 from collections.abc import Callable
+from multiprocessing.connection import Connection
 from typing import Any
 
 import numpy as np
 
 from rhytid.engine import wanted
-from rhytid.engine_process.packing import Packed, unpack
-from rhytid.engine_process.shared import Bytes, mapped, shared_file
-from rhytid.engine_process.wire import Message, close_all, receive, send
+from rhytid.engine_process.packing import Bytes, Packed, mapped, shared_file, unpack
+from rhytid.engine_process.wire import Message, close_all, readable, receive, send
 
 # Bytes of room for answers that idle lines keep in all.
 MOST_IDLE = 64 << 20
-# Milliseconds between two looks whether somebody still waits for an answer.
-_LOOK = 200
+# Seconds between two looks whether somebody still waits for an answer.
+_LOOK = 0.2
 
 
 class LineBroken(Exception):
@@ -29,8 +27,8 @@ class LineBroken(Exception):
 class Line:
     """A connection, and the shared memory that its answers are written to."""
 
-    def __init__(self, near: socket.socket) -> None:
-        self._socket = near
+    def __init__(self, near: Connection) -> None:
+        self._line = near
         self._room: Bytes | None = None
 
     @property
@@ -45,14 +43,13 @@ class Line:
 
         Raises LineBroken, TimeoutError, and CancelledError where `engine.wanted` says so.
         """
-        self._socket.settimeout(seconds)
         try:
             self._send(request)
             self._wait(seconds)
-            answer = receive(self._socket)
+            answer = receive(self._line)
             if answer is not None and answer.room:
                 self._offer(answer.room)
-                answer = receive(self._socket)
+                answer = receive(self._line)
         except ConnectionError as exc:
             raise LineBroken from exc
         if answer is None:
@@ -64,16 +61,16 @@ class Line:
         return unpack(answer.body, answer.sizes, raw), raw
 
     def _wait(self, seconds: float | None) -> None:
-        """Until something comes; raises CancelledError where nobody waits for it any more."""
-        if seconds is None:
-            poll = select.poll()
-            poll.register(self._socket, select.POLLIN)
-            while not poll.poll(_LOOK):
-                wanted.check()
+        """Until something comes; raises CancelledError where nobody waits for it any more,
+        TimeoutError where it takes longer than that."""
+        if seconds is not None and not readable(self._line, seconds):
+            raise TimeoutError
+        while not readable(self._line, _LOOK):
+            wanted.check()
 
     def close(self) -> None:
         """End it; the process lets go of the shared memory."""
-        self._socket.close()
+        self._line.close()
 
     def _send(self, request: Packed) -> None:
         memory = shared_file(request.nbytes) if request.nbytes else None
@@ -83,7 +80,7 @@ class Line:
                 request.write(mapped(memory, request.nbytes))
             descriptors = (*own, *request.files)
             send(
-                self._socket,
+                self._line,
                 Message(request.body, request.sizes, request.nbytes, descriptors=descriptors),
             )
         finally:
@@ -92,7 +89,7 @@ class Line:
     def _offer(self, nbytes: int) -> None:
         descriptor = self._new_room(nbytes)
         try:
-            send(self._socket, Message(room=nbytes, descriptors=(descriptor,)))
+            send(self._line, Message(room=nbytes, descriptors=(descriptor,)))
         finally:
             close_all([descriptor])
 
