@@ -29,7 +29,7 @@ def perform(envelope: Envelope) -> str:
 def performed(name: str) -> Answer:
     packed = Request(OPERATIONS[name], ("a",)).packed
     # As in another process, where nothing of this context is known.
-    envelope = unpack(packed.body, packed.sizes, None)
+    envelope = unpack(packed.body, packed.places, None)
     return Context().run(answered, envelope, perform, lambda: False)
 
 

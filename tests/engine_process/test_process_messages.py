@@ -26,7 +26,15 @@ from rhytid.engine.messages import MapQuery, NewAsset
 from rhytid.engine.operations import OPERATIONS
 from rhytid.engine_process.envelope import Request
 from rhytid.engine_process.lines import Line, Lines
-from rhytid.engine_process.packing import APART, mapped, pack, private, shared_file, unpack
+from rhytid.engine_process.packing import (
+    APART,
+    handed_on,
+    mapped,
+    pack,
+    private,
+    shared_file,
+    unpack,
+)
 from rhytid.engine_process.wire import Message, close_all, readable, receive, send
 from rhytid.errors import CancelledError, HostBusyError, NotFoundError, RhytidError, StrictError
 
@@ -49,10 +57,10 @@ def test_arrays_of_all_sizes_come_back(sizes: list[int]) -> None:
     if packed.nbytes:
         memory = shared(packed.nbytes)
         packed.write(memory)
-    name, found = unpack(packed.body, packed.sizes, memory)
+    name, found = unpack(packed.body, packed.places, memory)
     assert name == "name"
     assert [one.tobytes() for one in found] == [one.tobytes() for one in arrays]
-    assert len(packed.sizes) == sum(size >= APART for size in sizes)
+    assert len(packed.places) == sum(size >= APART for size in sizes)
 
 
 @pytest.mark.parametrize(
@@ -67,6 +75,45 @@ def test_errors_come_back_with_what_they_carry(error: RhytidError) -> None:
     found = unpack(pack(error).body, (), None)
     assert type(found) is type(error)
     assert (str(found), vars(found)) == (str(error), vars(error))
+
+
+def test_arrays_that_lie_in_a_file_are_sent_on_in_it() -> None:
+    """What the decoder has written goes to the process of the device without a copy."""
+    first, second = np.arange(9000.0), np.arange(20_000.0)[::-1].copy()
+    packed = pack((first, second))
+    descriptor = shared_file(packed.nbytes)
+    packed.write_file(descriptor)
+    kept = handed_on(descriptor, packed.nbytes)
+    os.close(descriptor)
+    value = unpack(packed.body, packed.places, kept)
+    part = pack((value[1], "and what is small"))
+    near, far = Pipe()
+    with near, far:
+        open_before = len(os.listdir("/proc/self/fd"))  # noqa: PTH208
+        threading.Thread(target=lambda: answer_once(far)).start()
+        found, _ = Line(near).ask(part, None)
+        assert found[0].tobytes() == second.tobytes()
+        assert part.memory is None
+    assert pack((value[0], np.ones(9000))).kept_file() is None
+    del kept, value, part, packed, found
+    gc.collect()
+    assert len(os.listdir("/proc/self/fd")) < open_before  # noqa: PTH208
+
+
+def answer_once(far: Connection) -> None:
+    """Answer a call with what it sends, in the memory that it came in."""
+    message = receive(far)
+    assert message is not None
+    memory = private(message.descriptors[0], message.shared)
+    value = unpack(message.body, message.places, memory)
+    close_all(message.descriptors)
+    packed = pack(value)
+    send(far, Message(room=packed.nbytes))
+    offer = receive(far)
+    assert offer is not None
+    packed.write(mapped(offer.descriptors[0], offer.room))
+    close_all(offer.descriptors)
+    send(far, Message(packed.body, packed.places))
 
 
 def test_a_private_mapping_is_not_written_back() -> None:
@@ -121,7 +168,7 @@ def answering(far: Connection, answer: Any) -> threading.Thread:
                 message = receive(far)  # type: ignore[assignment]
             if room is not None:
                 packed.write(room)
-            send(far, Message(packed.body, packed.sizes))
+            send(far, Message(packed.body, packed.places))
         far.close()
 
     thread = threading.Thread(target=answer_all)
@@ -180,7 +227,7 @@ def test_an_upload_with_everything_comes_over() -> None:
     memory = shared(packed.nbytes) if packed.nbytes else None
     if memory is not None:
         packed.write(memory)
-    found = unpack(packed.body, packed.sizes, memory)
+    found = unpack(packed.body, packed.places, memory)
     assert pack(found).body == packed.body
     assert found.frames.tobytes() == frames.tobytes()
     assert found.settings == new.settings

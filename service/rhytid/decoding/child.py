@@ -157,4 +157,4 @@ def _answer(line: Connection, found: Any) -> None:
         return
     descriptor = shared_file(packed.nbytes)
     packed.write_file(descriptor)
-    send(line, Message(packed.body, packed.sizes, packed.nbytes, 0, (descriptor,)))
+    send(line, Message(packed.body, packed.places, packed.nbytes, 0, (descriptor,)))

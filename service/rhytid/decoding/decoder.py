@@ -31,7 +31,7 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.engine.byte_budget import Hold
 from rhytid.engine.messages import NewAsset
 from rhytid.engine_process.device_process import possible
-from rhytid.engine_process.packing import private
+from rhytid.engine_process.packing import handed_on
 from rhytid.engine_process.wire import Message, close_all, readable, receive, send
 from rhytid.errors import BusyError, CancelledError, InputError, LimitError, RhytidError
 
@@ -177,8 +177,8 @@ class _Process:
             raise self._ended()
         try:
             self._nbytes = found.shared
-            memory = private(found.descriptors[0], found.shared) if found.descriptors else None
-            return read_word(found.body, found.sizes, memory)
+            memory = handed_on(found.descriptors[0], found.shared) if found.descriptors else None
+            return read_word(found.body, found.places, memory)
         finally:
             close_all(found.descriptors)
 

@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import io
 import pickle
-from collections.abc import Sequence
 from dataclasses import dataclass, is_dataclass
 from typing import Any
 
 import numpy as np
 
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.engine_process.packing import Bytes, pack, slices
+from rhytid.engine_process.packing import Bytes, Places, pack, slices
 from rhytid.errors import RhytidError
 
 
@@ -107,11 +106,11 @@ def _is_ours(found: Any, module: str) -> bool:
     return is_dataclass(found) or issubclass(found, RhytidError)
 
 
-def read_word(body: bytes, sizes: Sequence[int] = (), memory: Bytes | None = None) -> Any:
+def read_word(body: bytes, places: Places = (), memory: Bytes | None = None) -> Any:
     """What was told; its large arrays lie in `memory`. Raises UnpicklingError and others where it
     is nothing that is expected."""
     raw = np.empty(0, np.uint8) if memory is None else memory
-    return _Careful(io.BytesIO(body), buffers=slices(raw, sizes)).load()
+    return _Careful(io.BytesIO(body), buffers=slices(raw, places)).load()
 
 
 def written(word: Any) -> bytes:

@@ -117,9 +117,9 @@ class _Process:
                     if (offer := receive(line)) is None:
                         return
                     room = _room(offer)
-                if room is not None and answer.sizes:
+                if room is not None and answer.places:
                     answer.write(room)
-                send(line, Message(answer.body, answer.sizes))
+                send(line, Message(answer.body, answer.places))
                 del answer, message
 
     def _answered(self, message: Message, line: Connection) -> Packed:
@@ -127,7 +127,7 @@ class _Process:
         try:
             memory = private(files[0], message.shared) if message.shared else None
             own = files[1:] if message.shared else files
-            envelope: Envelope = unpack(message.body, message.sizes, memory, own)
+            envelope: Envelope = unpack(message.body, message.places, memory, own)
             answer = answered(envelope, self._perform, partial(_hung_up, line))
             try:
                 return pack(answer)

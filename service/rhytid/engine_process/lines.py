@@ -55,10 +55,10 @@ class Line:
         if answer is None:
             raise LineBroken
         raw = None
-        if self._room is not None and answer.sizes:
+        if self._room is not None and answer.places:
             # Over a memoryview: arrays of the answer hold the first array that has none below it.
             raw = np.frombuffer(self._room.data, np.uint8)
-        return unpack(answer.body, answer.sizes, raw), raw
+        return unpack(answer.body, answer.places, raw), raw
 
     def _wait(self, seconds: float | None) -> None:
         """Until something comes; raises CancelledError where nobody waits for it any more,
@@ -73,18 +73,19 @@ class Line:
         self._line.close()
 
     def _send(self, request: Packed) -> None:
-        memory = shared_file(request.nbytes) if request.nbytes else None
-        own = () if memory is None else (memory,)
-        try:
-            if memory is not None:
-                request.write(mapped(memory, request.nbytes))
-            descriptors = (*own, *request.files)
-            send(
-                self._line,
-                Message(request.body, request.sizes, request.nbytes, descriptors=descriptors),
-            )
-        finally:
-            close_all(own)
+        nbytes, places, files = request.nbytes, request.places, request.files
+        if not nbytes:
+            send(self._line, Message(request.body, descriptors=files))
+        elif (kept := request.kept_file()) is not None:
+            memory, nbytes, places = kept
+            send(self._line, Message(request.body, places, nbytes, 0, (memory, *files)))
+        else:
+            memory = shared_file(nbytes)
+            try:
+                request.write(mapped(memory, nbytes))
+                send(self._line, Message(request.body, places, nbytes, 0, (memory, *files)))
+            finally:
+                close_all([memory])
 
     def _offer(self, nbytes: int) -> None:
         descriptor = self._new_room(nbytes)

@@ -17,7 +17,7 @@ import weakref
 from collections.abc import Sequence
 from contextvars import ContextVar
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache, cached_property, partial
 from types import MappingProxyType
 from typing import Any
 
@@ -54,6 +54,32 @@ def private(descriptor: int, nbytes: int) -> Bytes:
     return _mapped(descriptor, nbytes, mmap.MAP_PRIVATE)
 
 
+def handed_on(descriptor: int, nbytes: int) -> Bytes:
+    """As `private`; arrays of it are sent on in the file that they lie in, without a copy. Holds a
+    descriptor until its last array is forgotten: for few and large files alone."""
+    memory = private(descriptor, nbytes)
+    address, file = memory.ctypes.data, _KeptFile(os.dup(descriptor), nbytes)
+    _kept[address] = file
+    # What is registered last is called first: before the memory is given back.
+    weakref.finalize(memory, _let_go, address, file).atexit = False
+    return memory
+
+
+@dataclass(frozen=True)
+class _KeptFile:
+    descriptor: int
+    nbytes: int
+
+
+# Files of memory that may be sent on, by the address that they are mapped to.
+_kept: dict[int, _KeptFile] = {}
+
+
+def _let_go(address: int, file: _KeptFile) -> None:
+    _kept.pop(address, None)
+    os.close(file.descriptor)
+
+
 def _mapped(descriptor: int, nbytes: int, flags: int) -> Bytes:
     # Python's own mmap keeps a descriptor for each, and a process has about a thousand.
     protection = mmap.PROT_READ | mmap.PROT_WRITE
@@ -82,6 +108,10 @@ APART = 8192
 _STEP = 64
 
 
+# Start and bytes of each array in shared memory.
+Places = Sequence[tuple[int, int]]
+
+
 @dataclass
 class Packed:
     """A value as a pickle, the bytes of its large arrays, and the descriptors of its files.
@@ -94,32 +124,59 @@ class Packed:
     files: tuple[int, ...] = ()
     memory: Bytes | None = None
 
-    @property
-    def sizes(self) -> tuple[int, ...]:
-        """Bytes of each array."""
-        return tuple(array.nbytes for array in self.arrays)
+    @cached_property
+    def places(self) -> Places:
+        """Where the arrays are written to in shared memory."""
+        return places_of([array.nbytes for array in self.arrays])
 
     @property
     def nbytes(self) -> int:
         """What the arrays take in shared memory."""
-        return room_for(self.sizes)
+        if not self.places:
+            return 0
+        start, size = self.places[-1]
+        return start + -(-size // _STEP) * _STEP
 
     def write(self, memory: Bytes) -> None:
         """Put the arrays into shared memory."""
         self.memory = memory
-        for array, start in zip(self.arrays, _starts(self.sizes), strict=True):
-            memory[start : start + array.nbytes] = np.frombuffer(array, np.uint8)
+        for array, (start, size) in zip(self.arrays, self.places, strict=True):
+            memory[start : start + size] = np.frombuffer(array, np.uint8)
 
     def write_file(self, descriptor: int) -> None:
         """Put the arrays into a file as they are in shared memory, without mapping it."""
-        for array, start in zip(self.arrays, _starts(self.sizes), strict=True):
+        for array, (start, size) in zip(self.arrays, self.places, strict=True):
             at = 0
-            while at < array.nbytes:  # one call writes 2 GiB at most
+            while at < size:  # one call writes 2 GiB at most
                 at += os.pwrite(descriptor, array[at:], start + at)
 
     def shared(self) -> Any:
         """The value once more, its large arrays in the shared memory that they were written to."""
-        return unpack(self.body, self.sizes, self.memory)
+        return unpack(self.body, self.places, self.memory)
+
+    def kept_file(self) -> tuple[int, int, Places] | None:
+        """The descriptor and the bytes of the file that all arrays lie in already, and where they
+        do; None where they do not lie in one of `handed_on`."""
+        if not self.arrays:
+            return None
+        addresses = [np.frombuffer(array, np.uint8).ctypes.data for array in self.arrays]
+        for base, file in list(_kept.items()):
+            starts = [address - base for address in addresses]
+            places = [
+                (start, array.nbytes) for start, array in zip(starts, self.arrays, strict=True)
+            ]
+            if min(starts) >= 0 and max(map(sum, places)) <= file.nbytes:
+                return file.descriptor, file.nbytes, places
+        return None
+
+
+def places_of(sizes: Sequence[int]) -> Places:
+    """Where arrays of these sizes are written to, one after the other."""
+    places, at = [], 0
+    for size in sizes:
+        places.append((at, size))
+        at += -(-size // _STEP) * _STEP
+    return places
 
 
 def pack(value: Any) -> Packed:
@@ -146,7 +203,7 @@ def pack(value: Any) -> Packed:
 
 def unpack(
     body: bytes | memoryview,
-    sizes: Sequence[int],
+    places: Places,
     memory: Bytes | None,
     files: Sequence[int] = (),
 ) -> Any:
@@ -155,15 +212,14 @@ def unpack(
     raw = np.empty(0, np.uint8) if memory is None else memory
     token = _files.set(files)
     try:
-        return pickle.loads(body, buffers=slices(raw, sizes))
+        return pickle.loads(body, buffers=slices(raw, places))
     finally:
         _files.reset(token)
 
 
-def slices(memory: Bytes, sizes: Sequence[int]) -> list[memoryview]:
+def slices(memory: Bytes, places: Places) -> list[memoryview]:
     """The bytes of each array in shared memory."""
-    placed = zip(_starts(sizes), sizes, strict=True)
-    return [memory[start : start + size].data for start, size in placed]
+    return [memory[start : start + size].data for start, size in places]
 
 
 _files: ContextVar[Sequence[int]] = ContextVar("files", default=())
@@ -197,20 +253,3 @@ _REDUCERS: dict[Any, Any] = {
     MappingProxyType: _reduced,
     Snapshot: _made_again,
 }
-
-
-def room_for(sizes: Sequence[int]) -> int:
-    """What arrays of these sizes take in shared memory."""
-    return sum(_rounded(size) for size in sizes)
-
-
-def _starts(sizes: Sequence[int]) -> list[int]:
-    starts, at = [], 0
-    for size in sizes:
-        starts.append(at)
-        at += _rounded(size)
-    return starts
-
-
-def _rounded(size: int) -> int:
-    return -(-size // _STEP) * _STEP

@@ -20,7 +20,7 @@ from rhytid.engine.messages import AssetInfo, JobInfo, NewAsset
 from rhytid.engine.operations import OPERATIONS, Operation
 from rhytid.engine_process.device_process import DeviceProcess
 from rhytid.engine_process.envelope import Envelope, Request, Transport
-from rhytid.engine_process.frame_ledger import FrameLedger
+from rhytid.engine_process.frame_ledger import FrameLedger, Positions
 from rhytid.engine_process.job_ledger import JobLedger, resumed
 from rhytid.errors import DeviceLostError, NotFoundError
 
@@ -194,14 +194,13 @@ class RemoteCalls:
         if frames is None or asked is None:
             self._uploads.release(request.number)
         else:
-            self._keep_frames(answer.id, request, asked, since)
+            self._keep_frames(answer.id, frames, asked, since)
         return answer
 
     def _keep_frames(
-        self, asset: str, request: Request, process: DeviceProcess, since: int
+        self, asset: str, frames: Positions, process: DeviceProcess, since: int
     ) -> None:
-        sent: Envelope = request.packed.shared()
-        for index, positions in enumerate(sent.positional[0].frames):
+        for index, positions in enumerate(frames):
             name = counted_frame(index)
             with self._frames.sending(asset, name):
                 # A copy: the whole upload lies in the memory that they are a part of.

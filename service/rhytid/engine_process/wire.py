@@ -1,6 +1,6 @@
 """Messages between a server and a process that it started, over a Unix socket.
 
-A message is a pickle, the sizes of the arrays that lie apart, and descriptors of files. On a line
+A message is a pickle, the places of the arrays that lie apart, and descriptors of files. On a line
 one side asks and the other answers; on the control connection both send messages.
 """
 
@@ -18,25 +18,26 @@ from multiprocessing.reduction import recv_handle, send_handle
 from typing import Any
 
 from rhytid.engine.messages import Refusal
-from rhytid.engine_process.packing import pack
+from rhytid.engine_process.packing import Places, pack
 from rhytid.settings import ServiceSettings
 
 # Number of arrays, of descriptors, bytes of shared memory with the arrays, bytes of room for an
 # answer.
 _HEAD = struct.Struct("<IIQQ")
+_PLACE = struct.Struct("<QQ")
 
 
 @dataclass(frozen=True)
 class Message:
     """One message as it is on the wire.
 
-    shared: bytes of the memory with the arrays, whose descriptor is the first.  room: bytes that an
-    answer needs in memory of the line and does not have; of the message after it, bytes of that
-    memory.
+    places: of the arrays.  shared: bytes of the memory with the arrays, whose descriptor is the
+    first.  room: bytes that an answer needs in memory of the line and does not have; of the message
+    after it, bytes of that memory.
     """
 
     body: bytes = b""
-    sizes: tuple[int, ...] = ()
+    places: Places = ()
     shared: int = 0
     room: int = 0
     descriptors: tuple[int, ...] = ()
@@ -44,9 +45,9 @@ class Message:
 
 def send(line: Connection, message: Message) -> None:
     """Send a message; its descriptors stay the caller's. Raises OSError on a broken line."""
-    sizes, files = message.sizes, message.descriptors
-    head = _HEAD.pack(len(sizes), len(files), message.shared, message.room)
-    line.send_bytes(b"".join((head, struct.pack(f"<{len(sizes)}Q", *sizes), message.body)))
+    places, files = message.places, message.descriptors
+    head = _HEAD.pack(len(places), len(files), message.shared, message.room)
+    line.send_bytes(b"".join((head, *(_PLACE.pack(*place) for place in places), message.body)))
     for descriptor in files:
         send_handle(line, descriptor, None)
 
@@ -64,8 +65,9 @@ def receive(line: Connection) -> Message | None:
     except (EOFError, OSError, RuntimeError):  # the last where descriptors were lost
         close_all(files)
         return None
-    sizes = struct.unpack_from(f"<{arrays}Q", data, _HEAD.size)
-    return Message(data[_HEAD.size + 8 * arrays :], sizes, shared, room, tuple(files))
+    end = _HEAD.size + _PLACE.size * arrays
+    places = tuple(_PLACE.iter_unpack(data[_HEAD.size : end]))
+    return Message(data[end:], places, shared, room, tuple(files))
 
 
 def readable(line: Connection, seconds: float) -> bool:

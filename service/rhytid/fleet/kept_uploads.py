@@ -9,7 +9,7 @@ import numpy as np
 
 from rhytid.decoding.words import read_word
 from rhytid.engine.messages import NewAsset
-from rhytid.engine_process.packing import pack
+from rhytid.engine_process.packing import pack, places_of
 from rhytid.errors import SharedDamageError
 
 # Bytes of the pickle, and number of arrays; sizes of the arrays, the pickle and the arrays follow.
@@ -19,8 +19,9 @@ _HEAD = struct.Struct("<QQ")
 def written_upload(new: NewAsset) -> Iterator[bytes | memoryview]:
     """The bytes of a file."""
     packed = pack(new)
-    yield _HEAD.pack(len(packed.body), len(packed.sizes))
-    yield struct.pack(f"<{len(packed.sizes)}Q", *packed.sizes)
+    sizes = [size for _, size in packed.places]
+    yield _HEAD.pack(len(packed.body), len(sizes))
+    yield struct.pack(f"<{len(sizes)}Q", *sizes)
     yield packed.body
     memory = np.zeros(packed.nbytes, np.uint8)
     packed.write(memory)
@@ -35,7 +36,7 @@ def read_upload(data: bytes) -> NewAsset:
         start = _HEAD.size + 8 * count
         sizes = struct.unpack_from(f"<{count}Q", data, _HEAD.size)
         memory = np.frombuffer(data, np.uint8)[start + length :].copy()
-        found = read_word(data[start : start + length], sizes, memory)
+        found = read_word(data[start : start + length], places_of(sizes), memory)
     except Exception as error:
         raise SharedDamageError(f"an upload that was kept is damaged: {error}") from error
     if not isinstance(found, NewAsset):

@@ -25,6 +25,7 @@ from rhytid.fleet.job_watch import JobWatch
 from rhytid.fleet.kept_uploads import read_upload, written_upload
 from rhytid.fleet.residents import Residents
 from rhytid.fleet.shared_folder import SharedFolder
+from rhytid.storage.snapshots import OpenFile
 
 
 class ReplicaAssets:
@@ -100,9 +101,9 @@ class ReplicaAssets:
             self._frames.remove_all(asset)
             self.residents.forget(asset)
 
-    def package(self, asset: str, *arguments: Any) -> Package | JobInfo | None:
+    def package(self, asset: str, *arguments: Any, **named: Any) -> Package | JobInfo | None:
         """As `PackageService.of`; the file lies in the shared folder."""
-        found = self._engine.packages.of(asset, *arguments)
+        found = self._engine.packages.of(asset, *arguments, **named)
         if isinstance(found, JobInfo):
             self._while_running(asset, found.id)
         if isinstance(found, Package):
@@ -122,7 +123,7 @@ class ReplicaAssets:
         """The asset of a snapshot in the shared folder, and whether it is new here."""
         asset, path = content.asset, content.path
         with reported(f"{path} cannot be read"), path.open("rb") as stream:
-            info, new = self._engine.snapshots.restore(stream, nbytes)
+            info, new = self._engine.snapshots.restore(OpenFile(stream.fileno()), nbytes)
         if new:
             with self.residents.changing(asset):
                 self._share(asset)

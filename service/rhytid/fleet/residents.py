@@ -18,6 +18,7 @@ from rhytid.errors import NotFoundError, SharedDamageError, SnapshotError, Stora
 from rhytid.fleet.envelopes import ElsewhereError
 from rhytid.fleet.frame_sync import FrameSync
 from rhytid.fleet.shared_folder import Revision, SharedFolder
+from rhytid.storage.snapshots import OpenFile
 
 # Seconds to wait until nobody uses an asset any more, whose snapshot is another now.
 PATIENCE = 60.0
@@ -166,7 +167,7 @@ class Residents:
             nbytes = file.seek(0, 2)
             file.seek(0)
             try:
-                self._engine.snapshots.restore(file, nbytes)
+                self._engine.snapshots.restore(OpenFile(file.fileno()), nbytes)
             except SnapshotError as error:
                 text = f"asset {asset} is damaged in the shared folder: {error}"
                 raise SharedDamageError(text) from error
