@@ -58,7 +58,7 @@ class ReplicaAssets:
         self._jobs.settle(job)
 
     def create(
-        self, new: NewAsset, gone: str, *, strict: bool, allow: Collection[str]
+        self, new: NewAsset, gone: str, *, strict: bool = False, allow: Collection[str] = ()
     ) -> AssetInfo:
         """As `AssetService.create`; what was sent is kept until the asset is shared."""
         asset = content_id(new)
