@@ -1,17 +1,21 @@
-"""Who may call what: one table from route to scope, and the guard that every route runs first."""
+"""Who may call what, and how often: one table from route to scope, and the guard that every route
+runs first."""
 
 from __future__ import annotations
 
 import ipaddress
+import math
+import time
+from collections import OrderedDict
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
 from fastapi.requests import HTTPConnection
 from starlette.types import Scope
 
-from rhytid.access.api_key import ADMIN, COMPUTE, READ, ApiKey
-from rhytid.access.key_ring import KeyRing
-from rhytid.api.rates import Rates
+from rhytid.api.key_ring import KeyRing
+from rhytid.api.keys import ADMIN, COMPUTE, READ, ApiKey
 from rhytid.engine import callers
 from rhytid.errors import AccessError, ApiKeyError, QuotaError, RhytidError, ScopeError
 from rhytid.settings import ServiceSettings
@@ -65,6 +69,10 @@ CALLER = "rhytid.caller"
 KEY_PROTOCOL = b"rhytid.key."
 # An address of IPv6 is one of 2⁶⁴ that a caller has.
 _NETWORK = 64
+# Seconds that a caller may save up.
+SAVED = 2.0
+# Callers that are remembered; whoever asked longest ago is forgotten first, and has saved most.
+REMEMBERED = 10_000
 
 
 @dataclass(frozen=True)
@@ -130,6 +138,36 @@ class Access:
         if key is None:
             raise ApiKeyError("Authorization holds no API key that is valid here now")
         return key
+
+
+class Rates:
+    """A token bucket for each caller, in bounded memory. For one thread.
+
+    clock: seconds that only grow.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        # What each had left, and when.
+        self._left: OrderedDict[str, tuple[float, float]] = OrderedDict()
+
+    def take(self, caller: str, rate: float) -> int:
+        """0 where the caller may ask now; else in how many seconds it may, 1 at least.
+
+        rate: requests per second; `SAVED` times as many may come at once.
+        """
+        now, most = self._clock(), max(SAVED * rate, 1.0)
+        left, then = self._left.get(caller, (most, now))
+        left = min(left + (now - then) * rate, most)
+        allowed = left >= 1.0
+        self._left[caller] = (left - allowed, now)
+        self._left.move_to_end(caller)
+        if len(self._left) > REMEMBERED:
+            self._left.popitem(last=False)
+        return 0 if allowed else math.ceil((1.0 - left) / rate)
+
+    def __len__(self) -> int:
+        return len(self._left)
 
 
 async def guard(connection: HTTPConnection) -> None:

@@ -10,7 +10,7 @@ from typing import Protocol, TypeVar
 from fastapi import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from rhytid.api.device_slots import LargeAnswers
+from rhytid.api.admission import LargeAnswers
 from rhytid.api.spool import Spool
 from rhytid.engine.byte_budget import ByteBudget, Hold
 from rhytid.errors import HostBusyError, StorageError

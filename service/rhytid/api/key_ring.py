@@ -11,8 +11,7 @@ from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from rhytid.access.api_key import ApiKey, key_id, proves, utc_now
-from rhytid.access.key_file import leave_mark, read_keys
+from rhytid.api.keys import ApiKey, key_id, leave_mark, proves, read_keys, utc_now
 from rhytid.errors import StorageError
 
 # Seconds between two looks at the file, and for a look that requests wait for.
