@@ -15,7 +15,7 @@ from __future__ import annotations
 import ipaddress
 import re
 import secrets
-from collections.abc import Iterable
+from collections.abc import Awaitable, Iterable
 from functools import lru_cache
 
 from fastapi import Response
@@ -49,14 +49,13 @@ class CheckHead:
         # A server is called by few different names.
         self._known = lru_cache(256)(self._is_known)
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+    def __call__(self, scope: Scope, receive: Receive, send: Send) -> Awaitable[None]:
         """Pass the request on, or answer with the problem."""
         if scope["type"] in ("http", "websocket"):
             refusal = self._refusal(scope["headers"])
             if refusal is not None:
-                await refusal(scope, receive, send)
-                return
-        await self._app(scope, receive, send)
+                return refusal(scope, receive, send)
+        return self._app(scope, receive, send)
 
     def _refusal(self, headers: Headers) -> Response | None:
         host: list[bytes] = []
@@ -137,11 +136,10 @@ class RequestIds:
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+    def __call__(self, scope: Scope, receive: Receive, send: Send) -> Awaitable[None]:
         """Pass the request on."""
         if scope["type"] not in ("http", "websocket"):
-            await self.app(scope, receive, send)
-            return
+            return self.app(scope, receive, send)
         found = id_of(scope["headers"])
         # It is not taken back: what answers a failure, outside of this, tells it, too. The server
         # runs every request in a context of its own.
@@ -153,4 +151,4 @@ class RequestIds:
                 message = {**message, "headers": [*message.get("headers", ()), header]}
             await send(message)
 
-        await self.app(scope, receive, named)
+        return self.app(scope, receive, named)
