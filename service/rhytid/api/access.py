@@ -41,7 +41,6 @@ from rhytid.errors import (
 )
 from rhytid.settings import ServiceSettings
 
-
 OPEN = "open"
 # Open, and never refused for coming too often: who asks it restarts a server that refuses.
 ALIVE = "/healthz"
