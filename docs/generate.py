@@ -14,10 +14,9 @@ from pathlib import Path
 from typing import Any, cast
 
 from rhytid.api.access import ROUTES
-from rhytid.api.access_documentation import SCHEME
 from rhytid.api.app import create_app
-from rhytid.api.documentation import TAGS
-from rhytid.api.live.closing import CODES
+from rhytid.api.documentation import SCHEME, TAGS
+from rhytid.api.live.wire import CLOSE_CODES
 from rhytid.api.problems import KINDS
 from rhytid.cli.program import build_parser
 from rhytid.domain.asset_settings import AssetSettings
@@ -219,7 +218,7 @@ def _live() -> str:
     """The WebSocket, which the OpenAPI document cannot hold, and its codes."""
     (call, scope), *others = ((c, s) for c, s in ROUTES.items() if c.startswith("WS "))
     assert not others
-    rows = "".join(f"| {code} | {_cell(meaning)} |\n" for code, meaning in CODES.items())
+    rows = "".join(f"| {code} | {_cell(meaning)} |\n" for code, meaning in CLOSE_CODES.items())
     return (
         f"\n## Live\n\n### {call}\n\nA WebSocket, frames in and tiles out: "
         f"[its messages](../live.md).\n\nScope: `{scope}`.\n\n"

@@ -21,11 +21,9 @@ from api.asking import NPY, is_problem, npy
 from api.fake_engine import FakeEngine
 from api.live import serving
 from api.patch import smile, upload
-from rhytid.access.api_key import SCOPES, ApiKey, new_key, utc_now
-from rhytid.access.key_file import write_keys
-from rhytid.api.access import OPEN, ROUTES, Access
+from rhytid.api.access import OPEN, ROUTES, Access, Rates
 from rhytid.api.app import create_app
-from rhytid.api.rates import Rates
+from rhytid.api.keys import SCOPES, ApiKey, new_key, utc_now, write_keys
 from rhytid.errors import ApiKeyError, QuotaError
 from rhytid.settings import ServiceSettings
 

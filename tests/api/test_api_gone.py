@@ -16,7 +16,7 @@ from api.live import serving
 from api.test_api_memory import use
 from engine.engines import built, new_asset, running
 from engine.test_engine_together import until
-from rhytid.api import client_gone
+from rhytid.api import admission
 from rhytid.device.paces import WorkPace
 from rhytid.engine.engine import Engine
 from rhytid.engine.map_drawing import MapDrawing
@@ -32,7 +32,7 @@ class Held:
         self.held = False
         monkeypatch.setattr("rhytid.device.paces.DRAWING", 1e-6)
         monkeypatch.setattr(WorkPace, "took", lambda *_: None)
-        monkeypatch.setattr(client_gone, "_EVERY", 0.0)
+        monkeypatch.setattr(admission, "_EVERY", 0.0)
 
     def hold(self, engine: Engine, monkeypatch: pytest.MonkeyPatch, asset: str) -> None:
         """From now on, steps of the asset wait to be let go."""

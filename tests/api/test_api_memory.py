@@ -19,7 +19,7 @@ from api.asking import NPY, built, is_problem, npy
 from api.fake_engine import FakeEngine
 from api.live import serving
 from api.patch import positions, smile, upload
-from rhytid.api import device_slots, encoding, request_memory
+from rhytid.api import admission, encoding, request_memory
 from rhytid.engine.byte_budget import ByteBudget, Hold
 
 MIB = 1 << 20
@@ -188,8 +188,8 @@ def test_a_large_answer_lies_on_disk_until_it_is_read(
 def test_huge_answers_are_made_two_at_a_time(
     engine: SmallEngine, client: httpx.Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(device_slots, "HUGE", 1)
-    monkeypatch.setattr(device_slots, "PATIENCE", 0.1)
+    monkeypatch.setattr(admission, "HUGE", 1)
+    monkeypatch.setattr(admission, "PATIENCE", 0.1)
     path = map_path(client, 1024)
     engine.memory.patience = 30
     taken = engine.memory.hold("jobs")

@@ -20,9 +20,9 @@ from api.live import serving
 from api.patch import obj, upload
 from engine_process.served import await_value
 from rhytid.api.access import Caller
-from rhytid.api.job_shares import JobShares
-from rhytid.api.package_files import KEY, OpenPackage, opened, part
-from rhytid.api.routes.viewer import SAFE
+from rhytid.api.admission import JobShares
+from rhytid.api.routes.packages import KEY, OpenPackage, byte_range, opened
+from rhytid.api.routes.pages import SAFE
 from rhytid.engine.messages import JobInfo, Package
 from rhytid.errors import BusyError, QuotaError
 from rhytid.storage.package_archive import read_archive
@@ -85,8 +85,8 @@ def test_ranges_that_are_none(client: httpx.Client, path: str) -> None:
     assert beyond.headers["content-range"] == "bytes */512000"
     other = {"Range": "bytes=0-9", "If-Range": '"another"'}
     assert client.get(f"{path}/{TEXTURE}", headers=other).status_code == 200
-    assert part("bytes=2-5", 4) == (2, 4)
-    assert part("bytes=-9", 4) == (0, 4)
+    assert byte_range("bytes=2-5", 4) == (2, 4)
+    assert byte_range("bytes=-9", 4) == (0, 4)
 
 
 def test_what_is_not_there(client: httpx.Client, path: str) -> None:

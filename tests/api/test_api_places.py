@@ -16,7 +16,7 @@ from api.fake_engine import FakeEngine
 from api.fake_tiles import FakeTiles
 from api.live import serving
 from api.patch import smile, upload
-from rhytid.api.device_slots import DeviceSlots
+from rhytid.api.admission import DeviceSlots
 from rhytid.errors import BusyError
 
 PLACES = 64

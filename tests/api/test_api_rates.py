@@ -11,9 +11,8 @@ from api.asking import NPY, built, is_problem, npy
 from api.fake_engine import FakeEngine
 from api.live import serving
 from api.patch import obj, smile, upload
-from rhytid.api.access import Caller
-from rhytid.api.job_shares import JobShares
-from rhytid.api.rates import REMEMBERED, SAVED, Rates
+from rhytid.api.access import REMEMBERED, SAVED, Caller, Rates
+from rhytid.api.admission import JobShares
 from rhytid.engine.messages import JobInfo
 from rhytid.errors import NotFoundError, QuotaError, SettingsError
 from rhytid.settings import ServiceSettings

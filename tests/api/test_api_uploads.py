@@ -10,8 +10,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from starlette.exceptions import HTTPException
 
-from rhytid.api.multipart import MixedPart, write
-from rhytid.api.parts import HEADER_LIMIT, MOST_REPEATED, Part, PartReader, boundary
+from rhytid.api.multipart import (
+    HEADER_LIMIT,
+    MOST_REPEATED,
+    MixedPart,
+    Part,
+    PartReader,
+    boundary,
+    write,
+)
 from rhytid.api.spool import PIECE, Spool
 from rhytid.engine.byte_budget import ByteBudget
 from rhytid.errors import HostBusyError, InputError, LimitError, StorageError

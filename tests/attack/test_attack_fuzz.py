@@ -18,7 +18,7 @@ from decoding.test_decoding import read
 from exr_images import exr
 from formats import writers
 from formats.test_format_graph import ARRAYS, METADATA, OPTIONAL
-from rhytid.api.parts import PartReader
+from rhytid.api.multipart import PartReader
 from rhytid.api.spool import Spool
 from rhytid.api.uploads import decode_json
 from rhytid.domain.asset_settings import AssetSettings

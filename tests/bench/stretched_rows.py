@@ -27,8 +27,8 @@ from rhytid.pictures.surface_patch import surface_patch
 from rhytid.settings import ServiceSettings
 from rhytid.synthesis.generate import synthesize
 from rhytid_lab.bench.skin import Skin
+from rhytid_lab.contact_sheets import GRAZING, STEEP
 from rhytid_lab.samples.grids import grid_faces
-from rhytid_lab.sheets.skin_rows import GRAZING, STEEP
 
 REGIONS = ("cheek", "forehead")
 STRETCHES = ((1.3, 0.85), (0.7, 1.0))

@@ -11,8 +11,8 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.errors import DeviceMemoryError
 from rhytid.synthesis import generate
 from rhytid_lab.bench.frame import CASES, FrameBench
-from rhytid_lab.bench.memory import GIB, Need
 from rhytid_lab.bench.subject import grow
+from rhytid_lab.commands.bench_skin import GIB, Need
 from rhytid_lab.samples.face import procedural_face
 
 

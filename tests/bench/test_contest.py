@@ -13,10 +13,16 @@ from bench.contests import SIZE, WRINKLES, Given, small_bench
 from rhytid.cli import main
 from rhytid.device.runtime import Device
 from rhytid_lab.bench import peers
-from rhytid_lab.bench.compare import TOLERANCE, tolerance, worst_difference
-from rhytid_lab.bench.contest import NAMES, OURS, Contest
+from rhytid_lab.bench.contest import (
+    NAMES,
+    OURS,
+    TOLERANCE,
+    Contest,
+    HostCopy,
+    tolerance,
+    worst_difference,
+)
 from rhytid_lab.bench.frame import CASES, REPORTED, FrameBench
-from rhytid_lab.bench.host_copy import HostCopy
 from rhytid_lab.commands import bench as command
 
 SMALL = ["bench", "--size", str(SIZE), "--wrinkles", str(WRINKLES), "--repeats", "1"]

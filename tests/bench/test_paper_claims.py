@@ -15,8 +15,8 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.engine.frames import Frame
 from rhytid_lab.bench.skin import Skin
 from rhytid_lab.bench.subject import grow
+from rhytid_lab.contact_sheets import relative_rms
 from rhytid_lab.samples.sphere import sphere, sphere_stretch
-from rhytid_lab.sheets.contact import relative_rms
 
 SIZE, DEPTH = 256, 0.02
 MESH = sphere(48)

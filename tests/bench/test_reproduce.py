@@ -18,11 +18,9 @@ from meshes import SmallMesh
 from rhytid.cli import main
 from rhytid.device.runtime import Device
 from rhytid.engine.messages import METHODS
-from rhytid_lab.bench.accuracy import PAPER, Accuracy, best, choice, front, memory
-from rhytid_lab.bench.error_sources import SOURCES
+from rhytid_lab.bench.accuracy import PAPER, SOURCES, Accuracy, best, choice, front, memory
 from rhytid_lab.bench.page import page
-from rhytid_lab.bench.paper_times import wrinkles_at
-from rhytid_lab.bench.report import Report
+from rhytid_lab.bench.report import Report, wrinkles_at
 from rhytid_lab.bench.skin import COLUMNS
 from rhytid_lab.bench.subject import built_in_face, most_stretched
 from rhytid_lab.commands import reproduce

@@ -14,7 +14,7 @@ import pytest
 from rhytid.cli import main
 from rhytid.errors import RhytidError
 from rhytid_lab.bench import service
-from rhytid_lab.bench.load import Load, load, merged
+from rhytid_lab.bench.service import Load, load, merged
 from rhytid_lab.server import served
 
 pytestmark = pytest.mark.release

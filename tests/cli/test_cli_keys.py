@@ -15,7 +15,7 @@ import httpx
 import pytest
 
 from cli.running import process, usage_error
-from rhytid.access.key_file import leave_mark, read_keys
+from rhytid.api.keys import leave_mark, read_keys
 from rhytid.cli import main
 from rhytid.cli.server import asks_keys, listen
 from rhytid.errors import AccessError, StorageError

@@ -18,8 +18,7 @@ from rhytid.cli.timing import Stopwatch
 from rhytid.cli.voice import Voice, detail, job_line, note, speaking
 from rhytid.domain.wording import plural, waiting
 from rhytid_client import Job
-from rhytid_lab.commands.demo_session import StepClock
-from rhytid_lab.commands.demo_sheets import key_frames
+from rhytid_lab.commands.demo_session import StepClock, key_frames
 
 
 def test_columns_of_numbers_are_right_aligned() -> None:

@@ -16,8 +16,7 @@ from api.fake_engine import FakeEngine
 from api.live import serving
 from api.patch import obj
 from clients.shells import Script, Shell
-from rhytid.access.api_key import new_key
-from rhytid.access.key_file import write_keys
+from rhytid.api.keys import new_key, write_keys
 from rhytid_client import AsyncClient, Client, Job, NotAllowed, PlainClient
 
 KEY = "rhytid_0123abcd_secret"

@@ -20,7 +20,7 @@ from api.patch import obj, positions
 from attack.bombs import TRIANGLE, Files, grey_png, images, mesh, packed
 from engine_process.served import children
 from exr_images import exr
-from rhytid.api.parts import Part
+from rhytid.api.multipart import Part
 from rhytid.api.spool import Spool
 from rhytid.decoding import child, limits
 from rhytid.decoding import decoder as decoding

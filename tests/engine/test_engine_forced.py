@@ -7,7 +7,7 @@ import pytest
 
 from api.live import serving
 from engine.engines import running
-from rhytid.api.parts import Part
+from rhytid.api.multipart import Part
 from rhytid.api.routes.assets import new_asset
 from rhytid.api.spool import Spool
 from rhytid.cli import main

@@ -14,8 +14,7 @@ from starlette.types import Message, Receive, Scope, Send
 
 from api.fake_engine import FakeEngine
 from api.patch import upload
-from rhytid.access.api_key import READ, new_key
-from rhytid.access.key_file import write_keys
+from rhytid.api.keys import READ, new_key, write_keys
 from rhytid.api.request_memory import LAST
 from rhytid.errors import AccessError, DeviceError, SettingsError
 from rhytid.fleet.app import application, asking, deployment, ingress_app

@@ -34,7 +34,6 @@ ALLOWED = {
     "formats": _FACTS | {"durable", "unfinished"},
     "pictures": _FACTS,
     "meshes": _FACTS | {"formats", "synthesis"},
-    "access": {"durable", "errors", "storage"},
     "pipeline": _TOOLS,
     "synthesis": _TOOLS,
     "storage": _TOOLS,
@@ -44,13 +43,13 @@ ALLOWED = {
     "engine_process": _TOOLS | {"engine", "logs", "settings", "storage"},
     "decoding": _FACTS | {"formats", "engine", "engine_process"},
     "fleet": _TOOLS
-    | {"access", "api", "decoding", "engine", "engine_process", "logs", "settings", "storage"},
+    | {"api", "decoding", "engine", "engine_process", "logs", "settings", "storage"},
     "api": _TOOLS
-    | {"access", "decoding", "engine", "engine_process", "logs", "settings", "meshes"},
+    | {"decoding", "engine", "engine_process", "logs", "settings", "meshes", "storage"},
     "farm": _FACTS | {"device", "durable"},
     "cli": _TOOLS
     | _WORK
-    | {"access", "engine", "engine_process", "logs", "settings", "api", "fleet", "farm"}
+    | {"engine", "engine_process", "logs", "settings", "api", "fleet", "farm"}
     | {"pictures", "meshes", "textures", "skin_package"},
 }
 # The only parts that may import a package from outside; other packages are free.

@@ -9,8 +9,8 @@ import pytest
 
 from house.markdown import table
 from house.pages import ROOT
-from rhytid.api import device_slots, encoding, events, parts, rates, request_memory, uploads
-from rhytid.api.live import drawing, places, session, wire
+from rhytid.api import access, admission, encoding, events, multipart, request_memory, uploads
+from rhytid.api.live import drawing, session, wire
 from rhytid.cli import connections, web_sockets
 from rhytid.decoding import decoder, limits
 from rhytid.domain import expressions, painted, view
@@ -35,14 +35,14 @@ NUMBERS: dict[str, tuple[float, ...]] = {
     "head of a request": (connections.DEFAULT_MAX_INCOMPLETE_EVENT_SIZE,),
     "requests per second": (USUAL.key_rate,),
     "unfinished jobs": (USUAL.key_jobs,),
-    "callers": (rates.REMEMBERED,),
+    "callers": (access.REMEMBERED,),
     "body": (USUAL.upload_limit / MIB,),
     "uploads and large": (USUAL.spool / MIB,),
     "small answers": (request_memory.SMALL / MIB,),
     "a wait": (byte_budget.PATIENCE,),
     "JSON": (uploads.JSON_LIMIT,),
-    "head of a part": (parts.HEADER_LIMIT,),
-    "images": (parts.MOST_REPEATED,),
+    "head of a part": (multipart.HEADER_LIMIT,),
+    "images": (multipart.MOST_REPEATED,),
     "numbers in one": (format_limits.MAX_NUMBERS,),
     "numbers in all": (format_limits.MAX_FRAME_NUMBERS,),
     "header of a": (npy.MAX_HEADER,),
@@ -50,8 +50,8 @@ NUMBERS: dict[str, tuple[float, ...]] = {
     "side": (format_limits.MOST_SIDE,),
     "texels of all": (painted.MOST_TEXELS,),
     "expressions": (expressions.MOST_EXPRESSIONS,),
-    "live connections open": (places.MOST,),
-    "live connections of": (places.MOST_EACH,),
+    "live connections open": (admission.MOST_LIVE,),
+    "live connections of": (admission.MOST_LIVE_EACH,),
     "live message of any": (web_sockets.LARGEST / MIB,),
     "live message to": (wire.largest_message(1),),
     "tiles in a live": (wire.MOST_TILES,),
@@ -73,7 +73,7 @@ NUMBERS: dict[str, tuple[float, ...]] = {
     "listeners of": (events.MOST_EACH,),
     "requests that wait": (USUAL.queue,),
     "jobs that wait": (USUAL.jobs,),
-    "answers of": (device_slots.HUGE / MIB, device_slots.AT_ONCE, device_slots.PATIENCE),
+    "answers of": (admission.HUGE / MIB, admission.AT_ONCE, admission.PATIENCE),
     "an answer": (encoding.LARGE / MIB,),
     "time that a build": (USUAL.build_seconds,),
     "lanes that": (len(LANES) - 3, len(LANES) - 2),

@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 from live.gated import TILE, GatedEngine
-from rhytid.api.live.closing import LiveClosed
 from rhytid.api.live.drawing import LiveDrawing
-from rhytid.api.live.wire import read_opening
+from rhytid.api.live.wire import LiveClosed, read_opening
 
 
 def drawing_of(engine: Any, asset: str, **header: Any) -> LiveDrawing:

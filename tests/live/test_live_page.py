@@ -5,7 +5,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from rhytid.api.live import drawing, places, session, wire
+from rhytid.api import admission
+from rhytid.api.live import drawing, session, wire
 from rhytid.api.uploads import JSON_LIMIT
 from rhytid.cli import web_sockets
 from rhytid_client.live_link.receiver import PORT
@@ -32,8 +33,9 @@ def test_headers_have_the_size_that_the_page_gives_them() -> None:
 
 def test_limits_are_those_of_the_page() -> None:
     vertices = (web_sockets.LARGEST - wire.FRAME.size) // 12
+    most = f"{admission.MOST_LIVE}, {admission.MOST_LIVE_EACH}"
     rows = (
-        f"| connections in all, and of one caller | {places.MOST}, {places.MOST_EACH} |",
+        f"| connections in all, and of one caller | {most} |",
         f"| {web_sockets.LARGEST >> 20} MiB: positions of {vertices:,} vertices; the header and "
         f"views {JSON_LIMIT >> 10} KiB |",
         f"| tiles of a list or in view, names of shapes | {wire.MOST_TILES} |",

@@ -17,8 +17,8 @@ from api.live import serving
 from api.patch import smile, upload
 from live.gated import TILE
 from live.speaker import Speaker, speaking
+from rhytid.api.admission import LivePlaces
 from rhytid.api.live import session
-from rhytid.api.live.places import LivePlaces
 from rhytid.errors import BusyError, QuotaError
 
 BAD_HEADERS = {

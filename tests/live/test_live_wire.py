@@ -12,8 +12,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rhytid.api.live.closing import CODES, LiveClosed
-from rhytid.api.live.wire import read_frame, read_opening, read_view, tile_message
+from rhytid.api.live.wire import (
+    CLOSE_CODES,
+    LiveClosed,
+    read_frame,
+    read_opening,
+    read_view,
+    tile_message,
+)
 from rhytid.errors import QueryError
 from rhytid.formats.tile_header import TileHeader
 
@@ -33,7 +39,7 @@ def read_or_refused(read: Callable[..., Any], *arguments: Any) -> Any:
         return read(*arguments)
     except LiveClosed as closed:
         end = closed
-    assert end.code in CODES
+    assert end.code in CLOSE_CODES
     assert 0 < len(end.reason.encode()) <= 123
     return None
 

@@ -9,11 +9,8 @@ from rhytid.errors import InputError, MeshError
 from rhytid.pictures.crops import surface_crop
 from rhytid.pictures.flat_patches import FlatPatch, most_stretched_patches
 from rhytid.pictures.sheet import GAP, MARGIN
+from rhytid_lab.contact_sheets import SIZE, Performance, contact_sheet, patch_views, relative_rms
 from rhytid_lab.samples.sphere import RADIUS, sphere, sphere_stretch
-from rhytid_lab.sheets.contact import contact_sheet, relative_rms
-from rhytid_lab.sheets.contact_rows import SIZE
-from rhytid_lab.sheets.skin_rows import patch_views
-from rhytid_lab.sheets.stretch_colours import Performance
 
 pytestmark = pytest.mark.release
 

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from api.fake_engine import FakeEngine
 from api.live import serving
-from rhytid.access.api_key import new_key
-from rhytid.access.key_file import write_keys
+from rhytid.api.keys import new_key, write_keys
 from rhytid_lab.samples.face import procedural_face
 from viewer.looking import Look, differ
 from viewer.serving import Served

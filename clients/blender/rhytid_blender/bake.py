@@ -18,7 +18,8 @@ from rhytid_client.hosts.work import Step
 
 from . import connection, meshes, offline, rendering, state, updating
 from .operators import Simple, active
-from .typed import Result, ours, scene_of, window_manager_of
+from .properties import ours
+from .typed import Result, scene_of, window_manager_of
 from .working import Worker
 
 

@@ -10,7 +10,7 @@ from bpy.app.handlers import persistent
 from rhytid_client.hosts import Trouble
 
 from . import images, offline, saving, state, updating
-from .typed import ours
+from .properties import ours
 from .words import missing_map
 
 # The cameras that were taken away, by scene, to end a render.

@@ -10,7 +10,8 @@ import bpy
 
 from rhytid_client.hosts.files import folder_at, replaced, slug
 
-from .typed import ours, there
+from .properties import ours
+from .typed import there
 
 # Maps that were shown before and may still be read by a viewport that renders.
 KEPT = 3

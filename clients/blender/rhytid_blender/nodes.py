@@ -8,12 +8,12 @@ import bpy
 
 from rhytid_client.hosts import Trouble
 
-from .typed import mesh_of, ours, tree_of
+from .properties import HEIGHT, ours, scale, trees
+from .typed import mesh_of, tree_of
 from .words import shared
 
 # By these names they are found again.
-UV, TEXTURE, GREEN = "rhytid uv", "rhytid map", "rhytid green"
-HEIGHT, SUM = "rhytid height", "rhytid sum"
+UV, TEXTURE, GREEN, SUM = "rhytid uv", "rhytid map", "rhytid green", "rhytid sum"
 
 
 def set_up(obj: bpy.types.Object) -> list[str]:
@@ -47,18 +47,6 @@ def check(obj: bpy.types.Object, image: bpy.types.Image | None) -> None:
 
 def _materials(obj: bpy.types.Object) -> set[bpy.types.Material]:
     return {slot.material for slot in obj.material_slots if slot.material}
-
-
-def scale(obj: bpy.types.Object) -> None:
-    """Strength, in the unit of the mesh, to the nodes of the object."""
-    for tree in trees(obj):
-        tree.nodes[HEIGHT].inputs["Scale"].default_value = ours(obj).strength * ours(obj).factor
-
-
-def trees(obj: bpy.types.Object) -> list[Any]:
-    """The node trees that have our nodes."""
-    found = [slot.material.node_tree for slot in obj.material_slots if slot.material]
-    return [tree for tree in found if tree is not None and HEIGHT in tree.nodes]
 
 
 def play(obj: bpy.types.Object, count: int, start: int, first: int) -> None:

@@ -7,7 +7,8 @@ import bpy
 from rhytid_client.hosts import MapSequence, units
 
 from . import images, meshes, nodes
-from .typed import ours, scene_of
+from .properties import ours
+from .typed import scene_of
 
 
 def opened(obj: bpy.types.Object, maps: MapSequence, start: int | None = None) -> None:

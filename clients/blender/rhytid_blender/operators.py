@@ -14,7 +14,8 @@ from rhytid_client.hosts.units import guessed_unit
 from rhytid_client.hosts.work import Step
 
 from . import connection, images, meshes, nodes, offline, rendering, state, updating
-from .typed import OperatorPart, Result, ours, scene_of
+from .properties import ours, scale
+from .typed import OperatorPart, Result, scene_of
 from .words import NO_MESH, copied
 from .working import Worker
 
@@ -106,7 +107,7 @@ class RHYTID_OT_update(Simple, bpy.types.Operator):
             _live_again(obj, scene)
         else:
             _draw_now(obj, scene)
-        nodes.scale(obj)
+        scale(obj)
         return "The map is that of the present shape"
 
 

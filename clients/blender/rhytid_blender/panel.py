@@ -9,7 +9,8 @@ import bpy
 
 from . import state
 from .preferences import preferences
-from .typed import ours, there
+from .properties import ours
+from .typed import there
 
 _WIDTH = 44
 Icon = Literal["ERROR", "CHECKMARK", "INFO"]

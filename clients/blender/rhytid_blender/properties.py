@@ -1,6 +1,7 @@
-"""What is saved with an object: how it was sent, and how its wrinkles are drawn."""
+"""What is saved with an object: how it was sent, and how its wrinkles are drawn; and the nodes that
+follow its strength."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import bpy
 from bpy.props import (
@@ -12,11 +13,11 @@ from bpy.props import (
     StringProperty,
 )
 
-from . import nodes
-
 if TYPE_CHECKING:
     from rhytid_client import Method
 
+# The node that displaces, by which our node trees are known.
+HEIGHT = "rhytid height"
 METHODS = (
     ("redraw", "Redraw", "Every wrinkle drawn anew: exact"),
     ("binned", "Binned", "Precomputed maps blended: fast"),
@@ -34,7 +35,7 @@ UNITS = (
 
 
 def _strength(properties: "RhytidProperties", context: bpy.types.Context) -> None:
-    nodes.scale(properties.id_data)
+    scale(properties.id_data)
 
 
 class RhytidProperties(bpy.types.PropertyGroup):
@@ -125,3 +126,21 @@ class RhytidProperties(bpy.types.PropertyGroup):
 
 
 CLASSES = (RhytidProperties,)
+
+
+def ours(obj: bpy.types.Object) -> RhytidProperties:
+    """Our properties of an object, which `register` gives to every one."""
+    properties: RhytidProperties = obj.rhytid  # type: ignore[attr-defined]
+    return properties
+
+
+def scale(obj: bpy.types.Object) -> None:
+    """Set the height of the displacement of an object: its strength, in the unit of the mesh."""
+    for tree in trees(obj):
+        tree.nodes[HEIGHT].inputs["Scale"].default_value = ours(obj).strength * ours(obj).factor
+
+
+def trees(obj: bpy.types.Object) -> list[Any]:
+    """The node trees of an object's materials that have our nodes."""
+    found = [slot.material.node_tree for slot in obj.material_slots if slot.material]
+    return [tree for tree in found if tree is not None and HEIGHT in tree.nodes]

@@ -20,7 +20,8 @@ from rhytid_client.hosts import Trouble
 from rhytid_client.hosts.files import folder_at, replaced, slug
 
 from . import images, state
-from .typed import ours, there
+from .properties import ours
+from .typed import there
 from .words import not_kept
 
 # What was shown before, by image: a copy that is saved leaves the file as it was.

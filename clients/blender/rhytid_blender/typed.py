@@ -11,8 +11,6 @@ from rhytid_client.hosts import Trouble
 from .words import NO_MESH
 
 if TYPE_CHECKING:
-    from .properties import RhytidProperties
-
     # What operators share is a part of one, whose methods type checkers then know.
     OperatorPart = bpy.types.Operator
 else:
@@ -21,12 +19,6 @@ else:
 T = TypeVar("T")
 # What a method of an operator returns.
 Result = set[Literal["RUNNING_MODAL", "CANCELLED", "FINISHED", "PASS_THROUGH", "INTERFACE"]]
-
-
-def ours(obj: bpy.types.Object) -> RhytidProperties:
-    """Our properties of an object, which `register` gives to every one."""
-    properties: RhytidProperties = obj.rhytid  # type: ignore[attr-defined]
-    return properties
 
 
 def mesh_of(obj: bpy.types.Object) -> bpy.types.Mesh:

@@ -14,7 +14,8 @@ from rhytid_client.hosts.files import slug
 from rhytid_client.hosts.trouble import NOT_SENT
 
 from . import connection, images, meshes, state
-from .typed import ours, there
+from .properties import ours
+from .typed import there
 from .words import copied
 
 # After a failure live updates leave the server alone that long.

@@ -47,8 +47,8 @@ from rhytid_client.results import (
     Job,
     Notice,
     Stretch,
-    Tile,
 )
+from rhytid_client.tiles import Tile
 
 if TYPE_CHECKING:
     from rhytid_client.async_client import AsyncClient

@@ -28,7 +28,8 @@ from rhytid_client.errors import (
     TooMany,
 )
 from rhytid_client.requests import Request
-from rhytid_client.results import InputWarning, Notice, Tile
+from rhytid_client.results import InputWarning, Notice
+from rhytid_client.tiles import Tile
 
 T = TypeVar("T")
 SCALE = "x-rhytid-scale"

@@ -4,15 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from os import PathLike
-from pathlib import Path
 from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
-
-from rhytid_client import png
-from rhytid_client.saving import save
 
 
 @final
@@ -180,54 +175,3 @@ class Stretch:
 
     axes: NDArray[np.float32]
     ratios: NDArray[np.float32]
-
-
-@dataclass(frozen=True, eq=False)
-class Tile:
-    """A tile or a whole map of displacement; in a notebook it shows itself as a shaded relief.
-
-    content: the bytes as the server sent them.  etag: to ask for it again, None for a tile that
-    was drawn once.  scale: of png alone, height = (p - 32768) / 32767 · scale, mesh units.
-    values: (n, n) float32 or float16, row 0 at the top, read-only; None for exr and png.
-    warnings: of a tile that was drawn once, what is probably wrong with its positions.
-    label: what names its file, as "1001.smile": UDIM and frame of a map, and its level where that
-    is not 0; of a tile also level, row and column, without the frame where it was drawn once.
-    """
-
-    format: str
-    content: bytes | memoryview = field(repr=False)
-    etag: str | None = None
-    scale: float | None = None
-    values: NDArray[Any] | None = field(default=None, repr=False)
-    warnings: tuple[InputWarning, ...] = ()
-    label: str = ""
-
-    @property
-    def array(self) -> NDArray[Any]:
-        """`values`; raises ValueError for the image formats, which this package does not decode."""
-        if self.values is None:
-            raise ValueError(f"a tile in {self.format} has no array: its file is in .content")
-        return self.values
-
-    def save(
-        self, path: str | PathLike[str], *, name: str = "face", scale: float | None = None
-    ) -> Path:
-        """Write a file and return its path.
-
-        path: a file, whose extension says the format; or a folder that is there, for a file called
-        as those of `bake` are, NAME.<UDIM>.<FRAME>.exr, with the extension of the tile's format.
-        FRAME is the name in the service, which counts frames of a mesh file from 0001, as `bake`
-        does.
-        What the server sent is written as it came. Of a tile that came as npy or f16 also .npy of
-        the same type, and .png of 16 bits are made here.
-        scale: of such a .png, mesh units that white stands for, (p - 32768) / 32767 · scale is the
-        height; the largest absolute height unless given: give one for files that belong together.
-        Raises ValueError for what cannot be made here: ask the server for it with `format`.
-        """
-        return save(self, Path(path), name, scale)
-
-    def _repr_png_(self) -> bytes | None:
-        """What notebooks show; None for exr, which this package does not decode."""
-        if self.values is not None:
-            return png.relief(self.values)
-        return bytes(self.content) if self.format == "png" else None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Awaitable
 from dataclasses import dataclass
 
 from fastapi import Request
@@ -76,12 +77,11 @@ class PlainBytes:
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+    def __call__(self, scope: Scope, receive: Receive, send: Send) -> Awaitable[None]:
         """Pass the request on."""
         accept = ", ".join(Headers(scope=scope).getlist("accept")) if "headers" in scope else ""
         if scope["type"] != "http" or OCTETS not in accept.lower():
-            await self.app(scope, receive, send)
-            return
+            return self.app(scope, receive, send)
         ranges = _ranges(accept)
 
         async def renamed(message: Message) -> None:
@@ -89,7 +89,7 @@ class PlainBytes:
                 _rename(MutableHeaders(scope=message), ranges)
             await send(message)
 
-        await self.app(scope, receive, renamed)
+        return self.app(scope, receive, renamed)
 
 
 def _rename(headers: MutableHeaders, ranges: list[_Range]) -> None:

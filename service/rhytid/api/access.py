@@ -1,19 +1,44 @@
-"""Who may call what: one table from route to scope, and the guard that every route runs first."""
+"""Who may call what, and how often: a table from route to scope, the guard that every route runs
+first, and the keys as the server knows them, read again when their file changes."""
 
 from __future__ import annotations
 
+import asyncio
 import ipaddress
-from dataclasses import dataclass
+import logging
+import math
+import threading
+import time
+from collections import OrderedDict
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from pathlib import Path
 
 from fastapi.requests import HTTPConnection
 from starlette.types import Scope
 
-from rhytid.access.api_key import ADMIN, COMPUTE, READ, ApiKey
-from rhytid.access.key_ring import KeyRing
-from rhytid.api.rates import Rates
+from rhytid.api.keys import (
+    ADMIN,
+    COMPUTE,
+    READ,
+    ApiKey,
+    key_id,
+    leave_mark,
+    proves,
+    read_keys,
+    utc_now,
+)
 from rhytid.engine import callers
-from rhytid.errors import AccessError, ApiKeyError, QuotaError, RhytidError, ScopeError
+from rhytid.errors import (
+    AccessError,
+    ApiKeyError,
+    QuotaError,
+    RhytidError,
+    ScopeError,
+    StorageError,
+)
 from rhytid.settings import ServiceSettings
 
 OPEN = "open"
@@ -65,6 +90,13 @@ CALLER = "rhytid.caller"
 KEY_PROTOCOL = b"rhytid.key."
 # An address of IPv6 is one of 2⁶⁴ that a caller has.
 _NETWORK = 64
+# Seconds that a caller may save up.
+SAVED = 2.0
+# Callers that are remembered; whoever asked longest ago is forgotten first, and has saved most.
+REMEMBERED = 10_000
+# Seconds between two looks at the file, and for a look that requests wait for.
+EVERY, PATIENCE = 1.0, 5.0
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -80,6 +112,23 @@ class Caller:
         """Of a request that the guard let in."""
         caller: Caller = scope[CALLER]
         return caller
+
+
+async def guard(connection: HTTPConnection) -> None:
+    """A dependency of the whole app: every route runs it before anything of the request is read."""
+    scope = connection.scope
+    method = "GET" if scope.get("method") == "HEAD" else scope.get("method", "WS")
+    path = scope["route"].path_format
+    if path == ALIVE:
+        return
+    needed = ROUTES.get(f"{method} {path}")
+    if needed is None:
+        raise RhytidError(f"{method} {path} is in no row of the table of scopes")
+    access: Access = connection.app.state.access
+    if needed != OPEN:
+        await access.fresh()
+    access.admit(scope, needed)
+    callers.caller.set(Caller.of(scope).name)
 
 
 class Access:
@@ -132,23 +181,6 @@ class Access:
         return key
 
 
-async def guard(connection: HTTPConnection) -> None:
-    """A dependency of the whole app: every route runs it before anything of the request is read."""
-    scope = connection.scope
-    method = "GET" if scope.get("method") == "HEAD" else scope.get("method", "WS")
-    path = scope["route"].path_format
-    if path == ALIVE:
-        return
-    needed = ROUTES.get(f"{method} {path}")
-    if needed is None:
-        raise RhytidError(f"{method} {path} is in no row of the table of scopes")
-    access: Access = connection.app.state.access
-    if needed != OPEN:
-        await access.fresh()
-    access.admit(scope, needed)
-    callers.caller.set(Caller.of(scope).name)
-
-
 def _keys_offered(scope: Scope) -> list[bytes]:
     """Keys among the subprotocols that a WebSocket offers, as Authorization would have them."""
     offered = (one.encode("latin-1", "replace") for one in scope.get("subprotocols", ()))
@@ -176,3 +208,162 @@ def _caller_at(host: str) -> str:
     if address.version == 4:
         return f"address {address}"
     return f"address {ipaddress.ip_network((address, _NETWORK), strict=False)}"
+
+
+@dataclass(frozen=True)
+class _Known:
+    """What the last look has found.  asked: whether a key is asked for.  trouble: why the keys
+    cannot be read; empty where they can."""
+
+    asked: bool
+    keys: Mapping[str, ApiKey] = field(default_factory=dict)
+    trouble: str = ""
+
+
+class KeyRing:
+    """The keys of a file, as of the last `look` or `fresh`. One thread asks, another may look.
+
+    Who shows none is let in as long as there has never been a file; once one was seen a key is
+    asked for, even when it is gone again. A file that cannot be read lets nobody in.
+
+    asked: True = a key is asked for whether there is a file or not.  every: seconds between looks.
+    patience: seconds that a request waits for a look.  mark: a file that is left once keys were
+    read, where its folder is there; None = none.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        asked: bool = False,
+        every: float = EVERY,
+        patience: float = PATIENCE,
+        mark: Path | None = None,
+    ) -> None:
+        self._path, self._every, self._patience, self._mark = path, every, patience, mark
+        self._known = _Known(asked)
+        # What the file was when it was read; None = it is to be read.
+        self._seen: tuple[int, ...] | None = None
+        self._next = 0.0
+        # The look of a thread, and until when requests wait for it.
+        self._looking: Future[None] | None = None
+        self._until = 0.0
+
+    @property
+    def asked(self) -> bool:
+        """Whether a key is asked for."""
+        return self._known.asked
+
+    def find(self, shown: bytes) -> ApiKey | None:
+        """The valid key that was shown, if it is one; raises StorageError where the file cannot be
+        read."""
+        known = self._known
+        if known.trouble:
+            raise StorageError(f"the API keys of {self._path} cannot be read")
+        kept = known.keys.get(key_id(shown) or "")
+        return kept if proves(shown, kept) and kept is not None and kept.valid(utc_now()) else None
+
+    async def fresh(self) -> None:
+        """Look at the file where it is time to, on a thread: its file system may hang. Nobody is
+        let in while a look takes longer than `patience`."""
+        if self._looking is not None and self._looking.done():
+            self._looking = None
+        now = time.monotonic()
+        if self._looking is None:
+            if now < self._next:
+                return
+            self._looking, self._until = self._begun(), now + self._patience
+        looking = self._looking
+        if not looking.done() and now < self._until:
+            await asyncio.wait([asyncio.wrap_future(looking)], timeout=self._until - now)
+        if not looking.done():
+            rule = f"{self._path} was not read within {self._patience:g} seconds"
+            self._learn(replace(self._known, asked=True, keys={}, trouble=rule))
+
+    def _begun(self) -> Future[None]:
+        """A look on a thread of its own, which ends with the process."""
+        done: Future[None] = Future()
+
+        def run() -> None:
+            try:
+                self.look()
+            finally:
+                done.set_result(None)
+
+        threading.Thread(target=run, name="rhytid-keys", daemon=True).start()
+        return done
+
+    def look(self) -> None:
+        """Look at the file where it is time to; may block."""
+        if (now := time.monotonic()) < self._next:
+            return
+        self._next = now + self._every
+        seen = self._facts()
+        if seen is None or seen != self._seen or self._known.trouble:
+            self._seen = seen
+            self._read()
+
+    def _read(self) -> None:
+        try:
+            keys = {key.id: key for key in read_keys(self._path)}
+        except FileNotFoundError:
+            self._learn(_Known(self._known.asked))
+        except StorageError as error:
+            self._seen = None
+            self._learn(_Known(asked=True, trouble=str(error)))
+        else:
+            self._learn(_Known(asked=True, keys=keys))
+            self._leave_mark()
+
+    def _learn(self, known: _Known) -> None:
+        before, self._known = self._known.trouble, known
+        if known.trouble and known.trouble != before:
+            _log.error("nobody is let in: %s", known.trouble)
+
+    def _leave_mark(self) -> None:
+        if self._mark is not None and self._mark.parent.is_dir():
+            try:
+                leave_mark(self._mark)
+            except StorageError as error:
+                _log.warning("%s", error)
+
+    def _facts(self) -> tuple[int, ...] | None:
+        """What of a file changes with it: nothing where there is none, None where it cannot be
+        seen."""
+        try:
+            found = self._path.stat()
+        except FileNotFoundError:
+            return ()
+        except OSError:
+            return None
+        return found.st_ino, found.st_mtime_ns, found.st_ctime_ns, found.st_size
+
+
+class Rates:
+    """A token bucket for each caller, in bounded memory. For one thread.
+
+    clock: seconds that only grow.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        # What each had left, and when.
+        self._left: OrderedDict[str, tuple[float, float]] = OrderedDict()
+
+    def take(self, caller: str, rate: float) -> int:
+        """0 where the caller may ask now; else in how many seconds it may, 1 at least.
+
+        rate: requests per second; `SAVED` times as many may come at once.
+        """
+        now, most = self._clock(), max(SAVED * rate, 1.0)
+        left, then = self._left.get(caller, (most, now))
+        left = min(left + (now - then) * rate, most)
+        allowed = left >= 1.0
+        self._left[caller] = (left - allowed, now)
+        self._left.move_to_end(caller)
+        if len(self._left) > REMEMBERED:
+            self._left.popitem(last=False)
+        return 0 if allowed else math.ceil((1.0 - left) / rate)
+
+    def __len__(self) -> int:
+        return len(self._left)

@@ -13,34 +13,35 @@ from rhytid import __version__
 from rhytid.api import problems
 from rhytid.api.accept import PlainBytes
 from rhytid.api.access import Access, guard
-from rhytid.api.device_slots import DeviceSlots, LargeAnswers, threads
+from rhytid.api.admission import (
+    MOST_LIVE,
+    DeviceSlots,
+    JobShares,
+    LargeAnswers,
+    LivePlaces,
+    threads,
+)
 from rhytid.api.documentation import describe
 from rhytid.api.draining import Drain, Draining
 from rhytid.api.encoding import SCALE, WARNINGS
 from rhytid.api.events import JobEvents
 from rhytid.api.former_frames import NOTICE, FormerFrames, FormerNames
-from rhytid.api.job_shares import JobShares
-from rhytid.api.live import places
 from rhytid.api.metrics import Metrics, Observe
-from rhytid.api.package_files import KEY
-from rhytid.api.request_head import CheckHead
-from rhytid.api.request_ids import HEADER, RequestIds
+from rhytid.api.request_head import HEADER, CheckHead, RequestIds
 from rhytid.api.request_memory import HoldUntilSent, small_budget
 from rhytid.api.routes import (
+    asset_files,
     assets,
     bins,
     frames,
-    graphs,
     health,
     jobs,
     live,
-    meshes,
     packages,
-    root,
-    snapshots,
+    pages,
     tiles,
-    viewer,
 )
+from rhytid.api.routes.packages import KEY
 from rhytid.api.tracing import tracer
 from rhytid.decoding.decoder import Decoder
 from rhytid.engine.byte_budget import ByteBudget
@@ -53,17 +54,14 @@ if TYPE_CHECKING:
 ROUTERS = (
     tiles.router,
     assets.router,
-    graphs.router,
-    meshes.router,
-    snapshots.router,
+    asset_files.router,
     packages.router,
     frames.router,
     live.router,
     bins.router,
     jobs.router,
     health.router,
-    root.router,
-    viewer.router,
+    pages.router,
 )
 
 # What web pages of allowed origins may send and read. No cookies: keys are in a header.
@@ -83,7 +81,7 @@ def create_app(engine: Engine, settings: ServiceSettings) -> FastAPI:
         redirect_slashes=False,
         lifespan=threads,
         dependencies=[Depends(guard)],
-        # `routes.root` has pages that need no internet.
+        # `routes.pages` has pages that need no internet.
         docs_url=None,
         redoc_url=None,
         # `Observe` makes the span of each request. Those that new versions of FastAPI make would be
@@ -96,7 +94,7 @@ def create_app(engine: Engine, settings: ServiceSettings) -> FastAPI:
     app.state.job_shares = JobShares(lambda job: engine.jobs.info(job))
     app.state.slots = DeviceSlots(settings.queue)
     # One for each connection, which draws one tile at a time: others leave them theirs.
-    app.state.live_slots = DeviceSlots(places.MOST)
+    app.state.live_slots = DeviceSlots(MOST_LIVE)
     app.state.readiness = health.Readiness(lambda: engine.ready())
     app.state.drain = Drain(settings.drain_seconds)
     app.state.job_events = JobEvents(
@@ -104,7 +102,7 @@ def create_app(engine: Engine, settings: ServiceSettings) -> FastAPI:
     )
     app.state.decoder = Decoder()
     app.state.large = LargeAnswers()
-    app.state.live_places = places.LivePlaces()
+    app.state.live_places = LivePlaces()
     app.state.small = cache(lambda: small_budget(engine.memory))
     app.state.former_names = FormerNames()
     app.state.spool = ByteBudget(settings.spool, "RHYTID_SPOOL_MB")

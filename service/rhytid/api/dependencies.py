@@ -15,11 +15,10 @@ from starlette.concurrency import run_in_threadpool
 
 from rhytid.api import uploads
 from rhytid.api.access import Caller
-from rhytid.api.client_gone import ClientGone
+from rhytid.api.admission import ClientGone, JobShare
 from rhytid.api.former_frames import FormerNames
-from rhytid.api.job_shares import JobShare
 from rhytid.api.metrics import Metrics
-from rhytid.api.parts import Part
+from rhytid.api.multipart import Part
 from rhytid.api.request_memory import RequestMemory
 from rhytid.api.schemas import ALLOW, CODE, STRICT
 from rhytid.api.spool import Spool

@@ -16,7 +16,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.responses import StreamingResponse
 from starlette.types import Receive, Scope, Send
 
-from rhytid.api.caller_places import CallerPlaces
+from rhytid.api.admission import CallerPlaces
 from rhytid.engine.messages import ENDED_STATES, JobInfo
 from rhytid.errors import NotFoundError, RhytidError
 

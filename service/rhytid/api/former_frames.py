@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 import re
 from collections import OrderedDict
+from collections.abc import Awaitable
 from threading import Lock
 
 from starlette.datastructures import MutableHeaders
@@ -80,12 +81,11 @@ class FormerFrames:
         self._app, self._names = app, names
         self._told: set[str] = set()
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+    def __call__(self, scope: Scope, receive: Receive, send: Send) -> Awaitable[None]:
         """Answer, by today's name where a former one is read."""
         asset = self._asset(scope)
         if asset is None:
-            await self._app(scope, receive, send)
-            return
+            return self._app(scope, receive, send)
         self._tell(asset)
 
         async def noted(message: Message) -> None:
@@ -95,7 +95,7 @@ class FormerFrames:
 
         # In place: what is around reads the route from it afterwards.
         scope["path"] = _PATH.sub(rf"\g<1>{NOW}", scope["path"], count=1)
-        await self._app(scope, receive, noted)
+        return self._app(scope, receive, noted)
 
     def _asset(self, scope: Scope) -> str | None:
         """The asset whose frame is read by its former name; None for any other request."""

@@ -1,4 +1,5 @@
-"""Prometheus metrics of one app, and the middleware that counts and logs its requests."""
+"""Prometheus metrics of one app and its devices, and the middleware that counts and logs
+requests."""
 
 from __future__ import annotations
 
@@ -22,7 +23,6 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from rhytid import __version__, build_identity
 from rhytid.api.access import CALLER
 from rhytid.api.draining import Drain
-from rhytid.api.figure_metrics import FigureMetrics
 from rhytid.api.tracing import traced
 from rhytid.device.figures import Figures
 from rhytid.engine.byte_budget import ByteBudget
@@ -31,6 +31,22 @@ if TYPE_CHECKING:
     from opentelemetry.trace import Tracer
 
     from rhytid.engine.operations import Engine
+
+from itertools import product
+
+from prometheus_client.core import (
+    HistogramMetricFamily,
+)
+
+from rhytid.device.figures import (
+    BOUNDS,
+    DROPPED,
+    JOB_ENDS,
+    JOB_KINDS,
+    JOB_STATES,
+    STAGES,
+    WORK,
+)
 
 logger = logging.getLogger(__name__)
 # What the bytes of each budget are held for.
@@ -46,6 +62,8 @@ CAUSES = ("fault", "late", "killed", "start")
 PROBES = frozenset({"/healthz", "/readyz", "/metrics"})
 _REFUSED = 400
 METHODS = frozenset({"GET", "HEAD", "PUT", "POST", "PATCH", "DELETE", "OPTIONS"})
+# In place of the number of a device: the server itself.
+SERVER = "server"
 
 
 class Metrics:
@@ -235,3 +253,77 @@ def _logging_handshake(scope: Scope, send: Send) -> Send:
         await send(message)
 
     return noting
+
+
+class FigureMetrics:
+    """Collects the figures of stages, device memory and jobs.
+
+    devices: the figures of each device by its number.  server: those of the server itself.
+    """
+
+    def __init__(self, devices: Callable[[], Mapping[str, Figures]], server: Figures) -> None:
+        self._devices, self._server = devices, server
+
+    def describe(self) -> list[Metric]:
+        """The names and no numbers: there may be no device yet."""
+        return [*_stages({}), *_memory({}), *_jobs({})]
+
+    def collect(self) -> Iterator[Metric]:
+        """The numbers now."""
+        devices = dict(self._devices())
+        yield from _stages({SERVER: self._server, **devices})
+        yield from _memory(devices)
+        yield from _jobs(devices)
+
+
+def _stages(figures: Mapping[str, Figures]) -> Iterator[Metric]:
+    """Histograms, of what has happened alone: most stages never meet most kinds of work."""
+    family = HistogramMetricFamily(
+        "rhytid_stage_seconds",
+        "Time of the stages of requests and jobs",
+        labels=("stage", "method", "device"),
+    )
+    bounds = [*map(str, BOUNDS), "+Inf"]
+    for device, found in figures.items():
+        for stage, work in product(STAGES, WORK):
+            counts, seconds = found.histogram(stage, work)
+            if counts[-1]:
+                buckets = list(zip(bounds, counts, strict=True))
+                family.add_metric((stage, work, device), buckets, seconds)
+    yield family
+
+
+def _memory(figures: Mapping[str, Figures]) -> Iterator[Metric]:
+    gauges = {
+        "used": ("rhytid_device_bytes", "Bytes in use on the device"),
+        "spare": ("rhytid_device_spare_bytes", "Bytes on the device kept for the next buffers"),
+        "limit": ("rhytid_device_bytes_limit", "Most bytes in use and spare on the device"),
+    }
+    for name, (metric, text) in gauges.items():
+        gauge = GaugeMetricFamily(metric, text, labels=("device",))
+        for device, found in figures.items():
+            gauge.add_metric((device,), found.value(name))
+        yield gauge
+    dropped = CounterMetricFamily(
+        "rhytid_device_evictions",
+        "What was dropped from the device because memory was short",
+        labels=("what", "device"),
+    )
+    for (device, found), what in product(figures.items(), DROPPED):
+        dropped.add_metric((what, device), found.value("dropped", what))
+    yield dropped
+
+
+def _jobs(figures: Mapping[str, Figures]) -> Iterator[Metric]:
+    there = GaugeMetricFamily(
+        "rhytid_jobs", "Jobs that wait or run", labels=("kind", "state", "device")
+    )
+    ended = CounterMetricFamily(
+        "rhytid_jobs_ended", "Jobs that have ended", labels=("kind", "state", "device")
+    )
+    for (device, found), kind in product(figures.items(), JOB_KINDS):
+        for state in JOB_STATES:
+            there.add_metric((kind, state, device), found.value("jobs", kind, state))
+        for state in JOB_ENDS:
+            ended.add_metric((kind, state, device), found.value("ended", kind, state))
+    yield from (there, ended)

@@ -1,4 +1,8 @@
-"""What the head of a request alone shows to be wrong, before any route sees it.
+"""Heads of requests, read before any route sees them: the id, and whether the request is refused.
+
+The id is the client's, or a new one; the log, problems and the answer have it.
+
+The head is refused by its host, its origin or its framing.
 
 Hosts: a web page whose name was made to lead here (DNS rebinding) calls the server by that name. An
 address in place of a name cannot be rebound: a browser sends it only to that address.
@@ -10,19 +14,25 @@ from __future__ import annotations
 
 import ipaddress
 import re
-from collections.abc import Iterable
+import secrets
+from collections.abc import Awaitable, Iterable
 from functools import lru_cache
 
 from fastapi import Response
-from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from rhytid.api.problems import problem
+from rhytid.logs import request_id
 
 Headers = Iterable[tuple[bytes, bytes]]
 LOCAL = ("localhost", "*.localhost")
 # A host with its port is not longer.
 _LONGEST = 262
 _HOST = re.compile(r"(?:\[([0-9A-Fa-f:.]+)\]|([^\s:\[\]@/?#,]+))(?::[0-9]{0,5})?", re.ASCII)
+HEADER = "X-Request-Id"
+_NAME = HEADER.lower().encode()
+# What may stand in a header, in a log and in a label without being quoted.
+_FORM = re.compile(rb"[A-Za-z0-9._~+/=:-]{1,128}")
 
 
 class CheckHead:
@@ -39,14 +49,13 @@ class CheckHead:
         # A server is called by few different names.
         self._known = lru_cache(256)(self._is_known)
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+    def __call__(self, scope: Scope, receive: Receive, send: Send) -> Awaitable[None]:
         """Pass the request on, or answer with the problem."""
         if scope["type"] in ("http", "websocket"):
             refusal = self._refusal(scope["headers"])
             if refusal is not None:
-                await refusal(scope, receive, send)
-                return
-        await self._app(scope, receive, send)
+                return refusal(scope, receive, send)
+        return self._app(scope, receive, send)
 
     def _refusal(self, headers: Headers) -> Response | None:
         host: list[bytes] = []
@@ -110,3 +119,36 @@ def _coding_refused(coding: bytes) -> Response | None:
 
 def _shown(value: bytes) -> str:
     return repr(value[:_LONGEST].decode("latin-1"))
+
+
+def id_of(headers: Iterable[tuple[bytes, bytes]]) -> str:
+    """What the client calls its request, where that is well formed and sent once; else a new id of
+    32 hexadecimal digits."""
+    given = [value for name, value in headers if name == _NAME]
+    if len(given) == 1 and _FORM.fullmatch(given[0]):
+        return given[0].decode("ascii")
+    return secrets.token_hex(16)
+
+
+class RequestIds:
+    """ASGI middleware: gives every request its id, and every answer the header."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self.app = app
+
+    def __call__(self, scope: Scope, receive: Receive, send: Send) -> Awaitable[None]:
+        """Pass the request on."""
+        if scope["type"] not in ("http", "websocket"):
+            return self.app(scope, receive, send)
+        found = id_of(scope["headers"])
+        # It is not taken back: what answers a failure, outside of this, tells it, too. The server
+        # runs every request in a context of its own.
+        request_id.set(found)
+        header = (_NAME, found.encode("ascii"))
+
+        async def named(message: Message) -> None:
+            if message["type"] in ("http.response.start", "websocket.http.response.start"):
+                message = {**message, "headers": [*message.get("headers", ()), header]}
+            await send(message)
+
+        return self.app(scope, receive, named)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Awaitable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Protocol, TypeVar
@@ -10,7 +11,7 @@ from typing import Protocol, TypeVar
 from fastapi import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from rhytid.api.device_slots import LargeAnswers
+from rhytid.api.admission import LargeAnswers
 from rhytid.api.spool import Spool
 from rhytid.engine.byte_budget import ByteBudget, Hold
 from rhytid.errors import HostBusyError, StorageError
@@ -171,11 +172,11 @@ class WholeBytes:
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+    def __call__(self, scope: Scope, receive: Receive, send: Send) -> Awaitable[None]:
         """Pass the request on."""
 
         async def whole(message: Message) -> None:
             body = message.get("body", b"")
             await send(message if isinstance(body, bytes) else {**message, "body": bytes(body)})
 
-        await self.app(scope, receive, whole)
+        return self.app(scope, receive, whole)

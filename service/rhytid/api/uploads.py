@@ -11,7 +11,7 @@ from fastapi import Request
 from starlette.exceptions import HTTPException
 
 from rhytid.api.accept import OCTETS
-from rhytid.api.parts import Part, PartReader, boundary
+from rhytid.api.multipart import Part, PartReader, boundary
 from rhytid.api.request_memory import DECODED, RequestMemory
 from rhytid.api.spool import Spool
 from rhytid.engine.byte_budget import Hold

@@ -9,8 +9,7 @@ from contextlib import suppress
 from datetime import datetime, timedelta
 from pathlib import Path
 
-from rhytid.access.api_key import COMPUTE, READ, SCOPES, ApiKey, new_key, utc_now
-from rhytid.access.key_file import changing, read_keys
+from rhytid.api.keys import COMPUTE, READ, SCOPES, ApiKey, changing, new_key, read_keys, utc_now
 from rhytid.cli.argument_types import base_name
 from rhytid.cli.options import Commands, add_json, add_several, new_command
 from rhytid.cli.reporting import report, table

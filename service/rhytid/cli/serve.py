@@ -116,7 +116,7 @@ def _closing(make: Callable[[], Engine]) -> Iterator[Engine]:
 def _serve(
     listening: socket.socket, settings: ServiceSettings, engine_for: AbstractContextManager[Any]
 ) -> None:
-    from rhytid.access.key_file import leave_mark
+    from rhytid.api.keys import leave_mark
     from rhytid.api.tracing import send_spans
     from rhytid.cli.connections import allow_files
     from rhytid.cli.server import address_of, server_of

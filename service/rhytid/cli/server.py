@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import uvicorn
 
-from rhytid.access.key_file import check_mark, has_valid_key
+from rhytid.api.keys import check_mark, has_valid_key
 from rhytid.cli.web_sockets import OPTIONS
 from rhytid.errors import AccessError, InputError
 from rhytid.settings import ServiceSettings

@@ -11,8 +11,8 @@ from ray import serve
 from ray.serve import Application
 from ray.serve.config import RequestRouterConfig
 
-from rhytid.access.key_file import has_valid_key
 from rhytid.api.app import create_app
+from rhytid.api.keys import has_valid_key
 from rhytid.api.request_memory import WholeBytes
 from rhytid.device.memory import usual_frame_memory
 from rhytid.errors import AccessError

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import os
 import statistics
 import time
 from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
 
+import numpy as np
+
 from rhytid_lab.bench import peers
-from rhytid_lab.bench.compare import tolerance, worst_difference
 from rhytid_lab.bench.frame import FrameBench
-from rhytid_lab.bench.host_copy import HostCopy
-from rhytid_lab.bench.peers.run import LeftOut, Run
-from rhytid_lab.bench.scene import Floats
+from rhytid_lab.bench.peers import LeftOut, Run
+from rhytid_lab.bench.scene import Floats, Scene
 
 OURS = "rhytid"
 NAMES = (OURS, *peers.PEERS)
@@ -23,6 +25,10 @@ _LONG = 5.0
 _SHORT = 0.5
 # What is made once per asset is timed once.
 _ONCE = ("precompute",)
+# `stretch` in log stretch; maps in units of depth. A blur reads between texels: bilinear hardware
+# rounds places to a 256th of a texel.
+TOLERANCES = {"stretch": 1e-4, "convolved": 5e-3}
+TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -174,3 +180,48 @@ class Contest:
 
 def _nothing() -> None:
     """Does nothing: the result stays on the device."""
+
+
+def tolerance(case: str) -> float:
+    """The worst difference that a case may have."""
+    return TOLERANCES.get(case, TOLERANCE)
+
+
+def worst_difference(case: str, scene: Scene, ours: Floats, theirs: Floats) -> float:
+    """The worst difference of two results, as FrameBench.result has them.
+
+    Of maps in units of depth. Of stretch in log stretch within the limit of the response: of the
+    ratios, and of the axes as what their turning changes.
+    """
+    if ours.shape != theirs.shape:
+        raise ValueError(f"{case}: a result of shape {theirs.shape} instead of {ours.shape}")
+    if case == "stretch":
+        return _stretch_difference(ours, theirs, scene.settings.response.log_stretch_limit)
+    found = np.abs(theirs.astype(np.float64) - ours).max(initial=0.0)
+    return float(found) / scene.depth
+
+
+def _stretch_difference(ours: Floats, theirs: Floats, limit: float) -> float:
+    logs, other = (np.clip(np.log(s[:, :2]), -limit, limit) for s in (ours, theirs))
+    apart = logs[:, 0] - logs[:, 1]
+    turned = [np.abs(ours[:, i] * theirs[:, i + 1] - ours[:, i + 1] * theirs[:, i]) for i in (2, 4)]
+    axes = max(float((turn * apart).max(initial=0.0)) for turn in turned)
+    return max(float(np.abs(logs - other).max(initial=0.0)), axes)
+
+
+class HostCopy:
+    """Two maps of R² float32, copied by every thread of the host: the unit of cost of what runs
+    there beside a GPU."""
+
+    def __init__(self, size: int) -> None:
+        count = os.cpu_count() or 1
+        self._from, self._to = (
+            np.array_split(np.full(size * size, value, np.float32), count) for value in (1, 0)
+        )
+        self._threads = ThreadPoolExecutor(count)
+
+    def seconds(self) -> float:
+        """Seconds of one copy."""
+        start = time.perf_counter()
+        list(self._threads.map(np.copyto, self._to, self._from))
+        return time.perf_counter() - start

@@ -15,14 +15,21 @@ from PIL import Image
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import BinSettings
 from rhytid.synthesis.progress import Progress, part
-from rhytid_lab.bench.accuracy import CHOICES, PAPER, Accuracy, Study, best, front
-from rhytid_lab.bench.bin_figure import figure_4
+from rhytid_lab.bench.accuracy import (
+    CHOICES,
+    PAPER,
+    SOURCES,
+    Accuracy,
+    Source,
+    Study,
+    best,
+    error_sources,
+    front,
+    pareto,
+)
 from rhytid_lab.bench.blend_clock import BlendClock
-from rhytid_lab.bench.error_sources import SOURCES, Source, error_sources
-from rhytid_lab.bench.face_figures import figure_1, figure_3, maps_of, scene
-from rhytid_lab.bench.frame import REPORTED, FrameBench
-from rhytid_lab.bench.paper_times import time_rows, wrinkles_at
-from rhytid_lab.bench.pareto import pareto
+from rhytid_lab.bench.face_figures import figure_1, figure_3, figure_4, maps_of, scene
+from rhytid_lab.bench.frame import REPORTED, Cost, FrameBench
 from rhytid_lab.bench.skin import Skin
 from rhytid_lab.bench.sphere_figure import PORES, figure_5
 from rhytid_lab.bench.subject import (
@@ -37,6 +44,15 @@ from rhytid_lab.bench.subject import (
 
 _SMALLEST = 256
 _SPHERE_WRINKLES = 4500
+# Seconds on an NVIDIA GeForce RTX 3090 at 16384² texels and about 20 million wrinkles (section 3).
+PAPER_SIZE, PAPER_WRINKLES = 16384, 20_000_000
+PAPER_SECONDS = {
+    "stretch": 1.5,
+    "convolved": 2.0,
+    "redraw": 2.4,
+    "binned": 0.05,
+    "precompute": 60.0,
+}
 
 
 @dataclass
@@ -169,3 +185,38 @@ def _accuracy(found: list[Accuracy], resolution: int) -> dict[str, Any]:
         "best": asdict(best(found).bins),
         "sources": {},
     }
+
+
+@dataclass(frozen=True)
+class TimeRow:
+    """A case: seconds and map copies here, seconds scaled to the paper's size, and the paper's."""
+
+    case: str
+    seconds: float
+    map_copies: float
+    scaled: float
+    paper: float | None
+
+
+def wrinkles_at(resolution: int) -> int:
+    """As many wrinkles per texel as the paper has."""
+    return max(round(PAPER_WRINKLES * resolution**2 / PAPER_SIZE**2), 100)
+
+
+def time_rows(costs: list[Cost], resolution: int) -> list[TimeRow]:
+    """Costs at `resolution` with `wrinkles_at(resolution)` wrinkles, and the paper's beside them.
+
+    Texels and wrinkles grow by the same factor, so times of maps are scaled by it. Stretch is per
+    triangle here and stays; the paper's is per texel.
+    """
+    factor = (PAPER_SIZE / resolution) ** 2
+    return [
+        TimeRow(
+            cost.case,
+            cost.seconds,
+            cost.map_copies,
+            cost.seconds * (1.0 if cost.case == "stretch" else factor),
+            PAPER_SECONDS.get(cost.case),
+        )
+        for cost in costs
+    ]

@@ -5,20 +5,22 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from PIL import Image
 
 from rhytid.pictures.colours import signed_grey
 from rhytid.pictures.crops import spline_samples
-from rhytid.pictures.images import Picture, to_picture
-from rhytid.pictures.shade_mesh import View
+from rhytid.pictures.images import BACKGROUND, Picture, downsample, to_picture
+from rhytid.pictures.raster import Coverage, rasterize
+from rhytid.pictures.relief import lit
+from rhytid.pictures.shade_mesh import View, vertex_normals
 from rhytid.pictures.sheet import Panel, sheet
 from rhytid.synthesis.progress import Progress
 from rhytid_lab.bench.face_figures import performance_of
 from rhytid_lab.bench.skin import COLUMNS, Map, Skin
 from rhytid_lab.bench.subject import Subject
+from rhytid_lab.contact_sheets import relative_rms
 from rhytid_lab.samples.sphere import SPHERE_STRETCHES
-from rhytid_lab.sheets.contact import relative_rms
-from rhytid_lab.sheets.displaced import shade_displaced
 
 # Pores that hardly deform: the figure is about those.
 PORES = {"beta_w": 1.0, "beta_d": 1.0}
@@ -27,6 +29,9 @@ _EXAGGERATION = 1.5
 # Of the map's side.
 _CROP_SHARE = 0.14
 _MARGIN = 0.02
+_SUPERSAMPLING = 2
+# More from the front than on flat crops: a whole sphere is shown.
+_LIGHT = (-0.42, 0.46, 0.78)
 
 
 def figure_5(
@@ -95,3 +100,52 @@ def _beside(ball: Picture, crop: Picture) -> Picture:
     top = (_SPHERE - _CROP) // 2
     cell[top : top + _CROP, -_CROP:] = crop
     return cell
+
+
+def shade_displaced(
+    positions: NDArray[Any],
+    faces: NDArray[Any],
+    triangle_uv: NDArray[Any],
+    displacement: NDArray[Any],
+    size: int,
+    view: View,
+    exaggeration: float = 1.0,
+) -> Picture:
+    """A picture (size, size, 3) of a surface whose relief shows in its shading.
+
+    positions: (V, 3).  faces: (F, 3).  triangle_uv: (F, 3, 2), local to the UDIM of the map.
+    displacement: (R, R) mesh units, row 0 at the top.  exaggeration: multiplies it.
+    """
+    fine = size * _SUPERSAMPLING
+    corners = np.asarray(positions, np.float64)[faces]
+    seen = rasterize(view.pixels(corners, fine), fine, fine, corners[..., 2])
+    normals = seen.smooth(vertex_normals(positions, faces)[faces])
+    uv = seen.smooth(np.asarray(triangle_uv, np.float64))
+    slopes = _surface_gradient(seen, corners, triangle_uv, _uv_gradient(displacement, uv))
+    bent = normals - exaggeration * slopes
+    bent /= np.maximum(np.linalg.norm(bent, axis=-1, keepdims=True), 1e-30)
+    colour = np.where(seen.covered[..., None], lit(bent, _LIGHT), BACKGROUND)
+    return to_picture(downsample(colour, _SUPERSAMPLING))
+
+
+def _uv_gradient(heights: NDArray[Any], uv: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(H, W, 2): ∂h/∂u and ∂h/∂v at texture coordinates (H, W, 2)."""
+    size = len(heights)
+    down, across = np.asarray(np.gradient(np.asarray(heights, np.float64), 1.0 / size))
+    row: NDArray[np.float64] = (1 - uv[..., 1]) * size - 0.5
+    column: NDArray[np.float64] = uv[..., 0] * size - 0.5
+    slopes = (spline_samples(across, row, column), -spline_samples(down, row, column))
+    return np.stack(slopes, axis=-1)
+
+
+def _surface_gradient(
+    seen: Coverage, corners: NDArray[Any], triangle_uv: NDArray[Any], slopes: NDArray[Any]
+) -> NDArray[np.float64]:
+    """(H, W, 3): J(JᵀJ)⁻¹∇h, J = ∂X/∂(u, v) of the visible triangle; 0 where it has no area."""
+    edges = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=-1)
+    t = np.asarray(triangle_uv, np.float64)
+    edges_uv = np.stack([t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]], axis=-1)
+    # J = E U⁻¹, so J(JᵀJ)⁻¹ = (J⁺)ᵀ = (U E⁺)ᵀ.
+    back = np.swapaxes(edges_uv @ np.linalg.pinv(edges, rcond=1e-9), -1, -2)
+    gradient = np.einsum("hwij,hwj->hwi", back[seen.triangle], slopes)
+    return np.where(seen.covered[..., None], gradient, 0.0)

@@ -95,8 +95,7 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     from rhytid.cli.server import serving
     from rhytid_client import RhytidWarning
     from rhytid_lab.commands.demo_face import animation
-    from rhytid_lab.commands.demo_session import FIGURES, Session
-    from rhytid_lab.commands.demo_sheets import write_sheets
+    from rhytid_lab.commands.demo_session import FIGURES, Session, write_sheets
     from rhytid_lab.server import connected
 
     clip = cache_clip(arguments)

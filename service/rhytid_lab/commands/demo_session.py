@@ -1,4 +1,4 @@
-"""What the demo asks of the server, timed step by step."""
+"""What the demo asks of the server, timed step by step, and its contact sheets."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, TypedDict
 
+from numpy.typing import NDArray
+
 from rhytid import __version__
 from rhytid.cli.frame_files import FramePlace
 from rhytid.cli.progress import counted, share_bar
@@ -17,10 +19,12 @@ from rhytid.cli.timing import Stopwatch
 from rhytid.cli.warned import Warned
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.notices import Notice
+from rhytid.domain.tiles import busiest_udim, triangles_inside, udim_origin
 from rhytid.domain.warnings import InputWarning
 from rhytid.durable import whole
 from rhytid.owned import is_real_folder
 from rhytid_client import Asset, Client, Job, Method, Sampling, StretchModel, Tile, TileFormat
+from rhytid_lab import contact_sheets
 from rhytid_lab.commands.demo_face import MESH_ARRAYS, Animation
 
 METHODS: tuple[Method, ...] = ("redraw", "binned")
@@ -29,6 +33,7 @@ _MAP = re.compile(r"face\.1\d{3}\.\d+\.exr", re.ASCII)
 _SHEET = re.compile(r"contact_\d+\.png", re.ASCII)
 # The stages of a build at which another step of the table begins.
 _STEPS = {"placing pores and wrinkles": "placing", "making bins": "bins"}
+SHEETS = 4
 
 
 def remove_earlier(out: Path) -> None:
@@ -179,3 +184,68 @@ class StepClock:
         now = time.perf_counter()
         self._watch.add(self._step, now - self._start)
         self._start = now
+
+
+def key_frames(sizes: Sequence[float], most: int = SHEETS) -> list[int]:
+    """Indices of at most `most` frames, the largest first, with a part of the animation between.
+
+    Each takes an eighth of the animation to both sides with it, rounded down: of a few key poses
+    none is dropped. Frames below a fifth of the largest have little to show.
+    """
+    apart = len(sizes) // 8
+    shown = [i for i, size in enumerate(sizes) if size >= 0.2 * max(sizes) > 0] or [0]
+    left = sorted(shown, key=lambda i: -sizes[i])
+    chosen: list[int] = []
+    for index in left:
+        if all(abs(index - other) > apart for other in chosen) and len(chosen) < most:
+            chosen.append(index)
+    return chosen
+
+
+def write_sheets(session: Session, unit_mm: float) -> list[dict[str, Any]]:
+    """A sheet for each key frame, and what it shows in figures, the most stretched first."""
+    indices = key_frames(session.sizes)
+    udim = busiest_udim(session.face.mesh)
+    figures = []
+    for index in counted(indices, "sheets", "sheet"):
+        frame = session.frames[index]
+        maps = _maps(session, frame, udim)
+        with session.watch.step("contact sheet"):
+            name = f"contact_{frame.label}.png"
+            performance = _performance(session, frame, udim)
+            note = f"Frame {frame.name}, UDIM {udim}."
+            sheet = contact_sheets.contact_sheet(performance, maps, unit_mm=unit_mm, note=note)
+            with whole(session.out / name) as aside:
+                sheet.save(aside)
+        rms = contact_sheets.relative_rms(maps["binned"], maps["redraw"])
+        figures.append(
+            {
+                "frame": frame.label,
+                "abs_p90": session.sizes[index],
+                "relative_rms": rms,
+                "sheet": name,
+            }
+        )
+    return figures
+
+
+def _maps(session: Session, frame: FramePlace, udim: int) -> dict[str, NDArray[Any]]:
+    maps: dict[str, NDArray[Any]] = {}
+    for method in contact_sheets.METHODS:
+        with session.watch.step(f"{method}, as npy"):
+            map = session.map(frame, udim, method)
+        maps[method] = map.array
+    return maps
+
+
+def _performance(session: Session, frame: FramePlace, udim: int) -> contact_sheets.Performance:
+    mesh, stretch = session.face.mesh, session.client.stretch(session.asset, frame.label)
+    inside = triangles_inside(mesh, udim)
+    return contact_sheets.Performance(
+        neutral=mesh.positions,
+        deformed=session.face.frames.read(frame),
+        faces=mesh.faces[inside],
+        triangle_uv=mesh.triangle_uv()[inside] - udim_origin(udim),
+        axes=stretch.axes[inside],
+        ratios=stretch.ratios[inside],
+    )

@@ -11,8 +11,16 @@ from numpy.typing import NDArray
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import FrameError, MeshError
 from rhytid_lab.samples.face_expressions import EXPRESSIONS
-from rhytid_lab.samples.face_grid import Grid, cut, rounded_grid
-from rhytid_lab.samples.face_shape import MOUTH, MOUTH_HALF_WIDTH, Chart, chart, sculpt
+from rhytid_lab.samples.face_shape import (
+    MOUTH,
+    MOUTH_HALF_WIDTH,
+    Chart,
+    Grid,
+    chart,
+    cut,
+    rounded_grid,
+    sculpt,
+)
 from rhytid_lab.samples.fields import Field, ramp
 from rhytid_lab.samples.flatten import flatten
 from rhytid_lab.samples.grids import grid_faces

@@ -15,7 +15,8 @@ from rhytid_client.errors import BadAnswer
 from rhytid_client.exchange import Flow
 from rhytid_client.multipart_mixed import boundary_of, read_mixed
 from rhytid_client.requests import Request, get, with_positions
-from rhytid_client.results import Asset, Bins, Tile
+from rhytid_client.results import Asset, Bins
+from rhytid_client.tiles import Tile
 from rhytid_client.warned import tell
 
 # udim, level, row, column

@@ -11,11 +11,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.api.live.closing import GONE, TOO_LARGE, LiveClosed
 from rhytid.api.live.wire import (
+    GONE,
     MOST_TILES,
+    TOO_LARGE,
     WEIGHTS,
     Camera,
+    LiveClosed,
     LiveFrame,
     Opening,
     View,

@@ -13,12 +13,11 @@ import anyio
 from starlette.concurrency import run_in_threadpool
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from rhytid.api.live import closing
-from rhytid.api.live.closing import LiveClosed
+from rhytid.api.access import Rates
+from rhytid.api.live import wire
 from rhytid.api.live.drawing import LiveDrawing
-from rhytid.api.live.wire import LiveFrame, Opening, read_frame, read_opening, read_view
+from rhytid.api.live.wire import LiveClosed, LiveFrame, Opening, read_frame, read_opening, read_view
 from rhytid.api.problems import kind_of
-from rhytid.api.rates import Rates
 from rhytid.domain.tiles import TileAddress
 from rhytid.errors import (
     CancelledError,
@@ -79,7 +78,7 @@ class LiveSession:
             code = closed.code
             await self._close(closed)
         except Exception:
-            code = closing.INTERNAL
+            code = wire.INTERNAL
             await self._close(LiveClosed(code, "the server's log has the reason"))
             raise
         finally:
@@ -95,12 +94,12 @@ class LiveSession:
         try:
             drawing = await run_in_threadpool(self._begin, opening)
         except NotFoundError as error:
-            raise LiveClosed(closing.GONE, public_message(error)) from error
+            raise LiveClosed(wire.GONE, public_message(error)) from error
         except InputError as error:
-            raise LiveClosed(closing.BAD_MESSAGE, f"header: {error}") from error
+            raise LiveClosed(wire.BAD_MESSAGE, f"header: {error}") from error
         except RhytidError as error:
             later = hasattr(error, "retry_after") or kind_of(error).status == 507
-            code = closing.LATER if later else closing.INTERNAL
+            code = wire.LATER if later else wire.INTERNAL
             raise LiveClosed(code, public_message(error)) from error
         try:
             shapes = drawing.blendshapes
@@ -171,7 +170,7 @@ class LiveSession:
                 await self._refuse(error, frame, dropped)
             return
         except NotFoundError as error:
-            raise LiveClosed(closing.GONE, public_message(error)) from error
+            raise LiveClosed(wire.GONE, public_message(error)) from error
         except RhytidError as error:
             await self._refuse(error, frame, dropped)
             return
@@ -195,7 +194,7 @@ class LiveSession:
     async def _text(self, seconds: float) -> str:
         message = await self._message(seconds)
         if message.get("text") is None:
-            raise LiveClosed(closing.BAD_MESSAGE, "the first message must be the header, as text")
+            raise LiveClosed(wire.BAD_MESSAGE, "the first message must be the header, as text")
         return str(message["text"])
 
     async def _message(self, seconds: float) -> Any:
@@ -204,7 +203,7 @@ class LiveSession:
             if message["type"] == "websocket.disconnect":
                 raise WebSocketDisconnect(message.get("code", 1005))
             return message
-        raise LiveClosed(closing.IDLE, f"nothing came for {seconds:g} seconds")
+        raise LiveClosed(wire.IDLE, f"nothing came for {seconds:g} seconds")
 
     async def _send_text(self, what: str, **facts: Any) -> None:
         text = json.dumps({"message": what, **facts})

@@ -1,4 +1,5 @@
-"""The messages of a live connection, as docs/live.md describes them."""
+"""The messages of a live connection and the codes that it is closed with, as docs/live.md describes
+them."""
 
 from __future__ import annotations
 
@@ -10,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from rhytid.api.live.closing import BAD_MESSAGE, ORDER, LiveClosed
 from rhytid.api.uploads import decode_json
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.messages import MapQuery
@@ -29,10 +29,49 @@ TILE = struct.Struct("<QIIIIIHHIf")
 CODES = {"f32": 1, "f16": 2, "u16": 3}
 _MOST_COUNT = 2**32 - 1
 
+# Why a connection is closed, for clients to act on. Codes of RFC 6455; the server sends 1009 and
+# 1012 by itself: a message above its limit, and its end.
+INTERNAL = 1011
+LATER = 1013
+# Ours, near the status of HTTP that says the same.
+BAD_MESSAGE = 4400
+GONE = 4404
+IDLE = 4408
+ORDER = 4409
+TOO_LARGE = 4413
+# A close frame holds so many bytes, two of which are the code.
+_LONGEST = 123
+CLOSE_CODES = {
+    1000: "the client is done",
+    1001: "the client goes away",
+    1009: "a message is larger than 1 MiB and than a frame of the asset, or than 16 MiB",
+    INTERNAL: "the server failed, or a ping was not answered within 20 seconds",
+    1012: "the server ends",
+    LATER: "others hold the memory, or the device restarts; try again",
+    BAD_MESSAGE: "a header, a view or a frame that is not as it must be; the reason names what",
+    GONE: "the asset was deleted, or what was asked of it is not there",
+    IDLE: "no header within 10 seconds, or nothing at all for 5 minutes",
+    ORDER: "a frame number that is not larger than the one before",
+    TOO_LARGE: "more tiles, texels or memory than one connection may have",
+}
+
 _Whole = Annotated[int, Field(ge=0, lt=2**31, strict=True)]
 _Number = Annotated[float, Field(allow_inf_nan=False)]
 _Four = Annotated[list[_Number], Field(min_length=4, max_length=4)]
 _Name = Annotated[str, Field(min_length=1, max_length=256)]
+
+
+class LiveClosed(Exception):
+    """The connection ends.  code: one of `CLOSE_CODES`.  reason: in words, for the client."""
+
+    def __init__(self, code: int, reason: str) -> None:
+        super().__init__(reason)
+        self.code = code
+
+    @property
+    def reason(self) -> str:
+        """As much of it as a close frame holds."""
+        return str(self).encode()[:_LONGEST].decode(errors="ignore")
 
 
 class Camera(BaseModel):

@@ -24,7 +24,7 @@ from rhytid.api.dependencies import (
     Strict,
 )
 from rhytid.api.documentation import ASSET_FORM, CHANGES, problems
-from rhytid.api.parts import Part
+from rhytid.api.multipart import Part
 from rhytid.api.schemas import Asset
 from rhytid.api.uploads import decode_json, require
 from rhytid.decoding.decoder import Decoder

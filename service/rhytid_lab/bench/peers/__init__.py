@@ -1,19 +1,19 @@
 """Other implementations, which rhytid is timed beside.
 
-One module per implementation; each has CASES, from the name of a case to what prepares it.
+One module per implementation; each has CASES, from the name of a case to what prepares a run of
+it.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from importlib import import_module
 from importlib.util import find_spec
+from typing import Protocol
 
 from rhytid.domain.asset_settings import PRESETS
-from rhytid_lab.bench.peers.run import LeftOut, Run
-from rhytid_lab.bench.scene import Scene
-
-__all__ = ["PEERS", "LeftOut", "Run", "cases_of", "prepare", "runs_on_host"]
+from rhytid_lab.bench.scene import Floats, Scene
 
 # Texels per side from which on the precomputed maps are too large for a host that holds them twice.
 _LARGEST_BINNED = 8192
@@ -54,3 +54,44 @@ def _check_maps(scene: Scene) -> None:
     bins = scene.settings.bins
     if bins != replace(PRESETS["paper"].bins, r_max=bins.r_max):
         raise LeftOut("left out: it blends the maps of the preset `paper` alone")
+
+
+class LeftOut(Exception):
+    """Why an implementation is not timed here."""
+
+
+class Run(Protocol):
+    """One case of one implementation, with all that stays from frame to frame made already."""
+
+    def run(self) -> None:
+        """Run it once, to its end; the result stays where it was made."""
+        ...
+
+    def result(self) -> Floats:
+        """The result of the last run, on the host, as of FrameBench.result."""
+        ...
+
+    def release(self) -> None:
+        """Release everything."""
+        ...
+
+
+@dataclass
+class HostRun:
+    """A function that leaves its result in the host's memory."""
+
+    work: Callable[[], Floats]
+    made: Floats | None = None
+
+    def run(self) -> None:
+        """Call the function."""
+        self.made = self.work()
+
+    def result(self) -> Floats:
+        """Its result."""
+        assert self.made is not None
+        return self.made
+
+    def release(self) -> None:
+        """Forget its result."""
+        self.made = None

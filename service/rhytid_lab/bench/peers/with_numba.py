@@ -11,8 +11,8 @@ import numpy as np
 
 from rhytid.pipeline.reach import SCALE_LIMIT
 from rhytid.pipeline.work import BLOCK
+from rhytid_lab.bench.peers import HostRun
 from rhytid_lab.bench.peers.response import unit_scales
-from rhytid_lab.bench.peers.run import HostRun
 from rhytid_lab.bench.scene import Floats, Scene
 
 _EPSILON = np.float32(1e-6)

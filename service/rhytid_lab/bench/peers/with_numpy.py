@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid_lab.bench.peers import HostRun, LeftOut
 from rhytid_lab.bench.peers.response import pore_scales, sample_weights, unit_scales, wrinkle_scales
-from rhytid_lab.bench.peers.run import HostRun, LeftOut
 from rhytid_lab.bench.scene import Floats, Scene
 
 # Texels of the boxes around all elements: one takes about 0.2 µs.

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rhytid.pipeline.convolve import neutral_jacobians
 from rhytid.pipeline.neutral_tiles import MOST_TAPS
-from rhytid_lab.bench.peers.run import HostRun
+from rhytid_lab.bench.peers import HostRun
 from rhytid_lab.bench.scene import Floats, Scene
 
 _TILE = 256

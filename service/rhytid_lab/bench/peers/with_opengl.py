@@ -12,8 +12,7 @@ import moderngl
 import numpy as np
 
 from rhytid.pipeline.reach import SCALE_LIMIT
-from rhytid_lab.bench.peers import shaders
-from rhytid_lab.bench.peers.run import LeftOut
+from rhytid_lab.bench.peers import LeftOut, shaders
 from rhytid_lab.bench.scene import Floats, Scene
 
 _MOST_CONTEXTS = 16

@@ -11,8 +11,16 @@ from typing import Any
 
 import pytest
 
-from rhytid.access.api_key import SCOPES, key_id, new_key, proves, utc_now
-from rhytid.access.key_file import changing, read_keys, write_keys
+from rhytid.api.keys import (
+    SCOPES,
+    changing,
+    key_id,
+    new_key,
+    proves,
+    read_keys,
+    utc_now,
+    write_keys,
+)
 from rhytid.errors import StorageError
 
 
@@ -43,7 +51,7 @@ def test_secrets_are_compared_in_constant_time(monkeypatch: pytest.MonkeyPatch) 
         compared.append((one, other))
         return one == other
 
-    monkeypatch.setattr("rhytid.access.api_key.hmac.compare_digest", compare)
+    monkeypatch.setattr("rhytid.api.keys.hmac.compare_digest", compare)
     shown, kept = new_key("farm", {"read"})
     assert proves(shown.encode(), kept)
     assert not proves(shown.encode(), None)

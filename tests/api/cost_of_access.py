@@ -1,4 +1,4 @@
-"""What access costs a request: `PYTHONPATH=tests python tests/access/cost_of_access.py`.
+"""What access costs a request: `PYTHONPATH=tests python tests/api/cost_of_access.py`.
 
 Processor time of one answer (304 of a tile) in this process, without a socket: with the checks
 taken out, without keys, and with a key of a file of 101. The three take turns.
@@ -21,9 +21,8 @@ import httpx
 
 from api.fake_engine import FakeEngine
 from api.patch import upload
-from rhytid.access.api_key import new_key
-from rhytid.access.key_file import write_keys
 from rhytid.api import app as module
+from rhytid.api.keys import new_key, write_keys
 from rhytid.settings import ServiceSettings
 
 ROUNDS, BEFORE = 3000, 300

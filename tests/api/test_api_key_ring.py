@@ -12,10 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from rhytid.access import key_ring
-from rhytid.access.api_key import ApiKey, new_key, utc_now
-from rhytid.access.key_file import read_keys, write_keys
-from rhytid.access.key_ring import KeyRing
+from rhytid.api import access
+from rhytid.api.access import KeyRing
+from rhytid.api.keys import ApiKey, new_key, read_keys, utc_now, write_keys
 from rhytid.errors import StorageError
 
 
@@ -120,7 +119,7 @@ def test_the_file_is_not_looked_at_for_every_request(
     file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     now = 100.0
-    monkeypatch.setattr("rhytid.access.key_ring.time.monotonic", lambda: now)
+    monkeypatch.setattr("rhytid.api.access.time.monotonic", lambda: now)
     shown, key = farm()
     write_keys(file, [key])
     ring = KeyRing(file, every=1.0)
@@ -145,7 +144,7 @@ def test_who_waits_for_a_look_does_not_hold_the_event_loop(
         assert go.wait(60)
         return read_keys(path)
 
-    monkeypatch.setattr(key_ring, "read_keys", hang)
+    monkeypatch.setattr(access, "read_keys", hang)
 
     async def asking() -> None:
         ring = KeyRing(file, every=0.0, patience=0.2)

@@ -1,5 +1,5 @@
-"""The start `/`: the viewer or, as JSON, where to go; and the pages of `/docs`. Pages load nothing
-from other hosts."""
+"""Pages for browsers: the start `/`, which is the viewer or, as JSON, where to go; the files of the
+viewer; and `/docs`. Pages load nothing from other hosts."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from fastapi.openapi.docs import get_swagger_ui_html
 from fastapi.responses import FileResponse, HTMLResponse, JSONResponse
 from starlette.exceptions import HTTPException
 
+import rhytid_viewer
 from rhytid import __version__
 from rhytid.api.accept import preferred
 from rhytid.api.dependencies import NoQuery
 from rhytid.api.documentation import problems
-from rhytid.api.routes.viewer import viewer_answer
+from rhytid.api.encoding import tagged
 from rhytid.api.schemas import Root
-from rhytid_viewer import PAGE
 
 JSON, HTML = "application/json", "text/html"
 # Swagger UI, as the package fastapi-swagger holds it.
@@ -30,6 +30,17 @@ PLACES = {
     "devices": "/v1/devices",
     "health": "/healthz",
     "metrics": "/metrics",
+}
+# Nothing from elsewhere, no text in the page is run, and no other page may frame this one. `blob:`
+# is for pictures that the page itself made.
+POLICY = (
+    "default-src 'self'; img-src 'self' blob:; object-src 'none'; base-uri 'none'; "
+    "form-action 'none'; frame-ancestors 'none'"
+)
+SAFE = {
+    "Content-Security-Policy": POLICY,
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
 }
 router = APIRouter(tags=["service"])
 
@@ -50,7 +61,7 @@ async def root(request: Request) -> Response:
     if preferred(request, (JSON, HTML)) == JSON:
         found: dict[str, Any] = {"name": "rhytid", "version": __version__, **places}
         return JSONResponse(found, headers=headers)
-    page = viewer_answer(PAGE, request)
+    page = _viewer_answer(rhytid_viewer.PAGE, request)
     page.headers.update(headers)
     return page
 
@@ -76,3 +87,20 @@ def docs_file(file: str) -> FileResponse:
     if file not in FILES:
         raise HTTPException(404)
     return FileResponse(str(resources.files(ASSETS) / file))
+
+
+@router.get(
+    f"/{rhytid_viewer.FOLDER}/{{file:path}}", include_in_schema=False, dependencies=[NoQuery]
+)
+def viewer_file(file: str, request: Request) -> Response:
+    """One of the files that the viewer loads."""
+    if file not in rhytid_viewer.names():
+        raise HTTPException(404)
+    return _viewer_answer(file, request)
+
+
+def _viewer_answer(name: str, request: Request) -> Response:
+    """A file of the viewer; 304 where the browser has these bytes."""
+    answer = tagged(request, rhytid_viewer.read(name), rhytid_viewer.media_type(name))
+    answer.headers.update(SAFE)
+    return answer

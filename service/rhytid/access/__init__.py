@@ -1,1 +1,0 @@
-"""API keys: how they are made, kept in a file, and found again when one is shown."""

@@ -1,1 +1,0 @@
-"""Contact sheets: a face, its stretch and its skin side by side."""
