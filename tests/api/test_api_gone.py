@@ -19,7 +19,7 @@ from engine.test_engine_together import until
 from rhytid.api import client_gone
 from rhytid.device.paces import WorkPace
 from rhytid.engine.engine import Engine
-from rhytid.engine.map_drawing import MapDrawing
+from rhytid.engine.tiles.maps import MapDrawing
 
 METHODS = ("redraw", "binned", "convolved")
 

@@ -9,12 +9,12 @@ from typing import Any
 import pytest
 
 from api.fake_engine import FakeEngine
-from rhytid.engine.asset_service import AssetService
+from rhytid.engine.assets.service import AssetService
 from rhytid.engine.engine import Engine
 from rhytid.engine.frame_service import FrameService
 from rhytid.engine.jobs import Jobs
 from rhytid.engine.packages import PackageService
-from rhytid.engine.tile_service import TileService
+from rhytid.engine.tiles.service import TileService
 
 PARTS = {
     "assets": AssetService,

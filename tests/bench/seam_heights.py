@@ -47,7 +47,7 @@ from rhytid.cli.input_files import graph_file, mesh_file
 from rhytid.domain.asset_settings import ResponseSettings, ShapeSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
-from rhytid.engine.spacing import mean_spacing
+from rhytid.engine.assets.graphs import mean_spacing
 from rhytid.synthesis.surface import Surface
 from synthesis.seam_change import MetricChange
 from synthesis.seam_places import SeamPlaces, seam_places

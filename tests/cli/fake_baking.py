@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.engine.job import Job
-from rhytid.engine.messages import AssetInfo, FrameInfo, JobInfo, MapQuery
-from rhytid.engine.tile_plan import TilePlan
+from rhytid.engine.messages import AssetInfo, FrameInfo, JobInfo, MapQuery, TilePlan
 from rhytid.formats.tile_header import TileHeader
 
 ASSET = AssetInfo(

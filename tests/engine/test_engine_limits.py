@@ -29,7 +29,7 @@ from engine.test_engine_together import until
 from meshes import deform
 from pipeline.scenes import random_graph, settings_of, sheet
 from rhytid.domain.tiles import TileAddress
-from rhytid.engine.kept_entries import RECENT_FRAMES
+from rhytid.engine.device_assets.mesh import RECENT_FRAMES
 from rhytid.engine.messages import NewAsset
 from rhytid.errors import (
     BusyError,

@@ -15,7 +15,7 @@ import pytest
 from engine.engines import BINNED, REDRAW, built, draw, new_asset, rest, running
 from rhytid.device.elsewhere import Elsewhere
 from rhytid.domain.tiles import TileAddress
-from rhytid.engine.device_asset import DeviceAsset
+from rhytid.engine.device_assets.asset import DeviceAsset
 from rhytid.engine.engine import Engine
 from rhytid.engine.messages import NewAsset
 from rhytid.pipeline.bin_maker import BinMaker

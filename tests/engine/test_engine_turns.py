@@ -17,9 +17,10 @@ from engine.engines import QUERIES, REDRAW, built, draw, new_asset, running
 from engine.test_engine_together import occupied, until
 from rhytid.device.paces import WorkPace
 from rhytid.domain.tiles import TileAddress
+from rhytid.engine.call_context import drawn_live
 from rhytid.engine.engine import Engine
 from rhytid.engine.messages import MapQuery
-from rhytid.engine.worker import DeviceWorker, drawn_live
+from rhytid.engine.worker import DeviceWorker
 from rhytid.errors import BusyError, LimitError
 from rhytid.pipeline.redraw import launch_blocks
 from rhytid.pipeline.work import BLOCK
@@ -293,7 +294,7 @@ def test_what_would_take_too_long_is_refused_at_once(
         work = engine._on_device.loaded(_asset(engine, built(engine, new_asset()))).mesh.elements
     monkeypatch.setattr("rhytid.pipeline.draw_limit._BLOCK_SECONDS", 1e9)
     pace = work[1001].work.total / 10
-    monkeypatch.setattr("rhytid.engine.opening.remembered_pace", lambda *_: pace)
+    monkeypatch.setattr("rhytid.engine.engine.remembered_pace", lambda *_: pace)
     with running(tmp_path / "slow", cache=tmp_path, draw_seconds=1) as engine:
         with pytest.raises(LimitError, match=r"more than 1 s \(RHYTID_DRAW_SECONDS\)"):
             engine.assets.create(new_asset())

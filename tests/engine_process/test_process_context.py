@@ -8,7 +8,7 @@ from typing import Any, cast
 import pytest
 
 from rhytid.device.figures import Figures, spans_of_request
-from rhytid.engine.worker import drawn_live, is_live
+from rhytid.engine.call_context import drawn_live, is_live
 from rhytid.engine_process.child import _Process
 from rhytid.engine_process.packing import unpack
 from rhytid.engine_process.requests import Call, Request

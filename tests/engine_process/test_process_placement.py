@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from engine.engines import new_asset
 from rhytid.domain.mesh import Mesh
-from rhytid.engine.checked_upload import CheckedUpload, content_id
+from rhytid.engine.assets.upload import CheckedUpload, content_id
 from rhytid.engine.messages import AssetInfo, JobInfo
 from rhytid.engine_process import supervisors
 from rhytid.engine_process.found_devices import FoundDevice, named_devices, settings_of

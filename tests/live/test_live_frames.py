@@ -17,7 +17,7 @@ from api.patch import positions, smile, upload
 from live.gated import NAMES, TILE, GatedEngine, shapes
 from live.speaker import Speaker, speaking
 from rhytid.api.live import session
-from rhytid.engine.tile_plan import TilePlan
+from rhytid.engine.messages import TilePlan
 from rhytid.errors import DeviceLostError
 
 

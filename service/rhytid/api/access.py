@@ -12,7 +12,7 @@ from starlette.types import Scope
 from rhytid.access.api_key import ADMIN, COMPUTE, READ, ApiKey
 from rhytid.access.key_ring import KeyRing
 from rhytid.api.rates import Rates
-from rhytid.engine import callers
+from rhytid.engine import call_context
 from rhytid.errors import AccessError, ApiKeyError, QuotaError, RhytidError, ScopeError
 from rhytid.settings import ServiceSettings
 
@@ -146,7 +146,7 @@ async def guard(connection: HTTPConnection) -> None:
     if needed != OPEN:
         await access.fresh()
     access.admit(scope, needed)
-    callers.caller.set(Caller.of(scope).name)
+    call_context.caller.set(Caller.of(scope).name)
 
 
 def _keys_offered(scope: Scope) -> list[bytes]:

@@ -12,7 +12,7 @@ from fastapi import FastAPI
 
 from rhytid.api.live import places
 from rhytid.domain.wording import waiting
-from rhytid.engine import wanted
+from rhytid.engine import call_context
 from rhytid.errors import BusyError, HostBusyError
 from rhytid.settings import ServiceSettings
 
@@ -40,7 +40,7 @@ class DeviceSlots:
         if not self._free.acquire(blocking=False):
             raise BusyError(f"{waiting(self._count)} already")
         try:
-            with wanted.unless(gone):
+            with call_context.abandoned_when(gone):
                 yield
         finally:
             self._free.release()
@@ -62,7 +62,7 @@ class LargeAnswers:
             return
         until = time.monotonic() + PATIENCE
         while not self._free.acquire(timeout=_LOOK):
-            wanted.check()
+            call_context.check_abandoned()
             if time.monotonic() > until:
                 rule = f"{AT_ONCE} at a time where they have {HUGE} bytes or more"
                 raise HostBusyError(f"other answers were made for {PATIENCE:g} seconds: {rule}")

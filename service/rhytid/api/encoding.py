@@ -28,7 +28,7 @@ from rhytid.formats.tiles import FORMATS, Encoded, encode
 
 if TYPE_CHECKING:
     from rhytid.api.dependencies import Drawing
-    from rhytid.engine.tile_plan import TilePlan
+    from rhytid.engine.messages import TilePlan
 
 NPY = "application/x-npy"
 RAW = "application/octet-stream"

@@ -9,29 +9,29 @@ import numpy as np
 
 from rhytid.device.figures import Figures
 from rhytid.device.memory import usual_frame_memory, usual_host_memory
-from rhytid.device.select import Candidate, candidates
-from rhytid.engine.asset_builder import AssetBuilder
-from rhytid.engine.asset_creation import AssetCreation
-from rhytid.engine.asset_registration import AssetRegistration
-from rhytid.engine.asset_registry import AssetRegistry
-from rhytid.engine.asset_service import AssetService
+from rhytid.device.runtime import Device
+from rhytid.device.select import Candidate, candidates, choose
+from rhytid.engine.assets.asset import AssetRegistry
+from rhytid.engine.assets.builder import AssetBuilder
+from rhytid.engine.assets.creation import AssetCreation, AssetRegistration
+from rhytid.engine.assets.on_device import DeviceAssets
+from rhytid.engine.assets.service import AssetService
+from rhytid.engine.assets.stored import StoredAssets
 from rhytid.engine.byte_budget import ByteBudget
-from rhytid.engine.device_assets import DeviceAssets
 from rhytid.engine.frame_service import FrameService
 from rhytid.engine.jobs import Jobs
 from rhytid.engine.local_room import LocalRoom
 from rhytid.engine.messages import DeviceInfo, Refusal
-from rhytid.engine.opening import open_device
 from rhytid.engine.packages import PackageService
 from rhytid.engine.restored_assets import RestoredAssets
 from rhytid.engine.shared_assets import SharedAssets
 from rhytid.engine.snapshots import SnapshotService
-from rhytid.engine.stored_assets import StoredAssets
-from rhytid.engine.tile_batcher import MOST_TILES, TileBatcher
-from rhytid.engine.tile_service import TileService
+from rhytid.engine.tiles.batcher import MOST_TILES, TileBatcher
+from rhytid.engine.tiles.service import TileService
 from rhytid.engine.worker import READY, DeviceWorker
 from rhytid.errors import BusyError, DeviceError
 from rhytid.pipeline.draw_limit import DrawLimit
+from rhytid.pipeline.measured_shape import remembered_pace, remembered_shape
 from rhytid.settings import ServiceSettings
 from rhytid.storage.shared.mirror import StoreMirror
 from rhytid.storage.shared.shared_store import SharedStore
@@ -189,3 +189,20 @@ class Engine:
             used=budget.used if selected else 0,
             selected=selected,
         )
+
+
+def open_device(
+    settings: ServiceSettings, wanted: str | None = None, figures: Figures | None = None
+) -> Device:
+    """Open a device with the memory of the settings, drawing in the shape that is fastest on it.
+
+    wanted: the device, in place of the one that the settings name.  figures: what it does.
+
+    Raises NoDeviceError where none computes.
+    """
+    found = choose(wanted or settings.device, settings.cache)
+    device = Device(found, settings.device_memory, figures)
+    if settings.cache is not None:
+        device.shape = remembered_shape(device, settings.cache)
+        device.work_pace = remembered_pace(device, settings.cache)
+    return device

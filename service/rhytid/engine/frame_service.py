@@ -9,11 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from rhytid.domain.frame import NEUTRAL, check_frame_name, check_positions
 from rhytid.domain.warnings import InputWarning, check_codes, refuse
-from rhytid.engine.asset_registry import AssetRegistry
-from rhytid.engine.assets import Asset
-from rhytid.engine.device_assets import DeviceAssets
-from rhytid.engine.frames import Frame, refuse_neutral
-from rhytid.engine.log_stretch import LogStretch
+from rhytid.engine.assets.asset import Asset, AssetRegistry
+from rhytid.engine.assets.on_device import DeviceAssets
+from rhytid.engine.frames import Frame, LogStretch, refuse_neutral
 from rhytid.engine.messages import FrameInfo, FrameStretch
 
 

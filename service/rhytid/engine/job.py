@@ -14,8 +14,8 @@ from typing import Any
 from rhytid import stopping
 from rhytid.device import watch
 from rhytid.device.figures import working_on
-from rhytid.engine import wanted
-from rhytid.engine.callers import caller
+from rhytid.engine import call_context
+from rhytid.engine.call_context import caller
 from rhytid.engine.messages import ENDED_STATES, JobInfo
 from rhytid.errors import CancelledError, LimitError, RhytidError, public_message
 
@@ -170,7 +170,7 @@ class Job:
     @contextmanager
     def _stopping(self) -> Iterator[None]:
         """Have whatever this thread does in the block ask whether the job goes on."""
-        with stopping.where(self.check), wanted.unless(self._stops):
+        with stopping.where(self.check), call_context.abandoned_when(self._stops):
             yield
 
 

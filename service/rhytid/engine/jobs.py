@@ -7,20 +7,77 @@ import secrets
 import threading
 from collections import Counter, OrderedDict
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 
 from rhytid.device.figures import JOB_KINDS, Figures
 from rhytid.domain.wording import plural
 from rhytid.engine.job import Job
-from rhytid.engine.job_lanes import LANES, LARGE, TRANSFERS, Lane, Queued
 from rhytid.engine.messages import JobInfo
 from rhytid.errors import BusyError, NotFoundError
 
 # Kinds of jobs by priority, highest first.
 KINDS = JOB_KINDS
+# Kinds that wait for a shared store, and keep neither the device nor other jobs of their asset.
+TRANSFERS = ("fetch", "push")
 # A new job of these kinds replaces those of the same asset that still wait.
 _SUPERSEDED = ("calibration", "bins", "push")
 _REMEMBERED = 1000
+
+
+@dataclass(frozen=True, eq=False)
+class Queued:
+    """A job that waits, and its work.  small: whether it is short."""
+
+    job: Job
+    work: Callable[[Job], None]
+    small: bool
+
+    @property
+    def asset(self) -> str:
+        """The id of its asset."""
+        return self.job.info.asset
+
+    @property
+    def kind(self) -> str:
+        """One of `JOB_KINDS`."""
+        return self.job.info.kind
+
+    @property
+    def transfers(self) -> bool:
+        """Whether it waits for a shared store."""
+        return self.kind in TRANSFERS
+
+    @property
+    def caller(self) -> str:
+        """Who asked for it."""
+        return self.job.caller
+
+    @property
+    def turn(self) -> tuple[str, bool]:
+        """Jobs of one turn run one after the other."""
+        return self.asset, self.transfers
+
+
+@dataclass(frozen=True, eq=False)
+class Lane:
+    """Jobs that one thread takes.  transfers: those that wait for a shared store.  spare:
+    only while one caller has all other lanes that do not transfer, for other callers."""
+
+    name: str
+    takes: Callable[[Queued], bool]
+    spare: bool = False
+    transfers: bool = False
+
+
+LARGE = Lane("rhytid-jobs", lambda queued: not queued.transfers)
+LANES = (
+    LARGE,
+    Lane("rhytid-small-jobs", lambda queued: queued.small and not queued.transfers),
+    Lane("rhytid-spare-jobs", lambda queued: not queued.transfers, spare=True),
+    Lane("rhytid-transfers", lambda queued: queued.transfers, transfers=True),
+    Lane("rhytid-fetches", lambda queued: queued.kind == "fetch", transfers=True),
+)
 # Threads that do what does not transfer, without the spare one.
 _USUAL = len(LANES) - len([lane for lane in LANES if lane.spare or lane.transfers])
 

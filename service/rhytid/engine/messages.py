@@ -1,12 +1,13 @@
 """Arguments and results of the engine: settings, ids and arrays, nothing on a device.
 
 Because these are plain values, an engine can live in another process or on another machine
-without its callers noticing.
+without its callers noticing. A `TilePlan` alone holds a function, the one that draws.
 """
 
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -23,7 +24,10 @@ from rhytid.domain.notices import Notice
 from rhytid.domain.stiffness import Stiffness
 from rhytid.domain.warnings import InputWarning
 from rhytid.errors import QueryError
+from rhytid.formats.tile_header import TileHeader
 
+# Displacement (n, n), mesh units, row 0 at the top.
+Tile = NDArray[np.float32]
 METHODS = ("neutral", "redraw", "binned", "convolved")
 STRETCH_MODELS = ("tensor", "tension", "uv")
 SAMPLINGS = ("nearest", "smooth")
@@ -193,3 +197,25 @@ class Package:
     file: Path
     nbytes: int
     files: dict[str, range]
+
+
+@dataclass(frozen=True, eq=False)
+class TilePlan:
+    """A tile or a map that is named and not drawn yet.
+
+    key: names its content; two plans with the same key draw the same bytes.  header: what a file of
+    it says of itself.  draw: its displacement (n, n) float32, mesh units, row 0 at the top; raises
+    BusyError where too many wait for the device.  side: n.  key_now: after `draw`, the key that the
+    same address had when it was drawn; None where that takes planning again.
+    """
+
+    key: str
+    header: TileHeader
+    side: int
+    draw: Callable[[], Tile]
+    key_now: Callable[[], str] | None = None
+
+    @property
+    def nbytes(self) -> int:
+        """Of its displacement."""
+        return 4 * self.side**2

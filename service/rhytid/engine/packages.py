@@ -9,15 +9,14 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from rhytid.engine.asset_registry import AssetRegistry
-from rhytid.engine.asset_service import AssetService
-from rhytid.engine.assets import Asset
+from rhytid.engine.assets.asset import Asset, AssetRegistry
+from rhytid.engine.assets.service import AssetService
 from rhytid.engine.byte_budget import ByteBudget
 from rhytid.engine.job import Job
 from rhytid.engine.jobs import Jobs
 from rhytid.engine.keys import package_key
 from rhytid.engine.messages import JobInfo, Package
-from rhytid.engine.tile_service import TileService
+from rhytid.engine.tiles.service import TileService
 from rhytid.errors import (
     CancelledError,
     ChangedError,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rhytid.engine.asset_registry import AssetRegistry
+from rhytid.engine.assets.asset import AssetRegistry
 from rhytid.engine.messages import AssetInfo
 from rhytid.engine.restored_assets import RestoredAssets
 from rhytid.engine.shared_assets import SharedAssets

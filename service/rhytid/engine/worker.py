@@ -6,15 +6,15 @@ from __future__ import annotations
 import threading
 import time
 from collections import OrderedDict, deque
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Hashable
 from concurrent.futures import Future, wait
-from contextlib import contextmanager
-from contextvars import ContextVar, copy_context
+from contextvars import copy_context
 from functools import partial
 from typing import Any, TypeVar
 
 from rhytid.device.figures import Figures
 from rhytid.domain.wording import waiting
+from rhytid.engine.call_context import is_live
 from rhytid.errors import BusyError
 
 T = TypeVar("T")
@@ -23,22 +23,6 @@ READY = 5.0
 # Of the device's time, what live connections have where others wait, too.
 LIVE_SHARE = 0.5
 _Task = tuple["Future[Any]", Callable[[], Any]]
-_live: ContextVar[bool] = ContextVar("live", default=False)
-
-
-@contextmanager
-def drawn_live(live: bool = True) -> Iterator[None]:
-    """What this thread asks of the device in the block is for a live connection."""
-    token = _live.set(live)
-    try:
-        yield
-    finally:
-        _live.reset(token)
-
-
-def is_live() -> bool:
-    """Whether what this thread asks of the device is for a live connection."""
-    return _live.get()
 
 
 class _Lane:

@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.engine import Engine
-from rhytid.engine.messages import AssetInfo, MapQuery, NewAsset
-from rhytid.engine.tile_plan import Tile, TilePlan
+from rhytid.engine.messages import AssetInfo, MapQuery, NewAsset, Tile, TilePlan
 from rhytid.engine_process.remote_plan import Facts
 from rhytid.engine_process.requests import Call
 from rhytid.errors import NotFoundError

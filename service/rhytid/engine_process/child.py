@@ -19,10 +19,9 @@ from typing import Any, NoReturn
 from rhytid.device import figures
 from rhytid.device.figures import Figures, spans_of_request
 from rhytid.device.watch import SIZE, Purpose, Report, report_to, used_for
-from rhytid.engine import wanted
-from rhytid.engine.callers import caller
+from rhytid.engine import call_context
+from rhytid.engine.call_context import caller, drawn_live
 from rhytid.engine.engine import Engine
-from rhytid.engine.worker import drawn_live
 from rhytid.engine_process import heaps
 from rhytid.engine_process.calls import Calls
 from rhytid.engine_process.control import (
@@ -111,7 +110,7 @@ class _Process:
         with line, suppress(ConnectionError):
             while (message := receive(line, descriptors=True)) is not None:
                 memory, room = _memory(message, room)
-                with wanted.unless(partial(_hung_up, line)):
+                with call_context.abandoned_when(partial(_hung_up, line)):
                     answer = self._performed(message, memory)
                 del message, memory
                 if answer.nbytes > (0 if room is None else len(room)):

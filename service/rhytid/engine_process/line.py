@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from rhytid.engine import wanted
+from rhytid.engine import call_context
 from rhytid.engine_process.packing import Packed, room_for, unpack
 from rhytid.engine_process.shared import Bytes, mapped, shared_file
 from rhytid.engine_process.wire import Message, close_all, receive, send
@@ -69,7 +69,7 @@ class Line:
             poll = select.poll()
             poll.register(self._socket, select.POLLIN)
             while not poll.poll(_LOOK):
-                wanted.check()
+                call_context.check_abandoned()
 
     def close(self) -> None:
         """End it; the process lets go of the shared memory."""

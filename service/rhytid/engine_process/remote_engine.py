@@ -10,7 +10,7 @@ from typing import Any
 
 from rhytid.device.figures import Figures
 from rhytid.device.memory import usual_frame_memory, usual_host_memory
-from rhytid.engine import wanted
+from rhytid.engine import call_context
 from rhytid.engine.byte_budget import ByteBudget
 from rhytid.engine.messages import DeviceInfo
 from rhytid.engine.worker import READY
@@ -109,7 +109,7 @@ class RemoteEngine:
         return dict(self._supervisor.restarts)
 
     def _put(self, process: DeviceProcess, asset: str, name: str, positions: Positions) -> None:
-        with wanted.anyway():  # else the process may store it later, after another
+        with call_context.never_abandoned():  # else the process may store it later, after another
             self._supervisor.ask(process, Request("frames.put", (asset, name, positions)))
 
     def _on_message(self, message: Any) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rhytid.domain.warnings import InputWarning
-from rhytid.engine import wanted
+from rhytid.engine import call_context
 from rhytid.engine.messages import FrameInfo, FrameStretch
 from rhytid.engine_process.caller import Caller
 from rhytid.engine_process.device_process import DeviceProcess
@@ -107,7 +107,7 @@ class RemoteFrames:
     def _changing(self, asset: str, frame: str) -> Iterator[None]:
         """Held while a frame is stored or deleted. Such a call is not given up where its client is
         gone: the process would do it later, after what is stored by then."""
-        with self._ledger.sending(asset, frame), wanted.anyway():
+        with self._ledger.sending(asset, frame), call_context.never_abandoned():
             try:
                 yield
             except DeviceLostError:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from rhytid.engine.tile_plan import Tile, TilePlan
+from rhytid.engine.messages import Tile, TilePlan
 from rhytid.engine_process.requests import Request
 from rhytid.formats.tile_header import TileHeader
 

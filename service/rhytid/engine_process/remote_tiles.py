@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rhytid.domain.bin_manifest import BinManifest
 from rhytid.domain.tiles import TileAddress
-from rhytid.engine.messages import MapQuery
-from rhytid.engine.tile_plan import TilePlan
+from rhytid.engine.messages import MapQuery, TilePlan
 from rhytid.engine_process.caller import Caller
 from rhytid.engine_process.device_process import DeviceProcess
 from rhytid.engine_process.frame_ledger import FrameLedger

@@ -10,8 +10,7 @@ from functools import cached_property
 from typing import Any
 
 from rhytid.device.figures import spans_are_kept
-from rhytid.engine.callers import caller
-from rhytid.engine.worker import is_live
+from rhytid.engine.call_context import caller, is_live
 from rhytid.engine_process.packing import Packed, pack
 from rhytid.logs import request_id
 

@@ -12,10 +12,9 @@ from ray.exceptions import ObjectLostError, RayActorError, RayError, WorkerCrash
 from ray.serve.exceptions import BackPressureError, RayServeException
 
 from rhytid.device.figures import keep_spans, spans_are_kept
-from rhytid.engine import wanted
-from rhytid.engine.callers import caller
-from rhytid.engine.checked_upload import content_id
-from rhytid.engine.worker import is_live
+from rhytid.engine import call_context
+from rhytid.engine.assets.upload import content_id
+from rhytid.engine.call_context import caller, is_live
 from rhytid.engine_process.device_process import DeviceProcess
 from rhytid.engine_process.requests import Request
 from rhytid.errors import BusyError, CancelledError, DeviceLostError
@@ -136,7 +135,7 @@ class FleetCaller:
         """When the wait began, or now; raises CancelledError where nobody waits any more, and
         DeviceLostError where there is no replica."""
         try:
-            wanted.check()
+            call_context.check_abandoned()
             if time.monotonic() - began > PATIENCE:
                 began = time.monotonic()
                 if not self._present():

@@ -17,9 +17,8 @@ from ray import serve
 
 from rhytid.build_identity import drawing_version
 from rhytid.device.figures import SIZE, spans_of_request
-from rhytid.engine import wanted
-from rhytid.engine.callers import caller
-from rhytid.engine.worker import drawn_live
+from rhytid.engine import call_context
+from rhytid.engine.call_context import caller, drawn_live
 from rhytid.engine_process.found_devices import found_devices, named_devices, settings_of
 from rhytid.engine_process.remote_engine import RemoteEngine
 from rhytid.errors import DeviceLostError, RhytidError
@@ -105,7 +104,7 @@ class EngineReplica:
         request_id.set(envelope.request_id)
         caller.set(envelope.caller)
         kept = spans_of_request() if envelope.traced else nullcontext(())
-        with kept as spans, wanted.unless(gone), drawn_live(envelope.live):
+        with kept as spans, call_context.abandoned_when(gone), drawn_live(envelope.live):
             try:
                 self._check(envelope)
                 value, version = self._calls.perform(envelope)

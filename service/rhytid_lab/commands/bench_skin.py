@@ -14,7 +14,7 @@ from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
-from rhytid.engine.given_graphs import check_graph
+from rhytid.engine.assets.graphs import check_graph
 from rhytid.synthesis.fields.capacity_check import wrinkles_in_all
 from rhytid.synthesis.fields.fields import Fields
 from rhytid.synthesis.generate import synthesize

@@ -25,15 +25,15 @@ from rhytid.domain.blendshapes import Blendshapes
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import TileAddress, TileGrid
 from rhytid.domain.view import ViewedTiles
+from rhytid.engine.call_context import drawn_live
 from rhytid.engine.messages import AssetInfo
-from rhytid.engine.worker import drawn_live
 from rhytid.errors import HostMemoryError, NotFoundError
 from rhytid.formats.frames import RAW, read_positions
 
 if TYPE_CHECKING:
     from prometheus_client import Counter
 
-    from rhytid.engine.tile_plan import TilePlan
+    from rhytid.engine.messages import TilePlan
     from rhytid.engine_process.any_engine import AnyEngine
 
 # Of one view: as many as a map of 8192² has.

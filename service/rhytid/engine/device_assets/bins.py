@@ -1,4 +1,5 @@
-"""The fast method of an asset: its precomputed maps by tile, and tiles blended from them."""
+"""The fast method of an asset: its precomputed maps by tile, their manifest, and tiles that are
+blended from them."""
 
 from __future__ import annotations
 
@@ -10,17 +11,30 @@ from numpy.typing import NDArray
 
 from rhytid.device.buffer import Buffer
 from rhytid.device.paces import WorkPace
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.bin_manifest import BinManifest, CushionLayer, GrainLayer, TiltLine
 from rhytid.domain.tiles import TileAddress
-from rhytid.engine.device_frames import DeviceFrames
-from rhytid.engine.device_grain import DeviceGrain
-from rhytid.engine.device_mesh import DeviceMesh
+from rhytid.engine.device_assets.frames import DeviceFrames, DeviceGrain
+from rhytid.engine.device_assets.mesh import DeferredWork, DeviceMesh
 from rhytid.engine.frames import Frame
 from rhytid.engine.messages import MapQuery
-from rhytid.engine.unmade import Unmade
+from rhytid.errors import NotFoundError, QueryError
 from rhytid.pipeline.bin_maker import BinMaker, BinTile
-from rhytid.pipeline.bins import layers, map_count
-from rhytid.pipeline.cushion_bins import cushion_layers, cushion_map_count
-from rhytid.pipeline.grain import GRAIN
+from rhytid.pipeline.bins import (
+    TILT_NODE,
+    TILT_SHARE,
+    TILTS,
+    code_limit,
+    layers,
+    map_count,
+    quantisation_steps,
+    sample_stretches,
+    tilt_width,
+)
+from rhytid.pipeline.cushion_bins import cushion_layers, cushion_map_count, cushion_steps
+from rhytid.pipeline.cushion_elements import APRON
+from rhytid.pipeline.grain import GRAIN, grain_amplitude, grain_exponent, relief
+from rhytid.pipeline.reach import SCALE_LIMIT
 from rhytid.pipeline.vectors import BYTES_A_TEXEL
 
 
@@ -32,14 +46,14 @@ class DeviceBins:
         self._base, self._frames, self._grain = base, frames, grain
 
     def tile(self, address: TileAddress) -> BinTile:
-        """The precomputed maps of one tile; made where they are not there. Raises Unmade where that
-        takes long and the asset is `bounded`."""
+        """The precomputed maps of one tile; made where they are not there. Raises DeferredWork
+        where that takes long and the asset is `bounded`."""
         return self._tiles([address])[0]
 
     def _tiles(self, addresses: Sequence[TileAddress]) -> list[BinTile]:
         lacking = [address for address in addresses if not self.has(address)]
         if self._base.bounded and sum(map(self._work, lacking)) > self._pace(addresses[0]).most:
-            raise Unmade(lambda resident: resident.bins.make(*lacking))
+            raise DeferredWork(bins=lacking)
         keep = self._base.kept.keep
         return [keep("bins", a, make=partial(self._make, a)) for a in addresses]
 
@@ -75,10 +89,12 @@ class DeviceBins:
         return self.tile(address).read(self._base.device, map_count(bins), index, bins.bits)
 
     def layer_codes(
-        self, address: TileAddress, layer: str, bin: int, sample: int
+        self, address: TileAddress, layer: str, bin: int | None, sample: int | None
     ) -> NDArray[np.integer]:
-        """Codes (n, n) of one map of the manifest; of cushions coarse, with their apron."""
+        """Codes (n, n) of one map of the manifest; of cushions coarse, with their apron. Raises
+        what `map_index` does."""
         settings, device = self._base.settings, self._base.device
+        bin, sample = map_index(self.manifest(), layer, bin, sample)
         if layer == GRAIN:
             codes = self._grain.codes(address.udim, *settings.grid.first_texel(address))
             texels = settings.tile_size
@@ -91,6 +107,10 @@ class DeviceBins:
         assert cushion is not None
         maps, bits = cushion_map_count(settings), settings.bins.bits
         return cushion.read(device, maps, index, bits, broad=True)
+
+    def manifest(self) -> BinManifest:
+        """What clients need to blend the maps (docs/binned.md)."""
+        return _manifest(self._base.settings, self._base.cushion_factor)
 
     def size(self) -> int:
         """Bytes that the level-0 maps of every UDIM need, as far as `BYTES_A_TEXEL` is right."""
@@ -146,3 +166,81 @@ class DeviceBins:
         elements, located = base.elements[address.udim], base.located[address.udim]
         maker = BinMaker(base.device, elements, located, base.settings, base.stiffness)
         return maker.tile(*base.settings.grid.first_texel(address), base.settings.tile_size)
+
+
+def _manifest(settings: AssetSettings, cushion_factor: int | None) -> BinManifest:
+    """The manifest of an asset with resolved settings.  cushion_factor: texels to a sample of the
+    cushions."""
+    assert settings.depth is not None
+    bins, response = settings.bins, settings.response
+    factored = {"wrinkles": response.alpha_d, "pores": response.beta_d}
+    tilt = TiltLine(TILT_NODE, TILT_SHARE, tilt_width(settings)) if bins.tilt else None
+    return BinManifest(
+        angles=tuple(float(np.pi * n / bins.count) for n in range(bins.count)),
+        samples=tuple(sample_stretches(settings).tolist()),
+        pore_samples=tuple(sample_stretches(settings, -1).tolist()),
+        steps=_steps(settings),
+        bits=bins.bits,
+        merge=bins.merge,
+        depth_factored=bins.depth_factored,
+        layers=_layers(settings),
+        depth=settings.depth,
+        sharpness=settings.shape.sharpness,
+        log_stretch_limit=response.log_stretch_limit,
+        scale_limit=SCALE_LIMIT,
+        depth_exponents=factored if bins.depth_factored else dict.fromkeys(factored, 0.0),
+        measured_in=settings.angles,
+        tilt=tilt,
+        soft_limits=response.soft_limits,
+        pore_depth_limit=response.pore_depth_limit,
+        cushion=_cushion(settings, cushion_factor),
+        grain=GrainLayer(grain_exponent(settings)) if relief(settings) > 0.0 else None,
+    )
+
+
+def _cushion(settings: AssetSettings, factor: int | None) -> CushionLayer | None:
+    if factor is None or settings.shape.cushion == 0.0:
+        return None
+    return CushionLayer(factor, APRON, settings.shape.cushion_sharpness)
+
+
+def _layers(settings: AssetSettings) -> dict[str, int]:
+    places = {**layers(settings.bins), **cushion_layers(settings)}
+    found = {name: len(firsts) for name, firsts in places.items()}
+    return {**found, GRAIN: 1} if relief(settings) > 0.0 else found
+
+
+def _steps(settings: AssetSettings) -> dict[str, tuple[float, ...]]:
+    bins, steps = settings.bins, quantisation_steps(settings)
+    wrinkles, pores = (
+        tuple(steps[layer, : bins.layer_samples[layer]].tolist()) for layer in (0, -1)
+    )
+    found = {name: pores if name.startswith("pore") else wrinkles for name in layers(bins)}
+    if bins.tilt:
+        found[TILTS] = (1.0 / code_limit(bins.bits),)
+    for name in cushion_layers(settings):
+        found[name] = tuple(cushion_steps(settings)[0, : bins.samples].tolist())
+    if relief(settings) > 0.0:
+        found[GRAIN] = (grain_amplitude(settings),)
+    return found
+
+
+def map_index(
+    manifest: BinManifest, layer: str, bin: int | None, sample: int | None
+) -> tuple[int, int]:
+    """Bin and sample, 0 where there is one alone and none is given.
+
+    Raises NotFoundError naming what does not exist, QueryError naming what is missing.
+    """
+    if layer not in manifest.layers:
+        raise NotFoundError(f"layer {layer!r}: one of {', '.join(manifest.layers)}")
+    bins, samples = manifest.layers[layer], len(manifest.steps[layer])
+    return _index("bin", bin, bins, layer), _index("sample", sample, samples, layer)
+
+
+def _index(name: str, index: int | None, size: int, layer: str) -> int:
+    if index is None and size > 1:
+        raise QueryError(f"{name} is missing: layer {layer} has {size}, 0 to {size - 1}")
+    if index is not None and not 0 <= index < size:
+        raise NotFoundError(f"{name} {index} of layer {layer}: 0 to {size - 1}")
+    return index or 0

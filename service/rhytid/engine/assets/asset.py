@@ -1,4 +1,4 @@
-"""One asset: its data on the host, and its state."""
+"""One asset, with its data on the host and its state, and the assets that are registered, by id."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from rhytid.domain.origin import ORIGIN, Centre
 from rhytid.domain.texel_sizes import usual_uv_length
 from rhytid.domain.tiles import TileAddress, mesh_udims
 from rhytid.domain.warnings import InputWarning
-from rhytid.engine.device_asset import DeviceAsset
+from rhytid.engine.device_assets.asset import DeviceAsset
 from rhytid.engine.frames import LEFT, Frame, FrameMemory, Frames
 from rhytid.engine.job import Job
 from rhytid.engine.messages import AssetInfo
@@ -232,3 +232,50 @@ class Asset:
             have = ", ".join(str(u) for u in self.udims) or "none"
             raise NotFoundError(f"UDIM {address.udim} has no mesh; asset {self.id} has {have}")
         self.settings.grid.check(address)
+
+
+class AssetRegistry:
+    """Assets by id. Looking one up never waits for a device or a disk.
+
+    elsewhere: brings the asset of an id that is not registered, or raises NotFoundError.
+    """
+
+    def __init__(self, frame_memory: int) -> None:
+        self.frame_memory = FrameMemory(frame_memory)
+        self.elsewhere: Callable[[str], Asset] = _nowhere
+        self._lock = threading.Lock()
+        self._assets: dict[str, Asset] = {}
+
+    def find(self, id: str) -> Asset | None:
+        """The asset of that id, if there is one."""
+        with self._lock:
+            return self._assets.get(id)
+
+    def get(self, id: str) -> Asset:
+        """The asset of that id, which may be brought from elsewhere; raises NotFoundError, and
+        FetchingError while it is brought."""
+        found = self.find(id) or self.elsewhere(id)
+        found.used = time.monotonic()
+        return found
+
+    def all(self) -> list[Asset]:
+        """Every asset, in the order in which they came."""
+        with self._lock:
+            return list(self._assets.values())
+
+    def replace(self, old: Asset | None, new: Asset | None) -> bool:
+        """Register `new` in place of `old`, each of which may be None. Returns False, and changes
+        nothing, if `old` is not what is registered now."""
+        id = (new or old).id  # type: ignore[union-attr]
+        with self._lock:
+            if self._assets.get(id) is not old:
+                return False
+            if new is None:
+                self._assets.pop(id, None)
+            else:
+                self._assets[id] = new
+        return True
+
+
+def _nowhere(id: str) -> Asset:
+    raise NotFoundError(f"no asset {id!r}")

@@ -14,15 +14,14 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.graph_origin import GraphOrigin
 from rhytid.domain.texel_sizes import usual_uv_length
 from rhytid.domain.tiles import TileAddress
-from rhytid.engine.assets import Asset
-from rhytid.engine.device_asset import DeviceAsset
-from rhytid.engine.device_assets import DeviceAssets
-from rhytid.engine.given_graphs import graph_lengths
+from rhytid.engine.assets.asset import Asset
+from rhytid.engine.assets.graphs import graph_lengths, mean_spacing
+from rhytid.engine.assets.on_device import DeviceAssets
+from rhytid.engine.device_assets.asset import DeviceAsset
 from rhytid.engine.job import Job
 from rhytid.engine.jobs import Jobs
 from rhytid.engine.messages import Refusal
 from rhytid.engine.shared_assets import SharedAssets
-from rhytid.engine.spacing import mean_spacing
 from rhytid.errors import CancelledError, FatalRequestError, NotFoundError, public_message
 from rhytid.pipeline.draw_limit import DrawLimit
 from rhytid.pipeline.element_arrays import check_cover

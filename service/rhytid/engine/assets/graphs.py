@@ -1,14 +1,20 @@
-"""Graphs that were sent: whether they fit a mesh, and the lengths that they are drawn with."""
+"""Graphs of assets: whether one fits a mesh, the lengths that it is drawn with, and how far its
+pores stand apart, which is the unit in which depth and blur are chosen."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.graph_origin import GraphOrigin
 from rhytid.domain.lengths import Lengths
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.surface_points import surface_points
 from rhytid.domain.wording import plural
 from rhytid.errors import GraphError
 
@@ -44,3 +50,21 @@ def check_graph(graph: WrinkleGraph, mesh: Mesh, *, force: bool) -> None:
                 f"{name}[{row}] is {index[row]}: the mesh has {plural(triangles, 'triangle')}; "
                 "is it a graph of another mesh?"
             )
+
+
+def mean_spacing(mesh: Mesh, graph: WrinkleGraph, triangle: NDArray[np.int32]) -> float:
+    """Mean distance from a pore to the nearest one elsewhere, in mesh units.
+
+    triangle: (N,) that holds each pore; the number of triangles for a pore in none, left out.
+    Copies at UV seams do not count, and nodes of weight 0, as those beyond seams, only where no
+    others lie at two places. Falls back to the mean length of a mesh edge where none do.
+    """
+    on_mesh = (triangle < len(mesh.faces)) & graph.own_nodes
+    for chosen in (on_mesh & (graph.node_weight > 0), on_mesh):
+        places = surface_points(mesh, graph.node_uv[chosen], triangle[chosen])
+        places = np.unique(places, axis=0)  # of pores that coincide one counts
+        if len(places) >= 2:
+            distance, _ = cKDTree(places).query(places, k=2)
+            return float(distance[:, 1].mean())
+    corners = mesh.positions[mesh.faces].astype(np.float64)
+    return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=-1).mean())

@@ -16,19 +16,20 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.graph_origin import GraphOrigin
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.settings_changes import CHANGEABLE
-from rhytid.engine.asset_builder import AssetBuilder
-from rhytid.engine.asset_creation import AssetCreation
-from rhytid.engine.asset_registry import AssetRegistry
-from rhytid.engine.assets import Asset
+from rhytid.engine.assets.asset import Asset, AssetRegistry
+from rhytid.engine.assets.builder import AssetBuilder
+from rhytid.engine.assets.creation import AssetCreation
+from rhytid.engine.assets.on_device import DeviceAssets
 from rhytid.engine.byte_budget import Hold
-from rhytid.engine.calibration import Calibration
-from rhytid.engine.device_assets import DeviceAssets
 from rhytid.engine.frame_service import checked_frame
+from rhytid.engine.frames import Frame
+from rhytid.engine.job import Job
 from rhytid.engine.jobs import Jobs
 from rhytid.engine.keys import content_key
 from rhytid.engine.messages import AssetContent, AssetInfo, JobInfo, NewAsset
 from rhytid.engine.shared_assets import SharedAssets
 from rhytid.errors import NotFoundError, SettingsError
+from rhytid.pipeline.stretch import r_max_of
 from rhytid.storage.store import AssetStore
 
 T = TypeVar("T")
@@ -227,7 +228,37 @@ class AssetService:
         found.check_ready()
         name = "frame of the calibration"
         frame, warnings = checked_frame(found, positions, name, strict, allow)
-        work = Calibration(found, frame, self._on_device, self._builder)
+        work = _Calibration(found, frame, self._on_device, self._builder)
         job = self._jobs.start("calibration", asset, work, small=found.small)
         job.update(warnings=warnings)
         return job.info
+
+
+class _Calibration:
+    """The work of a job: sets r_max of a ready asset from a frame (section 2.4), then makes its
+    precomputed maps anew, which may give way to other jobs."""
+
+    def __init__(
+        self, asset: Asset, frame: Frame, on_device: DeviceAssets, builder: AssetBuilder
+    ) -> None:
+        self._asset, self._frame = asset, frame
+        self._on_device, self._builder = on_device, builder
+        self._changed = False
+
+    def __call__(self, job: Job) -> None:
+        """Measure, unless that was done before the job gave way; then make the maps."""
+        if not self._changed:
+            self._measure(job)
+            self._changed = True
+        self._builder.make_bins(job, self._asset)
+
+    def _measure(self, job: Job) -> None:
+        job.progress(0.0, "measuring stretch")
+        asset = self._asset
+        ratios, _ = self._on_device.use(
+            asset, lambda resident: resident.frames.ratios(self._frame), patiently=True
+        )
+        job.check()
+        with asset.kept():
+            limit = asset.settings.response.log_stretch_limit
+            self._builder.change(asset, asset.settings.with_r_max(r_max_of(ratios, limit)))

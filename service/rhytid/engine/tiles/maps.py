@@ -10,19 +10,17 @@ from contextlib import suppress
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rhytid.domain.wording import waiting
-from rhytid.engine import wanted
-from rhytid.engine.assets import Asset
-from rhytid.engine.device_assets import DeviceAssets
-from rhytid.engine.device_levels import DeviceLevels
+from rhytid.engine import call_context
+from rhytid.engine.assets.asset import Asset
+from rhytid.engine.assets.on_device import DeviceAssets
+from rhytid.engine.device_assets.levels import DeviceLevels
 from rhytid.engine.frames import Frame
-from rhytid.engine.messages import MapQuery
+from rhytid.engine.messages import MapQuery, Tile
 from rhytid.errors import BusyError, CancelledError, ConflictError, DeviceMemoryError
 from rhytid.pipeline.work import Square
 
-Tile = NDArray[np.float32]
 # Seconds after which who waits for what another draws looks whether it is still wanted.
 _PATIENCE = 0.25
 # Pieces of which those that are kept are looked for in one task.
@@ -79,12 +77,12 @@ class MapDrawing:
                     del mine
             with suppress(CancelledError):
                 return self._joining(drawing)
-            wanted.check()  # else whoever drew it was gone before this caller joined
+            call_context.check_abandoned()  # else whoever drew it was gone before this one joined
 
     def _draw(self, key: Hashable, mine: _Drawing, draw: Callable[[], Tile]) -> Tile:
         """Draw for all who join; stops where all of them are gone, and this caller too."""
         try:
-            with wanted.also(lambda: mine.joined > 0):
+            with call_context.also_awaited(lambda: mine.joined > 0):
                 tile = draw()
             tile.setflags(write=False)
         except BaseException as error:
@@ -105,7 +103,7 @@ class MapDrawing:
         """What another draws; raises CancelledError where this caller is gone, or that one was."""
         try:
             while not wait([drawing.tile], _PATIENCE).done:
-                wanted.check()
+                call_context.check_abandoned()
             return drawing.tile.result()
         finally:
             with self._lock:
@@ -194,7 +192,7 @@ class _Square:
 
     def _run(self, task: Callable[..., Any], *arguments: Any) -> Any:
         """Run a method of the levels of the asset on the device."""
-        wanted.check()
+        call_context.check_abandoned()
         waits, self._waits = self._waits, True
         return self._on_device.use(
             self._asset, lambda resident: task(resident.levels, *arguments), patiently=waits

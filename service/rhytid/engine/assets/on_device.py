@@ -14,10 +14,10 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.stiffness import Stiffness
 from rhytid.domain.tiles import TileAddress
-from rhytid.engine import wanted
-from rhytid.engine.assets import Asset
-from rhytid.engine.device_asset import DeviceAsset
-from rhytid.engine.unmade import Unmade
+from rhytid.engine import call_context
+from rhytid.engine.assets.asset import Asset
+from rhytid.engine.device_assets.asset import DeviceAsset
+from rhytid.engine.device_assets.mesh import DeferredWork
 from rhytid.engine.worker import DeviceWorker
 from rhytid.errors import DeviceMemoryError, StorageError
 from rhytid.storage.store import AssetStore
@@ -86,10 +86,10 @@ class DeviceAssets:
                 return call()
             except Evicted:
                 continue
-            except Unmade as lacking:
+            except DeferredWork as deferred:
                 if (made := made + 1) > _MADE:
                     break
-                self._make(asset, lacking)
+                self._make(asset, deferred)
         raise DeviceMemoryError(
             f"asset {asset.id} left the device {_ATTEMPTS} times before it could be drawn: more "
             "assets are in use than RHYTID_DEVICE_MEMORY_MB holds"
@@ -142,9 +142,9 @@ class DeviceAssets:
 
         def step(task: Callable[..., T], *arguments: Any) -> T:
             nonlocal leaving
-            if not leaving and wanted.is_gone():
+            if not leaving and call_context.is_abandoned():
                 leaving = True
-                wanted.check()
+                call_context.check_abandoned()
             return self._worker.call_patiently(lambda: self._whole(task, arguments), turn=turn)
 
         return step
@@ -152,16 +152,16 @@ class DeviceAssets:
     def make_bins(self, asset: Asset, address: TileAddress) -> None:
         """Make the precomputed maps of one tile where they are not there, step by step; nothing is
         kept where the asset is dropped or its settings change meanwhile."""
-        self._make(asset, Unmade(lambda resident: resident.bins.make(address)))
+        self._make(asset, DeferredWork(bins=[address]))
 
-    def _make(self, asset: Asset, lacking: Unmade) -> None:
+    def _make(self, asset: Asset, deferred: DeferredWork) -> None:
         """Make what a task lacks, one thing of an asset after the other: who wants the same finds
         it made."""
         while not asset.making.acquire(timeout=_PATIENCE):
-            wanted.check()
+            call_context.check_abandoned()
         try:
             with suppress(Evicted), self.stepwise(asset) as resident:
-                lacking.make(resident)
+                resident.make(deferred)
         finally:
             asset.making.release()
 

@@ -7,14 +7,11 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.stiffness import Stiffness
 from rhytid.domain.tiles import TileAddress
-from rhytid.engine.device_bins import DeviceBins
-from rhytid.engine.device_drawing import DeviceDrawing
-from rhytid.engine.device_finest import DeviceFinest
-from rhytid.engine.device_frames import DeviceFrames
-from rhytid.engine.device_grain import DeviceGrain
-from rhytid.engine.device_levels import DeviceLevels
-from rhytid.engine.device_mesh import DeviceMesh
-from rhytid.engine.device_neutral import DeviceNeutral
+from rhytid.engine.device_assets.bins import DeviceBins
+from rhytid.engine.device_assets.drawing import DeviceDrawing, DeviceNeutral
+from rhytid.engine.device_assets.frames import DeviceFrames, DeviceGrain
+from rhytid.engine.device_assets.levels import DeviceFinest, DeviceLevels
+from rhytid.engine.device_assets.mesh import DeferredWork, DeviceMesh
 from rhytid.engine.frames import NEUTRAL_FRAME
 from rhytid.engine.messages import MapQuery
 from rhytid.pipeline.work import BLOCK
@@ -44,6 +41,13 @@ class DeviceAsset:
         self.drawing = DeviceDrawing(self.mesh, self.frames, grain, self.bins, self.neutral)
         self.finest = DeviceFinest(self.mesh, self.drawing)
         self.levels = DeviceLevels(self.mesh, self.finest)
+
+    def make(self, deferred: DeferredWork) -> None:
+        """Make and keep the work that a task deferred, unless it is done by now; on a thread that
+        uses the device in steps, see `Device.from_elsewhere`."""
+        self.bins.make(*deferred.bins)
+        if deferred.neutral is not None:
+            self.neutral.make(*deferred.neutral)
 
     def warm_up(self) -> None:
         """Draw one block of level 1, so that no request waits for the kernels to compile."""

@@ -14,15 +14,12 @@ from concurrent.futures import Future
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 
-import numpy as np
-from numpy.typing import NDArray
-
 from rhytid.domain.tiles import TileAddress
 from rhytid.domain.wording import waiting
+from rhytid.engine.messages import Tile
 from rhytid.engine.worker import DeviceWorker
 from rhytid.errors import BusyError, RhytidError
 
-Tile = NDArray[np.float32]
 DrawTiles = Callable[[list[TileAddress]], list[Tile]]
 # The most tiles that one task draws: other tasks wait for the device, too.
 MOST_TILES = 16

@@ -1,19 +1,25 @@
-"""The mesh and the wrinkles of an asset on the device, from their upload to their release."""
+"""The mesh and the wrinkles of an asset on the device, from their upload to their release, and the
+cache of what is made of them."""
 
 from __future__ import annotations
 
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Sequence
 from functools import partial
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.device.budget import MemoryBudget, Releasable
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings, ShapeSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.stiffness import Stiffness
-from rhytid.domain.tiles import mesh_udims
-from rhytid.engine.kept_entries import KeptEntries
+from rhytid.domain.tiles import TileAddress, mesh_udims
+from rhytid.engine.frames import Frame
+from rhytid.engine.messages import MapQuery
 from rhytid.errors import NotFoundError
 from rhytid.pipeline.blend import Blend
 from rhytid.pipeline.convolve import Convolve
@@ -27,15 +33,22 @@ from rhytid.pipeline.smooth import SmoothStage
 from rhytid.pipeline.stiffness import stiffness_of_elements
 from rhytid.pipeline.stretch import StretchStage
 from rhytid.pipeline.waves import wrinkle_waves
+from rhytid.pipeline.work import Square
 
 Prepared = dict[int, tuple[WrinkleArrays, PoreArrays]]
+
+
+T = TypeVar("T", bound=Releasable)
+# Frames of an asset whose stretch, and what follows from it, stay on the device. A task uses two at
+# most, its frame and the neutral, so none is dropped in the task that uses it.
+RECENT_FRAMES = 8
 
 
 class DeviceMesh:
     """A mesh, its wrinkles by UDIM, and the stages that work on them, which stay until `release`.
 
     kept: what is made of them and can be made again.  bounded: whether a task that would take long
-    to make it raises Unmade instead.
+    to make it raises DeferredWork instead.
     """
 
     def __init__(
@@ -61,7 +74,7 @@ class DeviceMesh:
         self.grain_shares: NDArray[np.float32] | None = None
         self.convolve = Convolve(device, mesh, stiffness)
         self.smooth_convolve = SmoothConvolve(device, mesh, self.smooth, stiffness)
-        self.kept = KeptEntries(device.budget)
+        self.kept = DeviceCache(device.budget)
         self.bounded = False
 
     @property
@@ -176,6 +189,81 @@ class DeviceMesh:
             return given
         found = locate_points(self.device, self.mesh, uv, settings.resolution, settings.padding)
         return found if given is None else np.where(given >= 0, given, found)
+
+
+class DeviceCache:
+    """Entries of the memory budget that belong to one asset. What belongs to a frame is kept for
+    the frames used last, what belongs to a tile until memory is short. Every method runs in a
+    task of the device.
+    """
+
+    def __init__(self, budget: MemoryBudget) -> None:
+        self._budget = budget
+        self._recent: OrderedDict[str, None] = OrderedDict()
+        self.released = False
+
+    def keep(self, *key: Hashable, make: Callable[[], T]) -> T:
+        """The entry of a key, made if there is none. Raises NotFoundError after `release`."""
+        if self.released:
+            raise NotFoundError("the asset was removed")
+        return self._budget.keep((id(self), *key), make)
+
+    def keep_of(self, frame: Frame, *key: Hashable, make: Callable[[], T]) -> T:
+        """As `keep`, for one of the frames used last. A new frame reuses the memory of the least
+        recently used one: fresh memory costs more time than drawing."""
+        self._recent[frame.digest] = None
+        self._recent.move_to_end(frame.digest)
+        if len(self._recent) > RECENT_FRAMES:
+            old, _ = self._recent.popitem(last=False)
+            self._drop(lambda kept: kept[-1] == old)
+        return self.keep(*key, frame.digest, make=make)
+
+    def find(self, *key: Hashable) -> Any | None:
+        """What is kept under a key, or None."""
+        return self._budget.find((id(self), *key))
+
+    def find_of(self, frame: Frame, *key: Hashable) -> Any | None:
+        """What is kept of a frame under a key, or None."""
+        if frame.digest in self._recent:
+            self._recent.move_to_end(frame.digest)
+        return self.find(*key, frame.digest)
+
+    def discard(self, *key: Hashable) -> None:
+        """Release what is kept under a key."""
+        self._budget.discard((id(self), *key))
+
+    def clear(self) -> None:
+        """Release all that is kept."""
+        self._recent.clear()
+        self._drop(lambda kept: True)
+
+    def release(self) -> None:
+        """As `clear`; from then on nothing is kept."""
+        self.clear()
+        self.released = True
+
+    def _drop(self, belongs: Callable[[tuple[Hashable, ...]], bool]) -> None:
+        def of_this(key: Hashable) -> bool:
+            return isinstance(key, tuple) and key[0] == id(self) and belongs(key)
+
+        self._budget.drop(of_this)
+
+
+class DeferredWork(Exception):
+    """A task stopped, because something of the asset is not there and takes longer to make than one
+    task may. `DeviceAsset.make` makes it in steps, between which other tasks run.
+
+    bins: tiles whose precomputed maps are needed.  neutral: the query, the UDIM and the square of
+    the neutral map that `convolved` needs.
+    """
+
+    def __init__(
+        self,
+        bins: Sequence[TileAddress] = (),
+        neutral: tuple[MapQuery, int, Square] | None = None,
+    ) -> None:
+        super().__init__()
+        self.bins, self.neutral = bins, neutral
 
 
 def _release(elements: dict[int, UdimElements]) -> None:

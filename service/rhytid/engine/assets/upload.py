@@ -17,9 +17,9 @@ from rhytid.domain.settings_changes import settings_unused
 from rhytid.domain.texel_sizes import usual_uv_length
 from rhytid.domain.tiles import mesh_udims
 from rhytid.domain.warnings import InputWarning
-from rhytid.engine.assets import Asset
+from rhytid.engine.assets.asset import Asset
+from rhytid.engine.assets.graphs import check_graph
 from rhytid.engine.frames import FrameMemory
-from rhytid.engine.given_graphs import check_graph
 from rhytid.engine.messages import NewAsset
 from rhytid.errors import InputError, MeshError
 from rhytid.pipeline.draw_limit import DrawLimit

@@ -15,18 +15,14 @@ from rhytid.device.runtime import Device
 from rhytid.domain.bin_manifest import BinManifest
 from rhytid.domain.frame import check_positions
 from rhytid.domain.tiles import TileAddress
-from rhytid.engine.asset_registry import AssetRegistry
-from rhytid.engine.assets import Asset
-from rhytid.engine.bin_manifest import bin_manifest
-from rhytid.engine.device_asset import DeviceAsset
-from rhytid.engine.device_assets import DeviceAssets
+from rhytid.engine.assets.asset import Asset, AssetRegistry
+from rhytid.engine.assets.on_device import DeviceAssets
 from rhytid.engine.frames import Frame
 from rhytid.engine.keys import map_key, settings_key
-from rhytid.engine.map_drawing import MapDrawing
-from rhytid.engine.messages import MapQuery
-from rhytid.engine.tile_batcher import TileBatcher
-from rhytid.engine.tile_plan import Tile, TilePlan
-from rhytid.errors import NotFoundError, QueryError
+from rhytid.engine.messages import MapQuery, Tile, TilePlan
+from rhytid.engine.tiles.batcher import TileBatcher
+from rhytid.engine.tiles.maps import MapDrawing
+from rhytid.errors import NotFoundError
 from rhytid.formats.tile_header import TileHeader
 from rhytid.pipeline.bins import HEADROOM
 from rhytid.pipeline.reach import SCALE_LIMIT
@@ -119,8 +115,7 @@ class TileService:
     def bins(self, asset: str) -> BinManifest:
         """The precomputed maps of an asset (section 2.4)."""
         found = self._assets.get(asset)
-        resident = self._on_device.loaded(found)
-        return bin_manifest(resident.mesh.settings, resident.mesh.cushion_factor)
+        return self._on_device.loaded(found).bins.manifest()
 
     def bin_tile(
         self,
@@ -146,12 +141,9 @@ class TileService:
                 "binned are means of its level 0"
             )
 
-        def codes(resident: DeviceAsset) -> NDArray[np.integer]:
-            # In a task of the device, where settings do not change meanwhile.
-            manifest = bin_manifest(resident.mesh.settings, resident.mesh.cushion_factor)
-            return resident.bins.layer_codes(address, layer, *of_map(manifest, layer, bin, sample))
-
-        return self._on_device.use(found, codes)
+        return self._on_device.use(
+            found, lambda resident: resident.bins.layer_codes(address, layer, bin, sample)
+        )
 
     def _key(self, asset: Asset, frame: Frame, query: MapQuery, place: str) -> str:
         revision = settings_key(asset.id, asset.settings, self._drawn_by, query.method)
@@ -199,24 +191,3 @@ def _header(asset: Asset, frame: str, query: MapQuery, at: TileAddress) -> TileH
         column=at.column,
         scale=displacement_scale(asset),
     )
-
-
-def of_map(
-    manifest: BinManifest, layer: str, bin: int | None, sample: int | None
-) -> tuple[int, int]:
-    """Bin and sample, 0 where there is one alone and none is given.
-
-    Raises NotFoundError naming what does not exist, QueryError naming what is missing.
-    """
-    if layer not in manifest.layers:
-        raise NotFoundError(f"layer {layer!r}: one of {', '.join(manifest.layers)}")
-    bins, samples = manifest.layers[layer], len(manifest.steps[layer])
-    return _index("bin", bin, bins, layer), _index("sample", sample, samples, layer)
-
-
-def _index(name: str, index: int | None, size: int, layer: str) -> int:
-    if index is None and size > 1:
-        raise QueryError(f"{name} is missing: layer {layer} has {size}, 0 to {size - 1}")
-    if index is not None and not 0 <= index < size:
-        raise NotFoundError(f"{name} {index} of layer {layer}: 0 to {size - 1}")
-    return index or 0

@@ -8,11 +8,10 @@ from functools import partial
 
 from rhytid.domain.mesh_warnings import mesh_warnings
 from rhytid.domain.warnings import InputWarning
-from rhytid.engine.assets import Asset
-from rhytid.engine.device_assets import DAMAGED, DeviceAssets
+from rhytid.engine.assets.asset import Asset
+from rhytid.engine.assets.graphs import graph_lengths, mean_spacing
+from rhytid.engine.assets.on_device import DAMAGED, DeviceAssets
 from rhytid.engine.frames import FrameMemory
-from rhytid.engine.given_graphs import graph_lengths
-from rhytid.engine.spacing import mean_spacing
 from rhytid.errors import SettingsError, StorageError, StoreFormatError, public_message
 from rhytid.storage.build_facts import BuildFacts
 from rhytid.storage.records import StoredAsset

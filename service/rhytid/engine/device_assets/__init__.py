@@ -1,0 +1,1 @@
+"""What one asset has on the device, part by part."""
