@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from engine.engines import BINNED, REDRAW, built, draw, new_asset, rest, running
-from rhytid.device.elsewhere import Elsewhere
+from rhytid.device.runtime import Steps
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.device_assets.asset import DeviceAsset
 from rhytid.engine.engine import Engine
@@ -28,15 +28,15 @@ class Held:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.entered, self.free = threading.Event(), threading.Event()
-        step, make = Elsewhere.step, BinMaker.tile
+        step, make = Steps.step, BinMaker.tile
         self._making = threading.local()
 
         def marked(maker: BinMaker, *place: Any) -> Any:
             self._making.steps = 0
             return make(maker, *place)
 
-        def held(elsewhere: Elsewhere, task: Callable[[], Any]) -> Any:
-            found = step(elsewhere, task)
+        def held(steps: Steps, task: Callable[[], Any]) -> Any:
+            found = step(steps, task)
             if getattr(self._making, "steps", None) is not None:
                 self._making.steps += 1
                 if self._making.steps == 3:
@@ -45,7 +45,7 @@ class Held:
             return found
 
         monkeypatch.setattr(BinMaker, "tile", marked)
-        monkeypatch.setattr(Elsewhere, "step", held)
+        monkeypatch.setattr(Steps, "step", held)
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ import pytest
 
 from engine.engines import QUERIES, REDRAW, built, draw, new_asset, running
 from engine.test_engine_together import occupied, until
-from rhytid.device.paces import WorkPace
+from rhytid.device.launches import DrawingPace
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.call_context import drawn_live
 from rhytid.engine.engine import Engine
@@ -186,8 +186,8 @@ def test_a_probe_goes_before_all_that_wait() -> None:
 def launches(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     """The work of every launch over blocks, where a block is more than a piece should be."""
     found: list[float] = []
-    monkeypatch.setattr("rhytid.device.paces.DRAWING", 1e-6)
-    monkeypatch.setattr(WorkPace, "took", lambda *_: None)
+    monkeypatch.setattr("rhytid.device.launches.PIECE_SECONDS", 1e-6)
+    monkeypatch.setattr(DrawingPace, "took", lambda *_: None)
 
     def spy(device: Any, program: str, kernel: str, settings: Any, elements: Any, square: Any,
             *arguments: Any, **named: Any) -> None:  # fmt: skip

@@ -7,9 +7,9 @@ from types import MappingProxyType
 from typing import Any
 
 import rhytid_kernels
-from rhytid.device import trial
+from rhytid.device import driver
+from rhytid.device.driver import cl
 from rhytid.device.select import Candidate
-from rhytid.device.trial import cl
 from rhytid.errors import DeviceError, KernelBuildError
 
 BUILD_OPTIONS = ("-cl-std=CL1.2",)
@@ -57,6 +57,6 @@ class Programs:
     def build(self, text: str, options: list[str]) -> Any:
         """A program from source text; raises KernelBuildError with the compiler's log."""
         try:
-            return trial.compile_program(self._context, text, options)
+            return driver.compile_program(self._context, text, options)
         except cl.RuntimeError as error:
             raise KernelBuildError(str(error)) from error

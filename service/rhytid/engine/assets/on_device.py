@@ -132,7 +132,7 @@ class DeviceAssets:
             if self.found(asset) is not resident or resident.mesh.settings is not settings:
                 raise Evicted
 
-        with self._device.from_elsewhere(self._steps(asset.id), check):
+        with self._device.in_steps(self._steps(asset.id), check):
             yield resident
 
     def _steps(self, turn: Hashable = None) -> Callable[..., Any]:
@@ -169,7 +169,7 @@ class DeviceAssets:
         self, mesh: Mesh, graph: WrinkleGraph, settings: AssetSettings, stiffness: Stiffness | None
     ) -> DeviceAsset:
         """A mesh with the triangles of its pores and wrinkles; `finish` or `give_up` it."""
-        with self._device.from_elsewhere(self._steps()):
+        with self._device.in_steps(self._steps()):
             made = DeviceAsset(self._device, mesh, settings, stiffness)
             made.mesh.locate(graph)
             made.mesh.bounded = True
@@ -184,7 +184,7 @@ class DeviceAssets:
         """
         try:
             prepared = made.mesh.prepare(graph, settings)
-            with self._device.from_elsewhere(self._steps()):
+            with self._device.in_steps(self._steps()):
                 elements = made.mesh.upload(prepared, settings)
             self.run_patiently(made.mesh.take, elements, settings)
             self.run_patiently(made.warm_up)

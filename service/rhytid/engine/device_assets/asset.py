@@ -44,7 +44,7 @@ class DeviceAsset:
 
     def make(self, deferred: DeferredWork) -> None:
         """Make and keep the work that a task deferred, unless it is done by now; on a thread that
-        uses the device in steps, see `Device.from_elsewhere`."""
+        uses the device in steps, see `Device.in_steps`."""
         self.bins.make(*deferred.bins)
         if deferred.neutral is not None:
             self.neutral.make(*deferred.neutral)

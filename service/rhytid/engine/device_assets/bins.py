@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.device.buffer import Buffer
-from rhytid.device.paces import WorkPace
+from rhytid.device.launches import DrawingPace
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.bin_manifest import BinManifest, CushionLayer, GrainLayer, TiltLine
 from rhytid.domain.tiles import TileAddress
@@ -63,7 +63,7 @@ class DeviceBins:
 
     def make(self, *addresses: TileAddress) -> None:
         """Make and keep the maps of tiles that are not there; from any thread, see
-        `Device.from_elsewhere`."""
+        `Device.in_steps`."""
         step = self._base.device.step
         for address in addresses:
             if not step(partial(self.has, address)):
@@ -80,7 +80,7 @@ class DeviceBins:
         square = (*settings.grid.first_texel(address), settings.tile_size)
         return map_count(settings.bins) * self._base.elements[address.udim].work.of(*square)
 
-    def _pace(self, address: TileAddress) -> WorkPace:
+    def _pace(self, address: TileAddress) -> DrawingPace:
         return self._base.elements[address.udim].bins_pace
 
     def codes(self, address: TileAddress, index: int) -> NDArray[np.integer]:

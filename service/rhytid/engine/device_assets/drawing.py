@@ -119,7 +119,7 @@ class DeviceNeutral:
         return self._keep(query, udim, square, self._made(query, udim, square))
 
     def make(self, query: MapQuery, udim: int, square: Square) -> None:
-        """Make and keep it, unless it is there; from any thread, see `Device.from_elsewhere`."""
+        """Make and keep it, unless it is there; from any thread, see `Device.in_steps`."""
         step = self._base.device.step
         if step(partial(self._find, query, udim, square)) is None:
             step(partial(self._keep, query, udim, square, self._made(query, udim, square)))

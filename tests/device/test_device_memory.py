@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rhytid.device.budget import MemoryBudget
-from rhytid.device.buffer_pool import BufferPool
+from rhytid.device.budget import BufferPool, MemoryBudget
 from rhytid.device.runtime import Device
 from rhytid.errors import DeviceMemoryError
 

@@ -1,4 +1,5 @@
-"""The order in which devices are tried, and which of several CPUs is taken."""
+"""The order in which devices are tried, which of several CPUs is taken, and what a device is tried
+with: right results, and a time that tells slow drivers from fast."""
 
 from __future__ import annotations
 
@@ -7,7 +8,8 @@ import math
 
 import pytest
 
-from rhytid.device import select
+from rhytid.device import driver, select
+from rhytid.device.driver import cl
 from rhytid.errors import NoDeviceError
 
 POCL, OTHER = "Portable Computing Language", "Another platform"
@@ -124,3 +126,27 @@ def test_what_is_named_is_used_or_nothing(monkeypatch):
     assert chosen(monkeypatch, {1, 4}, "portable") == 1
     with pytest.raises(NoDeviceError, match="other 0"):
         chosen(monkeypatch, {1, 4}, "0")
+
+
+def test_a_device_that_computes_is_told_from_one_that_does_not(device, monkeypatch):
+    assert select.computes(device.info)
+    assert 0 < select.pace(device.info) < 60
+    for text in ("broken", "__kernel void probe(__global float *x) { x[get_global_id(0)] = 1; }"):
+        monkeypatch.setattr(select.rhytid_kernels, "source", lambda name, text=text: text)
+        assert not select.computes(device.info)
+    monkeypatch.setattr(select.rhytid_kernels, "source", lambda name: "broken")
+    assert math.isinf(select.pace(device.info))
+
+
+def test_a_small_piece_of_drawing_takes_no_local_memory_worth_counting(device):
+    program = driver.compile_program(
+        device.context, select.rhytid_kernels.source(select.PROGRAM), ["-Werror"]
+    )
+    asked = cl.kernel_work_group_info.LOCAL_MEM_SIZE
+    assert program.pace.get_work_group_info(asked, device.info.handle) <= 16 << 10
+
+
+def test_the_time_is_that_of_a_warm_kernel(device, monkeypatch):
+    ticks = iter([0.0, 9.0, 0.0, 0.5, 0.0, 0.2, 0.0, 0.3, 0.0, 0.4])
+    monkeypatch.setattr(select.time, "perf_counter", lambda: next(ticks))
+    assert select.pace(device.info) == pytest.approx(0.2)

@@ -1,4 +1,4 @@
-"""A device that other threads use step by step, and launches that keep it for a short time each."""
+"""A device that other threads use in steps."""
 
 from __future__ import annotations
 
@@ -8,13 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from rhytid.device.paces import FIRST, LEAST, MOST, SECONDS, Paces
 from rhytid.device.runtime import Device
 from rhytid.engine.worker import DeviceWorker
-from synthesis import sheets
 
 
 @pytest.fixture
@@ -49,7 +45,7 @@ def test_others_get_the_device_between_two_steps(device: Device, worker: DeviceW
         worker.call(lambda: threads.append("other"))
         came.set()
 
-    with device.from_elsewhere(lambda task, *a: call(step, task, *a)):
+    with device.in_steps(lambda task, *a: call(step, task, *a)):
         one = device.upload(np.arange(4, dtype=np.float32))
         waiting = threading.Thread(target=other)
         waiting.start()
@@ -66,7 +62,7 @@ def test_a_block_that_fails_gives_back_what_it_made(device: Device, worker: Devi
     before = device.budget.used
 
     def fails() -> None:
-        with device.from_elsewhere(whole(device, worker)):
+        with device.in_steps(whole(device, worker)):
             kept = [device.upload(np.zeros(100, np.float32)), device.empty(100, np.float32)]
             kept.append(device.full(100, np.float32(1.0)))
             raise ValueError("half-way")
@@ -74,7 +70,7 @@ def test_a_block_that_fails_gives_back_what_it_made(device: Device, worker: Devi
     with pytest.raises(ValueError, match="half-way"):
         fails()
     assert device.budget.used == before
-    assert device.elsewhere is None
+    assert device.steps is None
 
 
 def test_a_check_that_fails_stops_the_block_and_leaves_nothing(
@@ -87,7 +83,7 @@ def test_a_check_that_fails_stops_the_block_and_leaves_nothing(
             raise KeyError("gone")
 
     def fails() -> None:
-        with device.from_elsewhere(whole(device, worker), check):
+        with device.in_steps(whole(device, worker), check):
             for _ in range(3):
                 device.empty(100, np.float32)
 
@@ -106,7 +102,7 @@ def test_launches_run_with_the_step_after_them_in_order(
         steps.append(1)
         return call(task, *arguments)
 
-    with device.from_elsewhere(counted):
+    with device.in_steps(counted):
         degree = device.full(4, np.int32(0))
         members = device.upload(np.array([[0, 1], [1, 2], [1, 3]], np.int32))
         before = len(steps)
@@ -119,43 +115,3 @@ def test_launches_run_with_the_step_after_them_in_order(
         members.release()
         degree.release()
     assert found.tolist() == [3, 9, 3, 3]
-
-
-def test_paces_go_by_what_a_launch_took() -> None:
-    paces = Paces()
-    assert paces.items("p", "k") == FIRST
-    paces.took("p", "k", FIRST, 10.0)  # it was compiled
-    assert paces.items("p", "k") == LEAST
-    for _ in range(4):
-        paces.took("p", "k", paces.items("p", "k"), 1e-5)
-    assert paces.items("p", "k") == MOST
-    paces.took("p", "k", 64, 1e-5)  # the end of a run says nothing
-    assert paces.items("p", "k") == MOST
-    paces.took("p", "k", 64, 4 * SECONDS)  # unless even that is slow
-    assert paces.items("p", "k") == LEAST
-    assert paces.items("p", "other") == FIRST
-
-
-@given(st.lists(st.tuples(st.integers(1, MOST), st.floats(0.0, 100.0)), max_size=20))
-def test_launches_are_whole_groups_within_bounds(took: list[tuple[int, float]]) -> None:
-    paces = Paces()
-    for items, seconds in took:
-        paces.took("p", "k", min(items, paces.items("p", "k")), seconds)
-        assert LEAST <= paces.items("p", "k") <= MOST
-        assert paces.items("p", "k") % 64 == 0
-
-
-def test_how_work_is_cut_changes_no_bit(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
-    def made(items: int) -> list[bytes]:
-        sizes: list[int] = []
-
-        def fixed(paces: Paces, program: str, kernel: str) -> int:
-            sizes.append(items)
-            return items
-
-        monkeypatch.setattr(Paces, "items", fixed)
-        pores, edges = sheets.net(device, sheets.sheet(), 0.02)
-        assert len(pores) > 1024
-        return [a.tobytes() for a in (pores.position, pores.uv, edges.nodes, edges.length)]
-
-    assert made(64) == made(256) == made(MOST)

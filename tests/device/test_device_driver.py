@@ -1,24 +1,27 @@
-"""What a device compiles, and how often."""
+"""What the OpenCL driver is told before it is loaded, what it compiles, and how often."""
 
 from __future__ import annotations
 
+import os
+import sys
 import time
 
+import pytest
 from pyopencl import cache
 
-from rhytid.device import caches, trial
+from rhytid.device import caches, driver
 from rhytid.device.caches import provide_cache_folder
 from rhytid.device.runtime import Device
 
 
 def test_a_program_is_compiled_once_for_its_kernels_and_anew_for_other_defines(device, monkeypatch):
-    own, compile_program, options = Device(device.info, 1 << 20), trial.compile_program, []
+    own, compile_program, options = Device(device.info, 1 << 20), driver.compile_program, []
 
     def counted(context, text, given):
         options.append(given[1:])
         return compile_program(context, text, given)
 
-    monkeypatch.setattr(trial, "compile_program", counted)
+    monkeypatch.setattr(driver, "compile_program", counted)
     for defines in ({}, {"OTHER": 1}, {}):
         for name in ("count_triangles", "list_triangles"):
             kernel = own.programs.kernel("vectors", name, defines)
@@ -43,7 +46,7 @@ def test_a_cache_that_fails_costs_a_compilation_alone(device, monkeypatch):
     provide_cache_folder()
     own = Device(device.info, 1 << 20)
     text = "kernel void nothing(global int *out) { out[0] = 1; }"
-    assert trial.compile_program(own.context, text, []) is not None
+    assert driver.compile_program(own.context, text, []) is not None
     assert failed
 
 
@@ -79,3 +82,33 @@ def test_a_lock_that_others_take_in_turns_is_theirs(monkeypatch, tmp_path):
     monkeypatch.setattr(caches.time, "sleep", taken_anew)
     caches.free_programs()
     assert lock.exists()
+
+
+@pytest.fixture
+def told(monkeypatch):
+    """What POCL_AFFINITY is, where it was `before` and a process may use some of the cores."""
+
+    def found(cores, before=None):
+        monkeypatch.setenv("POCL_AFFINITY", "")  # so that it is put back
+        monkeypatch.delenv("POCL_AFFINITY")
+        if before is not None:
+            monkeypatch.setenv("POCL_AFFINITY", before)
+        monkeypatch.setattr(sys, "platform", "linux")
+        monkeypatch.setattr(os, "cpu_count", lambda: 4)
+        monkeypatch.setattr(os, "sched_getaffinity", lambda pid: cores, raising=False)
+        driver._pin_pocl()
+        return os.environ.get("POCL_AFFINITY")
+
+    return found
+
+
+def test_pocl_is_pinned_where_every_core_may_be_used(told):
+    assert told({0, 1, 2, 3}) == "1"
+
+
+def test_pocl_is_not_pinned_to_cores_that_it_may_not_use(told):
+    assert told({2, 3}) is None
+
+
+def test_what_the_user_says_stands(told):
+    assert told({0, 1, 2, 3}, before="0") == "0"
