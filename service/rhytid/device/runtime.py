@@ -61,6 +61,10 @@ class Steps:
         self._made.append(buffer)
         return buffer
 
+    def hand_over(self) -> None:
+        """Give no buffer back that was made so far."""
+        self._made = []
+
     def give_back(self) -> None:
         """Release every buffer that was made, and forget launches that wait."""
         self._launches = []
@@ -144,7 +148,8 @@ class Device:
         `call` runs in a task of the device, with the launches before it.
 
         What lies in the block on the host is done on this thread. Where the block fails, every
-        buffer that it made is given back.  check: called first in each step; may raise.
+        buffer that it made is given back, but for those of `hand_over`.  check: called first in
+        each step; may raise.
         """
         steps = self._of_thread.steps = Steps(call, check)
         try:
@@ -160,6 +165,12 @@ class Device:
     def step(self, task: Callable[[], T]) -> T:
         """The result of a task on the thread of the device, after all launches so far."""
         return task()
+
+    def hand_over(self) -> None:
+        """The buffers that this thread made in steps so far have another owner now, such as the
+        memory budget: they stay even if the block of `in_steps` fails later."""
+        if self.steps is not None:
+            self.steps.hand_over()
 
     @contextmanager
     def task(self) -> Iterator[None]:

@@ -64,10 +64,11 @@ class DeviceBins:
     def make(self, *addresses: TileAddress) -> None:
         """Make and keep the maps of tiles that are not there; from any thread, see
         `Device.in_steps`."""
-        step = self._base.device.step
+        device = self._base.device
         for address in addresses:
-            if not step(partial(self.has, address)):
-                step(partial(self._keep, address, self._make(address)))
+            if not device.step(partial(self.has, address)):
+                device.step(partial(self._keep, address, self._make(address)))
+                device.hand_over()
 
     def _keep(self, address: TileAddress, tile: BinTile) -> None:
         """Keep maps that were made from elsewhere, unless there are others by now."""

@@ -120,9 +120,10 @@ class DeviceNeutral:
 
     def make(self, query: MapQuery, udim: int, square: Square) -> None:
         """Make and keep it, unless it is there; from any thread, see `Device.in_steps`."""
-        step = self._base.device.step
-        if step(partial(self._find, query, udim, square)) is None:
-            step(partial(self._keep, query, udim, square, self._made(query, udim, square)))
+        device = self._base.device
+        if device.step(partial(self._find, query, udim, square)) is None:
+            device.step(partial(self._keep, query, udim, square, self._made(query, udim, square)))
+            device.hand_over()
 
     def _find(self, query: MapQuery, udim: int, square: Square) -> NeutralTile | None:
         return self._base.kept.find("neutral", query.sampling, udim, *square)
