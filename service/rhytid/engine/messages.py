@@ -205,8 +205,8 @@ class TilePlan:
 
     key: names its content; two plans with the same key draw the same bytes.  header: what a file of
     it says of itself.  draw: its displacement (n, n) float32, mesh units, row 0 at the top; raises
-    BusyError where too many wait for the device.  side: n.  key_now: after `draw`, the key that the
-    same address had when it was drawn; None where that takes planning again.
+    BusyError where too many wait for the device.  side: n.  key_now: the key that its address
+    has by now; None where that takes planning again.
     """
 
     key: str

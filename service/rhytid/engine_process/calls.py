@@ -117,7 +117,8 @@ def _drawn(plan: Callable[[], TilePlan]) -> Drawn:
     """A tile, what was planned, and the key that there is when it is drawn."""
     wanted = plan()
     tile = wanted.draw()
-    return tile, _facts(wanted), plan().key
+    now = plan().key if wanted.key_now is None else wanted.key_now()
+    return tile, _facts(wanted), now
 
 
 def _facts(plan: TilePlan) -> Facts:

@@ -225,13 +225,16 @@ class Asset:
             return ()
         return self.frame_check.warnings(positions, name)
 
-    def check_address(self, address: TileAddress) -> None:
-        """Raise NotFoundError where the tile does not exist, and what `check_ready` raises."""
+    def check_address(self, address: TileAddress) -> int:
+        """Texels per side of a tile. Raises NotFoundError where it does not exist, and what
+        `check_ready` raises."""
         self.check_ready()
         if address.udim not in self.udims:
             have = ", ".join(str(u) for u in self.udims) or "none"
             raise NotFoundError(f"UDIM {address.udim} has no mesh; asset {self.id} has {have}")
-        self.settings.grid.check(address)
+        grid = self.settings.grid
+        grid.check(address)
+        return grid.texels(address.level)
 
 
 class AssetRegistry:

@@ -68,12 +68,12 @@ class DeviceAssets:
         def whole() -> T:
             return self._whole(lambda: task(self.found(asset)), ())
 
-        return self.using(asset, lambda: call(whole, turn=asset.id))
+        return self.using(asset, lambda resident: call(whole, turn=asset.id))
 
-    def using(self, asset: Asset, call: Callable[[], T]) -> T:
+    def using(self, asset: Asset, call: Callable[[DeviceAsset], T]) -> T:
         """What `call` returns, whose task on the device starts with `found`: the asset is loaded
         before, and again where it was dropped before the task ran. What the task lacks and takes
-        long to make is made step by step before the task is run again.
+        long to make is made in steps before the task is run again.
 
         Raises what `loaded` does, DeviceMemoryError where it is dropped again and again, and
         CancelledError where nobody wants what is made any more.
@@ -81,9 +81,9 @@ class DeviceAssets:
         made = 0
         for _ in range(_ATTEMPTS):
             stopping.check()
-            self.loaded(asset)
+            resident = self.loaded(asset)
             try:
-                return call()
+                return call(resident)
             except Evicted:
                 continue
             except DeferredWork as deferred:

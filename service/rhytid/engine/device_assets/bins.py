@@ -77,9 +77,8 @@ class DeviceBins:
 
     def _work(self, address: TileAddress) -> float:
         """Of making the maps of a tile, at most: as if each had all wrinkles and pores."""
-        settings = self._base.settings
-        square = (*settings.grid.first_texel(address), settings.tile_size)
-        return map_count(settings.bins) * self._base.elements[address.udim].work.of(*square)
+        work = self._base.elements[address.udim].work.of(*self._base.square(address))
+        return map_count(self._base.settings.bins) * work
 
     def _pace(self, address: TileAddress) -> DrawingPace:
         return self._base.elements[address.udim].bins_pace
@@ -97,9 +96,9 @@ class DeviceBins:
         settings, device = self._base.settings, self._base.device
         bin, sample = map_index(self.manifest(), layer, bin, sample)
         if layer == GRAIN:
-            codes = self._grain.codes(address.udim, *settings.grid.first_texel(address))
-            texels = settings.tile_size
-            found: NDArray[np.integer] = device.read(codes, (texels, texels), np.int8)
+            row, column, side = self._base.square(address)
+            codes = self._grain.codes(address.udim, row, column)
+            found: NDArray[np.integer] = device.read(codes, (side, side), np.int8)
             return found
         broad = cushion_layers(settings)
         if layer not in broad:
@@ -148,25 +147,23 @@ class DeviceBins:
             return []
         tiles, grains = [self.tile(address) for address in addresses], None
         if self._grain.shows:
-            place = self._base.settings.grid.first_texel
-            grains = [self._grain.codes(a.udim, *place(a)) for a in addresses]
+            grains = [self._grain.codes(a.udim, *self._base.square(a)[:2]) for a in addresses]
         return self._base.blend.tiles(tiles, self._frames.coefficients(frame, model), grains)
 
     def _grained(
         self, made: list[Buffer], frame: Frame, query: MapQuery, addresses: Sequence[TileAddress]
     ) -> list[Buffer]:
         """Tiles with the grain of a frame added."""
-        settings = self._base.settings
-        for out, address in zip(made, addresses, strict=True):
-            square = (*settings.grid.first_texel(address), settings.tile_size)
-            self._grain.add(out, frame, query, address.udim, square)
+        if self._grain.shows:
+            for out, address in zip(made, addresses, strict=True):
+                self._grain.add(out, frame, query, address.udim, self._base.square(address))
         return made
 
     def _make(self, address: TileAddress) -> BinTile:
         base = self._base
         elements, located = base.elements[address.udim], base.located[address.udim]
         maker = BinMaker(base.device, elements, located, base.settings, base.stiffness)
-        return maker.tile(*base.settings.grid.first_texel(address), base.settings.tile_size)
+        return maker.tile(*base.square(address))
 
 
 def _manifest(settings: AssetSettings, cushion_factor: int | None) -> BinManifest:

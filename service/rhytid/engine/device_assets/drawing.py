@@ -48,29 +48,22 @@ class DeviceDrawing:
         draw = self._redrawn(frame, query, udim)
         return render_to_host(self._base.device, draw, level, row, column, side)
 
-    def tiles(
-        self, frame: Frame, query: MapQuery, addresses: Sequence[TileAddress]
+    def squares(
+        self, frame: Frame, query: MapQuery, udim: int, places: Sequence[Square]
     ) -> list[Buffer]:
-        """float32 of level-0 tiles of one UDIM by any method: all are enqueued before the first is
-        read. What does not depend on the frame is kept: precomputed maps, and the neutral tiles of
-        `convolved`."""
+        """float32 of squares of level 0 by any method, for `binned` of tiles alone: all are
+        enqueued before the first is read.
+
+        What does not depend on the frame is kept: precomputed maps, and the neutral squares of
+        `convolved`. Raises DeferredWork where these are not there and take long.
+        """
         if query.method == "binned":
-            return self._bins.blended(frame, query, addresses)
-        place, side = self._base.settings.grid.first_texel, self._base.settings.tile_size
-        return [self._draw(frame, query, a.udim)(*place(a), side) for a in addresses]
-
-    def square(
-        self, frame: Frame, query: MapQuery, udim: int, row: int, column: int, side: int
-    ) -> Buffer:
-        """float32 of `side`² texels of level 0 by any method but `binned`. What `convolved` reads
-        is kept; raises DeferredWork where it is not there and takes long."""
-        return self._draw(frame, query, udim)(row, column, side)
-
-    def _draw(self, frame: Frame, query: MapQuery, udim: int) -> Draw:
-        """What draws squares by any method but `binned`."""
-        if query.method == "convolved":
-            return self._convolved(frame, query, udim)
-        return self._redrawn(frame, query, udim)
+            tile = self._base.tile_side
+            at = [TileAddress(udim, 0, row // tile, column // tile) for row, column, _ in places]
+            return self._bins.blended(frame, query, at)
+        drawn = self._convolved if query.method == "convolved" else self._redrawn
+        draw = drawn(frame, query, udim)
+        return [draw(*place) for place in places]
 
     def _redrawn(self, frame: Frame, query: MapQuery, udim: int) -> Draw:
         """What draws `redraw` of the frame, or `neutral`."""

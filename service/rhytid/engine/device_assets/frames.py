@@ -27,6 +27,7 @@ from rhytid.pipeline.levels import Draw
 from rhytid.pipeline.redraw import ScaleBuffers, respond
 from rhytid.pipeline.smooth import SmoothFields, respond_smooth
 from rhytid.pipeline.stretch_buffers import StretchBuffers
+from rhytid.pipeline.work import Square
 
 
 class DeviceFrames:
@@ -62,15 +63,15 @@ class DeviceFrames:
 
     def scales(self, frame: Frame, query: MapQuery, udim: int) -> ScaleBuffers:
         """Width and depth scales of wrinkles and pores."""
-        base = self._base
-        device, elements, located = base.device, base.elements[udim], base.located[udim]
-        model, sampling = query.stretch, query.sampling
-        if sampling == "smooth":
-            fields = self.fields(frame, model)
-            make = partial(respond_smooth, device, elements, located, base.settings, fields)
-        else:
-            stretch = self.stretch(frame, model)
-            make = partial(respond, device, elements, base.settings, stretch)
+        base, model, sampling = self._base, query.stretch, query.sampling
+        device, elements, settings = base.device, base.elements[udim], base.settings
+
+        def make() -> ScaleBuffers:
+            if sampling == "smooth":
+                fields = self.fields(frame, model)
+                return respond_smooth(device, elements, base.located[udim], settings, fields)
+            return respond(device, elements, settings, self.stretch(frame, model))
+
         return base.kept.keep_of(frame, "scales", udim, model, sampling, make=make)
 
     def coefficients(self, frame: Frame, model: str) -> Coefficients:
@@ -120,23 +121,21 @@ class DeviceGrain:
 
         return grained
 
-    def add(
-        self, out: Buffer, frame: Frame, query: MapQuery, udim: int, square: tuple[int, int, int]
-    ) -> None:
-        """Add the grain of a frame to a square of level 0: (row, column, texels per side)."""
-        if not self.shows:
-            return
+    def add(self, out: Buffer, frame: Frame, query: MapQuery, udim: int, square: Square) -> None:
+        """Add the grain of a frame, where there `shows` any, to a square of level 0."""
         grain = self._of_frame(frame, query, udim)
-        for at in tiles_of_square(*square, self._base.settings.tile_size):
+        for at in tiles_of_square(*square, self._base.tile_side):
             grain.add(out, square, self._place(udim, *at), self.codes(udim, *at))
 
     def codes(self, udim: int, row: int, column: int) -> Buffer:
-        """Of the tile of level 0 whose first texel this is."""
-        base = self._base
-        square = (row, column, base.settings.tile_size)
-        planes, located = self._planes(), base.located[udim]
-        make = partial(grain_codes, base.device, planes, located, base.settings, square)
-        return base.kept.keep("grain", udim, row, column, make=make)
+        """The codes of the tile of level 0 whose first texel this is."""
+        base, square = self._base, (row, column, self._base.tile_side)
+        return base.kept.keep(
+            "grain", udim, row, column,
+            make=lambda: grain_codes(
+                base.device, self._planes(), base.located[udim], base.settings, square
+            ),
+        )  # fmt: skip
 
     def _of_frame(self, frame: Frame, query: MapQuery, udim: int) -> Grain:
         base, model = self._base, query.stretch
@@ -155,6 +154,6 @@ class DeviceGrain:
 
     def _place(self, udim: int, row: int, column: int) -> GrainPlace:
         base = self._base
-        square, located = (row, column, base.settings.tile_size), base.located[udim]
+        square, located = (row, column, base.tile_side), base.located[udim]
         make = partial(grain_place, base.device, located, base.settings, base.stiffness, square)
         return base.kept.keep("grain place", udim, row, column, make=make)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 
 import numpy as np
@@ -62,7 +62,7 @@ class DeviceLevels:
 
     def least(self, query: MapQuery, level: int) -> int:
         """Texels per side of the smallest square of a level that can be drawn alone."""
-        finest = self._base.settings.grid.texels(0) if query.method == "binned" else BLOCK
+        finest = self._base.tile_side if query.method == "binned" else BLOCK
         return max(finest >> level, 1)
 
     def squares(
@@ -177,14 +177,14 @@ class DeviceFinest:
 
     def tiles(self, frame: Frame, query: MapQuery, addresses: Sequence[TileAddress]) -> list[Tile]:
         """(n, n) float32 of level-0 tiles of a UDIM; all are enqueued before the first is read."""
-        udim, grid = addresses[0].udim, self._base.settings.grid
-        side = grid.texels(0)
-        places = [(*grid.first_texel(address), side) for address in addresses]
-        found = [self.cropped(frame, query, udim, place) for place in places]
-        missing = [place for place, tile in zip(places, found, strict=True) if tile is None]
-        with self._drawn_parts(frame, query, udim, missing) as parts:
-            read = iter([self._read(part) for part in parts])
-        return [next(read) if tile is None else tile for tile in found]
+        udim = addresses[0].udim
+        places = [self._base.square(address) for address in addresses]
+        found = {place: self.cropped(frame, query, udim, place) for place in places}
+        missing = [place for place, tile in found.items() if tile is None]
+        if missing:
+            with self._drawn_parts(frame, query, udim, dict.fromkeys(missing)) as parts:
+                found.update(zip(missing, map(self._read, parts), strict=True))
+        return [tile for tile in found.values() if tile is not None]
 
     def pieces(self, query: MapQuery, udim: int, place: Square) -> list[Square]:
         """What a square of level 0 is drawn in, each in a task of its own. Safe from any thread."""
@@ -204,7 +204,7 @@ class DeviceFinest:
     def _largest(self, query: MapQuery) -> int:
         """Level-0 texels per side of the largest piece."""
         side = min(_PIECE[query.method], self._base.settings.resolution)
-        return max(side, self._base.settings.grid.texels(0)) if query.method == "binned" else side
+        return max(side, self._base.tile_side) if query.method == "binned" else side
 
     def _most(self, query: MapQuery, udim: int) -> float:
         """The work of a piece, at most."""
@@ -219,7 +219,7 @@ class DeviceFinest:
         """The squares that a square of level 0 is drawn in: tiles, if they or what they are made of
         are kept; else itself, in one launch."""
         row, column, side = place
-        tile = self._base.settings.grid.texels(0)
+        tile = self._base.tile_side
         if tile > side:
             return [place]
         tiles = [
@@ -232,19 +232,23 @@ class DeviceFinest:
         self, frame: Frame, query: MapQuery, udim: int, place: Square
     ) -> AbstractContextManager[list[Part]]:
         """Level 0 of a square in parts, kept or drawn."""
-        return self._drawn_parts(frame, query, udim, self._cut(frame, query, udim, place))
+        held = {
+            part: self._find_finest(frame, query, udim, part)
+            for part in self._cut(frame, query, udim, place)
+        }
+        return self._drawn_parts(frame, query, udim, held)
 
     @contextmanager
     def _drawn_parts(
-        self, frame: Frame, query: MapQuery, udim: int, places: Sequence[Square]
+        self, frame: Frame, query: MapQuery, udim: int, held: Mapping[Square, Buffer | None]
     ) -> Iterator[list[Part]]:
-        """Level 0 of some squares, kept or drawn; what was drawn stays where memory is plenty. What
-        is read of them is read in the block: it tells how long they took."""
-        held = {place: self._find_finest(frame, query, udim, place) for place in places}
+        """Level 0 of some squares; those of which none is `held` are drawn, and stay where memory
+        is plenty. They are to be read in the block, which tells how long they took."""
         missing = [place for place, buffer in held.items() if buffer is None]
         start = time.perf_counter()
-        fresh = dict(zip(missing, self._drawn(frame, query, udim, missing), strict=True))
-        yield [Part(*place, held[place] or fresh[place]) for place in places]
+        drawn = self._drawing.squares(frame, query, udim, missing) if missing else []
+        fresh = dict(zip(missing, drawn, strict=True))
+        yield [Part(*place, buffer or fresh[place]) for place, buffer in held.items()]
         if missing and query.method in _BY_WORK:
             elements = self._base.elements[udim]
             work = sum(elements.work.of(*place) for place in missing)
@@ -255,24 +259,15 @@ class DeviceFinest:
             else:
                 buffer.release()
 
-    def _drawn(
-        self, frame: Frame, query: MapQuery, udim: int, places: Sequence[Square]
-    ) -> list[Buffer]:
-        """float32 of squares of level 0 that are all as large."""
-        tile = self._base.settings.grid.texels(0)
-        if places and places[0][2] == tile:
-            at = [TileAddress(udim, 0, row // tile, column // tile) for row, column, _ in places]
-            return self._drawing.tiles(frame, query, at)
-        return [self._drawing.square(frame, query, udim, *place) for place in places]
-
     def cropped(self, frame: Frame, query: MapQuery, udim: int, place: Square) -> Tile | None:
         """A square of level 0 out of what is kept of it, alone or with its piece."""
-        for larger in (place, self.piece_of(query, udim, place)):
+        buffer, larger = self._find_finest(frame, query, udim, place), place
+        if buffer is None and (larger := self.piece_of(query, udim, place)) != place:
             buffer = self._find_finest(frame, query, udim, larger)
-            if buffer is not None:
-                row, column = (place[i] - larger[i] for i in (0, 1))
-                return self._base.device.read_square(buffer, larger[2], row, column, place[2])
-        return None
+        if buffer is None:
+            return None
+        row, column = place[0] - larger[0], place[1] - larger[1]
+        return self._base.device.read_square(buffer, larger[2], row, column, place[2])
 
     def _find_finest(
         self, frame: Frame, query: MapQuery, udim: int, place: Square

@@ -47,7 +47,8 @@ RECENT_FRAMES = 8
 class DeviceMesh:
     """A mesh, its wrinkles by UDIM, and the stages that work on them, which stay until `release`.
 
-    kept: what is made of them and can be made again.  bounded: whether a task that would take long
+    tile_side: texels per side of a tile of level 0.  kept: what is made of them and can be made
+    again.  bounded: whether a task that would take long
     to make it raises DeferredWork instead.
     """
 
@@ -59,7 +60,7 @@ class DeviceMesh:
         stiffness: Stiffness | None = None,
     ) -> None:
         self.device, self.mesh, self.stiffness = device, mesh, stiffness
-        self.settings = settings
+        self.settings, self.tile_side = settings, settings.grid.texels(0)
         self.stretch = StretchStage(device, mesh)
         self.smooth = SmoothStage(device, mesh)
         self.located = {
@@ -86,6 +87,11 @@ class DeviceMesh:
     def udims(self) -> tuple[int, ...]:
         """The UDIMs with mesh."""
         return tuple(self.located)
+
+    def square(self, address: TileAddress) -> Square:
+        """The square of a tile of level 0."""
+        side = self.tile_side
+        return address.row * side, address.column * side, side
 
     @property
     def blend(self) -> Blend:

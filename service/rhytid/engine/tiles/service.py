@@ -17,6 +17,7 @@ from rhytid.domain.frame import check_positions
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.assets.asset import Asset, AssetRegistry
 from rhytid.engine.assets.on_device import DeviceAssets
+from rhytid.engine.device_assets.asset import DeviceAsset
 from rhytid.engine.frames import Frame
 from rhytid.engine.keys import map_key, settings_key
 from rhytid.engine.messages import MapQuery, Tile, TilePlan
@@ -59,13 +60,14 @@ class TileService:
         """One tile of a frame. Raises NotFoundError for what does not exist, NotReadyError while
         the asset builds, ConflictError where it failed."""
         found = self._assets.get(asset)
-        found.check_address(address)
+        side, place = found.check_address(address), str(address)
         stored = found.frame(frame)
         return TilePlan(
-            self._key(found, stored, query, str(address)),
+            self._key(found, stored, query, place),
             _header(found, frame, query, address),
-            found.settings.grid.texels(address.level),
-            _measured(query, self._tile, found, stored, query, address),
+            side,
+            _measured(query, self._tile, found, stored, query, address, side),
+            partial(self._key_now, asset, frame, query, place),
         )
 
     def plan_map(self, asset: str, frame: str, query: MapQuery, udim: int, level: int) -> TilePlan:
@@ -73,11 +75,13 @@ class TileService:
         found, first = self._assets.get(asset), TileAddress(udim, level, 0, 0)
         found.check_address(first)
         stored, whole = found.frame(frame), (0, 0, found.settings.grid.side(level))
+        place = f"{udim}/{level}"
         return TilePlan(
-            self._key(found, stored, query, f"{udim}/{level}"),
+            self._key(found, stored, query, place),
             _header(found, frame, query, first),
             whole[2],
             _measured(query, self._maps.square, found, stored, query, udim, level, whole),
+            partial(self._key_now, asset, frame, query, place),
         )
 
     def triangles(self, asset: str, udim: int) -> NDArray[np.int32]:
@@ -99,17 +103,16 @@ class TileService:
     ) -> list[TilePlan]:
         """Tiles of positions (V, 3) that are not stored, in the order of `addresses`."""
         found = self._assets.get(asset)
-        for address in addresses:
-            found.check_address(address)
+        sides = [found.check_address(address) for address in addresses]
         frame = Frame.of(check_positions(positions, found.vertices))
         return [
             TilePlan(
                 self._key(found, frame, query, str(address)),
                 _header(found, "", query, address),
-                found.settings.grid.texels(address.level),
-                _measured(query, self._tile, found, frame, query, address),
+                side,
+                _measured(query, self._tile, found, frame, query, address, side),
             )
-            for address in addresses
+            for address, side in zip(addresses, sides, strict=True)
         ]
 
     def bins(self, asset: str) -> BinManifest:
@@ -149,19 +152,29 @@ class TileService:
         revision = settings_key(asset.id, asset.settings, self._drawn_by, query.method)
         return map_key(revision, frame, query, place)
 
-    def _tile(self, asset: Asset, frame: Frame, query: MapQuery, address: TileAddress) -> Tile:
+    def _key_now(self, asset: str, frame: str, query: MapQuery, place: str) -> str:
+        """The key that a place has by now; raises what `plan` does."""
+        found = self._assets.get(asset)
+        return self._key(found, found.frame(frame), query, place)
+
+    def _tile(
+        self, asset: Asset, frame: Frame, query: MapQuery, address: TileAddress, side: int
+    ) -> Tile:
         udim, level = address.udim, address.level
-        texels = asset.settings.grid.texels(level)
-        square = (address.row * texels, address.column * texels, texels)
-        if level > 0 or self._on_device.loaded(asset).levels.is_long(query, udim, square):
+        square = (address.row * side, address.column * side, side)
+        if level > 0:
             return self._maps.shared(asset, frame, query, udim, level, square)
-        key = (asset, frame.digest, query, udim)
+
+        def tile(resident: DeviceAsset) -> Tile:
+            if resident.levels.is_long(query, udim, square):
+                return self._maps.shared(asset, frame, query, udim, level, square)
+            key = (asset, frame.digest, query, udim)
+            return self._batcher.tile(key, address, side, draw, asset.id)
 
         def draw(addresses: list[TileAddress]) -> list[Tile]:
             return self._on_device.found(asset).finest.tiles(frame, query, addresses)
 
-        tile = self._batcher.tile
-        return self._on_device.using(asset, lambda: tile(key, address, texels, draw, asset.id))
+        return self._on_device.using(asset, tile)
 
 
 def _measured(query: MapQuery, draw: Callable[..., Tile], *arguments: Any) -> Callable[[], Tile]:
