@@ -78,7 +78,7 @@ def test_a_map_that_does_not_fit_is_drawn_in_smaller_pieces_and_leaves_nothing(s
             )
             assert used(engine) <= before
         found = engine.tiles.plan(asset, "bent", REDRAW, ADDRESS).draw()
-        assert used(engine) == before
+        assert used(engine) <= before  # less the stretch, of which its scales are kept
         assert np.abs(found).max() > 0
 
 

@@ -10,10 +10,10 @@ from rhytid.device.budget import Releasable
 
 
 class Buffer:
-    """Bytes on the device, counted in its budget until released.
+    """Bytes on the device, counted in its budget until they are released.
 
-    handle: the memory of the driver; None where there was none.  release_by: takes it back; called
-    by every `release`.
+    handle: the memory of the driver; None until there is any.  release_by: takes the buffer back;
+    every `release` calls it.
     """
 
     def __init__(self, nbytes: int, handle: Any, release_by: Callable[[Buffer], None]) -> None:
@@ -36,12 +36,12 @@ class Measured(Releasable, Protocol):
 
 
 class BufferGroup(ABC):
-    """Something on the device that owns parts, and is as large as they are together."""
+    """An object on the device that owns parts, and is as large as they are together."""
 
     @property
     @abstractmethod
     def _buffers(self) -> tuple[Measured | None, ...]:
-        """What it owns; None where it has no such part."""
+        """The parts that it owns; None in the place of a part that it lacks."""
 
     @property
     def nbytes(self) -> int:

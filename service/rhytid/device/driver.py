@@ -44,10 +44,11 @@ def _load_pyopencl() -> ModuleType:
 
 
 def _pin_pocl() -> None:
-    """Have PoCL keep each of its threads on a core of its own, unless told otherwise.
+    """Have PoCL keep each of its threads on a core of its own, unless the user set POCL_AFFINITY.
 
     Left to the system, threads that slept share a core for up to a quarter of a second: a blend
-    took half as long again. It numbers cores from 0, so not where some may not be used.
+    took half as long again. PoCL numbers cores from 0, so it is left alone where this process may
+    not use all of them.
     """
     if sys.platform == "linux" and os.sched_getaffinity(0) == set(range(os.cpu_count() or 0)):
         os.environ.setdefault("POCL_AFFINITY", "1")
@@ -76,8 +77,8 @@ cl: Any = _load_pyopencl()
 
 @contextmanager
 def driver_errors() -> Iterator[None]:
-    """A call of the OpenCL driver: the one place where its errors become ours, DeviceMemoryError
-    and DeviceError."""
+    """Wraps a call of the OpenCL driver: the one place where its errors become ours,
+    DeviceMemoryError and DeviceError."""
     watch.begin_call()
     try:
         with without_sigint():
@@ -93,7 +94,7 @@ def driver_errors() -> Iterator[None]:
 @contextmanager
 def without_sigint() -> Iterator[None]:
     """Keep SIGINT from the driver, from its threads, and from the programs that it starts: within
-    the block SIGINT is for other threads; where there is none, it comes afterwards.
+    the block SIGINT goes to other threads; where there are none, it comes after the block.
 
     PoCL links kernels by a linker of its own, which ctrl-C at a terminal reaches as well: PoCL then
     ends the whole process by SIGABRT. Threads and programs inherit what their thread has blocked.
@@ -116,8 +117,8 @@ def open_context(handle: Any) -> Any:
 
 @without_sigint()
 def compile_program(context: Any, text: str, options: list[str]) -> Any:
-    """Build a program; raises the driver's own error. The warnings that pyopencl raises for output
-    of the compiler, and where its cache fails and it compiles without, are suppressed."""
+    """Build a program; raises the driver's own error. Suppresses pyopencl's warnings about output
+    of the compiler, and about a cache that fails, where it compiles without."""
     watch.begin_compiling()
     try:
         free_programs()

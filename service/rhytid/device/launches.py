@@ -26,8 +26,8 @@ _MOST_GROUP = 64
 
 @dataclass(frozen=True)
 class LaunchShape:
-    """Work-groups draw `rows` rows of a block with `lanes` work-items, and blend up to `vectors`
-    vectors of texels, a work-item each."""
+    """How drawing is cut into work-groups: a group draws `rows` rows of a block with `lanes`
+    work-items, and blends up to `vectors` vectors of texels, one work-item each."""
 
     rows: int
     lanes: int
@@ -36,7 +36,7 @@ class LaunchShape:
 
 def launch_shapes(kind: str, local_memory: int, largest_group: int) -> list[LaunchShape]:
     """Shapes that fit into the local memory and the work-groups of a device, the usual one first:
-    as many rows as fit, one work-item on a CPU, where that is a vector loop, else one per row.
+    as many rows as fit; one work-item on a CPU, where it is a vector loop, else one per row.
 
     Raises DeviceError where none fits: OpenCL promises 32 KiB of local memory.
     """
@@ -55,13 +55,14 @@ def launch_shapes(kind: str, local_memory: int, largest_group: int) -> list[Laun
 
 
 def _local_bytes(rows: int) -> int:
-    """Local memory of a work-group that draws so many rows."""
+    """Local memory of a work-group that draws this many rows."""
     return (rows + _MORE_ROWS) * _ROW_BYTES + _LEFT
 
 
 @dataclass(frozen=True)
 class LaunchPiece:
-    """A part of a launch: its first work-item, its work-items, those of a work-group."""
+    """A part of a launch: its first work-item, the number of its work-items, and of those of a
+    work-group."""
 
     offset: tuple[int, ...] | None
     size: tuple[int, ...]
@@ -100,18 +101,18 @@ _GROWTH = 8
 
 
 class LaunchPacing:
-    """How many work-items of each kernel take about LAUNCH_SECONDS, by how long its launch before
-    took."""
+    """Finds how many work-items of each kernel take about LAUNCH_SECONDS, by the time of its last
+    launch."""
 
     def __init__(self) -> None:
         self._items: dict[tuple[str, str], int] = {}
 
     def items(self, program: str, kernel: str) -> int:
-        """How many a launch should have: a power of two."""
+        """How many work-items the next launch of a kernel should have: a power of two."""
         return self._items.get((program, kernel), FIRST_ITEMS)
 
     def took(self, program: str, kernel: str, items: int, seconds: float) -> None:
-        """A launch of so many took so long."""
+        """Count a launch of `items` work-items that took `seconds`."""
         planned = self.items(program, kernel)
         if items < planned and seconds < LAUNCH_SECONDS:
             return  # the end of a run: too few work-items to predict the time of more
@@ -134,25 +135,25 @@ _STEP = 4.0
 
 
 class DrawingPace:
-    """Work a second, by how long pieces took."""
+    """Work of drawing a second, by how long pieces took."""
 
     def __init__(self, per_second: float) -> None:
         self.per_second = per_second
 
     @property
     def most(self) -> float:
-        """Work that takes about PIECE_SECONDS."""
+        """The work that takes about PIECE_SECONDS."""
         return PIECE_SECONDS * self.per_second
 
     @contextmanager
     def timing(self, work: float) -> Iterator[None]:
-        """The block does so much work, and waits until it is done."""
+        """Counts the work of the block, which waits until it is done."""
         start = time.perf_counter()
         yield
         self.took(work, time.perf_counter() - start)
 
     def took(self, work: float, seconds: float) -> None:
-        """So much work took so long."""
+        """Count a piece of so much work that took `seconds`."""
         found = work / max(seconds, 1e-6)
         if seconds > _OFF * PIECE_SECONDS and found < self.per_second:
             self.per_second = max(found, self.per_second / _STEP)

@@ -28,7 +28,8 @@ class Programs:
     def kernel(self, program: str, kernel: str, defines: Mapping[str, object] = NO_DEFINES) -> Any:
         """A compiled kernel; its program is compiled once for each set of defines.
 
-        Raises KernelBuildError.
+        Raises KernelBuildError where it does not compile, DeviceError where it needs too much local
+        memory.
         """
         given = tuple(sorted(defines.items()))
         key = (program, kernel, given)
@@ -43,8 +44,8 @@ class Programs:
         return self._programs[name, defines]
 
     def fitting(self, kernel: Any) -> Any:
-        """The kernel itself; raises DeviceError where a work-group has too little local memory for
-        it, which some drivers tell in words of their own and others not at all."""
+        """The kernel itself. Raises DeviceError where it needs more local memory than a work-group
+        has: some drivers report that in words of their own, and others do not."""
         asked = cl.kernel_work_group_info.LOCAL_MEM_SIZE
         needed = kernel.get_work_group_info(asked, self._info.handle)
         if needed > self._info.local_memory:

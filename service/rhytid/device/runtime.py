@@ -35,10 +35,10 @@ Method = TypeVar("Method", bound=Callable[..., Any])
 
 
 class Steps:
-    """Calls of one thread to a device whose tasks run one at a time.
+    """The steps of one thread on a device whose tasks run one at a time.
 
-    call: runs one step in a task of the device, which begins with `check`. Launches gather until
-    something else is asked for, and run in the same step.
+    call: runs one step in a task of the device.  check: called first in each step; may raise.
+    Launches gather until the thread asks for anything else, and run in the same step as that.
     """
 
     def __init__(self, call: Callable[..., Any], check: Callable[[], None] | None = None) -> None:
@@ -47,22 +47,22 @@ class Steps:
         self._made: list[Buffer] = []
 
     def later(self, launch: Callable[[], None]) -> None:
-        """Launch with the next step."""
+        """Run a launch with the next step."""
         self._launches.append(launch)
 
     def step(self, task: Callable[[], Any]) -> Any:
-        """The result of a task that runs after all launches so far."""
+        """Run a task after all launches so far, and return its result."""
         launches, self._launches = self._launches, []
         return self._call(_in_order, [*self._checks, *launches], task)
 
     def make(self, task: Callable[[], Any]) -> Any:
-        """As `step`, of a task that makes a buffer."""
+        """As `step`, for a task that makes a buffer."""
         buffer = self.step(task)
         self._made.append(buffer)
         return buffer
 
     def hand_over(self) -> None:
-        """Give no buffer back that was made so far."""
+        """Forget the buffers that were made so far: `give_back` leaves them alone."""
         self._made = []
 
     def give_back(self) -> None:
@@ -108,13 +108,13 @@ def _making(method: Method) -> Method:
 
 
 class Device:
-    """A context and an in-order queue on one device. Used by one thread at a time, and by others
-    in the block of `in_steps`.
+    """A context and an in-order queue on one device. One thread uses it at a time; others use it in
+    the block of `in_steps`.
 
-    memory: bytes that may be taken; None = a share of what it has.
-    shapes: how drawing can be cut.  shape: how it is; the usual one, until a faster one is set.
-    work_pace: work a second of drawing, see `DrawingPace`; a guess until it is measured.
-    figures: what it does; of this process alone where none are given.
+    memory: bytes that may be taken; None: a share of the device's.  shapes: how drawing can be cut
+    into work-groups.  shape: how it is cut; the usual one, until a faster one is set.  work_pace:
+    work of drawing a second, see `DrawingPace`; a guess until it is measured.  figures: counts what
+    the device does; memory of this process alone where none are given.
     """
 
     def __init__(
@@ -144,12 +144,12 @@ class Device:
     def in_steps(
         self, call: Callable[..., Any], check: Callable[[], None] | None = None
     ) -> Iterator[None]:
-        """Lets this thread use the device in a block: each upload, read and wait is one step that
+        """Let this thread use the device in a block: each upload, read and wait is one step that
         `call` runs in a task of the device, with the launches before it.
 
-        What lies in the block on the host is done on this thread. Where the block fails, every
-        buffer that it made is given back, but for those of `hand_over`.  check: called first in
-        each step; may raise.
+        Work of the host in the block is done on this thread. Where the block fails, every buffer
+        that it made is given back, but for those of `hand_over`.  check: called first in each step;
+        may raise.
         """
         steps = self._of_thread.steps = Steps(call, check)
         try:
@@ -163,7 +163,7 @@ class Device:
 
     @_stepped
     def step(self, task: Callable[[], T]) -> T:
-        """The result of a task on the thread of the device, after all launches so far."""
+        """Run a task in a task of the device, after all launches so far, and return its result."""
         return task()
 
     def hand_over(self) -> None:
@@ -174,8 +174,8 @@ class Device:
 
     @contextmanager
     def task(self) -> Iterator[None]:
-        """One piece of work: if it fails, every buffer that it made is released. This thread uses
-        the device itself in the block, even if it uses it in steps outside of the block."""
+        """Wraps one piece of work: if it fails, every buffer that it made is released. This thread
+        uses the device itself in the block, even if it uses it in steps outside of the block."""
         steps, self._of_thread.steps = self.steps, None
         self.budget.new_task()
         self.born.clear()
@@ -196,7 +196,7 @@ class Device:
         self.figures.set(self.pool.held, "spare")
 
     def _dropped(self, key: Hashable) -> None:
-        """Count what the budget dropped: an asset, or what was made of one."""
+        """Count an entry that the budget dropped: an asset, or something made of one."""
         names = key if isinstance(key, tuple) else ()
         self.figures.count("dropped", next((n for n in names[:2] if n in DROPPED), "other"))
 
@@ -213,15 +213,15 @@ class Device:
 
     @_making
     def full(self, count: int, value: np.generic) -> Buffer:
-        """A buffer of `count` times a numpy scalar."""
+        """A buffer of `count` times the value of a numpy scalar."""
         buffer = self._buffer(count * value.nbytes)
         with driver_errors():
             cl.enqueue_fill_buffer(self._queue, buffer.handle, value, 0, buffer.nbytes)
         return buffer
 
     def _buffer(self, nbytes: int, host: NDArray[Any] | None = None) -> Buffer:
-        """A buffer with the bytes of `host`, or uninitialised, out of spare memory where there is
-        some."""
+        """A buffer with the bytes of `host`, or uninitialised and out of spare memory, where there
+        is any."""
         spare = self.budget.reserve(nbytes, reuse=host is None)
         buffer = Buffer(nbytes, spare, self._take_back)
         self.born.append(buffer)
@@ -275,8 +275,8 @@ class Device:
     def read_square(
         self, buffer: Buffer, stride: int, row: int, column: int, side: int
     ) -> NDArray[np.float32]:
-        """(side, side) float32 from (row, column) on, of rows of `stride` values; waits as `read`
-        does."""
+        """(side, side) float32 from (row, column) on, of a buffer with rows of `stride` values;
+        waits as `read` does."""
         host = np.empty((side, side), np.float32)
         with self._reading():
             cl.enqueue_copy(
@@ -290,8 +290,8 @@ class Device:
     def copy_square(
         self, source: Buffer, target: Buffer, to: tuple[int, int], side: int, item: int
     ) -> None:
-        """Copy rows, `side` of as many items of so many bytes, into a larger square, of `to[1]`
-        items a row, from item `to[0]` on."""
+        """Copy `source`, rows of `side` items of `item` bytes, into a larger square with rows of
+        `to[1]` items, from its item `to[0]` on."""
         if self.steps is None:
             self._copy_square(source, target, to, side, item)
         else:
@@ -351,7 +351,7 @@ class Device:
 
     @_stepped
     def finish(self) -> None:
-        """Wait until everything enqueued is done; raises DeviceError where the queue broke."""
+        """Wait until all launches are done; raises DeviceError where the queue broke."""
         with driver_errors():
             self._queue.finish()
 

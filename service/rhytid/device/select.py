@@ -1,5 +1,5 @@
 """Choosing an OpenCL device. A driver may list a device that does not compute, so each one is
-tried; what was measured of devices is remembered in a JSON file."""
+tried; measurements are remembered in a JSON file."""
 
 from __future__ import annotations
 
@@ -95,11 +95,11 @@ def pace(candidate: Candidate) -> float:
 
 
 def choose(wanted: str | None = None, cache: Path | None = None) -> Candidate:
-    """The first device that computes, of those that `wanted` names or of all: GPUs first, then
-    CPUs, then the rest; of equals in the order of the drivers.
+    """The first device that computes, of those that `wanted` names, or of all: GPUs first, then
+    CPUs, then the rest; of the same kind in the order of the drivers.
 
-    Of several CPU devices, those other than PoCL's come first, but not one that takes three times
-    as long as another for a small piece of drawing.  cache: a folder that remembers which it was.
+    Of several CPU devices, PoCL's come last; but the first is none that takes more than three times
+    as long as another for a small piece of drawing.  cache: the folder that remembers the choice.
 
     Raises NoDeviceError; never falls back to a device that was not asked for.
     """
@@ -129,7 +129,7 @@ def _in_order(alike: Sequence[Candidate], cache: Path | None) -> list[Candidate]
 
 
 def _quick(usual: Sequence[Candidate], cache: Path | None) -> Candidate:
-    """The first that is not much slower than another, as remembered or measured now."""
+    """The first device that is not much slower than another, as remembered or measured now."""
     file = None if cache is None else cache / _FILE
     by_identity = {c.identity: c for c in reversed(usual)}
     key = " + ".join([rhytid_kernels.digest(PROGRAM), *sorted(by_identity)])
@@ -172,8 +172,8 @@ def _candidate(index: int, platform: Any, device: Any) -> Candidate:
 
 
 class _Trial:
-    """The program on a device with room for so many floats. Holds its context: rusticl frees one
-    that only a program still needs."""
+    """The trial program on a device, with a buffer of `floats` floats. Holds its context: rusticl
+    frees one that only a program still needs."""
 
     def __init__(self, handle: Any, floats: int) -> None:
         self._context = driver.open_context(handle)
@@ -205,7 +205,7 @@ def _paced(handle: Any) -> float:
 
 
 def recall(file: Path) -> dict[str, Any]:
-    """What is remembered; nothing where the file is missing or damaged."""
+    """The remembered measurements by key; none where the file is missing or damaged."""
     with suppress(OSError, ValueError):
         found = json.loads(file.read_text(encoding="utf-8"))
         return found if isinstance(found, dict) else {}
@@ -213,7 +213,7 @@ def recall(file: Path) -> dict[str, Any]:
 
 
 def remember(file: Path, key: str, value: Any) -> None:
-    """Add to what is remembered; where it cannot be written nothing is."""
+    """Remember a measurement, unless the file cannot be written."""
     known = {**recall(file), key: value}
     with suppress(OSError):
         file.parent.mkdir(parents=True, exist_ok=True)

@@ -188,18 +188,18 @@ class DeviceFinest:
 
     def pieces(self, query: MapQuery, udim: int, place: Square) -> list[Square]:
         """What a square of level 0 is drawn in, each in a task of its own. Safe from any thread."""
-        work, most = self._base.elements[udim].work, self._most(query, udim)
-        return work.cut(place, most, self._largest(query))
+        work, largest = self._base.elements[udim].work, self._largest(query)
+        return work.cut(place, self._most(query, udim), largest)
 
     def is_piece(self, query: MapQuery, udim: int, place: Square) -> bool:
         """Whether a square of level 0 is drawn in one task. Safe from any thread."""
-        work, most = self._base.elements[udim].work, self._most(query, udim)
-        return work.is_piece(place, most, self._largest(query))
+        work, largest = self._base.elements[udim].work, self._largest(query)
+        return work.is_piece(place, self._most(query, udim), largest)
 
     def piece_of(self, query: MapQuery, udim: int, place: Square) -> Square:
         """The piece that a square of level 0 lies in."""
-        work, most = self._base.elements[udim].work, self._most(query, udim)
-        return work.around(place, most, self._largest(query))
+        work, largest = self._base.elements[udim].work, self._largest(query)
+        return work.around(place, self._most(query, udim), largest)
 
     def _largest(self, query: MapQuery) -> int:
         """Level-0 texels per side of the largest piece."""

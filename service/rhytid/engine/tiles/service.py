@@ -192,6 +192,7 @@ def displacement_scale(asset: Asset) -> float:
 
 def _header(asset: Asset, frame: str, query: MapQuery, at: TileAddress) -> TileHeader:
     return TileHeader(
+        scale=displacement_scale(asset),
         unit=asset.settings.length_unit,
         frame=frame,
         asset=asset.id,
@@ -202,5 +203,4 @@ def _header(asset: Asset, frame: str, query: MapQuery, at: TileAddress) -> TileH
         level=at.level,
         row=at.row,
         column=at.column,
-        scale=displacement_scale(asset),
     )
