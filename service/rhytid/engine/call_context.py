@@ -1,4 +1,4 @@
-"""What goes with a call from HTTP to the thread that draws: who makes it, whether it is for a live
+"""The context of a call, from HTTP to the thread that draws: who makes it, whether it is for a live
 connection, and whether anybody still waits for its answer."""
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _gone: ContextVar[Callable[[], bool] | None] = ContextVar("gone", default=None)
 
 @contextmanager
 def drawn_live(live: bool = True) -> Iterator[None]:
-    """What this thread asks of the device in the block is for a live connection."""
+    """Calls of the device by this thread in the block are for a live connection."""
     token = _live.set(live)
     try:
         yield
@@ -28,7 +28,7 @@ def drawn_live(live: bool = True) -> Iterator[None]:
 
 
 def is_live() -> bool:
-    """Whether what this thread asks of the device is for a live connection."""
+    """Whether calls of the device by this thread are for a live connection."""
     return _live.get()
 
 

@@ -1,4 +1,5 @@
-"""The engine: assets on a device, a frame in, tiles out. Plain messages only (see messages.py)."""
+"""The engine: assets on a device, a frame in, tiles out. Its arguments and results are plain values
+(see messages.py)."""
 
 from __future__ import annotations
 
@@ -44,15 +45,15 @@ _PROBED = 64
 class Engine:
     """Holds assets on one device and answers for their frames. Blocking; safe from any thread.
 
-    refused: ids of assets that are not built, and why.  figures: what the device does, by name; one
-    may be given, to be read from elsewhere.  only: assets of a store that several engines share,
-    and another process holds open; None = all, and the store is opened.
+    refused: why assets are not built, by id.  figures: counts what the device does; one in memory
+    that another process reads may be given.  only: the assets to open, of a store that several
+    engines share and another process holds open; None: all, and this engine holds the store.
 
-    memory: bytes that requests and jobs hold on the host.  assets, frames, tiles, jobs, snapshots,
-    packages: the calls. Every one raises NotFoundError for an unknown id, NotReadyError while the
-    asset builds, ConflictError where it failed to build, and BusyError where too many calls wait
-    already; with a shared store, FetchingError while the asset is fetched, SharedDamageError, and
-    SharedStoreError.  shared: that store.
+    memory: bytes that requests and jobs hold on the host.  figures: by the number of the device.
+    shared: the shared store.  assets, frames, tiles, jobs, snapshots, packages: the calls. Every
+    call raises NotFoundError for an unknown id, NotReadyError while the asset builds, ConflictError
+    where it failed to build, and BusyError where too many calls wait already; with a shared store,
+    FetchingError while the asset is fetched, SharedDamageError, and SharedStoreError.
     """
 
     def __init__(
@@ -126,15 +127,16 @@ class Engine:
         return self._worker.runs
 
     def ready(self) -> bool:
-        """Whether a kernel computes on the device. It goes before whatever waits; where a task
-        takes long, true if one ends within READY seconds."""
+        """Whether a kernel computes on the device. It runs before all calls that wait; where a task
+        takes long, the answer is whether one ends within READY seconds."""
         try:
             return self._worker.answers(self._probe, READY)
         except (BusyError, DeviceError):  # busy: the engine is closed
             return False
 
     def devices(self) -> list[DeviceInfo]:
-        """Every OpenCL device; budget and use are those of the selected one, else 0."""
+        """Every OpenCL device. Budget and use are those of the device of this engine, and 0 for
+        others."""
         return [self._device_info(candidate) for candidate in candidates()]
 
     @property
@@ -144,7 +146,8 @@ class Engine:
 
     @property
     def restarts(self) -> dict[str, int]:
-        """None: this engine is part of the process that asks. As `RemoteEngine.restarts`."""
+        """How often the process of each device was restarted: none, since this engine has no
+        process of its own."""
         return {}
 
     def _shared_assets(
@@ -154,7 +157,7 @@ class Engine:
         registry: AssetRegistry,
         restored: RestoredAssets,
     ) -> SharedAssets:
-        """Those of the shared store, if there is one, with the limit of the local one."""
+        """The assets of the shared store, if there is one, with the limit of the local store."""
         mirror = room = None
         if shared is not None:
             mirror = StoreMirror(self._store, shared)

@@ -1,4 +1,5 @@
-"""Frames in memory: positions, a digest of them, and how much they stretch."""
+"""Frames in memory: their positions, a digest of these, and percentiles of how much they
+stretch."""
 
 from __future__ import annotations
 
@@ -21,7 +22,7 @@ NAMES = (*(f"p{p}" for p in _PERCENTILES), "abs_p90")
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """Positions (V, 3) float32, None for the neutral; `digest` names their content."""
+    """Positions (V, 3) float32, None for the neutral frame; `digest` names their content."""
 
     positions: NDArray[np.float32] | None
     digest: str
@@ -47,8 +48,8 @@ class FrameMemory:
         self._lock = threading.Lock()
 
     def change(self, more: int) -> None:
-        """Count `more` bytes in, or out where negative; raises FrameMemoryError naming both
-        numbers."""
+        """Count `more` bytes in, or out where negative; raises FrameMemoryError, naming both
+        numbers, where they do not fit."""
         with self._lock:
             if more > 0 and self._used + more > self._limit:
                 raise FrameMemoryError(
@@ -70,7 +71,7 @@ class _Stored:
 
 
 class Frames:
-    """The frames of one asset by name. `neutral` is always there and cannot be written."""
+    """The frames of one asset by name. The frame `neutral` always exists and cannot be written."""
 
     def __init__(self, memory: FrameMemory) -> None:
         self._memory = memory
@@ -81,7 +82,7 @@ class Frames:
 
     @property
     def stored(self) -> int:
-        """How often a frame was stored without `since`."""
+        """How often a frame was stored by a call without `since`."""
         return self._stored
 
     def put(
@@ -93,10 +94,10 @@ class Frames:
         *,
         since: int | None = None,
     ) -> None:
-        """Store a frame, how it stretches and what is probably wrong with it, in place of one of
-        the same name.
+        """Store a frame, its stretch and its warnings, in place of the frame of the same name.
 
-        since: `stored` when the frame was sent; one of the same name that came later stays.
+        since: the value of `stored` when the frame was sent; a frame of the same name that came
+        later stays.
         """
         assert frame.positions is not None
         refuse_neutral(name)
@@ -123,7 +124,7 @@ class Frames:
         return self._entry(name).info(name, limit)
 
     def infos(self, limit: float) -> list[FrameInfo]:
-        """Every frame, the neutral first, then by name."""
+        """Every frame, `neutral` first, then by name."""
         with self._lock:
             known = sorted(self._frames.items())
         return [_neutral_info(), *(stored.info(name, limit) for name, stored in known)]
@@ -144,8 +145,8 @@ class Frames:
             self._frames.clear()
 
     def leave(self) -> bool:
-        """Store no more, because the asset leaves this machine; False, and nothing is done, where
-        there is a frame."""
+        """Store no more, because the asset leaves this machine. Returns False, and does nothing,
+        where there is a frame."""
         with self._lock:
             self._left = not self._frames
             return self._left
@@ -175,11 +176,11 @@ def _neutral_info() -> FrameInfo:
 
 @dataclass(frozen=True, eq=False)
 class LogStretch:
-    """Between which values of the unclamped log stretch of a frame each percentile lies.
+    """The two values of the unclamped log stretch of a frame that each percentile lies between.
 
-    A clamp keeps the order of values, so these two stand at the same place in any clamped frame:
-    its percentiles need no second measurement.  lower, upper (6,): the values, in the order of
-    NAMES.  share (6,): how far from the one to the other, linear.
+    A clamp keeps the order of values, so the same two values, clamped, enclose the percentile of
+    any clamped frame: no second measurement is needed.  lower, upper (6,): the values, in the order
+    of NAMES.  share (6,): how far each percentile lies from lower to upper, linear.
     """
 
     lower: NDArray[np.float64]
@@ -188,7 +189,7 @@ class LogStretch:
 
     @classmethod
     def of(cls, ratios: NDArray[np.float32]) -> LogStretch:
-        """Of the stretch ratios (F, 2), over triangles and both axes."""
+        """Measures the stretch ratios (F, 2) of a frame, over triangles and both axes."""
         with np.errstate(divide="ignore"):
             logs = np.log(ratios.astype(np.float64)).ravel()
         # As numpy's percentile of method "linear" has it.

@@ -45,7 +45,7 @@ class _Wanted:
 
 @dataclass
 class _PackageJob:
-    """The job that makes a package, and what it failed with."""
+    """The job that makes a package, and the error that it failed with."""
 
     job: Job
     error: BaseException | None = None
@@ -53,16 +53,16 @@ class _PackageJob:
 
 @dataclass(frozen=True)
 class _Source:
-    """What packages are made from."""
+    """The calls that packages are made from."""
 
     assets: AssetService
     tiles: TileService
 
 
 class PackageService:
-    """Gives the packages of ready assets; makes them where they are not there.
+    """Gives the packages of ready assets; makes those that do not exist yet.
 
-    memory: what making one takes is held of it.
+    memory: the budget that holds what making a package takes.
     """
 
     def __init__(
@@ -82,14 +82,16 @@ class PackageService:
     def of(
         self, asset: str, levels: int = 1, key: str | None = None, begin: bool = True
     ) -> Package | JobInfo | None:
-        """The package of an asset with so many levels of its maps; the job that makes it, where
-        that takes longer than a second.  key: that of the package that the caller has begun to
-        read.  begin: start that job; otherwise None where there is neither.
+        """The package of an asset with `levels` levels of its maps; the job that makes it, where
+        that takes longer than a second.
 
-        Raises ChangedError where the package has another key now, ConflictError where packages do
-        not know a setting of the asset, LimitError where it is larger than the packages that are
-        kept may be, HostMemoryError and HostBusyError for lack of memory, and what the job fails
-        with meanwhile.
+        key: of the package that the caller has begun to read.  begin: start that job; otherwise
+        None where there is neither a package nor a job.
+
+        Raises ChangedError where the package has another key now, ConflictError where packages
+        cannot hold a setting of the asset, LimitError where it is larger than all packages together
+        may be, HostMemoryError and HostBusyError for lack of memory, and the error that the job
+        fails with meanwhile.
         """
         found = self._assets.get(asset)
         while True:
@@ -111,7 +113,7 @@ class PackageService:
                 raise making.error or CancelledError(f"the job of the package was {state}")
 
     def _wanted(self, asset: Asset, levels: int) -> _Wanted:
-        """Levels beyond one texel are none, and change no key."""
+        """The package that is to be made. Levels beyond one texel are none, and change no key."""
         levels = min(levels, min(asset.settings.resolution, MOST_SIDE).bit_length())
         shapes = self._store.shapes_digests(asset.id)
         written_by = f"{self._source.tiles.drawn_by} {package_version()}"
@@ -119,7 +121,7 @@ class PackageService:
         return _Wanted(asset, levels, key)
 
     def _job_of(self, wanted: _Wanted, begin: bool) -> _PackageJob | None:
-        """The job that makes a package: the one that does already, or a new one where `begin`."""
+        """The job that makes a package: one that does already, or a new one where `begin`."""
         with self._lock:
             if (making := self._unfinished.get(wanted.key)) is not None or not begin:
                 return making
@@ -187,7 +189,7 @@ class PackageService:
 
 @contextmanager
 def _refused(asset: Asset) -> Iterator[None]:
-    """What a package cannot hold is not possible in the present state of the asset."""
+    """Raise ConflictError for settings of an asset that a package cannot hold."""
     try:
         yield
     except (SettingsError, LimitError) as error:

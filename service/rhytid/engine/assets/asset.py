@@ -1,4 +1,4 @@
-"""One asset, with its data on the host and its state, and the assets that are registered, by id."""
+"""One asset, with its data on the host and its state, and the registry of assets by id."""
 
 from __future__ import annotations
 
@@ -43,9 +43,9 @@ _SMALL_WRINKLES, _SMALL_RESOLUTION = 50_000, 2048
 class Asset:
     """One asset.
 
-    state: building, then ready or failed; removed at last, or left: it is in the shared store alone
-    and will be another object here. A failed asset that is sent again is
-    another object. Its parts on the device may be dropped and loaded again while it is ready.
+    state: building, then ready or failed; at last removed, or left: the asset is in the shared
+    store alone, and will be another object here. A failed asset that is sent again is another
+    object, too. Its parts on the device may be dropped and loaded again while it is ready.
     """
 
     id: str
@@ -104,7 +104,7 @@ class Asset:
 
     @classmethod
     def failed(cls, id: str, reason: str, memory: FrameMemory) -> Asset:
-        """A failed asset of which only the id is known.  reason: why."""
+        """A failed asset of which only the id is known.  reason: why it failed."""
         asset = cls(id, AssetSettings(), 0, 0, (), Frames(memory))
         asset.fail(reason)
         return asset
@@ -114,9 +114,9 @@ class Asset:
         self.state, self.reason = "failed", reason
 
     def built(self, graph: WrinkleGraph, settings: AssetSettings, distance: float) -> None:
-        """Mark it as ready, with resolved settings; its lengths are known.
+        """Mark it as ready, with resolved settings; `lengths` are set before.
 
-        distance: measured mean, of neighbouring pores on the surface, in mesh units.
+        distance: measured mean distance of neighbouring pores on the surface, in mesh units.
         """
         self.settings = settings
         self.pores, self.wrinkles = graph.counts()
@@ -134,7 +134,7 @@ class Asset:
         return wrinkles <= _SMALL_WRINKLES and self.settings.resolution <= _SMALL_RESOLUTION
 
     def info(self) -> AssetInfo:
-        """As a caller sees it."""
+        """The asset as a caller sees it."""
         return AssetInfo(
             id=self.id,
             state=self.state,
@@ -154,7 +154,7 @@ class Asset:
         )
 
     def _notices(self) -> tuple[Notice, ...]:
-        """What is worth knowing of its present settings."""
+        """Facts about its present settings that are worth knowing."""
         spacing = self.lengths.spacing if self.state == "ready" else None
         building = self.state == "building" and self.wanted != MOST_WRINKLES
         large = build_notice(self.wanted) if building else ()
@@ -166,8 +166,8 @@ class Asset:
 
     @contextmanager
     def kept(self) -> Iterator[None]:
-        """Holds the lock, so that it is not removed within the block. Raises CancelledError if it
-        was removed before, FetchingError if it has left."""
+        """Hold the lock, so that the asset is not removed within the block. Raises CancelledError
+        where it was removed before, FetchingError where it has left."""
         with self.lock:
             self._check_here()
             if self.state == "removed":
@@ -175,7 +175,7 @@ class Asset:
             yield
 
     def check_known(self) -> None:
-        """Raise NotFoundError where it was removed, FetchingError where it has left."""
+        """Raise NotFoundError where the asset was removed, FetchingError where it has left."""
         self._check_here()
         if self.state == "removed":
             raise NotFoundError(f"asset {self.id} was removed")
@@ -185,8 +185,8 @@ class Asset:
             raise FetchingError(LEFT)
 
     def check_ready(self) -> None:
-        """Raise NotReadyError while it builds, ConflictError where it failed, NotFoundError where
-        it was removed."""
+        """Raise NotReadyError while the asset builds, ConflictError where it failed, and what
+        `check_known` raises."""
         self.check_known()
         if self.state == "building":
             raise NotReadyError(f"asset {self.id} is still building")
@@ -195,7 +195,7 @@ class Asset:
 
     @property
     def resident(self) -> DeviceAsset | None:
-        """Its parts on the device now, or None."""
+        """Its parts on the device, or None where they are not loaded."""
         resident = self.on_device
         return None if resident is None or resident.mesh.kept.released else resident
 
@@ -215,19 +215,19 @@ class Asset:
 
     @cached_property
     def frame_check(self) -> FrameCheck | None:
-        """The check of its frames, made on first use; raises StorageError where its mesh cannot be
-        read."""
+        """The check of its frames, made on first use; None where it has no mesh. Raises
+        StorageError where its mesh cannot be read."""
         return None if self.mesh is None else FrameCheck(self.mesh(), self.settings.length_unit)
 
     def frame_warnings(self, positions: NDArray[np.float32], name: str) -> tuple[InputWarning, ...]:
-        """What is probably wrong with positions (V, 3) that are called `name`."""
+        """Warnings of what is probably wrong with positions (V, 3) that are called `name`."""
         if self.frame_check is None:
             return ()
         return self.frame_check.warnings(positions, name)
 
     def check_address(self, address: TileAddress) -> int:
-        """Texels per side of a tile. Raises NotFoundError where it does not exist, and what
-        `check_ready` raises."""
+        """The texels per side of a tile. Raises NotFoundError where the tile does not exist, and
+        what `check_ready` raises."""
         self.check_ready()
         if address.udim not in self.udims:
             have = ", ".join(str(u) for u in self.udims) or "none"
@@ -250,25 +250,25 @@ class AssetRegistry:
         self._assets: dict[str, Asset] = {}
 
     def find(self, id: str) -> Asset | None:
-        """The asset of that id, if there is one."""
+        """The asset of an id, or None where it is not registered."""
         with self._lock:
             return self._assets.get(id)
 
     def get(self, id: str) -> Asset:
-        """The asset of that id, which may be brought from elsewhere; raises NotFoundError, and
-        FetchingError while it is brought."""
+        """The asset of an id, brought from elsewhere where it is not registered; raises
+        NotFoundError, and FetchingError while it is brought."""
         found = self.find(id) or self.elsewhere(id)
         found.used = time.monotonic()
         return found
 
     def all(self) -> list[Asset]:
-        """Every asset, in the order in which they came."""
+        """Every asset, in the order of registration."""
         with self._lock:
             return list(self._assets.values())
 
     def replace(self, old: Asset | None, new: Asset | None) -> bool:
         """Register `new` in place of `old`, each of which may be None. Returns False, and changes
-        nothing, if `old` is not what is registered now."""
+        nothing, where `old` is not what is registered now."""
         id = (new or old).id  # type: ignore[union-attr]
         with self._lock:
             if self._assets.get(id) is not old:

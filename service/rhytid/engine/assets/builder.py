@@ -37,9 +37,11 @@ _BINS_SHARE = 0.6
 
 
 class AssetBuilder:
-    """Runs builds as jobs: synthesis, storing, upload. Bins follow as a job of their own.
+    """Runs builds as jobs: synthesis, storing, upload. Precomputed maps follow as a job of their
+    own.
 
-    What the shared store has is fetched in place of a synthesis, and what is built is pushed.
+    An asset that the shared store has is fetched and not synthesised; an asset that is built is
+    pushed.
     """
 
     def __init__(
@@ -59,7 +61,8 @@ class AssetBuilder:
     def start(
         self, asset: Asset, afterwards: Callable[[Job], None] | None = None, *, always: bool = False
     ) -> None:
-        """Build an asset whose request is stored, as a job. afterwards: runs once it is ready.
+        """Build an asset whose request is stored, as a job.  afterwards: called with the job once
+        the asset is ready.
 
         Raises BusyError where too many jobs wait, unless `always`, and FatalRequestError where the
         asset is not to be built.
@@ -84,7 +87,7 @@ class AssetBuilder:
             self._fail(job, asset, CancelledError(job.info.detail))
 
     def allow(self, asset: str) -> None:
-        """An asset was removed: where it is sent again, it may be built."""
+        """Allow an asset to be built again, since it was removed."""
         self._refused.pop(asset, None)
 
     def change(self, asset: Asset, settings: AssetSettings) -> None:
@@ -115,15 +118,15 @@ class AssetBuilder:
         self._shared.push(asset.id)
 
     def prepare_bins(self, asset: Asset) -> None:
-        """Make the level-0 maps of the fast method ahead, as a job, if they fit; else each is made
-        when it is first asked for."""
+        """Make the level-0 maps of the fast method ahead, as a job, if they fit into memory;
+        otherwise each is made on first use."""
         self._jobs.start(
             "bins", asset.id, lambda job: self.make_bins(job, asset), small=asset.small, always=True
         )
 
     def make_bins(self, job: Job, asset: Asset) -> None:
-        """The work of `prepare_bins`; stops when the settings change, and yields to jobs of higher
-        priority between tiles. Tiles that exist are not made again."""
+        """Do the work of `prepare_bins`. It stops when the settings change, and yields to jobs of
+        higher priority between tiles. Tiles that exist are not made again."""
         size = self._on_device.loaded(asset).bins.size()
         if size > _BINS_SHARE * self._device.budget.limit:
             return
@@ -141,8 +144,8 @@ class AssetBuilder:
                 self._warm_up(asset, settings, address)
 
     def _warm_up(self, asset: Asset, settings: AssetSettings, address: TileAddress) -> None:
-        """Compile what blends a tile of which there are maps, in tasks between which others run:
-        a change of settings, for one, with which there are none."""
+        """Compile the kernels that blend a tile whose maps are made, in tasks between which others
+        run, such as a change of settings, after which there are no maps."""
 
         def unless_changed(warm_up: Callable[[DeviceAsset], None], resident: DeviceAsset) -> None:
             if asset.settings == settings:
@@ -184,7 +187,8 @@ class AssetBuilder:
         grown: Synthesis | None,
         made: DeviceAsset,
     ) -> tuple[AssetSettings, float]:
-        """Store what was built; resolved settings, and the mean distance of pores."""
+        """Store a built asset; returns its resolved settings, and the mean distance of its
+        pores."""
         if grown is None:
             spacing, distance = None, mean_spacing(wanted.mesh, graph, made.mesh.pore_triangle)
         else:
@@ -229,7 +233,8 @@ class AssetBuilder:
 
     @contextmanager
     def _failing(self, job: Job, asset: Asset) -> Iterator[None]:
-        """An error becomes the asset's `reason`; an asset whose build was cancelled is removed."""
+        """Make an error in the block the `reason` of the asset; an asset whose build was cancelled
+        is removed."""
         try:
             yield
         except BaseException as error:

@@ -40,9 +40,9 @@ Warnings = tuple[InputWarning, ...]
 
 
 class AssetCreation:
-    """Takes in what callers send of assets.
+    """Takes in uploads of assets.
 
-    memory: counts the frames of new ones.  limit: of how long the maps of a given graph take.
+    memory: counts the frames of new assets.  limit: of how long the maps of a given graph may take.
     """
 
     def __init__(
@@ -62,7 +62,7 @@ class AssetCreation:
     def take(
         self, new: NewAsset, strict: bool, allow: Collection[str], hold: Hold | None
     ) -> tuple[Asset, Warnings]:
-        """The asset of what was sent, new or known, and warnings beside its own; raises what
+        """The asset of an upload, new or known, and warnings beside its own; raises what
         `AssetService.create` does."""
         check_codes(allow)
         upload = CheckedUpload.of(new, self._device.budget.limit, self._limit)
@@ -78,16 +78,16 @@ class AssetCreation:
         return asset, (*_changed(asset, upload.settings), *sent)
 
     def _keep_shapes(self, asset: Asset, shapes: Expressions) -> None:
-        """In place of those that came before, unless the build failed meanwhile: then nothing of
-        the asset is kept."""
+        """Store the shapes of an asset in place of earlier ones, unless its build failed meanwhile:
+        then nothing of the asset is kept."""
         with asset.kept(), suppress(NotFoundError):
             self._store.put_shapes(asset.id, shapes)
             if asset.state == "ready":
                 self._shared.push(asset.id)
 
     def _folds(self, upload: CheckedUpload) -> Folds | None:
-        """Where expressions fold the mesh of an asset that is not built yet; other tasks of the
-        device run between the steps. Raises what `check_amount` does."""
+        """The folds that expressions make in the mesh of an asset that is not built yet; other
+        tasks of the device run between the steps. Raises what `check_amount` does."""
         if upload.expressions is None or self._registration.known(upload.id) is not None:
             return None
         mesh, settings = upload.new.mesh, upload.settings
@@ -121,7 +121,7 @@ class AssetRegistration:
         self._builder, self._frames, self._jobs, self._memory = builder, frames, jobs, memory
 
     def open_store(self, only: Collection[str] | None = None) -> None:
-        """Register what the store holds, or those of `only`, and go on with builds that were
+        """Register the assets of the store, or those of `only`, and go on with builds that were
         interrupted."""
         for asset in self._stored.built(only):
             self._assets.replace(None, asset)
@@ -134,7 +134,7 @@ class AssetRegistration:
                     asset.fail(str(error))
 
     def known(self, id: str) -> Asset | None:
-        """The asset of that id, if there is one that did not fail."""
+        """The asset of an id, or None where there is none or it failed."""
         known = self._assets.find(id)
         return None if known is None or known.state == "failed" else known
 
@@ -145,8 +145,8 @@ class AssetRegistration:
         folds: Folds | None,
         hold: Hold | None,
     ) -> Asset:
-        """The asset that is known by the id of an upload; where none is, or it failed, what `make`
-        makes, which is built. Its frames are stored by a job.
+        """The asset that is known by the id of an upload. Where none is, or it failed, the one that
+        `make` makes, which is then built. The frames of the upload are stored by a job.
 
         hold: counts the bytes of the frames already, as far as it has any.
         """
@@ -160,7 +160,8 @@ class AssetRegistration:
 
     @contextmanager
     def _held(self, frames: Positions, counted: Hold | None) -> Iterator[Hold]:
-        """The bytes of frames that wait for their job; given back where none is queued."""
+        """Hold the bytes of frames that wait for their job; gives them back where none is
+        queued."""
         nbytes = sum(positions.nbytes for positions in frames)
         hold = self._memory.hold("jobs") if counted is None else counted.split("jobs", nbytes)
         try:
@@ -191,8 +192,8 @@ class AssetRegistration:
     def _begin(
         self, asset: Asset, before: Asset | None, upload: CheckedUpload, folds: Folds | None
     ) -> None:
-        """Restore a built asset from the store, else store what was sent and build it. On failure
-        the asset that was registered before is registered again."""
+        """Restore a built asset from the store, else store the upload and build it. On failure the
+        asset that was registered before is registered again."""
         new = upload.new
         try:
             if self._stored.restore(asset):
@@ -226,7 +227,7 @@ class AssetRegistration:
 
 
 def _frame_warnings(asset: Asset, frames: Positions) -> Warnings:
-    """About the frames that come with a mesh, by the names that they will have."""
+    """Warnings of the frames that come with a mesh, by the names that they will have."""
     return tuple(
         warning
         for index, positions in enumerate(frames)
@@ -235,7 +236,8 @@ def _frame_warnings(asset: Asset, frames: Positions) -> Warnings:
 
 
 def _changed(asset: Asset | None, sent: AssetSettings) -> Warnings:
-    """Where the asset of the content that is sent has other settings by now."""
+    """Warnings of the settings in which the asset of the same content differs from the upload by
+    now."""
     if asset is None or asset.state == "failed":
         return ()
     return settings_changed(asset.id, asset.settings, sent, asset.lengths)

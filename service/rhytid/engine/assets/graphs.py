@@ -22,11 +22,12 @@ from rhytid.errors import GraphError
 def graph_lengths(
     graph: WrinkleGraph, settings: AssetSettings, distance: float, spacing: float | None = None
 ) -> Lengths:
-    """What a graph is drawn with where settings do not say it, in their unit.
+    """The lengths that a graph is drawn with where settings do not say them, in the unit of the
+    settings.
 
-    distance: mean, of its pores.  spacing: that it was grown with; where that is not known,
-    `graph.spacing` of the settings, else what its file says, else the distance. Raises
-    SettingsError where the lengths of the file cannot be converted.
+    distance: mean distance of its pores.  spacing: the spacing that it was grown with; where that
+    is not known, `graph.spacing` of the settings, else the one of its file, else the distance.
+    Raises SettingsError where the lengths of the file cannot be converted.
     """
     unit = settings.length_unit
     origin = (graph.origin or GraphOrigin()).in_unit(unit)
@@ -55,9 +56,10 @@ def check_graph(graph: WrinkleGraph, mesh: Mesh, *, force: bool) -> None:
 def mean_spacing(mesh: Mesh, graph: WrinkleGraph, triangle: NDArray[np.int32]) -> float:
     """Mean distance from a pore to the nearest one elsewhere, in mesh units.
 
-    triangle: (N,) that holds each pore; the number of triangles for a pore in none, left out.
-    Copies at UV seams do not count, and nodes of weight 0, as those beyond seams, only where no
-    others lie at two places. Falls back to the mean length of a mesh edge where none do.
+    triangle: (N,) the triangle that holds each pore; a pore with the number of triangles lies in
+    none and is left out. Copies at UV seams do not count; nodes of weight 0, such as those beyond
+    seams, count only where no others lie at two places. Falls back to the mean length of a mesh
+    edge where none do.
     """
     on_mesh = (triangle < len(mesh.faces)) & graph.own_nodes
     for chosen in (on_mesh & (graph.node_weight > 0), on_mesh):

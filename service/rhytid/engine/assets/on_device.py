@@ -42,7 +42,8 @@ class DeviceAssets:
     """Runs tasks of the device, and loads the asset that a task needs.
 
     An asset on the device is an entry of the memory budget, as are the arrays computed from it: the
-    least recently used entry is dropped first. Safe outside of its tasks.
+    least recently used entry is dropped first. Its methods are called outside of tasks, but for
+    `found`, and are safe from any thread.
     """
 
     def __init__(self, device: Device, worker: DeviceWorker, store: AssetStore) -> None:
@@ -51,7 +52,7 @@ class DeviceAssets:
         self._loading = threading.Lock()
 
     def run(self, task: Callable[..., T], *arguments: Any) -> T:
-        """Run one task of the device; raises BusyError where too many wait for it."""
+        """Run one task of the device; raises BusyError where too many calls wait for it."""
         return self._worker.call(lambda: self._whole(task, arguments))
 
     def run_patiently(self, task: Callable[..., T], *arguments: Any, **named: Any) -> T:
@@ -59,9 +60,10 @@ class DeviceAssets:
         return self._worker.call_patiently(lambda: self._whole(task, arguments, named))
 
     def use(self, asset: Asset, task: Callable[[DeviceAsset], T], *, patiently: bool = False) -> T:
-        """Run a task with an asset on the device, loaded where it is not there.
+        """Run a task with an asset on the device, which is loaded where it is not there.
 
-        Raises what `loaded` and `run` do.
+        patiently: wait for a place in the queue, in place of raising BusyError. Raises what `using`
+        does.
         """
         call = self._worker.call_patiently if patiently else self._worker.call
 
@@ -71,12 +73,12 @@ class DeviceAssets:
         return self.using(asset, lambda resident: call(whole, turn=asset.id))
 
     def using(self, asset: Asset, call: Callable[[DeviceAsset], T]) -> T:
-        """What `call` returns, whose task on the device starts with `found`: the asset is loaded
-        before, and again where it was dropped before the task ran. What the task lacks and takes
-        long to make is made in steps before the task is run again.
+        """Make a call whose task on the device starts with `found`, and return its result. The
+        asset is loaded before the call, and again where it was dropped before the task ran. Work
+        that the task defers is done in steps before the call is made again.
 
-        Raises what `loaded` does, DeviceMemoryError where it is dropped again and again, and
-        CancelledError where nobody wants what is made any more.
+        Raises what `loaded` does, DeviceMemoryError where the asset is dropped again and again, and
+        CancelledError where nobody waits for the result any more.
         """
         made = 0
         for _ in range(_ATTEMPTS):
@@ -97,17 +99,17 @@ class DeviceAssets:
 
     def found(self, asset: Asset) -> DeviceAsset:
         """The parts of an asset, in a task of the device; they stay until the task ends. Raises
-        Evicted."""
+        Evicted where they are not there."""
         found: DeviceAsset | None = self._device.budget.find(_key(asset))
         if found is None:
             raise Evicted
         return found
 
     def loaded(self, asset: Asset) -> DeviceAsset:
-        """The parts of an asset on the device, loaded from the store if they are not there.
+        """The parts of an asset on the device, loaded from the store where they are not there.
 
-        The first caller loads them; others wait. Raises NotReadyError, ConflictError where it
-        failed, NotFoundError where it was removed, DeviceMemoryError where it does not fit.
+        The first caller loads them; others wait. Raises what `Asset.check_ready` does, and
+        DeviceMemoryError where they do not fit.
         """
         asset.check_ready()
         resident = asset.resident
@@ -122,7 +124,7 @@ class DeviceAssets:
         """The parts of an asset on the device, for long work of this thread within the block; other
         tasks run on the device between its steps.
 
-        Raises Evicted from the step before which the asset was dropped or its settings changed, and
+        Raises Evicted from the first step after the asset was dropped or its settings changed, and
         what `loaded` does.
         """
         resident = self.loaded(asset)
@@ -136,8 +138,8 @@ class DeviceAssets:
             yield resident
 
     def _steps(self, turn: Hashable = None) -> Callable[..., Any]:
-        """Runs steps in a turn, until nobody wants what this thread makes any more: then it raises
-        CancelledError once, and what follows are steps that give back."""
+        """Runs steps in a turn. Where nobody waits for the work of this thread any more, a step
+        raises CancelledError, once: the steps after it give back."""
         leaving = False
 
         def step(task: Callable[..., T], *arguments: Any) -> T:
@@ -150,13 +152,13 @@ class DeviceAssets:
         return step
 
     def make_bins(self, asset: Asset, address: TileAddress) -> None:
-        """Make the precomputed maps of one tile where they are not there, step by step; nothing is
-        kept where the asset is dropped or its settings change meanwhile."""
+        """Make the precomputed maps of a tile in steps, unless they are there; nothing is kept
+        where the asset is dropped or its settings change meanwhile."""
         self._make(asset, DeferredWork(bins=[address]))
 
     def _make(self, asset: Asset, deferred: DeferredWork) -> None:
-        """Make what a task lacks, one thing of an asset after the other: who wants the same finds
-        it made."""
+        """Do the work that a task deferred. Of one asset one thread works at a time, so that
+        another one that needs the same finds it made."""
         while not asset.making.acquire(timeout=_PATIENCE):
             call_context.check_abandoned()
         try:
@@ -168,7 +170,8 @@ class DeviceAssets:
     def place(
         self, mesh: Mesh, graph: WrinkleGraph, settings: AssetSettings, stiffness: Stiffness | None
     ) -> DeviceAsset:
-        """A mesh with the triangles of its pores and wrinkles; `finish` or `give_up` it."""
+        """The parts of a mesh on the device, with the triangles of its pores and wrinkles. To be
+        followed by `finish` or `give_up`."""
         with self._device.in_steps(self._steps()):
             made = DeviceAsset(self._device, mesh, settings, stiffness)
             made.mesh.locate(graph)
@@ -196,11 +199,11 @@ class DeviceAssets:
             raise
 
     def give_up(self, made: DeviceAsset) -> None:
-        """Free what `place` made."""
+        """Free the parts that `place` made."""
         self.run_patiently(made.release)
 
     def drop(self, asset: Asset) -> None:
-        """Free the parts of an asset for good, and spare buffers beyond the size of those in use:
+        """Free the parts of an asset for good, and spare buffers beyond the bytes that are in use:
         buffers of one asset rarely fit another."""
 
         def discard() -> None:

@@ -1,4 +1,4 @@
-"""Assets: create, change, calibrate, remove."""
+"""Creates, describes, changes, calibrates and removes assets."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ T = TypeVar("T")
 
 
 class AssetService:
-    """Creates assets from uploads; answers what they are; changes, calibrates and removes them."""
+    """Creates assets from uploads; describes, changes, calibrates and removes them."""
 
     def __init__(
         self,
@@ -82,21 +82,21 @@ class AssetService:
         return replace(info, warnings=(*info.warnings, *warnings))
 
     def all(self) -> list[AssetInfo]:
-        """Every asset."""
+        """Describes every asset."""
         return [asset.info() for asset in self._assets.all()]
 
     def info(self, asset: str) -> AssetInfo:
-        """One asset."""
+        """Describes one asset."""
         return self._assets.get(asset).info()
 
     def change(self, asset: str, changes: Mapping[str, Any]) -> AssetInfo:
-        """Change response, shape, depth, angles, preset, bins or convolve; tiles and keys change.
-        Change the name, which nothing depends on.
+        """Change response, shape, depth, angles, preset, bins or convolve, with which tiles and
+        keys change, or the name, on which nothing depends.
 
-        A `preset` sets the bins but for `r_max`; keys of `bins` beside it override it. `depth`,
-        `convolve.sigma` or `shape.wave_frequency` null means the default again: what the file of a
-        given graph says, else in proportion to the spacing. Raises SettingsError for what cannot be
-        changed.
+        A `preset` sets the bins but for `r_max`; keys of `bins` beside it override it. None for
+        `depth`, `convolve.sigma` or `shape.wave_frequency` means the default again: the value in
+        the file of a given graph, else a value in proportion to the spacing. Raises SettingsError
+        for settings that cannot be changed.
         """
         found = self._assets.get(asset)
         found.check_ready()
@@ -111,8 +111,8 @@ class AssetService:
         return found.info()
 
     def resized(self, asset: str, resolution: int) -> AssetInfo:
-        """An asset of the skin of a ready one at another resolution: its mesh, wrinkles, stiffness
-        and present settings; nothing is synthesised. Raises what `create` does."""
+        """Create an asset of the skin of a ready one at another resolution: its mesh, wrinkles,
+        stiffness and present settings; nothing is synthesised. Raises what `create` does."""
         found = self._assets.get(asset)
         graph, stored = self.graph(asset), self._store.asset(asset)
         side = min(found.settings.tile_size, resolution)
@@ -123,10 +123,10 @@ class AssetService:
         return self.create(NewAsset(stored.mesh, settings, graph, stiffness=stored.stiffness))
 
     def delete(self, asset: str, *, shared: bool = False) -> None:
-        """Remove an asset from memory, device and disk; cancels what is being made of it.
+        """Remove an asset from memory, device and disk, and cancel its jobs.
 
-        shared: from the shared store, too, where it may be alone; otherwise it stays there. Raises
-        QueryError where there is none.
+        shared: remove it from the shared store, too, even if it is there alone; otherwise it stays
+        there. Raises QueryError where there is no shared store.
         """
         found = self._assets.find(asset)
         if found is not None:
@@ -152,7 +152,7 @@ class AssetService:
 
     def content(self, asset: str) -> AssetContent:
         """The key and the size of what `graph`, `mesh` and `curves` of a ready asset return now;
-        reads none of it."""
+        reads none of these."""
         found = self._assets.get(asset)
         found.check_ready()
         files = self._store.contents(asset)
@@ -162,8 +162,8 @@ class AssetService:
         return AssetContent(key, sum(file.nbytes for file in files.values()))
 
     def graph(self, asset: str) -> WrinkleGraph:
-        """The wrinkle graph of a ready asset, with the lengths that it is drawn with now, and the
-        seed."""
+        """The wrinkle graph of a ready asset, with the seed and the lengths that it is drawn with
+        now."""
         found = self._assets.get(asset)
         found.check_ready()
         stored = self._store.asset(asset)
@@ -185,7 +185,7 @@ class AssetService:
         return self._of_shapes(asset, self._store.shapes)
 
     def shapes_nbytes(self, asset: str) -> int:
-        """Bytes of what `shapes` answers, which is not read; raises as it does."""
+        """Bytes of the shapes that `shapes` returns, which are not read; raises what it raises."""
         return self._of_shapes(asset, self._store.shapes_nbytes)
 
     def _of_shapes(self, asset: str, find: Callable[[str], T]) -> T:
@@ -203,8 +203,8 @@ class AssetService:
         return self._store.asset(asset).stiffness is not None
 
     def curves(self, asset: str) -> Curves:
-        """The wrinkles of a ready asset as lines in space; those with an end off the mesh are not
-        among them."""
+        """The wrinkles of a ready asset as lines in space; wrinkles with an end off the mesh are
+        left out."""
         resident = self._on_device.loaded(self._assets.get(asset))
         stored = self._store.asset(asset)
         triangles = len(stored.mesh.faces)
@@ -221,8 +221,8 @@ class AssetService:
     ) -> JobInfo:
         """Set r_max from a frame (section 2.4) and make the bins anew, as a job.
 
-        The job warns of the frame; strict: raise StrictError instead, unless its code is in
-        `allow`.
+        The job warns of the frame; strict: raise StrictError instead, unless the code of every
+        warning is in `allow`.
         """
         found = self._assets.get(asset)
         found.check_ready()
@@ -246,7 +246,7 @@ class _Calibration:
         self._changed = False
 
     def __call__(self, job: Job) -> None:
-        """Measure, unless that was done before the job gave way; then make the maps."""
+        """Measure the frame, unless that was done before the job gave way; then make the maps."""
         if not self._changed:
             self._measure(job)
             self._changed = True

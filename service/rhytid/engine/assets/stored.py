@@ -1,4 +1,4 @@
-"""Assets from the store: at startup, and when content is sent that was built before."""
+"""Reads assets from the store: at startup, and when content is sent that was built before."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _log = logging.getLogger(__name__)
 
 
 class StoredAssets:
-    """Reads assets of a store; what they have on the device is loaded on first use."""
+    """Reads assets of a store; their parts on the device are loaded on first use."""
 
     def __init__(self, store: AssetStore, on_device: DeviceAssets, memory: FrameMemory) -> None:
         self._store, self._on_device, self._memory = store, on_device, memory
@@ -47,11 +47,12 @@ class StoredAssets:
             )  # fmt: skip
 
     def restore(self, asset: Asset) -> bool:
-        """Make an asset that is sent again ready, where the store has it built.
+        """Make an asset that is sent again ready, where the store has it built; returns whether it
+        has.
 
-        A damaged one is removed from the store, and so is a damaged request; damaged settings of
-        an intact one become those that it was built with. One of another version is left as it is:
-        raises StoreFormatError.
+        A damaged asset is removed from the store, and so is a damaged request; damaged settings of
+        an intact asset become those that it was built with. An asset of another version is left as
+        it is: raises StoreFormatError.
         """
         if asset.id not in self._store.ids():
             self._check_request(asset.id)
@@ -75,7 +76,7 @@ class StoredAssets:
         return True
 
     def _check_request(self, id: str) -> None:
-        """Remove a request that is damaged, so that another can take its place."""
+        """Remove a damaged request, so that another can take its place."""
         if id not in self._store.pending():
             return
         try:
@@ -97,8 +98,8 @@ class StoredAssets:
         return asset
 
     def fill(self, asset: Asset, stored: StoredAsset) -> None:
-        """Give an asset of the store what is known of it once it is built; raises StorageError
-        where that cannot be read."""
+        """Make an asset of the store ready, with what is known of it since it was built; raises
+        StorageError where that cannot be read."""
         facts = BuildFacts.of(stored)
         settings = self._store.overlay(asset.id) or stored.settings
         try:
@@ -112,13 +113,13 @@ class StoredAssets:
         asset.built(stored.graph, settings.with_lengths(asset.lengths), distance)
 
     def _measured(self, stored: StoredAsset) -> float:
-        """Mean distance of pores, of an asset of a version that did not keep it."""
+        """Mean distance of the pores of an asset, stored by a version that did not keep it."""
         made = self._on_device.place(stored.mesh, stored.graph, stored.settings, stored.stiffness)
         self._on_device.give_up(made)
         return mean_spacing(stored.mesh, stored.graph, made.mesh.pore_triangle)
 
     def _damaged(self, id: str, error: StorageError) -> Asset:
-        """A failed asset; the log names the damaged file, the reason for callers does not."""
+        """A failed asset. The log names the damaged file; the reason for callers does not."""
         _log.error("asset %s: %s", id, error)
         reason = public_message(error) if isinstance(error, StoreFormatError) else DAMAGED
         return Asset.failed(id, reason, self._memory)
@@ -129,7 +130,7 @@ def _among(ids: list[str], only: Collection[str] | None) -> list[str]:
 
 
 def _kept_warnings(stored: StoredAsset, facts: BuildFacts) -> tuple[InputWarning, ...]:
-    """Those of a stored asset; found anew for one of a version that kept none."""
+    """The warnings of a stored asset; found anew where a version stored it that kept none."""
     if facts.warnings is not None:
         return facts.warnings
     return mesh_warnings(stored.mesh, stored.settings.length_unit, stored.settings.resolution)

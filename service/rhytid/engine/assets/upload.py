@@ -1,4 +1,4 @@
-"""What was sent of a new asset: checked, with what follows from it before anything is built."""
+"""Checks the upload of a new asset, and finds what follows from it before anything is built."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ from rhytid.synthesis.fields.capacity_check import check_amount
 class CheckedUpload:
     """A new asset whose parts fit each other.
 
-    new: what was sent, with settings for its graph or for synthesis.  expressions: those that lines
+    new: the upload, with settings for its graph or for synthesis.  expressions: those that lines
     grow by.  wrinkles: how many it will have.  frames: (V, 3) float32 each.  warnings: of the mesh.
-    unused: of settings without effect.
+    unused: warnings of settings without effect.
     """
 
     id: str
@@ -47,10 +47,10 @@ class CheckedUpload:
 
     @classmethod
     def of(cls, new: NewAsset, memory: int, limit: DrawLimit) -> CheckedUpload:
-        """Check what was sent; raises what `AssetService.create` says of it.
+        """Check an upload; raises what `AssetService.create` does.
 
         memory: bytes that a synthesis may use on the device.  limit: of how long the maps of a
-        given graph take.
+        given graph may take.
         """
         udims = mesh_udims(new.mesh)
         if not udims:
@@ -74,11 +74,11 @@ class CheckedUpload:
 
     @property
     def settings(self) -> AssetSettings:
-        """Settings for the graph that was sent, or for synthesis."""
+        """Its settings, for the graph that was sent or for synthesis."""
         return self.new.settings
 
     def asset(self, memory: FrameMemory) -> Asset:
-        """An asset that is not built yet."""
+        """The asset of the upload, which is not built yet.  memory: counts its frames."""
         mesh = self.new.mesh
         made = Asset.of(self.id, mesh, self.settings, self.warnings, memory, lambda: mesh)
         made.wanted, made.measured_uv = self.wrinkles, usual_uv_length(mesh)
@@ -86,7 +86,7 @@ class CheckedUpload:
 
 
 def content_id(new: NewAsset) -> str:
-    """The id that what is sent will have, of which nothing is checked."""
+    """The id that an upload will have; checks nothing of it."""
     if new.graph is not None:
         settings, expressions = new.settings.for_graph(new.graph.origin), None
     else:
@@ -98,7 +98,7 @@ def content_id(new: NewAsset) -> str:
 def _settings_of(
     new: NewAsset, graph: WrinkleGraph, udims: Iterable[int], limit: DrawLimit
 ) -> AssetSettings:
-    """Settings for a graph that was sent and fits its mesh."""
+    """Settings for the graph of an upload; raises what `check_graph` and `check_cover` do."""
     settings = new.settings.for_graph(graph.origin)
     check_graph(graph, new.mesh, force=new.force)
     for udim in udims:
@@ -107,7 +107,8 @@ def _settings_of(
 
 
 def _to_grow(new: NewAsset, memory: int) -> tuple[NewAsset, Expressions | None, int]:
-    """With settings for synthesis; the expressions that lines grow by, and how many wrinkles."""
+    """The upload with settings for synthesis, the expressions that lines grow by, and the number of
+    wrinkles."""
     settings = new.settings.for_synthesis()
     expressions = grown_from(settings.graph.lines, new.shapes)
     wrinkles = check_amount(new.mesh, settings.graph, new.controls, memory)

@@ -1,1 +1,1 @@
-"""What one asset has on the device, part by part."""
+"""The parts of one asset on the device."""

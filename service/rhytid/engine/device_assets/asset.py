@@ -1,4 +1,4 @@
-"""What an asset has on the device, part by part."""
+"""One asset on the device, put together from its parts."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from rhytid.pipeline.work import BLOCK
 
 
 class DeviceAsset:
-    """The parts of an asset on the device; each uses those before it. Every method, and those of
-    the parts, runs in a task of the device.
+    """The parts of an asset on the device; each part uses those before it. Every method, and those
+    of the parts, runs in a task of the device unless it says otherwise.
 
     mesh: the mesh and its wrinkles.  frames: stretch of frames.  bins: precomputed maps.  neutral:
-    what `convolved` reads.  drawing: level 0 by every method.  finest: level 0, kept.  levels:
-    squares of every level.
+    neutral squares that `convolved` reads.  drawing: level 0 by every method.  finest: level 0,
+    kept.  levels: squares of every level.
     """
 
     def __init__(
@@ -43,8 +43,8 @@ class DeviceAsset:
         self.levels = DeviceLevels(self.mesh, self.finest)
 
     def make(self, deferred: DeferredWork) -> None:
-        """Make and keep the work that a task deferred, unless it is done by now; on a thread that
-        uses the device in steps, see `Device.in_steps`."""
+        """Do the work that a task deferred, unless it is done by now, and keep its result; on a
+        thread that uses the device in steps, see `Device.in_steps`."""
         self.bins.make(*deferred.bins)
         if deferred.neutral is not None:
             self.neutral.make(*deferred.neutral)
@@ -56,13 +56,13 @@ class DeviceAsset:
         self.mesh.kept.clear()
 
     def warm_up_stretch(self) -> None:
-        """Compute and keep by what a frame is blended, so that no request waits for the kernels to
-        compile."""
+        """Compute and keep the coefficients that blend a frame, so that no request waits for the
+        kernels to compile."""
         if self.mesh.stiffness is None:  # else it has no use for that
             self.frames.coefficients(NEUTRAL_FRAME, MapQuery("binned").stretch)
 
     def warm_up_blend(self, address: TileAddress) -> None:
-        """Blend one tile, for the same reason."""
+        """Blend one tile, so that no request waits for the kernels to compile."""
         for buffer in self.bins.blended(NEUTRAL_FRAME, MapQuery("binned"), [address]):
             buffer.release()
 

@@ -1,5 +1,5 @@
-"""The fast method of an asset: its precomputed maps by tile, their manifest, and tiles that are
-blended from them."""
+"""The fast method of an asset: its precomputed maps by tile, their manifest, and tiles blended from
+them."""
 
 from __future__ import annotations
 
@@ -39,15 +39,14 @@ from rhytid.pipeline.vectors import BYTES_A_TEXEL
 
 
 class DeviceBins:
-    """Precomputed maps, kept while there is memory (section 2.4). Every method runs on the device
-    thread."""
+    """The precomputed maps of an asset, kept while there is memory (section 2.4)."""
 
     def __init__(self, base: DeviceMesh, frames: DeviceFrames, grain: DeviceGrain) -> None:
         self._base, self._frames, self._grain = base, frames, grain
 
     def tile(self, address: TileAddress) -> BinTile:
-        """The precomputed maps of one tile; made where they are not there. Raises DeferredWork
-        where that takes long and the asset is `bounded`."""
+        """The precomputed maps of a tile, made where they are not there. Raises DeferredWork where
+        that takes long and the asset is `bounded`."""
         return self._tiles([address])[0]
 
     def _tiles(self, addresses: Sequence[TileAddress]) -> list[BinTile]:
@@ -62,8 +61,8 @@ class DeviceBins:
         return self._base.kept.find("bins", address) is not None
 
     def make(self, *addresses: TileAddress) -> None:
-        """Make and keep the maps of tiles that are not there; from any thread, see
-        `Device.in_steps`."""
+        """Make and keep the maps of tiles where they are not there; on a thread that uses the
+        device in steps, see `Device.in_steps`."""
         device = self._base.device
         for address in addresses:
             if not device.step(partial(self.has, address)):
@@ -71,12 +70,13 @@ class DeviceBins:
                 device.hand_over()
 
     def _keep(self, address: TileAddress, tile: BinTile) -> None:
-        """Keep maps that were made from elsewhere, unless there are others by now."""
+        """Keep maps that were made in steps, unless there are others by now."""
         if self._base.kept.keep("bins", address, make=lambda: tile) is not tile:
             tile.release()
 
     def _work(self, address: TileAddress) -> float:
-        """Of making the maps of a tile, at most: as if each had all wrinkles and pores."""
+        """The work of making the maps of a tile, at most: as if each map had all wrinkles and
+        pores."""
         work = self._base.elements[address.udim].work.of(*self._base.square(address))
         return map_count(self._base.settings.bins) * work
 
@@ -91,8 +91,8 @@ class DeviceBins:
     def layer_codes(
         self, address: TileAddress, layer: str, bin: int | None, sample: int | None
     ) -> NDArray[np.integer]:
-        """Codes (n, n) of one map of the manifest; of cushions coarse, with their apron. Raises
-        what `map_index` does."""
+        """(n, n) codes of one map of the manifest; of the cushions n counts coarse samples, with
+        the apron around them. Raises what `map_index` does."""
         settings, device = self._base.settings, self._base.device
         bin, sample = map_index(self.manifest(), layer, bin, sample)
         if layer == GRAIN:
@@ -109,7 +109,7 @@ class DeviceBins:
         return cushion.read(device, maps, index, bits, broad=True)
 
     def manifest(self) -> BinManifest:
-        """What clients need to blend the maps (docs/binned.md)."""
+        """The manifest that clients need to blend the maps (docs/binned.md)."""
         return _manifest(self._base.settings, self._base.cushion_factor)
 
     def size(self) -> int:
@@ -126,7 +126,7 @@ class DeviceBins:
     def blended(
         self, frame: Frame, query: MapQuery, addresses: Sequence[TileAddress]
     ) -> list[Buffer]:
-        """float32 of level-0 tiles of one UDIM."""
+        """float32 of level-0 tiles of one UDIM, blended for a frame."""
         blend, model, udim = self._base.blend, query.stretch, addresses[0].udim
         tiles = self._tiles(addresses)
         if query.sampling == "smooth":
@@ -226,7 +226,7 @@ def _steps(settings: AssetSettings) -> dict[str, tuple[float, ...]]:
 def map_index(
     manifest: BinManifest, layer: str, bin: int | None, sample: int | None
 ) -> tuple[int, int]:
-    """Bin and sample, 0 where there is one alone and none is given.
+    """The bin and the sample of a map; 0 where the layer has only one, and none is given.
 
     Raises NotFoundError naming what does not exist, QueryError naming what is missing.
     """

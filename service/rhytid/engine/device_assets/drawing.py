@@ -28,7 +28,7 @@ _AROUND = 2 * (MOST_TAPS + VECTOR) + BLOCK
 
 
 class DeviceDrawing:
-    """Draws tiles and squares of level 0. Every method runs in a task of the device."""
+    """Draws squares of level 0."""
 
     def __init__(
         self,
@@ -44,18 +44,18 @@ class DeviceDrawing:
     def to_host(
         self, frame: Frame, query: MapQuery, udim: int, level: int, row: int, column: int, side: int
     ) -> NDArray[np.float32]:
-        """(side, side) displacement drawn anew: `redraw` of the frame, or `neutral`."""
+        """(side, side) displacement drawn anew, by `redraw` or `neutral`."""
         draw = self._redrawn(frame, query, udim)
         return render_to_host(self._base.device, draw, level, row, column, side)
 
     def squares(
         self, frame: Frame, query: MapQuery, udim: int, places: Sequence[Square]
     ) -> list[Buffer]:
-        """float32 of squares of level 0 by any method, for `binned` of tiles alone: all are
+        """float32 of squares of level 0 by any method; for `binned` the squares are tiles. All are
         enqueued before the first is read.
 
-        What does not depend on the frame is kept: precomputed maps, and the neutral squares of
-        `convolved`. Raises DeferredWork where these are not there and take long.
+        Precomputed maps and the neutral squares of `convolved`, which do not depend on the frame,
+        are kept. Raises DeferredWork where they are not there and take long.
         """
         if query.method == "binned":
             tile = self._base.tile_side
@@ -66,13 +66,13 @@ class DeviceDrawing:
         return [draw(*place) for place in places]
 
     def _redrawn(self, frame: Frame, query: MapQuery, udim: int) -> Draw:
-        """What draws `redraw` of the frame, or `neutral`."""
+        """Draws squares of `redraw` or `neutral`."""
         deformed = NEUTRAL_FRAME if query.method == "neutral" else frame
         lines = self._lines(deformed, query, udim)
         return self._grain.added(lines, deformed, query, udim)
 
     def _lines(self, frame: Frame, query: MapQuery, udim: int) -> Draw:
-        """What draws wrinkles and pores of a frame, without grain."""
+        """Draws wrinkles and pores of a frame, without grain."""
         base, scales = self._base, self._frames.scales(frame, query, udim)
         return redrawing(base.device, base.elements[udim], base.settings, scales)
 
@@ -93,14 +93,15 @@ class DeviceDrawing:
 
 
 class DeviceNeutral:
-    """Keeps them under the memory budget. Every method but `make` runs in a task of the device."""
+    """Squares of the neutral map that `convolved` reads, with their surroundings, kept under the
+    memory budget."""
 
     def __init__(self, base: DeviceMesh, frames: DeviceFrames) -> None:
         self._base, self._frames = base, frames
 
     def tile(self, query: MapQuery, udim: int, square: Square) -> NeutralTile:
-        """What is convolved for a square of level 0; made where it is not there. Raises
-        DeferredWork where that takes long and the asset is `bounded`."""
+        """The neutral square that is convolved for a square of level 0, made where it is not there.
+        Raises DeferredWork where that takes long and the asset is `bounded`."""
         found: NeutralTile | None = self._find(query, udim, square)
         if found is not None:
             return found
@@ -112,7 +113,8 @@ class DeviceNeutral:
         return self._keep(query, udim, square, self._made(query, udim, square))
 
     def make(self, query: MapQuery, udim: int, square: Square) -> None:
-        """Make and keep it, unless it is there; from any thread, see `Device.in_steps`."""
+        """Make and keep a neutral square, unless it is there; on a thread that uses the device in
+        steps, see `Device.in_steps`."""
         device = self._base.device
         if device.step(partial(self._find, query, udim, square)) is None:
             device.step(partial(self._keep, query, udim, square, self._made(query, udim, square)))
@@ -122,7 +124,8 @@ class DeviceNeutral:
         return self._base.kept.find("neutral", query.sampling, udim, *square)
 
     def _keep(self, query: MapQuery, udim: int, square: Square, made: NeutralTile) -> NeutralTile:
-        """What is kept from now on; `made` is released where there is another by now."""
+        """Keep a neutral square and return it; where there is another by now, release it and return
+        that one."""
         key = ("neutral", query.sampling, udim, *square)
         kept = self._base.kept.keep(*key, make=lambda: made)
         if kept is not made:
@@ -136,7 +139,7 @@ class DeviceNeutral:
         return maker.neutral_tile(draw, base.located[udim], base.settings, udim, *square)
 
     def _drawn(self, udim: int, row: int, column: int, side: int) -> Buffer:
-        """Wrinkles and pores of a square of the neutral map, piece by piece, a step each."""
+        """Draw wrinkles and pores of a square of the neutral map, piece by piece, a step each."""
         device, elements = self._base.device, self._elements(udim)
         pieces = elements.work.cut((row, column, side), elements.pace.most, side)
         if len(pieces) == 1:

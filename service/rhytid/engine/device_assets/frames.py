@@ -31,18 +31,18 @@ from rhytid.pipeline.work import Square
 
 
 class DeviceFrames:
-    """What a tile of a frame is computed from; kept for the frames used last. Every method runs in
-    a task of the device."""
+    """Stretch of the frames of an asset, and what follows from it, kept for the frames used
+    last."""
 
     def __init__(self, base: DeviceMesh) -> None:
         self._base = base
 
     def ratios(self, frame: Frame) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """(ratios (F, 2) unclamped, axes (F, 2, 2)) of a frame."""
+        """Ratios (F, 2), unclamped, and axes (F, 2, 2) of the stretch of a frame."""
         return self._base.stretch.read(self.stretch(frame, "tensor"))
 
     def stretch(self, frame: Frame, model: str) -> StretchBuffers:
-        """Log stretch and axes of each triangle."""
+        """Clamped log stretch and its axes, of each triangle."""
         base, response = self._base, self._base.settings.response
         limit, soft = response.log_stretch_limit, response.soft_limits
         return base.kept.keep_of(
@@ -53,7 +53,7 @@ class DeviceFrames:
         )  # fmt: skip
 
     def fields(self, frame: Frame, model: str) -> SmoothFields:
-        """Log stretch interpolated over the surface."""
+        """Log stretch interpolated over the surface, for `smooth` sampling."""
         base, response = self._base, self._base.settings.response
         limit, soft = response.log_stretch_limit, response.soft_limits
         return base.kept.keep_of(
@@ -75,7 +75,7 @@ class DeviceFrames:
         return base.kept.keep_of(frame, "scales", udim, model, sampling, make=make)
 
     def coefficients(self, frame: Frame, model: str) -> Coefficients:
-        """By which the fast method blends, of each triangle."""
+        """Coefficients of each triangle by which the fast method blends."""
         blend = self._base.blend
         return self._base.kept.keep_of(
             frame, "coefficients", model,
@@ -83,14 +83,14 @@ class DeviceFrames:
         )  # fmt: skip
 
     def bin_stretches(self, frame: Frame, model: str) -> Buffer:
-        """Stretch across each bin, of each triangle, where stiffness differs by texel."""
+        """Stretch of each triangle across each bin, for texels with a stiffness of their own."""
         blend = self._base.blend
         return self._base.kept.keep_of(
             frame, "stretches", model, make=lambda: blend.stretches(self.stretch(frame, model))
         )
 
     def kernels(self, frame: Frame, model: str) -> Buffer:
-        """By which `convolved` convolves, of each triangle."""
+        """Kernels of each triangle by which `convolved` convolves."""
         base = self._base
         return base.kept.keep_of(
             frame, "kernels", model,
@@ -99,18 +99,18 @@ class DeviceFrames:
 
 
 class DeviceGrain:
-    """Adds grain to what was drawn without. Every method runs in a task of the device."""
+    """The grain of an asset: its codes by tile, and its gain in a frame."""
 
     def __init__(self, base: DeviceMesh, frames: DeviceFrames) -> None:
         self._base, self._frames = base, frames
 
     @property
     def shows(self) -> bool:
-        """Whether the settings have any."""
+        """Whether the settings have grain."""
         return relief(self._base.settings) > 0.0
 
     def added(self, draw: Draw, frame: Frame, query: MapQuery, udim: int) -> Draw:
-        """As `draw`, with the grain of a frame."""
+        """Draws as `draw` does, and adds the grain of a frame."""
         if not self.shows:
             return draw
 
@@ -122,13 +122,13 @@ class DeviceGrain:
         return grained
 
     def add(self, out: Buffer, frame: Frame, query: MapQuery, udim: int, square: Square) -> None:
-        """Add the grain of a frame, where there `shows` any, to a square of level 0."""
+        """Add the grain of a frame to a square of level 0; only where grain `shows`."""
         grain = self._of_frame(frame, query, udim)
         for at in tiles_of_square(*square, self._base.tile_side):
             grain.add(out, square, self._place(udim, *at), self.codes(udim, *at))
 
     def codes(self, udim: int, row: int, column: int) -> Buffer:
-        """The codes of the tile of level 0 whose first texel this is."""
+        """The codes of grain of the tile of level 0 with this first texel."""
         base, square = self._base, (row, column, self._base.tile_side)
         return base.kept.keep(
             "grain", udim, row, column,

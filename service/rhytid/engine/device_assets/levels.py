@@ -39,7 +39,7 @@ _TAIL = 512
 
 
 class DeviceLevels:
-    """Squares of every level. Every method runs in a task of the device."""
+    """Squares of every level."""
 
     def __init__(self, base: DeviceMesh, finest: DeviceFinest) -> None:
         self._base, self._finest = base, finest
@@ -51,8 +51,8 @@ class DeviceLevels:
         return max((side // _TAIL).bit_length() - 1, 1)
 
     def pieces(self, query: MapQuery, udim: int, level: int, square: Square) -> list[Square]:
-        """What a square of a level, below the crown or its finest, is drawn in, each in a task of
-        its own. Safe from any thread."""
+        """The pieces that a square of a level below the mip tail, or of its finest level, is drawn
+        in, each in a task of its own. Safe from any thread."""
         found = self._finest.pieces(query, udim, _finer(square, level))
         return [(row >> level, column >> level, side >> level) for row, column, side in found]
 
@@ -68,8 +68,8 @@ class DeviceLevels:
     def squares(
         self, frame: Frame, query: MapQuery, udim: int, level: int, wanted: Sequence[Square]
     ) -> dict[Square, Tile]:
-        """Of some squares of a level, each inside one piece: those that are kept, and the first
-        that is not, which is drawn. Other tasks run before the next."""
+        """Those of some squares of a level that are kept, and the first that is not, which is
+        drawn; other tasks run before the next one is. Each square lies inside one piece."""
         found, drawn = {}, False
         for square in wanted:
             tile = self._kept(frame, query, udim, level, square)
@@ -82,7 +82,7 @@ class DeviceLevels:
     def square_alone(
         self, frame: Frame, query: MapQuery, udim: int, level: int, square: Square
     ) -> Tile:
-        """One square of a level, from the smallest part of level 0 that it needs; nothing is
+        """One square of a level, drawn from the smallest part of level 0 that it needs; nothing is
         kept."""
         frame, place = _frame_of(frame, query), _finer(square, level)
         with self._finest.parts(frame, query, udim, place) as parts:
@@ -97,9 +97,10 @@ class DeviceLevels:
         self, frame: Frame, query: MapQuery, udim: int, level: int, square: Square,
         finest: Tile | None = None, settings: AssetSettings | None = None,
     ) -> Tile | None:  # fmt: skip
-        """A square of a level of the mip tail, reduced from its finest level if that is given.
+        """A square of a level of the mip tail, reduced from the finest level of the tail where that
+        is given.
 
-        None if it is neither kept nor given, or was drawn with other settings.
+        None where the tail is neither kept nor given, or was drawn with other settings.
         """
         frame = _frame_of(frame, query)
         key = ("tail", *_names(query), udim)
@@ -166,8 +167,7 @@ class DeviceLevels:
 class DeviceFinest:
     """Tiles of level 0, and the parts that larger squares of it are made of.
 
-    Squares of the last frame are kept; those of the next frame reuse their memory. Every method
-    runs in a task of the device.
+    Squares of the last frame are kept; those of the next frame reuse their memory.
     """
 
     def __init__(self, base: DeviceMesh, drawing: DeviceDrawing) -> None:
@@ -187,7 +187,8 @@ class DeviceFinest:
         return [tile for tile in found.values() if tile is not None]
 
     def pieces(self, query: MapQuery, udim: int, place: Square) -> list[Square]:
-        """What a square of level 0 is drawn in, each in a task of its own. Safe from any thread."""
+        """The pieces that a square of level 0 is drawn in, each in a task of its own. Safe from any
+        thread."""
         work, largest = self._base.elements[udim].work, self._largest(query)
         return work.cut(place, self._most(query, udim), largest)
 
@@ -216,8 +217,8 @@ class DeviceFinest:
         return _PLENTY * 4 * self._base.settings.resolution**2 <= budget.limit - budget.used
 
     def _cut(self, frame: Frame, query: MapQuery, udim: int, place: Square) -> list[Square]:
-        """The squares that a square of level 0 is drawn in: tiles, if they or what they are made of
-        are kept; else itself, in one launch."""
+        """The squares that a square of level 0 is drawn in: tiles, where the tiles or what they are
+        made of are kept; otherwise itself, in one launch."""
         row, column, side = place
         tile = self._base.tile_side
         if tile > side:
@@ -231,7 +232,7 @@ class DeviceFinest:
     def parts(
         self, frame: Frame, query: MapQuery, udim: int, place: Square
     ) -> AbstractContextManager[list[Part]]:
-        """Level 0 of a square in parts, kept or drawn."""
+        """The parts of a square of level 0, kept or drawn; see `_drawn_parts`."""
         held = {
             part: self._find_finest(frame, query, udim, part)
             for part in self._cut(frame, query, udim, place)
@@ -242,8 +243,9 @@ class DeviceFinest:
     def _drawn_parts(
         self, frame: Frame, query: MapQuery, udim: int, held: Mapping[Square, Buffer | None]
     ) -> Iterator[list[Part]]:
-        """Level 0 of some squares; those of which none is `held` are drawn, and stay where memory
-        is plenty. They are to be read in the block, which tells how long they took."""
+        """Parts of level 0: the squares that are `held`, and those with None, which are drawn here
+        and kept where memory is plenty. The caller reads them in the block, whose time counts for
+        the pace."""
         missing = [place for place, buffer in held.items() if buffer is None]
         start = time.perf_counter()
         drawn = self._drawing.squares(frame, query, udim, missing) if missing else []
@@ -260,7 +262,8 @@ class DeviceFinest:
                 buffer.release()
 
     def cropped(self, frame: Frame, query: MapQuery, udim: int, place: Square) -> Tile | None:
-        """A square of level 0 out of what is kept of it, alone or with its piece."""
+        """A square of level 0, out of itself or the piece around it, whichever is kept; None where
+        neither is."""
         buffer, larger = self._find_finest(frame, query, udim, place), place
         if buffer is None and (larger := self.piece_of(query, udim, place)) != place:
             buffer = self._find_finest(frame, query, udim, larger)
@@ -306,7 +309,8 @@ def _names(query: MapQuery) -> tuple[str, str, str]:
 
 
 def _finest_key(frame: Frame, query: MapQuery, udim: int, place: Square) -> tuple[Hashable, ...]:
-    """What belongs to a frame has its digest last; `neutral` is the same in all."""
+    """The key of a square of level 0. It ends with the digest of the frame; `neutral` is the same
+    in all frames."""
     digest = NEUTRAL_FRAME.digest if query.method == "neutral" else frame.digest
     return ("finest", *_names(query), udim, *place, digest)
 
@@ -318,5 +322,6 @@ def _finer(square: Square, level: int) -> Square:
 
 
 def _frame_of(frame: Frame, query: MapQuery) -> Frame:
-    """What is kept of `neutral` is kept for all frames."""
+    """The frame that squares are kept for: the neutral one for `neutral`, which is the same in all
+    frames."""
     return NEUTRAL_FRAME if query.method == "neutral" else frame

@@ -47,9 +47,8 @@ RECENT_FRAMES = 8
 class DeviceMesh:
     """A mesh, its wrinkles by UDIM, and the stages that work on them, which stay until `release`.
 
-    tile_side: texels per side of a tile of level 0.  kept: what is made of them and can be made
-    again.  bounded: whether a task that would take long
-    to make it raises DeferredWork instead.
+    tile_side: texels per side of a tile of level 0.  kept: the cache of what is computed from them.
+    bounded: whether a task defers work that takes long, by DeferredWork.
     """
 
     def __init__(
@@ -85,11 +84,11 @@ class DeviceMesh:
 
     @property
     def udims(self) -> tuple[int, ...]:
-        """The UDIMs with mesh."""
+        """The UDIMs that the mesh lies in."""
         return tuple(self.located)
 
     def square(self, address: TileAddress) -> Square:
-        """The square of a tile of level 0."""
+        """The square that a tile of level 0 covers."""
         side = self.tile_side
         return address.row * side, address.column * side, side
 
@@ -121,7 +120,8 @@ class DeviceMesh:
         return self._triangles(udim, side, 0)
 
     def cushion_triangles(self, udim: int) -> NDArray[np.int32]:
-        """(n, n) the same of the samples of the cushions, APRON more on every side of the UDIM."""
+        """(n, n) triangle of each sample of the cushions, APRON samples more on every side of the
+        UDIM. Raises NotFoundError where there are no cushions."""
         factor = self.cushion_factor
         if factor is None:
             raise NotFoundError("the asset has no cushions")
@@ -135,7 +135,7 @@ class DeviceMesh:
         return result
 
     def prepare(self, graph: WrinkleGraph, settings: AssetSettings) -> Prepared:
-        """The elements of each UDIM as arrays for the device; work of the host, on any thread."""
+        """The elements of each UDIM as arrays for the device. Work of the host, for any thread."""
         wrinkle = self._wrinkle_triangle
         waves = wrinkle_waves(self.mesh, graph, wrinkle, settings.shape)
         return {
@@ -147,7 +147,7 @@ class DeviceMesh:
         }
 
     def prepares(self, settings: AssetSettings) -> bool:
-        """Whether elements are other ones with these settings, so that `use` is not enough."""
+        """Whether these settings change the elements, so that `use` is not enough."""
         old = self.settings
         other = settings.response != old.response or settings.bins.count != old.bins.count
         return other or _laid_out(settings.shape) != _laid_out(old.shape)
@@ -157,13 +157,14 @@ class DeviceMesh:
         self.take(self.upload(prepared, settings), settings)
 
     def upload(self, prepared: Prepared, settings: AssetSettings) -> dict[int, UdimElements]:
-        """Upload elements beside those that are drawn now; `take` uses them."""
+        """Upload elements beside those that are drawn now; `take` makes them those that are
+        drawn."""
         count = settings.bins.count
         return {u: UdimElements(self.device, w, p, count) for u, (w, p) in prepared.items()}
 
     def take(self, elements: dict[int, UdimElements], settings: AssetSettings) -> None:
-        """Draw these elements with these settings from now on; on failure they are freed and those
-        before stay."""
+        """Draw these elements with these settings from now on. On failure they are freed, and the
+        present elements stay."""
         try:
             self.use(settings)
         except BaseException:
@@ -173,8 +174,8 @@ class DeviceMesh:
         _release(old)
 
     def use(self, settings: AssetSettings) -> None:
-        """Take settings that leave the elements as they are, and drop what depends on the old
-        ones."""
+        """Take settings that leave the elements as they are, and drop all that was computed with
+        the old ones."""
         self.kept.clear()
         blend = Blend(self.device, settings, self.stretch.triangles)
         if self._blend is not None:
@@ -198,10 +199,9 @@ class DeviceMesh:
 
 
 class DeviceCache:
-    """Entries of the memory budget that belong to one asset. What belongs to a frame is kept for
-    the frames used last, what belongs to a tile until memory is short. Every method runs in a
-    task of the device.
-    """
+    """Arrays computed from one asset on the device, which can be computed again: entries of the
+    memory budget. Entries of a frame are kept for the frames used last, other entries until memory
+    is short."""
 
     def __init__(self, budget: MemoryBudget) -> None:
         self._budget = budget
@@ -209,14 +209,15 @@ class DeviceCache:
         self.released = False
 
     def keep(self, *key: Hashable, make: Callable[[], T]) -> T:
-        """The entry of a key, made if there is none. Raises NotFoundError after `release`."""
+        """The entry of a key, made where there is none. Raises NotFoundError after `release`."""
         if self.released:
             raise NotFoundError("the asset was removed")
         return self._budget.keep((id(self), *key), make)
 
     def keep_of(self, frame: Frame, *key: Hashable, make: Callable[[], T]) -> T:
-        """As `keep`, for one of the frames used last. A new frame reuses the memory of the least
-        recently used one: fresh memory costs more time than drawing."""
+        """The entry of a frame and a key, as `keep`, for one of the frames used last. A new frame
+        reuses the memory of the least recently used one: fresh memory costs more time than
+        drawing."""
         self._recent[frame.digest] = None
         self._recent.move_to_end(frame.digest)
         if len(self._recent) > RECENT_FRAMES:
@@ -225,26 +226,26 @@ class DeviceCache:
         return self.keep(*key, frame.digest, make=make)
 
     def find(self, *key: Hashable) -> Any | None:
-        """What is kept under a key, or None."""
+        """The entry of a key, or None."""
         return self._budget.find((id(self), *key))
 
     def find_of(self, frame: Frame, *key: Hashable) -> Any | None:
-        """What is kept of a frame under a key, or None."""
+        """The entry of a frame and a key, or None."""
         if frame.digest in self._recent:
             self._recent.move_to_end(frame.digest)
         return self.find(*key, frame.digest)
 
     def discard(self, *key: Hashable) -> None:
-        """Release what is kept under a key."""
+        """Release the entry of a key."""
         self._budget.discard((id(self), *key))
 
     def clear(self) -> None:
-        """Release all that is kept."""
+        """Release all entries."""
         self._recent.clear()
         self._drop(lambda kept: True)
 
     def release(self) -> None:
-        """As `clear`; from then on nothing is kept."""
+        """Release all entries, and keep none from then on."""
         self.clear()
         self.released = True
 
@@ -256,11 +257,11 @@ class DeviceCache:
 
 
 class DeferredWork(Exception):
-    """A task stopped, because something of the asset is not there and takes longer to make than one
-    task may. `DeviceAsset.make` makes it in steps, between which other tasks run.
+    """A task stopped, because it lacks a part of the asset that takes longer to make than one task
+    may. `DeviceAsset.make` makes it in steps, between which other tasks run.
 
-    bins: tiles whose precomputed maps are needed.  neutral: the query, the UDIM and the square of
-    the neutral map that `convolved` needs.
+    bins: tiles whose precomputed maps are missing.  neutral: the query, the UDIM and the square of
+    a neutral square of `convolved` that is missing.
     """
 
     def __init__(

@@ -1,1 +1,1 @@
-"""Tiles and maps: named, shared among those who ask for the same, drawn."""
+"""Tiles and maps: planned, drawn, and shared among callers that ask for the same."""

@@ -1,4 +1,4 @@
-"""Concurrent requests for tiles of one frame, drawn in one task of the device.
+"""Draws concurrent requests for tiles of one frame in one task of the device.
 
 While a task waits for its turn, requests for the same tile join it and share its array. On a GPU,
 requests for other tiles of the same frame, method and level join it too, and all are enqueued
@@ -35,7 +35,7 @@ class _Batch:
     waiting: int = 0
 
     def fail(self, error: BaseException) -> None:
-        """Give an error to all who wait for a tile that is not drawn."""
+        """Give an error to all requests whose tile is not drawn."""
         for future in self.wanted.values():
             if not future.done():
                 future.set_exception(error)
@@ -44,7 +44,7 @@ class _Batch:
 class TileBatcher:
     """Gathers requests that wait for the device at the same time.
 
-    task: what one piece of work runs in.  most: different tiles that one task draws.
+    task: the context that a batch is drawn in.  most: how many different tiles one task draws.
     """
 
     def __init__(
@@ -60,7 +60,7 @@ class TileBatcher:
 
     @property
     def joined(self) -> int:
-        """Requests that wait for a task that another one queued."""
+        """How many requests wait for a task that another one queued."""
         return self._joined
 
     def tile(
@@ -71,10 +71,12 @@ class TileBatcher:
         draw: DrawTiles,
         turn: Hashable = None,
     ) -> Tile:
-        """One tile (texels, texels) of what `key` names, read-only; `draw` draws several.  turn: in
-        which the device draws it, see `DeviceWorker`.
+        """One tile (texels, texels), read-only, of the frame, method and level that `key` names.
 
-        Raises BusyError where too many wait already, and whatever drawing this tile raises.
+        draw: draws several tiles.  turn: the turn of its task, see `DeviceWorker`.
+
+        Raises BusyError where too many requests wait already, and the error that drawing this tile
+        raises.
         """
         most = max(min(self.most, _MOST_TEXELS // texels**2), 1)
         with self._lock:
@@ -102,7 +104,8 @@ class TileBatcher:
         return batch.wanted.setdefault(address, Future())
 
     def _lead(self, key: Hashable, batch: _Batch, turn: Hashable) -> None:
-        """Have the batch drawn; nobody who joined may be left waiting, whatever happens."""
+        """Have a batch drawn; whatever happens, every request that joined gets a tile or an
+        error."""
         try:
             self._worker.call(lambda: self._draw(key, batch), turn)
         except BaseException as error:  # noqa: BLE001 handed to those who wait for it

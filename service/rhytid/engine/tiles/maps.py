@@ -30,7 +30,7 @@ _ATTEMPTS = 3
 
 
 class _Drawing:
-    """A square that one caller draws, and how many others wait for it."""
+    """A square that one caller draws, and the number of others that wait for it."""
 
     def __init__(self) -> None:
         self.tile: Future[Tile] = Future()
@@ -40,8 +40,9 @@ class _Drawing:
 class MapDrawing:
     """Draws squares of maps.
 
-    The first task of a square raises BusyError where too many wait; later ones wait for a place, so
-    that no request is refused half-way.  most: callers that may wait for what another draws.
+    The first task of a square raises BusyError where too many calls wait; later tasks wait for a
+    place, so that no request is refused half-way.  most: callers that may wait for a drawing of
+    another caller.
     """
 
     def __init__(self, on_device: DeviceAssets, most: int) -> None:
@@ -80,7 +81,7 @@ class MapDrawing:
             call_context.check_abandoned()  # else whoever drew it was gone before this one joined
 
     def _draw(self, key: Hashable, mine: _Drawing, draw: Callable[[], Tile]) -> Tile:
-        """Draw for all who join; stops where all of them are gone, and this caller too."""
+        """Draw for all callers that join; stops where all of them are gone, and this caller too."""
         try:
             with call_context.also_awaited(lambda: mine.joined > 0):
                 tile = draw()
@@ -100,7 +101,8 @@ class MapDrawing:
             del self._drawing[key]
 
     def _joining(self, drawing: _Drawing) -> Tile:
-        """What another draws; raises CancelledError where this caller is gone, or that one was."""
+        """The tile that another caller draws; raises CancelledError where this caller is gone, or
+        the other one was."""
         try:
             while not wait([drawing.tile], _PATIENCE).done:
                 call_context.check_abandoned()
@@ -113,10 +115,12 @@ class MapDrawing:
     def square(
         self, asset: Asset, frame: Frame, query: MapQuery, udim: int, level: int, square: Square
     ) -> Tile:
-        """(side, side) float32 displacement of a square of a level, all with the same settings.
+        """(side, side) float32 displacement of a square of a level, all of it with the same
+        settings.
 
-        Raises ConflictError where these change again and again meanwhile, DeviceMemoryError where
-        even a single tile cannot be drawn, CancelledError where nobody waits for it any more.
+        Raises ConflictError where the settings change again and again meanwhile, DeviceMemoryError
+        where even a single tile cannot be drawn, CancelledError where nobody waits for the square
+        any more.
         """
         for _ in range(_ATTEMPTS):
             settings = asset.settings
@@ -154,7 +158,7 @@ class _Square:
         return tile
 
     def _of_pieces(self, level: int, square: Square) -> Tile:
-        """A square that no level above was made from, piece by piece."""
+        """A square of a level that is drawn from level 0, piece by piece."""
         pieces = self._resident.levels.pieces(self._query, self._about[2], level, square)
         if len(pieces) == 1:
             return self._some(level, pieces)[square]
@@ -169,7 +173,7 @@ class _Square:
         return out
 
     def _some(self, level: int, missing: list[Square]) -> dict[Square, Tile]:
-        """At least the first of some squares that are inside of a piece each."""
+        """At least the first of some squares, each of which lies inside of a piece."""
         try:
             found: dict[Square, Tile] = self._run(
                 DeviceLevels.squares, *self._about, level, missing
@@ -179,7 +183,7 @@ class _Square:
             return {missing[0]: self._alone(level, missing[0])}
 
     def _alone(self, level: int, square: Square) -> Tile:
-        """A square for which memory is short, as a whole or else by its quarters."""
+        """A square for which memory is short: as a whole, or else by its quarters."""
         try:
             tile: Tile = self._run(DeviceLevels.square_alone, *self._about, level, square)
             return tile
@@ -191,7 +195,7 @@ class _Square:
         return np.block([quarters[:2], quarters[2:]])
 
     def _run(self, task: Callable[..., Any], *arguments: Any) -> Any:
-        """Run a method of the levels of the asset on the device."""
+        """Run a method of the levels of the asset in a task of the device."""
         call_context.check_abandoned()
         waits, self._waits = self._waits, True
         return self._on_device.use(

@@ -1,4 +1,4 @@
-"""Displacement: tiles, whole maps and precomputed maps."""
+"""Tiles, whole maps and precomputed maps of displacement."""
 
 from __future__ import annotations
 
@@ -48,17 +48,17 @@ class TileService:
 
     @property
     def drawn_by(self) -> str:
-        """Names what draws: two with the same have the same bits."""
+        """Names the device and the version of the drawing: the same name draws the same bits."""
         return self._drawn_by
 
     @property
     def joined(self) -> int:
-        """Callers that wait for what another draws."""
+        """How many callers wait for a drawing of another caller."""
         return self._batcher.joined + self._maps.joined
 
     def plan(self, asset: str, frame: str, query: MapQuery, address: TileAddress) -> TilePlan:
-        """One tile of a frame. Raises NotFoundError for what does not exist, NotReadyError while
-        the asset builds, ConflictError where it failed."""
+        """Plan one tile of a frame. Raises NotFoundError where the asset, the frame or the tile
+        does not exist, NotReadyError while the asset builds, ConflictError where it failed."""
         found = self._assets.get(asset)
         side, place = found.check_address(address), str(address)
         stored = found.frame(frame)
@@ -71,7 +71,7 @@ class TileService:
         )
 
     def plan_map(self, asset: str, frame: str, query: MapQuery, udim: int, level: int) -> TilePlan:
-        """A whole level of a UDIM; raises what `plan` does."""
+        """Plan a whole level of a UDIM; raises what `plan` does."""
         found, first = self._assets.get(asset), TileAddress(udim, level, 0, 0)
         found.check_address(first)
         stored, whole = found.frame(frame), (0, 0, found.settings.grid.side(level))
@@ -86,14 +86,14 @@ class TileService:
 
     def triangles(self, asset: str, udim: int) -> NDArray[np.int32]:
         """(R, R) the triangle that each texel of a UDIM shows, padding included, row 0 at the top;
-        the number of triangles for none. Raises what `plan` does."""
+        the number of triangles for a texel that shows none. Raises what `plan` does."""
         found = self._assets.get(asset)
         found.check_address(TileAddress(udim, 0, 0, 0))
         return self._on_device.use(found, lambda resident: resident.mesh.texel_triangles(udim))
 
     def cushion_triangles(self, asset: str, udim: int) -> NDArray[np.int32]:
-        """(n, n) as `triangles`, of the samples of the cushions, with the apron around the UDIM.
-        Raises NotFoundError where there are no cushions."""
+        """(n, n) the triangle at each sample of the cushions, as `triangles` has it for texels,
+        with the apron around the UDIM. Raises NotFoundError where there are no cushions."""
         found = self._assets.get(asset)
         found.check_address(TileAddress(udim, 0, 0, 0))
         return self._on_device.use(found, lambda resident: resident.mesh.cushion_triangles(udim))
@@ -101,7 +101,7 @@ class TileService:
     def plans_once(
         self, asset: str, positions: ArrayLike, query: MapQuery, addresses: list[TileAddress]
     ) -> list[TilePlan]:
-        """Tiles of positions (V, 3) that are not stored, in the order of `addresses`."""
+        """Plan tiles of positions (V, 3) that are not stored, in the order of `addresses`."""
         found = self._assets.get(asset)
         sides = [found.check_address(address) for address in addresses]
         frame = Frame.of(check_positions(positions, found.vertices))
@@ -116,7 +116,7 @@ class TileService:
         ]
 
     def bins(self, asset: str) -> BinManifest:
-        """The precomputed maps of an asset (section 2.4)."""
+        """Describes the precomputed maps of an asset (section 2.4)."""
         found = self._assets.get(asset)
         return self._on_device.loaded(found).bins.manifest()
 
@@ -130,11 +130,11 @@ class TileService:
     ) -> NDArray[np.integer]:
         """(n, n) int8 or int16 codes of one precomputed map tile; displacement = code * step.
 
-        bin, sample: needed where the layer has more than one.  Of the cushions n is that of the
+        bin, sample: needed where the layer has more than one. Of the cushions, n is the number of
         samples under the tile, with the apron around them.
 
-        Raises NotFoundError above level 0: what is blended has coarser levels, the maps have none;
-        QueryError where bin or sample is missing.
+        Raises NotFoundError above level 0, since precomputed maps have no coarser levels, only
+        tiles blended from them; QueryError where bin or sample is missing.
         """
         found = self._assets.get(asset)
         found.check_address(address)
@@ -153,7 +153,7 @@ class TileService:
         return map_key(revision, frame, query, place)
 
     def _key_now(self, asset: str, frame: str, query: MapQuery, place: str) -> str:
-        """The key that a place has by now; raises what `plan` does."""
+        """The key that a place has now; raises what `plan` does."""
         found = self._assets.get(asset)
         return self._key(found, found.frame(frame), query, place)
 
@@ -178,7 +178,7 @@ class TileService:
 
 
 def _measured(query: MapQuery, draw: Callable[..., Tile], *arguments: Any) -> Callable[[], Tile]:
-    """Draws with these arguments; what it takes is counted for the method."""
+    """A drawing with these arguments, whose time is counted for the method."""
     return partial(spent_on, query.method, partial(draw, *arguments))
 
 
