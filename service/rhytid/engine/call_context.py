@@ -16,6 +16,9 @@ caller: ContextVar[str] = ContextVar("caller", default="")
 _live: ContextVar[bool] = ContextVar("live", default=False)
 _gone: ContextVar[Callable[[], bool] | None] = ContextVar("gone", default=None)
 
+# Seconds between two looks at whether work that is waited for is abandoned.
+LOOK = 0.25
+
 
 @contextmanager
 def drawn_live(live: bool = True) -> Iterator[None]:

@@ -43,7 +43,7 @@ class Line:
 
         room: bytes of arrays that the answer is expected to have.  seconds: to wait for it.
 
-        Raises LineBroken, TimeoutError, and CancelledError where `engine.wanted` says so.
+        Raises LineBroken, TimeoutError, and CancelledError where nobody waits for the answer.
         """
         self._socket.settimeout(seconds)
         try:

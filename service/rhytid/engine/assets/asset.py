@@ -71,7 +71,7 @@ class Asset:
     # What `uv_length` is, once that was found.
     measured_uv: float | None = None
     # The number of wrinkles it will have.
-    wanted: int = MOST_WRINKLES
+    expected_wrinkles: int = MOST_WRINKLES
     # When it was last asked for, in seconds of time.monotonic.
     used: float = field(default_factory=time.monotonic)
     # Held while its state, its settings or its files change, or it is brought to the device.
@@ -130,7 +130,7 @@ class Asset:
     @property
     def small(self) -> bool:
         """Whether its jobs are short enough to run beside those of larger assets."""
-        wrinkles = self.wrinkles if self.state == "ready" else self.wanted
+        wrinkles = self.wrinkles if self.state == "ready" else self.expected_wrinkles
         return wrinkles <= _SMALL_WRINKLES and self.settings.resolution <= _SMALL_RESOLUTION
 
     def info(self) -> AssetInfo:
@@ -156,8 +156,8 @@ class Asset:
     def _notices(self) -> tuple[Notice, ...]:
         """Facts about its present settings that are worth knowing."""
         spacing = self.lengths.spacing if self.state == "ready" else None
-        building = self.state == "building" and self.wanted != MOST_WRINKLES
-        large = build_notice(self.wanted) if building else ()
+        building = self.state == "building" and self.expected_wrinkles != MOST_WRINKLES
+        large = build_notice(self.expected_wrinkles) if building else ()
         return (
             *grain_notice(self.settings, self.uv_length),
             *texel_notice(self.settings, self.uv_length, spacing),

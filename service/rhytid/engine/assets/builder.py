@@ -164,12 +164,12 @@ class AssetBuilder:
         self._shared.push(asset.id)
 
     def _build(self, job: Job, asset: Asset) -> None:
-        wanted = self._store.request(asset.id)
-        graph, grown = self._graph(job, asset, wanted)
+        request = self._store.request(asset.id)
+        graph, grown = self._graph(job, asset, request)
         job.progress(_SYNTHESIS, "placing pores and wrinkles")
-        made = self._on_device.place(wanted.mesh, graph, wanted.settings, wanted.stiffness)
+        made = self._on_device.place(request.mesh, graph, request.settings, request.stiffness)
         try:
-            settings, distance = self._keep(job, asset, wanted, graph, grown, made)
+            settings, distance = self._keep(job, asset, request, graph, grown, made)
         except BaseException:
             self._on_device.give_up(made)
             raise
@@ -182,7 +182,7 @@ class AssetBuilder:
         self,
         job: Job,
         asset: Asset,
-        wanted: StoredRequest,
+        request: StoredRequest,
         graph: WrinkleGraph,
         grown: Synthesis | None,
         made: DeviceAsset,
@@ -190,45 +190,45 @@ class AssetBuilder:
         """Store a built asset; returns its resolved settings, and the mean distance of its
         pores."""
         if grown is None:
-            spacing, distance = None, mean_spacing(wanted.mesh, graph, made.mesh.pore_triangle)
+            spacing, distance = None, mean_spacing(request.mesh, graph, made.mesh.pore_triangle)
         else:
             spacing, distance = grown.spacing, grown.distance
-        asset.lengths = graph_lengths(graph, wanted.settings, distance, spacing)
-        settings = wanted.settings.with_lengths(asset.lengths)
+        asset.lengths = graph_lengths(graph, request.settings, distance, spacing)
+        settings = request.settings.with_lengths(asset.lengths)
         warnings = [asdict(warning) for warning in asset.warnings]
         facts = {"spacing": asset.lengths.spacing, "distance": distance, "warnings": warnings}
         if asset.measured_uv is None:
-            asset.measured_uv = usual_uv_length(wanted.mesh)
+            asset.measured_uv = usual_uv_length(request.mesh)
         facts["uv_length"] = asset.measured_uv
         job.progress(_SYNTHESIS, "storing")
         with asset.kept():
-            self._store.put_asset(asset.id, wanted.mesh, graph, settings, facts, wanted.stiffness)
+            self._store.put_asset(asset.id, request.mesh, graph, settings, facts, request.stiffness)
         return settings, distance
 
     def _graph(
-        self, job: Job, asset: Asset, wanted: StoredRequest
+        self, job: Job, asset: Asset, request: StoredRequest
     ) -> tuple[WrinkleGraph, Synthesis | None]:
         """The graph that was sent, or a new one with its figures; other tasks of the device run
         between the steps of its synthesis."""
-        if wanted.graph is not None:
-            return wanted.graph, None
+        if request.graph is not None:
+            return request.graph, None
 
-        told = ""
-        if asset.wanted < MOST_WRINKLES:  # else nobody has counted
-            told = str(BuildSize.of(wanted.mesh, asset.wanted))
-        job.progress(0.0, "starting", told)
+        size = ""
+        if asset.expected_wrinkles < MOST_WRINKLES:  # else nobody has counted
+            size = str(BuildSize.of(request.mesh, asset.expected_wrinkles))
+        job.progress(0.0, "starting", size)
 
         def report(share: float, stage: str) -> None:
-            job.progress(_SYNTHESIS * share, stage, told)
+            job.progress(_SYNTHESIS * share, stage, size)
 
         found = synthesize(
-            wanted.mesh, wanted.settings.graph, self._device, report,
-            call=self._on_device.run_patiently, controls=wanted.controls, folds=wanted.folds,
+            request.mesh, request.settings.graph, self._device, report,
+            call=self._on_device.run_patiently, controls=request.controls, folds=request.folds,
         )  # fmt: skip
-        if wanted.settings.graph.age == USUAL_AGE:
+        if request.settings.graph.age == USUAL_AGE:
             return found.graph, found
         # Its depth is not that of the spacing alone: it is kept with the graph.
-        origin = GraphOrigin(wanted.settings.length_unit, depth=found.lengths.depth)
+        origin = GraphOrigin(request.settings.length_unit, depth=found.lengths.depth)
         return replace(found.graph, origin=origin), found
 
     @contextmanager

@@ -23,15 +23,10 @@ from rhytid.errors import DeviceMemoryError, StorageError
 from rhytid.storage.store import AssetStore
 
 T = TypeVar("T")
-# How often an asset is loaded for one task, when others take its memory before the task runs.
-_ATTEMPTS = 5
 DAMAGED = "damaged in the store: send it again"
-
-
-# How often what a task lacks is made for it, when it is dropped before the task runs.
-_MADE = 2
-# Seconds after which who waits for what another makes looks whether it is still wanted.
-_PATIENCE = 0.25
+# How often an asset is loaded for one task, and how often work that the task defers is done, when
+# others take the memory before the task runs.
+_ATTEMPTS, _MADE = 5, 2
 
 
 class Evicted(Exception):
@@ -159,7 +154,7 @@ class DeviceAssets:
     def _make(self, asset: Asset, deferred: DeferredWork) -> None:
         """Do the work that a task deferred. Of one asset one thread works at a time, so that
         another one that needs the same finds it made."""
-        while not asset.making.acquire(timeout=_PATIENCE):
+        while not asset.making.acquire(timeout=call_context.LOOK):
             call_context.check_abandoned()
         try:
             with suppress(Evicted), self.stepwise(asset) as resident:

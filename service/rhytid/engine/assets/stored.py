@@ -35,14 +35,14 @@ class StoredAssets:
         as failed."""
         for id in _among(self._store.pending(), only):
             try:
-                wanted = self._store.request(id)
+                request = self._store.request(id)
             except StorageError as error:
                 yield self._damaged(id, error)
                 continue
-            unit, resolution = wanted.settings.length_unit, wanted.settings.resolution
-            warnings = mesh_warnings(wanted.mesh, unit, resolution)
+            unit, resolution = request.settings.length_unit, request.settings.resolution
+            warnings = mesh_warnings(request.mesh, unit, resolution)
             yield Asset.of(
-                id, wanted.mesh, wanted.settings, warnings, self._memory,
+                id, request.mesh, request.settings, warnings, self._memory,
                 partial(self._store.mesh, id),
             )  # fmt: skip
 

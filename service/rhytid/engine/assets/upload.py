@@ -81,7 +81,7 @@ class CheckedUpload:
         """The asset of the upload, which is not built yet.  memory: counts its frames."""
         mesh = self.new.mesh
         made = Asset.of(self.id, mesh, self.settings, self.warnings, memory, lambda: mesh)
-        made.wanted, made.measured_uv = self.wrinkles, usual_uv_length(mesh)
+        made.expected_wrinkles, made.measured_uv = self.wrinkles, usual_uv_length(mesh)
         return made
 
 

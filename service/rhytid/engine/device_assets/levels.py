@@ -66,12 +66,12 @@ class DeviceLevels:
         return max(finest >> level, 1)
 
     def squares(
-        self, frame: Frame, query: MapQuery, udim: int, level: int, wanted: Sequence[Square]
+        self, frame: Frame, query: MapQuery, udim: int, level: int, places: Sequence[Square]
     ) -> dict[Square, Tile]:
         """Those of some squares of a level that are kept, and the first that is not, which is
         drawn; other tasks run before the next one is. Each square lies inside one piece."""
         found, drawn = {}, False
-        for square in wanted:
+        for square in places:
             tile = self._kept(frame, query, udim, level, square)
             if tile is None and not drawn:
                 tile, drawn = self._made(frame, query, udim, level, square), True

@@ -31,12 +31,12 @@ class _Batch:
     """Tiles that one task will draw, and the requests that wait for each."""
 
     draw: DrawTiles
-    wanted: dict[TileAddress, Future[Tile]] = field(default_factory=dict)
+    tiles: dict[TileAddress, Future[Tile]] = field(default_factory=dict)
     waiting: int = 0
 
     def fail(self, error: BaseException) -> None:
         """Give an error to all requests whose tile is not drawn."""
-        for future in self.wanted.values():
+        for future in self.tiles.values():
             if not future.done():
                 future.set_exception(error)
 
@@ -81,12 +81,12 @@ class TileBatcher:
         most = max(min(self.most, _MOST_TEXELS // texels**2), 1)
         with self._lock:
             batch = self._open.get(key)
-            if batch and (address in batch.wanted or len(batch.wanted) < most):
+            if batch and (address in batch.tiles or len(batch.tiles) < most):
                 future = self._join(batch, address)
                 leads = False
             else:
                 batch = self._open[key] = _Batch(draw)
-                future = batch.wanted[address] = Future()
+                future = batch.tiles[address] = Future()
                 leads = True
         if leads:
             self._lead(key, batch, turn)
@@ -101,7 +101,7 @@ class TileBatcher:
             raise BusyError(f"{waiting(size)} already")
         self._joined += 1
         batch.waiting += 1
-        return batch.wanted.setdefault(address, Future())
+        return batch.tiles.setdefault(address, Future())
 
     def _lead(self, key: Hashable, batch: _Batch, turn: Hashable) -> None:
         """Have a batch drawn; whatever happens, every request that joined gets a tile or an
@@ -112,7 +112,7 @@ class TileBatcher:
             self._close(key, batch)
             batch.fail(error)
         finally:  # who waits has its future; else frames of an error and the error hold each other
-            batch.wanted.clear()
+            batch.tiles.clear()
 
     def _close(self, key: Hashable, batch: _Batch) -> list[TileAddress]:
         """Close the batch to further requests."""
@@ -121,7 +121,7 @@ class TileBatcher:
                 del self._open[key]
             self._joined -= batch.waiting
             batch.waiting = 0
-            return list(batch.wanted)
+            return list(batch.tiles)
 
     def _draw(self, key: Hashable, batch: _Batch) -> None:
         addresses = self._close(key, batch)
@@ -138,11 +138,11 @@ class TileBatcher:
         try:
             self._finish(batch, [address])
         except RhytidError as error:
-            batch.wanted[address].set_exception(error)
+            batch.tiles[address].set_exception(error)
 
     def _finish(self, batch: _Batch, addresses: list[TileAddress]) -> None:
         with self._task():
             tiles = batch.draw(addresses)
         for address, tile in zip(addresses, tiles, strict=True):
             tile.setflags(write=False)
-            batch.wanted[address].set_result(tile)
+            batch.tiles[address].set_result(tile)

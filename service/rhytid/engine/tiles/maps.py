@@ -21,8 +21,6 @@ from rhytid.engine.messages import MapQuery, Tile
 from rhytid.errors import BusyError, CancelledError, ConflictError, DeviceMemoryError
 from rhytid.pipeline.work import Square
 
-# Seconds after which who waits for what another draws looks whether it is still wanted.
-_PATIENCE = 0.25
 # Pieces of which those that are kept are looked for in one task.
 _AT_ONCE = 64
 # How often a square is drawn anew because the settings changed meanwhile.
@@ -104,7 +102,7 @@ class MapDrawing:
         """The tile that another caller draws; raises CancelledError where this caller is gone, or
         the other one was."""
         try:
-            while not wait([drawing.tile], _PATIENCE).done:
+            while not wait([drawing.tile], call_context.LOOK).done:
                 call_context.check_abandoned()
             return drawing.tile.result()
         finally:
