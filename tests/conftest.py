@@ -73,17 +73,17 @@ def programs_are_shared() -> Iterator[None]:
 
     Even what PoCL has in its cache takes 40 ms to build, and an engine builds some 15.
     """
-    from rhytid.device import trial
+    from rhytid.device import driver
 
-    compile_program = trial.compile_program
+    compile_program = driver.compile_program
 
     @cache
     def compiled(context: Any, text: str, options: tuple[str, ...]) -> Any:
         return compile_program(context, text, list(options))
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(trial, "open_context", cache(trial.open_context))
-        patch.setattr(trial, "compile_program", lambda c, text, o: compiled(c, text, tuple(o)))
+        patch.setattr(driver, "open_context", cache(driver.open_context))
+        patch.setattr(driver, "compile_program", lambda c, text, o: compiled(c, text, tuple(o)))
         yield
 
 

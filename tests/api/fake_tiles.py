@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from api.fake_state import Part, digest_of
 from rhytid.domain.bin_manifest import BinManifest, CushionLayer, GrainLayer
 from rhytid.domain.tiles import MapAddress, TileAddress
+from rhytid.engine.device_assets.bins import map_index
 from rhytid.engine.frames import Frame
 from rhytid.engine.messages import DrawnTile, MapQuery, TileDescription
-from rhytid.engine.tile_service import of_map
 from rhytid.errors import NotFoundError
 from rhytid.formats.tile_header import TileHeader
 
@@ -84,7 +84,7 @@ class FakeTiles(Part):
         sample: int | None = None,
     ) -> NDArray[np.integer]:
         found, manifest = self.state.check(asset, address), self.bins(asset)
-        bin, sample = of_map(manifest, layer, bin, sample)
+        bin, sample = map_index(manifest, layer, bin, sample)
         if address.level > 0:
             raise NotFoundError(f"level {address.level}: precomputed maps are of level 0 only")
         side = found.settings.grid.texels(0)

@@ -17,9 +17,9 @@ from api.test_api_memory import use
 from engine.engines import built, new_asset, running
 from engine.test_engine_together import until
 from rhytid.api import admission
-from rhytid.device.paces import WorkPace
+from rhytid.device.launches import DrawingPace
 from rhytid.engine.engine import Engine
-from rhytid.engine.map_drawing import MapDrawing
+from rhytid.engine.tiles.maps import MapDrawing
 
 METHODS = ("redraw", "binned", "convolved")
 
@@ -30,8 +30,8 @@ class Held:
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.steps, self.free = 0, threading.Semaphore(0)
         self.held = False
-        monkeypatch.setattr("rhytid.device.paces.DRAWING", 1e-6)
-        monkeypatch.setattr(WorkPace, "took", lambda *_: None)
+        monkeypatch.setattr("rhytid.device.launches.PIECE_SECONDS", 1e-6)
+        monkeypatch.setattr(DrawingPace, "took", lambda *_: None)
         monkeypatch.setattr(admission, "_EVERY", 0.0)
 
     def hold(self, engine: Engine, monkeypatch: pytest.MonkeyPatch, asset: str) -> None:

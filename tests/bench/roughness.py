@@ -23,7 +23,7 @@ from rhytid.cli.region_preview import SIDE_MM, skin_views
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.tiles import busiest_udim
 from rhytid.domain.units import millimetres
-from rhytid.engine.opening import open_device
+from rhytid.engine.engine import open_device
 from rhytid.pipeline.folds import measured_folds
 from rhytid.settings import ServiceSettings
 from rhytid.synthesis.generate import synthesize

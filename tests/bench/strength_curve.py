@@ -19,9 +19,9 @@ from rhytid.cli.preview import resident
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.mesh import Mesh
+from rhytid.engine.engine import open_device
 from rhytid.engine.frames import NEUTRAL_FRAME
 from rhytid.engine.messages import MapQuery
-from rhytid.engine.opening import open_device
 from rhytid.settings import ServiceSettings
 from rhytid.synthesis.generate import synthesize
 from rhytid_lab.plots import Point, curves

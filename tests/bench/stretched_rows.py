@@ -18,8 +18,8 @@ import numpy as np
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.mesh import Mesh
+from rhytid.engine.engine import open_device
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
-from rhytid.engine.opening import open_device
 from rhytid.pictures.legends import scale_bar
 from rhytid.pictures.sheet import Panel, sheet
 from rhytid.pictures.surface_patch import Frame as View

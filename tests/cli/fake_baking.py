@@ -10,8 +10,14 @@ from numpy.typing import NDArray
 
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.engine.job import Job
-from rhytid.engine.messages import AssetInfo, FrameInfo, JobInfo, MapQuery, TileDescription
-from rhytid.engine.tile_plan import TilePlan
+from rhytid.engine.messages import (
+    AssetInfo,
+    FrameInfo,
+    JobInfo,
+    MapQuery,
+    TileDescription,
+    TilePlan,
+)
 from rhytid.formats.tile_header import TileHeader
 
 ASSET = AssetInfo(

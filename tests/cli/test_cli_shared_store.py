@@ -16,7 +16,7 @@ from rhytid.cli.timing import Stopwatch
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
-from rhytid.engine.asset_builder import AssetBuilder
+from rhytid.engine.assets.builder import AssetBuilder
 from rhytid.errors import SharedStoreError
 from rhytid.settings import ServiceSettings
 from rhytid.storage import AssetStore

@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 
 from engine.engines import BINNED, REDRAW, built, draw, new_asset, running
-from rhytid.device.budget import MemoryBudget
-from rhytid.device.buffer_pool import BufferPool
+from rhytid.device.budget import BufferPool, MemoryBudget
 from rhytid.device.figures import (
     BOUNDS,
     DROPPED,

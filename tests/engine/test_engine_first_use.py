@@ -12,8 +12,9 @@ import pytest
 from engine.engines import built, finish, new_asset, rest, running
 from pipeline.scenes import sheet
 from rhytid.domain.texel_sizes import usual_uv_length
-from rhytid.engine import assets, checked_upload
-from rhytid.engine.assets import Asset
+from rhytid.engine.assets import asset as assets
+from rhytid.engine.assets import upload
+from rhytid.engine.assets.asset import Asset
 from rhytid.errors import StorageError
 from rhytid.storage.store import AssetStore
 
@@ -32,7 +33,7 @@ def prepared(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
     of = Asset.of.__func__  # type: ignore[attr-defined]
     monkeypatch.setattr(Asset, "of", classmethod(told("asset", of)))
-    for module in (assets, checked_upload):
+    for module in (assets, upload):
         for name in ("usual_uv_length", "FrameCheck"):
             if hasattr(module, name):
                 monkeypatch.setattr(module, name, told(name, getattr(module, name)))

@@ -15,7 +15,7 @@ from reference.stretch import log_stretch
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.stiffness import Stiffness
 from rhytid.domain.tiles import TileAddress
-from rhytid.engine.device_asset import DeviceAsset
+from rhytid.engine.device_assets.asset import DeviceAsset
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
 from rhytid.engine.messages import MapQuery
 from rhytid.pipeline.grain_shares import grain_shares

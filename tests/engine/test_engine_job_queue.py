@@ -11,7 +11,7 @@ from contextlib import contextmanager
 import pytest
 
 from rhytid import stopping
-from rhytid.engine.callers import caller
+from rhytid.engine.call_context import caller
 from rhytid.engine.job import Job
 from rhytid.engine.jobs import Jobs
 from rhytid.errors import BusyError, CancelledError

@@ -48,7 +48,7 @@ class Halted:
 
     def __init__(self, monkeypatch):
         self.running, self.free = threading.Event(), threading.Event()
-        monkeypatch.setattr("rhytid.engine.asset_builder.synthesize", self)
+        monkeypatch.setattr("rhytid.engine.assets.builder.synthesize", self)
 
     def __call__(self, mesh, settings, device, report, **how):
         self.running.set()

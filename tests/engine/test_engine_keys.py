@@ -14,7 +14,7 @@ from pipeline.scenes import DEPTH, sheet
 from rhytid import build_identity
 from rhytid.domain.settings_changes import CHANGEABLE
 from rhytid.domain.tiles import TileAddress
-from rhytid.engine import tile_service
+from rhytid.engine.tiles import service
 
 ADDRESS = TileAddress(1001, 0, 1, 2)
 BENT = deform(sheet().positions, 3, 0.15)
@@ -86,7 +86,7 @@ def test_another_drawing_has_other_keys_on_the_same_store(tmp_path, monkeypatch)
     """As after an update: assets keep their ids, and what was drawn before is drawn anew."""
     found = []
     for version in ("1.0+old", "1.0+new", "1.0+old"):
-        monkeypatch.setattr(tile_service, "drawing_version", lambda version=version: version)
+        monkeypatch.setattr(service, "drawing_version", lambda version=version: version)
         with running(tmp_path) as engine:
             asset = built(engine, new_asset()) if not found else engine.assets.all()[0].id
             settle(engine, asset)

@@ -29,11 +29,11 @@ from pipeline.scenes import sheet
 from reference import pyramid
 from rhytid.domain.stiffness import Stiffness
 from rhytid.domain.tiles import TileAddress
-from rhytid.engine import device_finest, device_levels, map_drawing
-from rhytid.engine.device_drawing import DeviceDrawing
-from rhytid.engine.device_finest import DeviceFinest
-from rhytid.engine.device_levels import DeviceLevels
+from rhytid.engine.device_assets import levels
+from rhytid.engine.device_assets.drawing import DeviceDrawing
+from rhytid.engine.device_assets.levels import DeviceFinest, DeviceLevels
 from rhytid.engine.messages import MapQuery, NewAsset
+from rhytid.engine.tiles import maps
 from rhytid.errors import BusyError, ConflictError, DeviceMemoryError, NotFoundError
 
 BENT, OTHER = (deform(sheet().positions, seed, 0.15) for seed in (1, 2))
@@ -68,8 +68,8 @@ def every_map(engine, asset, query, frame="bent"):
 def small_pieces(monkeypatch):
     """Maps of 256² texels in 4 or 16 pieces, the mip tail from level 2 on."""
     sides = {"neutral": 128, "redraw": 128, "binned": 64, "convolved": 128}
-    monkeypatch.setattr(device_finest, "_PIECE", sides)
-    monkeypatch.setattr(device_levels, "_TAIL", 64)
+    monkeypatch.setattr(levels, "_PIECE", sides)
+    monkeypatch.setattr(levels, "_TAIL", 64)
 
 
 @pytest.fixture
@@ -84,21 +84,16 @@ def drawn(monkeypatch):
     """Of each task on the device that draws: the texels of level 0, and what was drawn."""
     found = []
 
-    def spied(name):
-        plain = getattr(DeviceDrawing, name)
+    squares = DeviceDrawing.squares
 
-        def spy(self, frame, query, *about):
-            squares = plain(self, frame, query, *about)
-            made = squares if name == "tiles" else [squares]
-            texels = (buffer.nbytes // 4 for buffer in made)
-            # Less the room for a vector behind what is blended: sides are whole blocks.
-            found.append(sum(count - count % 4096 for count in texels))
-            return squares
+    def spy(self, frame, query, *about):
+        made = squares(self, frame, query, *about)
+        texels = (buffer.nbytes // 4 for buffer in made)
+        # Less the room for a vector behind what is blended: sides are whole blocks.
+        found.append(sum(count - count % 4096 for count in texels))
+        return made
 
-        monkeypatch.setattr(DeviceDrawing, name, spy)
-
-    spied("tiles")
-    spied("square")
+    monkeypatch.setattr(DeviceDrawing, "squares", spy)
     return found
 
 
@@ -142,7 +137,7 @@ def test_pieces_and_tail_are_the_bits_of_one_piece(tmp_path, query, request, mon
 
     plain, plain_maps = found()
     assert same(plain, plain_maps)
-    monkeypatch.setattr(device_levels, "_TAIL", 64)  # pieces larger than tiles of level 1
+    monkeypatch.setattr(levels, "_TAIL", 64)  # pieces larger than tiles of level 1
     for made in (*found(), *(request.getfixturevalue("small_pieces") or found())):
         assert same(made, plain)
 
@@ -272,7 +267,7 @@ def test_level_0_is_kept_of_one_frame(engine):
 
 def interrupted(monkeypatch, doing):
     """Call `doing` from another thread once the first piece of a square is drawn."""
-    plain, begun = map_drawing._Square._some, []
+    plain, begun = maps._Square._some, []
 
     def some(self, *about):
         found = plain(self, *about)
@@ -280,7 +275,7 @@ def interrupted(monkeypatch, doing):
         doing(len(begun))
         return found
 
-    monkeypatch.setattr(map_drawing._Square, "_some", some)
+    monkeypatch.setattr(maps._Square, "_some", some)
     return begun
 
 

@@ -10,9 +10,9 @@ from engine.engines import BINNED, REDRAW, built, finish, new_asset, running, se
 from meshes import deform
 from pipeline.scenes import settings_of, sheet
 from rhytid.domain.tiles import TileAddress
-from rhytid.engine import device_finest
-from rhytid.engine.device_levels import DeviceLevels
-from rhytid.engine.device_mesh import DeviceMesh
+from rhytid.engine.device_assets import levels
+from rhytid.engine.device_assets.levels import DeviceLevels
+from rhytid.engine.device_assets.mesh import DeviceMesh
 from rhytid.engine.frames import Frames
 from rhytid.engine.messages import NewAsset
 from rhytid.errors import BusyError, DeviceMemoryError, NotFoundError, StorageError
@@ -25,11 +25,11 @@ class Gate:
     """Stands in for the synthesis: waits to be let go, then returns what was made before."""
 
     def __init__(self, monkeypatch):
-        from rhytid.engine import asset_builder
+        from rhytid.engine.assets import builder
 
         self.entered, self.free = threading.Event(), threading.Event()
-        self.real = asset_builder.synthesize
-        monkeypatch.setattr(asset_builder, "synthesize", self)
+        self.real = builder.synthesize
+        monkeypatch.setattr(builder, "synthesize", self)
 
     def __call__(self, mesh, settings, device, report, **how):
         self.entered.set()
@@ -122,7 +122,7 @@ def test_a_change_that_fails_halfway_leaves_the_elements_in_place(engine, monkey
         raise DeviceMemoryError("no room")
 
     with monkeypatch.context() as patch:
-        patch.setattr("rhytid.engine.device_mesh.Blend", no_room)
+        patch.setattr("rhytid.engine.device_assets.mesh.Blend", no_room)
         with pytest.raises(DeviceMemoryError):
             engine.assets.change(asset, {"response": {"alpha_w": 2.0}})
     assert engine.tiles.plan(asset, "neutral", REDRAW, ADDRESS).draw().tobytes() == before.tobytes()
@@ -131,7 +131,7 @@ def test_a_change_that_fails_halfway_leaves_the_elements_in_place(engine, monkey
 def test_a_map_is_of_one_setting(engine, monkeypatch):
     asset = built(engine, new_asset())
     squares, calls = DeviceLevels.squares, []
-    monkeypatch.setitem(device_finest._PIECE, "binned", 64)
+    monkeypatch.setitem(levels._PIECE, "binned", 64)
 
     def changing(levels, *arguments):
         calls.append(1)

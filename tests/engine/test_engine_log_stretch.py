@@ -8,7 +8,7 @@ import pytest
 from engine.engines import built, new_asset
 from meshes import deform
 from pipeline.scenes import sheet
-from rhytid.engine.log_stretch import LogStretch
+from rhytid.engine.frames import LogStretch
 
 BENT = deform(sheet().positions, 3, 0.15)
 

@@ -21,7 +21,7 @@ from pipeline.scenes import DEPTH, Scene, random_graph, settings_of, sheet
 from reference import drawing
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import TileAddress
-from rhytid.engine import device_finest
+from rhytid.engine.device_assets import levels
 from rhytid.engine.messages import SAMPLINGS, STRETCH_MODELS, MapQuery
 from rhytid.errors import QueryError
 
@@ -129,7 +129,7 @@ def test_convolved_drawn_in_pieces_is_the_same_bits(made, monkeypatch, sampling)
     made.engine._on_device.run(
         made.engine._on_device.loaded(made.engine.assets._assets.get(made.asset)).mesh.kept.clear
     )
-    monkeypatch.setitem(device_finest._PIECE, "convolved", 64)
+    monkeypatch.setitem(levels._PIECE, "convolved", 64)
     assert same(tiles(), plain)
 
 

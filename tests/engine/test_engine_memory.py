@@ -12,7 +12,7 @@ from engine.engines import BINNED, REDRAW, built, draw, maps, new_asset, rest, r
 from meshes import deform
 from pipeline.scenes import sheet
 from rhytid.domain.tiles import TileAddress
-from rhytid.engine.device_levels import DeviceLevels
+from rhytid.engine.device_assets.levels import DeviceLevels
 from rhytid.errors import ConflictError, DeviceMemoryError, NotFoundError
 
 ADDRESS = TileAddress(1001, 0, 0, 0)
@@ -88,7 +88,7 @@ def test_a_map_is_whole_though_its_asset_leaves_the_device(stored, monkeypatch):
                 engine._device.budget.drop(lambda key: key[0] == "asset")
             return found
 
-        monkeypatch.setattr("rhytid.engine.device_finest._PIECE", dict.fromkeys(
+        monkeypatch.setattr("rhytid.engine.device_assets.levels._PIECE", dict.fromkeys(
             ("neutral", "redraw", "binned", "convolved"), 64))  # fmt: skip
         monkeypatch.setattr(DeviceLevels, "squares", leaving)
         assert same([plan.draw()], [wanted])

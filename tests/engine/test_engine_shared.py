@@ -20,7 +20,7 @@ from meshes import deform
 from pipeline.scenes import sheet
 from rhytid.domain.expressions import Expressions
 from rhytid.domain.tiles import TileAddress
-from rhytid.engine.asset_builder import AssetBuilder
+from rhytid.engine.assets.builder import AssetBuilder
 from rhytid.engine.engine import Engine
 from rhytid.errors import (
     FetchingError,

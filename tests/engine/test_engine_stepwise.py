@@ -12,12 +12,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from engine.engines import BINNED, REDRAW, built, draw, new_asset, rest, running
-from rhytid.device.elsewhere import Elsewhere
+from engine.engines import BINNED, CONVOLVED, REDRAW, built, draw, new_asset, rest, running
+from rhytid.device.buffer import Buffer
+from rhytid.device.runtime import Steps
 from rhytid.domain.tiles import TileAddress
-from rhytid.engine.device_asset import DeviceAsset
+from rhytid.engine.call_context import abandoned_when
+from rhytid.engine.device_assets.asset import DeviceAsset
+from rhytid.engine.device_assets.bins import DeviceBins
+from rhytid.engine.device_assets.drawing import DeviceNeutral
+from rhytid.engine.device_assets.mesh import DeferredWork
 from rhytid.engine.engine import Engine
 from rhytid.engine.messages import NewAsset
+from rhytid.errors import CancelledError
 from rhytid.pipeline.bin_maker import BinMaker
 
 ADDRESS = TileAddress(1001, 0, 0, 0)
@@ -28,15 +34,15 @@ class Held:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.entered, self.free = threading.Event(), threading.Event()
-        step, make = Elsewhere.step, BinMaker.tile
+        step, make = Steps.step, BinMaker.tile
         self._making = threading.local()
 
         def marked(maker: BinMaker, *place: Any) -> Any:
             self._making.steps = 0
             return make(maker, *place)
 
-        def held(elsewhere: Elsewhere, task: Callable[[], Any]) -> Any:
-            found = step(elsewhere, task)
+        def held(steps: Steps, task: Callable[[], Any]) -> Any:
+            found = step(steps, task)
             if getattr(self._making, "steps", None) is not None:
                 self._making.steps += 1
                 if self._making.steps == 3:
@@ -45,7 +51,7 @@ class Held:
             return found
 
         monkeypatch.setattr(BinMaker, "tile", marked)
-        monkeypatch.setattr(Elsewhere, "step", held)
+        monkeypatch.setattr(Steps, "step", held)
 
 
 @pytest.fixture
@@ -121,6 +127,36 @@ def test_maps_that_are_there_are_not_made_again(
         engine.assets._builder.prepare_bins(engine.assets._assets.get(asset))
         rest(engine)
         assert made == []
+
+
+@pytest.mark.parametrize(
+    ("part", "lacks"),
+    [
+        (DeviceBins, DeferredWork(bins=[ADDRESS])),
+        (DeviceNeutral, DeferredWork(neutral=(CONVOLVED, 1001, (0, 0, 64)))),
+    ],
+)
+def test_what_is_kept_stays_whole_when_its_caller_leaves_then(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, part: Any, lacks: DeferredWork
+) -> None:
+    """Its buffers were given back though it was kept, and became those of others."""
+    kept: list[Any] = []
+    keep = part._keep
+
+    def noted(self: Any, *arguments: Any) -> Any:
+        kept.append(arguments[-1])
+        return keep(self, *arguments)
+
+    with running(tmp_path) as engine:
+        found = engine.assets._assets.get(built(engine, new_asset()))
+        engine._on_device.run(found.on_device.mesh.kept.clear)
+        monkeypatch.setattr(part, "_keep", noted)
+        with abandoned_when(lambda: bool(kept)), pytest.raises(CancelledError):
+            engine._on_device._make(found, lacks)
+        (made,) = kept
+        of_made = [one for one in vars(made).values() if isinstance(one, Buffer)]
+        assert of_made != []
+        assert not any(buffer.released for buffer in of_made)
 
 
 @pytest.mark.parametrize("change", ["settings", "eviction", "removal"])

@@ -240,7 +240,7 @@ def test_a_build_that_waits_is_given_up_at_once(
     engine.jobs.start("build", "busy", keep)
     assert busy.wait(60)
     engine.jobs.start("build", "busy too", keep, small=True)
-    monkeypatch.setattr("rhytid.engine.assets.Asset.small", False)
+    monkeypatch.setattr("rhytid.engine.assets.asset.Asset.small", False)
     new = new_asset(seed=next(_seeds))
     info = engine.assets.create(new)
     assert info.job is not None

@@ -212,7 +212,7 @@ def test_two_engines_on_one_store_are_refused(tmp_path):
 
 def test_a_build_that_a_shutdown_cut_short_is_taken_up_again(tmp_path, monkeypatch):
     with running(tmp_path) as engine, monkeypatch.context() as patch:
-        patch.setattr("rhytid.engine.asset_builder.mean_spacing", interrupted(engine))
+        patch.setattr("rhytid.engine.assets.builder.mean_spacing", interrupted(engine))
         info = engine.assets.create(new_asset())
         assert finish(engine, info.job).state == "cancelled"
     with running(tmp_path) as engine:

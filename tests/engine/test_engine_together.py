@@ -18,7 +18,7 @@ from engine.engines import QUERIES, built, draw, new_asset, running
 from meshes import deform
 from pipeline.scenes import sheet
 from rhytid.domain.tiles import TileAddress
-from rhytid.engine.tile_batcher import Tile, TileBatcher
+from rhytid.engine.tiles.batcher import Tile, TileBatcher
 from rhytid.engine.worker import DeviceWorker
 from rhytid.errors import BusyError, DeviceMemoryError, LimitError, NotFoundError
 

@@ -15,11 +15,12 @@ import pytest
 
 from engine.engines import QUERIES, REDRAW, built, draw, new_asset, running
 from engine.test_engine_together import occupied, until
-from rhytid.device.paces import WorkPace
+from rhytid.device.launches import DrawingPace
 from rhytid.domain.tiles import TileAddress
+from rhytid.engine.call_context import drawn_live
 from rhytid.engine.engine import Engine
 from rhytid.engine.messages import MapQuery
-from rhytid.engine.worker import DeviceWorker, drawn_live
+from rhytid.engine.worker import DeviceWorker
 from rhytid.errors import BusyError, LimitError
 from rhytid.pipeline.redraw import launch_blocks
 from rhytid.pipeline.work import BLOCK
@@ -185,8 +186,8 @@ def test_a_probe_goes_before_all_that_wait() -> None:
 def launches(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     """The work of every launch over blocks, where a block is more than a piece should be."""
     found: list[float] = []
-    monkeypatch.setattr("rhytid.device.paces.DRAWING", 1e-6)
-    monkeypatch.setattr(WorkPace, "took", lambda *_: None)
+    monkeypatch.setattr("rhytid.device.launches.PIECE_SECONDS", 1e-6)
+    monkeypatch.setattr(DrawingPace, "took", lambda *_: None)
 
     def spy(device: Any, program: str, kernel: str, settings: Any, elements: Any, square: Any,
             *arguments: Any, **named: Any) -> None:  # fmt: skip
@@ -293,7 +294,7 @@ def test_what_would_take_too_long_is_refused_at_once(
         work = engine._on_device.loaded(_asset(engine, built(engine, new_asset()))).mesh.elements
     monkeypatch.setattr("rhytid.pipeline.draw_limit._BLOCK_SECONDS", 1e9)
     pace = work[1001].work.total / 10
-    monkeypatch.setattr("rhytid.engine.opening.remembered_pace", lambda *_: pace)
+    monkeypatch.setattr("rhytid.engine.engine.remembered_pace", lambda *_: pace)
     with running(tmp_path / "slow", cache=tmp_path, draw_seconds=1) as engine:
         with pytest.raises(LimitError, match=r"more than 1 s \(RHYTID_DRAW_SECONDS\)"):
             engine.assets.create(new_asset())

@@ -14,7 +14,7 @@ from pipeline.scenes import random_graph, sheet
 from rhytid.domain import warnings as codes
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import TileAddress
-from rhytid.engine import stored_assets
+from rhytid.engine.assets import stored as stored_assets
 from rhytid.engine.messages import MapQuery
 from rhytid.errors import QueryError, StrictError
 from rhytid.formats.graphs import write_graph

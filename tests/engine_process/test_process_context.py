@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from rhytid.device.figures import Figures, spans_of_request
+from rhytid.engine.call_context import drawn_live, is_live
 from rhytid.engine.operations import OPERATIONS
-from rhytid.engine.worker import drawn_live, is_live
 from rhytid.engine_process.envelope import Answer, Envelope, Request, answered
 from rhytid.engine_process.packing import unpack
 from rhytid.errors import NotFoundError

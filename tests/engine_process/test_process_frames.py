@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from rhytid.domain.tiles import TileAddress
-from rhytid.engine import wanted
+from rhytid.engine import call_context
 from rhytid.engine.byte_budget import ByteBudget
 from rhytid.engine.messages import AssetInfo, FrameInfo, MapQuery, NewAsset
 from rhytid.engine.operations import OPERATIONS, Proxy
@@ -121,7 +121,7 @@ class Server:
         self.frames, self.tiles, self.assets = engine.frames, engine.tiles, engine.assets
 
     def _put(self, process: Any, asset: str, name: str, positions: Any) -> None:
-        with wanted.anyway():
+        with call_context.never_abandoned():
             self.caller.ask(process, Request(OPERATIONS["frames.put"], (asset, name, positions)))
 
     def drawn(self) -> float:
@@ -229,8 +229,8 @@ def test_what_is_stored_is_not_given_up_where_its_client_is_gone(
 ) -> None:
     """The process would store it later, after what is stored by then."""
     gone: list[bool] = []
-    server.caller.at["frames.put"] = lambda: gone.append(wanted.is_gone())
-    with wanted.unless(lambda: True):
+    server.caller.at["frames.put"] = lambda: gone.append(call_context.is_abandoned())
+    with call_context.abandoned_when(lambda: True):
         if change == "put":
             server.frames.put("a", "smile", frame(2.0))
         else:

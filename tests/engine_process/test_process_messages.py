@@ -21,7 +21,7 @@ from rhytid.domain.controls import Controls
 from rhytid.domain.expressions import Expressions
 from rhytid.domain.stiffness import Stiffness
 from rhytid.domain.tiles import TileAddress
-from rhytid.engine import wanted
+from rhytid.engine import call_context
 from rhytid.engine.messages import MapQuery, NewAsset
 from rhytid.engine.operations import OPERATIONS
 from rhytid.engine_process.envelope import Request
@@ -205,7 +205,7 @@ def test_a_line_is_free_when_its_answer_is_forgotten() -> None:
 def test_a_call_that_nobody_waits_for_hangs_up() -> None:
     near, far = Pipe()
     lines = Lines(lambda: Line(near))
-    with far, wanted.unless(lambda: True), pytest.raises(CancelledError):
+    with far, call_context.abandoned_when(lambda: True), pytest.raises(CancelledError):
         lines.ask(pack("a"))
     assert near.closed
 

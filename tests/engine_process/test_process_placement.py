@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 
 from engine.engines import new_asset
 from rhytid.domain.mesh import Mesh
+from rhytid.engine.assets.upload import CheckedUpload, content_id
 from rhytid.engine.byte_budget import ByteBudget
-from rhytid.engine.checked_upload import CheckedUpload, content_id
 from rhytid.engine.messages import AssetInfo, JobInfo
 from rhytid.engine.operations import OPERATIONS, Jobs, Proxy
 from rhytid.engine_process import supervisors

@@ -13,7 +13,7 @@ import pytest
 
 from engine.engines import new_asset, running
 from engine_process.served import await_value
-from rhytid.engine import wanted
+from rhytid.engine import call_context
 from rhytid.engine.engine import Engine
 from rhytid.errors import CancelledError, DiskFullError, SharedDamageError
 from rhytid.fleet.fleet_assets import FleetAssets
@@ -102,7 +102,7 @@ def test_a_snapshot_for_nobody_is_not_left(
         shared.give(broken())
     asset = sent(assets)
     await_value(lambda: shared.revision(asset))
-    with wanted.unless(lambda: True), pytest.raises(CancelledError):
+    with call_context.abandoned_when(lambda: True), pytest.raises(CancelledError):
         assets.snapshot(asset)
     assert not any((tmp_path / "shared" / "given").iterdir())
     assert assets.snapshot(asset).stat().st_size > 0

@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 
 from engine.engines import new_asset
+from rhytid.engine.call_context import drawn_live, is_live
 from rhytid.engine.messages import JobInfo
 from rhytid.engine.operations import OPERATIONS
-from rhytid.engine.worker import drawn_live, is_live
 from rhytid.engine_process.envelope import Answer, Envelope, Request
 from rhytid.errors import NotFoundError, SettingsError, StorageError
 from rhytid.fleet.board import Board

@@ -69,7 +69,7 @@ ONLY_IN = {
     "ray": {"fleet"},
 }
 # The only readers of the environment: the settings, and what OpenCL's loader must find there.
-ENVIRONMENT = ("settings.py", "device/caches.py", "device/loader.py")
+ENVIRONMENT = ("settings.py", "device/caches.py", "device/driver.py")
 
 
 def everything(package: str) -> Iterator[Import]:

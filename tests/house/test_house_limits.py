@@ -15,7 +15,7 @@ from rhytid.cli import connections, web_sockets
 from rhytid.decoding import decoder, limits
 from rhytid.domain import expressions, painted, view
 from rhytid.engine import byte_budget
-from rhytid.engine.job_lanes import LANES
+from rhytid.engine.jobs import LANES
 from rhytid.formats import limits as format_limits
 from rhytid.formats import npy, obj
 from rhytid.settings import ServiceSettings

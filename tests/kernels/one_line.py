@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 import rhytid_kernels
+from rhytid.device.driver import cl
 from rhytid.device.programs import BUILD_OPTIONS
 from rhytid.device.runtime import Device
-from rhytid.device.trial import cl
 
 _C_TYPES = {"f4": "float", "i4": "int", "u4": "uint", "i1": "char", "i2": "short"}
 

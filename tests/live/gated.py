@@ -10,7 +10,7 @@ import numpy as np
 
 from api.fake_engine import FakeEngine
 from api.patch import positions
-from rhytid.engine.worker import is_live
+from rhytid.engine.call_context import is_live
 
 TILE = [1001, 0, 1, 2]
 NAMES = ["browInnerUp_L", "browInnerUp_R", "jawOpen"]

@@ -11,10 +11,10 @@ import rhytid_kernels
 from meshes import deform
 from pipeline.binned import BinnedScene
 from pipeline.scenes import Scene, random_graph, settings_of, sheet
+from rhytid.device.driver import cl
+from rhytid.device.launches import launch_shapes
 from rhytid.device.programs import BUILD_OPTIONS
 from rhytid.device.runtime import Device
-from rhytid.device.shape import launch_shapes
-from rhytid.device.trial import cl
 from rhytid.errors import DeviceError
 from rhytid.pipeline.work import BLOCK
 

@@ -18,7 +18,7 @@ from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
-from rhytid.engine.device_asset import DeviceAsset
+from rhytid.engine.device_assets.asset import DeviceAsset
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
 from rhytid.engine.messages import MapQuery
 from rhytid.pipeline.element_arrays import pore_arrays, wrinkle_arrays

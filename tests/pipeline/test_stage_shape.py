@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import pytest
 
+from rhytid.device.launches import LaunchShape, launch_shapes
 from rhytid.device.runtime import Device
-from rhytid.device.shape import LaunchShape, launch_shapes
 from rhytid.errors import DeviceError, DeviceMemoryError
 from rhytid.pipeline import measured_shape
 from rhytid.pipeline.measured_shape import remembered_shape, shape_seconds

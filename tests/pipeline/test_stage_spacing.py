@@ -9,7 +9,7 @@ import pytest
 
 from pipeline.scenes import random_graph, settings_of, sheet
 from rhytid.domain.mesh import Mesh
-from rhytid.engine.spacing import mean_spacing
+from rhytid.engine.assets.graphs import mean_spacing
 from rhytid.pipeline.locate import locate_points
 from rhytid.synthesis.generate import synthesize
 from synthesis import sheets

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pipeline.scenes import random_graph, settings_of
-from rhytid.device.paces import DRAWING, WorkPace
+from rhytid.device.launches import PIECE_SECONDS, DrawingPace
 from rhytid.errors import LimitError
 from rhytid.pipeline import measured_shape, work
 from rhytid.pipeline.cells import list_by_cell
@@ -107,18 +107,18 @@ def test_blocks_of_a_broad_layer_count_whole():
 
 
 def test_a_pace_follows_what_takes_too_long_and_what_is_much_faster():
-    pace = WorkPace(1e6)
-    assert pace.most == pytest.approx(DRAWING * 1e6)
-    pace.took(pace.most, 1.5 * DRAWING)  # within a factor of two nothing changes
-    pace.took(pace.most, DRAWING / 1.5)
+    pace = DrawingPace(1e6)
+    assert pace.most == pytest.approx(PIECE_SECONDS * 1e6)
+    pace.took(pace.most, 1.5 * PIECE_SECONDS)  # within a factor of two nothing changes
+    pace.took(pace.most, PIECE_SECONDS / 1.5)
     assert pace.per_second == 1e6
-    pace.took(pace.most, 3 * DRAWING)
+    pace.took(pace.most, 3 * PIECE_SECONDS)
     assert pace.per_second == pytest.approx(1e6 / 3)
     pace.took(pace.most, 100.0)  # a compiler, perhaps
     assert pace.per_second == pytest.approx(1e6 / 12)
-    pace.took(pace.most, DRAWING / 100)
+    pace.took(pace.most, PIECE_SECONDS / 100)
     assert pace.per_second == pytest.approx(1e6 / 6)
-    pace.took(1.0, DRAWING / 2)  # so little says nothing
+    pace.took(1.0, PIECE_SECONDS / 2)  # so little says nothing
     assert pace.per_second == pytest.approx(1e6 / 6)
 
 

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from reference.synthesis import crossing_pairs, pairs_in_sight, thrown_one_by_one
-from rhytid.device import paces
+from rhytid.device import launches
 from rhytid.device.runtime import Device
 from rhytid.domain.mesh import Mesh
 from rhytid.synthesis import workspace
@@ -163,8 +163,8 @@ def some_pairs(position: np.ndarray) -> np.ndarray:
 @pytest.mark.slow
 def test_launch_shape_changes_no_bit(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = synthesize(sheets.tube(), sheets.wanted(2000), device).graph.arrays()
-    for name, items in (("MOST", 192), ("LEAST", 16), ("FIRST", 16)):
-        monkeypatch.setattr(paces, name, items)
+    for name, items in (("MOST_ITEMS", 192), ("LEAST_ITEMS", 16), ("FIRST_ITEMS", 16)):
+        monkeypatch.setattr(launches, name, items)
     monkeypatch.setattr(workspace, "_GROUP", 16)
     blocks = synthesize(sheets.tube(), sheets.wanted(2000), device).graph.arrays()
     for name, array in whole.items():

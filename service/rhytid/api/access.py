@@ -30,7 +30,7 @@ from rhytid.api.keys import (
     read_keys,
     utc_now,
 )
-from rhytid.engine import callers
+from rhytid.engine import call_context
 from rhytid.errors import (
     AccessError,
     ApiKeyError,
@@ -128,7 +128,7 @@ async def guard(connection: HTTPConnection) -> None:
     if needed != OPEN:
         await access.fresh()
     access.admit(scope, needed)
-    callers.caller.set(Caller.of(scope).name)
+    call_context.caller.set(Caller.of(scope).name)
 
 
 class Access:

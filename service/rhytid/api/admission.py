@@ -15,7 +15,7 @@ from fastapi import FastAPI, Request
 
 from rhytid.api.access import Caller
 from rhytid.domain.wording import waiting
-from rhytid.engine import wanted
+from rhytid.engine import call_context
 from rhytid.engine.messages import ENDED_STATES, JobInfo
 from rhytid.errors import BusyError, HostBusyError, NotFoundError, QuotaError
 from rhytid.settings import ServiceSettings
@@ -50,7 +50,7 @@ class DeviceSlots:
         if not self._free.acquire(blocking=False):
             raise BusyError(f"{waiting(self._count)} already")
         try:
-            with wanted.unless(gone):
+            with call_context.abandoned_when(gone):
                 yield
         finally:
             self._free.release()
@@ -90,7 +90,7 @@ class LargeAnswers:
             return
         until = time.monotonic() + PATIENCE
         while not self._free.acquire(timeout=_LOOK):
-            wanted.check()
+            call_context.check_abandoned()
             if time.monotonic() > until:
                 rule = f"{AT_ONCE} at a time where they have {HUGE} bytes or more"
                 raise HostBusyError(f"other answers were made for {PATIENCE:g} seconds: {rule}")

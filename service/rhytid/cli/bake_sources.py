@@ -20,7 +20,7 @@ from rhytid.textures.weights import corner_weights
 
 if TYPE_CHECKING:
     from rhytid.engine.engine import Engine
-    from rhytid.engine.tile_plan import TilePlan
+    from rhytid.engine.messages import TilePlan
 
 # Of the digest of a frame, in keys of files.
 _DIGITS = 16

@@ -31,7 +31,7 @@ from rhytid.textures.profiles import Profile
 
 if TYPE_CHECKING:
     from rhytid.engine.engine import Engine
-    from rhytid.engine.tile_plan import TilePlan
+    from rhytid.engine.messages import TilePlan
 
 Texels = NDArray[np.float32]
 

@@ -70,7 +70,7 @@ def placed_graph(
     opened: the device, called only where it is needed.
     """
     from rhytid.domain.curves import with_triangles
-    from rhytid.engine.given_graphs import check_graph
+    from rhytid.engine.assets.graphs import check_graph
     from rhytid.pipeline.locate import locate_points
 
     check_graph(graph, mesh, force=force)

@@ -111,17 +111,16 @@ def whole_file(file: Path, pieces: Any) -> None:
 
 def open_device(arguments: argparse.Namespace) -> Device:
     """The device of the arguments, or of the environment."""
-    from rhytid.engine import opening
+    from rhytid.engine import engine
     from rhytid.settings import ServiceSettings
 
     with working("opening the device"):
-        return opening.open_device(ServiceSettings.from_environment(), arguments.device)
+        return engine.open_device(ServiceSettings.from_environment(), arguments.device)
 
 
 def _lengths(mesh: Mesh, graph: WrinkleGraph, settings: AssetSettings) -> Lengths:
     """What the graph is drawn with; pores are measured where its file does not say it."""
-    from rhytid.engine.given_graphs import graph_lengths
-    from rhytid.engine.spacing import mean_spacing
+    from rhytid.engine.assets.graphs import graph_lengths, mean_spacing
 
     if graph.origin is not None and graph.origin.spacing is not None:
         return graph_lengths(graph, settings, graph.origin.spacing)

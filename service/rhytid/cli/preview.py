@@ -21,7 +21,7 @@ from rhytid.domain.tiles import mesh_udims, triangles_inside, udim_origin
 from rhytid.domain.units import MILLIMETRES, USUAL_UNIT, millimetres
 from rhytid.domain.wording import plural
 from rhytid.durable import whole
-from rhytid.engine.device_asset import DeviceAsset
+from rhytid.engine.device_assets.asset import DeviceAsset
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
 from rhytid.engine.messages import MapQuery
 from rhytid.pictures.preview import PATCH, WHOLE, Patch, WholeMap, preview

@@ -1,4 +1,5 @@
-"""A memory budget of our own: drivers allocate more than the device has."""
+"""A memory budget of our own, since drivers allocate more than the device has, and the pool of
+spare memory that it counts."""
 
 from __future__ import annotations
 
@@ -6,8 +7,10 @@ from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from typing import Any, Protocol, TypeVar
 
-from rhytid.device.buffer_pool import BufferPool
 from rhytid.errors import DeviceMemoryError
+
+# Bytes of spare buffers of all sizes; with those in use they never exceed the budget.
+MOST_SPARE = 256 << 20
 
 
 class Releasable(Protocol):
@@ -22,14 +25,14 @@ T = TypeVar("T", bound=Releasable)
 
 
 class MemoryBudget:
-    """Counts bytes on the device, and makes room by dropping what can be made again.
+    """Counts bytes on the device, and makes room by dropping entries that can be made again.
 
-    `used` leaves out what lies spare, but both together stay within `limit`: spare memory is the
-    first to go.
+    `used` leaves spare memory out, but both together stay within `limit`: spare memory is freed
+    first.
 
-    Things kept under a key are dropped least recently used first, but never in the task that
-    used them: `new_task` says when what was used before is no longer in anybody's hands.
-    dropped: called with the key of each.
+    Entries are dropped least recently used first, but never in the task that used them: `new_task`
+    says that no task uses earlier ones any more.  dropped: called with the key of each entry that
+    is dropped.
     """
 
     def __init__(
@@ -43,19 +46,21 @@ class MemoryBudget:
         self._made: set[Hashable] = set()
 
     def new_task(self) -> None:
-        """What was kept or found so far may be dropped again when memory is short."""
+        """Begin a task: entries that were kept or found before may be dropped again when memory is
+        short."""
         self._in_hands.clear()
         self._made.clear()
 
     def forget_made(self) -> None:
-        """Release what was made since `new_task`: the task failed."""
+        """Release the entries that were made since `new_task`, because the task failed."""
         self.drop(self._made.__contains__)
 
     def reserve(self, nbytes: int, *, reuse: bool = False) -> Any | None:
-        """Count `nbytes` in, dropping kept things where needed; raises DeviceMemoryError.
+        """Count `nbytes` in, and drop entries where needed; raises DeviceMemoryError where they do
+        not fit even so.
 
-        reuse: answer spare memory of that size, or None where there is none. What was dropped just
-        now is spare, too.
+        reuse: return spare memory of exactly that size, or None where there is none. The memory of
+        entries that were dropped just now is spare, too.
         """
         if self.used + nbytes > self.limit:
             self._make_room(nbytes)
@@ -74,7 +79,7 @@ class MemoryBudget:
         self.used -= nbytes
 
     def keep(self, key: Hashable, make: Callable[[], T]) -> T:
-        """What is kept under `key`; made, and kept from now on, where it is not there."""
+        """The entry of `key`. It is made, and kept from then on, where there is none."""
         found = self._kept.get(key)
         if found is None:
             found = make()
@@ -84,20 +89,20 @@ class MemoryBudget:
         return found  # type: ignore[return-value]
 
     def find(self, key: Hashable) -> Any | None:
-        """What is kept under `key`, or None; it stays until the task ends."""
+        """The entry of `key`, or None; it stays until the task ends."""
         found = self._kept.get(key)
         if found is not None:
             self._use(key)
         return found
 
     def discard(self, key: Hashable) -> None:
-        """Release what is kept under `key`, if there is anything."""
+        """Release the entry of `key`, if there is one."""
         found = self._kept.pop(key, None)
         if found is not None:
             found.release()
 
     def drop(self, belongs: Callable[[Hashable], bool]) -> None:
-        """Release everything kept under a key that `belongs`."""
+        """Release every entry whose key `belongs`."""
         for key in [k for k in self._kept if belongs(k)]:
             self.discard(key)
 
@@ -112,3 +117,47 @@ class MemoryBudget:
             self.discard(key)
             if self._dropped is not None:
                 self._dropped(key)
+
+
+class BufferPool:
+    """Released memory by size, kept for the next buffer of the same size; `held` counts its bytes.
+    Safe on an in-order queue: work on a reused buffer is enqueued after the work before its
+    release.
+
+    A driver allocates fresh pages, and the first write to each costs as much as a copy: without a
+    pool, a map that is drawn and released in every frame costs a second map copy.
+    """
+
+    def __init__(self, limit: int = MOST_SPARE) -> None:
+        self._limit = limit
+        self.held = 0
+        self._handles: OrderedDict[int, list[Any]] = OrderedDict()
+
+    def take(self, nbytes: int) -> Any | None:
+        """A handle of exactly `nbytes` bytes, or None."""
+        handles = self._handles.get(nbytes)
+        if not handles:
+            return None
+        self.held -= nbytes
+        handle = handles.pop()
+        if not handles:
+            del self._handles[nbytes]
+        return handle
+
+    def leave(self, handle: Any, nbytes: int) -> None:
+        """Keep a handle; handles of the sizes that were left longest ago are freed for it."""
+        self._handles.setdefault(nbytes, []).append(handle)
+        self._handles.move_to_end(nbytes)
+        self.held += nbytes
+        self.shrink(self._limit)
+
+    def shrink(self, limit: int) -> None:
+        """Free handles until `limit` bytes are held at most, of the sizes that were left longest
+        ago first."""
+        while self.held > limit:
+            size, handles = next(iter(self._handles.items()))
+            if not handles:
+                del self._handles[size]
+                continue
+            handles.pop().release()
+            self.held -= size

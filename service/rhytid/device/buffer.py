@@ -1,39 +1,55 @@
-"""Memory on a device."""
+"""Memory on a device, and objects that own some."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import Any, Protocol
 
-from numpy.typing import NDArray
-
-if TYPE_CHECKING:
-    from rhytid.device.runtime import Device
+from rhytid.device.budget import Releasable
 
 
 class Buffer:
-    """Bytes on the device, counted in its budget until released."""
+    """Bytes on the device, counted in its budget until they are released.
 
-    def __init__(self, device: Device, nbytes: int, host: NDArray[Any] | None = None) -> None:
-        spare = device.budget.reserve(nbytes, reuse=host is None)
-        device.born.append(self)
-        self.nbytes = nbytes
-        self.handle: Any = spare
-        self._device = device
-        self._released = False
-        if spare is None:
-            self.handle = device.allocate(nbytes, host)
+    handle: the memory of the driver; None until there is any.  release_by: takes the buffer back;
+    every `release` calls it.
+    """
+
+    def __init__(self, nbytes: int, handle: Any, release_by: Callable[[Buffer], None]) -> None:
+        self.nbytes, self.handle = nbytes, handle
+        self.released = False
+        self._release_by = release_by
 
     def release(self) -> None:
         """Give the memory back; a second call does nothing."""
-        elsewhere = self._device.elsewhere
-        if elsewhere is None:
-            self._release()
-        else:
-            elsewhere.step(self._release)
+        self._release_by(self)
 
-    def _release(self) -> None:
-        if not self._released:
-            self._released = True
-            self._device.budget.free(self.nbytes)
-            if self.handle is not None:
-                self._device.pool.leave(self.handle, self.nbytes)
+
+class Measured(Releasable, Protocol):
+    """Something on the device whose size in bytes is known."""
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes on the device."""
+        ...
+
+
+class BufferGroup(ABC):
+    """An object on the device that owns parts, and is as large as they are together."""
+
+    @property
+    @abstractmethod
+    def _buffers(self) -> tuple[Measured | None, ...]:
+        """The parts that it owns; None in the place of a part that it lacks."""
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes on the device."""
+        return sum(part.nbytes for part in self._buffers if part is not None)
+
+    def release(self) -> None:
+        """Give the memory back."""
+        for part in self._buffers:
+            if part is not None:
+                part.release()

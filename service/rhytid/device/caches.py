@@ -26,9 +26,9 @@ _HELD, _LOOK = 1.0, 0.02
 
 
 def provide_cache_folder() -> None:
-    """Set XDG_CACHE_HOME where kernels could not be kept otherwise, else leave all as it is.
+    """Set XDG_CACHE_HOME to a folder of our own where kernels could not be kept otherwise.
 
-    Where nothing at all can be written, pyopencl is told to go without.
+    Where no folder at all can be written, tell pyopencl to keep none.
     """
     # Else pyopencl raises a KeyError where its cache fails, as it may beside other processes.
     os.environ.setdefault("PYOPENCL_CACHE_FAILURE_FATAL", "")
@@ -60,7 +60,7 @@ def free_programs() -> None:
 
 
 def _which(file: Path) -> tuple[int, int]:
-    """Names a file: another number for one that took its place."""
+    """Identifies a file; another file in its place has another number."""
     found = file.stat()
     return found.st_ino, found.st_ctime_ns
 
@@ -69,7 +69,8 @@ def provide_places(folder: Path) -> Path | None:
     """Have compiled kernels, and temporary files, go into `folder` where the usual places for them
     cannot be written: a container with a read-only root and no home.
 
-    Call it before OpenCL is loaded. Returns the folder where kernels are kept instead, else None.
+    Returns the folder where kernels are kept instead, else None. To be called before OpenCL is
+    loaded.
     """
     try:
         tempfile.gettempdir()
@@ -99,7 +100,7 @@ def _keeps(folder: Path) -> bool:
 
 
 def writable(folder: Path) -> bool:
-    """Whether files can be made in a folder, which is made where it is not there."""
+    """Whether files can be made in a folder; the folder is made where it does not exist."""
     try:
         folder.mkdir(0o700, parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):

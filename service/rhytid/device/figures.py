@@ -1,4 +1,4 @@
-"""What a device has done, as numbers in memory that another process may read.
+"""Figures of a device, as numbers in memory that another process may read.
 
 The process of a device writes them, the server reads them: nothing is sent for it, they can be read
 while the device hangs, and the next process goes on counting where the last one ended.
@@ -68,7 +68,7 @@ _spans: ContextVar[list[Span] | None] = ContextVar("spans", default=None)
 
 @contextmanager
 def working_on(work: str) -> Iterator[None]:
-    """What is measured in the block is spent for this, one of `WORK`."""
+    """Time that is measured in the block counts for this kind of work, one of `WORK`."""
     token = _work.set(work if work in WORK else "other")
     try:
         yield
@@ -77,14 +77,15 @@ def working_on(work: str) -> Iterator[None]:
 
 
 def spent_on(work: str, call: Callable[[], T]) -> T:
-    """What a call returns, made in the block of `working_on`."""
+    """Make a call in the block of `working_on`, and return its result."""
     with working_on(work):
         return call()
 
 
 @contextmanager
 def spans_of_request() -> Iterator[list[Span]]:
-    """The stages that are measured in the block and in what it hands to other threads."""
+    """Collects the stages that are measured in the block, and in work that it hands to other
+    threads."""
     found: list[Span] = []
     token = _spans.set(found)
     try:
@@ -94,21 +95,22 @@ def spans_of_request() -> Iterator[list[Span]]:
 
 
 def spans_are_kept() -> bool:
-    """Whether this is in a block of `spans_of_request`."""
+    """Whether stages are collected now, by `spans_of_request`."""
     return _spans.get() is not None
 
 
 def keep_spans(spans: Sequence[Span]) -> None:
-    """Add what another process measured of the present request."""
+    """Add the stages that another process measured of the present request."""
     found = _spans.get()
     if found is not None:
         found.extend(spans)
 
 
 class Figures:
-    """The numbers; any thread of one process may write them, and another process read them.
+    """The numbers of a device; any thread of one process may write them, and another process read
+    them.
 
-    memory: `SIZE` bytes, all zero at first; None = of this process alone.
+    memory: `SIZE` bytes, all zero at first; None: memory of this process alone.
     """
 
     def __init__(self, memory: memoryview | None = None) -> None:
@@ -118,12 +120,14 @@ class Figures:
         self._read_back = 0
 
     def begin(self) -> None:
-        """A process begins to write: nothing is held and no job runs yet."""
+        """Set every gauge to 0, since a process begins to write: it holds nothing and runs no job
+        yet."""
         for name in _GAUGES:
             self.set(0, *name)
 
     def took(self, stage: str, nanoseconds: int) -> None:
-        """A stage of what `working_on` says has just ended, and took so long."""
+        """Count a stage of the present work (`working_on`) that has just ended, with the time it
+        took."""
         place = _HISTOGRAMS[stage, _work.get()]
         with self._lock:
             self._numbers[place + bisect_left(_BOUNDS, nanoseconds)] += 1
@@ -140,11 +144,12 @@ class Figures:
         self.took(name, time.perf_counter_ns() - start)
 
     def read_back(self, nanoseconds: int) -> None:
-        """Part of a task of the device: its results were copied to the host."""
+        """Count time in which the task at work copied results to the host."""
         self._read_back += nanoseconds
 
     def task(self, task: Callable[[], T], queued: int) -> T:
-        """What a task of the device returns.  queued: when, by `perf_counter_ns`."""
+        """Run a task of the device, and count its stages.  queued: when it was queued, by
+        `perf_counter_ns`."""
         start, self._read_back = time.perf_counter_ns(), 0
         self.took("queue", start - queued)
         try:
@@ -156,24 +161,25 @@ class Figures:
                 self.took("read_back", copied)
 
     def count(self, *name: str) -> None:
-        """One more, such as of `("dropped", "asset")`."""
+        """Add one to a counter, such as `("dropped", "asset")`."""
         with self._lock:
             self._numbers[_PLACES[name]] += 1
 
     def set(self, value: int, *name: str) -> None:
-        """What there is now, such as of `("used",)`."""
+        """Set a gauge, such as `("used",)`."""
         self._numbers[_PLACES[name]] = value
 
     def copied(self) -> bytes:
-        """The memory as it is now."""
+        """A copy of the memory."""
         return self._numbers.tobytes()
 
     def value(self, *name: str) -> int:
-        """The number of a name."""
+        """The number of a counter or a gauge."""
         return self._numbers[_PLACES[name]]
 
     def histogram(self, stage: str, work: str) -> tuple[list[int], float]:
-        """How often a stage took at most each of `BOUNDS`, and how often in all; seconds in all."""
+        """How often a stage took at most each of `BOUNDS`, and how often it took any time; and the
+        seconds that it took in all."""
         place = _HISTOGRAMS[stage, work]
         counts = self._numbers[place : place + _WIDTH].tolist()
         return list(accumulate(counts[:-1])), counts[-1] / NANOSECONDS

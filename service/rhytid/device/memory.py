@@ -25,7 +25,7 @@ _LIMITS = (
 
 
 def machine_memory() -> int:
-    """Bytes of memory of the machine, or of the container that this runs in."""
+    """Bytes of memory of the machine, or of the container that this process runs in."""
     try:
         total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     except (AttributeError, OSError, ValueError):
@@ -35,7 +35,8 @@ def machine_memory() -> int:
 
 
 def usual_device_memory(device: Candidate) -> int:
-    """Bytes that are taken of a device where no setting says how many."""
+    """Bytes that are taken of a device where no setting says how many: a share of its own memory,
+    or of the machine's where it is a CPU."""
     if device.kind == "cpu":
         return int(CPU_SHARE * min(device.memory, machine_memory()))
     return int(DEVICE_SHARE * device.memory)

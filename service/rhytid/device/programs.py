@@ -7,9 +7,9 @@ from types import MappingProxyType
 from typing import Any
 
 import rhytid_kernels
-from rhytid.device import trial
+from rhytid.device import driver
+from rhytid.device.driver import cl
 from rhytid.device.select import Candidate
-from rhytid.device.trial import cl
 from rhytid.errors import DeviceError, KernelBuildError
 
 BUILD_OPTIONS = ("-cl-std=CL1.2",)
@@ -28,7 +28,8 @@ class Programs:
     def kernel(self, program: str, kernel: str, defines: Mapping[str, object] = NO_DEFINES) -> Any:
         """A compiled kernel; its program is compiled once for each set of defines.
 
-        Raises KernelBuildError.
+        Raises KernelBuildError where it does not compile, DeviceError where it needs too much local
+        memory.
         """
         given = tuple(sorted(defines.items()))
         key = (program, kernel, given)
@@ -43,8 +44,8 @@ class Programs:
         return self._programs[name, defines]
 
     def fitting(self, kernel: Any) -> Any:
-        """The kernel itself; raises DeviceError where a work-group has too little local memory for
-        it, which some drivers tell in words of their own and others not at all."""
+        """The kernel itself. Raises DeviceError where it needs more local memory than a work-group
+        has: some drivers report that in words of their own, and others do not."""
         asked = cl.kernel_work_group_info.LOCAL_MEM_SIZE
         needed = kernel.get_work_group_info(asked, self._info.handle)
         if needed > self._info.local_memory:
@@ -57,6 +58,6 @@ class Programs:
     def build(self, text: str, options: list[str]) -> Any:
         """A program from source text; raises KernelBuildError with the compiler's log."""
         try:
-            return trial.compile_program(self._context, text, options)
+            return driver.compile_program(self._context, text, options)
         except cl.RuntimeError as error:
             raise KernelBuildError(str(error)) from error

@@ -6,40 +6,115 @@ import threading
 import time
 from collections.abc import Callable, Hashable, Iterator, Mapping
 from contextlib import contextmanager
-from functools import partial
+from functools import partial, wraps
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 import rhytid_kernels
-from rhytid.device import trial
-from rhytid.device.budget import MemoryBudget
+from rhytid.device import driver
+from rhytid.device.budget import BufferPool, MemoryBudget
 from rhytid.device.buffer import Buffer
-from rhytid.device.buffer_pool import BufferPool
-from rhytid.device.driver_errors import driver_errors
-from rhytid.device.elsewhere import Elsewhere, by_owner, making
+from rhytid.device.driver import cl, driver_errors
 from rhytid.device.figures import DROPPED, Figures
+from rhytid.device.launches import (
+    FIRST_WORK,
+    LaunchPacing,
+    LaunchPiece,
+    launch_pieces,
+    launch_shapes,
+)
 from rhytid.device.memory import usual_device_memory
-from rhytid.device.paces import FIRST_WORK, Paces
 from rhytid.device.programs import NO_DEFINES, Programs
 from rhytid.device.select import Candidate
-from rhytid.device.shape import launch_shapes
-from rhytid.device.trial import cl
-from rhytid.device.work_groups import LaunchPiece, launch_pieces
 from rhytid.errors import DeviceMemoryError
 
 T = TypeVar("T")
+Method = TypeVar("Method", bound=Callable[..., Any])
+
+
+class Steps:
+    """The steps of one thread on a device whose tasks run one at a time.
+
+    call: runs one step in a task of the device.  check: called first in each step; may raise.
+    Launches gather until the thread asks for anything else, and run in the same step as that.
+    """
+
+    def __init__(self, call: Callable[..., Any], check: Callable[[], None] | None = None) -> None:
+        self._call, self._checks = call, [] if check is None else [check]
+        self._launches: list[Callable[[], None]] = []
+        self._made: list[Buffer] = []
+
+    def later(self, launch: Callable[[], None]) -> None:
+        """Run a launch with the next step."""
+        self._launches.append(launch)
+
+    def step(self, task: Callable[[], Any]) -> Any:
+        """Run a task after all launches so far, and return its result."""
+        launches, self._launches = self._launches, []
+        return self._call(_in_order, [*self._checks, *launches], task)
+
+    def make(self, task: Callable[[], Any]) -> Any:
+        """As `step`, for a task that makes a buffer."""
+        buffer = self.step(task)
+        self._made.append(buffer)
+        return buffer
+
+    def hand_over(self) -> None:
+        """Forget the buffers that were made so far: `give_back` leaves them alone."""
+        self._made = []
+
+    def give_back(self) -> None:
+        """Release every buffer that was made, and forget launches that wait."""
+        self._launches = []
+        self._call(_in_order, [buffer.release for buffer in self._made], _nothing)
+
+
+def _in_order(tasks: list[Callable[[], None]], last: Callable[[], Any]) -> Any:
+    for task in tasks:
+        task()
+    return last()
+
+
+def _nothing() -> None:
+    """A task without a result."""
+
+
+def _stepped(method: Method) -> Method:
+    """Runs a method of a device as a step of a thread that uses it in steps."""
+
+    @wraps(method)
+    def run(self: Device, *arguments: Any, **named: Any) -> Any:
+        steps = self.steps
+        if steps is None:
+            return method(self, *arguments, **named)
+        return steps.step(partial(method, self, *arguments, **named))
+
+    return run  # type: ignore[return-value]
+
+
+def _making(method: Method) -> Method:
+    """As `_stepped`, for a method that makes a buffer."""
+
+    @wraps(method)
+    def run(self: Device, *arguments: Any, **named: Any) -> Any:
+        steps = self.steps
+        if steps is None:
+            return method(self, *arguments, **named)
+        return steps.make(partial(method, self, *arguments, **named))
+
+    return run  # type: ignore[return-value]
 
 
 class Device:
-    """A context and an in-order queue on one device. Used by one thread at a time, and by others
-    in the block of `from_elsewhere`.
+    """A context and an in-order queue on one device. One thread uses it at a time; others use it in
+    the block of `in_steps`.
 
-    memory: bytes that may be taken; None = a share of what it has.
-    shapes: how drawing can be cut.  shape: how it is; the usual one, until a faster one is set.
-    work_pace: work a second of drawing, see `WorkPace`; a guess until it is measured.
-    figures: what it does; of this process alone where none are given.
+    memory: bytes that may be taken; None: a share of the device's.  shapes: how drawing can be cut
+    into work-groups.  shape: how it is cut; the usual one, until a faster one is set.  work_pace:
+    work of drawing a second, see `DrawingPace`; a guess until it is measured.  figures: counts what
+    the device does; memory of this process alone where none are given.
     """
 
     def __init__(
@@ -51,50 +126,57 @@ class Device:
         limit = memory or usual_device_memory(candidate)
         self.budget = MemoryBudget(limit, self.pool, self._dropped)
         self.born: list[Buffer] = []
-        self.paces, self.work_pace = Paces(), FIRST_WORK
-        self._others = threading.local()
+        self.pacing, self.work_pace = LaunchPacing(), FIRST_WORK
+        self._of_thread = threading.local()
         self.shapes = launch_shapes(candidate.kind, candidate.local_memory, candidate.largest_group)
         self.shape = self.shapes[0]
         with driver_errors():
-            self.context = trial.open_context(candidate.handle)
+            self.context = driver.open_context(candidate.handle)
             self._queue = cl.CommandQueue(self.context)
         self.programs = Programs(self.context, candidate)
 
     @property
-    def elsewhere(self) -> Elsewhere | None:
-        """How this thread uses the device in steps; None where it does not, and within a task."""
-        return getattr(self._others, "elsewhere", None)
+    def steps(self) -> Steps | None:
+        """The steps in which this thread uses the device; None where it uses it itself."""
+        return getattr(self._of_thread, "steps", None)
 
     @contextmanager
-    def from_elsewhere(
+    def in_steps(
         self, call: Callable[..., Any], check: Callable[[], None] | None = None
     ) -> Iterator[None]:
-        """Lets this thread use the device in a block: each upload, read and wait is one step that
+        """Let this thread use the device in a block: each upload, read and wait is one step that
         `call` runs in a task of the device, with the launches before it.
 
-        What lies in the block on the host is done on this thread. Where the block fails, every
-        buffer that it made is given back.  check: called first in each step; may raise.
+        Work of the host in the block is done on this thread. Where the block fails, every buffer
+        that it made is given back, but for those of `hand_over`.  check: called first in each step;
+        may raise.
         """
-        elsewhere = self._others.elsewhere = Elsewhere(call, check)
+        steps = self._of_thread.steps = Steps(call, check)
         try:
             yield
             self.finish()
         except BaseException:
-            elsewhere.give_back()
+            steps.give_back()
             raise
         finally:
-            self._others.elsewhere = None
+            self._of_thread.steps = None
 
-    @by_owner
+    @_stepped
     def step(self, task: Callable[[], T]) -> T:
-        """The result of a task on the thread of the device, after all launches so far."""
+        """Run a task in a task of the device, after all launches so far, and return its result."""
         return task()
+
+    def hand_over(self) -> None:
+        """The buffers that this thread made in steps so far have another owner now, such as the
+        memory budget: they stay even if the block of `in_steps` fails later."""
+        if self.steps is not None:
+            self.steps.hand_over()
 
     @contextmanager
     def task(self) -> Iterator[None]:
-        """One piece of work: if it fails, every buffer that it made is released. This thread uses
-        the device itself in the block, also where it does from elsewhere outside of it."""
-        elsewhere, self._others.elsewhere = self.elsewhere, None
+        """Wraps one piece of work: if it fails, every buffer that it made is released. This thread
+        uses the device itself in the block, even if it uses it in steps outside of the block."""
+        steps, self._of_thread.steps = self.steps, None
         self.budget.new_task()
         self.born.clear()
         try:
@@ -105,7 +187,7 @@ class Device:
                 buffer.release()
             raise
         finally:
-            self._others.elsewhere = elsewhere
+            self._of_thread.steps = steps
             self._note_memory()
 
     def _note_memory(self) -> None:
@@ -114,11 +196,40 @@ class Device:
         self.figures.set(self.pool.held, "spare")
 
     def _dropped(self, key: Hashable) -> None:
-        """Count what the budget dropped: an asset, or what was made of one."""
+        """Count an entry that the budget dropped: an asset, or something made of one."""
         names = key if isinstance(key, tuple) else ()
         self.figures.count("dropped", next((n for n in names[:2] if n in DROPPED), "other"))
 
-    def allocate(self, nbytes: int, host: NDArray[Any] | None) -> Any:
+    @_making
+    def upload(self, array: NDArray[Any]) -> Buffer:
+        """A buffer with the bytes of `array`."""
+        host = np.ascontiguousarray(array)
+        return self._buffer(host.nbytes, host if host.nbytes else None)
+
+    @_making
+    def empty(self, count: int, dtype: DTypeLike) -> Buffer:
+        """A buffer for `count` values, not initialised."""
+        return self._buffer(count * np.dtype(dtype).itemsize)
+
+    @_making
+    def full(self, count: int, value: np.generic) -> Buffer:
+        """A buffer of `count` times the value of a numpy scalar."""
+        buffer = self._buffer(count * value.nbytes)
+        with driver_errors():
+            cl.enqueue_fill_buffer(self._queue, buffer.handle, value, 0, buffer.nbytes)
+        return buffer
+
+    def _buffer(self, nbytes: int, host: NDArray[Any] | None = None) -> Buffer:
+        """A buffer with the bytes of `host`, or uninitialised and out of spare memory, where there
+        is any."""
+        spare = self.budget.reserve(nbytes, reuse=host is None)
+        buffer = Buffer(nbytes, spare, self._take_back)
+        self.born.append(buffer)
+        if spare is None:
+            buffer.handle = self._allocate(nbytes, host)
+        return buffer
+
+    def _allocate(self, nbytes: int, host: NDArray[Any] | None) -> Any:
         """Memory of the driver with the bytes of `host`, or uninitialised.
 
         Raises DeviceMemoryError where one buffer of the device cannot be so large.
@@ -134,26 +245,15 @@ class Device:
         with driver_errors():
             return cl.Buffer(self.context, flags, max(nbytes, 1), hostbuf=host)
 
-    @making
-    def upload(self, array: NDArray[Any]) -> Buffer:
-        """A buffer with the bytes of `array`."""
-        host = np.ascontiguousarray(array)
-        return Buffer(self, host.nbytes, host if host.nbytes else None)
+    @_stepped
+    def _take_back(self, buffer: Buffer) -> None:
+        if not buffer.released:
+            buffer.released = True
+            self.budget.free(buffer.nbytes)
+            if buffer.handle is not None:
+                self.pool.leave(buffer.handle, buffer.nbytes)
 
-    @making
-    def empty(self, count: int, dtype: DTypeLike) -> Buffer:
-        """A buffer for `count` values, not initialised."""
-        return Buffer(self, count * np.dtype(dtype).itemsize)
-
-    @making
-    def full(self, count: int, value: np.generic) -> Buffer:
-        """A buffer of `count` times a numpy scalar."""
-        buffer = Buffer(self, count * value.nbytes)
-        with driver_errors():
-            cl.enqueue_fill_buffer(self._queue, buffer.handle, value, 0, buffer.nbytes)
-        return buffer
-
-    @by_owner
+    @_stepped
     def read(self, buffer: Buffer, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
         """The first values of a buffer; waits for all launches before."""
         host = np.empty(shape, dtype)
@@ -171,12 +271,12 @@ class Device:
             yield
             self.figures.read_back(time.perf_counter_ns() - start)
 
-    @by_owner
+    @_stepped
     def read_square(
         self, buffer: Buffer, stride: int, row: int, column: int, side: int
     ) -> NDArray[np.float32]:
-        """(side, side) float32 from (row, column) on, of rows of `stride` values; waits as `read`
-        does."""
+        """(side, side) float32 from (row, column) on, of a buffer with rows of `stride` values;
+        waits as `read` does."""
         host = np.empty((side, side), np.float32)
         with self._reading():
             cl.enqueue_copy(
@@ -190,12 +290,12 @@ class Device:
     def copy_square(
         self, source: Buffer, target: Buffer, to: tuple[int, int], side: int, item: int
     ) -> None:
-        """Copy rows, `side` of as many items of so many bytes, into a larger square, of `to[1]`
-        items a row, from item `to[0]` on."""
-        if self.elsewhere is None:
+        """Copy `source`, rows of `side` items of `item` bytes, into a larger square with rows of
+        `to[1]` items, from its item `to[0]` on."""
+        if self.steps is None:
             self._copy_square(source, target, to, side, item)
         else:
-            self.elsewhere.later(partial(self._copy_square, source, target, to, side, item))
+            self.steps.later(partial(self._copy_square, source, target, to, side, item))
 
     def _copy_square(
         self, source: Buffer, target: Buffer, to: tuple[int, int], side: int, item: int
@@ -221,13 +321,13 @@ class Device:
         """Enqueue a kernel over `size` work-items; scalars are numpy scalars of the exact type."""
         if 0 in size:
             return
-        if self.elsewhere is None:
+        if self.steps is None:
             self._launch(program, kernel, size, arguments, group, defines)
         else:
             # Compiled here, while others use the device.
             self.programs.kernel(program, kernel, defines)
             launch = partial(self._launch, program, kernel, size, arguments, group, defines)
-            self.elsewhere.later(launch)
+            self.steps.later(launch)
 
     def _launch(
         self,
@@ -249,9 +349,9 @@ class Device:
             for piece in pieces:
                 compiled(self._queue, piece.size, piece.group, *handles, global_offset=piece.offset)
 
-    @by_owner
+    @_stepped
     def finish(self) -> None:
-        """Wait until everything enqueued is done; raises DeviceError where the queue broke."""
+        """Wait until all launches are done; raises DeviceError where the queue broke."""
         with driver_errors():
             self._queue.finish()
 

@@ -1,19 +1,23 @@
-"""Choosing an OpenCL device: a driver may list a device that does not compute."""
+"""Choosing an OpenCL device. A driver may list a device that does not compute, so each one is
+tried; measurements are remembered in a JSON file."""
 
 from __future__ import annotations
 
+import json
 import math
+import time
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 import rhytid_kernels
-from rhytid.device import trial
-from rhytid.device.remembered import recall, remember
-from rhytid.device.sigint import without_sigint
-from rhytid.device.trial import cl
+from rhytid.device import driver, watch
+from rhytid.device.driver import cl, without_sigint
 from rhytid.errors import NoDeviceError
 
 ADVICE = (
@@ -24,6 +28,11 @@ _FILE = "devices.json"
 # How much slower than the fastest a CPU driver may be that comes first in the usual order. Those
 # worth having differ by less, and noise must not make the choice another one at every start.
 _SLOWER = 3.0
+PROGRAM = "trial"
+_ITEMS = 256
+# Work-groups of the timed kernel, and the floats that each writes: about 0.1 ms on two good cores.
+_GROUPS, _GROUP_FLOATS = 128, 16 * 8
+_ROUNDS = 4
 
 
 @dataclass(frozen=True)
@@ -68,21 +77,29 @@ def candidates() -> tuple[Candidate, ...]:
 
 
 def computes(candidate: Candidate) -> bool:
-    """Whether it compiles and runs a small kernel."""
-    return trial.computes(candidate.handle)
+    """Whether a device compiles and runs a small kernel: a driver can list one and fail at the
+    first build."""
+    try:
+        return bool(np.array_equal(_probed(candidate.handle), 2.0 * np.arange(_ITEMS)))
+    except (cl.Error, RuntimeError):
+        return False
 
 
 def pace(candidate: Candidate) -> float:
-    """Seconds of a small piece of drawing; infinity where it fails."""
-    return trial.pace(candidate.handle)
+    """Seconds that a device takes for a small piece of drawing, the least of a few; infinity where
+    it fails."""
+    try:
+        return _paced(candidate.handle)
+    except (cl.Error, RuntimeError):
+        return math.inf
 
 
 def choose(wanted: str | None = None, cache: Path | None = None) -> Candidate:
-    """The first device that computes, of those that `wanted` names or of all: GPUs first, then
-    CPUs, then the rest; of equals in the order of the drivers.
+    """The first device that computes, of those that `wanted` names, or of all: GPUs first, then
+    CPUs, then the rest; of the same kind in the order of the drivers.
 
-    Of several CPU devices, those other than PoCL's come first, but not one that takes three times
-    as long as another for a small piece of drawing.  cache: a folder that remembers which it was.
+    Of several CPU devices, PoCL's come last; but the first is none that takes more than three times
+    as long as another for a small piece of drawing.  cache: the folder that remembers the choice.
 
     Raises NoDeviceError; never falls back to a device that was not asked for.
     """
@@ -112,10 +129,10 @@ def _in_order(alike: Sequence[Candidate], cache: Path | None) -> list[Candidate]
 
 
 def _quick(usual: Sequence[Candidate], cache: Path | None) -> Candidate:
-    """The first that is not much slower than another, as remembered or measured now."""
+    """The first device that is not much slower than another, as remembered or measured now."""
     file = None if cache is None else cache / _FILE
     by_identity = {c.identity: c for c in reversed(usual)}
-    key = " + ".join([rhytid_kernels.digest(trial.PROGRAM), *sorted(by_identity)])
+    key = " + ".join([rhytid_kernels.digest(PROGRAM), *sorted(by_identity)])
     known = None if file is None else recall(file).get(key)
     if isinstance(known, str) and known in by_identity:
         return by_identity[known]
@@ -152,3 +169,52 @@ def _candidate(index: int, platform: Any, device: Any) -> Candidate:
         largest_group=device.max_work_group_size,
         handle=device,
     )
+
+
+class _Trial:
+    """The trial program on a device, with a buffer of `floats` floats. Holds its context: rusticl
+    frees one that only a program still needs."""
+
+    def __init__(self, handle: Any, floats: int) -> None:
+        self._context = driver.open_context(handle)
+        self.program = driver.compile_program(self._context, rhytid_kernels.source(PROGRAM), [])
+        self.queue = cl.CommandQueue(self._context)
+        self.buffer = cl.Buffer(self._context, cl.mem_flags.READ_WRITE, 4 * floats)
+
+
+@without_sigint()
+def _probed(handle: Any) -> Any:
+    trial, host = _Trial(handle, _ITEMS), np.empty(_ITEMS, np.float32)
+    with watch.driver_call():
+        cl.Kernel(trial.program, "probe")(trial.queue, host.shape, None, trial.buffer)
+        cl.enqueue_copy(trial.queue, host, trial.buffer)
+    return host
+
+
+@without_sigint()
+def _paced(handle: Any) -> float:
+    trial, seconds = _Trial(handle, _GROUPS * _GROUP_FLOATS), []
+    kernel = cl.Kernel(trial.program, "pace")
+    for _ in range(1 + _ROUNDS):
+        start = time.perf_counter()
+        with watch.driver_call():
+            kernel(trial.queue, (_GROUPS,), (1,), trial.buffer)
+            trial.queue.finish()
+        seconds.append(time.perf_counter() - start)
+    return min(seconds[1:])  # the first compiles
+
+
+def recall(file: Path) -> dict[str, Any]:
+    """The remembered measurements by key; none where the file is missing or damaged."""
+    with suppress(OSError, ValueError):
+        found = json.loads(file.read_text(encoding="utf-8"))
+        return found if isinstance(found, dict) else {}
+    return {}
+
+
+def remember(file: Path, key: str, value: Any) -> None:
+    """Remember a measurement, unless the file cannot be written."""
+    known = {**recall(file), key: value}
+    with suppress(OSError):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(json.dumps(known, indent=1), encoding="utf-8")

@@ -1,8 +1,8 @@
-"""What the thread of the device does now, written to memory that another process reads.
+"""What the threads of the device do now, written to memory that another process reads.
 
-A call of an OpenCL driver cannot be cancelled, and a fault in one ends its process. Whoever watches
-the process sees by this when a call takes too long, and which request or job the driver worked for.
-Without `report_to` nothing is written.
+A call of an OpenCL driver cannot be cancelled, and a fault in one ends its process. The process
+that watches sees here when a call takes too long, and which request or job the driver worked for.
+Nothing is written before `report_to`.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ SIZE = 8 * (1 + _SLOTS * _SLOT)
 
 @dataclass(frozen=True)
 class Purpose:
-    """What the device is used for: a request by its number, or a job by the number of its asset; 0
+    """What the driver works for: a request by its number, or a job by the number of its asset; 0
     for none."""
 
     request: int = 0
@@ -37,8 +37,8 @@ class Purpose:
 
 
 class Report:
-    """Numbers of 64 bits in `memory`, which the process that watches has, too: a slot for each
-    thread that is in a call, so that none hides how long another is."""
+    """Numbers of 64 bits in `memory`, which the process that watches maps, too: a slot for each
+    thread that is in a call, so that no call hides how long another takes."""
 
     def __init__(self, memory: memoryview) -> None:
         self._places = memory[:SIZE].cast("B").cast("Q")
@@ -48,8 +48,8 @@ class Report:
 
     @property
     def purpose(self) -> Purpose:
-        """What the call is for that has been late for longest; where none is, the last that began
-        of those that have not ended, or of all."""
+        """The purpose of the call that is late for longest. Where none is late, of the call that
+        began last among those that have not ended, or among all."""
         slots, now = range(1, len(self._places), _SLOT), time.monotonic_ns()
         due = [(self._places[at + _DEADLINE], at) for at in slots]
         late = [(by, at) for by, at in due if 0 < by < now]
@@ -59,17 +59,17 @@ class Report:
 
     @property
     def ended(self) -> int:
-        """Calls of the driver that have ended."""
+        """How many calls of the driver have ended."""
         return self._places[0]
 
     @property
     def late(self) -> bool:
-        """Whether the driver has not come back from a call in the time that it had."""
+        """Whether a call of the driver takes longer than it may."""
         now = time.monotonic_ns()
         return any(0 < by < now for by in self._places[1 + _DEADLINE :: _SLOT])
 
     def begin(self, purpose: Purpose, seconds: float) -> None:
-        """A call of the driver begins on this thread, which may take so long."""
+        """A call of the driver begins on this thread; it may take `seconds`."""
         with self._lock:
             at = getattr(self._mine, "at", None)  # one call within another
             if at is None and not self._free:
@@ -81,7 +81,7 @@ class Report:
             self._places[at + _DEADLINE] = time.monotonic_ns() + int(seconds * NANOSECONDS)
 
     def end(self) -> None:
-        """It has come back."""
+        """The call of the driver on this thread has ended."""
         with self._lock:
             at = self._mine.__dict__.pop("at", None)
             if at is not None:
@@ -97,14 +97,14 @@ _limit = 0.0
 
 
 def report_to(report: Report, seconds: float) -> None:
-    """From now on tell of every call of the driver.  seconds: that one may take."""
+    """Write every call of the driver to a report from now on.  seconds: that a call may take."""
     global _report, _limit
     _report, _limit = report, seconds
 
 
 @contextmanager
 def used_for(purpose: Purpose) -> Iterator[None]:
-    """What this thread asks of the device in the block is for this."""
+    """Calls of the driver by this thread in the block have this purpose."""
     token = _purpose.set(purpose)
     try:
         yield
@@ -123,18 +123,18 @@ def driver_call() -> Iterator[None]:
 
 
 def begin_call() -> None:
-    """The driver is called; `end_call` follows."""
+    """A call of the driver begins; `end_call` follows."""
     if _report is not None:
         _report.begin(_purpose.get(), _limit)
 
 
 def begin_compiling() -> None:
-    """The driver is called to compile, for which it has longer; `end_call` follows."""
+    """A call of the driver that compiles begins, which may take longer; `end_call` follows."""
     if _report is not None:
         _report.begin(_purpose.get(), max(_limit, COMPILING))
 
 
 def end_call() -> None:
-    """The driver has come back."""
+    """The call of the driver has ended."""
     if _report is not None:
         _report.end()

@@ -1,4 +1,5 @@
-"""Bytes that requests and jobs may hold at once; a request for more than is free waits a while."""
+"""Bytes that requests and jobs may hold at once; a request for more bytes than are free waits a
+while."""
 
 from __future__ import annotations
 
@@ -30,10 +31,10 @@ class _Waiting:
 
 
 class ByteBudget:
-    """Counts bytes against a limit, by what they are held for. Safe from any thread.
+    """Counts bytes against a limit, by the purpose that they are held for. Safe from any thread.
 
-    setting: the environment variable that sets the limit, for messages.  patience: seconds that
-    a request waits for bytes.
+    setting: the environment variable that sets the limit, for messages.  patience: seconds that a
+    request waits for bytes.
     """
 
     def __init__(self, limit: int, setting: str, patience: float = PATIENCE) -> None:
@@ -55,7 +56,7 @@ class ByteBudget:
         return len(self._waiting)
 
     def used_for(self, purpose: str) -> int:
-        """Bytes held now for one purpose."""
+        """Bytes held now for a purpose."""
         return self._by_purpose[purpose]
 
     def hold(self, purpose: str) -> Hold:
@@ -63,7 +64,7 @@ class ByteBudget:
         return Hold(self, purpose)
 
     def has(self, nbytes: int) -> bool:
-        """Whether so many bytes are free now, and nobody waits for any."""
+        """Whether `nbytes` bytes are free now, and nobody waits for any."""
         return self._fits(nbytes) and not self._waiting
 
     def ask(self, hold: Hold, more: int) -> _Waiting | None:
@@ -86,7 +87,7 @@ class ByteBudget:
             return waiting
 
     def give_up(self, waiting: _Waiting) -> None:
-        """Leave the queue; raises HostBusyError where the bytes did not come meanwhile."""
+        """Leave the queue; raises HostBusyError where the bytes have not come by now."""
         with self._lock:
             if waiting not in self._waiting:
                 return
@@ -99,10 +100,10 @@ class ByteBudget:
         )
 
     def give_back(self, hold: Hold, nbytes: int) -> None:
-        """Take bytes from a hold and serve those that wait, first come, first served.
+        """Take bytes from a hold and serve the requests that wait, first come, first served.
 
         Holds that have bytes already and need more are served before those that have none, in any
-        order that fits: others wait for the bytes that they have, and for them to end.
+        order that fits: other requests wait for these bytes, and for their holders to end.
         """
         with self._lock:
             self._give(hold, -nbytes)
@@ -143,7 +144,8 @@ class ByteBudget:
 
 
 class Hold:
-    """What one request or job holds of a budget, until `release`. One thread at a time."""
+    """The bytes that one request or job holds of a budget, until `release`. For one thread at a
+    time."""
 
     def __init__(self, budget: ByteBudget, purpose: str) -> None:
         self.nbytes, self.purpose = 0, purpose
@@ -151,14 +153,14 @@ class Hold:
 
     @property
     def limit(self) -> int:
-        """What it may hold where nothing else does."""
+        """The most that it can ever hold: the limit of its budget."""
         return self._budget.limit
 
     def grow(self, more: int) -> None:
         """Hold `more` bytes, and wait for them where they are not free.
 
         Raises HostBusyError where they do not come free in time, HostMemoryError where they never
-        would, and what the work of this thread is to stop with.
+        would, and the error that the work of this thread is to stop with.
         """
         waiting = self._budget.ask(self, more)
         if waiting is None:
@@ -193,14 +195,14 @@ class Hold:
             raise
 
     def resize(self, nbytes: int) -> None:
-        """Hold `nbytes` in all; waits as `grow` does where that is more than now."""
+        """Hold `nbytes` in all; waits as `grow` does where it holds fewer now."""
         if nbytes > self.nbytes:
             self.grow(nbytes - self.nbytes)
         else:
             self._budget.give_back(self, self.nbytes - nbytes)
 
     def split(self, purpose: str, nbytes: int) -> Hold:
-        """Move `nbytes` of these, at most all, to a new hold for `purpose`, without waiting."""
+        """Move `nbytes` of its bytes, at most all, to a new hold for `purpose`, without waiting."""
         return self._budget.split(self, nbytes, purpose)
 
     def release(self) -> None:

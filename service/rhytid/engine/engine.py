@@ -1,4 +1,5 @@
-"""The engine: assets on a device, a frame in, tiles out. Plain messages only (see messages.py)."""
+"""The engine: assets on a device, a frame in, tiles out. Its arguments and results are plain values
+(see messages.py)."""
 
 from __future__ import annotations
 
@@ -9,29 +10,29 @@ import numpy as np
 
 from rhytid.device.figures import Figures
 from rhytid.device.memory import usual_frame_memory, usual_host_memory
-from rhytid.device.select import Candidate, candidates
-from rhytid.engine.asset_builder import AssetBuilder
-from rhytid.engine.asset_creation import AssetCreation
-from rhytid.engine.asset_registration import AssetRegistration
-from rhytid.engine.asset_registry import AssetRegistry
-from rhytid.engine.asset_service import AssetService
+from rhytid.device.runtime import Device
+from rhytid.device.select import Candidate, candidates, choose
+from rhytid.engine.assets.asset import AssetRegistry
+from rhytid.engine.assets.builder import AssetBuilder
+from rhytid.engine.assets.creation import AssetCreation, AssetRegistration
+from rhytid.engine.assets.on_device import DeviceAssets
+from rhytid.engine.assets.service import AssetService
+from rhytid.engine.assets.stored import StoredAssets
 from rhytid.engine.byte_budget import ByteBudget
-from rhytid.engine.device_assets import DeviceAssets
 from rhytid.engine.frame_service import FrameService
 from rhytid.engine.jobs import Jobs
 from rhytid.engine.local_room import LocalRoom
 from rhytid.engine.messages import DeviceInfo, Refusal
-from rhytid.engine.opening import open_device
 from rhytid.engine.packages import PackageService
 from rhytid.engine.restored_assets import RestoredAssets
 from rhytid.engine.shared_assets import SharedAssets
 from rhytid.engine.snapshots import SnapshotService
-from rhytid.engine.stored_assets import StoredAssets
-from rhytid.engine.tile_batcher import MOST_TILES, TileBatcher
-from rhytid.engine.tile_service import TileService
+from rhytid.engine.tiles.batcher import MOST_TILES, TileBatcher
+from rhytid.engine.tiles.service import TileService
 from rhytid.engine.worker import READY, DeviceWorker
 from rhytid.errors import BusyError, DeviceError
 from rhytid.pipeline.draw_limit import DrawLimit
+from rhytid.pipeline.measured_shape import remembered_pace, remembered_shape
 from rhytid.settings import ServiceSettings
 from rhytid.storage.shared.mirror import StoreMirror
 from rhytid.storage.shared.shared_store import SharedStore
@@ -44,15 +45,15 @@ _PROBED = 64
 class Engine:
     """Holds assets on one device and answers for their frames. Blocking; safe from any thread.
 
-    refused: ids of assets that are not built, and why.  figures: what the device does, by name; one
-    may be given, to be read from elsewhere.  only: assets of a store that several engines share,
-    and another process holds open; None = all, and the store is opened.
+    refused: why assets are not built, by id.  figures: counts what the device does; one in memory
+    that another process reads may be given.  only: the assets to open, of a store that several
+    engines share and another process holds open; None: all, and this engine holds the store.
 
-    memory: bytes that requests and jobs hold on the host.  assets, frames, tiles, jobs, snapshots,
-    packages: the calls. Every one raises NotFoundError for an unknown id, NotReadyError while the
-    asset builds, ConflictError where it failed to build, and BusyError where too many calls wait
-    already; with a shared store, FetchingError while the asset is fetched, SharedDamageError, and
-    SharedStoreError.  shared: that store.
+    memory: bytes that requests and jobs hold on the host.  figures: by the number of the device.
+    shared: the shared store.  assets, frames, tiles, jobs, snapshots, packages: the calls. Every
+    call raises NotFoundError for an unknown id, NotReadyError while the asset builds, ConflictError
+    where it failed to build, and BusyError where too many calls wait already; with a shared store,
+    FetchingError while the asset is fetched, SharedDamageError, and SharedStoreError.
     """
 
     def __init__(
@@ -126,15 +127,16 @@ class Engine:
         return self._worker.runs
 
     def ready(self) -> bool:
-        """Whether a kernel computes on the device. It goes before whatever waits; where a task
-        takes long, true if one ends within READY seconds."""
+        """Whether a kernel computes on the device. It runs before all calls that wait; where a task
+        takes long, the answer is whether one ends within READY seconds."""
         try:
             return self._worker.answers(self._probe, READY)
         except (BusyError, DeviceError):  # busy: the engine is closed
             return False
 
     def devices(self) -> list[DeviceInfo]:
-        """Every OpenCL device; budget and use are those of the selected one, else 0."""
+        """Every OpenCL device. Budget and use are those of the device of this engine, and 0 for
+        others."""
         return [self._device_info(candidate) for candidate in candidates()]
 
     @property
@@ -144,7 +146,8 @@ class Engine:
 
     @property
     def restarts(self) -> dict[str, int]:
-        """None: this engine is part of the process that asks. As `RemoteEngine.restarts`."""
+        """How often the process of each device was restarted: none, since this engine has no
+        process of its own."""
         return {}
 
     def _shared_assets(
@@ -154,7 +157,7 @@ class Engine:
         registry: AssetRegistry,
         restored: RestoredAssets,
     ) -> SharedAssets:
-        """Those of the shared store, if there is one, with the limit of the local one."""
+        """The assets of the shared store, if there is one, with the limit of the local store."""
         mirror = room = None
         if shared is not None:
             mirror = StoreMirror(self._store, shared)
@@ -189,3 +192,20 @@ class Engine:
             used=budget.used if selected else 0,
             selected=selected,
         )
+
+
+def open_device(
+    settings: ServiceSettings, wanted: str | None = None, figures: Figures | None = None
+) -> Device:
+    """Open a device with the memory of the settings, drawing in the shape that is fastest on it.
+
+    wanted: the device, in place of the one that the settings name.  figures: what it does.
+
+    Raises NoDeviceError where none computes.
+    """
+    found = choose(wanted or settings.device, settings.cache)
+    device = Device(found, settings.device_memory, figures)
+    if settings.cache is not None:
+        device.shape = remembered_shape(device, settings.cache)
+        device.work_pace = remembered_pace(device, settings.cache)
+    return device

@@ -9,16 +9,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from rhytid.domain.frame import NEUTRAL, check_frame_name
 from rhytid.domain.warnings import InputWarning, check_codes, refuse
-from rhytid.engine.asset_registry import AssetRegistry
-from rhytid.engine.assets import Asset
-from rhytid.engine.device_assets import DeviceAssets
-from rhytid.engine.frames import Frame, refuse_neutral
-from rhytid.engine.log_stretch import LogStretch
+from rhytid.engine.assets.asset import Asset, AssetRegistry
+from rhytid.engine.assets.on_device import DeviceAssets
+from rhytid.engine.frames import Frame, LogStretch, refuse_neutral
 from rhytid.engine.messages import FrameInfo, FrameStretch
 
 
 class FrameService:
-    """The frames of assets."""
+    """Stores, lists, reads and deletes the frames of assets."""
 
     def __init__(self, registry: AssetRegistry, on_device: DeviceAssets) -> None:
         self._assets, self._on_device = registry, on_device
@@ -32,12 +30,12 @@ class FrameService:
         strict: bool = False,
         allow: Collection[str] = (),
     ) -> FrameInfo:
-        """Store positions (V, 3) under a name, in place of what had that name.
+        """Store positions (V, 3) under a name, in place of the frame that had it.
 
-        The answer warns of what is probably wrong; strict: raise StrictError instead, and store
-        nothing, unless its code is in `allow`.
+        The answer warns of what is probably wrong with them; strict: raise StrictError instead, and
+        store nothing, unless the code of every warning is in `allow`.
 
-        Raises QueryError for a code that there is not, FrameError naming the count or the vertex,
+        Raises QueryError for a code that does not exist, FrameError naming the count or the vertex,
         ReadOnlyError for `neutral`, FrameMemoryError where the memory for frames is full.
         """
         check_frame_name(frame)
@@ -57,8 +55,8 @@ class FrameService:
         patiently: bool = False,
         since: int | None = None,
     ) -> FrameInfo:
-        """Measure a checked frame and store it. patiently: as `DeviceAssets.run_patiently`.  since:
-        as `Frames.put`."""
+        """Measure a checked frame and store it.  patiently: wait for a place in the queue of the
+        device, in place of raising BusyError.  since: as in `Frames.put`."""
         ratios, _ = self._on_device.use(
             asset, lambda resident: resident.frames.ratios(frame), patiently=patiently
         )
@@ -74,9 +72,9 @@ class FrameService:
         strict: bool = False,
         allow: Collection[str] = (),
     ) -> tuple[InputWarning, ...]:
-        """What is probably wrong with positions (V, 3) that are not stored.
+        """Warnings of what is probably wrong with positions (V, 3) that are not stored.
 
-        strict: raise StrictError where there is something whose code is not in `allow`.
+        strict: raise StrictError where the code of one is not in `allow`.
         """
         found = self._assets.get(asset)
         frame, warnings = checked_frame(found, positions, "the positions", strict, allow)
@@ -109,7 +107,7 @@ class FrameService:
         return self._assets.get(asset).frames.get(frame).digest
 
     def delete(self, asset: str, frame: str) -> None:
-        """Delete a frame."""
+        """Delete a frame; raises ReadOnlyError for `neutral`."""
         found = self._assets.get(asset)
         found.check_ready()
         found.frames.delete(frame)
@@ -125,8 +123,8 @@ class FrameService:
 def checked_frame(
     asset: Asset, positions: ArrayLike | Frame, name: str, strict: bool, allow: Collection[str]
 ) -> tuple[Frame, tuple[InputWarning, ...]]:
-    """Positions as a frame, and what is probably wrong with it; strict: raises StrictError for what
-    is not in `allow`."""
+    """Positions (V, 3) as a frame, and warnings of what is probably wrong with it; strict: raise
+    StrictError where the code of one is not in `allow`."""
     check_codes(allow)
     frame = asset.checked(positions)
     assert frame.positions is not None

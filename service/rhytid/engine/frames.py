@@ -1,4 +1,5 @@
-"""Frames in memory: positions, a digest of them, and how much they stretch."""
+"""Frames in memory: their positions, a digest of these, and percentiles of how much they
+stretch."""
 
 from __future__ import annotations
 
@@ -12,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from rhytid.domain.frame import NEUTRAL, check_positions
 from rhytid.domain.warnings import InputWarning
-from rhytid.engine.log_stretch import NAMES, LogStretch
 from rhytid.engine.messages import FrameInfo
 from rhytid.errors import (
     FetchingError,
@@ -28,6 +28,11 @@ _RECENT = 64 << 20
 
 class UnknownFrameError(RhytidError):
     """A frame that is named by its digest alone is not here (any more); never seen by callers."""
+
+
+_PERCENTILES = (1, 10, 50, 90, 99)
+# Names of the percentiles: of the clamped log stretch, and one of its absolute value.
+NAMES = (*(f"p{p}" for p in _PERCENTILES), "abs_p90")
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,8 +97,8 @@ class FrameMemory:
         return found
 
     def change(self, more: int) -> None:
-        """Count `more` bytes in, or out where negative; raises FrameMemoryError naming both
-        numbers."""
+        """Count `more` bytes in, or out where negative; raises FrameMemoryError, naming both
+        numbers, where they do not fit."""
         with self._lock:
             if more > 0 and self._used + more > self._limit:
                 raise FrameMemoryError(
@@ -115,7 +120,7 @@ class _Stored:
 
 
 class Frames:
-    """The frames of one asset by name. `neutral` is always there and cannot be written."""
+    """The frames of one asset by name. The frame `neutral` always exists and cannot be written."""
 
     def __init__(self, memory: FrameMemory) -> None:
         self._memory = memory
@@ -130,7 +135,7 @@ class Frames:
 
     @property
     def stored(self) -> int:
-        """How often a frame was stored without `since`."""
+        """How often a frame was stored by a call without `since`."""
         return self._stored
 
     def put(
@@ -142,10 +147,10 @@ class Frames:
         *,
         since: int | None = None,
     ) -> None:
-        """Store a frame, how it stretches and what is probably wrong with it, in place of one of
-        the same name.
+        """Store a frame, its stretch and its warnings, in place of the frame of the same name.
 
-        since: `stored` when the frame was sent; one of the same name that came later stays.
+        since: the value of `stored` when the frame was sent; a frame of the same name that came
+        later stays.
         """
         assert frame.positions is not None
         refuse_neutral(name)
@@ -172,7 +177,7 @@ class Frames:
         return self._entry(name).info(name, limit)
 
     def infos(self, limit: float) -> list[FrameInfo]:
-        """Every frame, the neutral first, then by name."""
+        """Every frame, `neutral` first, then by name."""
         with self._lock:
             known = sorted(self._frames.items())
         return [_neutral_info(), *(stored.info(name, limit) for name, stored in known)]
@@ -193,8 +198,8 @@ class Frames:
             self._frames.clear()
 
     def leave(self) -> bool:
-        """Store no more, because the asset leaves this machine; False, and nothing is done, where
-        there is a frame."""
+        """Store no more, because the asset leaves this machine. Returns False, and does nothing,
+        where there is a frame."""
         with self._lock:
             self._left = not self._frames
             return self._left
@@ -220,3 +225,41 @@ def refuse_neutral(name: str) -> None:
 
 def _neutral_info() -> FrameInfo:
     return FrameInfo(NEUTRAL, dict.fromkeys(NAMES, 0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class LogStretch:
+    """The two values of the unclamped log stretch of a frame that each percentile lies between.
+
+    A clamp keeps the order of values, so the same two values, clamped, enclose the percentile of
+    any clamped frame: no second measurement is needed.  lower, upper (6,): the values, in the order
+    of NAMES.  share (6,): how far each percentile lies from lower to upper, linear.
+    """
+
+    lower: NDArray[np.float64]
+    upper: NDArray[np.float64]
+    share: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, ratios: NDArray[np.float32]) -> LogStretch:
+        """Measures the stretch ratios (F, 2) of a frame, over triangles and both axes."""
+        with np.errstate(divide="ignore"):
+            logs = np.log(ratios.astype(np.float64)).ravel()
+        # As numpy's percentile of method "linear" has it.
+        places = np.array([*_PERCENTILES, 90]) / 100 * (logs.size - 1)
+        low = np.floor(places).astype(int)
+        high = np.minimum(low + 1, logs.size - 1)
+        both = np.append(low, high)
+        found = np.partition(logs, both)[both].reshape(2, -1)
+        found[:, -1] = np.partition(np.abs(logs), both)[both].reshape(2, -1)[:, -1]
+        return cls(found[0], found[1], places - low)
+
+    def percentiles(self, limit: float) -> dict[str, float]:
+        """Percentiles by name, of log stretch clamped to ± `limit`."""
+        lower, upper = np.clip(self.lower, -limit, limit), np.clip(self.upper, -limit, limit)
+        found = np.where(
+            self.share < 0.5,
+            lower + (upper - lower) * self.share,
+            upper - (upper - lower) * (1.0 - self.share),
+        )
+        return dict(zip(NAMES, found.tolist(), strict=True))

@@ -14,8 +14,8 @@ from typing import Any
 from rhytid import stopping
 from rhytid.device import watch
 from rhytid.device.figures import working_on
-from rhytid.engine import wanted
-from rhytid.engine.callers import caller
+from rhytid.engine import call_context
+from rhytid.engine.call_context import caller
 from rhytid.engine.messages import ENDED_STATES, JobInfo
 from rhytid.errors import CancelledError, LimitError, RhytidError, public_message
 
@@ -23,15 +23,15 @@ _log = logging.getLogger(__name__)
 
 
 class GaveWay(Exception):
-    """A job stopped for one of higher priority; its work runs again from the start."""
+    """A job stopped for one of higher priority; its work will run again from the start."""
 
 
 class Job:
-    """One piece of long work, as seen by the thread that does it.
+    """One piece of long work, as the thread that does it sees it.
 
-    waits: whether a job of higher priority waits.  seconds: that its work may take; None: any.
-    caller: who asked for it.  reason: why it failed, for callers in this process; `info` has what
-    others may know.
+    waits: tells whether a job of higher priority waits.  seconds: that its work may take; None:
+    any.  caller: the caller that asked for it.  reason: why it failed, for callers in this process;
+    `info` has the part of it that others may know.
     """
 
     def __init__(
@@ -52,7 +52,7 @@ class Job:
 
     @property
     def info(self) -> JobInfo:
-        """How far it is."""
+        """How far the job is."""
         with self._lock:
             return self._info
 
@@ -63,8 +63,8 @@ class Job:
         self.update(progress=share, stage=stage, detail=detail)
 
     def check(self) -> None:
-        """Raise CancelledError if the job was cancelled, LimitError if its work takes longer than
-        it may."""
+        """Raise CancelledError where the job was cancelled, LimitError where its work takes longer
+        than it may."""
         if self._cancelled.is_set():
             raise CancelledError(self._was_cancelled)
         if self._is_late():
@@ -82,8 +82,9 @@ class Job:
         return self._cancelled.is_set() or self._is_late()
 
     def give_way(self) -> None:
-        """Raise GaveWay if a job of higher priority, of another asset, waits: this one is queued
-        again, and its work is called once more. For work that skips what it has done already."""
+        """Raise GaveWay where a job of higher priority, of another asset, waits: this job is queued
+        again, and its work is called once more. For work that skips the parts that it has done
+        already."""
         if self._waits(self):
             raise GaveWay
 
@@ -110,7 +111,7 @@ class Job:
             self._call_back()
 
     def fail(self, error: BaseException) -> None:
-        """End as failed; the log has what callers do not read."""
+        """End the job as failed; the log has the parts of the error that callers may not read."""
         public = public_message(error)
         # Text alone: the error would keep what the work held in memory.
         self.reason = str(error) if isinstance(error, RhytidError) else public
@@ -121,8 +122,8 @@ class Job:
         self.update(state="failed", detail=public)
 
     def when_ended(self, call: Callable[[], None]) -> None:
-        """Have `call` called once the job has ended, at once where it has; it must not block.
-        What it raises is logged."""
+        """Have `call` called once the job has ended, at once where it has ended already. It must
+        not block; its errors are logged."""
         with self._lock:
             self._at_end.append(call)
         if self.ended:
@@ -138,7 +139,7 @@ class Job:
                 _log.exception("what follows the end of job %s failed", self.info.id)
 
     def wait(self, seconds: float | None = None) -> bool:
-        """Whether the job has ended, at the latest after so many seconds."""
+        """Wait for the end of the job, for `seconds` at most. Returns whether it has ended."""
         return self._ended.wait(seconds)
 
     @property
@@ -147,7 +148,8 @@ class Job:
         return self.info.state in ENDED_STATES
 
     def run(self, work: Callable[[Job], None]) -> bool:
-        """Do the work of the job, and end it; whether it gave way and is to be queued again."""
+        """Do the work of the job, and end it. Returns whether it gave way and is to be queued
+        again."""
         self._began = time.monotonic()
         caller.set(self.caller)  # so that jobs that this one starts are the same caller's
         try:
@@ -169,11 +171,11 @@ class Job:
 
     @contextmanager
     def _stopping(self) -> Iterator[None]:
-        """Have whatever this thread does in the block ask whether the job goes on."""
-        with stopping.where(self.check), wanted.unless(self._stops):
+        """Have everything that this thread does in the block ask whether the job goes on."""
+        with stopping.where(self.check), call_context.abandoned_when(self._stops):
             yield
 
 
 def asset_number(asset: str) -> int:
-    """What `device.watch` calls an asset: its id, 16 hexadecimal digits, as a number."""
+    """The number of an asset in `device.watch`: its id, 16 hexadecimal digits, as a number."""
     return int(asset, 16) if re.fullmatch("[0-9a-f]{16}", asset) else 0

@@ -7,34 +7,95 @@ import secrets
 import threading
 from collections import Counter, OrderedDict
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 
 from rhytid.device.figures import JOB_KINDS, Figures
 from rhytid.domain.wording import plural
 from rhytid.engine.job import Job
-from rhytid.engine.job_lanes import LANES, LARGE, TRANSFERS, Lane, Queued
 from rhytid.engine.messages import JobInfo
 from rhytid.errors import BusyError, NotFoundError
 
 # Kinds of jobs by priority, highest first.
 KINDS = JOB_KINDS
+# Kinds that wait for a shared store, and keep neither the device nor other jobs of their asset.
+TRANSFERS = ("fetch", "push")
 # A new job of these kinds replaces those of the same asset that still wait.
 _SUPERSEDED = ("calibration", "bins", "push")
 _REMEMBERED = 1000
+
+
+@dataclass(frozen=True, eq=False)
+class Queued:
+    """A job that waits, and its work.  small: whether the work is short."""
+
+    job: Job
+    work: Callable[[Job], None]
+    small: bool
+
+    @property
+    def asset(self) -> str:
+        """The id of its asset."""
+        return self.job.info.asset
+
+    @property
+    def kind(self) -> str:
+        """Its kind, one of `JOB_KINDS`."""
+        return self.job.info.kind
+
+    @property
+    def transfers(self) -> bool:
+        """Whether it transfers an asset from or to a shared store."""
+        return self.kind in TRANSFERS
+
+    @property
+    def caller(self) -> str:
+        """The caller that asked for it."""
+        return self.job.caller
+
+    @property
+    def turn(self) -> tuple[str, bool]:
+        """Its turn: jobs of the same turn run one after the other."""
+        return self.asset, self.transfers
+
+
+@dataclass(frozen=True, eq=False)
+class Lane:
+    """A thread, and the jobs that it takes.  transfers: whether they wait for a shared store.
+    spare: whether it works only while one caller has all other lanes that do not transfer, and for
+    other callers."""
+
+    name: str
+    takes: Callable[[Queued], bool]
+    spare: bool = False
+    transfers: bool = False
+
+
+LARGE = Lane("rhytid-jobs", lambda queued: not queued.transfers)
+LANES = (
+    LARGE,
+    Lane("rhytid-small-jobs", lambda queued: queued.small and not queued.transfers),
+    Lane("rhytid-spare-jobs", lambda queued: not queued.transfers, spare=True),
+    Lane("rhytid-transfers", lambda queued: queued.transfers, transfers=True),
+    Lane("rhytid-fetches", lambda queued: queued.kind == "fetch", transfers=True),
+)
 # Threads that do what does not transfer, without the spare one.
 _USUAL = len(LANES) - len([lane for lane in LANES if lane.spare or lane.transfers])
 
 
 class Jobs:
-    """Runs jobs by the priority of their kind; of one kind those of callers with fewer jobs at work
-    first, then those of callers that were served longest ago, then in the order in which they came.
+    """Runs jobs by the priority of their kind. Of one kind, jobs of callers with fewer jobs at work
+    come first, then those of callers that were served longest ago, then those that were queued
+    first.
 
     Two threads take jobs from the queue, one of them small jobs only, so that these never wait for
-    a large job of another asset. While both do what one caller asked for, a third one does what
-    others ask for. Jobs of one asset run one after the other. Two more threads take
-    what waits for a shared store, one of them fetches only; these run beside other jobs of their
-    asset. A job that gives way is queued again, behind those of higher priority.  most: jobs that
-    may wait.  figures: counts them.  build_seconds: that a build may take; None: any.
+    a large job of another asset. While both work for one caller, a third thread works for others.
+    Jobs of one asset run one after the other. Two more threads take transfers of a shared store,
+    one of them fetches only; these run beside other jobs of their asset. A job that gives way is
+    queued again, behind those of higher priority.
+
+    most: jobs that may wait.  figures: counts them.  build_seconds: that a build may take; None:
+    any.
     """
 
     def __init__(
@@ -68,10 +129,10 @@ class Jobs:
         small: bool = False,
         always: bool = False,
     ) -> Job:
-        """Queue `work`; it reports through the job that it is given.
+        """Queue `work`, which reports through the job that it is given.
 
-        A calibration, bins or a push that still waits for the same asset is cancelled: this comes
-        in its place. Raises BusyError where too many jobs wait, unless `always`.
+        A calibration, bins or a push that still waits for the same asset is cancelled: the new job
+        takes its place. Raises BusyError where too many jobs wait, unless `always`.
         """
         info = JobInfo(secrets.token_hex(8), asset, kind, "queued", 0.0, "queued", "")
         job = Job(info, self._waits, self._build_seconds if kind == "build" else None)
@@ -91,7 +152,7 @@ class Jobs:
         return job
 
     def get(self, id: str) -> Job:
-        """The job of that id; raises NotFoundError."""
+        """A job by its id; raises NotFoundError."""
         with self._changed:
             if id not in self._jobs:
                 raise NotFoundError(f"no job {id!r}")
@@ -102,7 +163,7 @@ class Jobs:
         return self.get(id).info
 
     def cancel(self, id: str) -> JobInfo:
-        """End a job that waits; ask one at work to stop, which it does within a second. Raises
+        """End a job that waits; ask a job at work to stop, which it does within a second. Raises
         NotFoundError."""
         job = self.get(id)
         self._cancel([job], resumes=False)
@@ -117,7 +178,7 @@ class Jobs:
         return [job for job in self._known() if job.info.asset == asset]
 
     def close(self) -> None:
-        """Cancel what is left and wait for its end."""
+        """Cancel all jobs and wait for their end."""
         self._cancel(self._known(), resumes=True)
         with self._changed:
             self._closed = True
@@ -147,7 +208,7 @@ class Jobs:
 
     def _beside(self, kind: str) -> int:
         """How many jobs wait that count with those of a kind: a shared store that is away must not
-        keep others out."""
+        keep other jobs out."""
         if kind in TRANSFERS:
             return sum(queued.kind == kind for queued in self._queue)
         return sum(not queued.transfers for queued in self._queue)
@@ -196,7 +257,7 @@ class Jobs:
             del self._jobs[id]
 
     def _note(self) -> None:
-        """Tell how many jobs of each kind wait and run."""
+        """Count how many jobs of each kind wait and run."""
         queued = Counter(one.job.info.kind for one in self._queue)
         for kind in KINDS:
             self._figures.set(queued[kind], "jobs", kind, "queued")

@@ -26,20 +26,21 @@ _UNREAD: dict[str, tuple[str, ...]] = {
 
 @lru_cache(maxsize=256)
 def settings_key(asset: str, settings: AssetSettings, drawn_by: str, method: str) -> str:
-    """Names an asset with the present settings that a method reads.  drawn_by: the device and the
-    version of the drawing."""
+    """Names an asset with those of its present settings that a method reads.  drawn_by: the device
+    and the version of the drawing."""
     read = {k: v for k, v in settings.drawn().items() if k not in _UNREAD[method]}
     return _digest([asset, read, drawn_by])
 
 
 def map_key(revision: str, frame: Frame, query: MapQuery, place: str) -> str:
-    """Names a tile or a map. `neutral` is the same in every frame."""
+    """Names a tile or a map. The key of `neutral` is the same in every frame."""
     digest = NEUTRAL_FRAME.digest if query.method == "neutral" else frame.digest
     return _digest([revision, digest, query.method, query.stretch, query.sampling, place])
 
 
 def content_key(asset: str, files: Mapping[str, str], unit: str, lengths: Lengths) -> str:
-    """Names what an asset has in the store, and with what it is drawn.  files: digests by name."""
+    """Names the content of an asset in the store, and the lengths that it is drawn with.  files:
+    digests by name."""
     return _digest([asset, dict(files), unit, asdict(lengths)])
 
 
@@ -51,7 +52,7 @@ def package_key(
     written_by: str,
 ) -> str:
     """Names a skin package.  shapes: digests by name.  written_by: the device, the version of the
-    drawing, and that of what writes it."""
+    drawing, and the version of the writer."""
     return _digest([asset, settings.drawn(), dict(shapes), levels, written_by])
 
 

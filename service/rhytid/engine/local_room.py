@@ -7,9 +7,8 @@ import threading
 import time
 from contextlib import suppress
 
-from rhytid.engine.asset_registry import AssetRegistry
-from rhytid.engine.assets import Asset
-from rhytid.engine.device_assets import DeviceAssets
+from rhytid.engine.assets.asset import Asset, AssetRegistry
+from rhytid.engine.assets.on_device import DeviceAssets
 from rhytid.engine.jobs import Jobs
 from rhytid.errors import NotFoundError, SharedStoreError, StorageError
 from rhytid.storage.shared.mirror import StoreMirror

@@ -1,12 +1,13 @@
 """Arguments and results of the engine: settings, ids and arrays, nothing on a device.
 
 Because these are plain values, an engine can live in another process or on another machine
-without its callers noticing.
+without its callers noticing. A `TilePlan` alone holds a function, the one that draws.
 """
 
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,8 @@ from rhytid.domain.warnings import InputWarning
 from rhytid.errors import NotFoundError, QueryError
 from rhytid.formats.tile_header import TileHeader
 
+# Displacement (n, n), mesh units, row 0 at the top.
+Tile = NDArray[np.float32]
 METHODS = ("neutral", "redraw", "binned", "convolved")
 STRETCH_MODELS = ("tensor", "tension", "uv")
 SAMPLINGS = ("nearest", "smooth")
@@ -35,27 +38,27 @@ ENDED_STATES = ("done", "failed", "cancelled")
 
 @dataclass(frozen=True)
 class Refusal:
-    """Why something is not tried again.  until: when it may be, in seconds of the monotonic clock,
-    which the processes of a machine share."""
+    """Why a request or a build is not tried again.  until: when it may be, in seconds of the
+    monotonic clock, which the processes of a machine share."""
 
     reason: str
     until: float
 
     @property
     def holds(self) -> bool:
-        """Whether it is still refused."""
+        """Whether it is still in force."""
         return time.monotonic() < self.until
 
 
 @dataclass(frozen=True, eq=False)
 class NewAsset:
-    """A neutral mesh to build an asset from; `graph` absent means synthesise one, `stiffness`
-    absent means 1 everywhere.
+    """A neutral mesh to build an asset from.
 
-    A `graph` that was made for another mesh is refused unless `force`. `frames` are stored as
-    frames 0001, 0002, … once the asset exists: (N, V, 3) float32. They are less the centre of the
-    mesh, as positions are throughout the engine. `shapes`: expressions that lines grow by, unless
-    `graph.lines` of the settings says otherwise; without a graph only.
+    graph: its wrinkles; None: they are synthesised. One that was made for another mesh is refused
+    unless `force`.  stiffness: None: 1 everywhere.  frames: (N, V, 3) float32, stored as frames
+    0001, 0002, … once the asset exists; less the centre of the mesh, as positions are throughout
+    the engine.  shapes: expressions that lines grow by, unless `graph.lines` of the settings says
+    otherwise; without a graph only.
     """
 
     mesh: Mesh
@@ -106,6 +109,28 @@ class TileDescription:
 
 
 @dataclass(frozen=True, eq=False)
+class TilePlan:
+    """A tile or a map that is named and not drawn yet.
+
+    draw: draws its displacement (n, n) float32, mesh units, row 0 at the top; raises BusyError
+    where too many calls wait for the device.
+    """
+
+    description: TileDescription
+    draw: Callable[[], Tile]
+
+    @property
+    def key(self) -> str:
+        """The key of its content."""
+        return self.description.key
+
+    @property
+    def header(self) -> TileHeader:
+        """The header of a file of it."""
+        return self.description.header
+
+
+@dataclass(frozen=True, eq=False)
 class DrawnTile:
     """A tile or a map.
 
@@ -122,7 +147,7 @@ class DrawnTile:
 @dataclass(frozen=True)
 class AssetContent:
     """Names what is stored of an asset: two with the same `key` have the same graph and mesh.
-    nbytes: of its files."""
+    nbytes: bytes of its files."""
 
     key: str
     nbytes: int
@@ -130,16 +155,16 @@ class AssetContent:
 
 @dataclass(frozen=True)
 class AssetInfo:
-    """An asset as a caller sees it. `state`: building, ready or failed (with `reason`).
+    """An asset as a caller sees it.
 
-    `levels` counts the levels of a map; `pores` and `wrinkles` count each once,
-    copies at UV seams not; they are 0 until the graph exists.
-    `statistics`, None until then: "spacing" of pores where density is 1, mesh units, as the
-    metadata of the graph have it; "distance", the mean of pores on the surface as it came out;
-    "degree", the mean number of wrinkles at a pore; "strengths", wrinkles
-    by weight, in tenths from 0 to 1.  `warnings`: what is probably wrong with the mesh.
-    `notices`: what is worth knowing of its present settings and no mistake.  `centre`: what was
-    subtracted from its positions as they were sent, and is from those of its frames.
+    state: building, ready or failed (with `reason`).  levels: how many levels its maps have.
+    pores, wrinkles: how many there are, copies at UV seams not counted; 0 until the graph exists.
+    statistics: None until then; "spacing" of pores where density is 1, in mesh units, as the
+    metadata of the graph have it; "distance", the mean distance of pores on the surface as it came
+    out; "degree", the mean number of wrinkles at a pore; "strengths", wrinkles by weight, in tenths
+    from 0 to 1.  warnings: of what is probably wrong with the mesh.  notices: facts about its
+    present settings that are worth knowing and no mistake.  centre: the point that was subtracted
+    from its positions as they were sent, and is subtracted from those of its frames.
     """
 
     id: str
@@ -161,9 +186,10 @@ class AssetInfo:
 
 @dataclass(frozen=True)
 class JobInfo:
-    """Long work. `state`: queued, running, done, failed or cancelled; `progress` from 0 to 1.
+    """Long work.
 
-    `warnings`: of a calibration, what is probably wrong with its frame.
+    state: queued, running, done, failed or cancelled.  progress: from 0 to 1.  warnings: of a
+    calibration, about its frame.
     """
 
     id: str
@@ -180,7 +206,7 @@ class JobInfo:
 class FrameInfo:
     """A stored frame and the percentiles of its clamped log stretch, over triangles and axes.
 
-    `log_stretch` maps "p1", "p10", "p50", "p90", "p99" and "abs_p90" to values.  `warnings`: what
+    log_stretch: maps "p1", "p10", "p50", "p90", "p99" and "abs_p90" to values.  warnings: of what
     is probably wrong with it.
     """
 
@@ -191,7 +217,8 @@ class FrameInfo:
 
 @dataclass(frozen=True)
 class MapQuery:
-    """Which displacement: the method, the stretch model and the sampling (sections 3 and 7)."""
+    """Chooses a displacement by the method, the stretch model and the sampling (sections 3 and
+    7)."""
 
     method: str = "redraw"
     stretch: str = "tensor"
@@ -238,8 +265,8 @@ class FrameStretch:
 class Package:
     """A skin package on disk, as one zip.
 
-    key: two with the same one have the same bytes.  file: the zip, on the machine of the engine.
-    files: where in it their bytes are, by path in the package.
+    key: two packages with the same key have the same bytes.  file: the zip, on the machine of the
+    engine.  files: the ranges of their bytes in the zip, by path in the package.
     """
 
     key: str

@@ -9,15 +9,14 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from rhytid.engine.asset_registry import AssetRegistry
-from rhytid.engine.asset_service import AssetService
-from rhytid.engine.assets import Asset
+from rhytid.engine.assets.asset import Asset, AssetRegistry
+from rhytid.engine.assets.service import AssetService
 from rhytid.engine.byte_budget import ByteBudget
 from rhytid.engine.job import Job
 from rhytid.engine.jobs import Jobs
 from rhytid.engine.keys import package_key
 from rhytid.engine.messages import JobInfo, Package
-from rhytid.engine.tile_service import TileService
+from rhytid.engine.tiles.service import TileService
 from rhytid.errors import (
     CancelledError,
     ChangedError,
@@ -36,7 +35,7 @@ PATIENCE = 1.0
 
 
 @dataclass(frozen=True)
-class _Wanted:
+class _Request:
     """A package that is to be made."""
 
     asset: Asset
@@ -46,7 +45,7 @@ class _Wanted:
 
 @dataclass
 class _PackageJob:
-    """The job that makes a package, and what it failed with."""
+    """The job that makes a package, and the error that it failed with."""
 
     job: Job
     error: BaseException | None = None
@@ -54,16 +53,16 @@ class _PackageJob:
 
 @dataclass(frozen=True)
 class _Source:
-    """What packages are made from."""
+    """The calls that packages are made from."""
 
     assets: AssetService
     tiles: TileService
 
 
 class PackageService:
-    """Gives the packages of ready assets; makes them where they are not there.
+    """Gives the packages of ready assets; makes those that do not exist yet.
 
-    memory: what making one takes is held of it.
+    memory: the budget that holds what making a package takes.
     """
 
     def __init__(
@@ -83,26 +82,28 @@ class PackageService:
     def of(
         self, asset: str, levels: int = 1, key: str | None = None, begin: bool = True
     ) -> Package | JobInfo | None:
-        """The package of an asset with so many levels of its maps; the job that makes it, where
-        that takes longer than a second.  key: that of the package that the caller has begun to
-        read.  begin: start that job; otherwise None where there is neither.
+        """The package of an asset with `levels` levels of its maps; the job that makes it, where
+        that takes longer than a second.
 
-        Raises ChangedError where the package has another key now, ConflictError where packages do
-        not know a setting of the asset, LimitError where it is larger than the packages that are
-        kept may be, HostMemoryError and HostBusyError for lack of memory, and what the job fails
-        with meanwhile.
+        key: of the package that the caller has begun to read.  begin: start that job; otherwise
+        None where there is neither a package nor a job.
+
+        Raises ChangedError where the package has another key now, ConflictError where packages
+        cannot hold a setting of the asset, LimitError where it is larger than all packages together
+        may be, HostMemoryError and HostBusyError for lack of memory, and the error that the job
+        fails with meanwhile.
         """
         found = self._assets.get(asset)
         while True:
             found.check_ready()
-            wanted = self._wanted(found, levels)
-            if key is not None and key != wanted.key:
+            request = self._request(found, levels)
+            if key is not None and key != request.key:
                 raise ChangedError(
-                    f"the asset has changed: begin again (its package is {wanted.key}, not {key})"
+                    f"the asset has changed: begin again (its package is {request.key}, not {key})"
                 )
-            if (kept := self._store.packages.find(asset, wanted.key)) is not None:
-                return Package(wanted.key, kept.file, kept.nbytes, kept.files)
-            making = self._job_of(wanted, begin)
+            if (kept := self._store.packages.find(asset, request.key)) is not None:
+                return Package(request.key, kept.file, kept.nbytes, kept.files)
+            making = self._job_of(request, begin)
             if making is None:
                 return None
             if not making.job.wait(PATIENCE):
@@ -111,84 +112,84 @@ class PackageService:
                 found.check_known()  # what it failed with may follow from that
                 raise making.error or CancelledError(f"the job of the package was {state}")
 
-    def _wanted(self, asset: Asset, levels: int) -> _Wanted:
-        """Levels beyond one texel are none, and change no key."""
+    def _request(self, asset: Asset, levels: int) -> _Request:
+        """The package that is to be made. Levels beyond one texel are none, and change no key."""
         levels = min(levels, min(asset.settings.resolution, MOST_SIDE).bit_length())
         shapes = self._store.shapes_digests(asset.id)
         written_by = f"{self._source.tiles.drawn_by} {package_version()}"
         key = package_key(asset.id, asset.settings, shapes, levels, written_by)
-        return _Wanted(asset, levels, key)
+        return _Request(asset, levels, key)
 
-    def _job_of(self, wanted: _Wanted, begin: bool) -> _PackageJob | None:
-        """The job that makes a package: the one that does already, or a new one where `begin`."""
+    def _job_of(self, request: _Request, begin: bool) -> _PackageJob | None:
+        """The job that makes a package: one that does already, or a new one where `begin`."""
         with self._lock:
-            if (making := self._unfinished.get(wanted.key)) is not None or not begin:
+            if (making := self._unfinished.get(request.key)) is not None or not begin:
                 return making
-            with _refused(wanted.asset):
-                check_settings(wanted.asset.settings)
+            with _refused(request.asset):
+                check_settings(request.asset.settings)
             # Never small: the thread of small jobs gives builds and frames their turn at once.
             begun = threading.Event()
-            work = partial(self._work, wanted, begun)
-            job = self._jobs.start("package", wanted.asset.id, work)
-            making = self._unfinished[wanted.key] = _PackageJob(job)
+            work = partial(self._work, request, begun)
+            job = self._jobs.start("package", request.asset.id, work)
+            making = self._unfinished[request.key] = _PackageJob(job)
             begun.set()
-        job.when_ended(partial(self._ended, wanted.key))
+        job.when_ended(partial(self._ended, request.key))
         return making
 
     def _ended(self, key: str) -> None:
         del self._unfinished[key]
 
-    def _work(self, wanted: _Wanted, begun: threading.Event, job: Job) -> None:
+    def _work(self, request: _Request, begun: threading.Event, job: Job) -> None:
         begun.wait()
-        making = self._unfinished[wanted.key]
+        making = self._unfinished[request.key]
         hold = self._memory.hold("jobs")
         try:
             job.progress(0.0, "reading the asset")
-            with _refused(wanted.asset):
-                maps = SkinMaps.of(self._source, wanted.asset.id)  # it may have to be loaded
+            with _refused(request.asset):
+                maps = SkinMaps.of(self._source, request.asset.id)  # it may have to be loaded
             shapes = None
             with suppress(NotFoundError):  # none came
-                shapes = self._store.shapes(wanted.asset.id)
-            mesh = self._store.mesh(wanted.asset.id)
-            with self._store.packages.making(wanted.asset.id) as folder:
-                writer = PackageWriter(maps, mesh, shapes, folder, wanted.levels)
+                shapes = self._store.shapes(request.asset.id)
+            mesh = self._store.mesh(request.asset.id)
+            with self._store.packages.making(request.asset.id) as folder:
+                writer = PackageWriter(maps, mesh, shapes, folder, request.levels)
                 hold.grow(writer.host_bytes)
-                self._write(job, wanted, writer)
-                self._keep(job, wanted, folder)
+                self._write(job, request, writer)
+                self._keep(job, request, folder)
         except BaseException as error:
             making.error = error
             raise
         finally:
             hold.release()
 
-    def _write(self, job: Job, wanted: _Wanted, writer: PackageWriter) -> None:
+    def _write(self, job: Job, request: _Request, writer: PackageWriter) -> None:
         self._store.packages.make_room(writer.texture_bytes)
         steps = writer.steps()
         for done, step in enumerate(steps):
             part = f"part {done + 1} of {len(steps)}"
             job.progress(done / len(steps), "writing the package", part)
-            self._check(wanted)
+            self._check(request)
             step()
 
-    def _keep(self, job: Job, wanted: _Wanted, folder: Path) -> None:
+    def _keep(self, job: Job, request: _Request, folder: Path) -> None:
         packages = self._store.packages
         # Both raise where the job was cancelled.
         packages.seal(folder, partial(job.progress, 1.0, "writing the package"))
         job.progress(1.0, "writing the package")
-        with wanted.asset.kept():
-            self._check(wanted)
-            packages.keep(wanted.asset.id, wanted.key, folder)
+        with request.asset.kept():
+            self._check(request)
+            packages.keep(request.asset.id, request.key, folder)
 
-    def _check(self, wanted: _Wanted) -> None:
+    def _check(self, request: _Request) -> None:
         """Raise CancelledError where the asset has changed since its package was begun."""
-        if self._wanted(wanted.asset, wanted.levels).key != wanted.key:
-            asset = wanted.asset.id
+        if self._request(request.asset, request.levels).key != request.key:
+            asset = request.asset.id
             raise CancelledError(f"asset {asset} was changed: ask for its package again")
 
 
 @contextmanager
 def _refused(asset: Asset) -> Iterator[None]:
-    """What a package cannot hold is not possible in the present state of the asset."""
+    """Raise ConflictError for settings of an asset that a package cannot hold."""
     try:
         yield
     except (SettingsError, LimitError) as error:

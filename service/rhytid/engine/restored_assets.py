@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 
-from rhytid.engine.asset_registry import AssetRegistry
-from rhytid.engine.assets import Asset
-from rhytid.engine.stored_assets import StoredAssets
+from rhytid.engine.assets.asset import Asset, AssetRegistry
+from rhytid.engine.assets.stored import StoredAssets
 from rhytid.storage.store import AssetStore
 from rhytid.storage.unpacked import UnpackedAsset
 

@@ -8,12 +8,10 @@ import threading
 from dataclasses import dataclass, field
 from functools import partial
 
-from rhytid.engine.asset_registry import AssetRegistry
-from rhytid.engine.assets import Asset
+from rhytid.engine.assets.asset import Asset, AssetRegistry
 from rhytid.engine.frames import LEFT
 from rhytid.engine.job import Job
-from rhytid.engine.job_lanes import TRANSFERS
-from rhytid.engine.jobs import Jobs
+from rhytid.engine.jobs import TRANSFERS, Jobs
 from rhytid.engine.local_room import LocalRoom
 from rhytid.engine.push_retries import PushRetries
 from rhytid.engine.restored_assets import RestoredAssets

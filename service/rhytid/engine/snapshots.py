@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rhytid.engine.asset_registry import AssetRegistry
+from rhytid.engine.assets.asset import AssetRegistry
 from rhytid.engine.messages import AssetInfo
 from rhytid.engine.restored_assets import RestoredAssets
 from rhytid.engine.shared_assets import SharedAssets
@@ -29,9 +29,9 @@ class SnapshotService:
         return self._store.snapshots.of(asset)
 
     def restore(self, stream: Readable, nbytes: int) -> tuple[AssetInfo, bool]:
-        """The asset of a snapshot of so many bytes, and whether it is new here.
+        """The asset of a snapshot of `nbytes` bytes, and whether it is new here.
 
-        One that is known and did not fail stays as it is, its present settings too. Raises
+        An asset that is known and did not fail stays as it is, its present settings too. Raises
         SnapshotError before anything is changed; StoreFormatError where another version stored it.
         """
         with self._store.snapshots.unpacked(stream, nbytes) as unpacked:

@@ -1,20 +1,20 @@
-"""One task uses the device at a time; others wait in bounded queues, where live connections and the
-rest share its time, and assets take turns."""
+"""Runs one task of the device at a time. Others wait in bounded queues, where live connections and
+other callers share the time, and assets take turns."""
 
 from __future__ import annotations
 
 import threading
 import time
 from collections import OrderedDict, deque
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Hashable
 from concurrent.futures import Future, wait
-from contextlib import contextmanager
-from contextvars import ContextVar, copy_context
+from contextvars import copy_context
 from functools import partial
 from typing import Any, TypeVar
 
 from rhytid.device.figures import Figures
 from rhytid.domain.wording import waiting
+from rhytid.engine.call_context import is_live
 from rhytid.errors import BusyError
 
 T = TypeVar("T")
@@ -23,27 +23,11 @@ READY = 5.0
 # Of the device's time, what live connections have where others wait, too.
 LIVE_SHARE = 0.5
 _Task = tuple["Future[Any]", Callable[[], Any]]
-_live: ContextVar[bool] = ContextVar("live", default=False)
-
-
-@contextmanager
-def drawn_live(live: bool = True) -> Iterator[None]:
-    """What this thread asks of the device in the block is for a live connection."""
-    token = _live.set(live)
-    try:
-        yield
-    finally:
-        _live.reset(token)
-
-
-def is_live() -> bool:
-    """Whether what this thread asks of the device is for a live connection."""
-    return _live.get()
 
 
 class _Lane:
-    """Calls that wait, by turn.  share: of the device's time.  spent: seconds that calls took, by
-    the share."""
+    """Calls that wait, by turn.  share: of the device's time.  spent: seconds that its calls took,
+    divided by its share."""
 
     def __init__(self, share: float) -> None:
         self.turns: OrderedDict[Hashable, deque[_Task]] = OrderedDict()
@@ -79,12 +63,13 @@ class DeviceWorker:
     served in rotation, one call each; calls of one turn are served in the order in which they came.
     So a call waits for at most one call of every other turn, however many of those wait.
 
-    Calls for live connections have turns of their own, and LIVE_SHARE of the time where others
-    wait, too: next comes whoever had less time since both wait. So one live call waits for the call
-    at work alone, and the others have the rest however many frames come.
+    Calls for live connections have turns of their own, and LIVE_SHARE of the time where other calls
+    wait, too: the next call is of the kind that had less time since both wait. So one live call
+    waits for the call at work alone, and the others have the rest of the time however many frames
+    come.
 
-    `size` is the number of calls that may wait, of live connections as many again.  figures: how
-    long calls wait and take.
+    size: calls that may wait; of live connections as many again.  figures: counts how long calls
+    wait and take.
     """
 
     def __init__(self, size: int, figures: Figures | None = None) -> None:
@@ -109,7 +94,7 @@ class DeviceWorker:
 
     @property
     def runs(self) -> bool:
-        """Whether its thread is there."""
+        """Whether its thread is alive."""
         return self._thread.is_alive()
 
     def call(self, task: Callable[[], T], turn: Hashable = None) -> T:
@@ -124,11 +109,12 @@ class DeviceWorker:
         return self._run(task, turn, block=True)
 
     def answers(self, probe: Callable[[], bool], seconds: float) -> bool:
-        """Run a probe before whatever waits, also where the queue is full, and return what it does.
-        Where it does not get its turn in time: whether any call ended meanwhile. False where it
-        gets its turn and does not end in time.
+        """Run a probe before all calls that wait, even if the queue is full, and return its result.
 
-        Raises BusyError where the worker is closed, and what the probe raises.
+        Where the probe does not get its turn within `seconds`: whether any call ended meanwhile.
+        Where it gets its turn and does not end within as long: False.
+
+        Raises BusyError where the worker is closed, and the errors of the probe.
         """
         with self._changed:
             ended, future = self._ended, self._in_front(probe)
@@ -210,7 +196,7 @@ class DeviceWorker:
             self._finished(lane, began)
 
     def _take(self) -> tuple[_Lane | None, _Task] | None:
-        """The next call, and the lane whose time it takes; None once the queue is closed."""
+        """The next call, and the lane whose time it takes; None once the worker is closed."""
         with self._changed:
             while self._runs or not (self._waits() or self._closed):
                 self._changed.wait()

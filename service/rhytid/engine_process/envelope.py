@@ -13,12 +13,11 @@ from typing import Any, Protocol
 
 from rhytid.build_identity import drawing_version
 from rhytid.device.figures import Span, keep_spans, spans_are_kept, spans_of_request
-from rhytid.engine import wanted
+from rhytid.engine import call_context
 from rhytid.engine.byte_budget import Hold
-from rhytid.engine.callers import caller
+from rhytid.engine.call_context import caller, drawn_live, is_live
 from rhytid.engine.frames import Frame
 from rhytid.engine.operations import OPERATIONS, Operation
-from rhytid.engine.worker import drawn_live, is_live
 from rhytid.engine_process.packing import Packed, pack
 from rhytid.errors import RhytidError
 from rhytid.logs import request_id
@@ -179,7 +178,7 @@ def answered(
     request_id.set(envelope.request_id)
     caller.set(envelope.caller)
     kept = spans_of_request() if envelope.traced else nullcontext(())
-    with kept as spans, wanted.unless(gone), drawn_live(envelope.live):
+    with kept as spans, call_context.abandoned_when(gone), drawn_live(envelope.live):
         try:
             value = perform(envelope)
         except (RhytidError, OSError) as error:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from rhytid.engine import wanted
+from rhytid.engine import call_context
 from rhytid.engine_process.packing import Bytes, Packed, mapped, shared_file, unpack
 from rhytid.engine_process.wire import Message, close_all, readable, receive, send
 
@@ -41,7 +41,7 @@ class Line:
 
         seconds: to wait for it.
 
-        Raises LineBroken, TimeoutError, and CancelledError where `engine.wanted` says so.
+        Raises LineBroken, TimeoutError, and CancelledError where nobody waits for the answer.
         """
         try:
             self._send(request)
@@ -66,7 +66,7 @@ class Line:
         if seconds is not None and not readable(self._line, seconds):
             raise TimeoutError
         while not readable(self._line, _LOOK):
-            wanted.check()
+            call_context.check_abandoned()
 
     def close(self) -> None:
         """End it; the process lets go of the shared memory."""

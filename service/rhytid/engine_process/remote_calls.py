@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from rhytid.domain.frame import counted_frame
-from rhytid.engine import wanted
+from rhytid.engine import call_context
 from rhytid.engine.byte_budget import ByteBudget, Hold
 from rhytid.engine.frames import Frame, UnknownFrameError
 from rhytid.engine.messages import AssetInfo, JobInfo, NewAsset
@@ -252,7 +252,7 @@ class RemoteCalls:
     def _changing(self, asset: str, frame: str) -> Iterator[None]:
         """Held while a frame is stored or deleted. Such a call is not given up where its client is
         gone: the process would do it later, after what is stored by then."""
-        with self._frames.sending(asset, frame), wanted.anyway():
+        with self._frames.sending(asset, frame), call_context.never_abandoned():
             try:
                 yield
             except DeviceLostError:

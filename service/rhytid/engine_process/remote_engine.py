@@ -9,7 +9,7 @@ from typing import Any
 
 from rhytid.device.figures import Figures
 from rhytid.device.memory import usual_frame_memory, usual_host_memory
-from rhytid.engine import wanted
+from rhytid.engine import call_context
 from rhytid.engine.byte_budget import ByteBudget
 from rhytid.engine.messages import DeviceInfo
 from rhytid.engine.operations import OPERATIONS, Proxy
@@ -93,7 +93,7 @@ class RemoteEngine(Proxy):
         return dict(self._supervisor.restarts)
 
     def _put(self, process: DeviceProcess, asset: str, name: str, positions: Positions) -> None:
-        with wanted.anyway():  # else the process may store it later, after another
+        with call_context.never_abandoned():  # else the process may store it later, after another
             put = Request(OPERATIONS["frames.put"], (asset, name, positions))
             self._supervisor.ask(process, put)
 

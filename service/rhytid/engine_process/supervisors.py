@@ -10,7 +10,7 @@ from contextlib import suppress
 from functools import partial
 from typing import Any
 
-from rhytid.engine.checked_upload import content_id
+from rhytid.engine.assets.upload import content_id
 from rhytid.engine.messages import NewAsset
 from rhytid.engine.operations import OPERATIONS
 from rhytid.engine_process.device_process import DeviceProcess

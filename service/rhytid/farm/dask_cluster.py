@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rhytid.device.sigint import without_sigint
+from rhytid.device.driver import without_sigint
 from rhytid.domain.wording import install_hint
 from rhytid.errors import FarmError, InputError
 

@@ -11,8 +11,8 @@ from typing import Any
 from ray.exceptions import ObjectLostError, RayActorError, RayError, WorkerCrashedError
 from ray.serve.exceptions import BackPressureError, RayServeException
 
-from rhytid.engine import wanted
-from rhytid.engine.checked_upload import content_id
+from rhytid.engine import call_context
+from rhytid.engine.assets.upload import content_id
 from rhytid.engine.messages import NewAsset
 from rhytid.engine_process.device_process import DeviceProcess
 from rhytid.engine_process.envelope import Answer, Request
@@ -123,7 +123,7 @@ class FleetCaller:
         """When the wait began, or now; raises CancelledError where nobody waits any more, and
         DeviceLostError where there is no replica."""
         try:
-            wanted.check()
+            call_context.check_abandoned()
             if time.monotonic() - began > PATIENCE:
                 began = time.monotonic()
                 if not self._present():

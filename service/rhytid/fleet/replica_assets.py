@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike
 from rhytid.domain.frame import counted_frame
 from rhytid.domain.settings_changes import CHANGEABLE
 from rhytid.durable import reported
-from rhytid.engine import wanted
-from rhytid.engine.checked_upload import content_id
+from rhytid.engine import call_context
+from rhytid.engine.assets.upload import content_id
 from rhytid.engine.messages import AssetInfo, JobInfo, NewAsset, Package
 from rhytid.engine_process.remote_engine import RemoteEngine
 from rhytid.errors import NotFoundError
@@ -114,9 +114,9 @@ class ReplicaAssets:
         """A snapshot with the present settings, in the shared folder; the caller removes it."""
         with self._engine.snapshots.of(asset) as made:
             path = self._shared.give(made.pieces())
-        if wanted.is_gone():  # nobody would remove it
+        if call_context.is_abandoned():  # nobody would remove it
             path.unlink(missing_ok=True)
-        wanted.check()
+        call_context.check_abandoned()
         return path
 
     def restore(self, content: SharedSnapshot, nbytes: int) -> tuple[AssetInfo, bool]:

@@ -14,8 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.device.buffer import Buffer
-from rhytid.device.buffer_group import BufferGroup
+from rhytid.device.buffer import Buffer, BufferGroup
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings, BinSettings
 from rhytid.pipeline.bin_maker import BinTile

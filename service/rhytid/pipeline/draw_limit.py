@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.device.paces import FIRST_WORK
+from rhytid.device.launches import FIRST_WORK
 from rhytid.domain.wording import plural
 from rhytid.errors import LimitError
 from rhytid.pipeline.work import BLOCK, work_around

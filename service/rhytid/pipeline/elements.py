@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.device.buffer import Buffer
-from rhytid.device.paces import WorkPace
+from rhytid.device.launches import DrawingPace
 from rhytid.device.runtime import Device
 from rhytid.pipeline.cells import CellLists
 from rhytid.pipeline.copies import OriginBuffers
@@ -74,7 +74,7 @@ class UdimElements:
     ) -> None:
         self.wrinkles, self.pores = len(wrinkles.segments), len(pores.centres)
         self.work = work_of(wrinkles, pores)
-        self.pace, self.bins_pace = WorkPace(device.work_pace), WorkPace(device.work_pace)
+        self.pace, self.bins_pace = DrawingPace(device.work_pace), DrawingPace(device.work_pace)
         self.segments = device.upload(wrinkles.segments)
         self.sizes = device.upload(wrinkles.sizes)
         self.bins = device.upload(orientation_bins(wrinkles.segments, bin_count))

@@ -14,8 +14,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.device.buffer import Buffer
-from rhytid.device.buffer_group import BufferGroup
+from rhytid.device.buffer import Buffer, BufferGroup
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.mesh import Mesh

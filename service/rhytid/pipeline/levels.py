@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.device.buffer import Buffer
-from rhytid.device.buffer_group import BufferGroup
+from rhytid.device.buffer import Buffer, BufferGroup
 from rhytid.device.runtime import Device
 
 # Draws level 0: (row, column, side) in texels, all multiples of a block, to side² float32.

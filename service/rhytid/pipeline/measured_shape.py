@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from rhytid.device.remembered import recall, remember
+from rhytid.device.launches import LaunchShape
 from rhytid.device.runtime import Device
-from rhytid.device.shape import LaunchShape
+from rhytid.device.select import recall, remember
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.errors import DeviceError
 from rhytid.pipeline.cells import CellLists

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rhytid.device.buffer import Buffer
-from rhytid.device.buffer_group import BufferGroup
+from rhytid.device.buffer import Buffer, BufferGroup
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.mesh import Mesh

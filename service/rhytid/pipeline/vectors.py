@@ -12,8 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.device.buffer import Buffer
-from rhytid.device.buffer_group import BufferGroup
+from rhytid.device.buffer import Buffer, BufferGroup
 from rhytid.device.programs import NO_DEFINES
 from rhytid.device.runtime import Device
 

@@ -100,14 +100,14 @@ class Workspace:
         defines: Mapping[str, object],
     ) -> int:
         """Launch a kernel from one work-item on and wait for it; the first that is left."""
-        items = min(self._device.paces.items(program, kernel), count - first)
+        items = min(self._device.pacing.items(program, kernel), count - first)
         start = time.perf_counter()
         self._device.launch(
             program, kernel, (-(-items // _GROUP) * _GROUP,), np.int32(first), np.int32(count),
             *values, group=(_GROUP,), defines=defines,
         )  # fmt: skip
         self._device.finish()
-        self._device.paces.took(program, kernel, items, time.perf_counter() - start)
+        self._device.pacing.took(program, kernel, items, time.perf_counter() - start)
         return first + items
 
     def release(self, *buffers: Buffer) -> None:

@@ -23,8 +23,7 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import mesh_udims
-from rhytid.engine.given_graphs import graph_lengths
-from rhytid.engine.spacing import mean_spacing
+from rhytid.engine.assets.graphs import graph_lengths, mean_spacing
 from rhytid.pipeline.bin_maker import BinMaker, BinTile
 from rhytid.pipeline.blend import Blend
 from rhytid.pipeline.convolve import Convolve

@@ -20,7 +20,7 @@ import numpy as np
 
 from rhytid.domain.graph_origin import GraphOrigin
 from rhytid.domain.tiles import TileAddress
-from rhytid.engine.kept_entries import RECENT_FRAMES
+from rhytid.engine.device_assets.mesh import RECENT_FRAMES
 from rhytid.errors import RhytidError
 from rhytid.formats.graphs import write_graph
 from rhytid_client import Asset, Client

@@ -14,7 +14,7 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import TileAddress
-from rhytid.engine.device_asset import DeviceAsset
+from rhytid.engine.device_assets.asset import DeviceAsset
 from rhytid.engine.frames import Frame
 from rhytid.engine.messages import METHODS, MapQuery
 

@@ -13,8 +13,7 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import busiest_udim
-from rhytid.engine.frames import Frame
-from rhytid.engine.log_stretch import LogStretch
+from rhytid.engine.frames import Frame, LogStretch
 from rhytid.pipeline.stretch import StretchStage, r_max_of
 from rhytid.synthesis.generate import synthesize
 from rhytid.synthesis.progress import Progress, silent

@@ -231,7 +231,7 @@ def frame_bench(arguments: argparse.Namespace) -> FrameBench:
 
 def _frame_on_device(arguments: argparse.Namespace) -> tuple[Device, Mesh, NDArray[np.float32]]:
     """A device, and the mesh and the frame of the arguments."""
-    from rhytid.engine.opening import open_device
+    from rhytid.engine.engine import open_device
     from rhytid.settings import ServiceSettings
     from rhytid_lab.commands.demo_face import animation
 

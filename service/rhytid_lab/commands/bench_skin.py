@@ -16,7 +16,7 @@ from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
-from rhytid.engine.given_graphs import check_graph
+from rhytid.engine.assets.graphs import check_graph
 from rhytid.errors import DeviceMemoryError
 from rhytid.pipeline.bins import map_count
 from rhytid.pipeline.cushion_bins import cushion_map_count

@@ -52,7 +52,7 @@ def run(arguments: argparse.Namespace) -> None:
     AssetSettings.parse({"resolution": arguments.resolution})
     # Imported here, so that --help needs no OpenCL.
     from rhytid.cli.places import make_folder
-    from rhytid.engine.opening import open_device
+    from rhytid.engine.engine import open_device
     from rhytid.settings import ServiceSettings
     from rhytid_lab.bench.page import page
     from rhytid_lab.bench.report import Report

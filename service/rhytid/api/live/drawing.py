@@ -27,9 +27,9 @@ from rhytid.domain.blendshapes import Blendshapes
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import TileAddress, TileGrid
 from rhytid.domain.view import ViewedTiles
+from rhytid.engine.call_context import drawn_live
 from rhytid.engine.frames import Frame
 from rhytid.engine.messages import AssetInfo
-from rhytid.engine.worker import drawn_live
 from rhytid.errors import HostMemoryError, NotFoundError
 from rhytid.formats.frames import RAW, read_positions
 

@@ -1,0 +1,1 @@
+"""Assets: their state, how they are created, built, kept, and brought to the device."""

@@ -1,0 +1,268 @@
+"""Creates, describes, changes, calibrates and removes assets."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+from contextlib import nullcontext, suppress
+from dataclasses import replace
+from typing import Any, TypeVar
+
+from numpy.typing import ArrayLike
+
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.curves import Curves, graph_curves, with_triangles
+from rhytid.domain.expressions import Expressions
+from rhytid.domain.graph import WrinkleGraph
+from rhytid.domain.graph_origin import GraphOrigin
+from rhytid.domain.mesh import Mesh
+from rhytid.domain.settings_changes import CHANGEABLE
+from rhytid.engine.assets.asset import Asset, AssetRegistry
+from rhytid.engine.assets.builder import AssetBuilder
+from rhytid.engine.assets.creation import AssetCreation
+from rhytid.engine.assets.on_device import DeviceAssets
+from rhytid.engine.byte_budget import Hold
+from rhytid.engine.frame_service import checked_frame
+from rhytid.engine.frames import Frame
+from rhytid.engine.job import Job
+from rhytid.engine.jobs import Jobs
+from rhytid.engine.keys import content_key
+from rhytid.engine.messages import AssetContent, AssetDimensions, AssetInfo, JobInfo, NewAsset
+from rhytid.engine.shared_assets import SharedAssets
+from rhytid.errors import NotFoundError, SettingsError
+from rhytid.pipeline.stretch import r_max_of
+from rhytid.storage.store import AssetStore
+
+T = TypeVar("T")
+
+
+class AssetService:
+    """Creates assets from uploads; describes, changes, calibrates and removes them."""
+
+    def __init__(
+        self,
+        registry: AssetRegistry,
+        creation: AssetCreation,
+        on_device: DeviceAssets,
+        store: AssetStore,
+        shared: SharedAssets,
+        builder: AssetBuilder,
+        jobs: Jobs,
+    ) -> None:
+        self._assets, self._creation, self._on_device = registry, creation, on_device
+        self._store, self._shared = store, shared
+        self._builder, self._jobs = builder, jobs
+
+    def create(
+        self,
+        new: NewAsset,
+        *,
+        strict: bool = False,
+        allow: Collection[str] = (),
+        hold: Hold | None = None,
+    ) -> AssetInfo:
+        """Take a mesh in; the build runs as a job. The same content again: the same asset.
+
+        Named shapes are kept beside it, in place of those that came before.
+
+        The answer warns of the mesh, of the frames that came with it, of settings of a known asset
+        that were changed since, and of those without effect. strict: raise StrictError instead,
+        before anything is kept, of warnings whose codes are not in `allow`.  hold: counts the bytes
+        of the frames already, as far as it has any; the job that stores them takes these over.
+
+        Raises GraphError where a given graph does not fit the mesh or was made for another, unless
+        `force`; SettingsError where its lengths are of a unit that cannot be converted, or a graph
+        is to be grown in one that is not known; LimitError where it covers too many texels or its
+        maps take too long to draw, QueryError for a code of `allow` that there is not, MeshError
+        where the mesh has no UV inside the range of UDIMs, InputError where a painted map is of a
+        UDIM without mesh or `graph.lines` asks for expressions and none came, what `check_amount`
+        does.
+        """
+        asset, warnings = self._creation.take(new, strict, allow, hold)
+        info = asset.info()
+        return replace(info, warnings=(*info.warnings, *warnings))
+
+    def all(self) -> list[AssetInfo]:
+        """Describes every asset."""
+        return [asset.info() for asset in self._assets.all()]
+
+    def info(self, asset: str) -> AssetInfo:
+        """Describes one asset."""
+        return self._assets.get(asset).info()
+
+    def dimensions(self, asset: str) -> AssetDimensions:
+        """The sizes of an asset, in whatever state it is."""
+        return self._assets.get(asset).dimensions
+
+    def change(self, asset: str, changes: Mapping[str, Any]) -> AssetInfo:
+        """Change response, shape, depth, angles, preset, bins or convolve, with which tiles and
+        keys change, or the name, on which nothing depends.
+
+        A `preset` sets the bins but for `r_max`; keys of `bins` beside it override it. None for
+        `depth`, `convolve.sigma` or `shape.wave_frequency` means the default again: the value in
+        the file of a given graph, else a value in proportion to the spacing. Raises SettingsError
+        for settings that cannot be changed.
+        """
+        found = self._assets.get(asset)
+        found.check_ready()
+        for key in changes:
+            if key in AssetSettings.__dataclass_fields__ and key not in CHANGEABLE:
+                raise SettingsError(f"{key} is fixed once an asset is made: make a new one")
+        with found.lock:
+            found.check_ready()
+            settings = found.settings.changed(changes)
+            self._builder.change(found, settings.with_lengths(found.lengths))
+        self._builder.prepare_bins(found)
+        return found.info()
+
+    def resized(self, asset: str, resolution: int) -> AssetInfo:
+        """Create an asset of the skin of a ready one at another resolution: its mesh, wrinkles,
+        stiffness and present settings; nothing is synthesised. Raises what `create` does."""
+        found = self._assets.get(asset)
+        graph, stored = self.graph(asset), self._store.asset(asset)
+        side = min(found.settings.tile_size, resolution)
+        grown = found.settings.graph
+        if grown.density != 1.0:  # part of the spacing that the graph itself says
+            grown = replace(grown, spacing=None)
+        settings = replace(found.settings, resolution=resolution, tile_size=side, graph=grown)
+        return self.create(NewAsset(stored.mesh, settings, graph, stiffness=stored.stiffness))
+
+    def delete(self, asset: str, *, shared: bool = False) -> None:
+        """Remove an asset from memory, device and disk, and cancel its jobs.
+
+        shared: remove it from the shared store, too, even if it is there alone; otherwise it stays
+        there. Raises QueryError where there is no shared store.
+        """
+        found = self._assets.find(asset)
+        if found is not None:
+            self._delete(found)
+        if shared:
+            with suppress(NotFoundError) if found is not None else nullcontext():
+                self._shared.remove(asset)
+        elif found is None:
+            raise NotFoundError(f"no asset {asset!r}")
+
+    def _delete(self, found: Asset) -> None:
+        asset = found.id
+        with found.lock:
+            found.check_known()
+            with suppress(NotFoundError):  # a cancelled build has left nothing in the store
+                self._store.delete(asset)
+            found.state = "removed"
+            self._jobs.cancel_all(asset)
+            self._assets.replace(found, None)
+        self._builder.allow(asset)
+        found.frames.close()
+        self._on_device.drop(found)
+
+    def content(self, asset: str) -> AssetContent:
+        """The key and the size of what `graph`, `mesh` and `curves` of a ready asset return now;
+        reads none of these."""
+        found = self._assets.get(asset)
+        found.check_ready()
+        files = self._store.contents(asset)
+        lengths = found.settings.lengths(found.lengths.spacing)
+        digests = {name: file.sha256 for name, file in files.items()}
+        key = content_key(asset, digests, found.settings.length_unit, lengths)
+        return AssetContent(key, sum(file.nbytes for file in files.values()))
+
+    def graph(self, asset: str) -> WrinkleGraph:
+        """The wrinkle graph of a ready asset, with the seed and the lengths that it is drawn with
+        now."""
+        found = self._assets.get(asset)
+        found.check_ready()
+        stored = self._store.asset(asset)
+        lengths = found.settings.lengths(found.lengths.spacing)
+        settings = found.settings
+        origin = GraphOrigin.of(stored.mesh, settings.length_unit, lengths, settings.graph.start)
+        return replace(stored.graph, origin=origin)
+
+    def mesh(self, asset: str) -> Mesh:
+        """The neutral mesh of a ready asset, out of the store."""
+        self._assets.get(asset).check_ready()
+        return self._store.mesh(asset)
+
+    def shapes(self, asset: str) -> Expressions:
+        """The named shapes that came with the mesh of a ready asset, out of the store.
+
+        Raises NotFoundError where none came.
+        """
+        return self._of_shapes(asset, self._store.shapes)
+
+    def shapes_nbytes(self, asset: str) -> int:
+        """Bytes of the shapes that `shapes` returns, which are not read; raises what it raises."""
+        return self._of_shapes(asset, self._store.shapes_nbytes)
+
+    def _of_shapes(self, asset: str, find: Callable[[str], T]) -> T:
+        self._assets.get(asset).check_ready()
+        try:
+            return find(asset)
+        except NotFoundError:
+            raise NotFoundError(
+                f"asset {asset} has no named shapes: send its mesh again with the part shapes"
+            ) from None
+
+    def stiff(self, asset: str) -> bool:
+        """Whether a stiffness map came with a ready asset."""
+        self._assets.get(asset).check_ready()
+        return self._store.asset(asset).stiffness is not None
+
+    def curves(self, asset: str) -> Curves:
+        """The wrinkles of a ready asset as lines in space; wrinkles with an end off the mesh are
+        left out."""
+        resident = self._on_device.loaded(self._assets.get(asset))
+        stored = self._store.asset(asset)
+        triangles = len(stored.mesh.faces)
+        placed = with_triangles(stored.graph, resident.mesh.pore_triangle, triangles)
+        return graph_curves(stored.mesh, placed)
+
+    def calibrate(
+        self,
+        asset: str,
+        positions: ArrayLike,
+        *,
+        strict: bool = False,
+        allow: Collection[str] = (),
+    ) -> JobInfo:
+        """Set r_max from a frame (section 2.4) and make the bins anew, as a job.
+
+        The job warns of the frame; strict: raise StrictError instead, unless the code of every
+        warning is in `allow`.
+        """
+        found = self._assets.get(asset)
+        found.check_ready()
+        name = "frame of the calibration"
+        frame, warnings = checked_frame(found, positions, name, strict, allow)
+        work = _Calibration(found, frame, self._on_device, self._builder)
+        job = self._jobs.start("calibration", asset, work, small=found.small)
+        job.update(warnings=warnings)
+        return job.info
+
+
+class _Calibration:
+    """The work of a job: sets r_max of a ready asset from a frame (section 2.4), then makes its
+    precomputed maps anew, which may give way to other jobs."""
+
+    def __init__(
+        self, asset: Asset, frame: Frame, on_device: DeviceAssets, builder: AssetBuilder
+    ) -> None:
+        self._asset, self._frame = asset, frame
+        self._on_device, self._builder = on_device, builder
+        self._changed = False
+
+    def __call__(self, job: Job) -> None:
+        """Measure the frame, unless that was done before the job gave way; then make the maps."""
+        if not self._changed:
+            self._measure(job)
+            self._changed = True
+        self._builder.make_bins(job, self._asset)
+
+    def _measure(self, job: Job) -> None:
+        job.progress(0.0, "measuring stretch")
+        asset = self._asset
+        ratios, _ = self._on_device.use(
+            asset, lambda resident: resident.frames.ratios(self._frame), patiently=True
+        )
+        job.check()
+        with asset.kept():
+            limit = asset.settings.response.log_stretch_limit
+            self._builder.change(asset, asset.settings.with_r_max(r_max_of(ratios, limit)))

@@ -1,0 +1,244 @@
+"""The fast method of an asset: its precomputed maps by tile, their manifest, and tiles blended from
+them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.device.buffer import Buffer
+from rhytid.device.launches import DrawingPace
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.bin_manifest import BinManifest, CushionLayer, GrainLayer, TiltLine
+from rhytid.domain.tiles import TileAddress
+from rhytid.engine.device_assets.frames import DeviceFrames, DeviceGrain
+from rhytid.engine.device_assets.mesh import DeferredWork, DeviceMesh
+from rhytid.engine.frames import Frame
+from rhytid.engine.messages import MapQuery
+from rhytid.errors import NotFoundError, QueryError
+from rhytid.pipeline.bin_maker import BinMaker, BinTile
+from rhytid.pipeline.bins import (
+    TILT_NODE,
+    TILT_SHARE,
+    TILTS,
+    code_limit,
+    layers,
+    map_count,
+    quantisation_steps,
+    sample_stretches,
+    tilt_width,
+)
+from rhytid.pipeline.cushion_bins import cushion_layers, cushion_map_count, cushion_steps
+from rhytid.pipeline.cushion_elements import APRON
+from rhytid.pipeline.grain import GRAIN, grain_amplitude, grain_exponent, relief
+from rhytid.pipeline.reach import SCALE_LIMIT
+from rhytid.pipeline.vectors import BYTES_A_TEXEL
+
+
+class DeviceBins:
+    """The precomputed maps of an asset, kept while there is memory (section 2.4)."""
+
+    def __init__(self, base: DeviceMesh, frames: DeviceFrames, grain: DeviceGrain) -> None:
+        self._base, self._frames, self._grain = base, frames, grain
+
+    def tile(self, address: TileAddress) -> BinTile:
+        """The precomputed maps of a tile, made where they are not there. Raises DeferredWork where
+        that takes long and the asset is `bounded`."""
+        return self._tiles([address])[0]
+
+    def _tiles(self, addresses: Sequence[TileAddress]) -> list[BinTile]:
+        lacking = [address for address in addresses if not self.has(address)]
+        if self._base.bounded and sum(map(self._work, lacking)) > self._pace(addresses[0]).most:
+            raise DeferredWork(bins=lacking)
+        keep = self._base.kept.keep
+        return [keep("bins", a, make=partial(self._make, a)) for a in addresses]
+
+    def has(self, address: TileAddress) -> bool:
+        """Whether the maps of a tile are there; they stay until the task ends."""
+        return self._base.kept.find("bins", address) is not None
+
+    def make(self, *addresses: TileAddress) -> None:
+        """Make and keep the maps of tiles where they are not there; on a thread that uses the
+        device in steps, see `Device.in_steps`."""
+        device = self._base.device
+        for address in addresses:
+            if not device.step(partial(self.has, address)):
+                device.step(partial(self._keep, address, self._make(address)))
+                device.hand_over()
+
+    def _keep(self, address: TileAddress, tile: BinTile) -> None:
+        """Keep maps that were made in steps, unless there are others by now."""
+        if self._base.kept.keep("bins", address, make=lambda: tile) is not tile:
+            tile.release()
+
+    def _work(self, address: TileAddress) -> float:
+        """The work of making the maps of a tile, at most: as if each map had all wrinkles and
+        pores."""
+        work = self._base.elements[address.udim].work.of(*self._base.square(address))
+        return map_count(self._base.settings.bins) * work
+
+    def _pace(self, address: TileAddress) -> DrawingPace:
+        return self._base.elements[address.udim].bins_pace
+
+    def codes(self, address: TileAddress, index: int) -> NDArray[np.integer]:
+        """Codes (n, n) of one precomputed map; `index` counts samples within layers."""
+        bins = self._base.settings.bins
+        return self.tile(address).read(self._base.device, map_count(bins), index, bins.bits)
+
+    def layer_codes(
+        self, address: TileAddress, layer: str, bin: int | None, sample: int | None
+    ) -> NDArray[np.integer]:
+        """(n, n) codes of one map of the manifest; of the cushions n counts coarse samples, with
+        the apron around them. Raises what `map_index` does."""
+        settings, device = self._base.settings, self._base.device
+        bin, sample = map_index(self.manifest(), layer, bin, sample)
+        if layer == GRAIN:
+            row, column, side = self._base.square(address)
+            codes = self._grain.codes(address.udim, row, column)
+            found: NDArray[np.integer] = device.read(codes, (side, side), np.int8)
+            return found
+        broad = cushion_layers(settings)
+        if layer not in broad:
+            return self.codes(address, layers(settings.bins)[layer][bin] + sample)
+        cushion, index = self.tile(address).cushion, broad[layer][bin] + sample
+        assert cushion is not None
+        maps, bits = cushion_map_count(settings), settings.bins.bits
+        return cushion.read(device, maps, index, bits, broad=True)
+
+    def manifest(self) -> BinManifest:
+        """The manifest that clients need to blend the maps (docs/binned.md)."""
+        return _manifest(self._base.settings, self._base.cushion_factor)
+
+    def size(self) -> int:
+        """Bytes that the level-0 maps of every UDIM need, as far as `BYTES_A_TEXEL` is right."""
+        base, bins = self._base, self._base.settings.bins
+        painted = () if base.stiffness is None else base.stiffness.maps
+        a_texel = map_count(bins) * bins.bits / 8 + BYTES_A_TEXEL + self._grain.shows
+        if base.cushion_factor is not None:
+            broad = cushion_map_count(base.settings) * bins.bits / 8 + BYTES_A_TEXEL
+            a_texel += broad / base.cushion_factor**2
+        sizes = (a_texel + 4 * (udim in painted) for udim in base.located)
+        return round(sum(sizes) * base.settings.resolution**2)
+
+    def blended(
+        self, frame: Frame, query: MapQuery, addresses: Sequence[TileAddress]
+    ) -> list[Buffer]:
+        """float32 of level-0 tiles of one UDIM, blended for a frame."""
+        blend, model, udim = self._base.blend, query.stretch, addresses[0].udim
+        tiles = self._tiles(addresses)
+        if query.sampling == "smooth":
+            fields, located = self._frames.fields(frame, model), self._base.located[udim]
+            made = [blend.smooth_tile(maps, fields, located) for maps in tiles]
+            return self._grained(made, frame, query, addresses)
+        plain = [a for a, maps in zip(addresses, tiles, strict=True) if maps.stiffness is None]
+        stiff = [a for a in addresses if a not in plain]
+        found = dict(zip(plain, self._plain(frame, model, plain), strict=True))
+        stretches = self._frames.bin_stretches
+        others = [blend.stiff_tile(self.tile(a), stretches(frame, model)) for a in stiff]
+        found |= dict(zip(stiff, self._grained(others, frame, query, stiff), strict=True))
+        return [found[address] for address in addresses]
+
+    def _plain(self, frame: Frame, model: str, addresses: list[TileAddress]) -> list[Buffer]:
+        """Tiles whose texels have no stiffness of their own."""
+        if not addresses:
+            return []
+        tiles, grains = [self.tile(address) for address in addresses], None
+        if self._grain.shows:
+            grains = [self._grain.codes(a.udim, *self._base.square(a)[:2]) for a in addresses]
+        return self._base.blend.tiles(tiles, self._frames.coefficients(frame, model), grains)
+
+    def _grained(
+        self, made: list[Buffer], frame: Frame, query: MapQuery, addresses: Sequence[TileAddress]
+    ) -> list[Buffer]:
+        """Tiles with the grain of a frame added."""
+        if self._grain.shows:
+            for out, address in zip(made, addresses, strict=True):
+                self._grain.add(out, frame, query, address.udim, self._base.square(address))
+        return made
+
+    def _make(self, address: TileAddress) -> BinTile:
+        base = self._base
+        elements, located = base.elements[address.udim], base.located[address.udim]
+        maker = BinMaker(base.device, elements, located, base.settings, base.stiffness)
+        return maker.tile(*base.square(address))
+
+
+def _manifest(settings: AssetSettings, cushion_factor: int | None) -> BinManifest:
+    """The manifest of an asset with resolved settings.  cushion_factor: texels to a sample of the
+    cushions."""
+    assert settings.depth is not None
+    bins, response = settings.bins, settings.response
+    factored = {"wrinkles": response.alpha_d, "pores": response.beta_d}
+    tilt = TiltLine(TILT_NODE, TILT_SHARE, tilt_width(settings)) if bins.tilt else None
+    return BinManifest(
+        angles=tuple(float(np.pi * n / bins.count) for n in range(bins.count)),
+        samples=tuple(sample_stretches(settings).tolist()),
+        pore_samples=tuple(sample_stretches(settings, -1).tolist()),
+        steps=_steps(settings),
+        bits=bins.bits,
+        merge=bins.merge,
+        depth_factored=bins.depth_factored,
+        layers=_layers(settings),
+        depth=settings.depth,
+        sharpness=settings.shape.sharpness,
+        log_stretch_limit=response.log_stretch_limit,
+        scale_limit=SCALE_LIMIT,
+        depth_exponents=factored if bins.depth_factored else dict.fromkeys(factored, 0.0),
+        measured_in=settings.angles,
+        tilt=tilt,
+        soft_limits=response.soft_limits,
+        pore_depth_limit=response.pore_depth_limit,
+        cushion=_cushion(settings, cushion_factor),
+        grain=GrainLayer(grain_exponent(settings)) if relief(settings) > 0.0 else None,
+    )
+
+
+def _cushion(settings: AssetSettings, factor: int | None) -> CushionLayer | None:
+    if factor is None or settings.shape.cushion == 0.0:
+        return None
+    return CushionLayer(factor, APRON, settings.shape.cushion_sharpness)
+
+
+def _layers(settings: AssetSettings) -> dict[str, int]:
+    places = {**layers(settings.bins), **cushion_layers(settings)}
+    found = {name: len(firsts) for name, firsts in places.items()}
+    return {**found, GRAIN: 1} if relief(settings) > 0.0 else found
+
+
+def _steps(settings: AssetSettings) -> dict[str, tuple[float, ...]]:
+    bins, steps = settings.bins, quantisation_steps(settings)
+    wrinkles, pores = (
+        tuple(steps[layer, : bins.layer_samples[layer]].tolist()) for layer in (0, -1)
+    )
+    found = {name: pores if name.startswith("pore") else wrinkles for name in layers(bins)}
+    if bins.tilt:
+        found[TILTS] = (1.0 / code_limit(bins.bits),)
+    for name in cushion_layers(settings):
+        found[name] = tuple(cushion_steps(settings)[0, : bins.samples].tolist())
+    if relief(settings) > 0.0:
+        found[GRAIN] = (grain_amplitude(settings),)
+    return found
+
+
+def map_index(
+    manifest: BinManifest, layer: str, bin: int | None, sample: int | None
+) -> tuple[int, int]:
+    """The bin and the sample of a map; 0 where the layer has only one, and none is given.
+
+    Raises NotFoundError naming what does not exist, QueryError naming what is missing.
+    """
+    if layer not in manifest.layers:
+        raise NotFoundError(f"layer {layer!r}: one of {', '.join(manifest.layers)}")
+    bins, samples = manifest.layers[layer], len(manifest.steps[layer])
+    return _index("bin", bin, bins, layer), _index("sample", sample, samples, layer)
+
+
+def _index(name: str, index: int | None, size: int, layer: str) -> int:
+    if index is None and size > 1:
+        raise QueryError(f"{name} is missing: layer {layer} has {size}, 0 to {size - 1}")
+    if index is not None and not 0 <= index < size:
+        raise NotFoundError(f"{name} {index} of layer {layer}: 0 to {size - 1}")
+    return index or 0

@@ -1,0 +1,159 @@
+"""What is computed of the frames of an asset: their stretch, what follows from it for wrinkles and
+triangles, and grain."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.device.buffer import Buffer
+from rhytid.engine.device_assets.mesh import DeviceMesh
+from rhytid.engine.frames import Frame
+from rhytid.engine.messages import MapQuery
+from rhytid.pipeline.blend import Coefficients
+from rhytid.pipeline.grain import (
+    Grain,
+    GrainPlace,
+    GrainPlanes,
+    grain_codes,
+    grain_gains,
+    grain_place,
+    relief,
+    tiles_of_square,
+)
+from rhytid.pipeline.levels import Draw
+from rhytid.pipeline.redraw import ScaleBuffers, respond
+from rhytid.pipeline.smooth import SmoothFields, respond_smooth
+from rhytid.pipeline.stretch_buffers import StretchBuffers
+from rhytid.pipeline.work import Square
+
+
+class DeviceFrames:
+    """Stretch of the frames of an asset, and what follows from it, kept for the frames used
+    last."""
+
+    def __init__(self, base: DeviceMesh) -> None:
+        self._base = base
+
+    def ratios(self, frame: Frame) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Ratios (F, 2), unclamped, and axes (F, 2, 2) of the stretch of a frame."""
+        return self._base.stretch.read(self.stretch(frame, "tensor"))
+
+    def stretch(self, frame: Frame, model: str) -> StretchBuffers:
+        """Clamped log stretch and its axes, of each triangle."""
+        base, response = self._base, self._base.settings.response
+        limit, soft = response.log_stretch_limit, response.soft_limits
+        return base.kept.keep_of(
+            frame, "stretch", model,
+            make=lambda: base.stretch.run(
+                frame.positions, limit, model, base.settings.angles, soft
+            ),
+        )  # fmt: skip
+
+    def fields(self, frame: Frame, model: str) -> SmoothFields:
+        """Log stretch interpolated over the surface, for `smooth` sampling."""
+        base, response = self._base, self._base.settings.response
+        limit, soft = response.log_stretch_limit, response.soft_limits
+        return base.kept.keep_of(
+            frame, "fields", model,
+            make=lambda: base.smooth.run(self.stretch(frame, model), limit, soft),
+        )  # fmt: skip
+
+    def scales(self, frame: Frame, query: MapQuery, udim: int) -> ScaleBuffers:
+        """Width and depth scales of wrinkles and pores."""
+        base, model, sampling = self._base, query.stretch, query.sampling
+        device, elements, settings = base.device, base.elements[udim], base.settings
+
+        def make() -> ScaleBuffers:
+            if sampling == "smooth":
+                fields = self.fields(frame, model)
+                return respond_smooth(device, elements, base.located[udim], settings, fields)
+            return respond(device, elements, settings, self.stretch(frame, model))
+
+        return base.kept.keep_of(frame, "scales", udim, model, sampling, make=make)
+
+    def coefficients(self, frame: Frame, model: str) -> Coefficients:
+        """Coefficients of each triangle by which the fast method blends."""
+        blend = self._base.blend
+        return self._base.kept.keep_of(
+            frame, "coefficients", model,
+            make=lambda: blend.coefficients(self.stretch(frame, model)),
+        )  # fmt: skip
+
+    def bin_stretches(self, frame: Frame, model: str) -> Buffer:
+        """Stretch of each triangle across each bin, for texels with a stiffness of their own."""
+        blend = self._base.blend
+        return self._base.kept.keep_of(
+            frame, "stretches", model, make=lambda: blend.stretches(self.stretch(frame, model))
+        )
+
+    def kernels(self, frame: Frame, model: str) -> Buffer:
+        """Kernels of each triangle by which `convolved` convolves."""
+        base = self._base
+        return base.kept.keep_of(
+            frame, "kernels", model,
+            make=lambda: base.convolve.kernels(self.stretch(frame, model), base.settings),
+        )  # fmt: skip
+
+
+class DeviceGrain:
+    """The grain of an asset: its codes by tile, and its gain in a frame."""
+
+    def __init__(self, base: DeviceMesh, frames: DeviceFrames) -> None:
+        self._base, self._frames = base, frames
+
+    @property
+    def shows(self) -> bool:
+        """Whether the settings have grain."""
+        return relief(self._base.settings) > 0.0
+
+    def added(self, draw: Draw, frame: Frame, query: MapQuery, udim: int) -> Draw:
+        """Draws as `draw` does, and adds the grain of a frame."""
+        if not self.shows:
+            return draw
+
+        def grained(row: int, column: int, side: int) -> Buffer:
+            out = draw(row, column, side)
+            self.add(out, frame, query, udim, (row, column, side))
+            return out
+
+        return grained
+
+    def add(self, out: Buffer, frame: Frame, query: MapQuery, udim: int, square: Square) -> None:
+        """Add the grain of a frame to a square of level 0; only where grain `shows`."""
+        grain = self._of_frame(frame, query, udim)
+        for at in tiles_of_square(*square, self._base.tile_side):
+            grain.add(out, square, self._place(udim, *at), self.codes(udim, *at))
+
+    def codes(self, udim: int, row: int, column: int) -> Buffer:
+        """The codes of grain of the tile of level 0 with this first texel."""
+        base, square = self._base, (row, column, self._base.tile_side)
+        return base.kept.keep(
+            "grain", udim, row, column,
+            make=lambda: grain_codes(
+                base.device, self._planes(), base.located[udim], base.settings, square
+            ),
+        )  # fmt: skip
+
+    def _of_frame(self, frame: Frame, query: MapQuery, udim: int) -> Grain:
+        base, model = self._base, query.stretch
+        stretch = self._frames.stretch(frame, model)
+        fields = self._frames.fields(frame, model) if query.sampling == "smooth" else None
+        gains = base.kept.keep_of(
+            frame, "gains", model, make=lambda: grain_gains(base.device, base.settings, stretch)
+        )
+        return Grain(base.device, base.settings, base.located[udim], stretch, gains, fields)
+
+    def _planes(self) -> GrainPlanes:
+        base, size = self._base, self._base.settings.shape.grain_size
+        assert size is not None
+        make = partial(GrainPlanes, base.device, base.mesh, size, base.grain_shares)
+        return base.kept.keep("planes", make=make)
+
+    def _place(self, udim: int, row: int, column: int) -> GrainPlace:
+        base = self._base
+        square, located = (row, column, base.tile_side), base.located[udim]
+        make = partial(grain_place, base.device, located, base.settings, base.stiffness, square)
+        return base.kept.keep("grain place", udim, row, column, make=make)

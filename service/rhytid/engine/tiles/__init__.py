@@ -1,0 +1,1 @@
+"""Tiles and maps: planned, drawn, and shared among callers that ask for the same."""

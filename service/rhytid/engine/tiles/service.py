@@ -1,0 +1,200 @@
+"""Tiles, whole maps and precomputed maps of displacement."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rhytid.build_identity import drawing_version
+from rhytid.device.figures import spent_on
+from rhytid.device.runtime import Device
+from rhytid.domain.bin_manifest import BinManifest
+from rhytid.domain.tiles import MapAddress, TileAddress
+from rhytid.engine.assets.asset import Asset, AssetRegistry
+from rhytid.engine.assets.on_device import DeviceAssets
+from rhytid.engine.device_assets.asset import DeviceAsset
+from rhytid.engine.frames import Frame
+from rhytid.engine.keys import map_key, settings_key
+from rhytid.engine.messages import DrawnTile, MapQuery, Tile, TileDescription, TilePlan
+from rhytid.engine.tiles.batcher import TileBatcher
+from rhytid.engine.tiles.maps import MapDrawing
+from rhytid.errors import NotFoundError
+from rhytid.formats.tile_header import TileHeader
+from rhytid.pipeline.bins import HEADROOM
+from rhytid.pipeline.reach import SCALE_LIMIT
+
+
+class TileService:
+    """Plans and draws tiles and maps of assets."""
+
+    def __init__(
+        self,
+        registry: AssetRegistry,
+        on_device: DeviceAssets,
+        device: Device,
+        batcher: TileBatcher,
+        most_waiting: int,
+    ) -> None:
+        self._assets, self._on_device, self._batcher = registry, on_device, batcher
+        self._maps = MapDrawing(on_device, most_waiting)
+        info = device.info
+        # The device, where floats differ, and the version of the drawing.
+        self._drawn_by = f"{info.platform}/{info.version}/{info.name}/{drawing_version()}"
+
+    @property
+    def drawn_by(self) -> str:
+        """Names the device and the version of the drawing: the same name draws the same bits."""
+        return self._drawn_by
+
+    @property
+    def joined(self) -> int:
+        """How many callers wait for a drawing of another caller."""
+        return self._batcher.joined + self._maps.joined
+
+    def describe(
+        self, asset: str, frame: str | Frame, query: MapQuery, place: TileAddress | MapAddress
+    ) -> TileDescription:
+        """What would be drawn; nothing is."""
+        return self._plan(asset, frame, query, place).description
+
+    def draw(
+        self, asset: str, frame: str | Frame, query: MapQuery, place: TileAddress | MapAddress
+    ) -> DrawnTile:
+        """The displacement of a tile or of a whole level of a UDIM."""
+        plan = self._plan(asset, frame, query, place)
+        return DrawnTile(
+            plan.draw(), plan.description, self._key_now(asset, frame, query, str(place))
+        )
+
+    def plan(self, asset: str, frame: str, query: MapQuery, address: TileAddress) -> TilePlan:
+        """One tile of a frame. Raises NotFoundError for what does not exist, NotReadyError while
+        the asset builds, ConflictError where it failed."""
+        return self._plan(asset, frame, query, address)
+
+    def plan_map(self, asset: str, frame: str, query: MapQuery, udim: int, level: int) -> TilePlan:
+        """A whole level of a UDIM; raises what `plan` does."""
+        return self._plan(asset, frame, query, MapAddress(udim, level))
+
+    def _plan(
+        self, asset: str, frame: str | Frame, query: MapQuery, place: TileAddress | MapAddress
+    ) -> TilePlan:
+        found = self._assets.get(asset)
+        at = place if isinstance(place, TileAddress) else place.first
+        side = found.check_address(at)
+        drawn, name = found.frame(frame), frame if isinstance(frame, str) else ""
+        if isinstance(place, TileAddress):
+            draw = partial(self._tile, found, drawn, query, at, side)
+        else:
+            side = found.settings.grid.side(at.level)
+            whole = (0, 0, side)
+            draw = partial(self._maps.square, found, drawn, query, at.udim, at.level, whole)
+        key, header = self._key(found, drawn, query, str(place)), _header(found, name, query, at)
+        return TilePlan(TileDescription(key, header, side), partial(spent_on, query.method, draw))
+
+    def triangles(self, asset: str, udim: int) -> NDArray[np.int32]:
+        """(R, R) the triangle that each texel of a UDIM shows, padding included, row 0 at the top;
+        the number of triangles for a texel that shows none. Raises what `plan` does."""
+        found = self._assets.get(asset)
+        found.check_address(TileAddress(udim, 0, 0, 0))
+        return self._on_device.use(found, lambda resident: resident.mesh.texel_triangles(udim))
+
+    def cushion_triangles(self, asset: str, udim: int) -> NDArray[np.int32]:
+        """(n, n) the triangle at each sample of the cushions, as `triangles` has it for texels,
+        with the apron around the UDIM. Raises NotFoundError where there are no cushions."""
+        found = self._assets.get(asset)
+        found.check_address(TileAddress(udim, 0, 0, 0))
+        return self._on_device.use(found, lambda resident: resident.mesh.cushion_triangles(udim))
+
+    def plans_once(
+        self, asset: str, positions: ArrayLike, query: MapQuery, addresses: list[TileAddress]
+    ) -> list[TilePlan]:
+        """Tiles of positions (V, 3) that are not stored, in the order of `addresses`."""
+        frame = self._assets.get(asset).checked(positions)
+        return [self._plan(asset, frame, query, address) for address in addresses]
+
+    def bins(self, asset: str) -> BinManifest:
+        """Describes the precomputed maps of an asset (section 2.4)."""
+        found = self._assets.get(asset)
+        return self._on_device.loaded(found).bins.manifest()
+
+    def bin_tile(
+        self,
+        asset: str,
+        address: TileAddress,
+        layer: str,
+        bin: int | None = None,
+        sample: int | None = None,
+    ) -> NDArray[np.integer]:
+        """(n, n) int8 or int16 codes of one precomputed map tile; displacement = code * step.
+
+        bin, sample: needed where the layer has more than one. Of the cushions, n is the number of
+        samples under the tile, with the apron around them.
+
+        Raises NotFoundError above level 0, since precomputed maps have no coarser levels, only
+        tiles blended from them; QueryError where bin or sample is missing.
+        """
+        found = self._assets.get(asset)
+        found.check_address(address)
+        if address.level > 0:
+            raise NotFoundError(
+                f"level {address.level}: precomputed maps are of level 0 only; coarser levels of "
+                "binned are means of its level 0"
+            )
+
+        return self._on_device.use(
+            found, lambda resident: resident.bins.layer_codes(address, layer, bin, sample)
+        )
+
+    def _key(self, asset: Asset, frame: Frame, query: MapQuery, place: str) -> str:
+        revision = settings_key(asset.id, asset.settings, self._drawn_by, query.method)
+        return map_key(revision, frame, query, place)
+
+    def _key_now(self, asset: str, frame: str | Frame, query: MapQuery, place: str) -> str:
+        """The key that a place has now; raises what `plan` does."""
+        found = self._assets.get(asset)
+        return self._key(found, found.frame(frame), query, place)
+
+    def _tile(
+        self, asset: Asset, frame: Frame, query: MapQuery, address: TileAddress, side: int
+    ) -> Tile:
+        udim, level = address.udim, address.level
+        square = (address.row * side, address.column * side, side)
+        if level > 0:
+            return self._maps.shared(asset, frame, query, udim, level, square)
+
+        def tile(resident: DeviceAsset) -> Tile:
+            if resident.levels.is_long(query, udim, square):
+                return self._maps.shared(asset, frame, query, udim, level, square)
+            key = (asset, frame.digest, query, udim)
+            return self._batcher.tile(key, address, side, draw, asset.id)
+
+        def draw(addresses: list[TileAddress]) -> list[Tile]:
+            return self._on_device.found(asset).finest.tiles(frame, query, addresses)
+
+        return self._on_device.using(asset, tile)
+
+
+def displacement_scale(asset: Asset) -> float:
+    """What the largest code of a png tile stands for, mesh units: one scale per asset.
+
+    The largest displacement that the maps of the fast method can hold, whatever its bins are.
+    """
+    return SCALE_LIMIT * (1.0 + HEADROOM) * (asset.settings.depth or 0.0)
+
+
+def _header(asset: Asset, frame: str, query: MapQuery, at: TileAddress) -> TileHeader:
+    return TileHeader(
+        scale=displacement_scale(asset),
+        unit=asset.settings.length_unit,
+        frame=frame,
+        asset=asset.id,
+        method=query.method,
+        stretch=query.stretch,
+        sampling=query.sampling,
+        udim=at.udim,
+        level=at.level,
+        row=at.row,
+        column=at.column,
+    )

@@ -1,0 +1,114 @@
+"""What the OpenCL driver is told before it is loaded, what it compiles, and how often."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+
+import pytest
+from pyopencl import cache
+
+from rhytid.device import caches, driver
+from rhytid.device.caches import provide_cache_folder
+from rhytid.device.runtime import Device
+
+
+def test_a_program_is_compiled_once_for_its_kernels_and_anew_for_other_defines(device, monkeypatch):
+    own, compile_program, options = Device(device.info, 1 << 20), driver.compile_program, []
+
+    def counted(context, text, given):
+        options.append(given[1:])
+        return compile_program(context, text, given)
+
+    monkeypatch.setattr(driver, "compile_program", counted)
+    for defines in ({}, {"OTHER": 1}, {}):
+        for name in ("count_triangles", "list_triangles"):
+            kernel = own.programs.kernel("vectors", name, defines)
+            assert kernel.function_name == name
+            assert own.programs.kernel("vectors", name, defines) is kernel
+    assert options == [[], ["-DOTHER=1"]]
+
+
+def test_a_cache_that_fails_costs_a_compilation_alone(device, monkeypatch):
+    """As beside other processes: pyopencl raised a KeyError, and a build failed by it."""
+    failed = []
+
+    def broken(*arguments, **named):
+        failed.append(arguments)
+        raise OSError("the file of the cache is locked")
+
+    # It is used where a driver has no cache of its own.
+    monkeypatch.setattr("pyopencl._PYOPENCL_NO_CACHE", False)
+    monkeypatch.setattr("pyopencl.characterize.has_src_build_cache", lambda device: False)
+    monkeypatch.setattr(cache, "_create_built_program_from_source_cached", broken)
+    monkeypatch.delenv("PYOPENCL_CACHE_FAILURE_FATAL", raising=False)
+    provide_cache_folder()
+    own = Device(device.info, 1 << 20)
+    text = "kernel void nothing(global int *out) { out[0] = 1; }"
+    assert driver.compile_program(own.context, text, []) is not None
+    assert failed
+
+
+def test_a_lock_that_a_killed_process_left_is_waited_for_a_moment_only(
+    device, monkeypatch, tmp_path
+):
+    """A process that is killed while it reads or writes pyopencl's cache leaves the lock there, and
+    each compilation of every later process waited a minute for it."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    own, text = Device(device.info, 1 << 20), "kernel void left(global int *out) { out[0] = 1; }"
+    assert own.programs.build(text, ["-DFIRST"]) is not None
+    for folder in (tmp_path / "pyopencl").glob("pyopencl-compiler-cache-*"):
+        (folder / "lock").touch()
+        began = time.monotonic()
+        assert own.programs.build(text, ["-DSECOND"]) is not None
+        assert time.monotonic() - began < 10
+        assert not (folder / "lock").exists()
+
+
+def test_a_lock_that_others_take_in_turns_is_theirs(monkeypatch, tmp_path):
+    """Each time it is another file: the processes live."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(caches, "_HELD", 0.2)
+    lock = tmp_path / "pyopencl" / "pyopencl-compiler-cache-v2" / "lock"
+    lock.parent.mkdir(parents=True)
+    lock.touch()
+
+    def taken_anew(seconds):
+        another = lock.with_name("another")
+        another.touch()
+        another.replace(lock)
+
+    monkeypatch.setattr(caches.time, "sleep", taken_anew)
+    caches.free_programs()
+    assert lock.exists()
+
+
+@pytest.fixture
+def told(monkeypatch):
+    """What POCL_AFFINITY is, where it was `before` and a process may use some of the cores."""
+
+    def found(cores, before=None):
+        monkeypatch.setenv("POCL_AFFINITY", "")  # so that it is put back
+        monkeypatch.delenv("POCL_AFFINITY")
+        if before is not None:
+            monkeypatch.setenv("POCL_AFFINITY", before)
+        monkeypatch.setattr(sys, "platform", "linux")
+        monkeypatch.setattr(os, "cpu_count", lambda: 4)
+        monkeypatch.setattr(os, "sched_getaffinity", lambda pid: cores, raising=False)
+        driver._pin_pocl()
+        return os.environ.get("POCL_AFFINITY")
+
+    return found
+
+
+def test_pocl_is_pinned_where_every_core_may_be_used(told):
+    assert told({0, 1, 2, 3}) == "1"
+
+
+def test_pocl_is_not_pinned_to_cores_that_it_may_not_use(told):
+    assert told({2, 3}) is None
+
+
+def test_what_the_user_says_stands(told):
+    assert told({0, 1, 2, 3}, before="0") == "0"

@@ -1,0 +1,120 @@
+"""Device memory: the budget with what lies spare, and the largest buffer of a driver."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rhytid.device.budget import BufferPool, MemoryBudget
+from rhytid.device.runtime import Device
+from rhytid.errors import DeviceMemoryError
+
+
+class Handle:
+    """Memory of a driver that counts what is held of it."""
+
+    held = 0
+
+    def __init__(self, nbytes):
+        self.nbytes = nbytes
+        Handle.held += nbytes
+
+    def release(self):
+        Handle.held -= self.nbytes
+
+
+@given(st.lists(st.tuples(st.booleans(), st.integers(1, 40)), max_size=60))
+def test_what_is_used_and_spare_never_passes_the_limit(steps):
+    Handle.held = 0
+    spares = BufferPool(60)
+    budget = MemoryBudget(100, spares)
+    used = []
+    for take, size in steps:
+        if take:
+            try:
+                spare = budget.reserve(size, reuse=True)
+            except DeviceMemoryError:
+                continue
+            used.append(spare or Handle(size))
+        elif used:
+            handle = used.pop()
+            budget.free(handle.nbytes)
+            spares.leave(handle, handle.nbytes)
+        assert Handle.held == budget.used + spares.held
+        assert Handle.held <= 100
+        assert spares.held <= 60
+
+
+def test_sizes_that_are_used_again_leave_nothing_behind():
+    spares = BufferPool()
+    for size in range(1, 100):
+        spares.leave(Handle(size), size)
+        spares.take(size)
+    assert (spares.held, len(spares._handles)) == (0, 0)
+
+
+class Kept:
+    def __init__(self, budget, nbytes):
+        budget.reserve(nbytes)
+        self._budget, self.nbytes, self.released = budget, nbytes, False
+
+    def release(self):
+        self.released = True
+        self._budget.free(self.nbytes)
+
+
+def test_spare_memory_goes_before_anything_that_is_kept():
+    spares = BufferPool()
+    budget = MemoryBudget(100, spares)
+    kept = budget.keep("map", lambda: Kept(budget, 40))
+    budget.new_task()
+    budget.reserve(50)
+    budget.free(50)
+    spares.leave(Handle(50), 50)
+    budget.reserve(60)
+    assert spares.held == 0
+    assert not kept.released
+    budget.free(60)
+    budget.reserve(61)
+    assert kept.released
+
+
+def test_what_is_dropped_to_make_room_is_used_again(device):
+    small = Device(device.info, 1000)
+    old = small.budget.keep("old", lambda: small.empty(600, np.uint8))
+    small.budget.new_task()
+    assert small.empty(600, np.uint8).handle is old.handle
+
+
+def test_buffers_of_a_device_stay_within_its_budget(device):
+    small = Device(device.info, 1000)
+    for size in (600, 300, 900, 200, 700, 1000):
+        buffer = small.empty(size, np.uint8)
+        assert small.budget.used == size
+        buffer.release()
+        assert small.budget.used + small.pool.held <= 1000
+        again = small.empty(size, np.uint8)
+        assert again.handle is buffer.handle
+        again.release()
+
+
+def test_a_buffer_above_the_largest_of_the_driver_is_refused_with_both_numbers(device):
+    limited = Device(replace(device.info, largest_buffer=4096), 1 << 20)
+    limited.empty(4096, np.uint8).release()
+    with (
+        pytest.raises(DeviceMemoryError, match=r"4100 bytes.* 4096 bytes at most"),
+        limited.task(),
+    ):
+        limited.empty(1025, np.float32)
+    assert limited.budget.used == 0
+    with pytest.raises(DeviceMemoryError, match=r"8192 bytes.* 4096 bytes"), limited.task():
+        limited.upload(np.zeros(2048, np.float32))
+    assert limited.budget.used == 0
+
+
+def test_the_driver_says_what_its_largest_buffer_is(device):
+    assert 0 < device.info.largest_buffer == device.info.handle.max_mem_alloc_size
