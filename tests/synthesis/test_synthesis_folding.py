@@ -9,10 +9,10 @@ from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import GraphSettings
 from rhytid.domain.controls import Controls
 from rhytid.domain.folds import ENOUGH, Folds
-from rhytid.synthesis.fields.fields import Fields
-from rhytid.synthesis.fields.folding import FoldField
-from rhytid.synthesis.fields.painting import PaintedFields, fields_of
+from rhytid.synthesis.fields import Fields
+from rhytid.synthesis.fold_field import FoldField
 from rhytid.synthesis.generate import synthesize
+from rhytid.synthesis.painted_fields import PaintedFields, fields_of
 from rhytid.synthesis.surface import Surface
 from synthesis import sheets
 from synthesis.painted import halves, painted, right

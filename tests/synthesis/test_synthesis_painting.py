@@ -13,12 +13,9 @@ from reference.stiffness import bilinear
 from rhytid.domain.asset_settings import GraphSettings
 from rhytid.domain.controls import Controls
 from rhytid.domain.regions import REGIONS
-from rhytid.synthesis.fields.directions import level_directions
-from rhytid.synthesis.fields.fields import Fields
-from rhytid.synthesis.fields.lookup import Lookup
-from rhytid.synthesis.fields.painted_directions import points_to_normals
-from rhytid.synthesis.fields.painting import PaintedFields, fields_of
-from rhytid.synthesis.pores.area_capacity import total_room
+from rhytid.synthesis.fields import Fields, level_directions
+from rhytid.synthesis.painted_fields import PaintedFields, PaintedMaps, fields_of, points_to_normals
+from rhytid.synthesis.pore_density import total_room
 from rhytid.synthesis.surface import Surface
 from rhytid_lab.samples.face import procedural_face
 from synthesis import sheets
@@ -51,14 +48,14 @@ def at(one: dict[int, NDArray[np.float32]], uv: NDArray[np.float64]) -> list[flo
 def test_lookups_are_bilinear_in_their_udim(wide: Surface) -> None:
     maps = {1002: noise(5, 9)}
     triangle, uv = inside(wide)
-    found = Lookup(wide, maps).at(triangle, uv, neutral=0.25)
+    found = PaintedMaps(wide, maps).at(triangle, uv, neutral=0.25)
     np.testing.assert_allclose(found, reference.grey_at(maps, uv, 0.25), atol=3e-7, rtol=0)
 
 
 def test_a_corner_on_the_border_belongs_to_its_triangle(wide: Surface) -> None:
     maps = {1001: np.zeros((2, 2), np.float32), 1002: np.ones((2, 2), np.float32)}
     index, corner = np.nonzero(wide.uv[..., 0] == 1.0)
-    found = Lookup(wide, maps).at(index, wide.uv[index, corner])
+    found = PaintedMaps(wide, maps).at(index, wide.uv[index, corner])
     assert len(index) > 20
     assert (found == (wide.uv[index].mean(axis=1)[:, 0] > 1)).all()
 

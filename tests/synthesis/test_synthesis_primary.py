@@ -8,16 +8,14 @@ from numpy.typing import NDArray
 
 from reference.synthesis import route
 from rhytid.device.runtime import Device
-from rhytid.synthesis.edges.candidate_graph import CandidateGraph, Ground
-from rhytid.synthesis.edges.routes import lay_routes, nearest_pores
-from rhytid.synthesis.fields.directions import Directions
-from rhytid.synthesis.fields.fields import Fields
-from rhytid.synthesis.pores.lattice import Lattice
+from rhytid.synthesis.candidate_graph import CandidateGraph, Ground
+from rhytid.synthesis.fields import Directions, Fields
+from rhytid.synthesis.lattice import Lattice
+from rhytid.synthesis.primary_lines import COARSER, Primary, deepened, lay_routes, nearest_pores
 from rhytid.synthesis.progress import silent
 from rhytid.synthesis.seams.charts import neighbours
 from rhytid.synthesis.surface import Points, Surface
-from rhytid.synthesis.trails.paths import Paths
-from rhytid.synthesis.trails.primary import COARSER, Primary, deepened
+from rhytid.synthesis.trails import Paths
 from rhytid.synthesis.workspace import Workspace
 from synthesis import sheets
 

@@ -28,7 +28,7 @@ from rhytid.pipeline.draw_limit import DrawLimit
 from rhytid.pipeline.element_arrays import check_cover
 from rhytid.storage.records import StoredRequest
 from rhytid.storage.store import AssetStore
-from rhytid.synthesis.fields.build_size import BuildSize
+from rhytid.synthesis.build_size import BuildSize
 from rhytid.synthesis.generate import Synthesis, synthesize
 
 # Share of a build's progress at which the synthesis ends.

@@ -25,7 +25,7 @@ from rhytid.errors import NotFoundError
 from rhytid.pipeline.draw_limit import DrawLimit
 from rhytid.pipeline.folds import measured_folds
 from rhytid.storage.store import AssetStore
-from rhytid.synthesis.fields.capacity_check import check_amount
+from rhytid.synthesis.capacity import check_amount
 
 Warnings = tuple[InputWarning, ...]
 

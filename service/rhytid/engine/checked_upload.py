@@ -25,7 +25,7 @@ from rhytid.errors import InputError, MeshError
 from rhytid.pipeline.draw_limit import DrawLimit
 from rhytid.pipeline.element_arrays import check_cover
 from rhytid.storage.contents import asset_id
-from rhytid.synthesis.fields.capacity_check import check_amount
+from rhytid.synthesis.capacity import check_amount
 
 
 @dataclass(frozen=True)

@@ -23,8 +23,7 @@ from rhytid.errors import GraphError
 from rhytid.meshes.closest import closest
 from rhytid.synthesis.seams.borders import Borders
 from rhytid.synthesis.seams.charts import BORDER, cross, neighbours, trace
-from rhytid.synthesis.seams.copies import with_copies
-from rhytid.synthesis.seams.uv_metrics import flat, full, holds, roots
+from rhytid.synthesis.seams.copies import flat, full, holds, roots, with_copies
 from rhytid.synthesis.surface import Surface
 
 FloatArray = NDArray[np.float64]

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import GraphSettings
 from rhytid.domain.controls import Controls
@@ -11,20 +14,34 @@ from rhytid.domain.folds import Folds
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.lengths import Lengths
 from rhytid.domain.mesh import Mesh
-from rhytid.synthesis.edges.candidate_graph import Ground
-from rhytid.synthesis.fields.capacity_check import check_drawn, wrinkles_in_all
-from rhytid.synthesis.fields.fields import Fields
-from rhytid.synthesis.fields.folding import FoldField
-from rhytid.synthesis.fields.painting import fields_of
-from rhytid.synthesis.pores.even_skin import SPACING, faintest
-from rhytid.synthesis.pores.spacing import mean_spacing
+from rhytid.errors import MeshError
+from rhytid.synthesis.assembly import EdgeStrengths, GraphParts
+from rhytid.synthesis.candidate_graph import CandidateGraph, Cut, Ground, flat, wishes
+from rhytid.synthesis.capacity import check_drawn, check_extent, check_uv, wrinkles_in_all
+from rhytid.synthesis.fields import Directions, Fields
+from rhytid.synthesis.fold_field import FoldField
+from rhytid.synthesis.incidence import independent_set
+from rhytid.synthesis.lines import draw
+from rhytid.synthesis.painted_fields import fields_of
+from rhytid.synthesis.pore_density import (
+    EDGES_PER_PORE,
+    SPACING,
+    WITH_PRIMARY,
+    WITHOUT_PRIMARY,
+    faintest,
+)
+from rhytid.synthesis.pores import packed_radius
+from rhytid.synthesis.primary_lines import Primary, deepened, has_primary
 from rhytid.synthesis.progress import Progress, part, rising, silent
 from rhytid.synthesis.seams.borders import Borders
 from rhytid.synthesis.seams.charts import neighbours
+from rhytid.synthesis.statistics import mean_spacing
 from rhytid.synthesis.surface import Surface
-from rhytid.synthesis.trails.growth import Skin, counted, grown
-from rhytid.synthesis.trails.selection import Cut, flat
+from rhytid.synthesis.trails import FINE
 from rhytid.synthesis.workspace import Caller, Workspace, directly
+
+# How often pores are scattered again, at most twice as many each time, where there are too few.
+ATTEMPTS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,3 +129,92 @@ def _grown(
     if first is not ground:
         skin = grown(ground, skin.radius, settings, part(progress, half, 1.0))
     return skin, cut
+
+
+@dataclass(frozen=True, eq=False)
+class Skin:
+    """Pores `radius` apart and the strengths of their edges.  wish (E,): by which edges are
+    chosen."""
+
+    net: CandidateGraph
+    radius: float
+    strengths: EdgeStrengths
+    wish: NDArray[np.float64]
+
+    @property
+    def spacing(self) -> float:
+        """Mean distance of a pore to the nearest on even skin."""
+        return SPACING * self.radius
+
+    def drawn(
+        self, ground: Ground, borders: Borders, cut: Cut, seed: int, progress: Progress
+    ) -> WrinkleGraph:
+        """The graph of the edges down to a cut, in the order of their numbers, which is that of
+        space."""
+        progress(0.0, "shapes")
+        chosen = np.flatnonzero(cut.draws(self.net.edges, self.wish)).astype(np.int32)
+        lines = draw(ground, self.net, borders, chosen, self.spacing)
+        parts = GraphParts(
+            ground, self.net.pores, lines, borders, self.strengths, self.spacing, seed
+        )
+        return parts.graph(part(progress, 0.1, 1.0))
+
+
+def counted(
+    ground: Ground, settings: GraphSettings, wanted: int, progress: Progress
+) -> tuple[Skin, Cut]:
+    """Skin with as many pores as it takes for exactly the wanted wrinkles, and the cut at these.
+
+    The first guess is right unless the UV is in small parts, where many edges end at a border:
+    there are fewer wrinkles then, if the spacing is set.
+    """
+    radius = packed_radius(ground.surface, ground.fields, wanted / EDGES_PER_PORE)
+    check_uv(ground.surface, settings, radius, ground.fields.least_spacing)
+    check_extent(ground.surface, settings, radius * ground.fields.least_spacing)
+    for _ in range(ATTEMPTS):
+        spinning = part(progress, 0.0, 0.5)
+        net = CandidateGraph.spun(ground, radius, settings.neighbours, settings.start, spinning)
+        drawable = independent_set(ground.work, net.edges.length, net.crossings)
+        lines = int(drawable.sum())
+        if lines >= wanted:
+            skin = _worn(ground, net, radius, settings, part(progress, 0.5, 1.0))
+            return skin, Cut.at(net.edges, skin.wish, wanted)
+        radius *= 0.97 * float(np.sqrt(max(lines / wanted, 0.5)))
+    setting, more = "wrinkles", "more wrinkles"
+    if settings.wrinkles is None:
+        setting, more = "spacing", "a smaller spacing"
+    raise MeshError(
+        f"graph.{setting} is {getattr(settings, setting)}: only {lines} of {wanted} can be drawn "
+        f"between pores so far apart, for the UV of the mesh is in small parts; ask for {more}"
+    )
+
+
+def grown(ground: Ground, radius: float, settings: GraphSettings, progress: Progress) -> Skin:
+    """Skin with pores `radius` apart, in units of the surface, times the spacing of its fields."""
+    check_uv(ground.surface, settings, radius, ground.fields.least_spacing)
+    check_extent(ground.surface, settings, radius * ground.fields.least_spacing)
+    net = CandidateGraph.spun(
+        ground, radius, settings.neighbours, settings.start, part(progress, 0.0, 0.5)
+    )
+    return _worn(ground, net, radius, settings, part(progress, 0.5, 1.0))
+
+
+def _worn(
+    ground: Ground, net: CandidateGraph, radius: float, settings: GraphSettings, progress: Progress
+) -> Skin:
+    """Strengths of the edges, by walkers and primary lines."""
+    rng = np.random.Generator(np.random.PCG64(settings.start))
+    directions = Directions(SPACING * radius, rng, ground.fields)
+    spinning = part(progress, 0.0, 0.07)
+    primary = Primary.spun(
+        ground, radius, settings.neighbours, settings.start, directions, spinning
+    )
+    with ground.work.room() as room:
+        paths = net.paths(room, directions, ground.fields, part(progress, 0.07, 0.15))
+        strength = net.worn(room, paths, settings.start, FINE, part(progress, 0.15, 0.94))
+        progress(0.94, "trails")
+        weight, hubs = primary.laid(ground, net, paths, radius)
+    usual = WITH_PRIMARY if has_primary(ground.surface, radius) else WITHOUT_PRIMARY
+    found = EdgeStrengths(deepened(strength, weight), hubs, usual)
+    wish = wishes(ground.work, net, found.strength, part(progress, 0.95, 1.0))
+    return Skin(net, radius, found, wish)

@@ -15,8 +15,8 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.engine.given_graphs import check_graph
-from rhytid.synthesis.fields.capacity_check import wrinkles_in_all
-from rhytid.synthesis.fields.fields import Fields
+from rhytid.synthesis.capacity import wrinkles_in_all
+from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.generate import synthesize
 from rhytid.synthesis.surface import Surface
 from rhytid_lab.bench.memory import Need

@@ -11,10 +11,9 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from rhytid import stopping
-from rhytid.synthesis.arrays import row_blocks
+from rhytid.synthesis.progress import row_blocks
 from rhytid.synthesis.seams.borders import NONE, Borders
-from rhytid.synthesis.seams.supports import Supports
-from rhytid.synthesis.seams.twins import Twins
+from rhytid.synthesis.seams.footprints import Footprints, Placements
 from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray
 
 # What reaches more places than this is larger than the charts around it, and is not followed there:
@@ -73,7 +72,7 @@ class BorderPlaces:
     def __len__(self) -> int:
         return len(self.row)
 
-    def nearby(self, supports: Supports) -> IntArray:
+    def nearby(self, supports: Footprints) -> IntArray:
         """Rows of those that may reach a border."""
         reach = supports.reach()
         # What is farther away than any of them reaches is infinitely far.
@@ -84,7 +83,7 @@ class BorderPlaces:
             found.append(rows.start + np.flatnonzero(distance <= reach[rows]))
         return np.concatenate(found)
 
-    def near(self, supports: Supports) -> IntArray:
+    def near(self, supports: Footprints) -> IntArray:
         """(E,) how many places of its chart each may reach."""
         middle, reach = supports.middle(), np.minimum(supports.reach(), _FARTHEST)
         counts: IntArray = self.by_chart.query_ball_point(
@@ -93,7 +92,7 @@ class BorderPlaces:
         return counts
 
     def reached(
-        self, supports: Supports, twins: Twins, charts: IntArray | None = None
+        self, supports: Footprints, twins: Placements, charts: IntArray | None = None
     ) -> tuple[IntArray, IntArray]:
         """(P,) of `twins` and (P,) places that each may reach: of its chart in `charts` (T,), or
         without them on whatever chart. None of those that reach more than MOST_PLACES.
@@ -110,14 +109,14 @@ class BorderPlaces:
         flat = np.fromiter(chain.from_iterable(found), np.int64, int(counts[rows].sum()))
         return np.repeat(rows, counts[rows]), flat
 
-    def crowded(self, supports: Supports, twins: Twins) -> BoolArray:
+    def crowded(self, supports: Footprints, twins: Placements) -> BoolArray:
         """(T,) which of `twins` reach more than MOST_PLACES places, on whatever chart."""
         tree, at, reach = self._asked(supports, twins, None)
         crowded: BoolArray = tree.query_ball_point(at, reach, return_length=True) > MOST_PLACES
         return crowded
 
     def _asked(
-        self, supports: Supports, twins: Twins, charts: IntArray | None
+        self, supports: Footprints, twins: Placements, charts: IntArray | None
     ) -> tuple[cKDTree, FloatArray, FloatArray]:
         """A tree, points in it, and within which distances of these places may be reached."""
         own = supports.take(twins.of)

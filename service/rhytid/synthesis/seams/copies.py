@@ -2,16 +2,31 @@
 
 from __future__ import annotations
 
-import numpy as np
+import math
+from dataclasses import replace
+from typing import Any
 
-from rhytid.domain.graph import ORIGINAL
-from rhytid.synthesis.arrays import Arrays
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.domain.asset_settings import CUSHION_THRESHOLD, ResponseSettings, ShapeSettings
+from rhytid.domain.graph import LEAST_SIZE, ORIGINAL, STEEPEST
+from rhytid.domain.mesh import UV_LIMIT
 from rhytid.synthesis.seams.borders import Borders
-from rhytid.synthesis.seams.copied_wrinkles import copied_wrinkles
-from rhytid.synthesis.seams.reaching import PLACES, WIDEST, Seams
-from rhytid.synthesis.seams.supports import Supports
-from rhytid.synthesis.seams.uv_metrics import flat, full, holds, roots, turned
-from rhytid.synthesis.surface import Surface
+from rhytid.synthesis.seams.charts import cross
+from rhytid.synthesis.seams.footprints import Footprints, Placements
+from rhytid.synthesis.seams.seams import FURTHER, PLACES, WIDEST, Seams
+from rhytid.synthesis.surface import BoolArray, FloatArray, Surface
+
+# The arrays of a graph while it is put together, by their names in WrinkleGraph.
+Arrays = dict[str, NDArray[Any]]
+# Wrinkles that swell the skin are followed as far as their broad layer goes at the most stretch
+# that the usual response knows. As far as any response goes would be twice as many copies.
+_BROADEST = FURTHER + ShapeSettings().cushion_width * math.exp(
+    ResponseSettings().alpha_w * ResponseSettings().log_stretch_limit
+)
+# A support that is longer against its width is not copied: float32 cannot hold its metric.
+_LONGEST = 500.0
 
 
 def with_copies(arrays: Arrays, surface: Surface, borders: Borders, spacing: float) -> Arrays:
@@ -50,7 +65,7 @@ def copied_pores(arrays: Arrays, borders: Borders, seams: Seams) -> Arrays:
     chart = borders.chart[arrays["node_triangle"][rows]]
     metric = full(arrays["node_metric"][rows])
     none, widest = np.zeros_like(centre), np.full(len(rows), WIDEST)
-    twins = seams.twins(Supports(centre, none, roots(metric), chart, widest, none))
+    twins = seams.twins(Footprints(centre, none, roots(metric), chart, widest, none))
     there = turned(metric[twins.of], twins.turn)
     radius = arrays["node_radius"][rows[twins.of]] * twins.growth()
     place = twins.at(centre[twins.of])
@@ -64,3 +79,158 @@ def copied_pores(arrays: Arrays, borders: Borders, seams: Seams) -> Arrays:
         "node_triangle": twins.landing(borders)[kept],
         "node_copy_of": of.astype(np.int32),
     }
+
+
+def copied_wrinkles(arrays: Arrays, surface: Surface, borders: Borders, seams: Seams) -> Arrays:
+    """Copied wrinkles, and nodes of no strength of their own that these end at; edge_nodes count
+    from the first of these nodes on. Gives metrics, and slopes in these, to what reaches a seam,
+    in place. Both halves of a wrinkle that is cut at a seam are copied."""
+    supports, metric = _round_on_surface(arrays, surface, borders)
+    twins = seams.twins(supports)
+    twins, width = _held(arrays, supports, metric, twins)
+    _give_metrics(arrays, seams, supports, metric, twins)
+    of, count = twins.of, len(twins)
+    mirrored = np.sign(np.linalg.det(twins.turn)).astype(np.float32)
+    wider = (width / arrays["edge_half_width"][of].astype(np.float64))[:, None]
+    end_widths = np.clip(arrays["edge_end_half_widths"][of] * wider, LEAST_SIZE, 1.0)
+    pores, whole = arrays["edge_nodes"][of].ravel(), arrays["edge_copy_of"][of]
+    first = arrays["node_copy_of"][pores]
+    ends = np.stack(_ends(supports, twins), axis=1)
+    landing = twins.landing(borders)
+    return {
+        "node_uv": ends.reshape(-1, 2).astype(np.float32),
+        "node_weight": np.zeros(2 * count, np.float32),
+        "node_radius": arrays["node_radius"][pores],
+        "node_metric": arrays["node_metric"][pores],
+        "node_triangle": np.repeat(landing, 2),
+        "node_copy_of": np.where(first == ORIGINAL, pores, first).astype(np.int32),
+        "edge_nodes": np.arange(2 * count, dtype=np.int32).reshape(-1, 2),
+        "edge_weight": arrays["edge_weight"][of],
+        "edge_half_width": width.astype(np.float32),
+        "edge_triangle": landing,
+        "edge_copy_of": np.where(whole == ORIGINAL, of, whole).astype(np.int32),
+        "edge_metric": flat(turned(metric[of], twins.turn)),
+        "edge_slopes": arrays["edge_slopes"][of] * mirrored[:, None],
+        "edge_end_weights": arrays["edge_end_weights"][of],
+        "edge_end_half_widths": end_widths.astype(np.float32),
+        "edge_partners": arrays["edge_partners"][of],
+    }
+
+
+def _held(
+    arrays: Arrays, supports: Footprints, metric: FloatArray, twins: Placements
+) -> tuple[Placements, FloatArray]:
+    """Those twins that a graph can hold, and their half widths."""
+    start, stop = _ends(supports, twins)
+    length = np.linalg.norm(stop - start, axis=-1)
+    # A strip covers det times the area in the other chart, and is as much longer as it is.
+    before = np.linalg.norm(supports.step[twins.of], axis=-1)
+    half = arrays["edge_half_width"][twins.of].astype(np.float64)
+    width = half * twins.growth() ** 2 * before / np.maximum(length, LEAST_SIZE)
+    there = turned(metric[twins.of], twins.turn)
+    kept = np.flatnonzero(
+        holds(there, start) & holds(there, stop) & holds(metric[twins.of], start)
+        & (length > 2 * LEAST_SIZE) & (width <= 1.0) & (width >= 2 * LEAST_SIZE)
+    )  # fmt: skip
+    return twins.take(kept), width[kept]
+
+
+def _ends(supports: Footprints, twins: Placements) -> tuple[FloatArray, FloatArray]:
+    """(T, 2), (T, 2) the two ends of wrinkles where they are drawn."""
+    ends = supports.start, supports.start + supports.step
+    start, stop = (twins.at(end[twins.of]) for end in ends)
+    return start, stop
+
+
+def _give_metrics(
+    arrays: Arrays, seams: Seams, supports: Footprints, metric: FloatArray, twins: Placements
+) -> None:
+    """Of wrinkles that are copied, and of those that reach a seam only if they are drawn as wide in
+    UV in every direction: what does not reach it on the surface must not be seen there."""
+    half_width = arrays["edge_half_width"].astype(np.float64)
+    even = np.eye(2) / half_width[:, None, None]
+    over = seams.reaching(
+        replace(supports, root=even, slopes=arrays["edge_slopes"].astype(np.float64))
+    )
+    over = over[holds(metric[over], supports.start[over])]
+    rows = np.union1d(over, twins.of)
+    arrays["edge_metric"][rows] = flat(metric[rows])
+    arrays["edge_slopes"][rows] = supports.slopes[rows]
+
+
+def _in_metric(
+    slopes: NDArray[np.float32], root: FloatArray, step: FloatArray
+) -> NDArray[np.float32]:
+    """(K, 2) slopes (K, 2) of arcs in UV as they are where their supports are round: there arcs of
+    both sides of a seam are the same, but for mirrored UV."""
+    left = np.stack([-step[:, 1], step[:, 0]], axis=1)
+    along = np.einsum("nij,nj->ni", root, step)
+    found = np.zeros_like(slopes)
+    for end in (0, 1):
+        tangent = step + slopes[:, end, None] * left
+        there = np.einsum("nij,nj->ni", root, tangent)
+        ahead = (along * there).sum(-1)
+        steep = cross(along, there) / np.where(ahead > 0, ahead, np.inf)
+        found[:, end] = np.clip(steep, -STEEPEST, STEEPEST)
+    return found
+
+
+def _round_on_surface(
+    arrays: Arrays, surface: Surface, borders: Borders
+) -> tuple[Footprints, FloatArray]:
+    """Wrinkles whose ends are round on the surface, as wide as they are, and their metrics.
+
+    Round in UV an end would reach many times as far on the surface where the UV are stretched.
+    """
+    ends = arrays["node_uv"][arrays["edge_nodes"]].astype(np.float64)
+    step, triangle = ends[:, 1] - ends[:, 0], arrays["edge_triangle"]
+    longer = np.linalg.norm(surface.along(triangle, step), axis=-1) / np.linalg.norm(step, axis=-1)
+    width = arrays["edge_half_width"] * surface.density[triangle] / longer
+    jacobian = surface.jacobian[triangle]
+    metric = jacobian.transpose(0, 2, 1) @ jacobian / np.square(width)[:, None, None]
+    widest = np.where(_swells(arrays), _BROADEST, WIDEST)
+    chart = borders.chart[triangle]
+    root = roots(metric)
+    slopes = _in_metric(arrays["edge_slopes"], root, step).astype(np.float64)
+    return Footprints(ends[:, 0], step, root, chart, widest, slopes), metric
+
+
+def _swells(arrays: Arrays) -> BoolArray:
+    """(W,) whether a wrinkle is in the broad layer, anywhere along it."""
+    strongest = np.maximum(arrays["edge_weight"], arrays["edge_end_weights"].max(axis=1))
+    swells: BoolArray = strongest > CUSHION_THRESHOLD
+    return swells
+
+
+def roots(metric: FloatArray) -> FloatArray:
+    """(N, 2, 2) with rootᵀ·root = metric."""
+    root: FloatArray = np.linalg.cholesky(metric).transpose(0, 2, 1)
+    return root
+
+
+def turned(metric: FloatArray, turn: FloatArray) -> FloatArray:
+    """(T, 2, 2) metrics (T, 2, 2) as they are in the UV that `turn` (T, 2, 2) leads to."""
+    back = np.linalg.inv(turn)
+    there: FloatArray = back.transpose(0, 2, 1) @ metric @ back
+    return there
+
+
+def holds(metric: FloatArray, uv: FloatArray) -> BoolArray:
+    """(T,) whether a graph can hold a support at a place."""
+    sizes = np.linalg.eigvalsh(metric)
+    slim = sizes[:, 1] <= _LONGEST**2 * sizes[:, 0]
+    sized = (sizes[:, 0] > 1.001) & (sizes[:, 1] * LEAST_SIZE**2 < 0.5)
+    held: BoolArray = slim & sized & (np.abs(uv) < UV_LIMIT).all(axis=1)
+    return held
+
+
+def full(metric: NDArray[np.float32]) -> FloatArray:
+    """(N, 2, 2) metrics (N, 3) of a graph."""
+    whole: FloatArray = metric.astype(np.float64)[:, [0, 1, 1, 2]].reshape(-1, 2, 2)
+    return whole
+
+
+def flat(metric: FloatArray) -> NDArray[np.float32]:
+    """(N, 3) as a graph has them of metrics (N, 2, 2)."""
+    three: NDArray[np.float32] = metric.reshape(-1, 4)[:, [0, 1, 3]].astype(np.float32)
+    return three

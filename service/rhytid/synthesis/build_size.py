@@ -1,4 +1,5 @@
-"""How much a build will be, said before it begins: a rough estimate."""
+"""How many wrinkles are asked for, by their number or by the spacing of pores, and roughly how much
+their build will be: said before it begins."""
 
 from __future__ import annotations
 
@@ -7,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from rhytid.domain.asset_settings import GraphSettings
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.wording import plural
-from rhytid.synthesis.fields.wanted import EDGES_PER_PORE
-from rhytid.synthesis.pores.even_skin import PACKING, SPACING
+from rhytid.errors import SettingsError
+from rhytid.synthesis.pore_density import EDGES_PER_PORE, PACKING, SPACING
 from rhytid.synthesis.seams.charts import BORDER, SIDES, neighbours
 
 # Measured with PoCL on two cores: 20 million wrinkles take 182 s and 4.6 GB, 300,000 3.8 s and 0.6
@@ -20,6 +22,60 @@ _BYTES, _BYTES_A_WRINKLE = 0.6e9, 210.0
 # From this time on it is said how to have less.
 LONG = 600.0
 LESS = "mask the face or raise the spacing for less"
+
+
+@dataclass(frozen=True)
+class RequestedCount:
+    """The setting that says how dense pores are, and how many wrinkles it makes where density is 1.
+
+    value: of the setting.  wrinkles: the area over the squared spacing decides, or the setting.
+    """
+
+    setting: str
+    value: float
+    wrinkles: float
+
+    @classmethod
+    def of(cls, settings: GraphSettings, area: float) -> RequestedCount:
+        """area: of the surface that carries pores, squared mesh units.
+
+        Raises SettingsError where neither setting is set.
+        """
+        if settings.wrinkles is not None:
+            return cls("wrinkles", settings.wrinkles, settings.wrinkles)
+        if settings.spacing is None:
+            raise SettingsError("graph.spacing or graph.wrinkles must be set for a synthesis")
+        pores = PACKING * area * (SPACING / settings.spacing) ** 2
+        return cls("spacing", settings.spacing, EDGES_PER_PORE * pores)
+
+    def __str__(self) -> str:
+        setting = f"graph.{self.setting} is {self.value:g}"
+        if self.setting == "wrinkles":
+            return f"graph.wrinkles is {self.value}"
+        return f"{setting} mesh units, {plural(round(self.wrinkles), 'wrinkle')} on this mesh"
+
+    @property
+    def hint(self) -> str:
+        """What else may be wrong where there are too many."""
+        return "" if self.setting == "wrinkles" else " or more; is the unit right?"
+
+    def at_most(self, wrinkles: float) -> str:
+        """What the setting can be for no more than so many wrinkles where density is 1."""
+        if self.setting == "wrinkles":
+            return f"{int(wrinkles)}"
+        return self._spacing(wrinkles, up=True)
+
+    def at_least(self, wrinkles: float) -> str:
+        """What the setting can be for no fewer."""
+        if self.setting == "wrinkles":
+            return f"graph.wrinkles of {int(np.ceil(wrinkles))} or more"
+        return f"graph.spacing of {self._spacing(wrinkles, up=False)} or less; is the unit right?"
+
+    def _spacing(self, wrinkles: float, *, up: bool) -> str:
+        """To three digits, rounded to the safe side."""
+        spacing = self.value * (self.wrinkles / max(wrinkles, 1e-9)) ** 0.5
+        step = 10.0 ** (np.floor(np.log10(spacing)) - 2)
+        return f"{step * (np.ceil if up else np.floor)(spacing / step):.3g}"
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,5 @@
-"""Places in space as whole numbers, so that the device takes exact differences of them."""
+"""Places in space as whole numbers, so that the device takes exact differences of them, and points
+at such places on the device, listed by the cells of a grid. Kernels: grid.cl, points.clh."""
 
 from __future__ import annotations
 
@@ -7,6 +8,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from rhytid.device.buffer import Buffer
+from rhytid.synthesis.surface import Points
+from rhytid.synthesis.workspace import Workspace
 
 _STEPS = 30
 # A length that places are counted for has 2^_FINE steps: the order of places is the same at any
@@ -80,6 +85,64 @@ def spatial_order(places: NDArray[np.int32]) -> NDArray[np.intp]:
     if (ordered[1:] == ordered[:-1]).any():
         order = np.lexsort((*places.T, code))
     return order
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """Lists of point numbers.  cell: side in steps of the lattice.  mask: of list numbers."""
+
+    cell: int
+    mask: np.uint32
+    head: Buffer
+    next: Buffer
+
+    @classmethod
+    def empty(cls, work: Workspace, cell: int, points: int, numbers: int | None = None) -> Grid:
+        """Lists for about so many points, none in yet; their numbers are below `numbers`."""
+        lists = 1 << max(points, 64).bit_length()
+        head = work.full(lists, np.int32(-1))
+        return cls(cell, np.uint32(lists - 1), head, work.empty(numbers or points, np.int32))
+
+    @property
+    def arguments(self) -> tuple[Any, ...]:
+        """As kernels take it."""
+        return self.cell, self.mask, self.head, self.next
+
+    def insert(self, work: Workspace, place: Buffer, start: int, count: int) -> None:
+        """Put in points start to start + count of their places."""
+        work.run("grid", "insert_range", count, start, place, *self.arguments)
+
+    def insert_listed(self, work: Workspace, place: Buffer, listed: Buffer, count: int) -> None:
+        """Put in the first `count` points of a list of numbers."""
+        work.run("grid", "insert_points", count, listed, place, *self.arguments)
+
+
+@dataclass(frozen=True, eq=False)
+class DevicePoints:
+    """N points: place (N, 3) int32 steps of the lattice, normal (N, 3) float32, in a grid."""
+
+    count: int
+    lattice: Lattice
+    place: Buffer
+    normal: Buffer
+    grid: Grid
+
+    @classmethod
+    def of(
+        cls, work: Workspace, points: Points, cell: float, lattice: Lattice | None = None
+    ) -> DevicePoints:
+        """Upload points, in cells of side `cell`; on a lattice around them if none is given."""
+        lattice = lattice or Lattice.around(points.position)
+        place = work.upload(lattice.places(points.position))
+        normal = work.upload(points.normal.astype(np.float32))
+        grid = Grid.empty(work, lattice.steps(cell), len(points))
+        grid.insert(work, place, 0, len(points))
+        return cls(len(points), lattice, place, normal, grid)
+
+    @property
+    def points(self) -> tuple[Any, ...]:
+        """Places and normals as kernels take them."""
+        return self.place, self.normal
 
 
 def _spread(value: NDArray[np.uint64]) -> NDArray[np.uint64]:

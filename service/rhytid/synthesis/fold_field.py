@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 from rhytid.domain.ageing import USUAL_AGE, folded
 from rhytid.domain.folds import COLUMNS, ROWS, Folds
 from rhytid.domain.mesh import Mesh
-from rhytid.synthesis.arrays import row_blocks
-from rhytid.synthesis.fields.directions import level_directions
-from rhytid.synthesis.fields.fields import Factors
+from rhytid.synthesis.fields import Factors, level_directions
+from rhytid.synthesis.progress import row_blocks
 from rhytid.synthesis.seams.charts import cross
 from rhytid.synthesis.surface import FloatArray, Surface, unit
 

@@ -1,7 +1,9 @@
-"""Skin as settings and painted maps want it: the fields of synthesis from these."""
+"""Skin as settings, painted maps and folds want it: the fields of synthesis from these."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -10,14 +12,14 @@ from numpy.typing import NDArray
 from rhytid.domain.ageing import USUAL_AGE, aged
 from rhytid.domain.asset_settings import GraphSettings
 from rhytid.domain.controls import NEUTRALS, REGION_MAPS, REGION_PREFIX, Controls, signed
-from rhytid.domain.painted import Shares
+from rhytid.domain.painted import Map, Shares, bilinear, shares
 from rhytid.domain.regions import REGIONS, Region
-from rhytid.synthesis.arrays import row_blocks
-from rhytid.synthesis.fields.fields import Factors, Fields
-from rhytid.synthesis.fields.folding import FoldField, Planes
-from rhytid.synthesis.fields.lookup import Lookup
-from rhytid.synthesis.fields.painted_directions import PaintedDirections
-from rhytid.synthesis.surface import Surface
+from rhytid.domain.tiles import udim_origin
+from rhytid.synthesis.fields import Factors, Fields, level_directions
+from rhytid.synthesis.fold_field import FoldField, Planes
+from rhytid.synthesis.progress import row_blocks
+from rhytid.synthesis.seams.charts import cross
+from rhytid.synthesis.surface import FloatArray, Surface, unit
 
 # Painted and regional density together stay within; what is painted below BARE is bare.
 _DENSITY = (1 / 6, 8.0)
@@ -29,6 +31,25 @@ _FOLDED_BEND = 0.3
 # How much more anisotropy counts where a direction is painted.
 _PAINTED_HOLD = 1.0
 _FACTORS = ("density", "strength", "anisotropy", "scale", "pore_radius")
+_MIDDLE = 0.5
+# A point on the border of two UDIMs belongs to that of its triangle: so far it is pulled inwards.
+_PULL = 1e-4
+
+
+def fields_of(
+    surface: Surface,
+    settings: GraphSettings,
+    controls: Controls | None,
+    folds: FoldField | None = None,
+) -> Fields:
+    """The fields of a surface; even skin without settings, maps and folds."""
+    plain = GraphSettings()
+    even = all(
+        getattr(settings, n) == getattr(plain, n) for n in ("region", "age", "turn", *_FACTORS[1:])
+    )
+    if controls is None and folds is None and even:
+        return Fields()
+    return PaintedFields(surface, settings, controls or Controls({}), folds)
 
 
 class PaintedFields(Fields):
@@ -51,7 +72,9 @@ class PaintedFields(Fields):
         self._skin = {name: aged(region, settings.age) for name, region in REGIONS.items()}
         self.some_contrast = settings.age != USUAL_AGE
         maps = controls.maps
-        self._maps = {name: Lookup(surface, maps[name]) for name in maps if name != "direction"}
+        self._maps = {
+            name: PaintedMaps(surface, maps[name]) for name in maps if name != "direction"
+        }
         self._directions = (
             PaintedDirections(surface, maps["direction"]) if "direction" in maps else None
         )
@@ -231,22 +254,6 @@ class PaintedFields(Fields):
         return float(low), float(high)
 
 
-def fields_of(
-    surface: Surface,
-    settings: GraphSettings,
-    controls: Controls | None,
-    folds: FoldField | None = None,
-) -> Fields:
-    """The fields of a surface; even skin without settings, maps and folds."""
-    plain = GraphSettings()
-    even = all(
-        getattr(settings, n) == getattr(plain, n) for n in ("region", "age", "turn", *_FACTORS[1:])
-    )
-    if controls is None and folds is None and even:
-        return Fields()
-    return PaintedFields(surface, settings, controls or Controls({}), folds)
-
-
 def density_of(grey: Shares) -> Shares:
     """Black is 0, mid grey 1, white 4: as many times more lines to a length as it is brighter."""
     found: Shares = (np.float32(1.0) + signed(grey)) ** 2
@@ -261,3 +268,104 @@ def _value(region: Region, name: str) -> float:
 def _meant(value: Any, name: str) -> Any:
     """The inverse of `_value`."""
     return value if name == "turn" else np.exp(value)
+
+
+class PaintedDirections:
+    """Axes by UDIM: grey g > 0 is the angle πg in UV, counterclockwise; black is none.
+
+    Between texels cosine and sine of twice the angle, 0 where there is none, are interpolated.
+    """
+
+    def __init__(self, surface: Surface, maps: Mapping[int, Map]) -> None:
+        self._surface = surface
+        self._cosine, self._sine = (
+            PaintedMaps(surface, maps, partial(_axis_part, part)) for part in (np.cos, np.sin)
+        )
+
+    def sure(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """(N,) 1 where there is one, 0 where there is none, between them where it fades."""
+        found: Factors = np.minimum(np.hypot(*self._axis(triangle, uv)), np.float32(1.0))
+        return found
+
+    def instead_of(self, other: Factors, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """(N,) radians to the left from the level direction to the painted one; where it fades, to
+        a mean with `other`, both as axes."""
+        cosine, sine = self._axis(triangle, uv)
+        there = np.flatnonzero((cosine != 0) | (sine != 0))
+        angle = 0.5 * np.arctan2(sine, cosine)[there].astype(np.float64)
+        painted = self._turn(angle, triangle[there], uv[there])
+        sure = np.minimum(np.hypot(cosine, sine)[there], 1.0)
+        both = sure * np.exp(2j * painted) + (1.0 - sure) * np.exp(2j * other[there])
+        turn: Factors = other.copy()
+        turn[there] = 0.5 * np.angle(both)
+        return turn
+
+    def _axis(self, triangle: NDArray[Any], uv: NDArray[Any]) -> tuple[Shares, Shares]:
+        cosine = self._cosine.at(triangle, uv, neutral=0.0)
+        return cosine, self._sine.at(triangle, uv, neutral=0.0)
+
+    def _turn(self, angle: FloatArray, triangle: NDArray[Any], uv: NDArray[Any]) -> FloatArray:
+        """Of angles in UV, on the surface."""
+        way = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        along = self._surface.along(triangle, way)
+        normal = points_to_normals(self._surface, triangle, uv)
+        level = level_directions(normal)
+        beside = np.cross(normal, level)
+        found: FloatArray = np.arctan2((along * beside).sum(-1), (along * level).sum(-1))
+        return found
+
+
+def points_to_normals(surface: Surface, triangle: NDArray[Any], uv: NDArray[Any]) -> FloatArray:
+    """(N, 3) unit normals at uv (N, 2), interpolated from the corners of their triangles."""
+    normals = np.empty((len(triangle), 3))
+    for rows in row_blocks(len(triangle)):
+        corners, at = surface.uv[triangle[rows]], uv[rows].astype(np.float64)
+        one, two = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+        offset, area = at - corners[:, 0], cross(one, two)
+        s, t = cross(offset, two) / area, cross(one, offset) / area
+        weights = np.stack([1.0 - s - t, s, t], axis=-1)
+        normals[rows] = np.einsum("nc,ncx->nx", weights, surface.normals[triangle[rows]])
+    return unit(normals)
+
+
+def _axis_part(part: Any, texels: Map) -> Shares:
+    angle = np.float32(2.0 * np.pi) * shares(texels)
+    found: Shares = np.where(texels > 0, part(angle), np.float32(0.0))
+    return found
+
+
+class PaintedMaps:
+    """The maps of one control by UDIM.
+
+    least, most: of all values, those of UDIMs without a map too.  detail: the UV length of the
+    smallest texel.  meaning: of texels, shares unless it is given; maps stay as they are, for in
+    float32 they may take four times the memory.
+    """
+
+    def __init__(
+        self,
+        surface: Surface,
+        maps: Mapping[int, Map],
+        meaning: Callable[[Map], Shares] = shares,
+    ) -> None:
+        self._maps, self._meaning = maps, meaning
+        self._centres = surface.uv.mean(axis=1)
+        values = [float(shares(f(map))) for map in maps.values() for f in (np.min, np.max)]
+        self.least, self.most = min([_MIDDLE, *values]), max([_MIDDLE, *values])
+        self.detail = min((1.0 / max(map.shape) for map in maps.values()), default=float("inf"))
+
+    def at(self, triangle: NDArray[Any], uv: NDArray[Any], neutral: float = _MIDDLE) -> Shares:
+        """(N,) at uv (N, 2) in their triangles; `neutral` where the UDIM has no map."""
+        found = np.full(len(triangle), neutral, np.float32)
+        for rows in row_blocks(len(triangle)):
+            corner = self._corners(triangle[rows], uv[rows])
+            for udim, map in self._maps.items():
+                there = np.flatnonzero((corner == udim_origin(udim)).all(axis=1))
+                local = uv[rows][there].astype(np.float64) - udim_origin(udim)
+                found[rows.start + there] = bilinear(map, local, self._meaning)
+        return found
+
+    def _corners(self, triangle: NDArray[Any], uv: NDArray[Any]) -> FloatArray:
+        """(N, 2) origins of the UDIMs of points."""
+        corner: FloatArray = np.floor(uv + _PULL * (self._centres[triangle] - uv))
+        return corner

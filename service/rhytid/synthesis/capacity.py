@@ -10,12 +10,12 @@ from rhytid.domain.folds import Folds
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.regions import REGIONS
 from rhytid.errors import InputError, LimitError, MeshError
-from rhytid.synthesis.fields.fields import Fields
-from rhytid.synthesis.fields.folding import FoldField
-from rhytid.synthesis.fields.painting import fields_of
-from rhytid.synthesis.fields.wanted import Wanted
-from rhytid.synthesis.pores.area_capacity import total_room
-from rhytid.synthesis.pores.lattice import Lattice
+from rhytid.synthesis.build_size import RequestedCount
+from rhytid.synthesis.fields import Fields
+from rhytid.synthesis.fold_field import FoldField
+from rhytid.synthesis.lattice import Lattice
+from rhytid.synthesis.painted_fields import fields_of
+from rhytid.synthesis.pore_density import total_room
 from rhytid.synthesis.surface import Surface
 
 FEWEST = 100
@@ -45,7 +45,7 @@ def check_amount(
     even = controls is None and (folds is None or not folds.regions)
     if even and settings.wrinkles is not None:
         share = settings.density * REGIONS[settings.region].density
-        return _checked(Wanted.of(settings, 0.0), share, len(mesh.faces), memory)
+        return _checked(RequestedCount.of(settings, 0.0), share, len(mesh.faces), memory)
     surface = Surface.of(mesh)
     folding = None if folds is None else FoldField(mesh, surface, folds, settings.age)
     fields = fields_of(surface, settings, controls, folding)
@@ -112,11 +112,11 @@ def _room(surface: Surface, fields: Fields) -> float:
     return total_room(surface, fields) / float(surface.area[surface.carries].sum())
 
 
-def _wanted(surface: Surface, settings: GraphSettings) -> Wanted:
-    return Wanted.of(settings, float(surface.area.sum()) * surface.scale**2)
+def _wanted(surface: Surface, settings: GraphSettings) -> RequestedCount:
+    return RequestedCount.of(settings, float(surface.area.sum()) * surface.scale**2)
 
 
-def _checked(asked: Wanted, share: float, triangles: int, memory: int | None) -> int:
+def _checked(asked: RequestedCount, share: float, triangles: int, memory: int | None) -> int:
     """Wrinkles in all, where they fit.  share: of these over those of density 1."""
     wanted = round(asked.wrinkles * share)
     message = str(asked)

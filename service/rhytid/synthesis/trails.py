@@ -14,11 +14,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.device.buffer import Buffer
-from rhytid.synthesis.edges.edges import DEFINES
-from rhytid.synthesis.edges.incidence import Incidence
+from rhytid.synthesis.edges import DEFINES, Edges
+from rhytid.synthesis.hashes import place_keys
+from rhytid.synthesis.incidence import Incidence
+from rhytid.synthesis.lattice import Lattice
 from rhytid.synthesis.progress import Progress, part
-from rhytid.synthesis.trails.paths import Paths
+from rhytid.synthesis.surface import Points
 from rhytid.synthesis.workspace import Workspace
+
+# The mean strength nears 1, and beyond WORN more wear draws hardly more.
+UNWORN, WORN = 0.25, 8.0
+# How much a worn trail keeps walkers from crossing it.
+SHY = 1.5
+# Appeal of an edge at right angles to the direction that walkers like.
+ASKEW = 0.02
+# Of all steps those that walkers take: some walks end at a border.
+_TAKEN = 0.98
 
 
 @dataclass(frozen=True)
@@ -58,17 +69,11 @@ FAMILIES = (
     Family(angle=0.0, share=0.47, deposit=10),
     Family(angle=float(np.radians(72.0)), share=0.53, deposit=7),
 )
+
+
 # On the fine net, and on that of the primary lines, whose steps are four times as long.
 FINE = Walks(rounds=3, steps=8, walkers=3.0, keep=0.4, draw=2.3)
 COARSE = Walks(rounds=2, steps=6, walkers=4.5, keep=0.2, draw=3.2)
-# The mean strength nears 1, and beyond WORN more wear draws hardly more.
-UNWORN, WORN = 0.25, 8.0
-# How much a worn trail keeps walkers from crossing it.
-SHY = 1.5
-# Appeal of an edge at right angles to the direction that walkers like.
-ASKEW = 0.02
-# Of all steps those that walkers take: some walks end at a border.
-_TAKEN = 0.98
 
 
 def wear(
@@ -94,6 +99,60 @@ def wear(
     # What no walker found is fainter than all else, the longer the fainter.
     strength += np.float32(1e-3 * paths.typical) / length
     return strength
+
+
+@dataclass(frozen=True, eq=False)
+class Paths:
+    """Ways out of N pores along E edges, on the device.
+
+    ways: lists of edges by pore.  direction (2E, 2) int16: cosine and sine of each way out against
+    the preferred direction of the pore, times 32767.  length (E,) float32.
+    typical: length of edges on even skin.  anisotropy (N,) float32: how far walkers keep to those
+    directions.  place (N, 3) int32: of the pores, in steps of `unit`.  key (N,) uint32: a word of
+    each pore from its place in the map.
+    """
+
+    pores: int
+    edges: int
+    ways: Incidence
+    direction: Buffer
+    length: Buffer
+    typical: float
+    anisotropy: Buffer
+    place: Buffer
+    unit: float
+    key: Buffer
+
+    @classmethod
+    def of(
+        cls,
+        work: Workspace,
+        pores: Points,
+        edges: Edges,
+        along: NDArray[np.float32],
+        left: NDArray[np.float32],
+        anisotropy: NDArray[np.float32],
+        lattice: Lattice,
+        length: float,
+    ) -> Paths:
+        """Lay out the edges; `along`, `left` (N, 3) is the frame of each pore.
+
+        lattice: of the places of pores.  length: of edges on even skin, typically.
+        """
+        ways = Incidence.of(work, work.upload(edges.nodes), len(edges), len(pores))
+        place = work.upload(lattice.places(pores.position))
+        frame = work.upload(along), work.upload(left)
+        direction = work.empty(2 * ways.entries, np.int16)
+        work.run(
+            "trails", "lay_directions", len(pores), ways.offsets, ways.others, place, *frame,
+            direction, defines=DEFINES,
+        )  # fmt: skip
+        work.release(*frame)
+        return cls(
+            len(pores), len(edges), ways, direction, work.upload(edges.length),
+            length, work.upload(anisotropy), place, lattice.unit,
+            work.upload(place_keys(pores.uv)),
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)

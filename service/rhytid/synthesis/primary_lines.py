@@ -1,9 +1,9 @@
 """The primary lines of skin: a coarse net, long and deep, between whose lines the fine ones lie.
+Kernel: routes.cl.
 
 Skin has lines of two orders: primary ones from pore to pore, in two directions that enclose
 rhombi, and secondary ones, shorter and shallower, across these. The coarse net is made like the
-fine one, then laid along its edges.
-"""
+fine one, then laid along its edges."""
 
 from __future__ import annotations
 
@@ -12,17 +12,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.device.buffer import Buffer
 from rhytid.synthesis import shapes
-from rhytid.synthesis.edges.candidate_graph import CandidateGraph, Ground
-from rhytid.synthesis.edges.routes import lay_routes, nearest_pores
-from rhytid.synthesis.fields.directions import Directions
-from rhytid.synthesis.pores.area_capacity import spacings
-from rhytid.synthesis.pores.even_skin import FAINTEST_PRIMARY, PACKING, PRIMARY_STRENGTH
+from rhytid.synthesis.candidate_graph import CandidateGraph, Ground, flat, wishes
+from rhytid.synthesis.fields import Directions
+from rhytid.synthesis.lattice import DevicePoints, Lattice
+from rhytid.synthesis.pore_density import FAINTEST_PRIMARY, PACKING, PRIMARY_STRENGTH, spacings
 from rhytid.synthesis.progress import Progress, part
 from rhytid.synthesis.surface import Points, Surface
-from rhytid.synthesis.trails.paths import Paths
-from rhytid.synthesis.trails.selection import flat, wishes
-from rhytid.synthesis.trails.trails import COARSE
+from rhytid.synthesis.trails import COARSE, Paths
+from rhytid.synthesis.workspace import Workspace
 
 # Spacing of the coarse net in spacings of the fine one.
 COARSER = 4.0
@@ -34,6 +33,10 @@ _SHARPER = np.float32(1.2)
 SECONDARY, PRIMARY = 0.7, 8.0
 # Another number than that of the fine net.
 _SALT = 0x5BD1E995
+# Edges that a line may follow; one that has not arrived by then is not laid.
+_STEPS = 64
+# Weights are laid as whole numbers of this size.
+_STEP = 2.0**-20
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,3 +97,55 @@ def deepened(strength: NDArray[np.float32], primary: NDArray[np.float32]) -> NDA
     secondary: NDArray[np.float32] = SECONDARY * strength
     secondary += PRIMARY * primary
     return secondary
+
+
+def lay_routes(
+    work: Workspace,
+    pores: Points,
+    paths: Paths,
+    hubs: NDArray[np.int32],
+    ends: NDArray[np.int32],
+    weight: NDArray[np.float32],
+) -> NDArray[np.float32]:
+    """(E,) the largest weight of a line that an edge is part of, 0 where it is part of none.
+
+    hubs (H,): the pores that lines go between, -1 for none.  ends (L, 2): the two hubs of each
+    line.  weight (L,): in [0, 1].
+    """
+    with work.room() as room:
+        laid = room.full(paths.edges, np.int32(0))
+        wanted = room.upload(np.rint(weight / _STEP).astype(np.int32))
+        room.run(
+            "routes", "lay_routes", len(ends), _STEPS, room.upload(hubs[ends]), wanted,
+            paths.ways.offsets, paths.ways.pairs, paths.ways.others, paths.place,
+            float(paths.unit / paths.typical), laid,
+        )  # fmt: skip
+        found = room.read(laid, (paths.edges,), np.int32)
+    weights: NDArray[np.float32] = found.astype(np.float32) * np.float32(_STEP)
+    return weights
+
+
+def nearest_pores(
+    work: Workspace,
+    pores: Points,
+    places: Points,
+    reach: float,
+    factor: NDArray[np.float32],
+    lattice: Lattice,
+) -> NDArray[np.int32]:
+    """(H,) the pore nearest to each place on its sheet, -1 where none is within `reach` times the
+    factor (H,) of the place.
+
+    lattice: that of the pores; places lie on it too.
+    """
+    with work.room() as room:
+        cloud = DevicePoints.of(room, pores, reach * float(factor.max(initial=0.0)), lattice)
+        nearest: Buffer = room.empty(len(places), np.int32)
+        at = room.upload(lattice.places(places.position))
+        facing = room.upload(places.normal.astype(np.float32))
+        room.run(
+            "routes", "nearest_point", len(places), at, facing, *cloud.points,
+            *cloud.grid.arguments, float(lattice.unit / reach), room.upload(factor), nearest,
+        )  # fmt: skip
+        found: NDArray[np.int32] = room.read(nearest, (len(places),), np.int32)
+    return found

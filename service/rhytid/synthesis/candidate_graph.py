@@ -1,0 +1,150 @@
+"""Pores, the edges that may become wrinkles, the strengths that walkers give them, and which of the
+edges are drawn. Kernel: independent.cl."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.synthesis.edges import Edges, candidates, crossings
+from rhytid.synthesis.fields import Directions, Fields
+from rhytid.synthesis.incidence import KEPT, NEEDED, Incidence, chosen
+from rhytid.synthesis.lattice import Lattice
+from rhytid.synthesis.pore_density import LENGTH, edges_per_pore
+from rhytid.synthesis.pores import scatter_pores
+from rhytid.synthesis.progress import Progress, part
+from rhytid.synthesis.surface import Points, Surface
+from rhytid.synthesis.trails import Paths, Walks, wear
+from rhytid.synthesis.workspace import Workspace
+
+# Every pore keeps so many of its edges before the strength alone decides: polygons close, and
+# no wrinkle ends nowhere.
+ENDS = 3
+# Between the classes of edges: more than any strength.
+_CLASS = 1024.0
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """The surface that candidate graphs are made on.  across: (F, 3) neighbours of the
+    triangles."""
+
+    work: Workspace
+    surface: Surface
+    across: NDArray[np.int32]
+    fields: Fields
+
+
+@dataclass(frozen=True, eq=False)
+class CandidateGraph:
+    """Pores, the candidate edges between them, and which of those cross: (P, 2).
+
+    lattice: of the places of pores.  length, degree: typical of edges, and how many there are to a
+    pore, on even skin.
+    """
+
+    pores: Points
+    edges: Edges
+    crossings: NDArray[np.int32]
+    lattice: Lattice
+    length: float
+    degree: float
+
+    @classmethod
+    def spun(
+        cls, ground: Ground, radius: float, count: int, seed: int, progress: Progress
+    ) -> CandidateGraph:
+        """Pores at least `radius` apart, each joined to its `count` nearest."""
+        work, surface, fields = ground.work, ground.surface, ground.fields
+        pores = scatter_pores(work, surface, radius, seed, part(progress, 0.0, 0.64), fields)
+        joining, crossing = part(progress, 0.64, 0.79), part(progress, 0.79, 0.97)
+        edges = candidates(work, surface, ground.across, pores, radius, count, joining, fields)
+        lattice = Lattice.absolute(radius, *surface.extent)
+        found = crossings(work, pores, edges.nodes, edges.length, crossing, lattice)
+        progress(0.97, "crossings")
+        return cls(pores, edges, found, lattice, LENGTH * radius, edges_per_pore(count))
+
+    def paths(
+        self, work: Workspace, directions: Directions, fields: Fields, progress: Progress
+    ) -> Paths:
+        """The ways out of the pores against the preferred directions."""
+        along, left = directions.frames(self.pores, progress)
+        anisotropy = fields.anisotropy(self.pores.triangle, self.pores.uv)
+        return Paths.of(
+            work, self.pores, self.edges, along, left, anisotropy, self.lattice, self.length
+        )
+
+    def worn(
+        self, work: Workspace, paths: Paths, seed: int, walks: Walks, progress: Progress
+    ) -> NDArray[np.float32]:
+        """(E,) the strengths that walkers give the edges; the mean is near 1 on even skin."""
+        progress(0.0, "trails")
+        return wear(work, paths, self.crossings, seed, self.degree, walks, progress)
+
+
+def wishes(
+    work: Workspace, net: CandidateGraph, strength: NDArray[np.float32], progress: Progress
+) -> NDArray[np.float64]:
+    """(E,) how much the edges of a net, of strength (E,), are wanted.
+
+    Most those that belong to the strongest of a pore and cross nothing stronger, then the others
+    that cross nothing stronger, then the rest; by strength in each.
+    """
+    mark = _marks(work, net, strength, progress)
+    wish: NDArray[np.float64] = strength.astype(np.float64)
+    wish[mark == KEPT] += _CLASS
+    wish[mark == NEEDED] += 2.0 * _CLASS
+    progress(1.0, "selection")
+    return wish
+
+
+@dataclass(frozen=True)
+class Cut:
+    """The least wanted edge that is drawn: its wish and length."""
+
+    wish: float
+    length: float = np.inf
+
+    @classmethod
+    def at(cls, edges: Edges, wish: NDArray[np.float64], count: int) -> Cut:
+        """Where exactly `count` edges are drawn; of equal wishes the shorter ones first."""
+        least = float(-np.partition(-wish, count - 1)[count - 1])
+        tied = np.flatnonzero(wish == least)
+        left = count - np.count_nonzero(wish > least)
+        return cls(least, float(np.partition(edges.length[tied], left - 1)[left - 1]))
+
+    def draws(self, edges: Edges, wish: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """(E,) whether each edge is drawn; it hangs on the edge alone."""
+        even = (wish == self.wish) & (edges.length <= self.length)
+        drawn: NDArray[np.bool_] = (wish > self.wish) | even
+        return drawn
+
+
+def flat(strength: float) -> Cut:
+    """What crosses nothing stronger and is as strong as this, and all that pores need."""
+    return Cut(_CLASS + strength)
+
+
+def _marks(
+    work: Workspace, net: CandidateGraph, strength: NDArray[np.float32], progress: Progress
+) -> NDArray[np.uint8]:
+    """(E,) NEEDED, KEPT or DROPPED."""
+    count, crossings = len(net.edges), net.crossings
+    progress(0.0, "selection")
+    with work.room() as room:
+        key = room.upload(-strength)
+        conflicts = Incidence.of(room, room.upload(crossings), len(crossings), count)
+        progress(0.2, "selection")
+        state = chosen(room, key, count, conflicts)
+        progress(0.5, "selection")
+        nodes, marked = room.upload(net.edges.nodes), room.empty(count, np.uint8)
+        lists = Incidence.of(room, nodes, count, len(net.pores))
+        progress(0.8, "selection")
+        room.run(
+            "independent", "mark_needed", count, ENDS, key, nodes, lists.offsets, lists.pairs,
+            state, marked,
+        )  # fmt: skip
+        found: NDArray[np.uint8] = room.read(marked, (count,), np.uint8)
+    return found
