@@ -24,8 +24,8 @@ from rhytid.engine.messages import Refusal
 from rhytid.engine.shared_assets import SharedAssets
 from rhytid.engine.spacing import mean_spacing
 from rhytid.errors import CancelledError, FatalRequestError, NotFoundError, public_message
-from rhytid.pipeline.draw_limit import DrawLimit
-from rhytid.pipeline.element_arrays import check_cover
+from rhytid.pipeline.elements import check_cover
+from rhytid.pipeline.work import DrawLimit
 from rhytid.storage.records import StoredRequest
 from rhytid.storage.store import AssetStore
 from rhytid.synthesis.build_size import BuildSize

@@ -22,8 +22,8 @@ from rhytid.engine.frames import FrameMemory
 from rhytid.engine.messages import NewAsset
 from rhytid.engine.shared_assets import SharedAssets
 from rhytid.errors import NotFoundError
-from rhytid.pipeline.draw_limit import DrawLimit
 from rhytid.pipeline.folds import measured_folds
+from rhytid.pipeline.work import DrawLimit
 from rhytid.storage.store import AssetStore
 from rhytid.synthesis.capacity import check_amount
 

@@ -19,7 +19,7 @@ from rhytid.engine.messages import MapQuery
 from rhytid.engine.unmade import Unmade
 from rhytid.pipeline.bin_maker import BinMaker, BinTile
 from rhytid.pipeline.bins import layers, map_count
-from rhytid.pipeline.cushion_bins import cushion_layers, cushion_map_count
+from rhytid.pipeline.cushion import cushion_layers, cushion_map_count
 from rhytid.pipeline.grain import GRAIN
 from rhytid.pipeline.vectors import BYTES_A_TEXEL
 

@@ -16,8 +16,8 @@ from rhytid.engine.device_mesh import DeviceMesh
 from rhytid.engine.device_neutral import DeviceNeutral
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
 from rhytid.engine.messages import MapQuery
+from rhytid.pipeline.convolve import NeutralTile
 from rhytid.pipeline.levels import Draw, render_to_host
-from rhytid.pipeline.neutral_tiles import NeutralTile
 from rhytid.pipeline.redraw import redrawing
 
 

@@ -14,7 +14,7 @@ from rhytid.engine.messages import MapQuery
 from rhytid.pipeline.blend import Coefficients
 from rhytid.pipeline.redraw import ScaleBuffers, respond
 from rhytid.pipeline.smooth import SmoothFields, respond_smooth
-from rhytid.pipeline.stretch_buffers import StretchBuffers
+from rhytid.pipeline.stretch import StretchBuffers
 
 
 class DeviceFrames:

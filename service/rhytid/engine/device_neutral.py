@@ -12,8 +12,8 @@ from rhytid.engine.device_mesh import DeviceMesh
 from rhytid.engine.frames import NEUTRAL_FRAME
 from rhytid.engine.messages import MapQuery
 from rhytid.engine.unmade import Unmade
+from rhytid.pipeline.convolve import MOST_TAPS, NeutralTile
 from rhytid.pipeline.elements import UdimElements
-from rhytid.pipeline.neutral_tiles import MOST_TAPS, NeutralTile
 from rhytid.pipeline.redraw import redrawing
 from rhytid.pipeline.vectors import VECTOR
 from rhytid.pipeline.work import BLOCK, Square

@@ -15,8 +15,8 @@ from rhytid.domain.expressions import Expressions
 from rhytid.domain.folds import COLUMNS, ROWS, Folds
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.units import millimetres
+from rhytid.pipeline.diffusion import Diffusion, triangle_areas
 from rhytid.pipeline.region_masks import RegionMasks
-from rhytid.pipeline.spreading import Spreading, triangle_areas
 from rhytid.pipeline.stretch import Rest
 
 FloatArray = NDArray[np.float64]
@@ -113,7 +113,7 @@ def measured_folds(
     if not moving:
         return None
     progress(0.8, _STAGE)
-    surface = Spreading(mesh, _sigma(mesh, unit), moving_as_one(mesh, expressions))
+    surface = Diffusion(mesh, _sigma(mesh, unit), moving_as_one(mesh, expressions))
     tensor = surface.of_triangles(in_space(mesh, total / moving))
     progress(0.95, _STAGE)
     return Folds(tensor.astype(np.float32), moving, regions.masks(surface))

@@ -27,15 +27,12 @@ from rhytid.engine.given_graphs import graph_lengths
 from rhytid.engine.spacing import mean_spacing
 from rhytid.pipeline.bin_maker import BinMaker, BinTile
 from rhytid.pipeline.blend import Blend
-from rhytid.pipeline.convolve import Convolve
-from rhytid.pipeline.element_arrays import pore_arrays, wrinkle_arrays
-from rhytid.pipeline.elements import UdimElements
-from rhytid.pipeline.grain_shares import grain_shares
+from rhytid.pipeline.convolve import Convolve, NeutralTile
+from rhytid.pipeline.elements import UdimElements, pore_arrays, wrinkle_arrays
+from rhytid.pipeline.grain import grain_shares
 from rhytid.pipeline.locate import UdimTriangles, locate_points
-from rhytid.pipeline.neutral_tiles import NeutralTile
 from rhytid.pipeline.redraw import redrawing, respond
-from rhytid.pipeline.stretch import StretchStage
-from rhytid.pipeline.stretch_buffers import StretchBuffers
+from rhytid.pipeline.stretch import StretchBuffers, StretchStage
 from rhytid.pipeline.waves import wrinkle_waves
 from rhytid_lab.bench.grains import Grains
 from rhytid_lab.bench.scene import Floats, Scene

@@ -22,7 +22,7 @@ from rhytid.pipeline.grain import (
     tiles_of_square,
 )
 from rhytid.pipeline.locate import UdimTriangles
-from rhytid.pipeline.stretch_buffers import StretchBuffers
+from rhytid.pipeline.stretch import StretchBuffers
 
 Square = tuple[int, int, int]
 

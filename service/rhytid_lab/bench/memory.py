@@ -10,7 +10,7 @@ from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.errors import DeviceMemoryError
 from rhytid.pipeline.bins import map_count
-from rhytid.pipeline.cushion_bins import cushion_map_count
+from rhytid.pipeline.cushion import cushion_map_count
 
 GIB = 1 << 30
 # Bytes on the device, measured on the built-in face at 1024² and 2048² with 5,000 to 300,000

@@ -21,7 +21,7 @@ _MOST_COTANGENT = 1e3
 _RESIDUAL, _MOST_ROUNDS = 1e-6, 1000
 
 
-class Spreading:
+class Diffusion:
     """The surface of a mesh, ready to smooth what is known at its vertices.
 
     Values spread as heat does, u' = Δu for the time sigma²/2, by backward Euler steps with the
