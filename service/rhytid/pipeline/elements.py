@@ -264,13 +264,12 @@ class UdimElements:
     @property
     def line_arguments(self) -> tuple[Any, ...]:
         """LINES of line.clh."""
-        given = (self.segments, self.sizes, self.slopes, self.waves)
-        found = tuple(buffer for buffer in given if buffer is not None)
-        return found if self.skews is None else (*found, np.int32(self._even), self.skews)
+        even = np.int32(self._even)
+        return (self.segments, self.sizes, self.slopes, self.waves, even, self.skews)
 
     @property
     def line_defines(self) -> dict[str, object]:
-        """What line.clh is compiled with for these wrinkles."""
+        """What line.clh is compiled with for these wrinkles (line_kinds.clh)."""
         given = {"BENT": self.slopes, "WAVY": self.waves, "SKEWED": self.skews}
         return {name: 1 for name, buffer in given.items() if buffer is not None}
 

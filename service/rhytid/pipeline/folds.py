@@ -1,5 +1,5 @@
 """Where a face folds: how far its skin is compressed in expressions, and along which axis. Wrinkles
-run across that axis. Kernel: fold.cl.
+run across that axis. Kernel: folds.cl.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class FoldStage:
         faces, rest, folds = self._buffers
         frame = self._device.upload(positions)
         self._device.launch(
-            "fold", "fold_tensor", (self._count,), frame, faces, rest, np.float32(limit), folds
+            "folds", "fold_tensor", (self._count,), frame, faces, rest, np.float32(limit), folds
         )
         found: NDArray[np.float32] = self._device.read(folds, (self._count, 3), np.float32)
         frame.release()
