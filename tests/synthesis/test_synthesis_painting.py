@@ -15,7 +15,7 @@ from rhytid.domain.controls import Controls
 from rhytid.domain.regions import REGIONS
 from rhytid.synthesis.fields import Fields, level_directions
 from rhytid.synthesis.painted_fields import PaintedFields, PaintedMaps, fields_of, points_to_normals
-from rhytid.synthesis.pore_density import total_room
+from rhytid.synthesis.pore_density import effective_area
 from rhytid.synthesis.surface import Surface
 from rhytid_lab.samples.face import procedural_face
 from synthesis import sheets
@@ -115,7 +115,7 @@ def test_a_speck_on_large_triangles_has_the_room_that_it_covers(corner: tuple[in
     greys = reference.grey_at({1001: grey}, np.stack([x.ravel(), y.ravel()], axis=-1), 0.0)
     density = np.array([reference.density(g) for g in greys])
     wanted = np.where(density < 0.25, 0.0, density).mean() * (8 / 256 / 0.8) ** 2
-    assert total_room(surface, fields) == pytest.approx(wanted, rel=0.05)
+    assert effective_area(surface, fields) == pytest.approx(wanted, rel=0.05)
 
 
 def test_regions_mix_by_their_masks(wide: Surface) -> None:

@@ -53,7 +53,7 @@ class CandidateGraph:
     degree: float
 
     @classmethod
-    def spun(
+    def build(
         cls, ground: Ground, radius: float, count: int, seed: int, progress: Progress
     ) -> CandidateGraph:
         """Pores at least `radius` apart, each joined to its `count` nearest."""
@@ -84,7 +84,7 @@ class CandidateGraph:
         return wear(work, paths, self.crossings, seed, self.degree, walks, progress)
 
 
-def wishes(
+def priorities(
     work: Workspace, net: CandidateGraph, strength: NDArray[np.float32], progress: Progress
 ) -> NDArray[np.float64]:
     """(E,) how much the edges of a net, of strength (E,), are wanted.
@@ -93,32 +93,32 @@ def wishes(
     that cross nothing stronger, then the rest; by strength in each.
     """
     mark = _marks(work, net, strength, progress)
-    wish: NDArray[np.float64] = strength.astype(np.float64)
-    wish[mark == KEPT] += _CLASS
-    wish[mark == NEEDED] += 2.0 * _CLASS
+    priority: NDArray[np.float64] = strength.astype(np.float64)
+    priority[mark == KEPT] += _CLASS
+    priority[mark == NEEDED] += 2.0 * _CLASS
     progress(1.0, "selection")
-    return wish
+    return priority
 
 
 @dataclass(frozen=True)
 class Cut:
-    """The least wanted edge that is drawn: its wish and length."""
+    """The least wanted edge that is drawn: its priority and length."""
 
-    wish: float
+    priority: float
     length: float = np.inf
 
     @classmethod
-    def at(cls, edges: Edges, wish: NDArray[np.float64], count: int) -> Cut:
-        """Where exactly `count` edges are drawn; of equal wishes the shorter ones first."""
-        least = float(-np.partition(-wish, count - 1)[count - 1])
-        tied = np.flatnonzero(wish == least)
-        left = count - np.count_nonzero(wish > least)
+    def at(cls, edges: Edges, priority: NDArray[np.float64], count: int) -> Cut:
+        """Where exactly `count` edges are drawn; of equal priorities the shorter ones first."""
+        least = float(-np.partition(-priority, count - 1)[count - 1])
+        tied = np.flatnonzero(priority == least)
+        left = count - np.count_nonzero(priority > least)
         return cls(least, float(np.partition(edges.length[tied], left - 1)[left - 1]))
 
-    def draws(self, edges: Edges, wish: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def draws(self, edges: Edges, priority: NDArray[np.float64]) -> NDArray[np.bool_]:
         """(E,) whether each edge is drawn; it hangs on the edge alone."""
-        even = (wish == self.wish) & (edges.length <= self.length)
-        drawn: NDArray[np.bool_] = (wish > self.wish) | even
+        even = (priority == self.priority) & (edges.length <= self.length)
+        drawn: NDArray[np.bool_] = (priority > self.priority) | even
         return drawn
 
 
@@ -133,18 +133,18 @@ def _marks(
     """(E,) NEEDED, KEPT or DROPPED."""
     count, crossings = len(net.edges), net.crossings
     progress(0.0, "selection")
-    with work.room() as room:
-        key = room.upload(-strength)
-        conflicts = Incidence.of(room, room.upload(crossings), len(crossings), count)
+    with work.nested() as nested:
+        key = nested.upload(-strength)
+        conflicts = Incidence.of(nested, nested.upload(crossings), len(crossings), count)
         progress(0.2, "selection")
-        state = chosen(room, key, count, conflicts)
+        state = chosen(nested, key, count, conflicts)
         progress(0.5, "selection")
-        nodes, marked = room.upload(net.edges.nodes), room.empty(count, np.uint8)
-        lists = Incidence.of(room, nodes, count, len(net.pores))
+        nodes, marked = nested.upload(net.edges.nodes), nested.empty(count, np.uint8)
+        lists = Incidence.of(nested, nodes, count, len(net.pores))
         progress(0.8, "selection")
-        room.run(
+        nested.run(
             "independent", "mark_needed", count, ENDS, key, nodes, lists.offsets, lists.pairs,
             state, marked,
         )  # fmt: skip
-        found: NDArray[np.uint8] = room.read(marked, (count,), np.uint8)
+        found: NDArray[np.uint8] = nested.read(marked, (count,), np.uint8)
     return found

@@ -15,7 +15,7 @@ from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.fold_field import FoldField
 from rhytid.synthesis.lattice import Lattice
 from rhytid.synthesis.painted_fields import fields_of
-from rhytid.synthesis.pore_density import total_room
+from rhytid.synthesis.pore_density import effective_area
 from rhytid.synthesis.surface import Surface
 
 FEWEST = 100
@@ -61,7 +61,7 @@ def wrinkles_in_all(
     more wrinkles than a graph may have, or than `memory` on the device holds; with what would fit.
     """
     share = settings.density * _room(surface, fields)
-    return _checked(_wanted(surface, settings), share, len(surface.area), memory)
+    return _checked(_requested(surface, settings), share, len(surface.area), memory)
 
 
 def check_uv(surface: Surface, settings: GraphSettings, radius: float, factor: float) -> None:
@@ -77,10 +77,10 @@ def check_uv(surface: Surface, settings: GraphSettings, radius: float, factor: f
     lost = np.cumsum(surface.area[chosen][order]) <= _LOST * surface.area.sum()
     least = needed[order][min(np.count_nonzero(lost), len(order) - 1)]
     if radius < least:
-        wanted = _wanted(surface, settings)
-        fit = wanted.at_most(wanted.wrinkles * (radius / least) ** 2)
+        requested = _requested(surface, settings)
+        fit = requested.at_most(requested.wrinkles * (radius / least) ** 2)
         raise MeshError(
-            f"{wanted}: the UV of the mesh is so small that float32 can hold about {fit}"
+            f"{requested}: the UV of the mesh is so small that float32 can hold about {fit}"
         )
 
 
@@ -89,10 +89,10 @@ def check_extent(surface: Surface, settings: GraphSettings, radius: float) -> No
     for pores that are `radius` apart."""
     unit = Lattice.absolute(radius, *surface.extent).unit
     if radius < _PLACES * unit:
-        wanted = _wanted(surface, settings)
-        fit = wanted.at_most(wanted.wrinkles * (radius / (_PLACES * unit)) ** 2)
+        requested = _requested(surface, settings)
+        fit = requested.at_most(requested.wrinkles * (radius / (_PLACES * unit)) ** 2)
         raise MeshError(
-            f"{wanted}: the parts of the mesh lie so far apart that float32 keeps places apart "
+            f"{requested}: the parts of the mesh lie so far apart that float32 keeps places apart "
             f"for about {fit}"
         )
 
@@ -100,37 +100,37 @@ def check_extent(surface: Surface, settings: GraphSettings, radius: float) -> No
 def check_drawn(surface: Surface, settings: GraphSettings, drawn: int) -> None:
     """Raise MeshError where fewer pores and lines fit than the area suggests."""
     if drawn < FEWEST // 2:  # for so few, the area gives the number only to some tens of per cent
-        wanted = _wanted(surface, settings)
+        requested = _requested(surface, settings)
         raise MeshError(
-            f"{wanted}: only {drawn} can be drawn between pores so far apart, for the UV of the "
+            f"{requested}: only {drawn} can be drawn between pores so far apart, for the UV of the "
             "mesh is in small parts; ask for a smaller spacing"
         )
 
 
 def _room(surface: Surface, fields: Fields) -> float:
     """Of even skin 1."""
-    return total_room(surface, fields) / float(surface.area[surface.carries].sum())
+    return effective_area(surface, fields) / float(surface.area[surface.carries].sum())
 
 
-def _wanted(surface: Surface, settings: GraphSettings) -> RequestedCount:
+def _requested(surface: Surface, settings: GraphSettings) -> RequestedCount:
     return RequestedCount.of(settings, float(surface.area.sum()) * surface.scale**2)
 
 
 def _checked(asked: RequestedCount, share: float, triangles: int, memory: int | None) -> int:
     """Wrinkles in all, where they fit.  share: of these over those of density 1."""
-    wanted = round(asked.wrinkles * share)
+    requested = round(asked.wrinkles * share)
     message = str(asked)
     if share <= 0:
         raise InputError("density: the map leaves no room for pores; paint some of it lighter")
     if share != 1.0:
-        message += f", with density {share:.3g} on the mean that is {wanted} in all"
-    if wanted < FEWEST:
+        message += f", with density {share:.3g} on the mean that is {requested} in all"
+    if requested < FEWEST:
         raise InputError(f"{message}: at least {FEWEST}, {asked.at_least(FEWEST / share)}")
     fit = MOST_WRINKLES if memory is None else min(_fitting(memory, triangles), MOST_WRINKLES)
-    if wanted > fit:
+    if requested > fit:
         limit = f"the {memory} bytes of device memory" if fit < MOST_WRINKLES else "a graph"
         raise LimitError(f"{message}: {limit} can hold {asked.at_most(fit / share)}{asked.hint}")
-    return wanted
+    return requested
 
 
 def _fitting(memory: int, triangles: int) -> int:

@@ -75,17 +75,17 @@ def candidates(
     across: (F, 3) neighbours of the triangles.  radius: of the discs around the pores.
     """
     fields = fields or Fields()
-    with work.room() as room:
+    with work.nested() as nested:
         factor = spacings(fields, pores.triangle, pores.uv)
         lattice = Lattice.absolute(radius, *surface.extent)
         cell = REACH * radius * float(factor.max(initial=0.0))
-        cloud = DevicePoints.of(room, pores, cell, lattice)
-        found = room.upload(factor)
-        ways = _ways(room, cloud, found, radius, count, part(progress, 0.0, 0.6))
-        nodes, length = _pairs(room, cloud, ways)
-        room.release(ways, found, *cloud.points, cloud.grid.head, cloud.grid.next)
+        cloud = DevicePoints.of(nested, pores, cell, lattice)
+        found = nested.upload(factor)
+        ways = _ways(nested, cloud, found, radius, count, part(progress, 0.0, 0.6))
+        nodes, length = _pairs(nested, cloud, ways)
+        nested.release(ways, found, *cloud.points, cloud.grid.head, cloud.grid.next)
         tracing = part(progress, 0.7, 0.95)
-        middle = _middles(room, surface, across, pores, nodes, length, tracing)
+        middle = _middles(nested, surface, across, pores, nodes, length, tracing)
     progress(0.95, "edges")
     drawable = middle != BORDER
     rest = np.flatnonzero(~drawable)
@@ -186,8 +186,8 @@ def crossings(
     if not (nodes[1:, 0] >= nodes[:-1, 0]).all():  # neighbours at work see the same memory
         order = np.argsort(nodes[:, 0], kind="stable").astype(np.int32)
         return order[crossings(work, pores, nodes[order], length[order], progress, lattice)]
-    with work.room() as room:
-        return np.concatenate(list(_blocks(room, pores, nodes, length, progress, lattice)))
+    with work.nested() as nested:
+        return np.concatenate(list(_blocks(nested, pores, nodes, length, progress, lattice)))
 
 
 def _blocks(

@@ -29,8 +29,8 @@ Planes = NDArray[np.float64]
 # Root mean square log compression that counts as strong folding: three quarters of the largest
 # possible.
 FOLDED = 0.10
-# Shares of what can be, and eccentricities, from which on the direction of the field counts fully.
-_SURE, _ECCENTRIC = 0.16, 0.2
+# Shares of what can be, and eccentricities, from which on the direction of the field is certain.
+_CERTAIN, _ECCENTRIC = 0.16, 0.2
 # Strength of lines where skin never folds, and where it folds most; the same of primary lines.
 _FAINT, _DEEP, _POWER = 0.62, 1.5, 0.8
 _FAINT_PRIMARY, _DEEP_PRIMARY = 0.55, 1.6
@@ -51,26 +51,26 @@ class FoldField:
         self._masks, self.regions = folds.regions, tuple(folds.regions)
         size, eccentricity, _ = folds.axes()
         share = np.tanh(size / FOLDED)
-        sure = _ramp(share / _SURE) * _ramp(eccentricity / _ECCENTRIC)
+        certainty = _ramp(share / _CERTAIN) * _ramp(eccentricity / _ECCENTRIC)
         hold = eccentricity * np.minimum(2.0 * share, 1.0)
         found = {
             "strength": _FAINT + (_DEEP - _FAINT) * share**_POWER,
-            "anisotropy": np.minimum((_LOOSE + hold) * (1.0 + sure), 2.0),
+            "anisotropy": np.minimum((_LOOSE + hold) * (1.0 + certainty), 2.0),
             "primary": _FAINT_PRIMARY + (_DEEP_PRIMARY - _FAINT_PRIMARY) * share,
         }
         known = {n: np.where(f < 1.0, 1.0 - folds.known * (1.0 - f), f) for n, f in found.items()}
         known |= {"width": np.ones(len(share))}
         for name in AGEING if age != USUAL_AGE else ():
             known[name] = known[name] * np.exp(folded(name, age) * share)
-        self._sure = sure.astype(np.float32)
-        self._planes = {n: self._planes_of(v) for n, v in {**known, "sure": sure}.items()}
+        self._certainty = certainty.astype(np.float32)
+        self._planes = {n: self._planes_of(v) for n, v in {**known, "certainty": certainty}.items()}
         used = np.flatnonzero(surface.carries)
         extent = np.ptp(surface.uv[used], axis=1).max(axis=1)
         self.detail = float(np.median(extent)) if folds.regions else float("inf")
 
     def factor(self, name: str, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """(N,) of the `strength`, the `anisotropy` or the `width` of lines, or of `primary` ones;
-        or how `sure` their direction is, from 0 to 1."""
+        or the `certainty` of their direction, from 0 to 1."""
         return self.at(self._planes[name], triangle, uv)
 
     def mixed(self, values: Mapping[str, float], base: float) -> Planes:
@@ -93,15 +93,15 @@ class FoldField:
             found[rows] = np.clip(value, chosen[:, 3], chosen[:, 4])
         return found
 
-    def instead_of(self, other: Factors, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+    def blended_with(self, other: Factors, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """(N,) radians to the left from the level direction to the lines of the field; where it is
-        not sure, to a mean with `other`, both as axes."""
+        not certain, to a mean with `other`, both as axes."""
         turn = np.empty_like(other)
         for rows in row_blocks(len(other)):
             at, where = triangle[rows], uv[rows]
             share = _places(self._surface, at, where)
-            sure = np.einsum("nc,nc->n", share, self._sure[self._faces[at]])
-            both = sure * self._axis(at, share) + (1.0 - sure) * np.exp(2j * other[rows])
+            certainty = np.einsum("nc,nc->n", share, self._certainty[self._faces[at]])
+            both = certainty * self._axis(at, share) + (1.0 - certainty) * np.exp(2j * other[rows])
             turn[rows] = 0.5 * np.angle(both)
         return turn
 

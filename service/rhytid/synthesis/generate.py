@@ -16,7 +16,7 @@ from rhytid.domain.lengths import Lengths
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import MeshError
 from rhytid.synthesis.assembly import EdgeStrengths, GraphParts
-from rhytid.synthesis.candidate_graph import CandidateGraph, Cut, Ground, flat, wishes
+from rhytid.synthesis.candidate_graph import CandidateGraph, Cut, Ground, flat, priorities
 from rhytid.synthesis.capacity import check_drawn, check_extent, check_uv, wrinkles_in_all
 from rhytid.synthesis.fields import Directions, Fields
 from rhytid.synthesis.fold_field import FoldField
@@ -31,7 +31,7 @@ from rhytid.synthesis.pore_density import (
     faintest,
 )
 from rhytid.synthesis.pores import packed_radius
-from rhytid.synthesis.primary_lines import Primary, deepened, has_primary
+from rhytid.synthesis.primary_lines import Primary, has_primary_lines, with_primary_lines
 from rhytid.synthesis.progress import Progress, part, rising, silent
 from rhytid.synthesis.seams.borders import Borders
 from rhytid.synthesis.seams.charts import neighbours
@@ -101,7 +101,7 @@ def synthesize(
     wrinkles_in_all(surface, settings, fields, device.budget.limit)
     with Workspace(device, call) as work:
         ground = Ground(work, surface, across, fields)
-        skin, cut = _grown(ground, plain if uneven else fields, settings, part(report, 0.0, 0.94))
+        skin, cut = _skin(ground, plain if uneven else fields, settings, part(report, 0.0, 0.94))
         distance = mean_spacing(work, skin.net.pores)[0] * surface.scale
         borders = Borders.of(mesh, surface, across)
         graph = skin.drawn(ground, borders, cut, settings.start, part(report, 0.95, 1.0))
@@ -110,7 +110,7 @@ def synthesize(
     return Synthesis(graph, lengths, distance, surface.stretched)
 
 
-def _grown(
+def _skin(
     ground: Ground, plain: Fields, settings: GraphSettings, progress: Progress
 ) -> tuple[Skin, Cut]:
     """Skin, and down to where its edges are drawn.  plain: fields where nothing is painted."""
@@ -118,28 +118,28 @@ def _grown(
     if settings.wrinkles is None:
         assert settings.spacing is not None
         spacing = settings.spacing * settings.density**-0.5 / surface.scale
-        skin = grown(ground, spacing / SPACING, settings, progress)
+        skin = _grown_at_spacing(ground, spacing / SPACING, settings, progress)
         cut = flat(faintest(settings.neighbours))
-        check_drawn(surface, settings, int(cut.draws(skin.net.edges, skin.wish).sum()))
+        check_drawn(surface, settings, int(cut.draws(skin.net.edges, skin.priority).sum()))
         return skin, cut
     first = ground if plain is ground.fields else replace(ground, fields=plain)
-    wanted = wrinkles_in_all(surface, settings, plain)
+    count = wrinkles_in_all(surface, settings, plain)
     half = 1.0 if first is ground else 0.5
-    skin, cut = counted(first, settings, wanted, part(progress, 0.0, half))
+    skin, cut = _grown_to_count(first, settings, count, part(progress, 0.0, half))
     if first is not ground:
-        skin = grown(ground, skin.radius, settings, part(progress, half, 1.0))
+        skin = _grown_at_spacing(ground, skin.radius, settings, part(progress, half, 1.0))
     return skin, cut
 
 
 @dataclass(frozen=True, eq=False)
 class Skin:
-    """Pores `radius` apart and the strengths of their edges.  wish (E,): by which edges are
+    """Pores `radius` apart and the strengths of their edges.  priority (E,): by which edges are
     chosen."""
 
     net: CandidateGraph
     radius: float
     strengths: EdgeStrengths
-    wish: NDArray[np.float64]
+    priority: NDArray[np.float64]
 
     @property
     def spacing(self) -> float:
@@ -152,7 +152,7 @@ class Skin:
         """The graph of the edges down to a cut, in the order of their numbers, which is that of
         space."""
         progress(0.0, "shapes")
-        chosen = np.flatnonzero(cut.draws(self.net.edges, self.wish)).astype(np.int32)
+        chosen = np.flatnonzero(cut.draws(self.net.edges, self.priority)).astype(np.int32)
         lines = draw(ground, self.net, borders, chosen, self.spacing)
         parts = GraphParts(
             ground, self.net.pores, lines, borders, self.strengths, self.spacing, seed
@@ -160,40 +160,42 @@ class Skin:
         return parts.graph(part(progress, 0.1, 1.0))
 
 
-def counted(
-    ground: Ground, settings: GraphSettings, wanted: int, progress: Progress
+def _grown_to_count(
+    ground: Ground, settings: GraphSettings, count: int, progress: Progress
 ) -> tuple[Skin, Cut]:
-    """Skin with as many pores as it takes for exactly the wanted wrinkles, and the cut at these.
+    """Skin with as many pores as it takes for exactly `count` wrinkles, and the cut at these.
 
     The first guess is right unless the UV is in small parts, where many edges end at a border:
     there are fewer wrinkles then, if the spacing is set.
     """
-    radius = packed_radius(ground.surface, ground.fields, wanted / EDGES_PER_PORE)
+    radius = packed_radius(ground.surface, ground.fields, count / EDGES_PER_PORE)
     check_uv(ground.surface, settings, radius, ground.fields.least_spacing)
     check_extent(ground.surface, settings, radius * ground.fields.least_spacing)
     for _ in range(ATTEMPTS):
         spinning = part(progress, 0.0, 0.5)
-        net = CandidateGraph.spun(ground, radius, settings.neighbours, settings.start, spinning)
+        net = CandidateGraph.build(ground, radius, settings.neighbours, settings.start, spinning)
         drawable = independent_set(ground.work, net.edges.length, net.crossings)
         lines = int(drawable.sum())
-        if lines >= wanted:
+        if lines >= count:
             skin = _worn(ground, net, radius, settings, part(progress, 0.5, 1.0))
-            return skin, Cut.at(net.edges, skin.wish, wanted)
-        radius *= 0.97 * float(np.sqrt(max(lines / wanted, 0.5)))
+            return skin, Cut.at(net.edges, skin.priority, count)
+        radius *= 0.97 * float(np.sqrt(max(lines / count, 0.5)))
     setting, more = "wrinkles", "more wrinkles"
     if settings.wrinkles is None:
         setting, more = "spacing", "a smaller spacing"
     raise MeshError(
-        f"graph.{setting} is {getattr(settings, setting)}: only {lines} of {wanted} can be drawn "
+        f"graph.{setting} is {getattr(settings, setting)}: only {lines} of {count} can be drawn "
         f"between pores so far apart, for the UV of the mesh is in small parts; ask for {more}"
     )
 
 
-def grown(ground: Ground, radius: float, settings: GraphSettings, progress: Progress) -> Skin:
+def _grown_at_spacing(
+    ground: Ground, radius: float, settings: GraphSettings, progress: Progress
+) -> Skin:
     """Skin with pores `radius` apart, in units of the surface, times the spacing of its fields."""
     check_uv(ground.surface, settings, radius, ground.fields.least_spacing)
     check_extent(ground.surface, settings, radius * ground.fields.least_spacing)
-    net = CandidateGraph.spun(
+    net = CandidateGraph.build(
         ground, radius, settings.neighbours, settings.start, part(progress, 0.0, 0.5)
     )
     return _worn(ground, net, radius, settings, part(progress, 0.5, 1.0))
@@ -206,15 +208,15 @@ def _worn(
     rng = np.random.Generator(np.random.PCG64(settings.start))
     directions = Directions(SPACING * radius, rng, ground.fields)
     spinning = part(progress, 0.0, 0.07)
-    primary = Primary.spun(
+    primary = Primary.build(
         ground, radius, settings.neighbours, settings.start, directions, spinning
     )
-    with ground.work.room() as room:
-        paths = net.paths(room, directions, ground.fields, part(progress, 0.07, 0.15))
-        strength = net.worn(room, paths, settings.start, FINE, part(progress, 0.15, 0.94))
+    with ground.work.nested() as nested:
+        paths = net.paths(nested, directions, ground.fields, part(progress, 0.07, 0.15))
+        strength = net.worn(nested, paths, settings.start, FINE, part(progress, 0.15, 0.94))
         progress(0.94, "trails")
         weight, hubs = primary.laid(ground, net, paths, radius)
-    usual = WITH_PRIMARY if has_primary(ground.surface, radius) else WITHOUT_PRIMARY
-    found = EdgeStrengths(deepened(strength, weight), hubs, usual)
-    wish = wishes(ground.work, net, found.strength, part(progress, 0.95, 1.0))
-    return Skin(net, radius, found, wish)
+    usual = WITH_PRIMARY if has_primary_lines(ground.surface, radius) else WITHOUT_PRIMARY
+    found = EdgeStrengths(with_primary_lines(strength, weight), hubs, usual)
+    priority = priorities(ground.work, net, found.strength, part(progress, 0.95, 1.0))
+    return Skin(net, radius, found, priority)

@@ -88,10 +88,10 @@ def independent_set(
     key: (count,).  pairs: (P, 2) conflicts, in any order. The answer is that of the sequential loop
     "keep a thing unless an earlier kept one conflicts with it".
     """
-    with work.room() as room:
-        lists = Incidence.of(room, room.upload(pairs), len(pairs), len(key))
-        state = chosen(room, room.upload(key), len(key), lists)
-        kept: NDArray[np.bool_] = room.read(state, (len(key),), np.uint8) == KEPT
+    with work.nested() as nested:
+        lists = Incidence.of(nested, nested.upload(pairs), len(pairs), len(key))
+        state = chosen(nested, nested.upload(key), len(key), lists)
+        kept: NDArray[np.bool_] = nested.read(state, (len(key),), np.uint8) == KEPT
     return kept
 
 

@@ -188,7 +188,7 @@ def ends_of(
     on has at its pore the means of both; one that ends on others, or alone, has less; at a seam
     it goes straight over to its other half.
     """
-    wholes = _Wholes.of(lines)
+    wholes = _WholeWrinkles.of(lines)
     partner, slope = _paired(ground, pores, lines, wholes, weight)
     slopes = np.zeros((len(weight), 2), np.float32)
     partners = np.full((len(weight), 2), NOTHING, np.int32)
@@ -221,7 +221,7 @@ def _at_ends(values: Singles, partners: Indices, k: int) -> Singles:
 
 
 @dataclass(frozen=True, eq=False)
-class _Wholes:
+class _WholeWrinkles:
     """V wrinkles, whatever is stored of them.
 
     row (V, 2): the stored line that has the pore at each end, the same twice but of two halves.
@@ -235,7 +235,7 @@ class _Wholes:
     out: Singles
 
     @classmethod
-    def of(cls, lines: Lines) -> _Wholes:
+    def of(cls, lines: Lines) -> _WholeWrinkles:
         first = np.flatnonzero(lines.copy_of == ORIGINAL).astype(np.int32)
         row = np.repeat(first, 2).reshape(-1, 2)
         half = np.flatnonzero(lines.copy_of != ORIGINAL).astype(np.int32)
@@ -247,7 +247,7 @@ class _Wholes:
 
 
 def _paired(
-    ground: Ground, pores: Points, lines: Lines, wholes: _Wholes, weight: Singles
+    ground: Ground, pores: Points, lines: Lines, wholes: _WholeWrinkles, weight: Singles
 ) -> tuple[Indices, Singles]:
     """(V, 2) ends, counted over all wrinkles, that continue those of each, and (V, 2) slopes."""
     count, nodes = len(wholes.nodes), wholes.nodes
@@ -256,7 +256,7 @@ def _paired(
         way[rows] = unit(pores.position[nodes[rows, 1]] - pores.position[nodes[rows, 0]])
     triangles, to_uv = _charts(ground, pores, lines, wholes)
     arrays = (way, weight[wholes.row[:, 0]], pores.normal.astype(np.float32))
-    with ground.work.room() as work:
+    with ground.work.nested() as work:
         members, triangle = work.upload(nodes), work.upload(triangles)
         lists = Incidence.of(work, members, count, len(pores))
         partner, slope = work.full(2 * count, np.int32(-2)), work.full(2 * count, np.float32(0))
@@ -269,7 +269,7 @@ def _paired(
 
 
 def _charts(
-    ground: Ground, pores: Points, lines: Lines, wholes: _Wholes
+    ground: Ground, pores: Points, lines: Lines, wholes: _WholeWrinkles
 ) -> tuple[Indices, Singles]:
     """(V, 2) for each end a row of (R, 2, 3), from steps in space at its pore to the UV of the
     chart that its line is stored on: of the triangle of the pore, turned over the seam where that

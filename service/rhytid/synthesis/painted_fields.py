@@ -136,10 +136,10 @@ class PaintedFields(Fields):
         what a region turns these by."""
         found = np.radians(self._region("turn", triangle, uv))
         if self._folds is not None:
-            found = self._folds.instead_of(found, triangle, uv)
+            found = self._folds.blended_with(found, triangle, uv)
         if self._directions is not None:
             for rows in row_blocks(len(triangle)):
-                found[rows] = self._directions.instead_of(found[rows], triangle[rows], uv[rows])
+                found[rows] = self._directions.blended_with(found[rows], triangle[rows], uv[rows])
         found += np.float32(np.radians(self._settings.turn))
         if "turn" in self._maps:
             found += np.float32(0.5 * np.pi) * signed(self._maps["turn"].at(triangle, uv))
@@ -149,11 +149,11 @@ class PaintedFields(Fields):
         """Folds and painted directions are kept to more closely."""
         factor = self._region("bend", triangle, uv)
         if self._folds is not None:
-            sure = self._folds.factor("sure", triangle, uv)
-            factor += np.minimum(np.float32(_FOLDED_BEND) - factor, np.float32(0.0)) * sure
+            certainty = self._folds.factor("certainty", triangle, uv)
+            factor += np.minimum(np.float32(_FOLDED_BEND) - factor, np.float32(0.0)) * certainty
         if self._directions is not None:
-            sure = self._directions.sure(triangle, uv)
-            factor += (np.float32(_PAINTED_BEND) - factor) * sure
+            certainty = self._directions.certainty(triangle, uv)
+            factor += (np.float32(_PAINTED_BEND) - factor) * certainty
         return factor
 
     def anisotropy(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
@@ -161,7 +161,7 @@ class PaintedFields(Fields):
         that the second family of lines joins it: the mean would lie between the two."""
         found = self._linear("anisotropy", triangle, uv)
         if self._directions is not None:
-            found *= 1.0 + np.float32(_PAINTED_HOLD) * self._directions.sure(triangle, uv)
+            found *= 1.0 + np.float32(_PAINTED_HOLD) * self._directions.certainty(triangle, uv)
         return found.clip(0.0, 2.0)
 
     def width(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
@@ -192,7 +192,7 @@ class PaintedFields(Fields):
             folds = self._folds.factor(name, triangle, uv)
             left = np.float32(1.0) if painted is None else 1.0 - np.abs(painted)
             if name == "anisotropy" and self._directions is not None:
-                left = left * (1.0 - self._directions.sure(triangle, uv))
+                left = left * (1.0 - self._directions.certainty(triangle, uv))
             factor *= folds**left
         return factor
 
@@ -282,20 +282,20 @@ class PaintedDirections:
             PaintedMaps(surface, maps, partial(_axis_part, part)) for part in (np.cos, np.sin)
         )
 
-    def sure(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+    def certainty(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """(N,) 1 where there is one, 0 where there is none, between them where it fades."""
         found: Factors = np.minimum(np.hypot(*self._axis(triangle, uv)), np.float32(1.0))
         return found
 
-    def instead_of(self, other: Factors, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+    def blended_with(self, other: Factors, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
         """(N,) radians to the left from the level direction to the painted one; where it fades, to
         a mean with `other`, both as axes."""
         cosine, sine = self._axis(triangle, uv)
         there = np.flatnonzero((cosine != 0) | (sine != 0))
         angle = 0.5 * np.arctan2(sine, cosine)[there].astype(np.float64)
         painted = self._turn(angle, triangle[there], uv[there])
-        sure = np.minimum(np.hypot(cosine, sine)[there], 1.0)
-        both = sure * np.exp(2j * painted) + (1.0 - sure) * np.exp(2j * other[there])
+        certainty = np.minimum(np.hypot(cosine, sine)[there], 1.0)
+        both = certainty * np.exp(2j * painted) + (1.0 - certainty) * np.exp(2j * other[there])
         turn: Factors = other.copy()
         turn[there] = 0.5 * np.angle(both)
         return turn

@@ -72,27 +72,31 @@ def spacings(fields: Fields, triangle: NDArray[Any], uv: NDArray[Any]) -> NDArra
     return found.astype(np.float32)
 
 
-def total_room(surface: Surface, fields: Fields) -> float:
+def effective_area(surface: Surface, fields: Fields) -> float:
     """The area of the surface that is not bare in units of squared spacing factors; the area where
     spacing is even."""
     carriers = np.flatnonzero(surface.carries)
-    mean = shares(surface, fields, carriers, _cuts(surface.uv[carriers], fields.detail))[1]
+    mean = relative_densities(
+        surface, fields, carriers, _cuts(surface.uv[carriers], fields.detail)
+    )[1]
     return float((surface.area[carriers] * mean).sum())
 
 
 def densities(
     surface: Surface, fields: Fields, carriers: NDArray[np.intp], radius: float
 ) -> tuple[FloatArray, FloatArray]:
-    """(C,) `shares` of triangles that are looked at every `radius`: those of each hang on what is
-    painted on it, and on nothing else."""
+    """`relative_densities` (C,) of triangles that are sampled every `radius`.
+
+    The result for a triangle depends on nothing but what is painted on it.
+    """
     if np.isinf(fields.detail):
-        return shares(surface, fields, carriers, np.ones(len(carriers), np.int64))
+        return relative_densities(surface, fields, carriers, np.ones(len(carriers), np.int64))
     corners = surface.corners[carriers]
     longest = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=-1).max(axis=1)
-    return shares(surface, fields, carriers, _powers(longest / radius))
+    return relative_densities(surface, fields, carriers, _powers(longest / radius))
 
 
-def shares(
+def relative_densities(
     surface: Surface, fields: Fields, carriers: NDArray[np.intp], cuts: NDArray[np.int64]
 ) -> tuple[FloatArray, FloatArray]:
     """(C,) one over squared factors: at the densest place of each triangle, and on the mean.
@@ -106,12 +110,12 @@ def shares(
         step = max(ROWS // len(places), 1)
         for first in range(0, len(chosen), step):
             rows = chosen[first : first + step]
-            share = _shares(surface, fields, carriers[rows], places)
+            share = _relative_densities_at(surface, fields, carriers[rows], places)
             most[rows], mean[rows] = share.max(axis=1), share[:, nodes:].mean(axis=1)
     return most, mean
 
 
-def _shares(
+def _relative_densities_at(
     surface: Surface, fields: Fields, triangle: NDArray[np.intp], places: FloatArray
 ) -> FloatArray:
     """(T, P) pores by area, 1 where spacing is even, at P places of each triangle."""

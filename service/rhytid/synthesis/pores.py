@@ -19,7 +19,7 @@ from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.hashes import Words, random4, triangle_keys
 from rhytid.synthesis.incidence import KEPT, until_decided
 from rhytid.synthesis.lattice import Grid, Lattice, spatial_order
-from rhytid.synthesis.pore_density import PACKING, densities, spacings, total_room
+from rhytid.synthesis.pore_density import PACKING, densities, effective_area, spacings
 from rhytid.synthesis.progress import Progress
 from rhytid.synthesis.surface import FloatArray, Points, Surface, unit
 from rhytid.synthesis.workspace import Workspace
@@ -53,10 +53,10 @@ def scatter_pores(
     many darts are thrown at a time.
     """
     fields = fields or Fields()
-    with work.room() as room:
-        darts = Darts(room, surface, fields, radius, seed, BATCH)
+    with work.nested() as nested:
+        darts = Darts(nested, surface, fields, radius, seed, BATCH)
         a_room = PACKING / radius**2
-        sieve = DartSelection(room, darts, radius, fields, a_room * darts.filled)
+        sieve = DartSelection(nested, darts, radius, fields, a_room * darts.filled)
         every = sum(DARTS) * a_room * darts.room
         done = 0
         for turn, share in enumerate(DARTS):
@@ -69,7 +69,7 @@ def scatter_pores(
 
 def packed_radius(surface: Surface, fields: Fields, pores: float) -> float:
     """The radius at which about so many pores fit on the surface."""
-    return float(np.sqrt(PACKING * total_room(surface, fields) / pores))
+    return float(np.sqrt(PACKING * effective_area(surface, fields) / pores))
 
 
 class DartSelection:
@@ -113,18 +113,18 @@ class DartSelection:
 
     def _thinned(self, darts: Throw, fitting: NDArray[np.int32]) -> NDArray[np.int32]:
         """Those of the fitting darts that are kept when they come in the order of priority."""
-        with self._work.room() as room:
-            listed = room.upload(fitting)
-            grid = Grid.empty(room, self._cell, len(fitting), darts.count)
-            grid.insert_listed(room, darts.place, listed, len(fitting))
+        with self._work.nested() as nested:
+            listed = nested.upload(fitting)
+            grid = Grid.empty(nested, self._cell, len(fitting), darts.count)
+            grid.insert_listed(nested, darts.place, listed, len(fitting))
             arguments = (
                 listed, darts.place, darts.normal, darts.factor, darts.priority, *grid.arguments,
                 self._scale,
             )  # fmt: skip
             state = until_decided(
-                room, "pores", "decide_darts", len(fitting), arguments, darts.count
+                nested, "pores", "decide_darts", len(fitting), arguments, darts.count
             )
-            kept = room.read(state, (darts.count,), np.uint8)[fitting] == KEPT
+            kept = nested.read(state, (darts.count,), np.uint8)[fitting] == KEPT
         chosen: NDArray[np.int32] = fitting[kept]
         return chosen
 

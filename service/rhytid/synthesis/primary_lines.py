@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from rhytid.device.buffer import Buffer
 from rhytid.synthesis import shapes
-from rhytid.synthesis.candidate_graph import CandidateGraph, Ground, flat, wishes
+from rhytid.synthesis.candidate_graph import CandidateGraph, Ground, flat, priorities
 from rhytid.synthesis.fields import Directions
 from rhytid.synthesis.lattice import DevicePoints, Lattice
 from rhytid.synthesis.pore_density import FAINTEST_PRIMARY, PACKING, PRIMARY_STRENGTH, spacings
@@ -48,7 +48,7 @@ class Primary:
     weight: NDArray[np.float32]
 
     @classmethod
-    def spun(
+    def build(
         cls,
         ground: Ground,
         radius: float,
@@ -59,16 +59,16 @@ class Primary:
     ) -> Primary:
         """radius, count, seed: those of the fine net."""
         other = seed ^ _SALT
-        net = CandidateGraph.spun(ground, COARSER * radius, count, other, part(progress, 0.0, 0.5))
-        if not has_primary(ground.surface, radius) or not len(net.edges):
+        net = CandidateGraph.build(ground, COARSER * radius, count, other, part(progress, 0.0, 0.5))
+        if not has_primary_lines(ground.surface, radius) or not len(net.edges):
             return cls(net.pores, np.empty((0, 2), np.int32), np.empty(0, np.float32))
-        with ground.work.room() as room:
-            paths = net.paths(room, directions, ground.fields, part(progress, 0.5, 0.6))
-            strength = net.worn(room, paths, other, COARSE, part(progress, 0.6, 0.9))
+        with ground.work.nested() as nested:
+            paths = net.paths(nested, directions, ground.fields, part(progress, 0.5, 0.6))
+            strength = net.worn(nested, paths, other, COARSE, part(progress, 0.6, 0.9))
         wanted = ground.fields.primary(net.pores.triangle, net.pores.uv)
         strength *= wanted[net.edges.nodes].mean(axis=1)
-        wish = wishes(ground.work, net, strength, part(progress, 0.9, 1.0))
-        chosen = np.flatnonzero(flat(FAINTEST_PRIMARY).draws(net.edges, wish))
+        priority = priorities(ground.work, net, strength, part(progress, 0.9, 1.0))
+        chosen = np.flatnonzero(flat(FAINTEST_PRIMARY).draws(net.edges, priority))
         weight = shapes.edge_weights(strength[chosen] ** _SHARPER, PRIMARY_STRENGTH)
         return cls(net.pores, net.edges.nodes[chosen], weight)
 
@@ -84,7 +84,7 @@ class Primary:
         return weight, used[used >= 0]
 
 
-def has_primary(surface: Surface, radius: float) -> bool:
+def has_primary_lines(surface: Surface, radius: float) -> bool:
     """Whether a surface is large enough for primary lines, whatever is painted on it.
 
     radius: of the fine net.
@@ -92,7 +92,9 @@ def has_primary(surface: Surface, radius: float) -> bool:
     return float(PACKING * surface.area.sum() / (COARSER * radius) ** 2) >= _FEWEST
 
 
-def deepened(strength: NDArray[np.float32], primary: NDArray[np.float32]) -> NDArray[np.float32]:
+def with_primary_lines(
+    strength: NDArray[np.float32], primary: NDArray[np.float32]
+) -> NDArray[np.float32]:
     """(E,) strengths with the weights of primary lines worked in; what is none stays behind."""
     secondary: NDArray[np.float32] = SECONDARY * strength
     secondary += PRIMARY * primary
@@ -112,15 +114,15 @@ def lay_routes(
     hubs (H,): the pores that lines go between, -1 for none.  ends (L, 2): the two hubs of each
     line.  weight (L,): in [0, 1].
     """
-    with work.room() as room:
-        laid = room.full(paths.edges, np.int32(0))
-        wanted = room.upload(np.rint(weight / _STEP).astype(np.int32))
-        room.run(
-            "routes", "lay_routes", len(ends), _STEPS, room.upload(hubs[ends]), wanted,
+    with work.nested() as nested:
+        laid = nested.full(paths.edges, np.int32(0))
+        wanted = nested.upload(np.rint(weight / _STEP).astype(np.int32))
+        nested.run(
+            "routes", "lay_routes", len(ends), _STEPS, nested.upload(hubs[ends]), wanted,
             paths.ways.offsets, paths.ways.pairs, paths.ways.others, paths.place,
             float(paths.unit / paths.typical), laid,
         )  # fmt: skip
-        found = room.read(laid, (paths.edges,), np.int32)
+        found = nested.read(laid, (paths.edges,), np.int32)
     weights: NDArray[np.float32] = found.astype(np.float32) * np.float32(_STEP)
     return weights
 
@@ -138,14 +140,14 @@ def nearest_pores(
 
     lattice: that of the pores; places lie on it too.
     """
-    with work.room() as room:
-        cloud = DevicePoints.of(room, pores, reach * float(factor.max(initial=0.0)), lattice)
-        nearest: Buffer = room.empty(len(places), np.int32)
-        at = room.upload(lattice.places(places.position))
-        facing = room.upload(places.normal.astype(np.float32))
-        room.run(
+    with work.nested() as nested:
+        cloud = DevicePoints.of(nested, pores, reach * float(factor.max(initial=0.0)), lattice)
+        nearest: Buffer = nested.empty(len(places), np.int32)
+        at = nested.upload(lattice.places(places.position))
+        facing = nested.upload(places.normal.astype(np.float32))
+        nested.run(
             "routes", "nearest_point", len(places), at, facing, *cloud.points,
-            *cloud.grid.arguments, float(lattice.unit / reach), room.upload(factor), nearest,
+            *cloud.grid.arguments, float(lattice.unit / reach), nested.upload(factor), nearest,
         )  # fmt: skip
-        found: NDArray[np.int32] = room.read(nearest, (len(places),), np.int32)
+        found: NDArray[np.int32] = nested.read(nearest, (len(places),), np.int32)
     return found

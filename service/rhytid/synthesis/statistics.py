@@ -85,8 +85,8 @@ def nearest_distances(work: Workspace, pores: Points) -> NDArray[np.float32]:
     cell = min(_FIRST / np.sqrt(len(pores)), extent)
     left = np.arange(len(pores), dtype=np.int32)
     while len(left):
-        with work.room() as room:
-            distance[left] = _within(room, pores, left, cell)
+        with work.nested() as nested:
+            distance[left] = _within(nested, pores, left, cell)
         left = left[np.isinf(distance[left])] if cell < extent else left[:0]
         cell = min(2.0 * cell, extent)
     return distance

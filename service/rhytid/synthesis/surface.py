@@ -25,12 +25,12 @@ UDIM_COLUMNS = 10.0
 # Normals around a vertex whose mean is shorter than this say nothing of where it faces.
 _CANCELLED = 1e-3
 # A pore whose UV is this much larger than that of the median would cover a region of the map.
-LARGEST = 100.0
+_LARGEST = 100.0
 # Beyond this ratio of the singular values float32 cannot hold the metric of a pore.
-NARROWEST = 500.0
+_NARROWEST = 500.0
 # How many triangles around a centre are looked at: the one below is among the nearest unless it
 # is very much larger.
-NEIGHBOURS = 8
+_NEIGHBOURS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,10 +88,10 @@ class Surface:
         corners, uv = positions[mesh.faces], mesh.triangle_uv()
         area = 0.5 * np.linalg.norm(_facing(corners), axis=-1)
         usable = mesh.usable_triangles()
-        jacobian = jacobians(corners, uv, usable)
-        density, narrowest = singular(jacobian)
-        inside = usable & _overlaps_udims(uv) & ~covered(uv, usable)
-        carries = inside & ~absurd(density, narrowest, np.where(inside, area, 0.0))
+        jacobian = _jacobians(corners, uv, usable)
+        density, narrowest = _singular_values(jacobian)
+        inside = usable & _overlaps_udims(uv) & ~_covered_by_others(uv, usable)
+        carries = inside & ~_too_stretched(density, narrowest, np.where(inside, area, 0.0))
         if not carries.any():
             raise MeshError("no triangle in u 0 to 10, v above 0 has a UV that can carry pores")
         scale = float(np.exp2(np.rint(0.5 * np.log2(area[carries].sum()))))
@@ -134,7 +134,7 @@ def unit(vectors: AnyFloats) -> AnyFloats:
     return directions
 
 
-def jacobians(
+def _jacobians(
     corners: NDArray[np.float64], uv: NDArray[np.float64], usable: NDArray[np.bool_]
 ) -> NDArray[np.float64]:
     """(F, 3, 2) from corners (F, 3, 3) and uv (F, 3, 2); zero where not usable."""
@@ -145,7 +145,9 @@ def jacobians(
     return result
 
 
-def singular(jacobian: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _singular_values(
+    jacobian: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(F,) the product of the two singular values, sqrt(det JᵀJ), and (F,) the smaller one."""
     u, v = jacobian[:, :, 0], jacobian[:, :, 1]
     product = np.linalg.norm(np.cross(u, v), axis=-1)
@@ -154,21 +156,22 @@ def singular(jacobian: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArra
     return product, product / np.where(larger > 0, larger, 1.0)
 
 
-def absurd(
+def _too_stretched(
     density: NDArray[np.float64], narrowest: NDArray[np.float64], area: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """(F,) true where a pore would be `LARGEST` times the median's, or a needle.
+    """(F,) true where a pore would be `_LARGEST` times the median's, or a needle.
 
-    density, narrowest: the results of `singular`.  The median is by `area` (F,) on the surface.
+    density, narrowest: the results of `_singular_values`.  The median is by `area` (F,) on the
+    surface.
     """
     order = np.argsort(density, kind="stable")
     half = np.searchsorted(np.cumsum(area[order]), 0.5 * area.sum())
     typical = np.sqrt(density[order[min(half, len(order) - 1)]])
-    result: NDArray[np.bool_] = narrowest * LARGEST < typical
-    return result | (density > NARROWEST * narrowest**2)
+    result: NDArray[np.bool_] = narrowest * _LARGEST < typical
+    return result | (density > _NARROWEST * narrowest**2)
 
 
-def covered(uv: NDArray[np.float64], usable: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _covered_by_others(uv: NDArray[np.float64], usable: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """(F,) true where the centre of a triangle, uv (F, 3, 2), lies in one of a lower index.
 
     The lowest index wins a place in the map: what a covered triangle carried would be drawn over
@@ -176,7 +179,7 @@ def covered(uv: NDArray[np.float64], usable: NDArray[np.bool_]) -> NDArray[np.bo
     """
     index = np.flatnonzero(usable)
     centres = uv[index].mean(axis=1)
-    near = cKDTree(centres).query(centres, k=min(NEIGHBOURS, len(index)), workers=-1)[1]
+    near = cKDTree(centres).query(centres, k=min(_NEIGHBOURS, len(index)), workers=-1)[1]
     result = np.zeros(len(uv), bool)
     for other in near.reshape(len(index), -1).T:
         stopping.check()

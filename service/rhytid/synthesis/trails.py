@@ -89,13 +89,13 @@ def wear(
 
     crossings: (P, 2) pairs of edges that cross.  degree: edges per pore of even skin.
     """
-    with work.room() as room:
-        trails = _Trails.of(room, paths, crossings, seed, degree, walks)
+    with work.nested() as nested:
+        trails = _Trails.of(nested, paths, crossings, seed, degree, walks)
         for done in range(walks.rounds):
             share = part(progress, done / walks.rounds, (done + 1) / walks.rounds)
             trails.round(done, share)
-        strength = room.read(trails.strength, (paths.edges,), np.float32)
-        length = room.read(paths.length, (paths.edges,), np.float32)
+        strength = nested.read(trails.strength, (paths.edges,), np.float32)
+        length = nested.read(paths.length, (paths.edges,), np.float32)
     # What no walker found is fainter than all else, the longer the fainter.
     strength += np.float32(1e-3 * paths.typical) / length
     return strength

@@ -25,7 +25,7 @@ Arrays = dict[str, NDArray[Any]]
 _BROADEST = FURTHER + ShapeSettings().cushion_width * math.exp(
     ResponseSettings().alpha_w * ResponseSettings().log_stretch_limit
 )
-# A support that is longer against its width is not copied: float32 cannot hold its metric.
+# A footprint that is longer against its width is not copied: float32 cannot hold its metric.
 _LONGEST = 500.0
 
 
@@ -58,45 +58,48 @@ def _without_empty(arrays: Arrays) -> Arrays:
 
 
 def copied_pores(arrays: Arrays, borders: Borders, seams: Seams) -> Arrays:
-    """The nodes of copied pores."""
+    """The nodes of the copies of pores, by their names in a graph."""
     own = (arrays["node_copy_of"] == ORIGINAL) & (arrays["node_weight"] > 0)
     rows = np.flatnonzero(own)
     centre = arrays["node_uv"][rows].astype(np.float64)
     chart = borders.chart[arrays["node_triangle"][rows]]
     metric = full(arrays["node_metric"][rows])
     none, widest = np.zeros_like(centre), np.full(len(rows), WIDEST)
-    twins = seams.twins(Footprints(centre, none, roots(metric), chart, widest, none))
-    there = turned(metric[twins.of], twins.turn)
-    radius = arrays["node_radius"][rows[twins.of]] * twins.growth()
-    place = twins.at(centre[twins.of])
+    placements = seams.placements(Footprints(centre, none, roots(metric), chart, widest, none))
+    there = turned(metric[placements.of], placements.turn)
+    radius = arrays["node_radius"][rows[placements.of]] * placements.growth()
+    place = placements.at(centre[placements.of])
     kept = np.flatnonzero(holds(there, place) & (radius <= 1.0))
-    of = rows[twins.of[kept]]
+    of = rows[placements.of[kept]]
     return {
         "node_uv": place[kept].astype(np.float32),
         "node_weight": arrays["node_weight"][of],
         "node_radius": radius[kept].astype(np.float32),
         "node_metric": flat(there[kept]),
-        "node_triangle": twins.landing(borders)[kept],
+        "node_triangle": placements.landing(borders)[kept],
         "node_copy_of": of.astype(np.int32),
     }
 
 
 def copied_wrinkles(arrays: Arrays, surface: Surface, borders: Borders, seams: Seams) -> Arrays:
-    """Copied wrinkles, and nodes of no strength of their own that these end at; edge_nodes count
-    from the first of these nodes on. Gives metrics, and slopes in these, to what reaches a seam,
-    in place. Both halves of a wrinkle that is cut at a seam are copied."""
-    supports, metric = _round_on_surface(arrays, surface, borders)
-    twins = seams.twins(supports)
-    twins, width = _held(arrays, supports, metric, twins)
-    _give_metrics(arrays, seams, supports, metric, twins)
-    of, count = twins.of, len(twins)
-    mirrored = np.sign(np.linalg.det(twins.turn)).astype(np.float32)
+    """The copied wrinkles, and the nodes without strength that they end at.
+
+    `edge_nodes` count from the first of these nodes on. Wrinkles of `arrays` that reach a seam get
+    metrics, and slopes in these, in place. Both halves of a wrinkle that is cut at a seam are
+    copied.
+    """
+    footprints, metric = _round_on_surface(arrays, surface, borders)
+    placements = seams.placements(footprints)
+    placements, width = _held(arrays, footprints, metric, placements)
+    _give_metrics(arrays, seams, footprints, metric, placements)
+    of, count = placements.of, len(placements)
+    mirrored = np.sign(np.linalg.det(placements.turn)).astype(np.float32)
     wider = (width / arrays["edge_half_width"][of].astype(np.float64))[:, None]
     end_widths = np.clip(arrays["edge_end_half_widths"][of] * wider, LEAST_SIZE, 1.0)
     pores, whole = arrays["edge_nodes"][of].ravel(), arrays["edge_copy_of"][of]
     first = arrays["node_copy_of"][pores]
-    ends = np.stack(_ends(supports, twins), axis=1)
-    landing = twins.landing(borders)
+    ends = np.stack(_ends(footprints, placements), axis=1)
+    landing = placements.landing(borders)
     return {
         "node_uv": ends.reshape(-1, 2).astype(np.float32),
         "node_weight": np.zeros(2 * count, np.float32),
@@ -109,7 +112,7 @@ def copied_wrinkles(arrays: Arrays, surface: Surface, borders: Borders, seams: S
         "edge_half_width": width.astype(np.float32),
         "edge_triangle": landing,
         "edge_copy_of": np.where(whole == ORIGINAL, of, whole).astype(np.int32),
-        "edge_metric": flat(turned(metric[of], twins.turn)),
+        "edge_metric": flat(turned(metric[of], placements.turn)),
         "edge_slopes": arrays["edge_slopes"][of] * mirrored[:, None],
         "edge_end_weights": arrays["edge_end_weights"][of],
         "edge_end_half_widths": end_widths.astype(np.float32),
@@ -118,51 +121,52 @@ def copied_wrinkles(arrays: Arrays, surface: Surface, borders: Borders, seams: S
 
 
 def _held(
-    arrays: Arrays, supports: Footprints, metric: FloatArray, twins: Placements
+    arrays: Arrays, footprints: Footprints, metric: FloatArray, placements: Placements
 ) -> tuple[Placements, FloatArray]:
-    """Those twins that a graph can hold, and their half widths."""
-    start, stop = _ends(supports, twins)
+    """The placements that a graph can hold, and the half width (T,) of each."""
+    start, stop = _ends(footprints, placements)
     length = np.linalg.norm(stop - start, axis=-1)
     # A strip covers det times the area in the other chart, and is as much longer as it is.
-    before = np.linalg.norm(supports.step[twins.of], axis=-1)
-    half = arrays["edge_half_width"][twins.of].astype(np.float64)
-    width = half * twins.growth() ** 2 * before / np.maximum(length, LEAST_SIZE)
-    there = turned(metric[twins.of], twins.turn)
+    before = np.linalg.norm(footprints.step[placements.of], axis=-1)
+    half = arrays["edge_half_width"][placements.of].astype(np.float64)
+    width = half * placements.growth() ** 2 * before / np.maximum(length, LEAST_SIZE)
+    there = turned(metric[placements.of], placements.turn)
     kept = np.flatnonzero(
-        holds(there, start) & holds(there, stop) & holds(metric[twins.of], start)
+        holds(there, start) & holds(there, stop) & holds(metric[placements.of], start)
         & (length > 2 * LEAST_SIZE) & (width <= 1.0) & (width >= 2 * LEAST_SIZE)
     )  # fmt: skip
-    return twins.take(kept), width[kept]
+    return placements.take(kept), width[kept]
 
 
-def _ends(supports: Footprints, twins: Placements) -> tuple[FloatArray, FloatArray]:
-    """(T, 2), (T, 2) the two ends of wrinkles where they are drawn."""
-    ends = supports.start, supports.start + supports.step
-    start, stop = (twins.at(end[twins.of]) for end in ends)
+def _ends(footprints: Footprints, placements: Placements) -> tuple[FloatArray, FloatArray]:
+    """(T, 2) and (T, 2): both ends of the wrinkle of each placement, where it is drawn."""
+    ends = footprints.start, footprints.start + footprints.step
+    start, stop = (placements.at(end[placements.of]) for end in ends)
     return start, stop
 
 
 def _give_metrics(
-    arrays: Arrays, seams: Seams, supports: Footprints, metric: FloatArray, twins: Placements
+    arrays: Arrays, seams: Seams, footprints: Footprints, metric: FloatArray, placements: Placements
 ) -> None:
-    """Of wrinkles that are copied, and of those that reach a seam only if they are drawn as wide in
-    UV in every direction: what does not reach it on the surface must not be seen there."""
+    """Give a metric to each wrinkle that is copied, and to each that would reach a seam if it were
+    drawn as wide in UV in every direction: a wrinkle that does not reach the seam on the surface
+    must not be seen there."""
     half_width = arrays["edge_half_width"].astype(np.float64)
     even = np.eye(2) / half_width[:, None, None]
     over = seams.reaching(
-        replace(supports, root=even, slopes=arrays["edge_slopes"].astype(np.float64))
+        replace(footprints, root=even, slopes=arrays["edge_slopes"].astype(np.float64))
     )
-    over = over[holds(metric[over], supports.start[over])]
-    rows = np.union1d(over, twins.of)
+    over = over[holds(metric[over], footprints.start[over])]
+    rows = np.union1d(over, placements.of)
     arrays["edge_metric"][rows] = flat(metric[rows])
-    arrays["edge_slopes"][rows] = supports.slopes[rows]
+    arrays["edge_slopes"][rows] = footprints.slopes[rows]
 
 
 def _in_metric(
     slopes: NDArray[np.float32], root: FloatArray, step: FloatArray
 ) -> NDArray[np.float32]:
-    """(K, 2) slopes (K, 2) of arcs in UV as they are where their supports are round: there arcs of
-    both sides of a seam are the same, but for mirrored UV."""
+    """(K, 2) slopes of arcs, given in UV, as they are in the metric that makes footprints round.
+    There the arcs of both sides of a seam are the same, but for mirrored UV."""
     left = np.stack([-step[:, 1], step[:, 0]], axis=1)
     along = np.einsum("nij,nj->ni", root, step)
     found = np.zeros_like(slopes)
@@ -209,14 +213,14 @@ def roots(metric: FloatArray) -> FloatArray:
 
 
 def turned(metric: FloatArray, turn: FloatArray) -> FloatArray:
-    """(T, 2, 2) metrics (T, 2, 2) as they are in the UV that `turn` (T, 2, 2) leads to."""
+    """(T, 2, 2) metrics in the UV that `turn` (T, 2, 2) leads to."""
     back = np.linalg.inv(turn)
     there: FloatArray = back.transpose(0, 2, 1) @ metric @ back
     return there
 
 
 def holds(metric: FloatArray, uv: FloatArray) -> BoolArray:
-    """(T,) whether a graph can hold a support at a place."""
+    """(T,) whether a graph can hold a footprint at a place."""
     sizes = np.linalg.eigvalsh(metric)
     slim = sizes[:, 1] <= _LONGEST**2 * sizes[:, 0]
     sized = (sizes[:, 0] > 1.001) & (sizes[:, 1] * LEAST_SIZE**2 < 0.5)

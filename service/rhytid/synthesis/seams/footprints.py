@@ -15,9 +15,13 @@ Floats = NDArray[np.floating]
 
 @dataclass(frozen=True, eq=False)
 class Footprints:
-    """E elements as they are drawn: start (E, 2) and step (E, 2) in UV, step 0 for a pore; root
-    (E, 2, 2): the rim is where |root·d| = 1; chart (E,); widest (E,): at their widest they are so
-    many times as large; slopes (E, 2): of arcs over the steps, where supports are round."""
+    """What E elements, pores and wrinkles, cover of UV.
+
+    start, step (E, 2): the segment in UV; the step of a pore is 0.  root (E, 2, 2): the rim is
+    where |root·d| = 1.  chart (E,): that each element lies on.  widest (E,): how many times as
+    large as neutral it becomes at most.  slopes (E, 2): of the arc over the step, in the metric in
+    which the footprint is round.
+    """
 
     start: FloatArray
     step: FloatArray
@@ -30,16 +34,16 @@ class Footprints:
         return len(self.start)
 
     def take(self, index: IntArray | BoolArray | slice) -> Footprints:
-        """Those of an index or a mask, in its order."""
+        """The footprints of an index or a mask, in its order."""
         return Footprints(*(getattr(self, field.name)[index] for field in fields(self)))
 
     def straight(self) -> Footprints:
-        """The same without their bends."""
+        """The same footprints without their bends."""
         return replace(self, slopes=np.zeros_like(self.slopes))
 
     def distance(self, index: IntArray, uv: FloatArray) -> FloatArray:
-        """(N,) from elements (N,) to places (N, 2), in units of their own neutral size; to the
-        point of an arc that is over the nearest of its chord."""
+        """(N,) distances from elements `index` (N,) to places uv (N, 2), in neutral sizes of each
+        element. Of an arc the point counts that lies over the nearest point of its chord."""
         # By components: there are millions of places, and small matrices take long.
         x, y = times(self.root[index], *(uv - self.start[index]).T)
         step = np.einsum("eij,ej->ei", self.root, self.step)
@@ -53,18 +57,18 @@ class Footprints:
         return distance
 
     def _aside(self, index: IntArray, share: FloatArray) -> FloatArray:
-        """(N,) how far to its left an arc is at a share of its chord, in chords."""
+        """(N,) how far an arc lies to the left of its chord at a share of it, in chords."""
         start, stop = self.slopes[index].T
         aside: FloatArray = share * (1 - share) * (start * (1 - share) - stop * share)
         return aside
 
     def middle(self) -> FloatArray:
-        """(E, 2) where they are centred."""
+        """(E, 2) the centre of each footprint."""
         middle: FloatArray = self.start + 0.5 * self.step
         return middle
 
     def reach(self) -> FloatArray:
-        """(E,) how far from there they go in UV at their widest."""
+        """(E,) how far each footprint goes from its centre in UV, at its widest."""
         # Singular values in closed form: for every element of a graph a decomposition takes long.
         square, det = (self.root**2).sum(axis=(1, 2)), np.abs(np.linalg.det(self.root))
         largest2 = 0.5 * (square + np.sqrt(np.maximum(square**2 - 4 * det**2, 0.0)))
@@ -87,12 +91,12 @@ def times(matrix: FloatArray, x: Floats, y: Floats) -> tuple[FloatArray, FloatAr
 
 @dataclass(frozen=True, eq=False)
 class Placements:
-    """T elements that are drawn in another chart, too.
+    """T places where elements are drawn: each in its own chart, or in another across a seam.
 
-    of (T,): the element.  side (T,): the row of the side of the seam that it comes over, on the
-    chart that it comes from.  turn (T, 2, 2), shift (T, 2): from the UV of the element to those of
-    the chart, uv -> turn·uv + shift.  nearest (T,): how far that seam is from it, in its own
-    sizes.
+    of (T,): the element.  side (T,): the row in `Borders` of the side of the seam that it comes
+    over, on the chart that it comes from; NONE in its own chart.  turn (T, 2, 2), shift (T, 2):
+    from the UV of the element to those of the chart, uv -> turn·uv + shift.  nearest (T,): how far
+    that seam is from the element, in its own sizes.
     """
 
     of: IntArray
@@ -105,24 +109,27 @@ class Placements:
         return len(self.of)
 
     def take(self, index: IntArray | BoolArray) -> Placements:
-        """Those of an index or a mask, in its order."""
+        """The placements of an index or a mask, in its order."""
         return Placements(*(getattr(self, field.name)[index] for field in fields(self)))
 
     def at(self, uv: FloatArray) -> FloatArray:
-        """(T, 2) where a place (T, 2) of each element comes to lie."""
+        """(T, 2) where a place uv (T, 2) in the UV of each element lies in its chart here."""
         there: FloatArray = np.einsum("nij,nj->ni", self.turn, uv) + self.shift
         return there
 
     def back(self, index: IntArray, uv: FloatArray) -> FloatArray:
-        """(N, 2) what in the UV of its element lies at a place (N, 2) of the chart of twin (N,)."""
+        """(N, 2) places in the UV of the elements, from places uv (N, 2) of the charts of
+        placements `index` (N,)."""
         inverse: FloatArray = np.linalg.inv(self.turn).astype(np.float64)
         x, y = (uv - self.shift[index]).T
         return np.stack(times(inverse[index], x, y), axis=-1)
 
-    def charts(self, supports: Footprints, borders: Borders) -> IntArray:
-        """(T,) the chart in which each is drawn."""
+    def charts(self, footprints: Footprints, borders: Borders) -> IntArray:
+        """(T,) the chart in which each placement is drawn."""
         mate = borders.triangle[borders.mate[self.side]]
-        charts: IntArray = np.where(self.side == NONE, supports.chart[self.of], borders.chart[mate])
+        charts: IntArray = np.where(
+            self.side == NONE, footprints.chart[self.of], borders.chart[mate]
+        )
         return charts
 
     def growth(self) -> FloatArray:
@@ -135,16 +142,16 @@ class Placements:
         return borders.triangle[borders.mate[self.side]].astype(np.int32)
 
     def renamed(self, name: IntArray) -> Placements:
-        """The same of elements that have other numbers: name (E,) of each."""
+        """The same placements where element e has the number name[e]."""
         return Placements(name[self.of], self.side, self.turn, self.shift, self.nearest)
 
     def sorted(self) -> Placements:
-        """In the order of the elements."""
+        """The placements in the order of their elements."""
         return self.take(np.argsort(self.of, kind="stable"))
 
     @classmethod
     def join(cls, parts: list[Placements]) -> Placements:
-        """All of them, one after the other."""
+        """The placements of all parts, one part after the other."""
         return cls(
             *(
                 np.concatenate([getattr(part, field.name) for part in parts])
@@ -154,7 +161,7 @@ class Placements:
 
     @classmethod
     def originals(cls, of: IntArray) -> Placements:
-        """The elements themselves."""
+        """Elements `of` (T,) in their own charts."""
         count = len(of)
         none = np.full(count, NONE, np.int64)
         turn = np.tile(np.eye(2), (count, 1, 1))

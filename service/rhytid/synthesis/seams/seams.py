@@ -16,8 +16,8 @@ from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray
 
 # Borders are looked at in places so many pore spacings apart.
 PLACES = 0.15
-# Supports are followed to 4 times their neutral size, which is as wide as any response makes them,
-# and a little further, for borders are looked at in places.
+# Footprints are followed to 4 times their neutral size, which is as wide as any response makes
+# them, and a little further, for borders are looked at in places.
 FURTHER = 0.25
 WIDEST = 4.0 + FURTHER
 # How far beyond the nearest place of a seam a map from chart to chart is fitted to it, in sizes.
@@ -27,8 +27,8 @@ _COUNTS, _OTHERS, _APART = 2.0, (0.7, 4.0, 8.0), 0.1
 # Of these one that leaves less than this share of the error is taken.
 _BETTER = 0.95
 # Elements that are looked at together, unless they reach too many places, and how many times as
-# many of these their twins are counted to reach.
-_BLOCK, _TWINS = 1 << 13, 4
+# many of these their placements are counted to reach.
+_BLOCK, _PLACEMENTS = 1 << 13, 4
 # Elements are looked at in so many times their neutral size; larger ones count less.
 _SIZES = (1.0, 2.0, 4.0)
 # Copies are left out where both sides then differ by less than this share of the error.
@@ -36,59 +36,65 @@ _CLEARLY_BETTER = 0.8
 
 
 class Seams:
-    """The seams of a mesh, to ask what reaches over them.  apart: of places, on the surface."""
+    """The seams of a mesh, and the elements that reach over them.
+
+    apart: between places on the borders, on the surface.
+    """
 
     def __init__(self, borders: Borders, apart: float) -> None:
         self._borders = borders
         self._places = BorderPlaces.on(borders, apart)
         self._search = Search(borders, self._places)
 
-    def twins(self, supports: Footprints) -> Placements:
-        """What is to be drawn beside the elements, in the order of these."""
-        blocks = self._blocks(supports)
-        found = (self._within_limits(supports, some) for some in blocks)
+    def placements(self, footprints: Footprints) -> Placements:
+        """The placements of elements in other charts than their own, in the order of the
+        elements."""
+        blocks = self._blocks(footprints)
+        found = (self._within_limits(footprints, some) for some in blocks)
         return Placements.join([Placements.originals(np.zeros(0, np.int64)), *found])
 
-    def reaching(self, supports: Footprints) -> IntArray:
-        """Rows of what reaches a seam of its chart."""
+    def reaching(self, footprints: Footprints) -> IntArray:
+        """Rows of the footprints that reach a seam of their chart."""
         found = [np.zeros(0, np.int64)]
-        for some in self._blocks(supports):
-            one = supports.take(some)
-            who, _, near = self._search.within(one, Placements.originals(np.arange(len(some))))
-            found.append(some[np.unique(who[near < one.widest[who]])])
+        for some in self._blocks(footprints):
+            one = footprints.take(some)
+            item, _, near = self._search.within(one, Placements.originals(np.arange(len(some))))
+            found.append(some[np.unique(item[near < one.widest[item]])])
         return np.concatenate(found)
 
-    def _blocks(self, supports: Footprints) -> list[IntArray]:
-        """Rows of what may reach a border, some at a time."""
-        if self._places.open.all() or not len(supports):
+    def _blocks(self, footprints: Footprints) -> list[IntArray]:
+        """Rows of the footprints that may reach a border, a block of them at a time."""
+        if self._places.open.all() or not len(footprints):
             return []
-        near = self._places.nearby(supports)
+        near = self._places.nearby(footprints)
         if not len(near):
             return []
-        # An element may come to have many twins, each of which reaches as much.
-        load = np.cumsum(self._places.near(supports.take(near))) * _TWINS // MOST_PAIRS
+        # An element may come to have many placements, each of which reaches as much.
+        load = np.cumsum(self._places.near(footprints.take(near))) * _PLACEMENTS // MOST_PAIRS
         block = np.arange(len(near)) // _BLOCK + load
         return np.split(near, np.flatnonzero(np.diff(block)) + 1)
 
-    def _within_limits(self, supports: Footprints, some: IntArray) -> Placements:
-        """Twins of the elements `some`, in halves of them where these reach too many places."""
+    def _within_limits(self, footprints: Footprints, some: IntArray) -> Placements:
+        """The placements of the elements `some`; found for halves of them where together they reach
+        too many places."""
         try:
-            return self._best(supports.take(some)).renamed(some)
+            return self._best(footprints.take(some)).renamed(some)
         except TooManyPairs:
             parts = np.array_split(some, 2)
-            return Placements.join([self._within_limits(supports, half) for half in parts])
+            return Placements.join([self._within_limits(footprints, half) for half in parts])
 
-    def _best(self, supports: Footprints) -> Placements:
-        """Twins as both sides of a seam agree best with them, be lines drawn straight or bent."""
-        found, error = self._tried(supports, False, _COUNTS)
+    def _best(self, footprints: Footprints) -> Placements:
+        """The placements with which both sides of a seam agree best, lines being straight or
+        bent."""
+        found, error = self._tried(footprints, False, _COUNTS)
         ways = [(False, counts) for counts in _OTHERS]
-        if supports.slopes.any():
+        if footprints.slopes.any():
             ways += [(True, counts) for counts in (_COUNTS, *_OTHERS)]
         asked = np.flatnonzero(error > _APART)
         for bent, counts in ways:
             if not len(asked):
                 break
-            other, left = self._tried(supports.take(asked), bent, counts)
+            other, left = self._tried(footprints.take(asked), bent, counts)
             better = left < _BETTER * error[asked]
             error[asked[better]] = left[better]
             other = other.take(better[other.of]).renamed(asked)
@@ -96,34 +102,35 @@ class Seams:
         return found.sorted()
 
     def _tried(
-        self, supports: Footprints, bent: bool, counts: float
+        self, footprints: Footprints, bent: bool, counts: float
     ) -> tuple[Placements, FloatArray]:
-        """Twins that are fitted in one way, less what is better left out, and (E,) errors."""
-        drawn = supports if bent else supports.straight()
-        found = self._search.twins(drawn, counts)
-        kept, error = agreeing(self._borders, self._places, supports, found)
+        """The placements that are fitted in one way, without those that are better left out, and
+        errors (E,)."""
+        drawn = footprints if bent else footprints.straight()
+        found = self._search.placements(drawn, counts)
+        kept, error = agreeing(self._borders, self._places, footprints, found)
         return found.take(kept), error
 
 
 def agreeing(
-    borders: Borders, places: BorderPlaces, supports: Footprints, twins: Placements
+    borders: Borders, places: BorderPlaces, footprints: Footprints, placements: Placements
 ) -> tuple[IntArray, FloatArray]:
-    """Rows of the twins that are worth being drawn, and (E,) by how much the two sides of seams
-    differ then, in depths times the root of how many places.
+    """Rows of the placements that are worth drawing, and (E,) by how much the two sides of seams
+    then differ, in depths times the root of the number of places.
 
-    Where charts are crumpled a twin may be right at the seam that it comes over and wrong along the
-    next: two sides agree better without it.  twins: in the order of the elements.
+    Where charts are crumpled a placement may be right at the seam that it comes over and wrong
+    along the next: two sides agree better without it.  placements: in the order of the elements.
     """
-    drawn = Placements.join([Placements.originals(np.arange(len(supports))), twins]).sorted()
-    first = np.searchsorted(drawn.of, np.arange(len(supports)))
+    drawn = Placements.join([Placements.originals(np.arange(len(footprints))), placements]).sorted()
+    first = np.searchsorted(drawn.of, np.arange(len(footprints)))
     slot = np.arange(len(drawn)) - first[drawn.of]
-    count = np.bincount(drawn.of, minlength=len(supports))
-    element, tables = _heights(borders, places, supports, drawn, slot)
-    kept, error = np.ones(len(drawn), np.bool_), np.zeros(len(supports))
+    count = np.bincount(drawn.of, minlength=len(footprints))
+    element, tables = _heights(borders, places, footprints, drawn, slot)
+    kept, error = np.ones(len(drawn), np.bool_), np.zeros(len(footprints))
     for images in np.unique(count):
         rows = np.flatnonzero(count[element] == images)
         some = [tuple(side[rows, :images] for side in sides) for sides in tables]
-        chosen, left = _least(element[rows], some, len(supports), int(images))
+        chosen, left = _least(element[rows], some, len(footprints), int(images))
         mine = np.flatnonzero(count == images)
         error[mine] = left[mine]
         for image in range(int(images)):
@@ -132,22 +139,26 @@ def agreeing(
 
 
 def _heights(
-    borders: Borders, places: BorderPlaces, supports: Footprints, drawn: Placements, slot: IntArray
+    borders: Borders,
+    places: BorderPlaces,
+    footprints: Footprints,
+    drawn: Placements,
+    slot: IntArray,
 ) -> tuple[IntArray, list[tuple[FloatArray, FloatArray]]]:
     """(K,) elements, each with a place of a seam, and for each of _SIZES, straight and bent, on
     either side (K, I) heights there of its images, by slot."""
-    who, place = places.reached(supports, drawn, drawn.charts(supports, borders))
+    item, place = places.reached(footprints, drawn, drawn.charts(footprints, borders))
     seam = ~places.open[place]
-    who, place = who[seam], place[seam]
-    there = drawn.back(who, places.here[place])
-    looks = [supports.straight(), supports] if supports.slopes.any() else [supports]
-    near = np.stack([look.distance(drawn.of[who], there) for look in looks])
+    item, place = item[seam], place[seam]
+    there = drawn.back(item, places.here[place])
+    looks = [footprints.straight(), footprints] if footprints.slopes.any() else [footprints]
+    near = np.stack([look.distance(drawn.of[item], there) for look in looks])
     close = near.min(axis=0) < _SIZES[-1]
-    who, place, near = who[close], place[close], near[:, close]
+    item, place, near = item[close], place[close], near[:, close]
     low = np.minimum(place, places.mate[place])
-    key, row = np.unique(drawn.of[who] * len(places) + low, return_inverse=True)
+    key, row = np.unique(drawn.of[item] * len(places) + low, return_inverse=True)
     most, side = int(slot.max(initial=0)) + 1, (place != low).astype(np.int64)
-    at = (side * len(key) + row.ravel()) * most + slot[who]
+    at = (side * len(key) + row.ravel()) * most + slot[item]
     tables = []
     for size, look in product(_SIZES, near):
         table = np.zeros((2, len(key), most))
