@@ -14,7 +14,7 @@ from rhytid.domain.asset_settings import GraphSettings
 from rhytid.domain.controls import Controls
 from rhytid.domain.regions import REGIONS
 from rhytid.synthesis.fields import Fields, level_directions
-from rhytid.synthesis.painted_fields import PaintedFields, PaintedMaps, fields_of, points_to_normals
+from rhytid.synthesis.painted_fields import PaintedFields, PaintedMaps, fields_of, normals_at
 from rhytid.synthesis.pore_density import effective_area
 from rhytid.synthesis.surface import Surface
 from rhytid_lab.samples.face import procedural_face
@@ -157,7 +157,7 @@ def test_painted_directions_lie_on_the_surface_as_they_do_in_uv() -> None:
     triangle, uv = inside(surface)
     fields = PaintedFields(surface, GraphSettings(), Controls({"direction": maps}))
     turn = fields.turn(triangle, uv).astype(float)[:, None]
-    normal = points_to_normals(surface, triangle, uv)
+    normal = normals_at(surface, triangle, uv)
     level = level_directions(normal)
     found = np.cos(turn) * level + np.sin(turn) * np.cross(normal, level)
     for i in range(COUNT):

@@ -28,8 +28,10 @@ _CLASS = 1024.0
 
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """The surface that candidate graphs are made on.  across: (F, 3) neighbours of the
-    triangles."""
+    """What candidate graphs are made on: a surface with its fields, and a workspace on the device.
+
+    across: (F, 3) neighbours of the triangles.
+    """
 
     work: Workspace
     surface: Surface
@@ -39,10 +41,10 @@ class Ground:
 
 @dataclass(frozen=True, eq=False)
 class CandidateGraph:
-    """Pores, the candidate edges between them, and which of those cross: (P, 2).
+    """Pores and the candidate edges between them.
 
-    lattice: of the places of pores.  length, degree: typical of edges, and how many there are to a
-    pore, on even skin.
+    crossings: (P, 2) pairs of edges that cross.  lattice: of the places of pores.  length, degree:
+    on even skin, the mean length of edges and their number per pore.
     """
 
     pores: Points
@@ -69,7 +71,7 @@ class CandidateGraph:
     def paths(
         self, work: Workspace, directions: Directions, fields: Fields, progress: Progress
     ) -> Paths:
-        """The ways out of the pores against the preferred directions."""
+        """The edges that leave each pore, measured against the preferred directions."""
         along, left = directions.frames(self.pores, progress)
         anisotropy = fields.anisotropy(self.pores.triangle, self.pores.uv)
         return Paths.of(
@@ -79,7 +81,7 @@ class CandidateGraph:
     def worn(
         self, work: Workspace, paths: Paths, seed: int, walks: Walks, progress: Progress
     ) -> NDArray[np.float32]:
-        """(E,) the strengths that walkers give the edges; the mean is near 1 on even skin."""
+        """(E,) the strength that walkers give each edge; the mean is near 1 on even skin."""
         progress(0.0, "trails")
         return wear(work, paths, self.crossings, seed, self.degree, walks, progress)
 
@@ -87,10 +89,11 @@ class CandidateGraph:
 def priorities(
     work: Workspace, net: CandidateGraph, strength: NDArray[np.float32], progress: Progress
 ) -> NDArray[np.float64]:
-    """(E,) how much the edges of a net, of strength (E,), are wanted.
+    """(E,) the priority of each edge of a net, from the strengths (E,).
 
-    Most those that belong to the strongest of a pore and cross nothing stronger, then the others
-    that cross nothing stronger, then the rest; by strength in each.
+    Edges come in three classes: first those among the ENDS strongest of a pore that cross nothing
+    stronger, then the others that cross nothing stronger, then the rest. Within a class the
+    stronger edge has the higher priority.
     """
     mark = _marks(work, net, strength, progress)
     priority: NDArray[np.float64] = strength.astype(np.float64)
@@ -102,29 +105,30 @@ def priorities(
 
 @dataclass(frozen=True)
 class Cut:
-    """The least wanted edge that is drawn: its priority and length."""
+    """Down to which edge a net is drawn: the priority and length of the last."""
 
     priority: float
     length: float = np.inf
 
     @classmethod
-    def at(cls, edges: Edges, priority: NDArray[np.float64], count: int) -> Cut:
-        """Where exactly `count` edges are drawn; of equal priorities the shorter ones first."""
+    def at_strength(cls, strength: float) -> Cut:
+        """The cut that draws all edges that pores need, and of the others that cross nothing
+        stronger those stronger than `strength`."""
+        return cls(_CLASS + strength)
+
+    @classmethod
+    def at_count(cls, edges: Edges, priority: NDArray[np.float64], count: int) -> Cut:
+        """The cut that draws exactly `count` edges, of equal priority the shorter ones first."""
         least = float(-np.partition(-priority, count - 1)[count - 1])
         tied = np.flatnonzero(priority == least)
         left = count - np.count_nonzero(priority > least)
         return cls(least, float(np.partition(edges.length[tied], left - 1)[left - 1]))
 
     def draws(self, edges: Edges, priority: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """(E,) whether each edge is drawn; it hangs on the edge alone."""
+        """(E,) whether each edge is drawn, which depends on that edge alone."""
         even = (priority == self.priority) & (edges.length <= self.length)
         drawn: NDArray[np.bool_] = (priority > self.priority) | even
         return drawn
-
-
-def flat(strength: float) -> Cut:
-    """What crosses nothing stronger and is as strong as this, and all that pores need."""
-    return Cut(_CLASS + strength)
 
 
 def _marks(

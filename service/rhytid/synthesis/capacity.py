@@ -1,4 +1,4 @@
-"""How many wrinkles there will be, and whether they fit: asked before any work starts."""
+"""How many wrinkles a synthesis will make, and whether they fit: checked before any work starts."""
 
 from __future__ import annotations
 
@@ -37,10 +37,10 @@ def check_amount(
     memory: int,
     folds: Folds | None = None,
 ) -> int:
-    """`wrinkles_in_all` of a mesh, without looking at it where nothing is painted and the number is
-    given.
+    """The result of `wrinkles_in_all` for a mesh. The mesh is not measured where nothing is painted
+    and the settings give the number of wrinkles.
 
-    memory: bytes that a synthesis may use on the device.
+    memory: bytes that a synthesis may use on the device.  Raises what `wrinkles_in_all` does.
     """
     even = controls is None and (folds is None or not folds.regions)
     if even and settings.wrinkles is not None:
@@ -55,16 +55,29 @@ def check_amount(
 def wrinkles_in_all(
     surface: Surface, settings: GraphSettings, fields: Fields, memory: int | None = None
 ) -> int:
-    """How many wrinkles density makes of those of density 1.
+    """How many wrinkles there are in all, with the density of settings and fields.
 
-    Raises InputError where density leaves no room for pores or there are too few, LimitError for
-    more wrinkles than a graph may have, or than `memory` on the device holds; with what would fit.
+    Raises InputError where the density leaves no room for pores or there are fewer than FEWEST;
+    LimitError where there are more than a graph may have, or than `memory`, bytes on the device,
+    holds. Messages say what would fit.
     """
-    share = settings.density * _room(surface, fields)
+    share = settings.density * _relative_area(surface, fields)
     return _checked(_requested(surface, settings), share, len(surface.area), memory)
 
 
-def check_uv(surface: Surface, settings: GraphSettings, radius: float, factor: float) -> None:
+def check_radius(
+    surface: Surface, settings: GraphSettings, radius: float, least_spacing: float
+) -> None:
+    """Raise MeshError where float32 cannot tell pores from each other, in UV or in space.
+
+    radius: between pores on even skin, in units of the surface.  least_spacing: the least factor of
+    it.
+    """
+    _check_uv(surface, settings, radius, least_spacing)
+    _check_extent(surface, settings, radius * least_spacing)
+
+
+def _check_uv(surface: Surface, settings: GraphSettings, radius: float, factor: float) -> None:
     """Raise MeshError where float32 cannot tell the pores from each other in UV.
 
     radius: between pores.  factor: the least of their spacing.
@@ -84,9 +97,9 @@ def check_uv(surface: Surface, settings: GraphSettings, radius: float, factor: f
         )
 
 
-def check_extent(surface: Surface, settings: GraphSettings, radius: float) -> None:
-    """Raise MeshError where parts of the mesh lie so far apart that places in space are too coarse
-    for pores that are `radius` apart."""
+def _check_extent(surface: Surface, settings: GraphSettings, radius: float) -> None:
+    """Raise MeshError where the parts of the mesh lie so far apart that places in space are too
+    coarse for pores `radius` apart."""
     unit = Lattice.absolute(radius, *surface.extent).unit
     if radius < _PLACES * unit:
         requested = _requested(surface, settings)
@@ -98,7 +111,8 @@ def check_extent(surface: Surface, settings: GraphSettings, radius: float) -> No
 
 
 def check_drawn(surface: Surface, settings: GraphSettings, drawn: int) -> None:
-    """Raise MeshError where fewer pores and lines fit than the area suggests."""
+    """Raise MeshError where so few of the lines can be `drawn` that the UV must be in small
+    parts."""
     if drawn < FEWEST // 2:  # for so few, the area gives the number only to some tens of per cent
         requested = _requested(surface, settings)
         raise MeshError(
@@ -107,8 +121,8 @@ def check_drawn(surface: Surface, settings: GraphSettings, drawn: int) -> None:
         )
 
 
-def _room(surface: Surface, fields: Fields) -> float:
-    """Of even skin 1."""
+def _relative_area(surface: Surface, fields: Fields) -> float:
+    """The effective area over the area that carries pores: 1 for even skin."""
     return effective_area(surface, fields) / float(surface.area[surface.carries].sum())
 
 

@@ -19,8 +19,7 @@ from rhytid.domain.folds import COLUMNS, ROWS, Folds
 from rhytid.domain.mesh import Mesh
 from rhytid.synthesis.fields import Factors, level_directions
 from rhytid.synthesis.progress import row_blocks
-from rhytid.synthesis.seams.charts import cross
-from rhytid.synthesis.surface import FloatArray, Surface, unit
+from rhytid.synthesis.surface import FloatArray, Surface, cross, unit
 
 ComplexArray = NDArray[np.complex128]
 # (F, 5): what a value at the corners of a triangle is at (u, v), as slopes along both and at the
@@ -143,12 +142,7 @@ def _form(tensor: FloatArray, one: FloatArray, two: FloatArray) -> FloatArray:
 
 def _places(surface: Surface, triangle: NDArray[Any], uv: NDArray[Any]) -> FloatArray:
     """(N, 3) shares of the corners at uv (N, 2), none below 0."""
-    corners = surface.uv[triangle]
-    one, two = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    offset, area = uv - corners[:, 0], cross(one, two)
-    share = np.empty((len(triangle), 3))
-    share[:, 1], share[:, 2] = cross(offset, two) / area, cross(one, offset) / area
-    share[:, 0] = 1.0 - share[:, 1] - share[:, 2]
+    share = surface.barycentric(triangle, uv)
     np.maximum(share, 0.0, out=share)
     share /= share.sum(axis=1, keepdims=True)
     return share

@@ -16,8 +16,8 @@ from rhytid.domain.lengths import Lengths
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import MeshError
 from rhytid.synthesis.assembly import EdgeStrengths, GraphParts
-from rhytid.synthesis.candidate_graph import CandidateGraph, Cut, Ground, flat, priorities
-from rhytid.synthesis.capacity import check_drawn, check_extent, check_uv, wrinkles_in_all
+from rhytid.synthesis.candidate_graph import CandidateGraph, Cut, Ground, priorities
+from rhytid.synthesis.capacity import check_drawn, check_radius, wrinkles_in_all
 from rhytid.synthesis.fields import Directions, Fields
 from rhytid.synthesis.fold_field import FoldField
 from rhytid.synthesis.incidence import independent_set
@@ -46,13 +46,14 @@ ATTEMPTS = 4
 
 @dataclass(frozen=True, eq=False)
 class Synthesis:
-    """A graph and what came up while it was made.
+    """A synthesised graph, and figures of it.
 
-    lengths: what it is drawn with unless settings say otherwise. Their spacing is the distance of a
-    pore to the nearest, on the surface, mesh units, where nothing is painted: as the settings have
-    it, with their density; where they say how many wrinkles there are, the mean on even skin of so
-    many. Their depth is that of the age of the settings.  distance: the mean as it came out.
-    stretched: how many triangles hold no pore because their UV is stretched beyond reason.
+    lengths: that the graph is drawn with unless settings say otherwise. Their spacing is the
+    distance on the surface from a pore to the nearest, mesh units, where nothing is painted: that
+    of the settings, with their density; or, where the settings give the number of wrinkles, the
+    mean on even skin with so many. Their depth is that of the age in the settings.  distance: the
+    mean distance from a pore to the nearest in the graph, mesh units.  stretched: how many
+    triangles hold no pore because their UV is stretched too far.
     """
 
     graph: WrinkleGraph
@@ -62,7 +63,7 @@ class Synthesis:
 
     @property
     def spacing(self) -> float:
-        """Of the lengths."""
+        """The spacing of the lengths, mesh units."""
         return self.lengths.spacing
 
 
@@ -76,20 +77,23 @@ def synthesize(
     controls: Controls | None = None,
     folds: Folds | None = None,
 ) -> Synthesis:
-    """A graph after Weiss et al. 2023, of exactly `settings.wrinkles` wrinkles times density
-    where nothing is painted, or of pores `settings.spacing` apart there.
+    """Grow a wrinkle graph on a mesh, after Weiss et al. 2023.
+
+    Where nothing is painted it has exactly `settings.wrinkles` wrinkles times density, or pores
+    `settings.spacing` apart.
 
     The same mesh, settings, seed and device give the same graph, bit for bit; so does the mesh
     scaled by a power of two, and the spacing with it. What is painted changes only its
     surroundings: where the number of wrinkles is set and something is painted that pores and lines
-    grow by, the skin without it is grown first, which says how far apart pores are and which edges
-    are too faint.
+    grow by, the skin without it is grown first. That skin says how far apart pores are and which
+    edges are too faint.
 
-    progress(fraction, stage) is called often and may raise CancelledError. fields: what differs
-    from place to place, in place of what settings, controls and folds say of it. folds: where the
-    face folds, for lines to run there; without them these run level. call: runs each step in
-    a task of the device. Raises MeshError where the mesh has no room for pores, or its UV none for
-    the wrinkles, and what `wrinkles_in_all` does.
+    progress(fraction, stage): called often; may raise CancelledError.  fields: properties of the
+    skin by place, in place of those of settings, controls and folds.  folds: where the face folds;
+    lines run across the folds, without them around the vertical axis.  call: runs each step in a
+    task of the device.
+    Raises MeshError where the mesh has no room for pores, or its UV has none for the wrinkles;
+    InputError and LimitError as `wrinkles_in_all` does.
     """
     report = rising(progress)
     report(0.0, "pores")
@@ -113,13 +117,16 @@ def synthesize(
 def _skin(
     ground: Ground, plain: Fields, settings: GraphSettings, progress: Progress
 ) -> tuple[Skin, Cut]:
-    """Skin, and down to where its edges are drawn.  plain: fields where nothing is painted."""
+    """The skin, and the cut down to which its edges are drawn.
+
+    plain: the fields where nothing is painted.
+    """
     surface = ground.surface
     if settings.wrinkles is None:
         assert settings.spacing is not None
         spacing = settings.spacing * settings.density**-0.5 / surface.scale
         skin = _grown_at_spacing(ground, spacing / SPACING, settings, progress)
-        cut = flat(faintest(settings.neighbours))
+        cut = Cut.at_strength(faintest(settings.neighbours))
         check_drawn(surface, settings, int(cut.draws(skin.net.edges, skin.priority).sum()))
         return skin, cut
     first = ground if plain is ground.fields else replace(ground, fields=plain)
@@ -133,8 +140,10 @@ def _skin(
 
 @dataclass(frozen=True, eq=False)
 class Skin:
-    """Pores `radius` apart and the strengths of their edges.  priority (E,): by which edges are
-    chosen."""
+    """Pores `radius` apart, and the strengths of the edges between them.
+
+    priority (E,): by which edges are chosen to be drawn.
+    """
 
     net: CandidateGraph
     radius: float
@@ -149,8 +158,7 @@ class Skin:
     def drawn(
         self, ground: Ground, borders: Borders, cut: Cut, seed: int, progress: Progress
     ) -> WrinkleGraph:
-        """The graph of the edges down to a cut, in the order of their numbers, which is that of
-        space."""
+        """The graph of the edges down to `cut`, in spatial order."""
         progress(0.0, "shapes")
         chosen = np.flatnonzero(cut.draws(self.net.edges, self.priority)).astype(np.int32)
         lines = draw(ground, self.net, borders, chosen, self.spacing)
@@ -163,22 +171,21 @@ class Skin:
 def _grown_to_count(
     ground: Ground, settings: GraphSettings, count: int, progress: Progress
 ) -> tuple[Skin, Cut]:
-    """Skin with as many pores as it takes for exactly `count` wrinkles, and the cut at these.
+    """Skin with as many pores as `count` wrinkles need, and the cut that leaves exactly these.
 
-    The first guess is right unless the UV is in small parts, where many edges end at a border:
-    there are fewer wrinkles then, if the spacing is set.
+    The first guess of the radius is right unless the UV is in small parts, where many edges end at
+    a border and cannot be drawn.
     """
     radius = packed_radius(ground.surface, ground.fields, count / EDGES_PER_PORE)
-    check_uv(ground.surface, settings, radius, ground.fields.least_spacing)
-    check_extent(ground.surface, settings, radius * ground.fields.least_spacing)
+    check_radius(ground.surface, settings, radius, ground.fields.least_spacing)
     for _ in range(ATTEMPTS):
-        spinning = part(progress, 0.0, 0.5)
-        net = CandidateGraph.build(ground, radius, settings.neighbours, settings.start, spinning)
+        building = part(progress, 0.0, 0.5)
+        net = CandidateGraph.build(ground, radius, settings.neighbours, settings.start, building)
         drawable = independent_set(ground.work, net.edges.length, net.crossings)
         lines = int(drawable.sum())
         if lines >= count:
             skin = _worn(ground, net, radius, settings, part(progress, 0.5, 1.0))
-            return skin, Cut.at(net.edges, skin.priority, count)
+            return skin, Cut.at_count(net.edges, skin.priority, count)
         radius *= 0.97 * float(np.sqrt(max(lines / count, 0.5)))
     setting, more = "wrinkles", "more wrinkles"
     if settings.wrinkles is None:
@@ -193,8 +200,7 @@ def _grown_at_spacing(
     ground: Ground, radius: float, settings: GraphSettings, progress: Progress
 ) -> Skin:
     """Skin with pores `radius` apart, in units of the surface, times the spacing of its fields."""
-    check_uv(ground.surface, settings, radius, ground.fields.least_spacing)
-    check_extent(ground.surface, settings, radius * ground.fields.least_spacing)
+    check_radius(ground.surface, settings, radius, ground.fields.least_spacing)
     net = CandidateGraph.build(
         ground, radius, settings.neighbours, settings.start, part(progress, 0.0, 0.5)
     )
@@ -204,12 +210,12 @@ def _grown_at_spacing(
 def _worn(
     ground: Ground, net: CandidateGraph, radius: float, settings: GraphSettings, progress: Progress
 ) -> Skin:
-    """Strengths of the edges, by walkers and primary lines."""
+    """The skin of a net: strengths of its edges, by walkers and primary lines."""
     rng = np.random.Generator(np.random.PCG64(settings.start))
     directions = Directions(SPACING * radius, rng, ground.fields)
-    spinning = part(progress, 0.0, 0.07)
+    building = part(progress, 0.0, 0.07)
     primary = Primary.build(
-        ground, radius, settings.neighbours, settings.start, directions, spinning
+        ground, radius, settings.neighbours, settings.start, directions, building
     )
     with ground.work.nested() as nested:
         paths = net.paths(nested, directions, ground.fields, part(progress, 0.07, 0.15))

@@ -20,9 +20,9 @@ from rhytid.synthesis.edges import DEFINES
 from rhytid.synthesis.incidence import Incidence
 from rhytid.synthesis.progress import row_blocks
 from rhytid.synthesis.seams.borders import NONE, Borders
-from rhytid.synthesis.seams.charts import BORDER, SIDES, Halves, cross, halves
+from rhytid.synthesis.seams.charts import BORDER, SIDES, Halves, halves
 from rhytid.synthesis.shapes import WIDE, half_widths_uv
-from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray, Points, unit
+from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray, Points, cross, unit
 
 Indices = NDArray[np.int32]
 # A wrinkle whose far pore, laid flat, is so much nearer or farther than on the surface is cut at

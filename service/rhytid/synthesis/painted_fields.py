@@ -18,7 +18,6 @@ from rhytid.domain.tiles import udim_origin
 from rhytid.synthesis.fields import Factors, Fields, level_directions
 from rhytid.synthesis.fold_field import FoldField, Planes
 from rhytid.synthesis.progress import row_blocks
-from rhytid.synthesis.seams.charts import cross
 from rhytid.synthesis.surface import FloatArray, Surface, unit
 
 # Painted and regional density together stay within; what is painted below BARE is bare.
@@ -308,23 +307,19 @@ class PaintedDirections:
         """Of angles in UV, on the surface."""
         way = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
         along = self._surface.along(triangle, way)
-        normal = points_to_normals(self._surface, triangle, uv)
+        normal = normals_at(self._surface, triangle, uv)
         level = level_directions(normal)
         beside = np.cross(normal, level)
         found: FloatArray = np.arctan2((along * beside).sum(-1), (along * level).sum(-1))
         return found
 
 
-def points_to_normals(surface: Surface, triangle: NDArray[Any], uv: NDArray[Any]) -> FloatArray:
+def normals_at(surface: Surface, triangle: NDArray[Any], uv: NDArray[Any]) -> FloatArray:
     """(N, 3) unit normals at uv (N, 2), interpolated from the corners of their triangles."""
     normals = np.empty((len(triangle), 3))
     for rows in row_blocks(len(triangle)):
-        corners, at = surface.uv[triangle[rows]], uv[rows].astype(np.float64)
-        one, two = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-        offset, area = at - corners[:, 0], cross(one, two)
-        s, t = cross(offset, two) / area, cross(one, offset) / area
-        weights = np.stack([1.0 - s - t, s, t], axis=-1)
-        normals[rows] = np.einsum("nc,ncx->nx", weights, surface.normals[triangle[rows]])
+        shares = surface.barycentric(triangle[rows], uv[rows])
+        normals[rows] = np.einsum("nc,ncx->nx", shares, surface.normals[triangle[rows]])
     return unit(normals)
 
 

@@ -46,8 +46,11 @@ _LOOKS, _FINEST = 1 << 20, 512
 
 @dataclass(frozen=True)
 class Usual:
-    """strength: mean of the edges that are drawn.  meeting: mean sum of the weights of the wrinkles
-    that meet at a pore."""
+    """Means of even skin.
+
+    strength: of the edges that are drawn.  meeting: sum of the weights of the wrinkles that meet at
+    a pore.
+    """
 
     strength: float
     meeting: float
@@ -57,24 +60,27 @@ WITH_PRIMARY, WITHOUT_PRIMARY = Usual(1.446, 1.114), Usual(0.872, 1.18)
 
 
 def edges_per_pore(neighbours: int) -> float:
-    """Candidate edges per pore."""
+    """Candidate edges per pore, each pore looking for so many neighbours."""
     return _NEIGHBOURS[min(neighbours, 8)][0]
 
 
 def faintest(neighbours: int) -> float:
-    """The strength at which an edge is drawn, where the number of wrinkles is not given."""
+    """The least strength at which an edge is drawn where the number of wrinkles is not given."""
     return _NEIGHBOURS[min(neighbours, 8)][1]
 
 
 def spacings(fields: Fields, triangle: NDArray[Any], uv: NDArray[Any]) -> NDArray[np.float32]:
-    """(N,) factors of the spacing at points, within what the fields promise."""
+    """(N,) factors of the spacing of pores at points, kept within the limits of the fields.
+
+    triangle (N,), uv (N, 2): of the points.
+    """
     found = np.clip(fields.spacing(triangle, uv), fields.least_spacing, fields.most_spacing)
     return found.astype(np.float32)
 
 
 def effective_area(surface: Surface, fields: Fields) -> float:
-    """The area of the surface that is not bare in units of squared spacing factors; the area where
-    spacing is even."""
+    """The area of even skin that would hold as many pores as the surface does: its area that is not
+    bare, each place over its squared spacing factor."""
     carriers = np.flatnonzero(surface.carries)
     mean = relative_densities(
         surface, fields, carriers, _cuts(surface.uv[carriers], fields.detail)
@@ -99,9 +105,10 @@ def densities(
 def relative_densities(
     surface: Surface, fields: Fields, carriers: NDArray[np.intp], cuts: NDArray[np.int64]
 ) -> tuple[FloatArray, FloatArray]:
-    """(C,) one over squared factors: at the densest place of each triangle, and on the mean.
+    """(C,) pores by area relative to even skin, one over the squared spacing factor: at the densest
+    place of each triangle `carriers` (C,), and its mean over the triangle.
 
-    cuts (C,): into how many parts the sides of a triangle are cut to look at it.
+    cuts (C,): into how many parts the sides of a triangle are cut for samples.
     """
     most, mean = np.empty(len(carriers)), np.empty(len(carriers))
     for cut in np.unique(cuts):
@@ -118,7 +125,7 @@ def relative_densities(
 def _relative_densities_at(
     surface: Surface, fields: Fields, triangle: NDArray[np.intp], places: FloatArray
 ) -> FloatArray:
-    """(T, P) pores by area, 1 where spacing is even, at P places of each triangle."""
+    """(T, P) pores by area relative to even skin at P places of each triangle."""
     uv = (places @ surface.uv[triangle]).reshape(-1, 2)
     at = np.repeat(triangle, len(places))
     share: FloatArray = spacings(fields, at, uv).astype(np.float64) ** -2.0

@@ -43,39 +43,41 @@ def scatter_pores(
     progress: Progress,
     fields: Fields | None = None,
 ) -> Points:
-    """Pores of one sheet at least `radius` apart, so that hardly any more would fit.
+    """Scatter pores at least `radius` apart, so dense that hardly any more would fit.
 
-    Times the mean of their spacing factors, where `fields` has such. Dart throwing, many at a time:
-    those of a batch that no older pore is too close to are kept in the order of their priorities,
-    as throwing them one by one would. Distances are Euclidean; surfaces that touch face to face
-    (lips, eyelids) are kept apart by their normals. Pores come in spatial order. Which they are
-    hangs on the place of each triangle in the map, its area and what is painted nearby; not on how
-    many darts are thrown at a time.
+    radius: in units of the surface; where `fields` has spacing factors, times the mean of those of
+    the two pores. Distances are Euclidean; sheets that touch face to face (lips, eyelids) are told
+    apart by their normals.
+
+    Darts are thrown many at a time: of a batch, those that no older pore is too close to are kept
+    in the order of their priorities, as if they were thrown one by one. Which darts are kept
+    depends on the place of each triangle in the map, its area and what is painted nearby, not on
+    the size of a batch. Pores come in spatial order.
     """
     fields = fields or Fields()
     with work.nested() as nested:
         darts = Darts(nested, surface, fields, radius, seed, BATCH)
         a_room = PACKING / radius**2
-        sieve = DartSelection(nested, darts, radius, fields, a_room * darts.filled)
+        selection = DartSelection(nested, darts, radius, fields, a_room * darts.filled)
         every = sum(DARTS) * a_room * darts.room
         done = 0
         for turn, share in enumerate(DARTS):
             for thrown in darts.throws(turn, share * a_room):
                 progress(min(done / every, 1.0), "pores")
-                sieve.take(thrown)
+                selection.take(thrown)
                 done += thrown.count
-        return sieve.points()
+        return selection.points()
 
 
 def packed_radius(surface: Surface, fields: Fields, pores: float) -> float:
-    """The radius at which about so many pores fit on the surface."""
+    """The radius, in units of the surface, at which about so many pores fit on it."""
     return float(np.sqrt(PACKING * effective_area(surface, fields) / pores))
 
 
 class DartSelection:
-    """The pores so far, and what a batch of darts adds to them.
+    """The pores that were kept so far; each batch of darts adds some.
 
-    expected: how many pores there will be, about; there is room for more.
+    expected: about how many pores there will be; more fit.
     """
 
     def __init__(
@@ -89,7 +91,7 @@ class DartSelection:
         self._kept, self._grid = self._empty(int(1.1 * expected) + _SPARE)
 
     def take(self, darts: Throw) -> None:
-        """Keep what fits of a throw."""
+        """Keep those darts of a throw that fit."""
         room = self._work.empty(darts.count, np.uint8)
         self._work.run(
             "pores", "find_room", darts.count, darts.triangle, darts.place, darts.normal,
@@ -102,7 +104,7 @@ class DartSelection:
             self._add(darts, self._thinned(darts, fitting.astype(np.int32)))
 
     def points(self) -> Points:
-        """The pores, neighbours near each other."""
+        """The pores in spatial order."""
         read, count = self._work.read, self.count
         place = read(self._kept.place, (count, 3), np.int32)
         order = spatial_order(place)
@@ -112,7 +114,7 @@ class DartSelection:
         return Points(triangle, uv, self._lattice.positions(place[order]), unit(normal))
 
     def _thinned(self, darts: Throw, fitting: NDArray[np.int32]) -> NDArray[np.int32]:
-        """Those of the fitting darts that are kept when they come in the order of priority."""
+        """The fitting darts that are kept when they come in the order of priority."""
         with self._work.nested() as nested:
             listed = nested.upload(fitting)
             grid = Grid.empty(nested, self._cell, len(fitting), darts.count)
@@ -144,7 +146,7 @@ class DartSelection:
         return _Kept.empty(self._work, most), Grid.empty(self._work, self._cell, most)
 
     def _make_room(self, most: int) -> None:
-        """Move what there is to larger arrays: borders can make for more pores than areas do."""
+        """Move the pores to larger arrays: along borders more fit than the area suggests."""
         kept, grid = self._empty(most)
         everyone = self._work.upload(np.arange(self.count, dtype=np.int32))
         self._work.run(
@@ -157,7 +159,7 @@ class DartSelection:
 
 @dataclass(frozen=True, eq=False)
 class _Kept:
-    """Room on the device for so many pores: as Throw, without priorities."""
+    """Arrays on the device for up to `most` pores: those of Throw, without priorities."""
 
     most: int
     triangle: Buffer
@@ -179,7 +181,7 @@ class _Kept:
 
 @dataclass(frozen=True, eq=False)
 class Throw:
-    """N darts on the device; they are overwritten by the next throw.
+    """N darts on the device; the next throw overwrites them.
 
     triangle (N,) int32, -1 for a dart outside the UDIMs or on bare skin.  place (N, 3) int32 on the
     lattice.  normal (N, 3) float32, not of unit length.  uv (N, 2) float32.  factor (N,) float32:
@@ -200,9 +202,9 @@ class Throw:
 class Darts:
     """Throws at most `most` darts at a time, to fill a surface with pores `radius` apart.
 
-    room: the area of the surface in units of squared spacing factors, those of the densest place of
-    each triangle; the area where spacing is even.  filled: the same by the mean of each triangle,
-    which is what pores have.
+    room: the area of even skin that takes as many darts as are thrown: each triangle counts by its
+    densest place.  filled: the area of even skin that holds as many pores as fit: each triangle
+    counts by its mean.
     """
 
     def __init__(
@@ -235,8 +237,8 @@ class Darts:
         self._factor, self._where = work.full(most, np.float32(1.0)), work.empty(1, np.int32)
 
     def throws(self, turn: int, rate: float) -> Iterator[Throw]:
-        """`rate` darts to an area where the factor of spacing is 1, in as many throws as it takes,
-        those of lower priority first; another turn gives other darts."""
+        """Throw `rate` darts per area of even skin, in as many throws as needed, those of lower
+        priority first. Another `turn` gives other darts."""
         expected = np.float32(rate) * self._area
         counts = np.ceil(expected * self._most).astype(np.int64)
         phase = random4(self._key, turn, self._seed, _PHASE)[0]
@@ -260,7 +262,7 @@ class Darts:
         amounts: NDArray[np.int64],
         phases: Buffer,
     ) -> Throw:
-        """Every `parts`-th dart of each triangle, so many from its `first` on."""
+        """Every `parts`-th dart of each triangle: `amounts` (C,) of them from `first` (C,) on."""
         made, work, count = self._made, self._work, int(amounts.sum())
         ends, starts = work.upload(np.cumsum(amounts).astype(np.int32)), work.upload(first)
         work.run(
@@ -288,7 +290,7 @@ class Darts:
 def shared_out(
     counts: NDArray[np.int64], phase: Words, part: int, parts: int
 ) -> tuple[Words, NDArray[np.int64]]:
-    """(C,) the first number of the darts of each triangle, and how many, that are thrown in a part.
+    """(C,) the first dart of each triangle that is thrown in a part, and (C,) how many are.
 
     parts: a power of two; the priority of dart n is n + phase with its bits in reverse order, so
     that parts are ranges of it, in their order.
@@ -300,7 +302,8 @@ def shared_out(
 
 
 def map_corners(uv: FloatArray) -> NDArray[np.float32]:
-    """(F, 8) the origin of the UDIM where a triangle begins and its corners from there."""
+    """(F, 8) of each triangle the origin of the UDIM that it begins in, and its corners from
+    there."""
     origin = np.floor(uv.min(axis=1, keepdims=True))
     local = (uv - origin).reshape(len(uv), 6)
     return np.concatenate([origin[:, 0], local], axis=1).astype(np.float32)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from rhytid.device.buffer import Buffer
 from rhytid.synthesis import shapes
-from rhytid.synthesis.candidate_graph import CandidateGraph, Ground, flat, priorities
+from rhytid.synthesis.candidate_graph import CandidateGraph, Cut, Ground, priorities
 from rhytid.synthesis.fields import Directions
 from rhytid.synthesis.lattice import DevicePoints, Lattice
 from rhytid.synthesis.pore_density import FAINTEST_PRIMARY, PACKING, PRIMARY_STRENGTH, spacings
@@ -57,7 +57,7 @@ class Primary:
         directions: Directions,
         progress: Progress,
     ) -> Primary:
-        """radius, count, seed: those of the fine net."""
+        """Grow the coarse net.  radius, count, seed: those of the fine net."""
         other = seed ^ _SALT
         net = CandidateGraph.build(ground, COARSER * radius, count, other, part(progress, 0.0, 0.5))
         if not has_primary_lines(ground.surface, radius) or not len(net.edges):
@@ -65,18 +65,18 @@ class Primary:
         with ground.work.nested() as nested:
             paths = net.paths(nested, directions, ground.fields, part(progress, 0.5, 0.6))
             strength = net.worn(nested, paths, other, COARSE, part(progress, 0.6, 0.9))
-        wanted = ground.fields.primary(net.pores.triangle, net.pores.uv)
-        strength *= wanted[net.edges.nodes].mean(axis=1)
+        factor = ground.fields.primary(net.pores.triangle, net.pores.uv)
+        strength *= factor[net.edges.nodes].mean(axis=1)
         priority = priorities(ground.work, net, strength, part(progress, 0.9, 1.0))
-        chosen = np.flatnonzero(flat(FAINTEST_PRIMARY).draws(net.edges, priority))
+        chosen = np.flatnonzero(Cut.at_strength(FAINTEST_PRIMARY).draws(net.edges, priority))
         weight = shapes.edge_weights(strength[chosen] ** _SHARPER, PRIMARY_STRENGTH)
         return cls(net.pores, net.edges.nodes[chosen], weight)
 
     def laid(
         self, ground: Ground, net: CandidateGraph, paths: Paths, radius: float
     ) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-        """(E,) the weight that primary lines give to each edge of the fine net, 0 beside them; and
-        the pores (H,) where they meet."""
+        """(E,) the weight that primary lines give to each edge of the fine net, 0 where none runs;
+        and (H,) the pores of the fine net at which primary lines meet."""
         factor = spacings(ground.fields, self.pores.triangle, self.pores.uv)
         hubs = nearest_pores(ground.work, net.pores, self.pores, 2.0 * radius, factor, net.lattice)
         weight = lay_routes(ground.work, net.pores, paths, hubs, self.ends, self.weight)
@@ -95,7 +95,10 @@ def has_primary_lines(surface: Surface, radius: float) -> bool:
 def with_primary_lines(
     strength: NDArray[np.float32], primary: NDArray[np.float32]
 ) -> NDArray[np.float32]:
-    """(E,) strengths with the weights of primary lines worked in; what is none stays behind."""
+    """(E,) strengths of edges, raised where primary lines run and lowered elsewhere.
+
+    primary (E,): the weight of the primary line along each edge, 0 for none.
+    """
     secondary: NDArray[np.float32] = SECONDARY * strength
     secondary += PRIMARY * primary
     return secondary
@@ -109,16 +112,17 @@ def lay_routes(
     ends: NDArray[np.int32],
     weight: NDArray[np.float32],
 ) -> NDArray[np.float32]:
-    """(E,) the largest weight of a line that an edge is part of, 0 where it is part of none.
+    """Lay lines along the shortest ways between pores: (E,) the largest weight of a line that runs
+    along each edge, 0 where none does.
 
     hubs (H,): the pores that lines go between, -1 for none.  ends (L, 2): the two hubs of each
     line.  weight (L,): in [0, 1].
     """
     with work.nested() as nested:
         laid = nested.full(paths.edges, np.int32(0))
-        wanted = nested.upload(np.rint(weight / _STEP).astype(np.int32))
+        steps = nested.upload(np.rint(weight / _STEP).astype(np.int32))
         nested.run(
-            "routes", "lay_routes", len(ends), _STEPS, nested.upload(hubs[ends]), wanted,
+            "routes", "lay_routes", len(ends), _STEPS, nested.upload(hubs[ends]), steps,
             paths.ways.offsets, paths.ways.pairs, paths.ways.others, paths.place,
             float(paths.unit / paths.typical), laid,
         )  # fmt: skip
@@ -135,10 +139,10 @@ def nearest_pores(
     factor: NDArray[np.float32],
     lattice: Lattice,
 ) -> NDArray[np.int32]:
-    """(H,) the pore nearest to each place on its sheet, -1 where none is within `reach` times the
-    factor (H,) of the place.
+    """(H,) the pore nearest to each place, on the same sheet; -1 where none is within `reach` times
+    the factor (H,) of the place.
 
-    lattice: that of the pores; places lie on it too.
+    lattice: of the places of the pores, and of `places`.
     """
     with work.nested() as nested:
         cloud = DevicePoints.of(nested, pores, reach * float(factor.max(initial=0.0)), lattice)

@@ -119,11 +119,27 @@ class Surface:
         vectors: FloatArray = np.einsum("nxc,nc->nx", self.jacobian[triangle], direction)
         return vectors
 
+    def barycentric(self, triangle: NDArray[np.integer], uv: NDArray[np.floating]) -> FloatArray:
+        """(N, 3) barycentric coordinates of uv (N, 2) in their triangles."""
+        corners = self.uv[triangle]
+        one, two = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+        offset, area = uv - corners[:, 0], cross(one, two)
+        shares = np.empty((len(triangle), 3))
+        shares[:, 1], shares[:, 2] = cross(offset, two) / area, cross(one, offset) / area
+        shares[:, 0] = 1.0 - shares[:, 1] - shares[:, 2]
+        return shares
+
     def place(self, triangle: NDArray[np.integer], uv: NDArray[np.floating]) -> FloatArray:
         """(N, 3) positions of uv (N, 2) in the planes of their triangles."""
         offset = self.along(triangle, uv - self.uv[triangle, 0])
         positions: FloatArray = self.corners[triangle, 0] + offset
         return positions
+
+
+def cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """The cross product of vectors in UV, (..., 2) each."""
+    product: FloatArray = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+    return product
 
 
 def unit(vectors: AnyFloats) -> AnyFloats:
@@ -190,7 +206,7 @@ def _covered_by_others(uv: NDArray[np.float64], usable: NDArray[np.bool_]) -> ND
 def _inside(points: NDArray[np.float64], corners: NDArray[np.float64]) -> NDArray[np.bool_]:
     """(N,) true where a point (N, 2) lies within its triangle (N, 3, 2), not on the edge."""
     sides, to = np.roll(corners, -1, axis=1) - corners, points[:, None] - corners
-    turn = np.sign(sides[..., 0] * to[..., 1] - sides[..., 1] * to[..., 0])
+    turn = np.sign(cross(sides, to))
     inside: NDArray[np.bool_] = np.abs(turn.sum(axis=1)) == 3
     return inside
 

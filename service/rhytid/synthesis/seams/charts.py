@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rhytid import stopping
 from rhytid.domain.mesh import Mesh
-from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray, Points, Surface
+from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray, Points, Surface, cross
 
 BORDER = -1
 # Triangles that one line may cross; a line still under way then ends there.
@@ -150,12 +150,6 @@ def orientation(uv: FloatArray) -> NDArray[np.float64]:
     """(F,) 1 where the UV of a triangle turn left, -1 where right, 0 without area."""
     turn: NDArray[np.float64] = np.sign(cross(uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]))
     return turn
-
-
-def cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """The cross product of vectors in UV."""
-    product: FloatArray = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-    return product
 
 
 @dataclass(frozen=True, eq=False)

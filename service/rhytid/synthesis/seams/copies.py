@@ -13,10 +13,9 @@ from rhytid.domain.asset_settings import CUSHION_THRESHOLD, ResponseSettings, Sh
 from rhytid.domain.graph import LEAST_SIZE, ORIGINAL, STEEPEST
 from rhytid.domain.mesh import UV_LIMIT
 from rhytid.synthesis.seams.borders import Borders
-from rhytid.synthesis.seams.charts import cross
 from rhytid.synthesis.seams.footprints import Footprints, Placements
 from rhytid.synthesis.seams.seams import FURTHER, PLACES, WIDEST, Seams
-from rhytid.synthesis.surface import BoolArray, FloatArray, Surface
+from rhytid.synthesis.surface import BoolArray, FloatArray, Surface, cross
 
 # The arrays of a graph while it is put together, by their names in WrinkleGraph.
 Arrays = dict[str, NDArray[Any]]
