@@ -14,7 +14,7 @@ from pipeline.test_stage_merges import EVERYWHERE
 from rhytid.domain.stiffness import Stiffness
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
 from rhytid.pipeline.bins import quantisation_steps
-from rhytid.pipeline.cushion_bins import cushion_steps
+from rhytid.pipeline.cushion import cushion_steps
 
 R_MAX = 0.15
 LINES = random_graph(24, 200)

@@ -18,7 +18,7 @@ from rhytid.domain.tiles import TileAddress
 from rhytid.engine.device_assets.asset import DeviceAsset
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
 from rhytid.engine.messages import MapQuery
-from rhytid.pipeline.grain_shares import grain_shares
+from rhytid.pipeline.grain import grain_shares
 
 SIZE, SHARE = 0.08, 0.03
 SIDE = 256

@@ -6,16 +6,16 @@ import inspect
 from typing import Any
 
 import pytest
-from rhytid.engine.asset_service import AssetService
-from rhytid.engine.tile_service import TileService
 
 from api.fake_engine import FakeEngine
 from rhytid.engine import engine, operations
+from rhytid.engine.assets.service import AssetService
 from rhytid.engine.frame_service import FrameService
 from rhytid.engine.jobs import Jobs
 from rhytid.engine.operations import OPERATIONS, Operation, Proxy
 from rhytid.engine.packages import PackageService
 from rhytid.engine.snapshots import SnapshotService
+from rhytid.engine.tiles.service import TileService
 from rhytid.engine_process.remote_engine import RemoteEngine
 from rhytid.fleet.ray_engine import RayEngine
 

@@ -292,7 +292,7 @@ def test_what_would_take_too_long_is_refused_at_once(
 ) -> None:
     with running(tmp_path / "fast") as engine:
         work = engine._on_device.loaded(_asset(engine, built(engine, new_asset()))).mesh.elements
-    monkeypatch.setattr("rhytid.pipeline.draw_limit._BLOCK_SECONDS", 1e9)
+    monkeypatch.setattr("rhytid.pipeline.work._BLOCK_SECONDS", 1e9)
     pace = work[1001].work.total / 10
     monkeypatch.setattr("rhytid.engine.engine.remembered_pace", lambda *_: pace)
     with running(tmp_path / "slow", cache=tmp_path, draw_seconds=1) as engine:

@@ -5,23 +5,23 @@ from __future__ import annotations
 import pytest
 
 from house.syntax import ROOT
-from rhytid.pipeline import cushion_bins, cushion_elements, grain
+from rhytid.pipeline import cushion, cushion_layer, grain
 
 TEXT = " ".join((ROOT / "docs" / "binned.md").read_text(encoding="utf-8").split())
-FACTORS = [str(factor) for factor in cushion_elements.FACTORS]
+FACTORS = [str(factor) for factor in cushion_layer.FACTORS]
 
 
 @pytest.mark.parametrize(
     "said",
     [
-        f"clip01(a/{cushion_elements.THRESHOLD:g} − 1)",
-        f"weights above {cushion_elements.THRESHOLD:g}, is {cushion_elements.CARRIED:g} samples",
-        f"as wide the other is, {cushion_elements.UNEVEN:g} at most",
-        f"√(w² − {cushion_elements.WIDENED:g})",
-        f"no less than {cushion_elements.LEAST_HALF_WIDTH:g}",
+        f"clip01(a/{cushion_layer.THRESHOLD:g} − 1)",
+        f"weights above {cushion_layer.THRESHOLD:g}, is {cushion_layer.CARRIED:g} samples",
+        f"as wide the other is, {cushion_layer.UNEVEN:g} at most",
+        f"√(w² − {cushion_layer.WIDENED:g})",
+        f"no less than {cushion_layer.LEAST_HALF_WIDTH:g}",
         f"the largest of {', '.join(FACTORS[:-1])} and {FACTORS[-1]}",
-        f"{cushion_elements.COARSE_BLOCK} samples are left a side",
-        f"log({cushion_bins._MEETING})/`shape.cushion_sharpness`",
+        f"{cushion_layer.COARSE_BLOCK} samples are left a side",
+        f"log({cushion._MEETING})/`shape.cushion_sharpness`",
         f"at {grain.CODES:g} codes",
     ],
 )

@@ -20,9 +20,9 @@ SHAPES = (
 NO_WRINKLES = np.zeros((0, 4), np.float32), np.zeros((0, 2), np.float32)
 NO_PORES = np.zeros((0, 2), np.float32), np.zeros((0, 4), np.float32)
 DRAWING = """#include "line.clh"
-__kernel void block(int wrinkles, __global const float4 *segments, __global const float2 *sizes,
-                    int pores, __global const float2 *centres, __global const float4 *roots,
-                    __global const float *s, int part, __global float *out)
+__kernel void block(int wrinkles, LINES, int pores, __global const float2 *centres,
+                    __global const float4 *roots, __global const float *s, int part,
+                    __global float *out)
 {
     __local float memory[2 * SUMS];
     shape_t shape = shape_of(vload4(0, s));
@@ -74,8 +74,8 @@ def drawn(device, lines, discs, shape, items=1, rows=None, part=BOTH):
     draw `rows` rows each, as many as fit where that is None."""
     rows = rows or device.shape.rows
     values = [shape.wrinkle_bulge, shape.pore_bulge, shape.sharpness, shape.slots]
-    arguments = [np.int32(len(lines[0])), *lines, np.int32(len(discs[0])), discs[0]]
-    arguments.append(roots(discs[1]))
+    arguments = [np.int32(len(lines[0])), *lines, None, None, np.int32(0), None]
+    arguments += [np.int32(len(discs[0])), discs[0], roots(discs[1])]
     filled = [a if np.size(a) else np.zeros(4, np.float32) for a in arguments]
     out = np.zeros((BLOCK, BLOCK), np.float32)
     shape_values = np.array(values, np.float32)

@@ -42,7 +42,8 @@ def drawn(device, lines, shape, least=0.0, items=1, rows=None, waves=None):
     """lines: segments (n, 4), sizes (n, 4) and slopes (n, 2), or only segments and sizes (n, 2)."""
     values = [shape.wrinkle_bulge, shape.pore_bulge, shape.sharpness, shape.slots]
     defines = ["-DBENT=1"] * (len(lines) == 3) + ["-DWAVY=1"] * (waves is not None)
-    given = [np.int32(len(lines[0])), *lines, *([] if waves is None else [waves])]
+    segments, sizes, slopes = lines if len(lines) == 3 else (*lines, None)
+    given = [np.int32(len(segments)), segments, sizes, slopes, waves, np.int32(0), None]
     given += [np.array(values, np.float32), np.float32(least)]
     out = np.zeros((BLOCK, BLOCK), np.float32)
     rows = rows or device.shape.rows  # as many as fit

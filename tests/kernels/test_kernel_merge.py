@@ -17,11 +17,11 @@ def lanes(values):
 def soft(device, *heights):
     """Of heights in units of 4 log(2)/beta, in order."""
     inputs = {f"h{i}": lanes(h) for i, h in enumerate(heights)}
-    met = "(merge_state_t)NONE_MET"
+    merged = "(merge_state_t)NOTHING_MERGED"
     for name in inputs:
-        met = f"accumulate({met}, {name})"
+        merged = f"accumulate({merged}, {name})"
     options = ["-DMERGE=SOFT", "-DCODE_BITS=8"]
-    return evaluate(device, "merge", f"height_of({met})", inputs, width=WIDTH, options=options)
+    return evaluate(device, "merge", f"height_of({merged})", inputs, width=WIDTH, options=options)
 
 
 def mellow(*heights):

@@ -12,8 +12,7 @@ from reference.drawing import Wrinkles, crop, meet
 from reference.inputs import Shape
 
 DRAWING = """#include "line.clh"
-__kernel void block(int count, __global const float4 *segments, __global const float2 *sizes,
-                    __global const float4 *waves, __global const float *s, __global float *out)
+__kernel void block(int count, LINES, __global const float *s, __global float *out)
 {
     __local float memory[2 * SUMS];
     shape_t shape = shape_of(vload4(0, s));
@@ -31,7 +30,8 @@ WAVY, STRAIGHT = ["-DWAVY=1"], list[str]()
 def drawn(device, lines, waves, shape, items=1, rows=None, draw=WAVY):
     rows = rows or device.shape.rows
     values = [shape.wrinkle_bulge, shape.pore_bulge, shape.sharpness, shape.slots]
-    given = [np.int32(len(waves)), *lines, waves, np.array(values, np.float32)]
+    given = [np.int32(len(waves)), *lines, None, waves, np.int32(0), None]
+    given += [np.array(values, np.float32)]
     out = np.zeros((BLOCK, BLOCK), np.float32)
     size, group = (items, BLOCK // rows), (items, 1)
     return run(device, DRAWING, "block", size, given, out, options(items, rows) + draw, group)

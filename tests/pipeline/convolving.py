@@ -12,11 +12,9 @@ from reference import smooth as reference
 from reference.stiffness import bilinear
 from rhytid.domain.mesh import Mesh
 from rhytid.pipeline import smooth
-from rhytid.pipeline.convolve import Convolve
-from rhytid.pipeline.convolve_smooth import SmoothConvolve
+from rhytid.pipeline.convolve import MOST_TAPS, Convolve, SmoothConvolve
 from rhytid.pipeline.levels import render_to_host
 from rhytid.pipeline.locate import UdimTriangles
-from rhytid.pipeline.neutral_tiles import MOST_TAPS
 from rhytid.pipeline.stretch import StretchStage
 
 R = 256

@@ -9,9 +9,8 @@ import face_data
 from pipeline.scenes import settings_of
 from reference import convolve, stretch
 from rhytid.domain.mesh import Mesh
-from rhytid.pipeline.convolve import Convolve
+from rhytid.pipeline.convolve import MOST_TAPS, Convolve
 from rhytid.pipeline.locate import UdimTriangles
-from rhytid.pipeline.neutral_tiles import MOST_TAPS
 from rhytid.pipeline.stretch import StretchStage
 
 pytestmark = [pytest.mark.face, pytest.mark.slow]

@@ -14,8 +14,8 @@ from reference import drawing
 from rhytid.device.runtime import Device
 from rhytid.domain.tiles import udim_origin
 from rhytid.errors import LimitError
-from rhytid.pipeline.cushion_elements import THRESHOLD, broad_weight, coarse_factor, narrow_weight
-from rhytid.pipeline.element_arrays import check_cover, wrinkle_arrays
+from rhytid.pipeline.cushion_layer import THRESHOLD, broad_weight, coarse_factor, narrow_weight
+from rhytid.pipeline.elements import check_cover, wrinkle_arrays
 
 # What cushion.cl claims, of the coarse map, and draw.clh of the fine one.
 BOUND = 2e-4 * DEPTH

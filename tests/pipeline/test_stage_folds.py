@@ -13,8 +13,8 @@ from rhytid.domain.expressions import Expressions
 from rhytid.domain.folds import COLUMNS, ROWS, Folds
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import CancelledError
+from rhytid.pipeline.diffusion import Diffusion
 from rhytid.pipeline.folds import FoldStage, in_space, measured_folds
-from rhytid.pipeline.spreading import Spreading
 from rhytid.synthesis.workspace import directly
 
 LIMIT = 0.5
@@ -140,7 +140,7 @@ def test_a_finer_mesh_has_the_same_field(device):
 @pytest.mark.parametrize("cells", [40, 81])
 def test_heat_spreads_by_the_length_that_is_set(cells):
     mesh = sheet(cells)
-    spreading = Spreading(mesh, 0.35, np.arange(len(mesh.positions)))
+    spreading = Diffusion(mesh, 0.35, np.arange(len(mesh.positions)))
     spike = np.zeros((len(mesh.faces), 1))
     centre = mesh.positions[mesh.faces].mean(axis=1)[:, :2]
     spike[np.linalg.norm(centre - 2.0, axis=1).argmin()] = 1.0

@@ -12,7 +12,7 @@ from rhytid.domain.mesh import Mesh
 from rhytid.errors import LimitError
 from rhytid.pipeline import cells
 from rhytid.pipeline.cells import cells_that_fit, list_by_cell
-from rhytid.pipeline.element_arrays import wrinkle_arrays
+from rhytid.pipeline.elements import wrinkle_arrays
 
 
 def first_of(mesh, corners):

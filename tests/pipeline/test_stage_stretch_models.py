@@ -11,8 +11,7 @@ from meshes import deform, rotate_translate, rotation
 from pipeline.scenes import Scene, random_graph, reference_stretch, settings_of, sheet
 from reference import drawing
 from rhytid.domain.mesh import Mesh
-from rhytid.pipeline.stretch import StretchStage
-from rhytid.pipeline.tension import edges_by_vertex
+from rhytid.pipeline.stretch import StretchStage, edges_by_vertex
 
 MODELS = ("tension", "uv")
 both = pytest.mark.parametrize("model", MODELS)

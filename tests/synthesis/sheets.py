@@ -11,8 +11,8 @@ from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import GraphSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
-from rhytid.synthesis.edges.edges import Edges, candidates
-from rhytid.synthesis.pores.pores import scatter_pores
+from rhytid.synthesis.edges import Edges, candidates
+from rhytid.synthesis.pores import scatter_pores
 from rhytid.synthesis.progress import silent
 from rhytid.synthesis.seams.charts import neighbours
 from rhytid.synthesis.surface import Points, Surface

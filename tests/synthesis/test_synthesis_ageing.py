@@ -15,10 +15,10 @@ from rhytid.domain.controls import Controls
 from rhytid.domain.folds import ENOUGH, Folds
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.regions import REGIONS
-from rhytid.synthesis.fields.fields import Fields
-from rhytid.synthesis.fields.folding import FoldField
-from rhytid.synthesis.fields.painting import PaintedFields, fields_of
+from rhytid.synthesis.fields import Fields
+from rhytid.synthesis.fold_field import FoldField
 from rhytid.synthesis.generate import Synthesis, synthesize
+from rhytid.synthesis.painted_fields import PaintedFields, fields_of
 from rhytid.synthesis.surface import Surface
 from synthesis import sheets
 from synthesis.painted import painted, right

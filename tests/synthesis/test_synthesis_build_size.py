@@ -11,9 +11,9 @@ import pytest
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.mesh import Mesh
-from rhytid.synthesis.fields import build_size
-from rhytid.synthesis.fields.build_size import LESS, BuildSize
-from rhytid.synthesis.fields.capacity_check import check_amount
+from rhytid.synthesis import build_size
+from rhytid.synthesis.build_size import LESS, BuildSize
+from rhytid.synthesis.capacity import check_amount
 from rhytid.synthesis.generate import synthesize
 from rhytid.synthesis.seams import charts
 from synthesis import sheets

@@ -10,7 +10,7 @@ import pytest
 from pipeline.test_stage_seams import folded
 from rhytid.domain.asset_settings import GraphSettings
 from rhytid.synthesis.generate import synthesize
-from rhytid.synthesis.trails.continuations import ALONE, LEAST_COSINE, ON_OTHERS
+from rhytid.synthesis.lines import ALONE, LEAST_COSINE, ON_OTHERS
 from synthesis import sheets
 
 

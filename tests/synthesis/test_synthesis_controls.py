@@ -16,7 +16,7 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.regions import REGIONS
 from rhytid.errors import InputError, LimitError, MeshError
-from rhytid.synthesis.fields.capacity_check import check_amount
+from rhytid.synthesis.capacity import check_amount
 from rhytid.synthesis.generate import synthesize
 from rhytid.synthesis.surface import Surface
 from synthesis import sheets

@@ -7,7 +7,7 @@ import pytest
 
 from rhytid.device.runtime import Device
 from rhytid.domain.mesh import Mesh
-from rhytid.synthesis.edges.crossings import crossings
+from rhytid.synthesis.edges import crossings
 from rhytid.synthesis.seams.charts import BORDER, neighbours, trace
 from rhytid.synthesis.surface import Points, Surface
 from rhytid.synthesis.workspace import Workspace

@@ -10,13 +10,11 @@ from numpy.typing import NDArray
 
 from rhytid.device.runtime import Device
 from rhytid.domain.graph import WrinkleGraph
-from rhytid.synthesis.fields.directions import Directions
-from rhytid.synthesis.fields.fields import Fields
+from rhytid.synthesis.fields import Directions, Fields
 from rhytid.synthesis.generate import synthesize
-from rhytid.synthesis.pores.lattice import Lattice
+from rhytid.synthesis.lattice import Lattice
 from rhytid.synthesis.progress import silent
-from rhytid.synthesis.trails.paths import Paths
-from rhytid.synthesis.trails.trails import FINE, wear
+from rhytid.synthesis.trails import FINE, Paths, wear
 from rhytid.synthesis.workspace import Workspace
 from synthesis import sheets
 

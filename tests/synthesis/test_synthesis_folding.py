@@ -9,10 +9,10 @@ from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import GraphSettings
 from rhytid.domain.controls import Controls
 from rhytid.domain.folds import ENOUGH, Folds
-from rhytid.synthesis.fields.fields import Fields
-from rhytid.synthesis.fields.folding import FoldField
-from rhytid.synthesis.fields.painting import PaintedFields, fields_of
+from rhytid.synthesis.fields import Fields
+from rhytid.synthesis.fold_field import FoldField
 from rhytid.synthesis.generate import synthesize
+from rhytid.synthesis.painted_fields import PaintedFields, fields_of
 from rhytid.synthesis.surface import Surface
 from synthesis import sheets
 from synthesis.painted import halves, painted, right
@@ -47,19 +47,19 @@ def places() -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("angle", [0.0, 30.0, 90.0, 140.0])
 def test_lines_run_across_what_is_compressed(angle: float) -> None:
     # Level on a sheet that faces +z is x: a turn is an angle to x.
-    turn = field(folded(angle)).instead_of(np.full(len(places()[0]), 0.3, np.float32), *places())
+    turn = field(folded(angle)).blended_with(np.full(len(places()[0]), 0.3, np.float32), *places())
     off = np.degrees(turn) - angle - 90.0
     assert np.abs((off + 90.0) % 180.0 - 90.0).max() < 0.01
 
 
 def test_where_nothing_folds_the_other_direction_stays() -> None:
     other = np.linspace(-1.0, 1.0, len(places()[0])).astype(np.float32)
-    turn = field(folded(0.0, size=0.0)).instead_of(other, *places())
+    turn = field(folded(0.0, size=0.0)).blended_with(other, *places())
     np.testing.assert_allclose(turn, other, atol=1e-6)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["strength", "anisotropy", "primary", "sure"])
+@pytest.mark.parametrize("name", ["strength", "anisotropy", "primary", "certainty"])
 def test_factors_grow_with_the_size_without_a_step(name: str) -> None:
     sizes = np.linspace(0.0, 0.3, 301)
     one = tuple(part[:1] for part in places())
@@ -74,7 +74,7 @@ def test_what_is_compressed_alike_in_all_directions_prefers_none() -> None:
     tensor = np.zeros((len(MESH.positions), 6), np.float32)
     tensor[:, :2] = SIZE**2
     found = field(Folds(tensor, ENOUGH))
-    assert found.factor("sure", *places()).max() < 1e-3
+    assert found.factor("certainty", *places()).max() < 1e-3
     assert found.factor("anisotropy", *places()).max() < 0.5
     assert found.factor("strength", *places()).min() > 1.0
 
@@ -149,7 +149,7 @@ def test_folds_far_away_change_nothing_here(device: Device) -> None:
     both = Folds(np.maximum(near.tensor, beyond.tensor), ENOUGH)
     triangle, uv = places()
     here = uv[:, 0] < 0.6
-    for name in ("strength", "anisotropy", "primary", "sure"):
+    for name in ("strength", "anisotropy", "primary", "certainty"):
         one, two = (field(f).factor(name, triangle, uv) for f in (near, both))
         np.testing.assert_array_equal(one[here], two[here])
 

@@ -7,7 +7,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from rhytid.device.runtime import Device
-from rhytid.synthesis.edges.rounds import independent_set
+from rhytid.synthesis.incidence import independent_set
 from rhytid.synthesis.workspace import Workspace
 
 COUNT = 12

@@ -18,7 +18,7 @@ from rhytid.domain.graph import ORIGINAL, WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.engine.messages import MapQuery, NewAsset
 from rhytid.synthesis.generate import Synthesis, synthesize
-from rhytid.synthesis.pores.even_skin import SPACING
+from rhytid.synthesis.pore_density import SPACING
 from rhytid_lab.samples.face import procedural_face
 from synthesis import sheets
 from synthesis.changes import Painted, beside

@@ -13,12 +13,9 @@ from reference.stiffness import bilinear
 from rhytid.domain.asset_settings import GraphSettings
 from rhytid.domain.controls import Controls
 from rhytid.domain.regions import REGIONS
-from rhytid.synthesis.fields.directions import level_directions
-from rhytid.synthesis.fields.fields import Fields
-from rhytid.synthesis.fields.lookup import Lookup
-from rhytid.synthesis.fields.painted_directions import points_to_normals
-from rhytid.synthesis.fields.painting import PaintedFields, fields_of
-from rhytid.synthesis.pores.area_capacity import total_room
+from rhytid.synthesis.fields import Fields, level_directions
+from rhytid.synthesis.painted_fields import PaintedFields, PaintedMaps, fields_of, normals_at
+from rhytid.synthesis.pore_density import effective_area
 from rhytid.synthesis.surface import Surface
 from rhytid_lab.samples.face import procedural_face
 from synthesis import sheets
@@ -51,14 +48,14 @@ def at(one: dict[int, NDArray[np.float32]], uv: NDArray[np.float64]) -> list[flo
 def test_lookups_are_bilinear_in_their_udim(wide: Surface) -> None:
     maps = {1002: noise(5, 9)}
     triangle, uv = inside(wide)
-    found = Lookup(wide, maps).at(triangle, uv, neutral=0.25)
+    found = PaintedMaps(wide, maps).at(triangle, uv, neutral=0.25)
     np.testing.assert_allclose(found, reference.grey_at(maps, uv, 0.25), atol=3e-7, rtol=0)
 
 
 def test_a_corner_on_the_border_belongs_to_its_triangle(wide: Surface) -> None:
     maps = {1001: np.zeros((2, 2), np.float32), 1002: np.ones((2, 2), np.float32)}
     index, corner = np.nonzero(wide.uv[..., 0] == 1.0)
-    found = Lookup(wide, maps).at(index, wide.uv[index, corner])
+    found = PaintedMaps(wide, maps).at(index, wide.uv[index, corner])
     assert len(index) > 20
     assert (found == (wide.uv[index].mean(axis=1)[:, 0] > 1)).all()
 
@@ -118,7 +115,7 @@ def test_a_speck_on_large_triangles_has_the_room_that_it_covers(corner: tuple[in
     greys = reference.grey_at({1001: grey}, np.stack([x.ravel(), y.ravel()], axis=-1), 0.0)
     density = np.array([reference.density(g) for g in greys])
     wanted = np.where(density < 0.25, 0.0, density).mean() * (8 / 256 / 0.8) ** 2
-    assert total_room(surface, fields) == pytest.approx(wanted, rel=0.05)
+    assert effective_area(surface, fields) == pytest.approx(wanted, rel=0.05)
 
 
 def test_regions_mix_by_their_masks(wide: Surface) -> None:
@@ -160,7 +157,7 @@ def test_painted_directions_lie_on_the_surface_as_they_do_in_uv() -> None:
     triangle, uv = inside(surface)
     fields = PaintedFields(surface, GraphSettings(), Controls({"direction": maps}))
     turn = fields.turn(triangle, uv).astype(float)[:, None]
-    normal = points_to_normals(surface, triangle, uv)
+    normal = normals_at(surface, triangle, uv)
     level = level_directions(normal)
     found = np.cos(turn) * level + np.sin(turn) * np.cross(normal, level)
     for i in range(COUNT):

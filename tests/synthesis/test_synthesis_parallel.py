@@ -14,12 +14,10 @@ from rhytid.device import launches
 from rhytid.device.runtime import Device
 from rhytid.domain.mesh import Mesh
 from rhytid.synthesis import workspace
-from rhytid.synthesis.edges.crossings import crossings
-from rhytid.synthesis.edges.edges import LEAST_ANGLE, REACH
-from rhytid.synthesis.fields.fields import Fields
+from rhytid.synthesis.edges import LEAST_ANGLE, REACH, crossings
+from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.generate import synthesize
-from rhytid.synthesis.pores.dart_selection import DartSelection
-from rhytid.synthesis.pores.darts import Darts, Throw
+from rhytid.synthesis.pores import Darts, DartSelection, Throw
 from rhytid.synthesis.surface import Surface
 from rhytid.synthesis.workspace import Workspace
 from synthesis import sheets
@@ -44,9 +42,7 @@ class Wider(Fields):
 def test_darts_are_kept_as_if_thrown_one_by_one(
     device: Device, monkeypatch: pytest.MonkeyPatch, make: Callable[[], Mesh], fields: Fields
 ) -> None:
-    monkeypatch.setattr(
-        "rhytid.synthesis.pores.dart_selection._SPARE", 16
-    )  # so that it must make room
+    monkeypatch.setattr("rhytid.synthesis.pores._SPARE", 16)  # so that it must make room
     with Workspace(device) as work:
         darts = Darts(work, Surface.of(make()), fields, RADIUS, 5, 700)
         sieve, thrown = DartSelection(work, darts, RADIUS, fields, 10.0), []
@@ -92,7 +88,7 @@ def test_how_many_darts_are_thrown_at_a_time_changes_no_pore(
     device: Device, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     whole = sheets.scattered(device, sheets.tube(), 0.03)
-    monkeypatch.setattr("rhytid.synthesis.pores.pores.BATCH", 1500)
+    monkeypatch.setattr("rhytid.synthesis.pores.BATCH", 1500)
     parts = sheets.scattered(device, sheets.tube(), 0.03)
     assert whole.position.tobytes() == parts.position.tobytes()
     assert whole.uv.tobytes() == parts.uv.tobytes()
@@ -133,7 +129,7 @@ def test_edges_that_cross_many_take_no_more_memory(
     length = np.linalg.norm(pores.position[nodes[:, 0]] - pores.position[nodes[:, 1]], axis=-1)
     with Workspace(device) as work:
         wanted = crossings(work, pores, nodes, length.astype(np.float32))
-    monkeypatch.setattr("rhytid.synthesis.edges.crossings._BLOCK", 1024)
+    monkeypatch.setattr("rhytid.synthesis.edges._BLOCK", 1024)
     slots = []
     run = Workspace.run
 

@@ -11,10 +11,10 @@ from reference.synthesis import points_on
 from rhytid.device.runtime import Device
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import MeshError
-from rhytid.synthesis.fields.fields import Fields
-from rhytid.synthesis.pores.pores import scatter_pores
-from rhytid.synthesis.pores.spacing import mean_spacing, nearest_distances
+from rhytid.synthesis.fields import Fields
+from rhytid.synthesis.pores import scatter_pores
 from rhytid.synthesis.progress import silent
+from rhytid.synthesis.statistics import mean_spacing, nearest_distances
 from rhytid.synthesis.surface import Points, Surface
 from rhytid.synthesis.workspace import Workspace
 from synthesis import sheets

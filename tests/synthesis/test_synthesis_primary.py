@@ -8,16 +8,20 @@ from numpy.typing import NDArray
 
 from reference.synthesis import route
 from rhytid.device.runtime import Device
-from rhytid.synthesis.edges.candidate_graph import CandidateGraph, Ground
-from rhytid.synthesis.edges.routes import lay_routes, nearest_pores
-from rhytid.synthesis.fields.directions import Directions
-from rhytid.synthesis.fields.fields import Fields
-from rhytid.synthesis.pores.lattice import Lattice
+from rhytid.synthesis.candidate_graph import CandidateGraph, Ground
+from rhytid.synthesis.fields import Directions, Fields
+from rhytid.synthesis.lattice import Lattice
+from rhytid.synthesis.primary_lines import (
+    COARSER,
+    Primary,
+    lay_routes,
+    nearest_pores,
+    with_primary_lines,
+)
 from rhytid.synthesis.progress import silent
 from rhytid.synthesis.seams.charts import neighbours
 from rhytid.synthesis.surface import Points, Surface
-from rhytid.synthesis.trails.paths import Paths
-from rhytid.synthesis.trails.primary import COARSER, Primary, deepened
+from rhytid.synthesis.trails import Paths
 from rhytid.synthesis.workspace import Workspace
 from synthesis import sheets
 
@@ -32,8 +36,8 @@ def laid(device: Device) -> Laid:
     with Workspace(device) as work:
         ground = Ground(work, Surface.of(mesh), neighbours(mesh), Fields())
         directions = Directions(RADIUS, np.random.default_rng(1), Fields())
-        net = CandidateGraph.spun(ground, RADIUS, 8, 1, silent)
-        primary = Primary.spun(ground, RADIUS, 8, 1, directions, silent)
+        net = CandidateGraph.build(ground, RADIUS, 8, 1, silent)
+        primary = Primary.build(ground, RADIUS, 8, 1, directions, silent)
         paths = net.paths(work, directions, Fields(), silent)
         return net, primary, *primary.laid(ground, net, paths, RADIUS)
 
@@ -111,7 +115,7 @@ def test_primary_lines_go_far_and_meet_evenly(laid: Laid) -> None:
 
 def test_what_is_primary_is_deeper() -> None:
     strength, primary = np.float32([0.5, 1.0, 0.5]), np.float32([0.0, 0.0, 0.5])
-    found = deepened(strength, primary)
+    found = with_primary_lines(strength, primary)
     assert found[1] == pytest.approx(2 * found[0])
     assert found[2] > 3 * found[1]
 
@@ -121,4 +125,4 @@ def test_a_small_surface_has_none(device: Device) -> None:
     with Workspace(device) as work:
         ground = Ground(work, Surface.of(mesh), neighbours(mesh), Fields())
         directions = Directions(0.1, np.random.default_rng(1), Fields())
-        assert not len(Primary.spun(ground, 0.1, 8, 1, directions, silent).ends)
+        assert not len(Primary.build(ground, 0.1, 8, 1, directions, silent).ends)

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import GraphSettings
 from rhytid.domain.controls import Controls
-from rhytid.synthesis.fields.fields import Fields
+from rhytid.synthesis.assembly import beside_bare
+from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.generate import synthesize
 from rhytid.synthesis.seams.charts import neighbours
 from rhytid.synthesis.surface import Surface
-from rhytid.synthesis.trails.rim import beside_bare
 from synthesis import sheets
 
 MESH = sheets.sheet()

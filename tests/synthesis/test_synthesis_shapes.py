@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rhytid.domain.mesh import Mesh
-from rhytid.synthesis.pores.pore_shapes import ALONG, pore_axes, pore_ellipses
-from rhytid.synthesis.shapes import edge_weights, half_widths_uv
+from rhytid.synthesis.shapes import ALONG, edge_weights, half_widths_uv, pore_axes, pore_ellipses
 from rhytid.synthesis.surface import Surface
 
 entries = st.floats(-3, 3, allow_nan=False)

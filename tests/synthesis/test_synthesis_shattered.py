@@ -89,7 +89,7 @@ def test_elements_are_followed_alike_however_many_at_once(
     mesh = shreds(4)
     whole = synthesize(mesh, sheets.wanted(150), device).graph
     monkeypatch.setattr(border_places, "MOST_PAIRS", 9000)
-    monkeypatch.setattr("rhytid.synthesis.seams.reaching.MOST_PAIRS", 9000)
+    monkeypatch.setattr("rhytid.synthesis.seams.seams.MOST_PAIRS", 9000)
     looks = Looks(monkeypatch)
     parts = synthesize(mesh, sheets.wanted(150), device).graph
     assert 0 < looks.most <= 9000

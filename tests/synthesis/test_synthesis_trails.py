@@ -7,16 +7,13 @@ import pytest
 from numpy.typing import NDArray
 
 from rhytid.device.runtime import Device
-from rhytid.synthesis.edges.candidate_graph import CandidateGraph
-from rhytid.synthesis.edges.crossings import crossings
-from rhytid.synthesis.edges.edges import Edges
-from rhytid.synthesis.pores.even_skin import edges_per_pore
-from rhytid.synthesis.pores.lattice import Lattice
+from rhytid.synthesis.candidate_graph import CandidateGraph, priorities
+from rhytid.synthesis.edges import Edges, crossings
+from rhytid.synthesis.lattice import Lattice
+from rhytid.synthesis.pore_density import edges_per_pore
 from rhytid.synthesis.progress import silent
 from rhytid.synthesis.surface import Points
-from rhytid.synthesis.trails.paths import Paths
-from rhytid.synthesis.trails.selection import wishes
-from rhytid.synthesis.trails.trails import FINE, wear
+from rhytid.synthesis.trails import FINE, Paths, wear
 from rhytid.synthesis.workspace import Workspace
 from synthesis import sheets
 
@@ -88,8 +85,8 @@ def test_what_is_wanted_first_is_flat_and_closed(device: Device, worn: Worn) -> 
     pores, edges, found, strength = worn
     with Workspace(device) as work:
         net = CandidateGraph(pores, edges, found, LATTICE, 0.04, edges_per_pore(8))
-        wish = wishes(work, net, strength, silent)
-    first = edges.take(np.argsort(-wish)[: int(2.1 * len(pores))])
+        priority = priorities(work, net, strength, silent)
+    first = edges.take(np.argsort(-priority)[: int(2.1 * len(pores))])
     with Workspace(device) as work:
         assert len(crossings(work, pores, first.nodes, first.length)) == 0
     degree = np.bincount(first.nodes.ravel(), minlength=len(pores))

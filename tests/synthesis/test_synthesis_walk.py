@@ -10,11 +10,11 @@ import pytest
 from numpy.typing import NDArray
 
 from rhytid.device.runtime import Device
-from rhytid.synthesis.edges.edges import DEFINES, Edges
-from rhytid.synthesis.pores.lattice import Lattice
+from rhytid.synthesis.edges import DEFINES, Edges
+from rhytid.synthesis.lattice import Lattice
 from rhytid.synthesis.seams.charts import BORDER, neighbours, trace
 from rhytid.synthesis.surface import Points, Surface
-from rhytid.synthesis.trails.paths import Paths
+from rhytid.synthesis.trails import Paths
 from rhytid.synthesis.workspace import Workspace
 from synthesis import sheets
 

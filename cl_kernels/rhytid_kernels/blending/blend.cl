@@ -18,12 +18,12 @@ inline float16 between(__global const CODE *maps, float4 coefficient)
     return FLOATS_OF(maps) * coefficient.x + FLOATS_OF(maps + WIDTH) * coefficient.y;
 }
 
-// Alg. 3, lines 5 to 14, as if every texel lay in one triangle, in units of the merge. coefficients:
-// of that triangle. With TILT, the depth scale of a bin is a line over the angle at which the wrinkle
-// of a texel runs.
+// Algorithm 3, lines 11 to 14, as if every texel lay in one triangle, in units of the merge.
+// coefficients: of that triangle, from what lines 5 to 10 compute (weights.cl). With TILT, the depth
+// scale of a bin is a line over the angle at which the wrinkle of a texel runs.
 inline float16 blend_triangle(__global const CODE *maps, __global const float4 *coefficients)
 {
-    merge_state_t met = NONE_MET;
+    merge_state_t merged = NOTHING_MERGED;
     for (int n = 0; n < DRAWN; n++)
         for (int part = 0; part < PARTS; part++) {
             float16 d = between(maps + LAYER_AT(n, part), coefficients[n]);
@@ -34,9 +34,9 @@ inline float16 blend_triangle(__global const CODE *maps, __global const float4 *
             if (n < LAYERS - 1)
                 d += d * (FLOATS_OF(maps + TILT_AT(n)) * coefficients[n].w);
 #endif
-            met = accumulate(met, d);
+            merged = accumulate(merged, d);
         }
-    return height_of(met);
+    return height_of(merged);
 }
 
 // firsts, members: the triangles of each vector. codes: of each vector those of all maps, side by side

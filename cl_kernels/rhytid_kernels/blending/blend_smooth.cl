@@ -36,7 +36,7 @@ __kernel void blend_smooth(__global const int *firsts, __global const int2 *memb
     float16 stiff = stiffness ? VECTOR_OF(float16, stiffness, i) : (float16)(1.0f);
     codes += (size_t)i * VECTOR_CODES;
     blend_t blend = {steps, r_max, exponents, unit};
-    merge_state_t met = NONE_MET;
+    merge_state_t merged = NOTHING_MERGED;
     for (int n = 0; n < DRAWN; n++) {
         stretches_t s;
         for (int side = 0; side < SIDES; side++) {
@@ -46,9 +46,9 @@ __kernel void blend_smooth(__global const int *firsts, __global const int2 *memb
                 r = neutral ? across_surface(theta, p, metric) : across(theta, p);
             s.r[side] = stiff * r;
         }
-        met = meet_layer(met, n, s, codes, blend);
+        merged = merge_layer(merged, n, s, codes, blend);
     }
-    float16 heights = height_of(met) * unit;
+    float16 heights = height_of(merged) * unit;
 #ifdef RAISED
     heights += brought_up16(coarse, width, i * WIDTH);
 #endif

@@ -30,14 +30,14 @@ __kernel void blend_stiff(__global const int *firsts, __global const int2 *membe
     float16 stiff = VECTOR_OF(float16, stiffness, i);
     codes += (size_t)i * VECTOR_CODES;
     blend_t blend = {steps, r_max, exponents, unit};
-    merge_state_t met = NONE_MET;
+    merge_state_t merged = NOTHING_MERGED;
     for (int n = 0; n < DRAWN; n++) {
         stretches_t s;
         for (int side = 0; side < SIDES; side++)
             s.r[side] = stiff * stretch_of(first, end, stretches, side * LAYERS + n);
-        met = meet_layer(met, n, s, codes, blend);
+        merged = merge_layer(merged, n, s, codes, blend);
     }
-    float16 heights = height_of(met) * unit;
+    float16 heights = height_of(merged) * unit;
 #ifdef RAISED
     heights += brought_up16(coarse, width, i * WIDTH);
 #endif

@@ -62,7 +62,7 @@ inline float narrowed(float half_width)
 
 inline SIZES narrowed_sizes(SIZES size)
 {
-#ifdef BENT
+#if BENT
     float2 wide = max(size.xy, (float2)(LEAST_WIDE));
     float2 drawn = (float2)(narrowed(wide.x), narrowed(wide.y));
     return (float4)(drawn, size.zw * (wide / drawn));

@@ -19,12 +19,12 @@ inline void store_scales(float16 r, float width_exponent, float depth_exponent, 
 }
 
 // triangle: what the centre of each wrinkle samples. jacobians: NULL for angles in UV. stiffness: of
-// each wrinkle, or NULL. found: see FOUND.
+// each wrinkle, or NULL. found: see RESPONSE.
 __kernel void respond_wrinkles(__global const float4 *segments, __global const int *triangle,
                                __global const float4 *axes, __global const float2 *logs,
                                __global const float4 *jacobians,
                                __global const float *stiffness, int count, float width_exponent,
-                               float depth_exponent, __global FOUND *found)
+                               float depth_exponent, __global RESPONSE *found)
 {
     int first = get_global_id(0) * LANES;
     float square[LANES], along1[LANES], along2[LANES], first_log[LANES], second_log[LANES];
@@ -40,7 +40,7 @@ __kernel void respond_wrinkles(__global const float4 *segments, __global const i
     float16 per_length = 1.0f / sqrt(vload16(0, square));
     float16 cosine1 = vload16(0, along1) * per_length, cosine2 = vload16(0, along2) * per_length;
     float16 r = ACROSS(cosine1, cosine2, vload16(0, first_log), vload16(0, second_log));
-#ifdef BENT
+#if BENT
     float of_lane[LANES];
     vstore16(r, 0, of_lane);
     for (int lane = 0; lane < min(LANES, count - first); lane++)

@@ -68,13 +68,13 @@ __kernel void tension_fields(__global const int *vertex, __global const float *t
 
 // As respond.cl, with the stretch at the wrinkle's middle in the triangle that it samples.
 // texels: a side of level 0, the unit of segments. neutral: fields of the neutral for angles on the
-// surface, NULL for angles in UV. stiffness: of each wrinkle, or NULL. found: see FOUND.
+// surface, NULL for angles in UV. stiffness: of each wrinkle, or NULL. found: see RESPONSE.
 __kernel void respond_smooth_wrinkles(__global const float4 *segments, __global const int *triangle,
                                       float texels, __global const float *corners,
                                       __global const int *vertices, __global const float8 *fields,
                                       int none, float limit, __global const float8 *neutral,
                                       __global const float *stiffness, float width_exponent,
-                                      float depth_exponent, __global FOUND *found)
+                                      float depth_exponent, __global RESPONSE *found)
 {
     int i = get_global_id(0);
     float4 s = segments[i];
@@ -88,7 +88,7 @@ __kernel void respond_smooth_wrinkles(__global const float4 *segments, __global 
         r = across_surface(theta, p, at.metric);
     }
     r = stiffened(r, stiffness, i);
-#ifdef BENT
+#if BENT
     found[i] = r;
 #else
     scales_t scales = scales_of(r, width_exponent, depth_exponent, SCALE_LIMIT);

@@ -30,6 +30,7 @@ inline float2 tilted_depth(int n, int t, __global const float4 *axes, __global c
 }
 #endif
 
+// Algorithm 3, lines 6 to 10, for every layer of a triangle.
 // weights: LAYERS per triangle: its position, from 0 (full compression) to SAMPLES_OF - 1 (full
 // stretch); what the depth is scaled by: 1, or for maps without their depth scale sigma_d of the
 // stretch before it is clamped to r_max; with TILT, as a line over the tilts, its rise; 0.

@@ -13,8 +13,8 @@ from rhytid.domain.notices import LARGE_BUILD
 from rhytid.engine.job import Job
 from rhytid.engine.messages import AssetInfo, JobInfo, NewAsset
 from rhytid.errors import ConflictError, InputError
-from rhytid.synthesis.fields.build_size import BuildSize
-from rhytid.synthesis.fields.capacity_check import check_amount
+from rhytid.synthesis.build_size import BuildSize
+from rhytid.synthesis.capacity import check_amount
 
 if TYPE_CHECKING:
     from rhytid.engine.engine import Engine

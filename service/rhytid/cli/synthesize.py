@@ -79,8 +79,8 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     # Imported here, so that --help needs no OpenCL.
     from rhytid.cli.input_files import mesh_file, shape_files
     from rhytid.formats.graphs import write_graph
-    from rhytid.synthesis.fields.build_size import BuildSize
-    from rhytid.synthesis.fields.capacity_check import check_amount
+    from rhytid.synthesis.build_size import BuildSize
+    from rhytid.synthesis.capacity import check_amount
     from rhytid.synthesis.generate import synthesize
     from rhytid.synthesis.progress import clocked
 

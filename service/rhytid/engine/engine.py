@@ -31,8 +31,8 @@ from rhytid.engine.tiles.batcher import MOST_TILES, TileBatcher
 from rhytid.engine.tiles.service import TileService
 from rhytid.engine.worker import READY, DeviceWorker
 from rhytid.errors import BusyError, DeviceError
-from rhytid.pipeline.draw_limit import DrawLimit
 from rhytid.pipeline.measured_shape import remembered_pace, remembered_shape
+from rhytid.pipeline.work import DrawLimit
 from rhytid.settings import ServiceSettings
 from rhytid.storage.shared.mirror import StoreMirror
 from rhytid.storage.shared.shared_store import SharedStore

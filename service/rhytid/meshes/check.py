@@ -22,8 +22,7 @@ from rhytid.errors import MeshError
 from rhytid.formats.meshes import MeshFile
 from rhytid.meshes.layout import Layout
 from rhytid.meshes.topology import Topology
-from rhytid.synthesis.fields.build_size import BuildSize
-from rhytid.synthesis.fields.wanted import Wanted
+from rhytid.synthesis.build_size import BuildSize, RequestedCount
 from rhytid.synthesis.surface import Surface
 
 Mask = NDArray[np.bool_]
@@ -133,7 +132,7 @@ class MeshCheck:
         except MeshError:
             return None
         area = float(surface.area.sum()) * surface.scale**2
-        return BuildSize.of(self.mesh, round(Wanted.of(settings, area).wrinkles))
+        return BuildSize.of(self.mesh, round(RequestedCount.of(settings, area).wrinkles))
 
     @property
     def settings(self) -> AssetSettings:

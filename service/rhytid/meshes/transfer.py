@@ -22,10 +22,9 @@ from rhytid.domain.wording import plural
 from rhytid.errors import GraphError
 from rhytid.meshes.closest import closest
 from rhytid.synthesis.seams.borders import Borders
-from rhytid.synthesis.seams.charts import BORDER, cross, neighbours, trace
-from rhytid.synthesis.seams.copies import with_copies
-from rhytid.synthesis.seams.uv_metrics import flat, full, holds, roots
-from rhytid.synthesis.surface import Surface
+from rhytid.synthesis.seams.charts import BORDER, neighbours, trace
+from rhytid.synthesis.seams.copies import flat, full, holds, roots, with_copies
+from rhytid.synthesis.surface import Surface, cross
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -35,9 +35,8 @@ from rhytid.pipeline.bins import (
     scale,
     tilt_width,
 )
-from rhytid.pipeline.cushion import coarse_side
-from rhytid.pipeline.cushion_bins import CushionBins
-from rhytid.pipeline.cushion_elements import APRON
+from rhytid.pipeline.cushion import CushionBins, coarse_side
+from rhytid.pipeline.cushion_layer import APRON
 from rhytid.pipeline.elements import UdimElements
 from rhytid.pipeline.locate import UdimTriangles
 from rhytid.pipeline.redraw import launch_blocks

@@ -27,18 +27,18 @@ from rhytid.pipeline.bins import (
     parts,
     quantisation_steps,
 )
-from rhytid.pipeline.cushion_bins import (
+from rhytid.pipeline.cushion import (
     cushion_map_count,
     cushion_settings,
     cushion_steps,
     range_of_codes,
 )
-from rhytid.pipeline.cushion_elements import APRON
+from rhytid.pipeline.cushion_layer import APRON
 from rhytid.pipeline.grain import grain_amplitude, grain_gains, relief
 from rhytid.pipeline.locate import UdimTriangles
 from rhytid.pipeline.reach import SCALE_LIMIT, response_defines
 from rhytid.pipeline.smooth import SmoothFields
-from rhytid.pipeline.stretch_buffers import StretchBuffers
+from rhytid.pipeline.stretch import StretchBuffers
 from rhytid.pipeline.vectors import VECTOR, squares
 
 # How merge.clh calls a merge. `signed` is `mellow` of one signed map in place of two.

@@ -1,4 +1,5 @@
-"""The wrinkles and pores of one UDIM on the device."""
+"""The wrinkles and pores of one UDIM: as arrays for drawing, in texels, sorted and listed by block,
+and on the device."""
 
 from __future__ import annotations
 
@@ -8,59 +9,214 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid import stopping
 from rhytid.device.buffer import Buffer
 from rhytid.device.launches import DrawingPace
 from rhytid.device.runtime import Device
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.graph import WrinkleGraph
+from rhytid.domain.tiles import udim_origin
 from rhytid.pipeline.cells import CellLists
-from rhytid.pipeline.copies import OriginBuffers
-from rhytid.pipeline.cushion_elements import CushionArrays
-from rhytid.pipeline.element_arrays import PoreArrays, WrinkleArrays
-from rhytid.pipeline.work import MapWork
-
-
-def orientation_bins(segments: NDArray[np.float32], count: int) -> NDArray[np.uint8]:
-    """The bin of each wrinkle (section 2.4): nearest, mod π, to θₙ = (sin(πn/N), cos(πn/N))."""
-    angle = np.arctan2(segments[:, 2].astype(np.float64), segments[:, 3].astype(np.float64))
-    return (np.rint(angle * (count / np.pi)).astype(np.int64) % count).astype(np.uint8)
-
-
-@dataclass(frozen=True)
-class Lists:
-    """Block lists on the device."""
-
-    offsets: Buffer
-    members: Buffer
-
-    @classmethod
-    def upload(cls, device: Device, lists: CellLists) -> Lists:
-        """The lists, on the device."""
-        return cls(device.upload(lists.offsets), device.upload(lists.members))
-
-    def release(self) -> None:
-        """Give the memory back."""
-        self.offsets.release()
-        self.members.release()
+from rhytid.pipeline.copies import OriginBuffers, Origins, copied, copies_last, skews_of
+from rhytid.pipeline.cushion_layer import BroadLayer, CushionArrays, narrow_weight
+from rhytid.pipeline.reach import (
+    Bends,
+    around_pores,
+    around_wrinkles,
+    bends_of,
+    drawn_rows,
+    limit_cover,
+    list_by_block,
+    pore_roots,
+    reaching_in,
+    sizes_of_ends,
+)
+from rhytid.pipeline.work import DrawLimit, MapWork
 
 
 @dataclass(frozen=True)
-class CushionElements:
-    """CushionArrays on the device."""
+class WrinkleArrays:
+    """K wrinkles of a UDIM in texels, v up: segments (K, 4) = start and extent, sizes (K, 2) =
+    half width and weight, triangle (K,) that each samples, lists by block, stiffness (K,) or
+    None: 1 throughout. waves (K, 4) as in wave.clh, or None where none is wavy.
 
-    factor: int
-    sizes: Buffer
-    lists: Lists
+    Where they bend or taper slopes is (K, 2), else None, and sizes (K, 4): half widths at both
+    ends, then weights. partners (K, 2) int32: the wrinkles that continue at both ends, -1 for none;
+    None where no wrinkle continues. Partners that do not reach into the UDIM come last and are in
+    no list.
 
-    @classmethod
-    def upload(cls, device: Device, arrays: CushionArrays | None) -> CushionElements | None:
-        """The arrays, on the device."""
-        if arrays is None:
-            return None
-        return cls(arrays.factor, device.upload(arrays.sizes), Lists.upload(device, arrays.lists))
+    Before these may come copies, and wrinkles with a metric: skews (S, 4) are theirs as in
+    line.clh, origins where they sample stretch, and even how many wrinkles come before them.
 
-    def release(self) -> None:
-        """Give the memory back."""
-        self.sizes.release()
-        self.lists.release()
+    cushion: the arrays of the broad layer, or None where there is none."""
+
+    segments: NDArray[np.float32]
+    sizes: NDArray[np.float32]
+    triangle: NDArray[np.int32]
+    lists: CellLists
+    stiffness: NDArray[np.float32] | None = None
+    waves: NDArray[np.float32] | None = None
+    slopes: NDArray[np.float32] | None = None
+    partners: NDArray[np.int32] | None = None
+    skews: NDArray[np.float32] | None = None
+    origins: Origins | None = None
+    even: int = 0
+    cushion: CushionArrays | None = None
+
+
+@dataclass(frozen=True)
+class PoreArrays:
+    """K pores of a UDIM in texels, v up: centres (K, 2), roots (K, 4) = (xx, xy, yy, weight),
+    triangle (K,) that each samples, lists by block. The rim is where |root·d| = 1 with root = [[xx,
+    xy], [0, yy]]. stiffness (K,) or None: 1 throughout. The last of them may be copies; origins is
+    where these sample stretch."""
+
+    centres: NDArray[np.float32]
+    roots: NDArray[np.float32]
+    triangle: NDArray[np.int32]
+    lists: CellLists
+    stiffness: NDArray[np.float32] | None = None
+    origins: Origins | None = None
+
+    @property
+    def copies(self) -> int:
+        """How many of them have origins."""
+        return 0 if self.origins is None else len(self.origins.triangle)
+
+
+def wrinkle_arrays(
+    graph: WrinkleGraph,
+    triangle: NDArray[np.int32],
+    settings: AssetSettings,
+    udim: int,
+    stiffness: NDArray[np.float32] | None = None,
+    waves: NDArray[np.float32] | None = None,
+) -> WrinkleArrays:
+    """Those wrinkles of strength above 0 that reach into the UDIM at any stretch.
+
+    triangle, stiffness: (M,) of every wrinkle of the graph.  waves: (M, 4) what `wrinkle_waves`
+    makes of the settings.
+    """
+    stopping.check()
+    ends = (graph.node_uv - np.array(udim_origin(udim), np.float32))[graph.edge_nodes]
+    bends = bends_of(graph, settings)
+    low, high = around_wrinkles(graph, ends, settings, bends, waves)
+    stopping.check()
+    broad = BroadLayer.of(graph, ends, settings, bends, waves)
+    reach = (low, high) if broad is None else broad.reach(low, high)
+    last = copied(graph.edge_copy_of, graph.edge_metric)
+    drawn, even = copies_last(drawn_rows(graph.edge_weight, *reach), last)
+    limit_cover(low[drawn], high[drawn], settings.resolution, "wrinkles", udim)
+    stopping.check()
+    chosen, partners = _with_partners(drawn, None if bends is None else bends.partners)
+    size, tail = np.float32(settings.resolution), drawn[even:]
+
+    def segments(rows: NDArray[np.int64]) -> NDArray[np.float32]:
+        start, stop = ends[rows, 0].astype(np.float64), ends[rows, 1].astype(np.float64)
+        extent = ((stop - start) * size).astype(np.float32)
+        return np.concatenate([ends[rows, 0] * size, extent], axis=1)
+
+    return WrinkleArrays(
+        segments(chosen),
+        _sizes(graph, bends, chosen, settings),
+        triangle[chosen],
+        list_by_block(low[drawn], high[drawn], settings.resolution),
+        None if stiffness is None else stiffness[chosen],
+        None if waves is None else waves[chosen] * np.array([size, 1, 1, 1], np.float32),
+        None if bends is None else bends.slopes[chosen],
+        partners,
+        skews_of(graph, tail) if len(tail) else None,
+        Origins.of(tail, graph.edge_copy_of, segments, triangle, stiffness),
+        even,
+        None if broad is None else broad.arrays(chosen, len(drawn), udim),
+    )
+
+
+def pore_arrays(
+    graph: WrinkleGraph,
+    triangle: NDArray[np.int32],
+    settings: AssetSettings,
+    udim: int,
+    stiffness: NDArray[np.float32] | None = None,
+) -> PoreArrays:
+    """Those pores of strength above 0 that reach into the UDIM at any stretch.
+
+    triangle, stiffness: (N,) of every pore of the graph.
+    """
+    stopping.check()
+    centres = graph.node_uv - np.array(udim_origin(udim), np.float32)
+    root = pore_roots(graph)
+    low, high = around_pores(centres, root, settings)
+    chosen, first = copies_last(
+        drawn_rows(graph.node_weight, low, high), copied(graph.node_copy_of, None)
+    )
+    limit_cover(low[chosen], high[chosen], settings.resolution, "pores", udim)
+    size = np.float32(settings.resolution)
+    in_texels = root[chosen] / float(settings.resolution)
+    weight = graph.node_weight[chosen, None]
+    return PoreArrays(
+        centres[chosen] * size,
+        np.concatenate([in_texels, weight], axis=1).astype(np.float32),
+        triangle[chosen],
+        list_by_block(low[chosen], high[chosen], settings.resolution),
+        None if stiffness is None else stiffness[chosen],
+        Origins.of(
+            chosen[first:],
+            graph.node_copy_of,
+            lambda rows: centres[rows] * size,
+            triangle,
+            stiffness,
+        ),
+    )
+
+
+def check_cover(
+    graph: WrinkleGraph, settings: AssetSettings, udim: int, limit: DrawLimit | None = None
+) -> None:
+    """Raise LimitError where `wrinkle_arrays` or `pore_arrays` would, for what they cover, and
+    where drawing takes longer than `limit`; of straight wrinkles, for how far waves reach is known
+    only where the wrinkles are located."""
+    local = graph.node_uv - np.array(udim_origin(udim), np.float32)
+    ends = local[graph.edge_nodes]
+    bends = bends_of(graph, settings)
+    if (broad := BroadLayer.of(graph, ends, settings, bends)) is not None:
+        broad.check(reaching_in(broad.swells, broad.low, broad.high), udim, limit)
+    around = (
+        ("wrinkle", graph.edge_weight, around_wrinkles(graph, ends, settings, bends)),
+        ("pore", graph.node_weight, around_pores(local, pore_roots(graph), settings)),
+    )
+    for what, weight, (low, high) in around:
+        inside = reaching_in(weight, low, high)
+        low, high = low[inside], high[inside]
+        limit_cover(low, high, settings.resolution, f"graph's {what}s", udim)
+        if limit is not None:
+            limit.check(low, high, settings.resolution, what, udim)
+
+
+def _sizes(
+    graph: WrinkleGraph, bends: Bends | None, chosen: NDArray[np.int64], settings: AssetSettings
+) -> NDArray[np.float32]:
+    """(K, 2) or, where there are bends, (K, 4), as WrinkleArrays has them."""
+    half_widths, weights = (values[chosen] for values in sizes_of_ends(graph, bends))
+    texels = np.float32(settings.resolution)
+    return np.concatenate([half_widths * texels, narrow_weight(weights, settings.shape)], axis=1)
+
+
+def _with_partners(
+    drawn: NDArray[np.int64], partners: NDArray[np.int32] | None
+) -> tuple[NDArray[np.int64], NDArray[np.int32] | None]:
+    """The rows that are drawn and after them (K,) those whose partners they are; and the partners
+    (K, 2) among these rows, -1 of rows that are not drawn."""
+    if partners is None:
+        return drawn, None
+    row = np.full(len(partners), -1, np.int32)
+    row[drawn] = np.arange(len(drawn))
+    wanted = partners[drawn]
+    beyond = np.unique(wanted[(wanted >= 0) & (row[wanted] < 0)])
+    row[beyond] = len(drawn) + np.arange(len(beyond))
+    found = np.full((len(drawn) + len(beyond), 2), -1, np.int32)
+    found[: len(drawn)] = np.where(wanted >= 0, row[wanted], -1)
+    return np.concatenate([drawn, beyond]), found
 
 
 class UdimElements:
@@ -108,13 +264,12 @@ class UdimElements:
     @property
     def line_arguments(self) -> tuple[Any, ...]:
         """LINES of line.clh."""
-        given = (self.segments, self.sizes, self.slopes, self.waves)
-        found = tuple(buffer for buffer in given if buffer is not None)
-        return found if self.skews is None else (*found, np.int32(self._even), self.skews)
+        even = np.int32(self._even)
+        return (self.segments, self.sizes, self.slopes, self.waves, even, self.skews)
 
     @property
     def line_defines(self) -> dict[str, object]:
-        """What line.clh is compiled with for these wrinkles."""
+        """What line.clh is compiled with for these wrinkles (line_kinds.clh)."""
         given = {"BENT": self.slopes, "WAVY": self.waves, "SKEWED": self.skews}
         return {name: 1 for name, buffer in given.items() if buffer is not None}
 
@@ -123,6 +278,51 @@ class UdimElements:
         for value in vars(self).values():
             if isinstance(value, Lists | CushionElements | Buffer | OriginBuffers):
                 value.release()
+
+
+@dataclass(frozen=True)
+class Lists:
+    """Block lists on the device."""
+
+    offsets: Buffer
+    members: Buffer
+
+    @classmethod
+    def upload(cls, device: Device, lists: CellLists) -> Lists:
+        """The lists, on the device."""
+        return cls(device.upload(lists.offsets), device.upload(lists.members))
+
+    def release(self) -> None:
+        """Give the memory back."""
+        self.offsets.release()
+        self.members.release()
+
+
+@dataclass(frozen=True)
+class CushionElements:
+    """CushionArrays on the device."""
+
+    factor: int
+    sizes: Buffer
+    lists: Lists
+
+    @classmethod
+    def upload(cls, device: Device, arrays: CushionArrays | None) -> CushionElements | None:
+        """The arrays, on the device."""
+        if arrays is None:
+            return None
+        return cls(arrays.factor, device.upload(arrays.sizes), Lists.upload(device, arrays.lists))
+
+    def release(self) -> None:
+        """Give the memory back."""
+        self.sizes.release()
+        self.lists.release()
+
+
+def orientation_bins(segments: NDArray[np.float32], count: int) -> NDArray[np.uint8]:
+    """The bin of each wrinkle (section 2.4): nearest, mod π, to θₙ = (sin(πn/N), cos(πn/N))."""
+    angle = np.arctan2(segments[:, 2].astype(np.float64), segments[:, 3].astype(np.float64))
+    return (np.rint(angle * (count / np.pi)).astype(np.int64) % count).astype(np.uint8)
 
 
 def work_of(wrinkles: WrinkleArrays, pores: PoreArrays) -> MapWork:

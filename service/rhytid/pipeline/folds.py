@@ -1,5 +1,5 @@
 """Where a face folds: how far its skin is compressed in expressions, and along which axis. Wrinkles
-run across that axis. Kernel: fold.cl.
+run across that axis. Kernel: folds.cl.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from rhytid.domain.expressions import Expressions
 from rhytid.domain.folds import COLUMNS, ROWS, Folds
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.units import millimetres
+from rhytid.pipeline.diffusion import Diffusion, triangle_areas
 from rhytid.pipeline.region_masks import RegionMasks
-from rhytid.pipeline.spreading import Spreading, triangle_areas
 from rhytid.pipeline.stretch import Rest
 
 FloatArray = NDArray[np.float64]
@@ -70,7 +70,7 @@ class FoldStage:
         faces, rest, folds = self._buffers
         frame = self._device.upload(positions)
         self._device.launch(
-            "fold", "fold_tensor", (self._count,), frame, faces, rest, np.float32(limit), folds
+            "folds", "fold_tensor", (self._count,), frame, faces, rest, np.float32(limit), folds
         )
         found: NDArray[np.float32] = self._device.read(folds, (self._count, 3), np.float32)
         frame.release()
@@ -113,7 +113,7 @@ def measured_folds(
     if not moving:
         return None
     progress(0.8, _STAGE)
-    surface = Spreading(mesh, _sigma(mesh, unit), moving_as_one(mesh, expressions))
+    surface = Diffusion(mesh, _sigma(mesh, unit), moving_as_one(mesh, expressions))
     tensor = surface.of_triangles(in_space(mesh, total / moving))
     progress(0.95, _STAGE)
     return Folds(tensor.astype(np.float32), moving, regions.masks(surface))

@@ -19,7 +19,7 @@ from rhytid.pipeline.cushion import draw_cushion
 from rhytid.pipeline.elements import Lists, UdimElements
 from rhytid.pipeline.levels import Draw
 from rhytid.pipeline.reach import response_defines
-from rhytid.pipeline.stretch_buffers import StretchBuffers
+from rhytid.pipeline.stretch import StretchBuffers
 from rhytid.pipeline.vectors import VECTOR
 from rhytid.pipeline.work import BLOCK
 

@@ -19,7 +19,7 @@ from rhytid.pipeline.elements import UdimElements
 from rhytid.pipeline.locate import UdimTriangles
 from rhytid.pipeline.reach import response_defines
 from rhytid.pipeline.redraw import ScaleBuffers, answer
-from rhytid.pipeline.stretch_buffers import StretchBuffers
+from rhytid.pipeline.stretch import StretchBuffers
 from rhytid.pipeline.uv_vertices import UvVertices, unit_jacobians
 
 

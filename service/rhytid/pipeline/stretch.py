@@ -1,70 +1,52 @@
-"""Per-triangle stretch of a frame (section 2.2, after Nagano et al. 2015). Kernel: stretch.cl."""
+"""Stretch of every triangle in a frame, by one of three models: the stretch tensor (section 2.2,
+after Nagano et al. 2015), mesh tension (Raman et al. 2023), and stretch along the UV axes (Zoss et
+al. 2020). Kernels: stretch.cl, tension.cl, uv_stretch.cl."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.device.buffer import Buffer
+from rhytid.device.buffer import Buffer, BufferGroup
 from rhytid.device.runtime import Device
 from rhytid.domain.mesh import Mesh
-from rhytid.pipeline.stretch_buffers import LogLimit, StretchBuffers, StretchModel, in_two_parts
-from rhytid.pipeline.tension import Tension
-from rhytid.pipeline.uv_stretch import UvStretch
 from rhytid.pipeline.uv_vertices import unit_jacobians
 
 
 @dataclass(frozen=True)
-class Rest:
-    """What stretch needs of the neutral, per triangle, made once in double.
+class StretchBuffers(BufferGroup):
+    """Stretch on the device, F triangles and one neutral entry for points in no triangle.
 
-    shape: (F, 8) float32: 1/l, d/l, 1/h, each as a high and a low part; l is the length of the
-    first edge, (d, h) the second edge in its frame. All zero for a triangle without usable area.
-    frame_to_uv: (F, 4) float32: the matrix from that frame to UV, row by row.
+    count: F + 1.  ratios: float2, unclamped.  axes: float4, (ŝ₁, ŝ₂).
+    logs: float2, log ρ within its limit.  model: what measured it.
+    tension: ρ of each vertex, by the model `tension` only.
+    jacobians: float4, ∂X/∂(u, v) of the neutral for angles on the surface, or None; the stage's.
     """
 
-    shape: NDArray[np.float32]
-    frame_to_uv: NDArray[np.float32]
+    count: int
+    ratios: Buffer
+    axes: Buffer
+    logs: Buffer
+    model: str = "tensor"
+    tension: Buffer | None = None
+    jacobians: Buffer | None = None
 
     @classmethod
-    def of(cls, mesh: Mesh) -> Rest:
-        """From a mesh; every length is in mesh units."""
-        usable = mesh.usable_triangles()
-        corners = mesh.positions[mesh.faces].astype(np.float64)
-        first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-        length = np.where(usable, np.linalg.norm(first, axis=1), 1.0)
-        d = np.where(usable, np.sum(first * second, axis=1) / length, 0.0)
-        h = np.where(usable, np.linalg.norm(np.cross(first, second), axis=1) / length, 1.0)
-        values = np.stack([1.0 / length, d / length, 1.0 / h], axis=1) * usable[:, None]
-        return cls(in_two_parts(values), _frame_to_uv(mesh, length, d, h))
+    def allocate(
+        cls, device: Device, model: str, triangles: int, vertices: int, jacobians: Buffer | None
+    ) -> StretchBuffers:
+        """Room for the stretch of that many triangles, not initialised."""
+        count = triangles + 1
+        ratios, axes, logs = (device.empty(width * count, np.float32) for width in (2, 4, 2))
+        tension = device.empty(vertices, np.float32) if model == "tension" else None
+        return cls(count, ratios, axes, logs, model, tension, jacobians)
 
-
-class Tensor:
-    """The stretch tensor of every triangle (section 2.2, after Nagano et al. 2015)."""
-
-    def __init__(self, device: Device, mesh: Mesh) -> None:
-        rest = Rest.of(mesh)
-        self._device = device
-        self._shape = device.upload(rest.shape)
-        self._frame_to_uv = device.upload(rest.frame_to_uv)
-
-    def launch(
-        self, frame: Buffer, faces: Buffer, triangles: int, limit: LogLimit, found: StretchBuffers
-    ) -> None:
-        """Fill `found` for the first `triangles`; the rest is unstretched."""
-        self._device.launch(
-            "stretch", "stretch_tensor", (found.count,),
-            frame, faces, self._shape, self._frame_to_uv,
-            np.int32(triangles), np.float32(limit.most), found.ratios, found.axes, found.logs,
-            defines=limit.defines,
-        )  # fmt: skip
-
-    def release(self) -> None:
-        """Give the memory back."""
-        self._shape.release()
-        self._frame_to_uv.release()
+    @property
+    def _buffers(self) -> tuple[Buffer | None, ...]:
+        return (self.ratios, self.axes, self.logs, self.tension)
 
 
 class StretchStage:
@@ -150,6 +132,58 @@ def r_max_of(ratios: NDArray[np.float32], limit: float) -> float:
     return float(np.clip(np.percentile(np.minimum(size, 1e6), 90.0), 0.01, limit))
 
 
+@dataclass(frozen=True)
+class LogLimit:
+    """What log ρ is kept within, ±most: by a clamp, or where soft by a knee (limits.clh)."""
+
+    most: float
+    soft: bool = False
+
+    @property
+    def defines(self) -> dict[str, object]:
+        """What the kernels that use it are compiled with."""
+        return {"SOFT_LIMITS": 1} if self.soft else {}
+
+
+class StretchModel(Protocol):
+    """One way to measure stretch, with what it needs of the neutral on the device."""
+
+    def launch(
+        self, frame: Buffer, faces: Buffer, triangles: int, limit: LogLimit, found: StretchBuffers
+    ) -> None:
+        """Fill `found` for the first `triangles`; the rest is unstretched."""
+        ...
+
+    def release(self) -> None:
+        """Give the memory back."""
+        ...
+
+
+@dataclass(frozen=True)
+class Rest:
+    """What stretch needs of the neutral, per triangle, made once in double.
+
+    shape: (F, 8) float32: 1/l, d/l, 1/h, each as a high and a low part; l is the length of the
+    first edge, (d, h) the second edge in its frame. All zero for a triangle without usable area.
+    frame_to_uv: (F, 4) float32: the matrix from that frame to UV, row by row.
+    """
+
+    shape: NDArray[np.float32]
+    frame_to_uv: NDArray[np.float32]
+
+    @classmethod
+    def of(cls, mesh: Mesh) -> Rest:
+        """From a mesh; every length is in mesh units."""
+        usable = mesh.usable_triangles()
+        corners = mesh.positions[mesh.faces].astype(np.float64)
+        first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+        length = np.where(usable, np.linalg.norm(first, axis=1), 1.0)
+        d = np.where(usable, np.sum(first * second, axis=1) / length, 0.0)
+        h = np.where(usable, np.linalg.norm(np.cross(first, second), axis=1) / length, 1.0)
+        values = np.stack([1.0 / length, d / length, 1.0 / h], axis=1) * usable[:, None]
+        return cls(in_two_parts(values), _frame_to_uv(mesh, length, d, h))
+
+
 def _frame_to_uv(
     mesh: Mesh, length: NDArray[np.float64], d: NDArray[np.float64], h: NDArray[np.float64]
 ) -> NDArray[np.float32]:
@@ -162,3 +196,128 @@ def _frame_to_uv(
     matrix = np.stack([along[:, 0], across[:, 0], along[:, 1], across[:, 1]], axis=1)
     size = np.abs(matrix).max(axis=1, keepdims=True)
     return np.where(size > 0, matrix / np.where(size > 0, size, 1.0), 0.0).astype(np.float32)
+
+
+class Tensor:
+    """The stretch tensor of every triangle (section 2.2, after Nagano et al. 2015)."""
+
+    def __init__(self, device: Device, mesh: Mesh) -> None:
+        rest = Rest.of(mesh)
+        self._device = device
+        self._shape = device.upload(rest.shape)
+        self._frame_to_uv = device.upload(rest.frame_to_uv)
+
+    def launch(
+        self, frame: Buffer, faces: Buffer, triangles: int, limit: LogLimit, found: StretchBuffers
+    ) -> None:
+        """Fill `found` for the first `triangles`; the rest is unstretched."""
+        self._device.launch(
+            "stretch", "stretch_tensor", (found.count,),
+            frame, faces, self._shape, self._frame_to_uv,
+            np.int32(triangles), np.float32(limit.most), found.ratios, found.axes, found.logs,
+            defines=limit.defines,
+        )  # fmt: skip
+
+    def release(self) -> None:
+        """Give the memory back."""
+        self._shape.release()
+        self._frame_to_uv.release()
+
+
+class Tension:
+    """Per vertex the mean ratio of its edges' lengths, per triangle the mean log of them."""
+
+    def __init__(self, device: Device, mesh: Mesh) -> None:
+        offsets, neighbours, rest = edges_by_vertex(mesh)
+        self._device = device
+        self._vertices = len(mesh.positions)
+        self._edges = (device.upload(offsets), device.upload(neighbours), device.upload(rest))
+
+    def launch(
+        self, frame: Buffer, faces: Buffer, triangles: int, limit: LogLimit, found: StretchBuffers
+    ) -> None:
+        """Fill `found` for the first `triangles`; the rest is unstretched."""
+        self._device.launch(
+            "tension", "vertex_tension", (self._vertices,), frame, *self._edges, found.tension
+        )
+        self._device.launch(
+            "tension", "stretch_tension", (found.count,),
+            found.tension, faces, np.int32(triangles), np.float32(limit.most),
+            found.ratios, found.axes, found.logs, defines=limit.defines,
+        )  # fmt: skip
+
+    def release(self) -> None:
+        """Give the memory back."""
+        for buffer in self._edges:
+            buffer.release()
+
+
+def edges_by_vertex(
+    mesh: Mesh,
+) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float32]]:
+    """The edges of each vertex: offsets (V + 1,), the other ends (2E,), 1 / neutral length (2E,).
+
+    An edge counts once however many triangles share it. One without length does not count, nor
+    one so short that no float32 holds the inverse of its length.
+    """
+    pairs = np.stack([mesh.faces.reshape(-1), np.roll(mesh.faces, -1, axis=1).reshape(-1)], axis=1)
+    edges = np.unique(np.sort(pairs, axis=1), axis=0)
+    both = np.concatenate([edges, edges[:, ::-1]])
+    both = both[np.lexsort((both[:, 1], both[:, 0]))]
+    ends = mesh.positions[both].astype(np.float64)
+    length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    usable = length >= np.finfo(np.float32).tiny
+    both, length = both[usable], length[usable]
+    count = np.bincount(both[:, 0], minlength=len(mesh.positions))
+    offsets = np.concatenate([[0], np.cumsum(count)]).astype(np.int32)
+    return offsets, both[:, 1].astype(np.int32), (1.0 / length).astype(np.float32)
+
+
+class UvStretch:
+    """ρ_u = |J'e_u| / |J e_u| and ρ_v likewise, with J = ∂X/∂(u, v); the axes are those of UV."""
+
+    def __init__(self, device: Device, mesh: Mesh) -> None:
+        self._device = device
+        self._weights = device.upload(in_two_parts(uv_weights(mesh)))
+
+    def launch(
+        self, frame: Buffer, faces: Buffer, triangles: int, limit: LogLimit, found: StretchBuffers
+    ) -> None:
+        """Fill `found` for the first `triangles`; the rest is unstretched."""
+        self._device.launch(
+            "uv_stretch", "stretch_uv", (found.count,),
+            frame, faces, self._weights, np.int32(triangles), np.float32(limit.most),
+            found.ratios, found.axes, found.logs, defines=limit.defines,
+        )  # fmt: skip
+
+    def release(self) -> None:
+        """Give the memory back."""
+        self._weights.release()
+
+
+def uv_weights(mesh: Mesh) -> NDArray[np.float64]:
+    """(F, 4): (a, b) with J e_u / |J e_u| = a e₁ + b e₂ of the neutral edges, then for e_v.
+
+    All zero for a triangle without usable area.
+    """
+    usable = mesh.usable_triangles()
+    uv = mesh.triangle_uv()
+    edges_uv = np.stack([uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]], axis=2)
+    edges_uv[~usable] = np.eye(2)
+    # Column 0 of the inverse holds the weights of e_u, column 1 those of e_v.
+    weights = np.linalg.inv(edges_uv)
+    corners = mesh.positions[mesh.faces].astype(np.float64)
+    edges = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=2)
+    length = np.linalg.norm(edges @ weights, axis=1)
+    scaled = weights / np.where(usable[:, None], length, 1.0)[:, None, :]
+    return np.concatenate([scaled[:, :, 0], scaled[:, :, 1]], axis=1) * usable[:, None]
+
+
+def in_two_parts(values: NDArray[np.float64]) -> NDArray[np.float32]:
+    """(F, 8) float32: up to four columns of doubles, each as a high and a low part."""
+    high = values.astype(np.float32)
+    low = (values - high).astype(np.float32)
+    parts = np.zeros((len(values), 8), np.float32)
+    columns = 2 * values.shape[1]
+    parts[:, 0:columns:2], parts[:, 1:columns:2] = high, low
+    return parts

@@ -1,5 +1,5 @@
 """How much work it is to draw a square of a map, known from the lists of its blocks before it is
-drawn.
+drawn, and how long the map of an uploaded graph may take.
 
 The unit of work is one texel that one element covers. What an element costs beside its texels, and
 a block beside its elements, was measured on PoCL with two cores and holds within a factor of 3.
@@ -7,9 +7,14 @@ a block beside its elements, was measured on PoCL with two cores and holds withi
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.device.launches import FIRST_WORK
+from rhytid.domain.wording import plural
+from rhytid.errors import LimitError
 from rhytid.pipeline.cells import CellLists
 
 # Texels per side of the blocks that list what reaches into them.
@@ -18,67 +23,10 @@ BLOCK = 64
 _ELEMENT, _BLANK = 32, 2048
 # Entries of lists that are looked at together.
 _CHUNK = 1 << 20
-
 # (row, column, texels per side) of a square of a level.
 Square = tuple[int, int, int]
-
-
-def work_by_cell(
-    lists: CellLists, low: NDArray[np.floating], high: NDArray[np.floating]
-) -> NDArray[np.float32]:
-    """(cells, cells) work of drawing the elements of each cell, the top row first.
-
-    low, high: (K, 2) corners in UV of the boxes that `lists`, top down, were made from.
-    """
-    cells = lists.cells
-    work = np.zeros(cells * cells)
-    for first in range(0, len(lists.members), _CHUNK):
-        last = min(first + _CHUNK, len(lists.members))
-        begin = np.searchsorted(lists.offsets, first, "right") - 1
-        end = np.searchsorted(lists.offsets, last, "left")
-        bounds: NDArray[np.int64] = np.clip(lists.offsets[begin : end + 1], first, last)
-        cell = np.repeat(np.arange(begin, end), bounds[1:] - bounds[:-1])
-        members = lists.members[first:last]
-        row, column = cells - 1 - cell // cells, cell % cells
-        texels = _within(low, high, members, 0, column, cells)
-        texels *= _within(low, high, members, 1, row, cells)
-        texels += _ELEMENT
-        work[begin:end] += np.bincount(cell - begin, texels, end - begin)
-    return work.reshape(cells, cells).astype(np.float32)
-
-
-def _within(
-    low: NDArray[np.floating],
-    high: NDArray[np.floating],
-    members: NDArray[np.int32],
-    axis: int,
-    cell: NDArray[np.int64],
-    cells: int,
-) -> NDArray[np.float64]:
-    """Texels along an axis that the boxes of members have in common with cells of BLOCK texels."""
-    start = low[members, axis] * (cells * BLOCK) - cell * BLOCK
-    stop = high[members, axis] * (cells * BLOCK) - cell * BLOCK
-    found: NDArray[np.float64] = np.minimum(stop, BLOCK) - np.maximum(start, 0.0)
-    return np.clip(found + 1.0, 1.0, BLOCK)
-
-
-def work_around(
-    low: NDArray[np.floating], high: NDArray[np.floating], resolution: int
-) -> NDArray[np.float64]:
-    """(blocks, blocks) about the work of boxes, corners (K, 2) in UV, in each block of a map, v
-    down: each is taken to cover all its blocks alike."""
-    cells = max(resolution // BLOCK, 1)
-    inside = (np.clip(corner.astype(np.float64), 0.0, 1.0) for corner in (low, high))
-    low, high = inside
-    first = np.minimum((low * cells).astype(np.int64), cells - 1)
-    last = np.minimum((high * cells).astype(np.int64), cells - 1) + 1
-    texels = np.prod((high - low) * resolution + 1.0, axis=1) / np.prod(last - first, axis=1)
-    share = np.minimum(texels, BLOCK**2) + _ELEMENT
-    steps = np.zeros((cells + 1, cells + 1))
-    for y, x, sign in ((first, first, 1), (first, last, -1), (last, first, -1), (last, last, 1)):
-        np.add.at(steps, (y[:, 1], x[:, 0]), sign * share)
-    found: NDArray[np.float64] = np.cumsum(np.cumsum(steps, axis=0), axis=1)[:cells, :cells]
-    return np.maximum(found, 0.0)
+# Seconds of the densest block, which is drawn at once.
+_BLOCK_SECONDS = 0.1
 
 
 class MapWork:
@@ -167,3 +115,99 @@ def _between(sums: NDArray[np.float64], corner: tuple[int, int], side: int, texe
     bottom, right = (min(max(-(-(at + side) // texels), 0), end) for at in corner)
     found = sums[bottom, right] - sums[top, right] - sums[bottom, left] + sums[top, left]
     return float(found)
+
+
+def work_by_cell(
+    lists: CellLists, low: NDArray[np.floating], high: NDArray[np.floating]
+) -> NDArray[np.float32]:
+    """(cells, cells) work of drawing the elements of each cell, the top row first.
+
+    low, high: (K, 2) corners in UV of the boxes that `lists`, top down, were made from.
+    """
+    cells = lists.cells
+    work = np.zeros(cells * cells)
+    for first in range(0, len(lists.members), _CHUNK):
+        last = min(first + _CHUNK, len(lists.members))
+        begin = np.searchsorted(lists.offsets, first, "right") - 1
+        end = np.searchsorted(lists.offsets, last, "left")
+        bounds: NDArray[np.int64] = np.clip(lists.offsets[begin : end + 1], first, last)
+        cell = np.repeat(np.arange(begin, end), bounds[1:] - bounds[:-1])
+        members = lists.members[first:last]
+        row, column = cells - 1 - cell // cells, cell % cells
+        texels = _within(low, high, members, 0, column, cells)
+        texels *= _within(low, high, members, 1, row, cells)
+        texels += _ELEMENT
+        work[begin:end] += np.bincount(cell - begin, texels, end - begin)
+    return work.reshape(cells, cells).astype(np.float32)
+
+
+def _within(
+    low: NDArray[np.floating],
+    high: NDArray[np.floating],
+    members: NDArray[np.int32],
+    axis: int,
+    cell: NDArray[np.int64],
+    cells: int,
+) -> NDArray[np.float64]:
+    """Texels along an axis that the boxes of members have in common with cells of BLOCK texels."""
+    start = low[members, axis] * (cells * BLOCK) - cell * BLOCK
+    stop = high[members, axis] * (cells * BLOCK) - cell * BLOCK
+    found: NDArray[np.float64] = np.minimum(stop, BLOCK) - np.maximum(start, 0.0)
+    return np.clip(found + 1.0, 1.0, BLOCK)
+
+
+def work_around(
+    low: NDArray[np.floating], high: NDArray[np.floating], resolution: int
+) -> NDArray[np.float64]:
+    """(blocks, blocks) about the work of boxes, corners (K, 2) in UV, in each block of a map, v
+    down: each is taken to cover all its blocks alike."""
+    cells = max(resolution // BLOCK, 1)
+    inside = (np.clip(corner.astype(np.float64), 0.0, 1.0) for corner in (low, high))
+    low, high = inside
+    first = np.minimum((low * cells).astype(np.int64), cells - 1)
+    last = np.minimum((high * cells).astype(np.int64), cells - 1) + 1
+    texels = np.prod((high - low) * resolution + 1.0, axis=1) / np.prod(last - first, axis=1)
+    share = np.minimum(texels, BLOCK**2) + _ELEMENT
+    steps = np.zeros((cells + 1, cells + 1))
+    for y, x, sign in ((first, first, 1), (first, last, -1), (last, first, -1), (last, last, 1)):
+        np.add.at(steps, (y[:, 1], x[:, 0]), sign * share)
+    found: NDArray[np.float64] = np.cumsum(np.cumsum(steps, axis=0), axis=1)[:cells, :cells]
+    return np.maximum(found, 0.0)
+
+
+@dataclass(frozen=True)
+class DrawLimit:
+    """Seconds that one drawing of the map of a UDIM may take, about, at so much work a second.
+
+    It is estimated from boxes around elements at any stretch: what is drawn takes a share of it.
+    """
+
+    seconds: float
+    per_second: float = FIRST_WORK
+
+    def check(
+        self,
+        low: NDArray[np.floating],
+        high: NDArray[np.floating],
+        resolution: int,
+        what: str,
+        udim: int,
+    ) -> None:
+        """Raise LimitError where drawing boxes (K, 2) in UV takes longer.  what: names them."""
+        work = work_around(low, high, resolution)
+        whole, block = work.sum() / self.per_second, work.max() / self.per_second
+        drawing = f"drawing {plural(len(low), what, f'{what}s')} of UDIM {udim}"
+        if whole > self.seconds:
+            raise LimitError(
+                f"{drawing} would take about {_seconds(whole)} s on this device at {resolution}² "
+                f"texels: more than {_seconds(self.seconds)} s (RHYTID_DRAW_SECONDS)"
+            )
+        if block > _BLOCK_SECONDS:
+            raise LimitError(
+                f"{drawing} would take about {_seconds(block)} s on this device where they are "
+                f"densest, in {BLOCK}² of {resolution}² texels: more than {_BLOCK_SECONDS} s"
+            )
+
+
+def _seconds(value: float) -> str:
+    return f"{value:.3g}"

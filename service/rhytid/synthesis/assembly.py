@@ -9,23 +9,27 @@ from numpy.typing import NDArray
 
 from rhytid.domain.graph import ORIGINAL, WrinkleGraph
 from rhytid.synthesis import shapes
-from rhytid.synthesis.arrays import Arrays, row_blocks
-from rhytid.synthesis.drawing import Lines
-from rhytid.synthesis.edges.candidate_graph import Ground
+from rhytid.synthesis.candidate_graph import Ground
+from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.hashes import place_keys
-from rhytid.synthesis.pores.even_skin import Usual
-from rhytid.synthesis.pores.pore_shapes import pore_axes, pore_ellipses
-from rhytid.synthesis.progress import Progress
+from rhytid.synthesis.lines import Lines, ends_of
+from rhytid.synthesis.pore_density import Usual
+from rhytid.synthesis.progress import Progress, row_blocks
 from rhytid.synthesis.seams.borders import Borders
-from rhytid.synthesis.seams.copies import with_copies
-from rhytid.synthesis.surface import Points
-from rhytid.synthesis.trails.continuations import ends_of
-from rhytid.synthesis.trails.rim import beside_bare
+from rhytid.synthesis.seams.charts import trace
+from rhytid.synthesis.seams.copies import Arrays, with_copies
+from rhytid.synthesis.shapes import pore_axes, pore_ellipses
+from rhytid.synthesis.surface import Points, Surface
 
 _LEAST_WEIGHT = 1e-4
 # Seams are looked at as closely as painted density can ask for: were it as closely as it does, what
 # is painted in one place would move copies at all seams.
 _CLOSEST = 8.0**-0.5
+# How far around a line skin is looked at, in pore spacings, and in how many directions.
+_REACH, _LOOKS = 2.0, 8
+# Power of the share that is not bare. At the rim half is; lines along it are then as deep as
+# others, within a tenth.
+_FADING = 1.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,3 +163,33 @@ def _grain(arrays: Arrays, grain: NDArray[np.float32], owner: NDArray[np.integer
 def _scale(weight: NDArray[np.float32], factor: NDArray[np.float32]) -> None:
     """Times a factor, in place, still above 0 and at most 1."""
     np.clip(weight * factor, _LEAST_WEIGHT, 1.0, out=weight)
+
+
+def beside_bare(
+    surface: Surface,
+    across: NDArray[np.int32],
+    fields: Fields,
+    triangle: NDArray[np.integer],
+    uv: NDArray[np.floating],
+    spacing: float,
+) -> NDArray[np.float32]:
+    """(N,) factors of the weight of lines whose middles are at uv (N, 2): 1 away from bare skin.
+
+    across: (F, 3) neighbours of the triangles; what is painted beyond a chart does not count.
+    spacing: of the pores of even skin, in units of the surface.
+    """
+    reach = _REACH * spacing * fields.spacing(triangle, uv).astype(np.float64)
+    bare = np.zeros(len(triangle), np.float32)
+    jacobian = surface.jacobian[triangle]
+    # With JᵀJ = LLᵀ a step of L⁻ᵀe in UV is as long as e on the surface.
+    uu = np.sqrt((jacobian[..., 0] ** 2).sum(-1))
+    along = (jacobian[..., 0] * jacobian[..., 1]).sum(-1) / uu
+    upward = surface.density[triangle] / uu
+    for angle in 2.0 * np.pi * np.arange(_LOOKS) / _LOOKS:
+        v = np.sin(angle) / upward
+        step = reach[:, None] * np.stack([(np.cos(angle) - along * v) / uu, v], axis=-1)
+        seen = np.flatnonzero(fields.bare(triangle, (uv + step).astype(np.float32)))
+        line = trace(surface, across, triangle[seen], uv[seen].astype(np.float64), step[seen])
+        bare[seen[line.share >= 1.0]] += 1.0
+    found: NDArray[np.float32] = (1.0 - bare / np.float32(_LOOKS)) ** np.float32(_FADING)
+    return found

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import GraphSettings
 from rhytid.domain.controls import Controls
@@ -11,31 +14,46 @@ from rhytid.domain.folds import Folds
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.lengths import Lengths
 from rhytid.domain.mesh import Mesh
-from rhytid.synthesis.edges.candidate_graph import Ground
-from rhytid.synthesis.fields.capacity_check import check_drawn, wrinkles_in_all
-from rhytid.synthesis.fields.fields import Fields
-from rhytid.synthesis.fields.folding import FoldField
-from rhytid.synthesis.fields.painting import fields_of
-from rhytid.synthesis.pores.even_skin import SPACING, faintest
-from rhytid.synthesis.pores.spacing import mean_spacing
+from rhytid.errors import MeshError
+from rhytid.synthesis.assembly import EdgeStrengths, GraphParts
+from rhytid.synthesis.candidate_graph import CandidateGraph, Cut, Ground, priorities
+from rhytid.synthesis.capacity import check_drawn, check_radius, wrinkles_in_all
+from rhytid.synthesis.fields import Directions, Fields
+from rhytid.synthesis.fold_field import FoldField
+from rhytid.synthesis.incidence import independent_set
+from rhytid.synthesis.lines import draw
+from rhytid.synthesis.painted_fields import fields_of
+from rhytid.synthesis.pore_density import (
+    EDGES_PER_PORE,
+    SPACING,
+    WITH_PRIMARY,
+    WITHOUT_PRIMARY,
+    faintest,
+)
+from rhytid.synthesis.pores import packed_radius
+from rhytid.synthesis.primary_lines import Primary, has_primary_lines, with_primary_lines
 from rhytid.synthesis.progress import Progress, part, rising, silent
 from rhytid.synthesis.seams.borders import Borders
 from rhytid.synthesis.seams.charts import neighbours
+from rhytid.synthesis.statistics import mean_spacing
 from rhytid.synthesis.surface import Surface
-from rhytid.synthesis.trails.growth import Skin, counted, grown
-from rhytid.synthesis.trails.selection import Cut, flat
+from rhytid.synthesis.trails import FINE
 from rhytid.synthesis.workspace import Caller, Workspace, directly
+
+# How often pores are scattered again, at most twice as many each time, where there are too few.
+ATTEMPTS = 4
 
 
 @dataclass(frozen=True, eq=False)
 class Synthesis:
-    """A graph and what came up while it was made.
+    """A synthesised graph, and figures of it.
 
-    lengths: what it is drawn with unless settings say otherwise. Their spacing is the distance of a
-    pore to the nearest, on the surface, mesh units, where nothing is painted: as the settings have
-    it, with their density; where they say how many wrinkles there are, the mean on even skin of so
-    many. Their depth is that of the age of the settings.  distance: the mean as it came out.
-    stretched: how many triangles hold no pore because their UV is stretched beyond reason.
+    lengths: that the graph is drawn with unless settings say otherwise. Their spacing is the
+    distance on the surface from a pore to the nearest, mesh units, where nothing is painted: that
+    of the settings, with their density; or, where the settings give the number of wrinkles, the
+    mean on even skin with so many. Their depth is that of the age in the settings.  distance: the
+    mean distance from a pore to the nearest in the graph, mesh units.  stretched: how many
+    triangles hold no pore because their UV is stretched too far.
     """
 
     graph: WrinkleGraph
@@ -45,7 +63,7 @@ class Synthesis:
 
     @property
     def spacing(self) -> float:
-        """Of the lengths."""
+        """The spacing of the lengths, mesh units."""
         return self.lengths.spacing
 
 
@@ -59,20 +77,23 @@ def synthesize(
     controls: Controls | None = None,
     folds: Folds | None = None,
 ) -> Synthesis:
-    """A graph after Weiss et al. 2023, of exactly `settings.wrinkles` wrinkles times density
-    where nothing is painted, or of pores `settings.spacing` apart there.
+    """Grow a wrinkle graph on a mesh, after Weiss et al. 2023.
+
+    Where nothing is painted it has exactly `settings.wrinkles` wrinkles times density, or pores
+    `settings.spacing` apart.
 
     The same mesh, settings, seed and device give the same graph, bit for bit; so does the mesh
     scaled by a power of two, and the spacing with it. What is painted changes only its
     surroundings: where the number of wrinkles is set and something is painted that pores and lines
-    grow by, the skin without it is grown first, which says how far apart pores are and which edges
-    are too faint.
+    grow by, the skin without it is grown first. That skin says how far apart pores are and which
+    edges are too faint.
 
-    progress(fraction, stage) is called often and may raise CancelledError. fields: what differs
-    from place to place, in place of what settings, controls and folds say of it. folds: where the
-    face folds, for lines to run there; without them these run level. call: runs each step in
-    a task of the device. Raises MeshError where the mesh has no room for pores, or its UV none for
-    the wrinkles, and what `wrinkles_in_all` does.
+    progress(fraction, stage): called often; may raise CancelledError.  fields: properties of the
+    skin by place, in place of those of settings, controls and folds.  folds: where the face folds;
+    lines run across the folds, without them around the vertical axis.  call: runs each step in a
+    task of the device.
+    Raises MeshError where the mesh has no room for pores, or its UV has none for the wrinkles;
+    InputError and LimitError as `wrinkles_in_all` does.
     """
     report = rising(progress)
     report(0.0, "pores")
@@ -84,7 +105,7 @@ def synthesize(
     wrinkles_in_all(surface, settings, fields, device.budget.limit)
     with Workspace(device, call) as work:
         ground = Ground(work, surface, across, fields)
-        skin, cut = _grown(ground, plain if uneven else fields, settings, part(report, 0.0, 0.94))
+        skin, cut = _skin(ground, plain if uneven else fields, settings, part(report, 0.0, 0.94))
         distance = mean_spacing(work, skin.net.pores)[0] * surface.scale
         borders = Borders.of(mesh, surface, across)
         graph = skin.drawn(ground, borders, cut, settings.start, part(report, 0.95, 1.0))
@@ -93,22 +114,115 @@ def synthesize(
     return Synthesis(graph, lengths, distance, surface.stretched)
 
 
-def _grown(
+def _skin(
     ground: Ground, plain: Fields, settings: GraphSettings, progress: Progress
 ) -> tuple[Skin, Cut]:
-    """Skin, and down to where its edges are drawn.  plain: fields where nothing is painted."""
+    """The skin, and the cut down to which its edges are drawn.
+
+    plain: the fields where nothing is painted.
+    """
     surface = ground.surface
     if settings.wrinkles is None:
         assert settings.spacing is not None
         spacing = settings.spacing * settings.density**-0.5 / surface.scale
-        skin = grown(ground, spacing / SPACING, settings, progress)
-        cut = flat(faintest(settings.neighbours))
-        check_drawn(surface, settings, int(cut.draws(skin.net.edges, skin.wish).sum()))
+        skin = _grown_at_spacing(ground, spacing / SPACING, settings, progress)
+        cut = Cut.at_strength(faintest(settings.neighbours))
+        check_drawn(surface, settings, int(cut.draws(skin.net.edges, skin.priority).sum()))
         return skin, cut
     first = ground if plain is ground.fields else replace(ground, fields=plain)
-    wanted = wrinkles_in_all(surface, settings, plain)
+    count = wrinkles_in_all(surface, settings, plain)
     half = 1.0 if first is ground else 0.5
-    skin, cut = counted(first, settings, wanted, part(progress, 0.0, half))
+    skin, cut = _grown_to_count(first, settings, count, part(progress, 0.0, half))
     if first is not ground:
-        skin = grown(ground, skin.radius, settings, part(progress, half, 1.0))
+        skin = _grown_at_spacing(ground, skin.radius, settings, part(progress, half, 1.0))
     return skin, cut
+
+
+@dataclass(frozen=True, eq=False)
+class Skin:
+    """Pores `radius` apart, and the strengths of the edges between them.
+
+    priority (E,): by which edges are chosen to be drawn.
+    """
+
+    net: CandidateGraph
+    radius: float
+    strengths: EdgeStrengths
+    priority: NDArray[np.float64]
+
+    @property
+    def spacing(self) -> float:
+        """Mean distance of a pore to the nearest on even skin."""
+        return SPACING * self.radius
+
+    def drawn(
+        self, ground: Ground, borders: Borders, cut: Cut, seed: int, progress: Progress
+    ) -> WrinkleGraph:
+        """The graph of the edges down to `cut`, in spatial order."""
+        progress(0.0, "shapes")
+        chosen = np.flatnonzero(cut.draws(self.net.edges, self.priority)).astype(np.int32)
+        lines = draw(ground, self.net, borders, chosen, self.spacing)
+        parts = GraphParts(
+            ground, self.net.pores, lines, borders, self.strengths, self.spacing, seed
+        )
+        return parts.graph(part(progress, 0.1, 1.0))
+
+
+def _grown_to_count(
+    ground: Ground, settings: GraphSettings, count: int, progress: Progress
+) -> tuple[Skin, Cut]:
+    """Skin with as many pores as `count` wrinkles need, and the cut that leaves exactly these.
+
+    The first guess of the radius is right unless the UV is in small parts, where many edges end at
+    a border and cannot be drawn.
+    """
+    radius = packed_radius(ground.surface, ground.fields, count / EDGES_PER_PORE)
+    check_radius(ground.surface, settings, radius, ground.fields.least_spacing)
+    for _ in range(ATTEMPTS):
+        building = part(progress, 0.0, 0.5)
+        net = CandidateGraph.build(ground, radius, settings.neighbours, settings.start, building)
+        drawable = independent_set(ground.work, net.edges.length, net.crossings)
+        lines = int(drawable.sum())
+        if lines >= count:
+            skin = _worn(ground, net, radius, settings, part(progress, 0.5, 1.0))
+            return skin, Cut.at_count(net.edges, skin.priority, count)
+        radius *= 0.97 * float(np.sqrt(max(lines / count, 0.5)))
+    setting, more = "wrinkles", "more wrinkles"
+    if settings.wrinkles is None:
+        setting, more = "spacing", "a smaller spacing"
+    raise MeshError(
+        f"graph.{setting} is {getattr(settings, setting)}: only {lines} of {count} can be drawn "
+        f"between pores so far apart, for the UV of the mesh is in small parts; ask for {more}"
+    )
+
+
+def _grown_at_spacing(
+    ground: Ground, radius: float, settings: GraphSettings, progress: Progress
+) -> Skin:
+    """Skin with pores `radius` apart, in units of the surface, times the spacing of its fields."""
+    check_radius(ground.surface, settings, radius, ground.fields.least_spacing)
+    net = CandidateGraph.build(
+        ground, radius, settings.neighbours, settings.start, part(progress, 0.0, 0.5)
+    )
+    return _worn(ground, net, radius, settings, part(progress, 0.5, 1.0))
+
+
+def _worn(
+    ground: Ground, net: CandidateGraph, radius: float, settings: GraphSettings, progress: Progress
+) -> Skin:
+    """The skin of a net: strengths of its edges, by walkers and primary lines."""
+    rng = np.random.Generator(np.random.PCG64(settings.start))
+    directions = Directions(SPACING * radius, rng, ground.fields)
+    building = part(progress, 0.0, 0.07)
+    primary = Primary.build(
+        ground, radius, settings.neighbours, settings.start, directions, building
+    )
+    with ground.work.nested() as nested:
+        paths = net.paths(nested, directions, ground.fields, part(progress, 0.07, 0.15))
+        strength = net.worn(nested, paths, settings.start, FINE, part(progress, 0.15, 0.94))
+        progress(0.94, "trails")
+        weight, hubs = primary.laid(ground, net, paths, radius)
+    usual = WITH_PRIMARY if has_primary_lines(ground.surface, radius) else WITHOUT_PRIMARY
+    found = EdgeStrengths(with_primary_lines(strength, weight), hubs, usual)
+    priority = priorities(ground.work, net, found.strength, part(progress, 0.95, 1.0))
+    return Skin(net, radius, found, priority)

@@ -1,11 +1,14 @@
-"""Progress of long work: a call that may raise CancelledError."""
+"""Long work: reports of its progress, and arrays in blocks of rows, between which it may stop."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+
+from rhytid import stopping
 
 Progress = Callable[[float, str], None]
+ROWS = 1 << 19
 
 
 def silent(fraction: float, stage: str) -> None:
@@ -47,3 +50,10 @@ def clocked(progress: Progress) -> tuple[Progress, dict[str, float]]:
         progress(fraction, stage)
 
     return report, seconds
+
+
+def row_blocks(count: int) -> Iterator[slice]:
+    """The rows 0 to count, ROWS at a time, unless the work is to stop."""
+    for first in range(0, count, ROWS):
+        stopping.check()
+        yield slice(first, min(first + ROWS, count))

@@ -1,4 +1,4 @@
-"""Figures of a wrinkle graph on its mesh."""
+"""Figures of a wrinkle graph on its mesh, and how far its pores stand apart. Kernel: nearest.cl."""
 
 from __future__ import annotations
 
@@ -13,15 +13,18 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.seams import whole_wrinkles
 from rhytid.errors import GraphError
-from rhytid.synthesis.arrays import row_blocks
-from rhytid.synthesis.edges.crossings import crossings
-from rhytid.synthesis.fields.directions import level_directions
-from rhytid.synthesis.pores.spacing import mean_spacing
+from rhytid.synthesis.edges import DEFINES, crossings
+from rhytid.synthesis.fields import level_directions
+from rhytid.synthesis.lattice import DevicePoints
+from rhytid.synthesis.progress import row_blocks
 from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray, Points, Surface
 from rhytid.synthesis.workspace import Workspace
 
 STRENGTHS = 10  # tenths from 0 to 1
 ANGLES = 9  # of ten degrees, from 0 to 90
+# The first look goes so far, in spacings that the points would have on a flat square of area 1;
+# those that find nothing look on twice as far.
+_FIRST = 2.0
 
 
 def statistics(mesh: Mesh, graph: WrinkleGraph, device: Device) -> dict[str, Any]:
@@ -64,6 +67,44 @@ def statistics(mesh: Mesh, graph: WrinkleGraph, device: Device) -> dict[str, Any
         "strengths": np.histogram(net.weight, STRENGTHS, (0.0, 1.0))[0].tolist(),
         **_angles(net),
     }
+
+
+def mean_spacing(work: Workspace, pores: Points) -> tuple[float, float]:
+    """Mean and deviation of the distance to the nearest pore of a sheet; 0 where none has one."""
+    distance = nearest_distances(work, pores)
+    found = distance[np.isfinite(distance)].astype(np.float64)
+    return (float(found.mean()), float(found.std())) if len(found) else (0.0, 0.0)
+
+
+def nearest_distances(work: Workspace, pores: Points) -> NDArray[np.float32]:
+    """(N,) distance of each pore to the nearest of its sheet; infinity where there is none."""
+    distance = np.full(len(pores), np.inf, np.float32)
+    if len(pores) < 2:
+        return distance
+    extent = float(np.ptp(pores.position, axis=0).max())
+    cell = min(_FIRST / np.sqrt(len(pores)), extent)
+    left = np.arange(len(pores), dtype=np.int32)
+    while len(left):
+        with work.nested() as nested:
+            distance[left] = _within(nested, pores, left, cell)
+        left = left[np.isinf(distance[left])] if cell < extent else left[:0]
+        cell = min(2.0 * cell, extent)
+    return distance
+
+
+def _within(
+    work: Workspace, pores: Points, asked: NDArray[np.int32], cell: float
+) -> NDArray[np.float32]:
+    """(K,) distances of those asked to their nearest within a cell, infinity else."""
+    cloud = DevicePoints.of(work, pores, cell)
+    nearest2 = work.empty(len(asked), np.float32)
+    work.run(
+        "nearest", "nearest_distance", len(asked), work.upload(asked), *cloud.points,
+        *cloud.grid.arguments, float(cloud.lattice.unit / cell), nearest2, defines=DEFINES,
+    )  # fmt: skip
+    found = work.read(nearest2, (len(asked),), np.float32)
+    distances: NDArray[np.float32] = np.float32(cell) * np.sqrt(found)
+    return distances
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,7 @@
-"""The mesh as a surface to put pores on: areas, normals and Jacobians, and points."""
+"""The mesh as a surface to put pores on: areas, normals and Jacobians, and points on it.
+
+Triangles that nothing can be drawn on carry no pores: those whose UV are stretched too far, and
+those that other charts cover."""
 
 from __future__ import annotations
 
@@ -8,20 +11,26 @@ from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
+from rhytid import stopping
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import MeshError
-from rhytid.synthesis.seams import jacobians
-from rhytid.synthesis.seams.overlaps import covered
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 AnyFloats = TypeVar("AnyFloats", bound=NDArray[Any])
-
 UDIM_COLUMNS = 10.0
 # Normals around a vertex whose mean is shorter than this say nothing of where it faces.
 _CANCELLED = 1e-3
+# A pore whose UV is this much larger than that of the median would cover a region of the map.
+_LARGEST = 100.0
+# Beyond this ratio of the singular values float32 cannot hold the metric of a pore.
+_NARROWEST = 500.0
+# How many triangles around a centre are looked at: the one below is among the nearest unless it
+# is very much larger.
+_NEIGHBOURS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,10 +88,10 @@ class Surface:
         corners, uv = positions[mesh.faces], mesh.triangle_uv()
         area = 0.5 * np.linalg.norm(_facing(corners), axis=-1)
         usable = mesh.usable_triangles()
-        jacobian = jacobians.jacobians(corners, uv, usable)
-        density, narrowest = jacobians.singular(jacobian)
-        inside = usable & _overlaps_udims(uv) & ~covered(uv, usable)
-        carries = inside & ~jacobians.absurd(density, narrowest, np.where(inside, area, 0.0))
+        jacobian = _jacobians(corners, uv, usable)
+        density, narrowest = _singular_values(jacobian)
+        inside = usable & _overlaps_udims(uv) & ~_covered_by_others(uv, usable)
+        carries = inside & ~_too_stretched(density, narrowest, np.where(inside, area, 0.0))
         if not carries.any():
             raise MeshError("no triangle in u 0 to 10, v above 0 has a UV that can carry pores")
         scale = float(np.exp2(np.rint(0.5 * np.log2(area[carries].sum()))))
@@ -110,11 +119,27 @@ class Surface:
         vectors: FloatArray = np.einsum("nxc,nc->nx", self.jacobian[triangle], direction)
         return vectors
 
+    def barycentric(self, triangle: NDArray[np.integer], uv: NDArray[np.floating]) -> FloatArray:
+        """(N, 3) barycentric coordinates of uv (N, 2) in their triangles."""
+        corners = self.uv[triangle]
+        one, two = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+        offset, area = uv - corners[:, 0], cross(one, two)
+        shares = np.empty((len(triangle), 3))
+        shares[:, 1], shares[:, 2] = cross(offset, two) / area, cross(one, offset) / area
+        shares[:, 0] = 1.0 - shares[:, 1] - shares[:, 2]
+        return shares
+
     def place(self, triangle: NDArray[np.integer], uv: NDArray[np.floating]) -> FloatArray:
         """(N, 3) positions of uv (N, 2) in the planes of their triangles."""
         offset = self.along(triangle, uv - self.uv[triangle, 0])
         positions: FloatArray = self.corners[triangle, 0] + offset
         return positions
+
+
+def cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """The cross product of vectors in UV, (..., 2) each."""
+    product: FloatArray = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+    return product
 
 
 def unit(vectors: AnyFloats) -> AnyFloats:
@@ -123,6 +148,67 @@ def unit(vectors: AnyFloats) -> AnyFloats:
     length[length == 0] = 1.0
     directions: AnyFloats = vectors / length
     return directions
+
+
+def _jacobians(
+    corners: NDArray[np.float64], uv: NDArray[np.float64], usable: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    """(F, 3, 2) from corners (F, 3, 3) and uv (F, 3, 2); zero where not usable."""
+    sides = (corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1)
+    uv_sides = (uv[:, 1:] - uv[:, :1]).transpose(0, 2, 1)
+    result: NDArray[np.float64] = np.zeros_like(sides)
+    result[usable] = sides[usable] @ np.linalg.inv(uv_sides[usable])
+    return result
+
+
+def _singular_values(
+    jacobian: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(F,) the product of the two singular values, sqrt(det JᵀJ), and (F,) the smaller one."""
+    u, v = jacobian[:, :, 0], jacobian[:, :, 1]
+    product = np.linalg.norm(np.cross(u, v), axis=-1)
+    uu, vv, uv = (u * u).sum(-1), (v * v).sum(-1), (u * v).sum(-1)
+    larger = np.sqrt(0.5 * (uu + vv) + np.hypot(0.5 * (uu - vv), uv))
+    return product, product / np.where(larger > 0, larger, 1.0)
+
+
+def _too_stretched(
+    density: NDArray[np.float64], narrowest: NDArray[np.float64], area: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """(F,) true where a pore would be `_LARGEST` times the median's, or a needle.
+
+    density, narrowest: the results of `_singular_values`.  The median is by `area` (F,) on the
+    surface.
+    """
+    order = np.argsort(density, kind="stable")
+    half = np.searchsorted(np.cumsum(area[order]), 0.5 * area.sum())
+    typical = np.sqrt(density[order[min(half, len(order) - 1)]])
+    result: NDArray[np.bool_] = narrowest * _LARGEST < typical
+    return result | (density > _NARROWEST * narrowest**2)
+
+
+def _covered_by_others(uv: NDArray[np.float64], usable: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(F,) true where the centre of a triangle, uv (F, 3, 2), lies in one of a lower index.
+
+    The lowest index wins a place in the map: what a covered triangle carried would be drawn over
+    the winner's wrinkles.
+    """
+    index = np.flatnonzero(usable)
+    centres = uv[index].mean(axis=1)
+    near = cKDTree(centres).query(centres, k=min(_NEIGHBOURS, len(index)), workers=-1)[1]
+    result = np.zeros(len(uv), bool)
+    for other in near.reshape(len(index), -1).T:
+        stopping.check()
+        result[index] |= (other < np.arange(len(index))) & _inside(centres, uv[index[other]])
+    return result
+
+
+def _inside(points: NDArray[np.float64], corners: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(N,) true where a point (N, 2) lies within its triangle (N, 3, 2), not on the edge."""
+    sides, to = np.roll(corners, -1, axis=1) - corners, points[:, None] - corners
+    turn = np.sign(cross(sides, to))
+    inside: NDArray[np.bool_] = np.abs(turn.sum(axis=1)) == 3
+    return inside
 
 
 def _facing(corners: FloatArray) -> FloatArray:

@@ -35,7 +35,7 @@ class Workspace:
         self._device, self._call = device, call
         self._buffers: list[Buffer] = []
 
-    def room(self) -> Workspace:
+    def nested(self) -> Workspace:
         """Another workspace on the same device, for a part of the work."""
         return Workspace(self._device, self._call)
 

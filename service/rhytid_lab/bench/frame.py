@@ -26,9 +26,8 @@ from rhytid.domain.tiles import mesh_udims
 from rhytid.engine.assets.graphs import graph_lengths, mean_spacing
 from rhytid.pipeline.bin_maker import BinMaker, BinTile
 from rhytid.pipeline.blend import Blend
-from rhytid.pipeline.convolve import Convolve
-from rhytid.pipeline.element_arrays import pore_arrays, wrinkle_arrays
-from rhytid.pipeline.elements import UdimElements
+from rhytid.pipeline.convolve import Convolve, NeutralTile
+from rhytid.pipeline.elements import UdimElements, pore_arrays, wrinkle_arrays
 from rhytid.pipeline.grain import (
     Grain,
     GrainPlace,
@@ -36,15 +35,13 @@ from rhytid.pipeline.grain import (
     grain_codes,
     grain_gains,
     grain_place,
+    grain_shares,
     relief,
     tiles_of_square,
 )
-from rhytid.pipeline.grain_shares import grain_shares
 from rhytid.pipeline.locate import UdimTriangles, locate_points
-from rhytid.pipeline.neutral_tiles import NeutralTile
 from rhytid.pipeline.redraw import redrawing, respond
-from rhytid.pipeline.stretch import StretchStage
-from rhytid.pipeline.stretch_buffers import StretchBuffers
+from rhytid.pipeline.stretch import StretchBuffers, StretchStage
 from rhytid.pipeline.waves import wrinkle_waves
 from rhytid_lab.bench.scene import Floats, Scene
 from rhytid_lab.bench.skin import Skin

@@ -19,9 +19,9 @@ from rhytid.domain.mesh import Mesh
 from rhytid.engine.assets.graphs import check_graph
 from rhytid.errors import DeviceMemoryError
 from rhytid.pipeline.bins import map_count
-from rhytid.pipeline.cushion_bins import cushion_map_count
-from rhytid.synthesis.fields.capacity_check import wrinkles_in_all
-from rhytid.synthesis.fields.fields import Fields
+from rhytid.pipeline.cushion import cushion_map_count
+from rhytid.synthesis.capacity import wrinkles_in_all
+from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.generate import synthesize
 from rhytid.synthesis.surface import Surface
 from rhytid_lab.bench.service import METHODS

@@ -23,11 +23,11 @@ from rhytid.engine.jobs import Jobs
 from rhytid.engine.messages import Refusal
 from rhytid.engine.shared_assets import SharedAssets
 from rhytid.errors import CancelledError, FatalRequestError, NotFoundError, public_message
-from rhytid.pipeline.draw_limit import DrawLimit
-from rhytid.pipeline.element_arrays import check_cover
+from rhytid.pipeline.elements import check_cover
+from rhytid.pipeline.work import DrawLimit
 from rhytid.storage.records import StoredRequest
 from rhytid.storage.store import AssetStore
-from rhytid.synthesis.fields.build_size import BuildSize
+from rhytid.synthesis.build_size import BuildSize
 from rhytid.synthesis.generate import Synthesis, synthesize
 
 # Share of a build's progress at which the synthesis ends.

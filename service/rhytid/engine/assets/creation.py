@@ -30,10 +30,10 @@ from rhytid.engine.jobs import Jobs
 from rhytid.engine.messages import NewAsset
 from rhytid.engine.shared_assets import SharedAssets
 from rhytid.errors import FatalRequestError, NotFoundError
-from rhytid.pipeline.draw_limit import DrawLimit
 from rhytid.pipeline.folds import measured_folds
+from rhytid.pipeline.work import DrawLimit
 from rhytid.storage.store import AssetStore
-from rhytid.synthesis.fields.capacity_check import check_amount
+from rhytid.synthesis.capacity import check_amount
 
 Positions = Sequence[NDArray[np.float32]]
 Warnings = tuple[InputWarning, ...]

@@ -22,10 +22,10 @@ from rhytid.engine.assets.graphs import check_graph
 from rhytid.engine.frames import FrameMemory
 from rhytid.engine.messages import NewAsset
 from rhytid.errors import InputError, MeshError
-from rhytid.pipeline.draw_limit import DrawLimit
-from rhytid.pipeline.element_arrays import check_cover
+from rhytid.pipeline.elements import check_cover
+from rhytid.pipeline.work import DrawLimit
 from rhytid.storage.contents import asset_id
-from rhytid.synthesis.fields.capacity_check import check_amount
+from rhytid.synthesis.capacity import check_amount
 
 
 @dataclass(frozen=True)

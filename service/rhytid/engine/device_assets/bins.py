@@ -31,8 +31,8 @@ from rhytid.pipeline.bins import (
     sample_stretches,
     tilt_width,
 )
-from rhytid.pipeline.cushion_bins import cushion_layers, cushion_map_count, cushion_steps
-from rhytid.pipeline.cushion_elements import APRON
+from rhytid.pipeline.cushion import cushion_layers, cushion_map_count, cushion_steps
+from rhytid.pipeline.cushion_layer import APRON
 from rhytid.pipeline.grain import GRAIN, grain_amplitude, grain_exponent, relief
 from rhytid.pipeline.reach import SCALE_LIMIT
 from rhytid.pipeline.vectors import BYTES_A_TEXEL

@@ -16,9 +16,9 @@ from rhytid.engine.device_assets.frames import DeviceFrames, DeviceGrain
 from rhytid.engine.device_assets.mesh import DeferredWork, DeviceMesh
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
 from rhytid.engine.messages import MapQuery
+from rhytid.pipeline.convolve import MOST_TAPS, NeutralTile
 from rhytid.pipeline.elements import UdimElements
 from rhytid.pipeline.levels import Draw, render_to_host
-from rhytid.pipeline.neutral_tiles import MOST_TAPS, NeutralTile
 from rhytid.pipeline.redraw import redrawing
 from rhytid.pipeline.vectors import VECTOR
 from rhytid.pipeline.work import BLOCK, Square

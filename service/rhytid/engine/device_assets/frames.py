@@ -26,7 +26,7 @@ from rhytid.pipeline.grain import (
 from rhytid.pipeline.levels import Draw
 from rhytid.pipeline.redraw import ScaleBuffers, respond
 from rhytid.pipeline.smooth import SmoothFields, respond_smooth
-from rhytid.pipeline.stretch_buffers import StretchBuffers
+from rhytid.pipeline.stretch import StretchBuffers
 from rhytid.pipeline.work import Square
 
 

@@ -22,12 +22,16 @@ from rhytid.engine.frames import Frame
 from rhytid.engine.messages import MapQuery
 from rhytid.errors import NotFoundError
 from rhytid.pipeline.blend import Blend
-from rhytid.pipeline.convolve import Convolve
-from rhytid.pipeline.convolve_smooth import SmoothConvolve
-from rhytid.pipeline.cushion_elements import APRON
-from rhytid.pipeline.element_arrays import PoreArrays, WrinkleArrays, pore_arrays, wrinkle_arrays
-from rhytid.pipeline.elements import UdimElements
-from rhytid.pipeline.grain_shares import grain_shares
+from rhytid.pipeline.convolve import Convolve, SmoothConvolve
+from rhytid.pipeline.cushion_layer import APRON
+from rhytid.pipeline.elements import (
+    PoreArrays,
+    UdimElements,
+    WrinkleArrays,
+    pore_arrays,
+    wrinkle_arrays,
+)
+from rhytid.pipeline.grain import grain_shares
 from rhytid.pipeline.locate import UdimTriangles, locate_points
 from rhytid.pipeline.smooth import SmoothStage
 from rhytid.pipeline.stiffness import stiffness_of_elements

@@ -11,10 +11,9 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from rhytid import stopping
-from rhytid.synthesis.arrays import row_blocks
+from rhytid.synthesis.progress import row_blocks
 from rhytid.synthesis.seams.borders import NONE, Borders
-from rhytid.synthesis.seams.supports import Supports
-from rhytid.synthesis.seams.twins import Twins
+from rhytid.synthesis.seams.footprints import Footprints, Placements
 from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray
 
 # What reaches more places than this is larger than the charts around it, and is not followed there:
@@ -27,7 +26,7 @@ _APART, _FARTHEST = 1e4, 1e3
 
 
 class TooManyPairs(Exception):
-    """Several elements reach more places together than are looked at at once."""
+    """Several elements together reach more places than MOST_PAIRS allows at once."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,68 +72,73 @@ class BorderPlaces:
     def __len__(self) -> int:
         return len(self.row)
 
-    def nearby(self, supports: Supports) -> IntArray:
-        """Rows of those that may reach a border."""
-        reach = supports.reach()
+    def nearby(self, footprints: Footprints) -> IntArray:
+        """Rows of the elements that may reach a border."""
+        reach = footprints.reach()
         # What is farther away than any of them reaches is infinitely far.
         bound = np.nextafter(reach.max(initial=0.0), np.inf)
-        middle, found = supports.middle(), [np.zeros(0, np.int64)]
+        middle, found = footprints.middle(), [np.zeros(0, np.int64)]
         for rows in row_blocks(len(middle)):
             distance, _ = self.tree.query(middle[rows], distance_upper_bound=bound)
             found.append(rows.start + np.flatnonzero(distance <= reach[rows]))
         return np.concatenate(found)
 
-    def near(self, supports: Supports) -> IntArray:
-        """(E,) how many places of its chart each may reach."""
-        middle, reach = supports.middle(), np.minimum(supports.reach(), _FARTHEST)
+    def near(self, footprints: Footprints) -> IntArray:
+        """(E,) how many places of its own chart each element may reach."""
+        middle, reach = footprints.middle(), np.minimum(footprints.reach(), _FARTHEST)
         counts: IntArray = self.by_chart.query_ball_point(
-            np.column_stack([middle, _APART * supports.chart]), reach, return_length=True
+            np.column_stack([middle, _APART * footprints.chart]), reach, return_length=True
         )
         return counts
 
     def reached(
-        self, supports: Supports, twins: Twins, charts: IntArray | None = None
+        self, footprints: Footprints, placements: Placements, charts: IntArray | None = None
     ) -> tuple[IntArray, IntArray]:
-        """(P,) of `twins` and (P,) places that each may reach: of its chart in `charts` (T,), or
-        without them on whatever chart. None of those that reach more than MOST_PLACES.
+        """Pairs of a placement and a place that it may reach: rows (P,) of both.
 
-        Raises TooManyPairs where P would be more than MOST_PAIRS, of more than one element.
+        charts (T,): of the placements; places of other charts are left out. Without it every place
+        counts. Placements that reach more than MOST_PLACES are left out.
+        Raises TooManyPairs where P would be above MOST_PAIRS and the pairs are of several elements.
         """
         stopping.check()
-        tree, at, reach = self._asked(supports, twins, charts)
+        tree, at, reach = self._asked(footprints, placements, charts)
         counts = tree.query_ball_point(at, reach, return_length=True)
         rows = np.flatnonzero((counts > 0) & (counts <= MOST_PLACES))
-        if counts[rows].sum() > MOST_PAIRS and (twins.of[rows] != twins.of[rows[0]]).any():
+        if (
+            counts[rows].sum() > MOST_PAIRS
+            and (placements.of[rows] != placements.of[rows[0]]).any()
+        ):
             raise TooManyPairs
         found = tree.query_ball_point(at[rows], reach[rows], return_sorted=True)
         flat = np.fromiter(chain.from_iterable(found), np.int64, int(counts[rows].sum()))
         return np.repeat(rows, counts[rows]), flat
 
-    def crowded(self, supports: Supports, twins: Twins) -> BoolArray:
-        """(T,) which of `twins` reach more than MOST_PLACES places, on whatever chart."""
-        tree, at, reach = self._asked(supports, twins, None)
+    def crowded(self, footprints: Footprints, placements: Placements) -> BoolArray:
+        """(T,) whether each placement reaches more than MOST_PLACES places, of all charts."""
+        tree, at, reach = self._asked(footprints, placements, None)
         crowded: BoolArray = tree.query_ball_point(at, reach, return_length=True) > MOST_PLACES
         return crowded
 
     def _asked(
-        self, supports: Supports, twins: Twins, charts: IntArray | None
+        self, footprints: Footprints, placements: Placements, charts: IntArray | None
     ) -> tuple[cKDTree, FloatArray, FloatArray]:
-        """A tree, points in it, and within which distances of these places may be reached."""
-        own = supports.take(twins.of)
-        largest = np.linalg.svd(twins.turn, compute_uv=False)[:, 0]
-        at, reach = twins.at(own.middle()), np.minimum(own.reach() * largest, _FARTHEST)
+        """A tree of places, points (T, ...) in it, and the distances (T,) to look within."""
+        own = footprints.take(placements.of)
+        largest = np.linalg.svd(placements.turn, compute_uv=False)[:, 0]
+        at, reach = placements.at(own.middle()), np.minimum(own.reach() * largest, _FARTHEST)
         if charts is None:
             return self.tree, at, reach
         return self.by_chart, np.column_stack([at, _APART * charts]), reach
 
-    def runs(self, who: IntArray, place: IntArray) -> IntArray:
-        """(P,) numbers of the stretches of seam that the pairs make up, of one element each."""
+    def runs(self, item: IntArray, place: IntArray) -> IntArray:
+        """(P,) the number of the stretch of seam that each pair is part of. The places of a stretch
+        follow one another along the seam and are reached by the same placement."""
         size = len(self.row)
-        key, following = who * size + place, self.following[place]
+        key, following = item * size + place, self.following[place]
         order = np.argsort(key)
-        wanted = who * size + following
-        at = order[np.minimum(np.searchsorted(key, wanted, sorter=order), len(key) - 1)]
-        linked = np.flatnonzero((following != NONE) & (key[at] == wanted))
+        next_key = item * size + following
+        at = order[np.minimum(np.searchsorted(key, next_key, sorter=order), len(key) - 1)]
+        linked = np.flatnonzero((following != NONE) & (key[at] == next_key))
         links = coo_array(
             (np.ones(len(linked), np.int8), (linked, at[linked])), shape=(len(key), len(key))
         )

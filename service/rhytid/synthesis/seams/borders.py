@@ -10,8 +10,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from rhytid.domain.mesh import Mesh
-from rhytid.synthesis.seams.charts import BORDER, SIDES, corner_numbers, cross, orientation
-from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray, Surface
+from rhytid.synthesis.seams.charts import BORDER, SIDES, corner_numbers, orientation
+from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray, Surface, cross
 
 NONE = -1
 

@@ -2,16 +2,30 @@
 
 from __future__ import annotations
 
-import numpy as np
+import math
+from dataclasses import replace
+from typing import Any
 
-from rhytid.domain.graph import ORIGINAL
-from rhytid.synthesis.arrays import Arrays
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.domain.asset_settings import CUSHION_THRESHOLD, ResponseSettings, ShapeSettings
+from rhytid.domain.graph import LEAST_SIZE, ORIGINAL, STEEPEST
+from rhytid.domain.mesh import UV_LIMIT
 from rhytid.synthesis.seams.borders import Borders
-from rhytid.synthesis.seams.copied_wrinkles import copied_wrinkles
-from rhytid.synthesis.seams.reaching import PLACES, WIDEST, Seams
-from rhytid.synthesis.seams.supports import Supports
-from rhytid.synthesis.seams.uv_metrics import flat, full, holds, roots, turned
-from rhytid.synthesis.surface import Surface
+from rhytid.synthesis.seams.footprints import Footprints, Placements
+from rhytid.synthesis.seams.seams import FURTHER, PLACES, WIDEST, Seams
+from rhytid.synthesis.surface import BoolArray, FloatArray, Surface, cross
+
+# The arrays of a graph while it is put together, by their names in WrinkleGraph.
+Arrays = dict[str, NDArray[Any]]
+# Wrinkles that swell the skin are followed as far as their broad layer goes at the most stretch
+# that the usual response knows. As far as any response goes would be twice as many copies.
+_BROADEST = FURTHER + ShapeSettings().cushion_width * math.exp(
+    ResponseSettings().alpha_w * ResponseSettings().log_stretch_limit
+)
+# A footprint that is longer against its width is not copied: float32 cannot hold its metric.
+_LONGEST = 500.0
 
 
 def with_copies(arrays: Arrays, surface: Surface, borders: Borders, spacing: float) -> Arrays:
@@ -43,24 +57,183 @@ def _without_empty(arrays: Arrays) -> Arrays:
 
 
 def copied_pores(arrays: Arrays, borders: Borders, seams: Seams) -> Arrays:
-    """The nodes of copied pores."""
+    """The nodes of the copies of pores, by their names in a graph."""
     own = (arrays["node_copy_of"] == ORIGINAL) & (arrays["node_weight"] > 0)
     rows = np.flatnonzero(own)
     centre = arrays["node_uv"][rows].astype(np.float64)
     chart = borders.chart[arrays["node_triangle"][rows]]
     metric = full(arrays["node_metric"][rows])
     none, widest = np.zeros_like(centre), np.full(len(rows), WIDEST)
-    twins = seams.twins(Supports(centre, none, roots(metric), chart, widest, none))
-    there = turned(metric[twins.of], twins.turn)
-    radius = arrays["node_radius"][rows[twins.of]] * twins.growth()
-    place = twins.at(centre[twins.of])
+    placements = seams.placements(Footprints(centre, none, roots(metric), chart, widest, none))
+    there = turned(metric[placements.of], placements.turn)
+    radius = arrays["node_radius"][rows[placements.of]] * placements.growth()
+    place = placements.at(centre[placements.of])
     kept = np.flatnonzero(holds(there, place) & (radius <= 1.0))
-    of = rows[twins.of[kept]]
+    of = rows[placements.of[kept]]
     return {
         "node_uv": place[kept].astype(np.float32),
         "node_weight": arrays["node_weight"][of],
         "node_radius": radius[kept].astype(np.float32),
         "node_metric": flat(there[kept]),
-        "node_triangle": twins.landing(borders)[kept],
+        "node_triangle": placements.landing(borders)[kept],
         "node_copy_of": of.astype(np.int32),
     }
+
+
+def copied_wrinkles(arrays: Arrays, surface: Surface, borders: Borders, seams: Seams) -> Arrays:
+    """The copied wrinkles, and the nodes without strength that they end at.
+
+    `edge_nodes` count from the first of these nodes on. Wrinkles of `arrays` that reach a seam get
+    metrics, and slopes in these, in place. Both halves of a wrinkle that is cut at a seam are
+    copied.
+    """
+    footprints, metric = _round_on_surface(arrays, surface, borders)
+    placements = seams.placements(footprints)
+    placements, width = _held(arrays, footprints, metric, placements)
+    _give_metrics(arrays, seams, footprints, metric, placements)
+    of, count = placements.of, len(placements)
+    mirrored = np.sign(np.linalg.det(placements.turn)).astype(np.float32)
+    wider = (width / arrays["edge_half_width"][of].astype(np.float64))[:, None]
+    end_widths = np.clip(arrays["edge_end_half_widths"][of] * wider, LEAST_SIZE, 1.0)
+    pores, whole = arrays["edge_nodes"][of].ravel(), arrays["edge_copy_of"][of]
+    first = arrays["node_copy_of"][pores]
+    ends = np.stack(_ends(footprints, placements), axis=1)
+    landing = placements.landing(borders)
+    return {
+        "node_uv": ends.reshape(-1, 2).astype(np.float32),
+        "node_weight": np.zeros(2 * count, np.float32),
+        "node_radius": arrays["node_radius"][pores],
+        "node_metric": arrays["node_metric"][pores],
+        "node_triangle": np.repeat(landing, 2),
+        "node_copy_of": np.where(first == ORIGINAL, pores, first).astype(np.int32),
+        "edge_nodes": np.arange(2 * count, dtype=np.int32).reshape(-1, 2),
+        "edge_weight": arrays["edge_weight"][of],
+        "edge_half_width": width.astype(np.float32),
+        "edge_triangle": landing,
+        "edge_copy_of": np.where(whole == ORIGINAL, of, whole).astype(np.int32),
+        "edge_metric": flat(turned(metric[of], placements.turn)),
+        "edge_slopes": arrays["edge_slopes"][of] * mirrored[:, None],
+        "edge_end_weights": arrays["edge_end_weights"][of],
+        "edge_end_half_widths": end_widths.astype(np.float32),
+        "edge_partners": arrays["edge_partners"][of],
+    }
+
+
+def _held(
+    arrays: Arrays, footprints: Footprints, metric: FloatArray, placements: Placements
+) -> tuple[Placements, FloatArray]:
+    """The placements that a graph can hold, and the half width (T,) of each."""
+    start, stop = _ends(footprints, placements)
+    length = np.linalg.norm(stop - start, axis=-1)
+    # A strip covers det times the area in the other chart, and is as much longer as it is.
+    before = np.linalg.norm(footprints.step[placements.of], axis=-1)
+    half = arrays["edge_half_width"][placements.of].astype(np.float64)
+    width = half * placements.growth() ** 2 * before / np.maximum(length, LEAST_SIZE)
+    there = turned(metric[placements.of], placements.turn)
+    kept = np.flatnonzero(
+        holds(there, start) & holds(there, stop) & holds(metric[placements.of], start)
+        & (length > 2 * LEAST_SIZE) & (width <= 1.0) & (width >= 2 * LEAST_SIZE)
+    )  # fmt: skip
+    return placements.take(kept), width[kept]
+
+
+def _ends(footprints: Footprints, placements: Placements) -> tuple[FloatArray, FloatArray]:
+    """(T, 2) and (T, 2): both ends of the wrinkle of each placement, where it is drawn."""
+    ends = footprints.start, footprints.start + footprints.step
+    start, stop = (placements.at(end[placements.of]) for end in ends)
+    return start, stop
+
+
+def _give_metrics(
+    arrays: Arrays, seams: Seams, footprints: Footprints, metric: FloatArray, placements: Placements
+) -> None:
+    """Give a metric to each wrinkle that is copied, and to each that would reach a seam if it were
+    drawn as wide in UV in every direction: a wrinkle that does not reach the seam on the surface
+    must not be seen there."""
+    half_width = arrays["edge_half_width"].astype(np.float64)
+    even = np.eye(2) / half_width[:, None, None]
+    over = seams.reaching(
+        replace(footprints, root=even, slopes=arrays["edge_slopes"].astype(np.float64))
+    )
+    over = over[holds(metric[over], footprints.start[over])]
+    rows = np.union1d(over, placements.of)
+    arrays["edge_metric"][rows] = flat(metric[rows])
+    arrays["edge_slopes"][rows] = footprints.slopes[rows]
+
+
+def _in_metric(
+    slopes: NDArray[np.float32], root: FloatArray, step: FloatArray
+) -> NDArray[np.float32]:
+    """(K, 2) slopes of arcs, given in UV, as they are in the metric that makes footprints round.
+    There the arcs of both sides of a seam are the same, but for mirrored UV."""
+    left = np.stack([-step[:, 1], step[:, 0]], axis=1)
+    along = np.einsum("nij,nj->ni", root, step)
+    found = np.zeros_like(slopes)
+    for end in (0, 1):
+        tangent = step + slopes[:, end, None] * left
+        there = np.einsum("nij,nj->ni", root, tangent)
+        ahead = (along * there).sum(-1)
+        steep = cross(along, there) / np.where(ahead > 0, ahead, np.inf)
+        found[:, end] = np.clip(steep, -STEEPEST, STEEPEST)
+    return found
+
+
+def _round_on_surface(
+    arrays: Arrays, surface: Surface, borders: Borders
+) -> tuple[Footprints, FloatArray]:
+    """Wrinkles whose ends are round on the surface, as wide as they are, and their metrics.
+
+    Round in UV an end would reach many times as far on the surface where the UV are stretched.
+    """
+    ends = arrays["node_uv"][arrays["edge_nodes"]].astype(np.float64)
+    step, triangle = ends[:, 1] - ends[:, 0], arrays["edge_triangle"]
+    longer = np.linalg.norm(surface.along(triangle, step), axis=-1) / np.linalg.norm(step, axis=-1)
+    width = arrays["edge_half_width"] * surface.density[triangle] / longer
+    jacobian = surface.jacobian[triangle]
+    metric = jacobian.transpose(0, 2, 1) @ jacobian / np.square(width)[:, None, None]
+    widest = np.where(_swells(arrays), _BROADEST, WIDEST)
+    chart = borders.chart[triangle]
+    root = roots(metric)
+    slopes = _in_metric(arrays["edge_slopes"], root, step).astype(np.float64)
+    return Footprints(ends[:, 0], step, root, chart, widest, slopes), metric
+
+
+def _swells(arrays: Arrays) -> BoolArray:
+    """(W,) whether a wrinkle is in the broad layer, anywhere along it."""
+    strongest = np.maximum(arrays["edge_weight"], arrays["edge_end_weights"].max(axis=1))
+    swells: BoolArray = strongest > CUSHION_THRESHOLD
+    return swells
+
+
+def roots(metric: FloatArray) -> FloatArray:
+    """(N, 2, 2) with rootᵀ·root = metric."""
+    root: FloatArray = np.linalg.cholesky(metric).transpose(0, 2, 1)
+    return root
+
+
+def turned(metric: FloatArray, turn: FloatArray) -> FloatArray:
+    """(T, 2, 2) metrics in the UV that `turn` (T, 2, 2) leads to."""
+    back = np.linalg.inv(turn)
+    there: FloatArray = back.transpose(0, 2, 1) @ metric @ back
+    return there
+
+
+def holds(metric: FloatArray, uv: FloatArray) -> BoolArray:
+    """(T,) whether a graph can hold a footprint at a place."""
+    sizes = np.linalg.eigvalsh(metric)
+    slim = sizes[:, 1] <= _LONGEST**2 * sizes[:, 0]
+    sized = (sizes[:, 0] > 1.001) & (sizes[:, 1] * LEAST_SIZE**2 < 0.5)
+    held: BoolArray = slim & sized & (np.abs(uv) < UV_LIMIT).all(axis=1)
+    return held
+
+
+def full(metric: NDArray[np.float32]) -> FloatArray:
+    """(N, 2, 2) metrics (N, 3) of a graph."""
+    whole: FloatArray = metric.astype(np.float64)[:, [0, 1, 1, 2]].reshape(-1, 2, 2)
+    return whole
+
+
+def flat(metric: FloatArray) -> NDArray[np.float32]:
+    """(N, 3) as a graph has them of metrics (N, 2, 2)."""
+    three: NDArray[np.float32] = metric.reshape(-1, 4)[:, [0, 1, 3]].astype(np.float32)
+    return three

@@ -8,8 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.pipeline.convolve import neutral_jacobians
-from rhytid.pipeline.neutral_tiles import MOST_TAPS
+from rhytid.pipeline.convolve import MOST_TAPS, neutral_jacobians
 from rhytid_lab.bench.peers import HostRun
 from rhytid_lab.bench.scene import Floats, Scene
 

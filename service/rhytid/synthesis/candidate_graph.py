@@ -1,0 +1,154 @@
+"""Pores, the edges that may become wrinkles, the strengths that walkers give them, and which of the
+edges are drawn. Kernel: independent.cl."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.synthesis.edges import Edges, candidates, crossings
+from rhytid.synthesis.fields import Directions, Fields
+from rhytid.synthesis.incidence import KEPT, NEEDED, Incidence, chosen
+from rhytid.synthesis.lattice import Lattice
+from rhytid.synthesis.pore_density import LENGTH, edges_per_pore
+from rhytid.synthesis.pores import scatter_pores
+from rhytid.synthesis.progress import Progress, part
+from rhytid.synthesis.surface import Points, Surface
+from rhytid.synthesis.trails import Paths, Walks, wear
+from rhytid.synthesis.workspace import Workspace
+
+# Every pore keeps so many of its edges before the strength alone decides: polygons close, and
+# no wrinkle ends nowhere.
+ENDS = 3
+# Between the classes of edges: more than any strength.
+_CLASS = 1024.0
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """What candidate graphs are made on: a surface with its fields, and a workspace on the device.
+
+    across: (F, 3) neighbours of the triangles.
+    """
+
+    work: Workspace
+    surface: Surface
+    across: NDArray[np.int32]
+    fields: Fields
+
+
+@dataclass(frozen=True, eq=False)
+class CandidateGraph:
+    """Pores and the candidate edges between them.
+
+    crossings: (P, 2) pairs of edges that cross.  lattice: of the places of pores.  length, degree:
+    on even skin, the mean length of edges and their number per pore.
+    """
+
+    pores: Points
+    edges: Edges
+    crossings: NDArray[np.int32]
+    lattice: Lattice
+    length: float
+    degree: float
+
+    @classmethod
+    def build(
+        cls, ground: Ground, radius: float, count: int, seed: int, progress: Progress
+    ) -> CandidateGraph:
+        """Pores at least `radius` apart, each joined to its `count` nearest."""
+        work, surface, fields = ground.work, ground.surface, ground.fields
+        pores = scatter_pores(work, surface, radius, seed, part(progress, 0.0, 0.64), fields)
+        joining, crossing = part(progress, 0.64, 0.79), part(progress, 0.79, 0.97)
+        edges = candidates(work, surface, ground.across, pores, radius, count, joining, fields)
+        lattice = Lattice.absolute(radius, *surface.extent)
+        found = crossings(work, pores, edges.nodes, edges.length, crossing, lattice)
+        progress(0.97, "crossings")
+        return cls(pores, edges, found, lattice, LENGTH * radius, edges_per_pore(count))
+
+    def paths(
+        self, work: Workspace, directions: Directions, fields: Fields, progress: Progress
+    ) -> Paths:
+        """The edges that leave each pore, measured against the preferred directions."""
+        along, left = directions.frames(self.pores, progress)
+        anisotropy = fields.anisotropy(self.pores.triangle, self.pores.uv)
+        return Paths.of(
+            work, self.pores, self.edges, along, left, anisotropy, self.lattice, self.length
+        )
+
+    def worn(
+        self, work: Workspace, paths: Paths, seed: int, walks: Walks, progress: Progress
+    ) -> NDArray[np.float32]:
+        """(E,) the strength that walkers give each edge; the mean is near 1 on even skin."""
+        progress(0.0, "trails")
+        return wear(work, paths, self.crossings, seed, self.degree, walks, progress)
+
+
+def priorities(
+    work: Workspace, net: CandidateGraph, strength: NDArray[np.float32], progress: Progress
+) -> NDArray[np.float64]:
+    """(E,) the priority of each edge of a net, from the strengths (E,).
+
+    Edges come in three classes: first those among the ENDS strongest of a pore that cross nothing
+    stronger, then the others that cross nothing stronger, then the rest. Within a class the
+    stronger edge has the higher priority.
+    """
+    mark = _marks(work, net, strength, progress)
+    priority: NDArray[np.float64] = strength.astype(np.float64)
+    priority[mark == KEPT] += _CLASS
+    priority[mark == NEEDED] += 2.0 * _CLASS
+    progress(1.0, "selection")
+    return priority
+
+
+@dataclass(frozen=True)
+class Cut:
+    """Down to which edge a net is drawn: the priority and length of the last."""
+
+    priority: float
+    length: float = np.inf
+
+    @classmethod
+    def at_strength(cls, strength: float) -> Cut:
+        """The cut that draws all edges that pores need, and of the others that cross nothing
+        stronger those stronger than `strength`."""
+        return cls(_CLASS + strength)
+
+    @classmethod
+    def at_count(cls, edges: Edges, priority: NDArray[np.float64], count: int) -> Cut:
+        """The cut that draws exactly `count` edges, of equal priority the shorter ones first."""
+        least = float(-np.partition(-priority, count - 1)[count - 1])
+        tied = np.flatnonzero(priority == least)
+        left = count - np.count_nonzero(priority > least)
+        return cls(least, float(np.partition(edges.length[tied], left - 1)[left - 1]))
+
+    def draws(self, edges: Edges, priority: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """(E,) whether each edge is drawn, which depends on that edge alone."""
+        even = (priority == self.priority) & (edges.length <= self.length)
+        drawn: NDArray[np.bool_] = (priority > self.priority) | even
+        return drawn
+
+
+def _marks(
+    work: Workspace, net: CandidateGraph, strength: NDArray[np.float32], progress: Progress
+) -> NDArray[np.uint8]:
+    """(E,) NEEDED, KEPT or DROPPED."""
+    count, crossings = len(net.edges), net.crossings
+    progress(0.0, "selection")
+    with work.nested() as nested:
+        key = nested.upload(-strength)
+        conflicts = Incidence.of(nested, nested.upload(crossings), len(crossings), count)
+        progress(0.2, "selection")
+        state = chosen(nested, key, count, conflicts)
+        progress(0.5, "selection")
+        nodes, marked = nested.upload(net.edges.nodes), nested.empty(count, np.uint8)
+        lists = Incidence.of(nested, nodes, count, len(net.pores))
+        progress(0.8, "selection")
+        nested.run(
+            "independent", "mark_needed", count, ENDS, key, nodes, lists.offsets, lists.pairs,
+            state, marked,
+        )  # fmt: skip
+        found: NDArray[np.uint8] = nested.read(marked, (count,), np.uint8)
+    return found

@@ -1,1 +1,0 @@
-"""Edges between pores that may become wrinkles."""

@@ -1,0 +1,161 @@
+"""Properties of the skin by place, as synthesis uses them; here the same everywhere. And the
+preferred directions of its lines: a smooth field of directions, bent by smooth noise."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.synthesis.progress import Progress, row_blocks
+from rhytid.synthesis.surface import FloatArray, Points, unit
+
+Factors = NDArray[np.float32]
+_WAVES = 24
+# Places whose waves are added up at a time: what is computed on the way stays in the cache.
+_ROWS = 2048
+# The field of a face looks along z with y up; this share of x keeps the top of a head from
+# having no direction at all.
+_UP, _RIGHT = np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0])
+_FALLBACK = 0.2
+# Strength (radians) and size (pore spacings) of the waves that bend the lines.
+_BEND = ((0.35, 60.0), (0.35, 12.0))
+
+
+class Fields:
+    """Even skin; subclasses vary it by place.
+
+    Every method takes the triangle (N,) and uv (N, 2) of points and answers (N,) float32. Methods
+    are called with some millions of points at a time, always the same in the same order.
+
+    least_spacing, most_spacing: what `spacing` keeps within, above 0. Pores stand apart by the
+    radius times the mean of both factors.  detail: UV length within which spacing and bareness
+    hardly change.  some_bare: whether `bare` is true anywhere.  some_contrast: whether
+    `contrast` differs from 1 anywhere.  usual_pore_radius: what
+    `pore_radius` is where nothing is painted.
+    """
+
+    least_spacing = 1.0
+    most_spacing = 1.0
+    detail = float("inf")
+    some_bare = False
+    some_contrast = False
+    usual_pore_radius = 1.0
+
+    def spacing(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """Factor of the distance between pores."""
+        return np.ones(len(triangle), np.float32)
+
+    def bare(self, triangle: NDArray[Any], uv: NDArray[Any]) -> NDArray[np.bool_]:
+        """Where there are no pores."""
+        return np.zeros(len(triangle), np.bool_)
+
+    def strength(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """Factor of the weight of wrinkles; weights stay within (0, 1]."""
+        return np.ones(len(triangle), np.float32)
+
+    def pore_strength(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """Factor of the weight of pores."""
+        return self.strength(triangle, uv)
+
+    def contrast(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """Power of the weight of wrinkles, before it is multiplied; asked for where `some_contrast`
+        is true."""
+        return np.ones(len(triangle), np.float32)
+
+    def primary(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """Factor of the strength of primary lines."""
+        return np.ones(len(triangle), np.float32)
+
+    def turn(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """Radians by which the preferred direction turns left, seen from outside."""
+        return np.zeros(len(triangle), np.float32)
+
+    def bend(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """Factor of how far lines wind about the preferred direction."""
+        return np.ones(len(triangle), np.float32)
+
+    def anisotropy(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """How far walkers follow preferred directions: 1 as usual, 0 not at all; above 1 the second
+        family of lines turns towards the first, until at 2 both are one."""
+        return np.ones(len(triangle), np.float32)
+
+    def width(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """Factor of the width of wrinkles."""
+        return np.ones(len(triangle), np.float32)
+
+    def grain(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """Factor of the micro relief between lines."""
+        return np.ones(len(triangle), np.float32)
+
+    def pore_radius(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """Factor of the radius of pores."""
+        return np.ones(len(triangle), np.float32)
+
+
+class Directions:
+    """A smooth field of directions, the same in every call.
+
+    It approximates relaxed skin tension lines: level around the vertical axis (y), as on the
+    forehead, the eyelids and the neck, bent by smooth noise at two sizes.
+    """
+
+    def __init__(self, spacing: float, rng: np.random.Generator, fields: Fields) -> None:
+        self._noises = [(bend, SmoothNoise(size * spacing, rng)) for bend, size in _BEND]
+        self._fields = fields
+
+    def frames(
+        self, points: Points, progress: Progress
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """(N, 3) unit tangents along the main lines, and those a right angle to the left."""
+        turn = self._fields.turn(points.triangle, points.uv).astype(np.float32)
+        bend = self._fields.bend(points.triangle, points.uv).astype(np.float32)
+        along, left = (np.empty((len(points), 3), np.float32) for _ in range(2))
+        for rows in row_blocks(len(points)):
+            progress(rows.start / len(points), "directions")
+            angle = turn[rows] + bend[rows] * self._bend(points.position[rows])
+            cosine, sine = np.cos(angle)[:, None], np.sin(angle)[:, None]
+            normal = points.normal[rows].astype(np.float64)
+            level = level_directions(normal)
+            beside = np.cross(normal, level)
+            along[rows] = cosine * level + sine * beside
+            left[rows] = cosine * beside - sine * level
+        return along, left
+
+    def _bend(self, position: FloatArray) -> NDArray[np.float32]:
+        bends = [np.float32(bend) * noise.at(position) for bend, noise in self._noises]
+        total: NDArray[np.float32] = np.sum(bends, axis=0, dtype=np.float32)
+        return total
+
+
+def level_directions(normal: FloatArray) -> FloatArray:
+    """(N, 3) unit tangents around the vertical axis (y) where the surface has normals (N, 3)."""
+    level = np.cross(_UP, normal) + _FALLBACK * _RIGHT
+    level -= normal * np.einsum("nx,nx->n", level, normal)[:, None]
+    return unit(level)
+
+
+class SmoothNoise:
+    """Values of mean 0 and deviation 1 that change over about `size`: a sum of plane waves.
+
+    They hang on the place alone, counted from the origin of the mesh's coordinates.
+    """
+
+    def __init__(self, size: float, rng: np.random.Generator) -> None:
+        self._waves = rng.normal(size=(3, _WAVES)) / size
+        self._phases = rng.uniform(0.0, 2.0 * np.pi, _WAVES)
+
+    def at(self, position: FloatArray) -> NDArray[np.float32]:
+        """(N,) values at positions (N, 3)."""
+        found = np.empty(len(position), np.float32)
+        for start in range(0, len(position), _ROWS):
+            rows = slice(start, start + _ROWS)
+            # One by one: a matrix product may round a row by where in the array it is.
+            x, y, z = position[rows].T[..., None]
+            angle = x * self._waves[0] + y * self._waves[1] + z * self._waves[2] + self._phases
+            # Turns are taken off in double; what is left is small enough for single.
+            angle -= 2.0 * np.pi * np.rint(angle / (2.0 * np.pi))
+            found[rows] = np.cos(angle.astype(np.float32)).sum(axis=1)
+        found *= np.float32(np.sqrt(2.0 / _WAVES))
+        return found

@@ -1,1 +1,0 @@
-"""What differs from place to place: painted maps, regions, directions, folds."""

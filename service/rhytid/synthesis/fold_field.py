@@ -1,0 +1,155 @@
+"""Lines where skin folds: the field of `Folds` at points of a surface, and what it makes of lines.
+
+Preferred lines run across the axis along which skin is compressed most. Where it is compressed
+often and far they are strong, keep to one direction and are led by primary lines; where it is not,
+pores lead and lines cross each other faintly. Every weight is a smooth function of the field at a
+place, against absolute scales: what folds one place changes no other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.domain.ageing import USUAL_AGE, folded
+from rhytid.domain.folds import COLUMNS, ROWS, Folds
+from rhytid.domain.mesh import Mesh
+from rhytid.synthesis.fields import Factors, level_directions
+from rhytid.synthesis.progress import row_blocks
+from rhytid.synthesis.surface import FloatArray, Surface, cross, unit
+
+ComplexArray = NDArray[np.complex128]
+# (F, 5): what a value at the corners of a triangle is at (u, v), as slopes along both and at the
+# origin; and the least and the most at its corners.
+Planes = NDArray[np.float64]
+# Root mean square log compression that counts as strong folding: three quarters of the largest
+# possible.
+FOLDED = 0.10
+# Shares of what can be, and eccentricities, from which on the direction of the field is certain.
+_CERTAIN, _ECCENTRIC = 0.16, 0.2
+# Strength of lines where skin never folds, and where it folds most; the same of primary lines.
+_FAINT, _DEEP, _POWER = 0.62, 1.5, 0.8
+_FAINT_PRIMARY, _DEEP_PRIMARY = 0.55, 1.6
+# How much age changes skin that folds.
+AGEING = ("strength", "width", "primary")
+# How far lines keep to a direction that nothing folds: a criss-cross.
+_LOOSE = 0.44
+
+
+class FoldField:
+    """Folds of a mesh at points of its surface.  regions: names of the masks that come with them.
+
+    detail: UV length within which a mask changes little.  age: of the skin, years.
+    """
+
+    def __init__(self, mesh: Mesh, surface: Surface, folds: Folds, age: float = USUAL_AGE) -> None:
+        self._surface, self._faces, self._tensor = surface, mesh.faces, folds.tensor
+        self._masks, self.regions = folds.regions, tuple(folds.regions)
+        size, eccentricity, _ = folds.axes()
+        share = np.tanh(size / FOLDED)
+        certainty = _ramp(share / _CERTAIN) * _ramp(eccentricity / _ECCENTRIC)
+        hold = eccentricity * np.minimum(2.0 * share, 1.0)
+        found = {
+            "strength": _FAINT + (_DEEP - _FAINT) * share**_POWER,
+            "anisotropy": np.minimum((_LOOSE + hold) * (1.0 + certainty), 2.0),
+            "primary": _FAINT_PRIMARY + (_DEEP_PRIMARY - _FAINT_PRIMARY) * share,
+        }
+        known = {n: np.where(f < 1.0, 1.0 - folds.known * (1.0 - f), f) for n, f in found.items()}
+        known |= {"width": np.ones(len(share))}
+        for name in AGEING if age != USUAL_AGE else ():
+            known[name] = known[name] * np.exp(folded(name, age) * share)
+        self._certainty = certainty.astype(np.float32)
+        self._planes = {n: self._planes_of(v) for n, v in {**known, "certainty": certainty}.items()}
+        used = np.flatnonzero(surface.carries)
+        extent = np.ptp(surface.uv[used], axis=1).max(axis=1)
+        self.detail = float(np.median(extent)) if folds.regions else float("inf")
+
+    def factor(self, name: str, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """(N,) of the `strength`, the `anisotropy` or the `width` of lines, or of `primary` ones;
+        or the `certainty` of their direction, from 0 to 1."""
+        return self.at(self._planes[name], triangle, uv)
+
+    def mixed(self, values: Mapping[str, float], base: float) -> Planes:
+        """Values of regions, mixed by their masks, and a base where these leave something."""
+        masks = {region: self._masks[region].astype(np.float64) for region in values}
+        total: FloatArray = np.sum(list(masks.values()), axis=0)
+        found = np.maximum(1.0 - total, 0.0) * base
+        for region, mask in masks.items():
+            found += mask / np.maximum(total, 1.0) * values[region]
+        return self._planes_of(found)
+
+    def at(self, planes: Planes, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """(N,) values at points; within those of the corners, also where a point lies outside."""
+        found = np.empty(len(triangle), np.float32)
+        for rows in row_blocks(len(triangle)):
+            chosen, where = planes[triangle[rows]], uv[rows]
+            value = chosen[:, 0] * where[:, 0]
+            value += chosen[:, 1] * where[:, 1]
+            value += chosen[:, 2]
+            found[rows] = np.clip(value, chosen[:, 3], chosen[:, 4])
+        return found
+
+    def blended_with(self, other: Factors, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """(N,) radians to the left from the level direction to the lines of the field; where it is
+        not certain, to a mean with `other`, both as axes."""
+        turn = np.empty_like(other)
+        for rows in row_blocks(len(other)):
+            at, where = triangle[rows], uv[rows]
+            share = _places(self._surface, at, where)
+            certainty = np.einsum("nc,nc->n", share, self._certainty[self._faces[at]])
+            both = certainty * self._axis(at, share) + (1.0 - certainty) * np.exp(2j * other[rows])
+            turn[rows] = 0.5 * np.angle(both)
+        return turn
+
+    def _axis(self, triangle: NDArray[Any], share: FloatArray) -> ComplexArray:
+        """(N,) e^2iθ of lines at an angle θ to the level direction: a right angle from the axis of
+        the largest compression in the tangent plane."""
+        normal = unit(np.einsum("nc,ncx->nx", share, self._surface.normals[triangle]))
+        level = level_directions(normal)
+        beside = np.cross(normal, level)
+        tensor = np.einsum("nc,nck->nk", share, self._tensor[self._faces[triangle]])
+        along, across, mixed = (
+            _form(tensor, *pair) for pair in ((level, level), (beside, beside), (level, beside))
+        )
+        twice: ComplexArray = (across - along) - 2j * mixed
+        axis: ComplexArray = twice / np.maximum(np.abs(twice), 1e-30)
+        return axis
+
+    def _planes_of(self, values: FloatArray) -> Planes:
+        """Of values at vertices (V,)."""
+        corners, uv = values[self._faces], self._surface.uv
+        one, two = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
+        area = cross(one, two)
+        area = np.where(area == 0, np.inf, area)
+        rise = corners[:, 1:] - corners[:, :1]
+        planes = np.empty((len(corners), 5))
+        planes[:, 0] = (rise[:, 0] * two[:, 1] - rise[:, 1] * one[:, 1]) / area
+        planes[:, 1] = (rise[:, 1] * one[:, 0] - rise[:, 0] * two[:, 0]) / area
+        planes[:, 2] = corners[:, 0] - (planes[:, :2] * uv[:, 0]).sum(axis=1)
+        planes[:, 3], planes[:, 4] = corners.min(axis=1), corners.max(axis=1)
+        return planes
+
+
+def _form(tensor: FloatArray, one: FloatArray, two: FloatArray) -> FloatArray:
+    """(N,) oneᵀ · tensor · two."""
+    off = one[:, ROWS[3:]] * two[:, COLUMNS[3:]] + one[:, COLUMNS[3:]] * two[:, ROWS[3:]]
+    found: FloatArray = (tensor * np.concatenate([one * two, off], axis=1)).sum(axis=1)
+    return found
+
+
+def _places(surface: Surface, triangle: NDArray[Any], uv: NDArray[Any]) -> FloatArray:
+    """(N, 3) shares of the corners at uv (N, 2), none below 0."""
+    share = surface.barycentric(triangle, uv)
+    np.maximum(share, 0.0, out=share)
+    share /= share.sum(axis=1, keepdims=True)
+    return share
+
+
+def _ramp(value: FloatArray) -> FloatArray:
+    """Smoothly from 0 to 1."""
+    x = np.clip(value, 0.0, 1.0)
+    ramp: FloatArray = x * x * (3.0 - 2.0 * x)
+    return ramp

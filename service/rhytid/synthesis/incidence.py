@@ -1,0 +1,101 @@
+"""Lists of the pairs that each thing is in, and greedy choices of things of which no two are a
+pair. Kernels: incidence.cl, independent.cl.
+
+A thing is chosen or dropped as soon as no earlier one that it conflicts with waits: the answer is
+that of a loop over all of them in order, in a few rounds.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.device.buffer import Buffer
+from rhytid.synthesis.workspace import Workspace
+
+WAITING, KEPT, DROPPED, NEEDED = 0, 1, 2, 3
+
+
+@dataclass(frozen=True, eq=False)
+class Incidence:
+    """Lists over N things of P pairs, on the device.
+
+    offsets (N + 1,): where the list of each thing starts.  pairs, others (2P,): the numbers of its
+    pairs, ascending, and who is the other in each.
+    """
+
+    entries: int
+    offsets: Buffer
+    pairs: Buffer
+    others: Buffer
+
+    @classmethod
+    def of(cls, work: Workspace, members: Buffer, pairs: int, things: int) -> Incidence:
+        """Lists of pairs, members (P, 2) int32, of so many things."""
+        entries = 2 * pairs
+        degree = work.full(things, np.int32(0))
+        work.run("incidence", "count_pairs", entries, members, degree)
+        starts = starts_of(work.read(degree, (things,), np.int32))
+        work.release(degree)
+        offsets, cursor = work.upload(starts), work.upload(starts)
+        listed, others = work.empty(entries, np.int32), work.empty(entries, np.int32)
+        work.run("incidence", "list_pairs", entries, members, cursor, listed)
+        work.run("incidence", "sort_pairs", things, offsets, members, listed, others)
+        work.release(cursor)
+        return cls(entries, offsets, listed, others)
+
+
+def starts_of(counts: NDArray[np.int32]) -> NDArray[np.int32]:
+    """(N + 1,) where each of lists of these lengths (N,) starts, and where the last ends."""
+    starts = np.zeros(len(counts) + 1, np.int32)
+    np.cumsum(counts, out=starts[1:])
+    return starts
+
+
+def until_decided(
+    work: Workspace,
+    program: str,
+    kernel: str,
+    count: int,
+    arguments: tuple[Any, ...],
+    states: int,
+) -> Buffer:
+    """Run the rounds of a kernel, whose last arguments are (before, after, waiting), to the end.
+
+    Answers the states (states,) uint8: KEPT or DROPPED of all that the kernel goes over. Takes
+    O(log count) rounds where priorities are random.
+    """
+    before, after = (work.full(states, np.uint8(WAITING)) for _ in range(2))
+    while True:
+        waiting = work.full(1, np.int32(0))
+        work.run(program, kernel, count, *arguments, before, after, waiting)
+        undecided = work.read(waiting, (1,), np.int32)[0]
+        work.release(waiting)
+        before, after = after, before
+        if not undecided:
+            work.release(after)
+            return before
+
+
+def independent_set(
+    work: Workspace, key: NDArray[np.float32], pairs: NDArray[np.int32]
+) -> NDArray[np.bool_]:
+    """(count,) true for the things that a greedy pass in the order of (key, number) keeps.
+
+    key: (count,).  pairs: (P, 2) conflicts, in any order. The answer is that of the sequential loop
+    "keep a thing unless an earlier kept one conflicts with it".
+    """
+    with work.nested() as nested:
+        lists = Incidence.of(nested, nested.upload(pairs), len(pairs), len(key))
+        state = chosen(nested, nested.upload(key), len(key), lists)
+        kept: NDArray[np.bool_] = nested.read(state, (len(key),), np.uint8) == KEPT
+    return kept
+
+
+def chosen(work: Workspace, key: Buffer, count: int, conflicts: Incidence) -> Buffer:
+    """(count,) uint8 on the device: KEPT or DROPPED."""
+    arguments = (key, conflicts.offsets, conflicts.others)
+    return until_decided(work, "independent", "decide", count, arguments, count)

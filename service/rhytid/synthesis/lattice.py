@@ -1,0 +1,158 @@
+"""Places in space as whole numbers, so that the device takes exact differences of them, and points
+at such places on the device, listed by the cells of a grid. Kernels: grid.cl, points.clh."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.device.buffer import Buffer
+from rhytid.synthesis.surface import Points
+from rhytid.synthesis.workspace import Workspace
+
+_STEPS = 30
+# A length that places are counted for has 2^_FINE steps: the order of places is the same at any
+# scale of the mesh.
+_FINE = 16
+# What the origin is moved by where a mesh is far from that of its coordinates, in steps.
+_BLOCK = 2.0 ** (_STEPS - 4)
+
+
+@dataclass(frozen=True, eq=False)
+class Lattice:
+    """A cube of 2³⁰ steps per side.
+
+    origin (3,): its lowest corner.  unit: a step.
+    """
+
+    origin: NDArray[np.float64]
+    unit: float
+
+    @classmethod
+    def around(cls, *points: NDArray[np.floating]) -> Lattice:
+        """The finest that holds all points of arrays (N, 3)."""
+        low = np.min([p.min(axis=0) for p in points], axis=0).astype(np.float64)
+        high = np.max([p.max(axis=0) for p in points], axis=0)
+        extent = max(float((high - low).max()), 1e-30)
+        return cls(low, 2.0 ** (int(np.floor(np.log2(extent))) + 1 - _STEPS))
+
+    @classmethod
+    def absolute(
+        cls, length: float, low: NDArray[np.float64], high: NDArray[np.float64]
+    ) -> Lattice:
+        """One for `length`, that does not hang on what it holds, from `low` (3,) to `high` (3,).
+
+        Its middle is the origin of coordinates, from which it reaches 2¹³ lengths. What
+        reaches further moves it, and what is larger makes its steps coarser.
+        """
+        unit = length * 2.0**-_FINE
+        half = 2.0 ** (_STEPS - 1) - 1.0
+        if max(np.abs(low).max(), np.abs(high).max()) < half * unit:
+            return cls(np.full(3, -(2.0 ** (_STEPS - 1)) * unit), unit)
+        while float((high - low).max()) >= (2.0**_STEPS - 2.0 * _BLOCK) * unit:
+            unit *= 2.0
+        return cls(np.floor(low / (_BLOCK * unit)) * _BLOCK * unit, unit)
+
+    def places(self, positions: NDArray[np.floating]) -> NDArray[np.int32]:
+        """(..., 3) whole steps from the origin."""
+        return np.rint((positions - self.origin) / self.unit).astype(np.int32)
+
+    def positions(self, places: NDArray[np.int32]) -> NDArray[np.float64]:
+        """(..., 3) where places are."""
+        found: NDArray[np.float64] = self.origin + self.unit * places
+        return found
+
+    def steps(self, length: float) -> int:
+        """A length in steps, at least one; rounded up."""
+        return int(np.clip(np.ceil(length / self.unit), 1, 2**_STEPS))
+
+
+def spatial_order(places: NDArray[np.int32]) -> NDArray[np.intp]:
+    """(N,) an order in which neighbours (N, 3) are near each other: along Morton's curve.
+
+    Which of two places comes first hangs on these alone.
+    """
+    code = np.zeros(len(places), np.uint64)
+    for axis in range(3):
+        code |= _spread(places[:, axis].astype(np.uint64) >> np.uint64(_STEPS - 21)) << np.uint64(
+            axis
+        )
+    order: NDArray[Any] = np.argsort(code, kind="stable")
+    ordered = code[order]
+    if (ordered[1:] == ordered[:-1]).any():
+        order = np.lexsort((*places.T, code))
+    return order
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """Lists of point numbers.  cell: side in steps of the lattice.  mask: of list numbers."""
+
+    cell: int
+    mask: np.uint32
+    head: Buffer
+    next: Buffer
+
+    @classmethod
+    def empty(cls, work: Workspace, cell: int, points: int, numbers: int | None = None) -> Grid:
+        """Lists for about so many points, none in yet; their numbers are below `numbers`."""
+        lists = 1 << max(points, 64).bit_length()
+        head = work.full(lists, np.int32(-1))
+        return cls(cell, np.uint32(lists - 1), head, work.empty(numbers or points, np.int32))
+
+    @property
+    def arguments(self) -> tuple[Any, ...]:
+        """As kernels take it."""
+        return self.cell, self.mask, self.head, self.next
+
+    def insert(self, work: Workspace, place: Buffer, start: int, count: int) -> None:
+        """Put in points start to start + count of their places."""
+        work.run("grid", "insert_range", count, start, place, *self.arguments)
+
+    def insert_listed(self, work: Workspace, place: Buffer, listed: Buffer, count: int) -> None:
+        """Put in the first `count` points of a list of numbers."""
+        work.run("grid", "insert_points", count, listed, place, *self.arguments)
+
+
+@dataclass(frozen=True, eq=False)
+class DevicePoints:
+    """N points: place (N, 3) int32 steps of the lattice, normal (N, 3) float32, in a grid."""
+
+    count: int
+    lattice: Lattice
+    place: Buffer
+    normal: Buffer
+    grid: Grid
+
+    @classmethod
+    def of(
+        cls, work: Workspace, points: Points, cell: float, lattice: Lattice | None = None
+    ) -> DevicePoints:
+        """Upload points, in cells of side `cell`; on a lattice around them if none is given."""
+        lattice = lattice or Lattice.around(points.position)
+        place = work.upload(lattice.places(points.position))
+        normal = work.upload(points.normal.astype(np.float32))
+        grid = Grid.empty(work, lattice.steps(cell), len(points))
+        grid.insert(work, place, 0, len(points))
+        return cls(len(points), lattice, place, normal, grid)
+
+    @property
+    def points(self) -> tuple[Any, ...]:
+        """Places and normals as kernels take them."""
+        return self.place, self.normal
+
+
+def _spread(value: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """The lowest 21 bits, three apart."""
+    for shift, mask in (
+        (32, 0x1F00000000FFFF),
+        (16, 0x1F0000FF0000FF),
+        (8, 0x100F00F00F00F00F),
+        (4, 0x10C30C30C30C30C3),
+        (2, 0x1249249249249249),
+    ):
+        value = (value | (value << np.uint64(shift))) & np.uint64(mask)
+    return value

@@ -1,0 +1,366 @@
+"""Skin as settings, painted maps and folds want it: the fields of synthesis from these."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.domain.ageing import USUAL_AGE, aged
+from rhytid.domain.asset_settings import GraphSettings
+from rhytid.domain.controls import NEUTRALS, REGION_MAPS, REGION_PREFIX, Controls, signed
+from rhytid.domain.painted import Map, Shares, bilinear, shares
+from rhytid.domain.regions import REGIONS, Region
+from rhytid.domain.tiles import udim_origin
+from rhytid.synthesis.fields import Factors, Fields, level_directions
+from rhytid.synthesis.fold_field import FoldField, Planes
+from rhytid.synthesis.progress import row_blocks
+from rhytid.synthesis.surface import FloatArray, Surface, unit
+
+# Painted and regional density together stay within; what is painted below BARE is bare.
+_DENSITY = (1 / 6, 8.0)
+BARE = 0.25
+# How far lines wind about a painted direction, of what they do about preferred ones.
+_PAINTED_BEND = 0.3
+# The same about those of folds.
+_FOLDED_BEND = 0.3
+# How much more anisotropy counts where a direction is painted.
+_PAINTED_HOLD = 1.0
+_FACTORS = ("density", "strength", "anisotropy", "scale", "pore_radius")
+_MIDDLE = 0.5
+# A point on the border of two UDIMs belongs to that of its triangle: so far it is pulled inwards.
+_PULL = 1e-4
+
+
+def fields_of(
+    surface: Surface,
+    settings: GraphSettings,
+    controls: Controls | None,
+    folds: FoldField | None = None,
+) -> Fields:
+    """The fields of a surface; even skin without settings, maps and folds."""
+    plain = GraphSettings()
+    even = all(
+        getattr(settings, n) == getattr(plain, n) for n in ("region", "age", "turn", *_FACTORS[1:])
+    )
+    if controls is None and folds is None and even:
+        return Fields()
+    return PaintedFields(surface, settings, controls or Controls({}), folds)
+
+
+class PaintedFields(Fields):
+    """Fields from the settings, the regions, the maps and the folds of a surface.
+
+    Factors of a setting, of the region, of a map and of folds are multiplied; painted values
+    override folds, the more the farther they are from mid grey. Where pores are closer, all that is
+    drawn is as much smaller, and shallower. `density` of the settings is not a field: it makes for
+    more wrinkles everywhere.
+    """
+
+    def __init__(
+        self,
+        surface: Surface,
+        settings: GraphSettings,
+        controls: Controls,
+        folds: FoldField | None = None,
+    ) -> None:
+        self._surface, self._settings, self._folds = surface, settings, folds
+        self._skin = {name: aged(region, settings.age) for name, region in REGIONS.items()}
+        self.some_contrast = settings.age != USUAL_AGE
+        maps = controls.maps
+        self._maps = {
+            name: PaintedMaps(surface, maps[name]) for name in maps if name != "direction"
+        }
+        self._directions = (
+            PaintedDirections(surface, maps["direction"]) if "direction" in maps else None
+        )
+        self._regions = [name for name in REGION_MAPS if name in maps]
+        masks = () if folds is None else folds.regions
+        self._planes: dict[str, Planes] = {}
+        self._masks = [name for name in masks if REGION_PREFIX + name not in maps]
+        low, high = self._densities()
+        self.least_spacing, self.most_spacing = high**-0.5, low**-0.5
+        self.some_bare = "density" in maps and self._darkest() < BARE
+        shaping = [self._maps[name] for name in ("density", *self._regions) if name in maps]
+        details = [lookup.detail for lookup in shaping]
+        if folds is not None and self._masks:
+            details.append(folds.detail)
+        self.detail = min(details, default=float("inf"))
+        base = REGIONS[settings.region]
+        self.usual_pore_radius = settings.pore_radius * base.pore_radius * base.density**-0.5
+
+    def spacing(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """Factor of the distance between pores."""
+        density = self._region("density", triangle, uv)
+        if "density" in self._maps:
+            density *= density_of(self._maps["density"].at(triangle, uv))
+        found: Factors = np.clip(density, *_DENSITY) ** np.float32(-0.5)
+        return found
+
+    def bare(self, triangle: NDArray[Any], uv: NDArray[Any]) -> NDArray[np.bool_]:
+        """Where the density map is darker than a quarter of white."""
+        if not self.some_bare:
+            return super().bare(triangle, uv)
+        found: NDArray[np.bool_] = density_of(self._maps["density"].at(triangle, uv)) < BARE
+        return found
+
+    def strength(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """Black is nothing, white is double."""
+        factor = self._linear("strength", triangle, uv)
+        factor *= np.minimum(self.spacing(triangle, uv), np.float32(1.0))
+        return factor
+
+    def pore_strength(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """As that of wrinkles but for folds, times what the region says of its pores."""
+        factor = self._linear("strength", triangle, uv, folded=False)
+        factor *= np.minimum(self.spacing(triangle, uv), np.float32(1.0))
+        factor *= self._region("pore_strength", triangle, uv)
+        return factor
+
+    def contrast(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """As age makes it of the regions."""
+        return self._region("contrast", triangle, uv)
+
+    def primary(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """As folds wear them."""
+        if self._folds is None:
+            return super().primary(triangle, uv)
+        return self._folds.factor("primary", triangle, uv)
+
+    def turn(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """Folds, and before them painted directions, take the place of the preferred lines and of
+        what a region turns these by."""
+        found = np.radians(self._region("turn", triangle, uv))
+        if self._folds is not None:
+            found = self._folds.blended_with(found, triangle, uv)
+        if self._directions is not None:
+            for rows in row_blocks(len(triangle)):
+                found[rows] = self._directions.blended_with(found[rows], triangle[rows], uv[rows])
+        found += np.float32(np.radians(self._settings.turn))
+        if "turn" in self._maps:
+            found += np.float32(0.5 * np.pi) * signed(self._maps["turn"].at(triangle, uv))
+        return found
+
+    def bend(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """Folds and painted directions are kept to more closely."""
+        factor = self._region("bend", triangle, uv)
+        if self._folds is not None:
+            certainty = self._folds.factor("certainty", triangle, uv)
+            factor += np.minimum(np.float32(_FOLDED_BEND) - factor, np.float32(0.0)) * certainty
+        if self._directions is not None:
+            certainty = self._directions.certainty(triangle, uv)
+            factor += (np.float32(_PAINTED_BEND) - factor) * certainty
+        return factor
+
+    def anisotropy(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """Black is none, white is double, 2 the most. Where a direction is painted it is double, so
+        that the second family of lines joins it: the mean would lie between the two."""
+        found = self._linear("anisotropy", triangle, uv)
+        if self._directions is not None:
+            found *= 1.0 + np.float32(_PAINTED_HOLD) * self._directions.certainty(triangle, uv)
+        return found.clip(0.0, 2.0)
+
+    def width(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """From a quarter to four times, and as the spacing; with age more where skin folds."""
+        factor = self._sized("scale", triangle, uv)
+        if self._folds is not None and self._settings.age != USUAL_AGE:
+            factor *= self._folds.factor("width", triangle, uv)
+        return factor
+
+    def pore_radius(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """From a quarter to four times, and as the spacing."""
+        return self._sized("pore_radius", triangle, uv)
+
+    def grain(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """As age makes it of the regions; nothing is painted of it."""
+        return self._region("grain", triangle, uv)
+
+    def _linear(
+        self, name: str, triangle: NDArray[Any], uv: NDArray[Any], *, folded: bool = True
+    ) -> Factors:
+        factor: Factors = self._region(name, triangle, uv) * np.float32(
+            getattr(self._settings, name)
+        )
+        painted = signed(self._maps[name].at(triangle, uv)) if name in self._maps else None
+        if painted is not None:
+            factor *= 1.0 + painted
+        if self._folds is not None and folded:
+            folds = self._folds.factor(name, triangle, uv)
+            left = np.float32(1.0) if painted is None else 1.0 - np.abs(painted)
+            if name == "anisotropy" and self._directions is not None:
+                left = left * (1.0 - self._directions.certainty(triangle, uv))
+            factor *= folds**left
+        return factor
+
+    def _sized(self, name: str, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        factor: Factors = self._region(name, triangle, uv) * np.float32(
+            getattr(self._settings, name)
+        )
+        if name in self._maps:
+            factor *= np.float32(4.0) ** signed(self._maps[name].at(triangle, uv))
+        factor *= self.spacing(triangle, uv)
+        return factor
+
+    def _region(self, name: str, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """A factor (or the turn, degrees) of the regions, mixed as they are painted: factors by
+        their logarithms. What painted masks leave those of folds take, and what these leave is the
+        region of the settings."""
+        base = _value(self._skin[self._settings.region], name)
+        if not self._regions and not self._masks:
+            # As an array, so that it is rounded as where a mask of black is painted.
+            return np.repeat(np.asarray(_meant(np.full(1, base, np.float32), name)), len(triangle))
+        total, mixed = np.zeros(len(triangle), np.float32), np.zeros(len(triangle), np.float32)
+        for region in self._regions:
+            weight = self._maps[region].at(triangle, uv, neutral=NEUTRALS[region])
+            skin = self._skin[region.removeprefix(REGION_PREFIX)]
+            mixed += weight * np.float32(_value(skin, name))
+            total += weight
+        mixed /= np.maximum(total, 1.0)
+        left = np.maximum(1.0 - total, 0.0)
+        if self._folds is not None and self._masks:
+            left *= self._folds.at(self._mixed(name, base), triangle, uv)
+        else:
+            left *= np.float32(base)
+        mixed += left
+        return np.asarray(_meant(mixed, name), np.float32)
+
+    def _mixed(self, name: str, base: float) -> Planes:
+        """What `_value` is of the masks of the folds at a place, and of what they leave."""
+        assert self._folds is not None
+        if name not in self._planes:
+            values = {region: _value(self._skin[region], name) for region in self._masks}
+            self._planes[name] = self._folds.mixed(values, base)
+        return self._planes[name]
+
+    def _darkest(self) -> float:
+        """The least of the density map."""
+        return float(density_of(np.float32(self._maps["density"].least)))
+
+    def _densities(self) -> tuple[float, float]:
+        """The least and the largest density of skin that is not bare."""
+        names = [name.removeprefix(REGION_PREFIX) for name in self._regions] + self._masks
+        regional = [REGIONS[name].density for name in (self._settings.region, *names)]
+        low, high = min(regional), max(regional)
+        if "density" in self._maps:
+            most = float(density_of(np.float32(self._maps["density"].most)))
+            low, high = low * max(self._darkest(), BARE), high * most
+        # Nothing is to be cut off, whatever else is painted.
+        slack = 1e-6 if (low, high) != (1.0, 1.0) else 0.0
+        low, high = np.clip([low * (1.0 - slack), high * (1.0 + slack)], *_DENSITY)
+        return float(low), float(high)
+
+
+def density_of(grey: Shares) -> Shares:
+    """Black is 0, mid grey 1, white 4: as many times more lines to a length as it is brighter."""
+    found: Shares = (np.float32(1.0) + signed(grey)) ** 2
+    return found
+
+
+def _value(region: Region, name: str) -> float:
+    value = float(getattr(region, name))
+    return value if name == "turn" else float(np.log(value))
+
+
+def _meant(value: Any, name: str) -> Any:
+    """The inverse of `_value`."""
+    return value if name == "turn" else np.exp(value)
+
+
+class PaintedDirections:
+    """Axes by UDIM: grey g > 0 is the angle πg in UV, counterclockwise; black is none.
+
+    Between texels cosine and sine of twice the angle, 0 where there is none, are interpolated.
+    """
+
+    def __init__(self, surface: Surface, maps: Mapping[int, Map]) -> None:
+        self._surface = surface
+        self._cosine, self._sine = (
+            PaintedMaps(surface, maps, partial(_axis_part, part)) for part in (np.cos, np.sin)
+        )
+
+    def certainty(self, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """(N,) 1 where there is one, 0 where there is none, between them where it fades."""
+        found: Factors = np.minimum(np.hypot(*self._axis(triangle, uv)), np.float32(1.0))
+        return found
+
+    def blended_with(self, other: Factors, triangle: NDArray[Any], uv: NDArray[Any]) -> Factors:
+        """(N,) radians to the left from the level direction to the painted one; where it fades, to
+        a mean with `other`, both as axes."""
+        cosine, sine = self._axis(triangle, uv)
+        there = np.flatnonzero((cosine != 0) | (sine != 0))
+        angle = 0.5 * np.arctan2(sine, cosine)[there].astype(np.float64)
+        painted = self._turn(angle, triangle[there], uv[there])
+        certainty = np.minimum(np.hypot(cosine, sine)[there], 1.0)
+        both = certainty * np.exp(2j * painted) + (1.0 - certainty) * np.exp(2j * other[there])
+        turn: Factors = other.copy()
+        turn[there] = 0.5 * np.angle(both)
+        return turn
+
+    def _axis(self, triangle: NDArray[Any], uv: NDArray[Any]) -> tuple[Shares, Shares]:
+        cosine = self._cosine.at(triangle, uv, neutral=0.0)
+        return cosine, self._sine.at(triangle, uv, neutral=0.0)
+
+    def _turn(self, angle: FloatArray, triangle: NDArray[Any], uv: NDArray[Any]) -> FloatArray:
+        """Of angles in UV, on the surface."""
+        way = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        along = self._surface.along(triangle, way)
+        normal = normals_at(self._surface, triangle, uv)
+        level = level_directions(normal)
+        beside = np.cross(normal, level)
+        found: FloatArray = np.arctan2((along * beside).sum(-1), (along * level).sum(-1))
+        return found
+
+
+def normals_at(surface: Surface, triangle: NDArray[Any], uv: NDArray[Any]) -> FloatArray:
+    """(N, 3) unit normals at uv (N, 2), interpolated from the corners of their triangles."""
+    normals = np.empty((len(triangle), 3))
+    for rows in row_blocks(len(triangle)):
+        shares = surface.barycentric(triangle[rows], uv[rows])
+        normals[rows] = np.einsum("nc,ncx->nx", shares, surface.normals[triangle[rows]])
+    return unit(normals)
+
+
+def _axis_part(part: Any, texels: Map) -> Shares:
+    angle = np.float32(2.0 * np.pi) * shares(texels)
+    found: Shares = np.where(texels > 0, part(angle), np.float32(0.0))
+    return found
+
+
+class PaintedMaps:
+    """The maps of one control by UDIM.
+
+    least, most: of all values, those of UDIMs without a map too.  detail: the UV length of the
+    smallest texel.  meaning: of texels, shares unless it is given; maps stay as they are, for in
+    float32 they may take four times the memory.
+    """
+
+    def __init__(
+        self,
+        surface: Surface,
+        maps: Mapping[int, Map],
+        meaning: Callable[[Map], Shares] = shares,
+    ) -> None:
+        self._maps, self._meaning = maps, meaning
+        self._centres = surface.uv.mean(axis=1)
+        values = [float(shares(f(map))) for map in maps.values() for f in (np.min, np.max)]
+        self.least, self.most = min([_MIDDLE, *values]), max([_MIDDLE, *values])
+        self.detail = min((1.0 / max(map.shape) for map in maps.values()), default=float("inf"))
+
+    def at(self, triangle: NDArray[Any], uv: NDArray[Any], neutral: float = _MIDDLE) -> Shares:
+        """(N,) at uv (N, 2) in their triangles; `neutral` where the UDIM has no map."""
+        found = np.full(len(triangle), neutral, np.float32)
+        for rows in row_blocks(len(triangle)):
+            corner = self._corners(triangle[rows], uv[rows])
+            for udim, map in self._maps.items():
+                there = np.flatnonzero((corner == udim_origin(udim)).all(axis=1))
+                local = uv[rows][there].astype(np.float64) - udim_origin(udim)
+                found[rows.start + there] = bilinear(map, local, self._meaning)
+        return found
+
+    def _corners(self, triangle: NDArray[Any], uv: NDArray[Any]) -> FloatArray:
+        """(N, 2) origins of the UDIMs of points."""
+        corner: FloatArray = np.floor(uv + _PULL * (self._centres[triangle] - uv))
+        return corner

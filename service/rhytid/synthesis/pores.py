@@ -1,0 +1,309 @@
+"""Pores: Poisson-disk sampling that is even on the surface, whatever its UV layout. Kernels:
+darts.cl, pores.cl.
+
+Darts are thrown, as many to each part of the surface as it has room for; of those that no older
+pore is too close to, none too close to another are kept. Each triangle has darts of its own, by a
+word from its place in the map: nothing beside the triangle decides which they are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rhytid.device.buffer import Buffer
+from rhytid.synthesis.fields import Fields
+from rhytid.synthesis.hashes import Words, random4, triangle_keys
+from rhytid.synthesis.incidence import KEPT, until_decided
+from rhytid.synthesis.lattice import Grid, Lattice, spatial_order
+from rhytid.synthesis.pore_density import PACKING, densities, effective_area, spacings
+from rhytid.synthesis.progress import Progress
+from rhytid.synthesis.surface import FloatArray, Points, Surface, unit
+from rhytid.synthesis.workspace import Workspace
+
+_PHASE = 0x9E3779B9
+# Darts thrown per expected pore, in rounds. Where so many miss, another centre would have had a
+# room of a few per cent of r².
+DARTS = (2.0, 3.0, 4.0, 5.0, 6.0)
+# Darts thrown at a time.
+BATCH = 1 << 20
+# A pore this much beyond the radius is still too close: what the device rounds.
+_ROUNDING = 1.0 + 1e-6
+_SPARE = 1024
+
+
+def scatter_pores(
+    work: Workspace,
+    surface: Surface,
+    radius: float,
+    seed: int,
+    progress: Progress,
+    fields: Fields | None = None,
+) -> Points:
+    """Scatter pores at least `radius` apart, so dense that hardly any more would fit.
+
+    radius: in units of the surface; where `fields` has spacing factors, times the mean of those of
+    the two pores. Distances are Euclidean; sheets that touch face to face (lips, eyelids) are told
+    apart by their normals.
+
+    Darts are thrown many at a time: of a batch, those that no older pore is too close to are kept
+    in the order of their priorities, as if they were thrown one by one. Which darts are kept
+    depends on the place of each triangle in the map, its area and what is painted nearby, not on
+    the size of a batch. Pores come in spatial order.
+    """
+    fields = fields or Fields()
+    with work.nested() as nested:
+        darts = Darts(nested, surface, fields, radius, seed, BATCH)
+        a_room = PACKING / radius**2
+        selection = DartSelection(nested, darts, radius, fields, a_room * darts.filled)
+        every = sum(DARTS) * a_room * darts.room
+        done = 0
+        for turn, share in enumerate(DARTS):
+            for thrown in darts.throws(turn, share * a_room):
+                progress(min(done / every, 1.0), "pores")
+                selection.take(thrown)
+                done += thrown.count
+        return selection.points()
+
+
+def packed_radius(surface: Surface, fields: Fields, pores: float) -> float:
+    """The radius, in units of the surface, at which about so many pores fit on it."""
+    return float(np.sqrt(PACKING * effective_area(surface, fields) / pores))
+
+
+class DartSelection:
+    """The pores that were kept so far; each batch of darts adds some.
+
+    expected: about how many pores there will be; more fit.
+    """
+
+    def __init__(
+        self, work: Workspace, darts: Darts, radius: float, fields: Fields, expected: float
+    ) -> None:
+        self.count = 0
+        self._work, self._lattice = work, darts.lattice
+        reach = radius * _ROUNDING
+        self._cell = self._lattice.steps(reach * fields.most_spacing)
+        self._scale = float(self._lattice.unit / reach)
+        self._kept, self._grid = self._empty(int(1.1 * expected) + _SPARE)
+
+    def take(self, darts: Throw) -> None:
+        """Keep those darts of a throw that fit."""
+        room = self._work.empty(darts.count, np.uint8)
+        self._work.run(
+            "pores", "find_room", darts.count, darts.triangle, darts.place, darts.normal,
+            darts.factor, darts.level, self._kept.place, self._kept.normal, self._kept.factor,
+            *self._grid.arguments, self._scale, room,
+        )  # fmt: skip
+        fitting = np.flatnonzero(self._work.read(room, (darts.count,), np.uint8))
+        self._work.release(room)
+        if len(fitting):
+            self._add(darts, self._thinned(darts, fitting.astype(np.int32)))
+
+    def points(self) -> Points:
+        """The pores in spatial order."""
+        read, count = self._work.read, self.count
+        place = read(self._kept.place, (count, 3), np.int32)
+        order = spatial_order(place)
+        triangle = read(self._kept.triangle, (count,), np.int32)[order]
+        uv = read(self._kept.uv, (count, 2), np.float32)[order]
+        normal = read(self._kept.normal, (count, 3), np.float32)[order]
+        return Points(triangle, uv, self._lattice.positions(place[order]), unit(normal))
+
+    def _thinned(self, darts: Throw, fitting: NDArray[np.int32]) -> NDArray[np.int32]:
+        """The fitting darts that are kept when they come in the order of priority."""
+        with self._work.nested() as nested:
+            listed = nested.upload(fitting)
+            grid = Grid.empty(nested, self._cell, len(fitting), darts.count)
+            grid.insert_listed(nested, darts.place, listed, len(fitting))
+            arguments = (
+                listed, darts.place, darts.normal, darts.factor, darts.priority, *grid.arguments,
+                self._scale,
+            )  # fmt: skip
+            state = until_decided(
+                nested, "pores", "decide_darts", len(fitting), arguments, darts.count
+            )
+            kept = nested.read(state, (darts.count,), np.uint8)[fitting] == KEPT
+        chosen: NDArray[np.int32] = fitting[kept]
+        return chosen
+
+    def _add(self, darts: Throw, chosen: NDArray[np.int32]) -> None:
+        if self.count + len(chosen) > self._kept.most:
+            self._make_room(2 * (self.count + len(chosen)))
+        listed = self._work.upload(chosen)
+        self._work.run(
+            "pores", "take_darts", len(chosen), self.count, listed, darts.triangle, darts.place,
+            darts.normal, darts.uv, darts.factor, *self._kept.arrays,
+        )  # fmt: skip
+        self._grid.insert(self._work, self._kept.place, self.count, len(chosen))
+        self._work.release(listed)
+        self.count += len(chosen)
+
+    def _empty(self, most: int) -> tuple[_Kept, Grid]:
+        return _Kept.empty(self._work, most), Grid.empty(self._work, self._cell, most)
+
+    def _make_room(self, most: int) -> None:
+        """Move the pores to larger arrays: along borders more fit than the area suggests."""
+        kept, grid = self._empty(most)
+        everyone = self._work.upload(np.arange(self.count, dtype=np.int32))
+        self._work.run(
+            "pores", "take_darts", self.count, 0, everyone, *self._kept.arrays, *kept.arrays
+        )
+        grid.insert(self._work, kept.place, 0, self.count)
+        self._work.release(everyone, *self._kept.arrays, self._grid.head, self._grid.next)
+        self._kept, self._grid = kept, grid
+
+
+@dataclass(frozen=True, eq=False)
+class _Kept:
+    """Arrays on the device for up to `most` pores: those of Throw, without priorities."""
+
+    most: int
+    triangle: Buffer
+    place: Buffer
+    normal: Buffer
+    uv: Buffer
+    factor: Buffer
+
+    @classmethod
+    def empty(cls, work: Workspace, most: int) -> _Kept:
+        triangle, factor = work.empty(most, np.int32), work.empty(most, np.float32)
+        place, normal = work.empty(3 * most, np.int32), work.empty(3 * most, np.float32)
+        return cls(most, triangle, place, normal, work.empty(2 * most, np.float32), factor)
+
+    @property
+    def arrays(self) -> tuple[Buffer, ...]:
+        return self.triangle, self.place, self.normal, self.uv, self.factor
+
+
+@dataclass(frozen=True, eq=False)
+class Throw:
+    """N darts on the device; the next throw overwrites them.
+
+    triangle (N,) int32, -1 for a dart outside the UDIMs or on bare skin.  place (N, 3) int32 on the
+    lattice.  normal (N, 3) float32, not of unit length.  uv (N, 2) float32.  factor (N,) float32:
+    of the spacing there.  priority (N,) uint32.  level (N,) float32: a dart counts where this is
+    below one over the squared factor.
+    """
+
+    count: int
+    triangle: Buffer
+    place: Buffer
+    normal: Buffer
+    uv: Buffer
+    factor: Buffer
+    priority: Buffer
+    level: Buffer
+
+
+class Darts:
+    """Throws at most `most` darts at a time, to fill a surface with pores `radius` apart.
+
+    room: the area of even skin that takes as many darts as are thrown: each triangle counts by its
+    densest place.  filled: the area of even skin that holds as many pores as fit: each triangle
+    counts by its mean.
+    """
+
+    def __init__(
+        self, work: Workspace, surface: Surface, fields: Fields, radius: float, seed: int, most: int
+    ) -> None:
+        self.lattice = Lattice.absolute(radius, *surface.extent)
+        carriers = np.flatnonzero(surface.carries)
+        centres = surface.corners[carriers].mean(axis=1)
+        carriers = carriers[spatial_order(self.lattice.places(centres))]
+        area = surface.area[carriers]
+        self._most, mean = densities(surface, fields, carriers, radius)
+        self.room, self.filled = float((area * self._most).sum()), float((area * mean).sum())
+        self._area, self._key = area.astype(np.float32), triangle_keys(surface.uv[carriers])
+        self._work, self._fields, self._seed = work, fields, np.uint32(seed)
+        self._even = fields.least_spacing == fields.most_spacing == 1.0
+        self._limit = most
+        places = self.lattice.places(surface.corners[carriers])
+        places[:, 1:] -= places[:, :1]
+        normals = surface.normals[carriers].astype(np.float32)
+        self._tables = tuple(
+            work.upload(table)
+            for table in (
+                self._key, self._area, carriers.astype(np.int32), places, normals,
+                map_corners(surface.uv),
+            )
+        )  # fmt: skip
+        made = {"triangle": (1, np.int32), "place": (3, np.int32), "normal": (3, np.float32)}
+        made |= {"uv": (2, np.float32), "priority": (1, np.uint32), "level": (1, np.float32)}
+        self._made = {name: work.empty(most * n, kind) for name, (n, kind) in made.items()}
+        self._factor, self._where = work.full(most, np.float32(1.0)), work.empty(1, np.int32)
+
+    def throws(self, turn: int, rate: float) -> Iterator[Throw]:
+        """Throw `rate` darts per area of even skin, in as many throws as needed, those of lower
+        priority first. Another `turn` gives other darts."""
+        expected = np.float32(rate) * self._area
+        counts = np.ceil(expected * self._most).astype(np.int64)
+        phase = random4(self._key, turn, self._seed, _PHASE)[0]
+        parts = 1
+        while max(shared_out(counts, phase, part, parts)[1].sum() for part in range(parts)) > (
+            self._limit
+        ):
+            parts *= 2
+        phases = self._work.upload(phase)
+        for part in range(parts):
+            first, amounts = shared_out(counts, phase, part, parts)
+            yield self._throw(turn, rate, parts, first, amounts, phases)
+        self._work.release(phases)
+
+    def _throw(
+        self,
+        turn: int,
+        rate: float,
+        parts: int,
+        first: Words,
+        amounts: NDArray[np.int64],
+        phases: Buffer,
+    ) -> Throw:
+        """Every `parts`-th dart of each triangle: `amounts` (C,) of them from `first` (C,) on."""
+        made, work, count = self._made, self._work, int(amounts.sum())
+        ends, starts = work.upload(np.cumsum(amounts).astype(np.int32)), work.upload(first)
+        work.run(
+            "darts", "throw_darts", count, np.uint32(turn), self._seed, np.uint32(parts),
+            float(rate), len(amounts), ends, starts, phases, *self._tables, made["triangle"],
+            made["place"], made["normal"], made["uv"], made["priority"], made["level"],
+        )  # fmt: skip
+        work.release(ends, starts)
+        if self._even and not self._fields.some_bare:
+            return Throw(count, factor=self._factor, **made)
+        work.release(self._factor, self._where)
+        factor, where = self._looked_up(count)
+        self._factor, self._where = work.upload(factor), work.upload(where)
+        return Throw(count, factor=self._factor, **{**made, "triangle": self._where})
+
+    def _looked_up(self, count: int) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+        """Factors of darts, and their triangles, -1 for those on bare skin."""
+        triangle = self._work.read(self._made["triangle"], (count,), np.int32)
+        uv = self._work.read(self._made["uv"], (count, 2), np.float32)
+        known = np.maximum(triangle, 0)
+        triangle = np.where(self._fields.bare(known, uv), np.int32(-1), triangle)
+        return spacings(self._fields, known, uv), triangle
+
+
+def shared_out(
+    counts: NDArray[np.int64], phase: Words, part: int, parts: int
+) -> tuple[Words, NDArray[np.int64]]:
+    """(C,) the first dart of each triangle that is thrown in a part, and (C,) how many are.
+
+    parts: a power of two; the priority of dart n is n + phase with its bits in reverse order, so
+    that parts are ranges of it, in their order.
+    """
+    width = parts.bit_length() - 1
+    turned = int(f"{part:0{width}b}"[::-1], 2) if width else 0
+    first = (np.uint32(turned) - phase) & np.uint32(parts - 1)
+    return first, np.maximum(counts - first + (parts - 1), 0) // parts
+
+
+def map_corners(uv: FloatArray) -> NDArray[np.float32]:
+    """(F, 8) of each triangle the origin of the UDIM that it begins in, and its corners from
+    there."""
+    origin = np.floor(uv.min(axis=1, keepdims=True))
+    local = (uv - origin).reshape(len(uv), 6)
+    return np.concatenate([origin[:, 0], local], axis=1).astype(np.float32)

@@ -1,1 +1,0 @@
-"""Pores: where they lie, how far apart, and what shape they have."""
