@@ -24,7 +24,7 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.setting_meanings import MEANINGS
 from rhytid.domain.settings_changes import CHANGEABLE
 from rhytid.domain.settings_schema import UNBOUNDED, settings_of
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 
 FOLDER = Path(__file__).parent / "reference"
 HEADER = "| setting | default | range | meaning |\n|---|---|---|---|\n"

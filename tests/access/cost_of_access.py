@@ -24,7 +24,7 @@ from api.patch import upload
 from rhytid.access.api_key import new_key
 from rhytid.access.key_file import write_keys
 from rhytid.api import app as module
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 
 ROUNDS, BEFORE = 3000, 300
 HOST = "127.0.0.1:8717"

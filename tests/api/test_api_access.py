@@ -27,7 +27,7 @@ from rhytid.api.access import OPEN, ROUTES, Access
 from rhytid.api.app import create_app
 from rhytid.api.rates import Rates
 from rhytid.errors import ApiKeyError, QuotaError
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 
 
 def walked(routes: Iterable[Any]) -> Iterator[Any]:

@@ -15,7 +15,7 @@ from rhytid.api.app import create_app
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.settings_changes import CHANGEABLE, leaves
 from rhytid.errors import SettingsError
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,7 @@ from rhytid.api.job_shares import JobShares
 from rhytid.api.rates import REMEMBERED, SAVED, Rates
 from rhytid.engine.messages import JobInfo
 from rhytid.errors import NotFoundError, QuotaError, SettingsError
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 
 
 class Clock:

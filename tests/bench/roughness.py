@@ -25,7 +25,7 @@ from rhytid.domain.tiles import busiest_udim
 from rhytid.domain.units import millimetres
 from rhytid.engine.opening import open_device
 from rhytid.pipeline.folds import measured_folds
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 from rhytid.synthesis.generate import synthesize
 from rhytid.synthesis.workspace import directly
 

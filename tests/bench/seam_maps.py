@@ -17,7 +17,7 @@ from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import udim_origin
 from rhytid.engine.engine import Engine
 from rhytid.engine.messages import MapQuery, NewAsset
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 from synthesis.seam_places import SeamPlaces
 
 INTERPOLATIONS = {"bilinear": 1, "cubic": 3}

@@ -175,7 +175,7 @@ def test_a_full_disk_is_told_and_leaves_nothing(
     def full(*_: Any) -> None:
         raise OSError(28, os.strerror(28))
 
-    monkeypatch.setattr("rhytid.durable.write_pieces", full)
+    monkeypatch.setattr("rhytid.support.atomic_files.write_pieces", full)
     with pytest.raises(DiskFullError):
         engine.packages.of(asset)
     assert kept(engine) == []

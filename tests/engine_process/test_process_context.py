@@ -14,7 +14,7 @@ from rhytid.engine_process.packing import unpack
 from rhytid.engine_process.requests import Call, Request
 from rhytid.engine_process.wire import Message
 from rhytid.errors import NotFoundError
-from rhytid.logs import request_id
+from rhytid.support.logs import request_id
 
 FIGURES = Figures()
 

@@ -26,7 +26,7 @@ from rhytid.engine_process.remote_jobs import RemoteJobs
 from rhytid.engine_process.requests import Request
 from rhytid.engine_process.supervisors import Supervisors
 from rhytid.errors import DeviceLostError, LimitError, NoDeviceError, NotFoundError, SnapshotError
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 
 GIB = 1 << 30
 GPUS = [FoundDevice(0, "gpu", "gpu", 8 * GIB), FoundDevice(1, "gpu", "gpu", 24 * GIB)]

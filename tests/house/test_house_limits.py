@@ -18,7 +18,7 @@ from rhytid.engine import byte_budget
 from rhytid.engine.job_lanes import LANES
 from rhytid.formats import limits as format_limits
 from rhytid.formats import npy, obj
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 
 PAGE = (ROOT / "docs/reference/limits.md").read_text()
 HEADINGS = re.findall(r"^## (.*)$", PAGE, re.MULTILINE)

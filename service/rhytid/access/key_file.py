@@ -17,9 +17,9 @@ from pathlib import Path
 from typing import Any
 
 from rhytid.access.api_key import SCOPES, ApiKey, utc_now
-from rhytid.durable import install, reported
 from rhytid.errors import AccessError, StorageError
 from rhytid.storage.lock import FileLock
+from rhytid.support.atomic_files import install, storage_errors
 
 FORMAT = 1
 # Bytes: some 40,000 keys.
@@ -65,7 +65,7 @@ def has_valid_key(path: Path) -> bool:
 def write_keys(path: Path, keys: list[ApiKey]) -> None:
     """Put these keys in place of those in the file, at one rename; raises StorageError."""
     text = json.dumps({"format": FORMAT, "keys": [_as_json(key) for key in keys]}, indent=2) + "\n"
-    with reported("the API keys cannot be written"):
+    with storage_errors("the API keys cannot be written"):
         # Such a file is its owner's alone from the start.
         descriptor, aside = tempfile.mkstemp(prefix=".keys-", dir=path.parent)
         try:
@@ -88,7 +88,7 @@ def changing(path: Path) -> Iterator[list[ApiKey]]:
     Raises StorageError where another process changes them at the same time, and what `read_keys`
     and `write_keys` do.
     """
-    with reported("the API keys cannot be written"):
+    with storage_errors("the API keys cannot be written"):
         path.parent.mkdir(parents=True, exist_ok=True)
         lock = FileLock(path.with_name(f"{path.name}.lock"), f"{path} is being changed: try again")
     try:
@@ -104,7 +104,7 @@ def changing(path: Path) -> Iterator[list[ApiKey]]:
 def leave_mark(mark: Path) -> None:
     """Make the file, where it is not there, which says that keys were asked for beside it: see
     `check_mark`. Raises StorageError."""
-    with reported(f"{mark} cannot be written"), suppress(FileExistsError):
+    with storage_errors(f"{mark} cannot be written"), suppress(FileExistsError):
         flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL
         with open(os.open(mark, flags, 0o600), "w", encoding="utf-8") as file:
             file.write(_MARKED)

@@ -14,7 +14,7 @@ from rhytid.access.key_ring import KeyRing
 from rhytid.api.rates import Rates
 from rhytid.engine import callers
 from rhytid.errors import AccessError, ApiKeyError, QuotaError, RhytidError, ScopeError
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 
 OPEN = "open"
 # Open, and never refused for coming too often: who asks it restarts a server that refuses.

@@ -14,7 +14,7 @@ from rhytid.api.live import places
 from rhytid.domain.wording import waiting
 from rhytid.engine import wanted
 from rhytid.errors import BusyError, HostBusyError
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 
 # Threads for requests that need no slot, beside one per slot.
 LIGHT_THREADS = 32

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from rhytid.logs import request_id
+from rhytid.support.logs import request_id
 
 HEADER = "X-Request-Id"
 _NAME = HEADER.lower().encode()

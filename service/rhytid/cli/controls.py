@@ -46,8 +46,8 @@ def run(arguments: argparse.Namespace) -> None:
     from rhytid.cli.graph_output import PNG, open_device
     from rhytid.cli.input_files import mesh_file
     from rhytid.cli.places import make_place
-    from rhytid.durable import whole
     from rhytid.pictures.control_sheet import control_sheet
+    from rhytid.support.atomic_files import atomic_write
 
     out: Path = arguments.out
     if out.suffix.lower() != PNG:
@@ -63,7 +63,7 @@ def run(arguments: argparse.Namespace) -> None:
         title(name): [skins.patch(sample) for sample in samples(name, skins.unit_mm)]
         for name in counted(names, "drawing", "control")
     }
-    with whole(out) as aside:
+    with atomic_write(out) as aside:
         control_sheet(shown, _caption(arguments.mesh.name)).save(aside, format="png")
     note(f"rhytid: {len(names)} controls in {out}")
 

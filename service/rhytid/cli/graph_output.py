@@ -103,16 +103,16 @@ def write_outputs(
 
 def whole_file(file: Path, pieces: Any) -> None:
     """Write pieces of bytes into a file that is there when it is whole; its folder is there."""
-    from rhytid.durable import whole, write_pieces
+    from rhytid.support.atomic_files import atomic_write, write_pieces
 
-    with whole(file) as aside:
+    with atomic_write(file) as aside:
         write_pieces(aside, pieces)
 
 
 def open_device(arguments: argparse.Namespace) -> Device:
     """The device of the arguments, or of the environment."""
     from rhytid.engine import opening
-    from rhytid.settings import ServiceSettings
+    from rhytid.support.settings import ServiceSettings
 
     with working("opening the device"):
         return opening.open_device(ServiceSettings.from_environment(), arguments.device)

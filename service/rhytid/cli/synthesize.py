@@ -133,11 +133,11 @@ def _folds(device: Device, mesh: Mesh, expressions: Expressions, unit: str) -> F
 
 def _draw_lines(mesh: Mesh, folds: Folds, preview: Path) -> None:
     """The preferred lines, beside the preview."""
-    from rhytid.durable import whole
     from rhytid.pictures.folds import fold_picture
+    from rhytid.support.atomic_files import atomic_write
 
     file = preview.with_suffix(".lines.png")
-    with working(f"drawing {file.name}"), whole(file) as aside:
+    with working(f"drawing {file.name}"), atomic_write(file) as aside:
         fold_picture(mesh.positions, mesh.faces, folds).save(aside, format="png")
 
 

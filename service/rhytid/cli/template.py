@@ -121,9 +121,9 @@ def _masks(out: Path, udim: int, names: Sequence[str], size: int) -> list[dict[s
 
 
 def _write(file: Path, draw: Callable[[], Image.Image]) -> None:
-    from rhytid.durable import whole
+    from rhytid.support.atomic_files import atomic_write
 
-    with whole(file) as aside:
+    with atomic_write(file) as aside:
         draw().save(aside, format="png")
     detail(f"wrote {file.name}")
 

@@ -7,7 +7,6 @@ from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, TypeVar
 
-from rhytid import stopping
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
@@ -21,6 +20,7 @@ from rhytid.engine.unmade import Unmade
 from rhytid.engine.worker import DeviceWorker
 from rhytid.errors import DeviceMemoryError, StorageError
 from rhytid.storage.store import AssetStore
+from rhytid.support import cancellation
 
 T = TypeVar("T")
 # How often an asset is loaded for one task, when others take its memory before the task runs.
@@ -80,7 +80,7 @@ class DeviceAssets:
         """
         made = 0
         for _ in range(_ATTEMPTS):
-            stopping.check()
+            cancellation.check()
             self.loaded(asset)
             try:
                 return call()

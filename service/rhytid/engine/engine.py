@@ -32,10 +32,10 @@ from rhytid.engine.tile_service import TileService
 from rhytid.engine.worker import READY, DeviceWorker
 from rhytid.errors import BusyError, DeviceError
 from rhytid.pipeline.draw_limit import DrawLimit
-from rhytid.settings import ServiceSettings
 from rhytid.storage.shared.mirror import StoreMirror
 from rhytid.storage.shared.shared_store import SharedStore
 from rhytid.storage.store import AssetStore
+from rhytid.support.settings import ServiceSettings
 
 # Work-items of the kernel that tells whether the device computes.
 _PROBED = 64

@@ -6,7 +6,7 @@ from rhytid.device.figures import Figures
 from rhytid.device.runtime import Device
 from rhytid.device.select import choose
 from rhytid.pipeline.measured_shape import remembered_pace, remembered_shape
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 
 
 def open_device(

@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 
-from rhytid import stopping
 from rhytid.errors import CancelledError
+from rhytid.support import cancellation
 
 _gone: ContextVar[Callable[[], bool] | None] = ContextVar("gone", default=None)
 
@@ -46,5 +46,5 @@ def is_gone() -> bool:
 def check() -> None:
     """Raise CancelledError where nobody waits any more; in a job, what that stops with."""
     if is_gone():
-        stopping.check()
+        cancellation.check()
         raise CancelledError("the client closed the connection before the answer was drawn")

@@ -37,7 +37,7 @@ from rhytid.engine_process.packing import Packed, pack, unpack
 from rhytid.engine_process.shared import Bytes, mapped, private
 from rhytid.engine_process.wire import Message, close_all, receive, send
 from rhytid.errors import RhytidError
-from rhytid.logs import log_to_stderr, request_id
+from rhytid.support.logs import log_to_stderr, request_id
 
 # Of prctl: the signal that comes when the parent ends.
 _PARENT_DIES = 1

@@ -11,7 +11,7 @@ from typing import Any
 from rhytid.engine.messages import Refusal
 from rhytid.engine_process.packing import pack
 from rhytid.engine_process.wire import Message, receive, send
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass, replace
 
 from rhytid.device.memory import usual_frame_memory
 from rhytid.errors import NoDeviceError
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 
 ALL = "all"
 # Seconds that trying all devices may take.

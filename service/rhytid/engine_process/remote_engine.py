@@ -29,7 +29,7 @@ from rhytid.engine_process.requests import Request
 from rhytid.engine_process.supervisor import Supervisor
 from rhytid.engine_process.supervisors import Supervisors
 from rhytid.engine_process.upload_holds import UploadHolds
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 
 
 class RemoteEngine:

@@ -13,7 +13,7 @@ from rhytid.device.figures import spans_are_kept
 from rhytid.engine.callers import caller
 from rhytid.engine.worker import is_live
 from rhytid.engine_process.packing import Packed, pack
-from rhytid.logs import request_id
+from rhytid.support.logs import request_id
 
 _numbers = itertools.count(1)
 

@@ -22,7 +22,7 @@ from rhytid.engine_process.refusals import Refusals
 from rhytid.engine_process.requests import Request
 from rhytid.engine_process.shared import mapped, shared_file
 from rhytid.errors import DeviceError, DeviceLostError
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 
 # Seconds that a call waits for a process that starts, and for the end of one that broke its line.
 PATIENCE, ENDING_PATIENCE = 15.0, 10.0

@@ -19,11 +19,11 @@ from rhytid.engine_process.placement import Placement
 from rhytid.engine_process.requests import Request
 from rhytid.engine_process.supervisor import Supervisor
 from rhytid.errors import DeviceLostError, NotFoundError, StorageError
-from rhytid.settings import ServiceSettings
 from rhytid.storage.homes import ID
 from rhytid.storage.snapshot_index import BLOCK, LONGEST_INDEX
 from rhytid.storage.snapshots import asset_of
 from rhytid.storage.store import AssetStore
+from rhytid.support.settings import ServiceSettings
 
 Prepare = Callable[[DeviceProcess], None]
 # Called with a process that has ended, and with a function that says whether an asset was its.

@@ -22,8 +22,8 @@ from rhytid.errors import BusyError, CancelledError, DeviceLostError
 from rhytid.fleet.envelopes import Answer, ElsewhereError, Envelope, packed
 from rhytid.fleet.frame_versions import FrameVersions
 from rhytid.fleet.job_names import JobNames
-from rhytid.logs import request_id
 from rhytid.storage.homes import checked_id
+from rhytid.support.logs import request_id
 
 # How often a call is made in all, where its replica is lost each time.
 SENT = 5

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.build_identity import drawing_version
 from rhytid.device.figures import Span
 from rhytid.engine_process.packing import pack
 from rhytid.errors import RhytidError
+from rhytid.support.build_identity import drawing_version
 
 # Large arrays lie beside the pickle, so that Ray copies each once.
 Arrays = tuple[NDArray[np.uint8], ...]

@@ -7,7 +7,6 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import BinaryIO
 
-from rhytid.durable import reported
 from rhytid.engine.messages import AssetInfo
 from rhytid.engine_process.remote_snapshots import RemoteSnapshots
 from rhytid.engine_process.requests import Request
@@ -15,6 +14,7 @@ from rhytid.fleet.caller import FleetCaller
 from rhytid.fleet.shared_folder import SharedFolder
 from rhytid.storage.snapshot_index import BLOCK, SnapshotIndex, index_size
 from rhytid.storage.snapshots import PIECE, Readable, Snapshot, asset_of
+from rhytid.support.atomic_files import storage_errors
 
 
 class GivenSnapshot(Snapshot):
@@ -26,7 +26,7 @@ class GivenSnapshot(Snapshot):
 
     def pieces(self) -> Iterator[bytes]:
         """The bytes of the file."""
-        with reported("a snapshot cannot be read"):
+        with storage_errors("a snapshot cannot be read"):
             self._file.seek(0)
             while piece := self._file.read(PIECE):
                 yield piece
@@ -46,7 +46,7 @@ class FleetSnapshots(RemoteSnapshots):
     def of(self, asset: str) -> Snapshot:
         """A ready asset as a file, which is the caller's to close."""
         path: Path = self._supervisor.call(Request("snapshot", (asset,)))
-        with reported("a snapshot cannot be read"), ExitStack() as stack:
+        with storage_errors("a snapshot cannot be read"), ExitStack() as stack:
             file = stack.enter_context(path.open("rb"))
             path.unlink()
             size = index_size(file.read(BLOCK))

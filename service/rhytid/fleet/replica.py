@@ -15,7 +15,6 @@ from functools import partial
 
 from ray import serve
 
-from rhytid.build_identity import drawing_version
 from rhytid.device.figures import SIZE, spans_of_request
 from rhytid.engine import wanted
 from rhytid.engine.callers import caller
@@ -33,8 +32,9 @@ from rhytid.fleet.remote_board import RemoteBoard
 from rhytid.fleet.replica_assets import ReplicaAssets
 from rhytid.fleet.replica_calls import ReplicaCalls
 from rhytid.fleet.shared_folder import SharedFolder
-from rhytid.logs import log_to_stderr, request_id
-from rhytid.settings import ServiceSettings
+from rhytid.support.build_identity import drawing_version
+from rhytid.support.logs import log_to_stderr, request_id
+from rhytid.support.settings import ServiceSettings
 
 # Seconds between two reports, and two exchanges of frames with the board; and for which the device
 # may compute nothing.

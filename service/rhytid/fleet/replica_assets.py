@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike
 
 from rhytid.domain.frame import counted_frame
 from rhytid.domain.settings_changes import CHANGEABLE
-from rhytid.durable import reported
 from rhytid.engine import wanted
 from rhytid.engine.checked_upload import content_id
 from rhytid.engine.messages import AssetInfo, JobInfo, NewAsset, Package
@@ -24,6 +23,7 @@ from rhytid.fleet.job_watch import JobWatch
 from rhytid.fleet.kept_uploads import read_upload, written_upload
 from rhytid.fleet.residents import Residents
 from rhytid.fleet.shared_folder import SharedFolder
+from rhytid.support.atomic_files import storage_errors
 
 
 class ReplicaAssets:
@@ -119,7 +119,7 @@ class ReplicaAssets:
 
     def restore(self, asset: str, path: Path, nbytes: int) -> tuple[AssetInfo, bool]:
         """As `SnapshotService.restore`, of a file in the shared folder."""
-        with reported(f"{path} cannot be read"), path.open("rb") as stream:
+        with storage_errors(f"{path} cannot be read"), path.open("rb") as stream:
             info, new = self._engine.snapshots.restore(stream, nbytes)
         if new:
             with self.residents.changing(asset):

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid import stopping
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.tiles import udim_origin
@@ -27,6 +26,7 @@ from rhytid.pipeline.reach import (
     reaching_in,
     sizes_of_ends,
 )
+from rhytid.support import cancellation
 
 
 @dataclass(frozen=True)
@@ -92,17 +92,17 @@ def wrinkle_arrays(
     triangle, stiffness: (M,) of every wrinkle of the graph.  waves: (M, 4) what `wrinkle_waves`
     makes of the settings.
     """
-    stopping.check()
+    cancellation.check()
     ends = (graph.node_uv - np.array(udim_origin(udim), np.float32))[graph.edge_nodes]
     bends = bends_of(graph, settings)
     low, high = around_wrinkles(graph, ends, settings, bends, waves)
-    stopping.check()
+    cancellation.check()
     broad = BroadLayer.of(graph, ends, settings, bends, waves)
     reach = (low, high) if broad is None else broad.reach(low, high)
     last = copied(graph.edge_copy_of, graph.edge_metric)
     drawn, even = copies_last(drawn_rows(graph.edge_weight, *reach), last)
     limit_cover(low[drawn], high[drawn], settings.resolution, "wrinkles", udim)
-    stopping.check()
+    cancellation.check()
     chosen, partners = _with_partners(drawn, None if bends is None else bends.partners)
     size, tail = np.float32(settings.resolution), drawn[even:]
 
@@ -138,7 +138,7 @@ def pore_arrays(
 
     triangle, stiffness: (N,) of every pore of the graph.
     """
-    stopping.check()
+    cancellation.check()
     centres = graph.node_uv - np.array(udim_origin(udim), np.float32)
     root = pore_roots(graph)
     low, high = around_pores(centres, root, settings)

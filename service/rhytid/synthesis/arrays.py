@@ -7,7 +7,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from rhytid import stopping
+from rhytid.support import cancellation
 
 Arrays = dict[str, NDArray[Any]]
 
@@ -18,5 +18,5 @@ ROWS = 1 << 19
 def row_blocks(count: int) -> Iterator[slice]:
     """The rows 0 to count, ROWS at a time, unless the work is to stop."""
     for first in range(0, count, ROWS):
-        stopping.check()
+        cancellation.check()
         yield slice(first, min(first + ROWS, count))

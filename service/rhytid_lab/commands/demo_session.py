@@ -18,8 +18,8 @@ from rhytid.cli.warned import Warned
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.notices import Notice
 from rhytid.domain.warnings import InputWarning
-from rhytid.durable import whole
-from rhytid.owned import is_real_folder
+from rhytid.support.atomic_files import atomic_write
+from rhytid.support.ownership import is_real_folder
 from rhytid_client import Asset, Client, Job, Method, Sampling, StretchModel, Tile, TileFormat
 from rhytid_lab.commands.demo_face import MESH_ARRAYS, Animation
 
@@ -128,7 +128,7 @@ class Session:
                 for udim in self.asset.udims:
                     with self.watch.step(f"{method}, as EXR"):
                         map = self.map(frame, udim, method, "exr")
-                    with whole(folder / f"face.{udim}.{frame.label}.exr") as aside:
+                    with atomic_write(folder / f"face.{udim}.{frame.label}.exr") as aside:
                         aside.write_bytes(map.content)
 
     def map(self, frame: FramePlace, udim: int, method: Method, format: TileFormat = "npy") -> Tile:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rhytid.cli.frame_files import FramePlace
 from rhytid.cli.progress import counted
 from rhytid.domain.tiles import busiest_udim, triangles_inside, udim_origin
-from rhytid.durable import whole
+from rhytid.support.atomic_files import atomic_write
 from rhytid_lab.commands.demo_session import Session
 from rhytid_lab.sheets.contact import contact_sheet, relative_rms
 from rhytid_lab.sheets.contact_rows import METHODS
@@ -48,7 +48,7 @@ def write_sheets(session: Session, unit_mm: float) -> list[dict[str, Any]]:
             performance = _performance(session, frame, udim)
             note = f"Frame {frame.name}, UDIM {udim}."
             sheet = contact_sheet(performance, maps, unit_mm=unit_mm, note=note)
-            with whole(session.out / name) as aside:
+            with atomic_write(session.out / name) as aside:
                 sheet.save(aside)
         rms = relative_rms(maps["binned"], maps["redraw"])
         figures.append(

@@ -53,7 +53,7 @@ def run(arguments: argparse.Namespace) -> None:
     # Imported here, so that --help needs no OpenCL.
     from rhytid.cli.places import make_folder
     from rhytid.engine.opening import open_device
-    from rhytid.settings import ServiceSettings
+    from rhytid.support.settings import ServiceSettings
     from rhytid_lab.bench.page import page
     from rhytid_lab.bench.report import Report
 

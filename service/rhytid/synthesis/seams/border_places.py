@@ -10,7 +10,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from rhytid import stopping
+from rhytid.support import cancellation
 from rhytid.synthesis.arrays import row_blocks
 from rhytid.synthesis.seams.borders import NONE, Borders
 from rhytid.synthesis.seams.supports import Supports
@@ -100,7 +100,7 @@ class BorderPlaces:
 
         Raises TooManyPairs where P would be more than MOST_PAIRS, of more than one element.
         """
-        stopping.check()
+        cancellation.check()
         tree, at, reach = self._asked(supports, twins, charts)
         counts = tree.query_ball_point(at, reach, return_length=True)
         rows = np.flatnonzero((counts > 0) & (counts <= MOST_PLACES))

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from rhytid import stopping
+from rhytid.support import cancellation
 
 # How many triangles around a centre are looked at: the one below is among the nearest unless it
 # is very much larger.
@@ -24,7 +24,7 @@ def covered(uv: NDArray[np.float64], usable: NDArray[np.bool_]) -> NDArray[np.bo
     near = cKDTree(centres).query(centres, k=min(NEIGHBOURS, len(index)), workers=-1)[1]
     result = np.zeros(len(uv), bool)
     for other in near.reshape(len(index), -1).T:
-        stopping.check()
+        cancellation.check()
         result[index] |= (other < np.arange(len(index))) & _inside(centres, uv[index[other]])
     return result
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rhytid import stopping
+from rhytid.support import cancellation
 from rhytid.synthesis.seams.border_places import BorderPlaces
 from rhytid.synthesis.seams.borders import NONE, Borders
 from rhytid.synthesis.seams.over_seams import LONGER, over_seams
@@ -118,7 +118,7 @@ class Search:
         who, place, near = pairs
         covered = np.zeros(len(who), np.bool_)
         for rows, other in _others(drawn.take(by), drawn.of[who]):
-            stopping.check()
+            cancellation.check()
             rows, other = rows[~covered[rows]], by[other[~covered[rows]]]
             there = drawn.back(other, self._places.there[place[rows]])
             gap = np.abs(supports.distance(drawn.of[other], there) - near[rows])

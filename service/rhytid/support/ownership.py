@@ -43,7 +43,7 @@ class NotPlainError(OSError):
 
 
 @dataclass(frozen=True)
-class Kind:
+class FolderKind:
     """What a folder of ours is.
 
     name: as its marker has it.  format: the newest that this release reads, and which it writes.
@@ -90,12 +90,14 @@ class Kind:
 _CHOOSE = "Nothing was changed there: choose another folder"
 
 
-def check_ours(folder: Path, kind: Kind, before: Callable[[Path], bool] | None = None) -> bool:
-    """Whether the marker of a folder is there as this release writes it; `durable.claim` writes it.
+def check_owned(
+    folder: Path, kind: FolderKind, before: Callable[[Path], bool] | None = None
+) -> bool:
+    """Whether a folder has its marker in the form that this release writes.
 
-    before: whether a folder without a marker is nevertheless of a release that wrote none. Raises
+    before: tells whether a folder without a marker is of a release that wrote none. Raises
     StorageError naming what is in the way and not ours, StoreFormatError where a newer release made
-    the folder, and OSError. Nothing is changed.
+    the folder, and OSError. Nothing is changed; `atomic_files.claim` writes the marker.
     """
     # Seen before the marker is read: another process that makes these folders now marks them first.
     filled = [folder / name for name in kind.folders if _is_filled(folder / name)]
@@ -108,11 +110,11 @@ def check_ours(folder: Path, kind: Kind, before: Callable[[Path], bool] | None =
     known = current or earlier or (before is not None and before(folder))
     for path in filled:
         if path.is_symlink() or not known:
-            raise not_ours(path)
+            raise not_owned(path)
     return current
 
 
-def is_marked(folder: Path, kind: Kind) -> bool:
+def is_marked(folder: Path, kind: FolderKind) -> bool:
     """Whether a folder, which is no link, has a marker of ours that this release reads."""
     try:
         data = read_plain(folder / kind.marker, _LONGEST) if is_real_folder(folder) else None
@@ -123,7 +125,7 @@ def is_marked(folder: Path, kind: Kind) -> bool:
     return data is not None
 
 
-def not_ours(path: Path) -> StorageError:
+def not_owned(path: Path) -> StorageError:
     """The error for what is where something of ours should be."""
     return StorageError(f"{path} is not ours: rhytid did not make it. {_CHOOSE}")
 
@@ -144,7 +146,7 @@ def _is_filled(path: Path) -> bool:
     return not stat.S_ISDIR(mode) or any(path.iterdir())
 
 
-def ours(folder: Path, name: re.Pattern[str]) -> Iterator[Path]:
+def owned_entries(folder: Path, name: re.Pattern[str]) -> Iterator[Path]:
     """Files and folders of a folder of ours that have a name like this, and are no links; the log
     names what else there is."""
     strangers = []

@@ -1,4 +1,4 @@
-"""File operations that are whole after a crash: synced first, then visible by one rename."""
+"""File operations that a crash never leaves half done: synced, then made visible by one rename."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from functools import partial
 from pathlib import Path
 from uuid import uuid4
 
-from rhytid import stopping
 from rhytid.errors import DiskFullError, StorageError, TooManyFilesError
-from rhytid.owned import (
+from rhytid.support import cancellation
+from rhytid.support.ownership import (
     UNIQUE,
-    Kind,
-    check_ours,
+    FolderKind,
+    check_owned,
     has_group,
     is_marked,
     is_real_folder,
-    ours,
+    owned_entries,
     restrict,
 )
-from rhytid.unfinished import unfinished
+from rhytid.support.temporary_folders import removed_on_abort
 
 _log = logging.getLogger(__name__)
 # A full disk; a quota that is used up; a file beyond the largest that the system or a limit allows.
@@ -38,7 +38,7 @@ _OPEN = (errno.EMFILE, errno.ENFILE)
 # Seconds until such a folder is abandoned.
 _UNFINISHED, _ABANDONED = ".unfinished-", 24 * 3600.0
 _HIDDEN = re.compile(re.escape(_UNFINISHED) + UNIQUE.pattern, re.ASCII)
-UNFINISHED = Kind("rhytid unfinished", marker=".rhytid-unfinished")
+UNFINISHED = FolderKind("rhytid unfinished", marker=".rhytid-unfinished")
 # Bytes that are copied at a time.
 _PIECE = 1 << 22
 # The mode of a file that others may read.
@@ -47,16 +47,16 @@ _KINDS = {**dict.fromkeys(_FULL, DiskFullError), **dict.fromkeys(_OPEN, TooManyF
 
 
 @contextmanager
-def reported(doing: str) -> Iterator[None]:
+def storage_errors(doing: str) -> Iterator[None]:
     """The border where an OSError becomes a StorageError: on a full disk a DiskFullError, where
     too many files are open a TooManyFilesError."""
     try:
         yield
     except OSError as exc:
-        raise kind_of(exc)(f"{doing}: {exc}") from exc
+        raise storage_error_class(exc)(f"{doing}: {exc}") from exc
 
 
-def kind_of(failure: OSError) -> type[StorageError]:
+def storage_error_class(failure: OSError) -> type[StorageError]:
     """What a failure is to callers: StorageError where it is neither of its kinds."""
     return _KINDS.get(failure.errno, StorageError) if failure.errno else StorageError
 
@@ -64,7 +64,7 @@ def kind_of(failure: OSError) -> type[StorageError]:
 def is_folder(path: Path) -> bool:
     """Whether there is a folder of that name; raises StorageError where that cannot be seen, which
     `Path.is_dir` may take for no."""
-    with reported(f"{path} cannot be read"), suppress(FileNotFoundError, NotADirectoryError):
+    with storage_errors(f"{path} cannot be read"), suppress(FileNotFoundError, NotADirectoryError):
         return stat.S_ISDIR(path.stat().st_mode)
     return False
 
@@ -86,7 +86,7 @@ def copy_file(source: Path, to: Path) -> None:
     """Write what is in one file to another, whose bytes are on the disk when this returns; stops
     where the work of this thread is to stop."""
     with source.open("rb") as read, to.open("wb") as write:
-        write.writelines(stopping.each(iter(partial(read.read, _PIECE), b"")))
+        write.writelines(cancellation.check_each(iter(partial(read.read, _PIECE), b"")))
         write.flush()
         os.fsync(write.fileno())
 
@@ -117,10 +117,10 @@ def install(source: Path, target: Path) -> None:
     sync_folder(target.parent)
 
 
-def claim(folder: Path, kind: Kind, before: Callable[[Path], bool] | None = None) -> None:
-    """Mark a folder as ours, unless it is marked so; raises what `check_ours` does, and then
+def claim(folder: Path, kind: FolderKind, before: Callable[[Path], bool] | None = None) -> None:
+    """Mark a folder as ours, unless it is marked so; raises what `check_owned` does, and then
     nothing is changed."""
-    if check_ours(folder, kind, before):
+    if check_owned(folder, kind, before):
         return
     aside = folder / f".{kind.marker}-{uuid4().hex}"
     try:
@@ -132,19 +132,19 @@ def claim(folder: Path, kind: Kind, before: Callable[[Path], bool] | None = None
 
 
 @contextmanager
-def workplace(partial: Path, *, group: bool = False) -> Iterator[Path]:
+def working_folder(partial: Path, *, group: bool = False) -> Iterator[Path]:
     """A fresh folder in `partial` to prepare a change in, removed afterwards.  group: of its group,
     too."""
-    with _workplace(partial / uuid4().hex) as place:
+    with _working_folder(partial / uuid4().hex) as place:
         if group:
             restrict(place, group=True)
         yield place
 
 
 @contextmanager
-def _workplace(place: Path) -> Iterator[Path]:
+def _working_folder(place: Path) -> Iterator[Path]:
     place.mkdir(mode=0o700)
-    with unfinished(place):
+    with removed_on_abort(place):
         try:
             yield place
         finally:
@@ -152,10 +152,10 @@ def _workplace(place: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def _hidden_workplace(folder: Path) -> Iterator[Path]:
+def _hidden_working_folder(folder: Path) -> Iterator[Path]:
     """The same in a folder that holds files of others, with a name and a marker by which `sweep`
     knows it."""
-    with _workplace(folder / f"{_UNFINISHED}{uuid4().hex}") as place:
+    with _working_folder(folder / f"{_UNFINISHED}{uuid4().hex}") as place:
         _mark_unfinished(place)
         yield place
 
@@ -171,26 +171,26 @@ def _mark_unfinished(place: Path) -> None:
 
 
 @contextmanager
-def shared_workplace(folder: Path) -> Iterator[Path]:
+def shared_working_folder(folder: Path) -> Iterator[Path]:
     """A hidden folder in `folder` whose files other users of other machines may read, removed
     afterwards.
 
     A process that is killed meanwhile leaves it: see `sweep`. What lasts longer than a day touches
     it now and then.
     """
-    with _hidden_workplace(folder) as place:
+    with _hidden_working_folder(folder) as place:
         place.chmod(0o755)
         yield place
 
 
 @contextmanager
-def whole(file: Path, *, private: bool = False, group: bool = False) -> Iterator[Path]:
+def atomic_write(file: Path, *, private: bool = False, group: bool = False) -> Iterator[Path]:
     """A path to write to, in place of `file`, which is there when the block has ended well.
 
     private: for its owner alone, else as the system makes files.  group: and for its group. A
     process that is killed meanwhile leaves a hidden folder beside `file`: see `sweep`.
     """
-    with _hidden_workplace(file.parent) as place:
+    with _hidden_working_folder(file.parent) as place:
         if group:
             restrict(place, group=True)
         aside = place / file.name
@@ -221,7 +221,7 @@ def sweep(folder: Path, finished: Callable[[str], bool] | None = None) -> None:
 def sweep_partial(partial: Path, *, at_once: bool) -> None:
     """Remove what is left in the `partial` of a folder of ours, by its name.  at_once: nobody works
     there now; otherwise a day later. The log names what else is there; it is left alone."""
-    for left in ours(partial, UNIQUE):
+    for left in owned_entries(partial, UNIQUE):
         with suppress(FileNotFoundError):
             if at_once or _is_abandoned(left):
                 remove_tree(left)

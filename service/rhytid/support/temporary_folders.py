@@ -1,4 +1,4 @@
-"""Folders of work that is not finished, so that a process that ends at once can remove them."""
+"""Folders of unfinished work, so that a process that ends at once can remove them."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ _TRIES, _PAUSE = 10, 0.02
 
 
 @contextmanager
-def unfinished(folder: Path) -> Iterator[Path]:
-    """While the block runs, `folder`, which was just made, counts as unfinished; the caller removes
-    it."""
+def removed_on_abort(folder: Path) -> Iterator[Path]:
+    """While the block runs, `remove_temporary_folders` removes `folder`, which was just made; when
+    the block ends, the caller removes it."""
     _folders[folder] = _which(folder)
     try:
         yield folder
@@ -31,12 +31,16 @@ def unfinished(folder: Path) -> Iterator[Path]:
 @contextmanager
 def temporary_folder(prefix: str, parent: Path | None = None) -> Iterator[Path]:
     """A fresh folder in `parent`, else where the system has such, removed with what is in it."""
-    with TemporaryDirectory(prefix=prefix, dir=parent) as name, unfinished(Path(name)) as folder:
+    with (
+        TemporaryDirectory(prefix=prefix, dir=parent) as name,
+        removed_on_abort(Path(name)) as folder,
+    ):
         yield folder
 
 
-def remove_unfinished() -> None:
-    """Remove all of them; for a process that does not run its blocks to their end."""
+def remove_temporary_folders() -> None:
+    """Remove every folder of unfinished work, in a process that does not run its blocks to their
+    end."""
     for _ in range(_TRIES):
         left = [folder for folder in _folders.copy() if not _removed(folder)]
         if not left:
@@ -44,8 +48,8 @@ def remove_unfinished() -> None:
         time.sleep(_PAUSE)
 
 
-def until_exit(folder: Path) -> Path:
-    """The folder itself, which was just made, and is removed when the process ends."""
+def removed_at_exit(folder: Path) -> Path:
+    """Have `folder`, which was just made, removed when the process ends; returns it."""
     _folders[folder] = _which(folder)
     atexit.register(_removed, folder)
     return folder

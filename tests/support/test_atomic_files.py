@@ -10,15 +10,15 @@ from pathlib import Path
 
 import pytest
 
-from rhytid.durable import sweep, whole
 from rhytid.storage.shared.folder_place import FolderPlace
+from rhytid.support.atomic_files import atomic_write, sweep
 from storage.leftovers import left_by_a_killed_writer
 
 WRITER = """
 import os, signal, sys
 from pathlib import Path
-from rhytid.durable import whole
-with whole(Path(sys.argv[1])) as aside:
+from rhytid.support.atomic_files import atomic_write
+with atomic_write(Path(sys.argv[1])) as aside:
     aside.write_text("half")
     os.kill(os.getpid(), signal.SIGKILL)
 """
@@ -42,10 +42,10 @@ def test_a_killed_writer_leaves_no_half_file_and_what_is_left_is_swept(tmp_path:
 
 def test_a_file_is_there_when_its_block_ends_well(tmp_path: Path) -> None:
     file = tmp_path / "map.exr"
-    with pytest.raises(FileNotFoundError), whole(file):
+    with pytest.raises(FileNotFoundError), atomic_write(file):
         (tmp_path / "no such folder" / "map.exr").write_text("half")
     assert [*tmp_path.iterdir()] == []
-    with whole(file) as aside:
+    with atomic_write(file) as aside:
         aside.write_text("all")
         assert not file.exists()
     assert [*tmp_path.iterdir()] == [file]
