@@ -17,7 +17,7 @@ _check: ContextVar[Callable[[], None] | None] = ContextVar("check", default=None
 
 @contextmanager
 def scope(check: Callable[[], None]) -> Iterator[None]:
-    """In the block, `check()` on this thread calls the function `check`, which raises where the work
+    """In the block, `cancellation.check()` on this thread calls `check`, which raises where the work
     is to stop."""
     token = _check.set(check)
     try:
