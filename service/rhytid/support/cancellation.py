@@ -17,8 +17,8 @@ _check: ContextVar[Callable[[], None] | None] = ContextVar("check", default=None
 
 @contextmanager
 def scope(check: Callable[[], None]) -> Iterator[None]:
-    """In the block, `cancellation.check()` on this thread calls `check`, which raises where the work
-    is to stop."""
+    """In the block, `cancellation.check()` on this thread calls `check`, which raises an error
+    where the work is to stop."""
     token = _check.set(check)
     try:
         yield
