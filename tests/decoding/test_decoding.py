@@ -22,11 +22,11 @@ from engine_process.served import children
 from exr_images import exr
 from rhytid.api.parts import Part
 from rhytid.api.spool import Spool
+from rhytid.cli import control_samples
 from rhytid.decoding import child, limits
 from rhytid.decoding import decoder as decoding
 from rhytid.decoding.decoder import Decoder
 from rhytid.decoding.words import read_word
-from rhytid.domain import control_samples
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.mesh import Mesh
 from rhytid.engine.byte_budget import ByteBudget, Hold

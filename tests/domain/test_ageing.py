@@ -7,10 +7,18 @@ from pathlib import Path
 
 import pytest
 
-from rhytid.domain.ageing import OLDEST, USUAL_AGE, YOUNGEST, aged, deepest, folded, worn
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.lengths import Lengths
-from rhytid.domain.regions import REGIONS
+from rhytid.domain.skin import (
+    OLDEST,
+    REGIONS,
+    USUAL_AGE,
+    YOUNGEST,
+    aged,
+    depth_factor,
+    fold_factor_log,
+    wear,
+)
 from rhytid.errors import SettingsError
 
 DOCS = Path(__file__).parents[2] / "docs" / "skin.md"
@@ -19,28 +27,28 @@ AGES = [YOUNGEST, 27.5, USUAL_AGE, 42.0, 50.0, 58.0, 65.0, OLDEST]
 
 def test_at_35_nothing_differs() -> None:
     assert all(aged(region, 35.0) is region for region in REGIONS.values())
-    assert worn(35.0) == 0.0
-    assert deepest(35.0) == 1.0
+    assert wear(35.0) == 0.0
+    assert depth_factor(35.0) == 1.0
     assert Lengths.of(0.3, 35.0) == Lengths.of(0.3)
-    assert all(folded(name, 35.0) == 0.0 for name in ("strength", "width", "primary"))
+    assert all(fold_factor_log(name, 35.0) == 0.0 for name in ("strength", "width", "primary"))
     assert AssetSettings().graph.age == 35.0
 
 
 @pytest.mark.parametrize("name", REGIONS)
 def test_lines_deepen_with_age_and_no_region_grows_smooth(name: str) -> None:
     skins = [aged(REGIONS[name], age) for age in AGES]
-    depths = [skin.strength * deepest(age) for skin, age in zip(skins, AGES, strict=True)]
+    depths = [skin.strength * depth_factor(age) for skin, age in zip(skins, AGES, strict=True)]
     assert depths == sorted(depths)
     assert depths[-1] > 1.15 * REGIONS[name].strength > depths[0]
     for key in ("scale", "pore_radius", "contrast", "anisotropy"):
         values = [getattr(skin, key) for skin in skins]
         assert values == sorted(values), key
-    grains = [skin.grain * deepest(age) for skin, age in zip(skins, AGES, strict=True)]
+    grains = [skin.grain * depth_factor(age) for skin, age in zip(skins, AGES, strict=True)]
     assert grains == sorted(grains)
     assert grains[6] == pytest.approx(REGIONS[name].grain * REGIONS[name].old.grain)
     # Pores of regions without folds: as deep as their own factor says.
     pores = [
-        s.strength * s.pore_strength * deepest(age) for s, age in zip(skins, AGES, strict=True)
+        s.strength * s.pore_strength * depth_factor(age) for s, age in zip(skins, AGES, strict=True)
     ]
     region = REGIONS[name]
     wanted = region.strength * region.pore_strength * region.old.pore_strength
@@ -63,7 +71,7 @@ def test_lines_deepen_by_region_in_the_order_that_was_measured() -> None:
 
 
 def test_ageing_is_rapid_from_40_to_60_and_slow_after() -> None:
-    rates = [(worn(b) - worn(a)) / (b - a) for a, b in ((35, 40), (40, 60), (60, 70))]
+    rates = [(wear(b) - wear(a)) / (b - a) for a, b in ((35, 40), (40, 60), (60, 70))]
     assert rates[1] > rates[0] > rates[2] > 0.0
 
 

@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
+from rhytid.cli.control_samples import MASKS, NAMES, SETTINGS, samples, title
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.domain.control_samples import MASKS, NAMES, SETTINGS, samples, title
-from rhytid.domain.controls import CONTROLS
-from rhytid.domain.units import MILLIMETRES
+from rhytid.domain.lengths import MILLIMETRES
+from rhytid.domain.painted_maps import CONTROLS
 
 # What is not shown, and why.
 LEFT_OUT = {

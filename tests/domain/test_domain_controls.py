@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from reference import controls as reference
-from rhytid.domain import painted
+from rhytid.domain import painted_maps
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.domain.controls import CONTROLS, REGION_MAPS, Controls, signed
-from rhytid.domain.regions import REGIONS, WHOLE_FACE
+from rhytid.domain.painted_maps import CONTROLS, REGION_MAPS, Controls, signed
+from rhytid.domain.skin import REGIONS, WHOLE_FACE
 from rhytid.errors import InputError, LimitError, SettingsError
 
 ONE = np.ones((2, 3), np.float32)
@@ -43,7 +43,7 @@ def test_what_is_no_control_is_refused():
 
 
 def test_all_maps_together_have_a_limit(monkeypatch):
-    monkeypatch.setattr(painted, "MOST_TEXELS", 11)
+    monkeypatch.setattr(painted_maps, "MOST_TEXELS", 11)
     with pytest.raises(LimitError, match=r"turn: .* 12 texels in all: at most 11"):
         Controls({"density": {1001: ONE}, "turn": {1001: ONE}})
 

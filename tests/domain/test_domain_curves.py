@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from rhytid.device.runtime import Device
-from rhytid.domain.curves import graph_curves, with_triangles
 from rhytid.domain.graph import WrinkleGraph
+from rhytid.domain.graph_geometry import graph_curves, seam_halves, whole_wrinkles, with_triangles
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.seams import seam_halves, whole_wrinkles
 from rhytid.errors import GraphError
 from rhytid.synthesis.generate import synthesize
 from rhytid.synthesis.shapes import NARROW, WIDE

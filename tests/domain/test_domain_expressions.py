@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rhytid.domain.expressions import MOST_EXPRESSIONS, Expressions
-from rhytid.domain.folds import ENOUGH, Folds
+from rhytid.domain.expressions import ENOUGH, MOST_EXPRESSIONS, Expressions, Folds
 from rhytid.errors import FrameError, InputError
 
 SHAPES = np.arange(24, dtype=np.float64).reshape(2, 4, 3)

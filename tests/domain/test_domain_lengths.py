@@ -7,12 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rhytid.domain import units
+from rhytid.domain import lengths as units
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.domain.graph_origin import GraphOrigin, mesh_digest
-from rhytid.domain.lengths import Lengths
+from rhytid.domain.graph import GraphOrigin, mesh_digest
+from rhytid.domain.lengths import MILLIMETRES, Lengths, millimetres
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.units import MILLIMETRES, millimetres
 from rhytid.errors import GraphError, SettingsError
 
 # As a table of units has them, apart from ours.

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from meshes import SmallMesh, deform
 from reference.stretch import stretch
 from rhytid.domain.frame import check_positions
-from rhytid.domain.mesh import Mesh
-from rhytid.domain.origin import FAR_SIZES, brought_to, centre_for, number_step, put_back
+from rhytid.domain.mesh import FAR_SIZES, Mesh, add_centre, centre_for, float_step, subtract_centre
 
 
 def doubles(mesh: SmallMesh, where: float) -> NDArray[np.float64]:
@@ -66,8 +65,8 @@ def test_stretch_does_not_depend_on_the_place(small_mesh: SmallMesh, where: floa
 def test_positions_come_back_where_they_were(small_mesh: SmallMesh) -> None:
     far = doubles(small_mesh, 12345.678)
     mesh = Mesh.centred(far, *small_mesh[1:])
-    np.testing.assert_allclose(put_back(mesh.positions, mesh.centre), far, rtol=0, atol=2e-7)
-    assert put_back(mesh.positions, np.zeros(3)) is mesh.positions
+    np.testing.assert_allclose(add_centre(mesh.positions, mesh.centre), far, rtol=0, atol=2e-7)
+    assert add_centre(mesh.positions, np.zeros(3)) is mesh.positions
 
 
 def test_subtracting_the_centre_from_float32_loses_nothing(small_mesh: SmallMesh) -> None:
@@ -80,8 +79,8 @@ def test_subtracting_the_centre_from_float32_loses_nothing(small_mesh: SmallMesh
 def test_the_step_is_that_of_the_numbers_as_they_were_sent(small_mesh: SmallMesh) -> None:
     far = doubles(small_mesh, 1e6)
     centre = centre_for(far)
-    exact = brought_to(far, centre).astype(np.float32)
-    rounded = brought_to(far.astype(np.float32), centre).astype(np.float32)
-    assert number_step(rounded, centre) == np.spacing(np.float32(1e6))
-    assert number_step(exact, centre) < 2e-7
-    assert number_step(far.astype(np.float32), np.zeros(3)) == np.spacing(np.float32(1e6))
+    exact = subtract_centre(far, centre).astype(np.float32)
+    rounded = subtract_centre(far.astype(np.float32), centre).astype(np.float32)
+    assert float_step(rounded, centre) == np.spacing(np.float32(1e6))
+    assert float_step(exact, centre) < 2e-7
+    assert float_step(far.astype(np.float32), np.zeros(3)) == np.spacing(np.float32(1e6))

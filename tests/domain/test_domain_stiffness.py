@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from reference import stiffness as reference
-from rhytid.domain import painted as domain
-from rhytid.domain.stiffness import Stiffness
+from rhytid.domain import painted_maps as domain
+from rhytid.domain.painted_maps import Stiffness
 from rhytid.domain.tiles import texel_centres
 from rhytid.errors import InputError, LimitError
 

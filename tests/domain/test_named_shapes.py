@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from rhytid.domain.named_shapes import region_of
-from rhytid.domain.regions import REGIONS
+from rhytid.domain.blendshapes import region_of
+from rhytid.domain.skin import REGIONS
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rhytid.domain.shape_names import meant_shapes, name_parts
+from rhytid.domain.blendshapes import meant_shapes, name_parts
 
 # As of ICT FaceKit, an excerpt.
 ICT = ("browInnerUp_L", "browInnerUp_R", "eyeBlink_L", "eyeBlink_R", "jawLeft", "jawOpen")

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from reference.overlaps import covers, overlap_share
-from rhytid.domain import uv_overlap
-from rhytid.domain.uv_overlap import SIDE, overlap_of
+from rhytid.domain import uv_layout
+from rhytid.domain.uv_layout import SIDE, overlap_of
 from rhytid_lab.samples.face import procedural_face
 
 pytestmark = pytest.mark.release
@@ -66,8 +66,8 @@ def test_what_is_outside_is_cut_off() -> None:
 def test_a_layout_of_many_large_triangles_is_looked_at_coarsely(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(uv_overlap, "_MOST_ROWS", 100 * SIDE)
-    monkeypatch.setattr(uv_overlap, "_ROWS", 64)
+    monkeypatch.setattr(uv_layout, "_MOST_ROWS", 100 * SIDE)
+    monkeypatch.setattr(uv_layout, "_ROWS", 64)
     corners = np.tile([[[0.1, 0.1], [0.9, 0.1], [0.5, 0.9]]], (1000, 1, 1))
     found = overlap_of(corners)
     assert found is not None

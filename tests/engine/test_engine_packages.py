@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from engine.engines import MIB, built, finish, new_asset, rest, running
-from rhytid.domain.stiffness import Stiffness
+from rhytid.domain.painted_maps import Stiffness
 from rhytid.engine import packages as module
 from rhytid.engine.engine import Engine
 from rhytid.engine.messages import JobInfo, Package

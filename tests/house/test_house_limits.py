@@ -13,7 +13,7 @@ from rhytid.api import device_slots, encoding, events, parts, rates, request_mem
 from rhytid.api.live import drawing, places, session, wire
 from rhytid.cli import connections, web_sockets
 from rhytid.decoding import decoder, limits
-from rhytid.domain import expressions, painted, view
+from rhytid.domain import expressions, painted_maps, view
 from rhytid.engine import byte_budget
 from rhytid.engine.job_lanes import LANES
 from rhytid.formats import limits as format_limits
@@ -48,7 +48,7 @@ NUMBERS: dict[str, tuple[float, ...]] = {
     "header of a": (npy.MAX_HEADER,),
     "face": (obj._LONGEST_FACE,),
     "side": (format_limits.MOST_SIDE,),
-    "texels of all": (painted.MOST_TEXELS,),
+    "texels of all": (painted_maps.MOST_TEXELS,),
     "expressions": (expressions.MOST_EXPRESSIONS,),
     "live connections open": (places.MOST,),
     "live connections of": (places.MOST_EACH,),

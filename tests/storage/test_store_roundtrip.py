@@ -12,7 +12,7 @@ import pytest
 from rhytid.domain.asset_settings import PRESETS, AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.stiffness import Stiffness
+from rhytid.domain.painted_maps import Stiffness
 from rhytid.errors import NotFoundError, StorageError
 from rhytid.storage import AssetStore
 from rhytid.storage.canonical import hashed

@@ -7,8 +7,8 @@ import pytest
 
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import GraphSettings
-from rhytid.domain.controls import Controls
-from rhytid.domain.folds import ENOUGH, Folds
+from rhytid.domain.expressions import ENOUGH, Folds
+from rhytid.domain.painted_maps import Controls
 from rhytid.synthesis.fields.fields import Fields
 from rhytid.synthesis.fields.folding import FoldField
 from rhytid.synthesis.fields.painting import PaintedFields, fields_of

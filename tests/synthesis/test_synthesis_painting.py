@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from reference import controls as reference
 from reference.stiffness import bilinear
 from rhytid.domain.asset_settings import GraphSettings
-from rhytid.domain.controls import Controls
-from rhytid.domain.regions import REGIONS
+from rhytid.domain.painted_maps import Controls
+from rhytid.domain.skin import REGIONS
 from rhytid.synthesis.fields.directions import level_directions
 from rhytid.synthesis.fields.fields import Fields
 from rhytid.synthesis.fields.lookup import Lookup

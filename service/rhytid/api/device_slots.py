@@ -11,7 +11,7 @@ import anyio.to_thread
 from fastapi import FastAPI
 
 from rhytid.api.live import places
-from rhytid.domain.wording import waiting
+from rhytid.domain.wording import waiting_requests
 from rhytid.engine import wanted
 from rhytid.errors import BusyError, HostBusyError
 from rhytid.support.settings import ServiceSettings
@@ -38,7 +38,7 @@ class DeviceSlots:
         CancelledError.
         """
         if not self._free.acquire(blocking=False):
-            raise BusyError(f"{waiting(self._count)} already")
+            raise BusyError(f"{waiting_requests(self._count)} already")
         try:
             with wanted.unless(gone):
                 yield

@@ -94,8 +94,7 @@ def _frames(arguments: argparse.Namespace, check: MeshCheck, warned: Warned) -> 
     from dataclasses import replace
 
     from rhytid.cli.frame_files import FrameFiles
-    from rhytid.domain.frame_warnings import FrameCheck
-    from rhytid.domain.mesh_warnings import mesh_warnings
+    from rhytid.domain.mesh_warnings import FrameCheck, mesh_warnings
 
     name, mesh = arguments.mesh.name, check.mesh
     found = mesh_warnings(mesh, check.unit, check.resolution, check.layout.udims)

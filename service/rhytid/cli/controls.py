@@ -5,11 +5,11 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from rhytid.cli.control_samples import NAMES, samples, title
 from rhytid.cli.mesh_options import MESH_FILES, add_mesh, add_prim, add_unit, length_unit, prim_clip
 from rhytid.cli.options import Commands, add_device, add_several, new_command
 from rhytid.cli.progress import counted
 from rhytid.cli.voice import note
-from rhytid.domain.control_samples import NAMES, samples, title
 from rhytid.errors import InputError
 
 SUMMARY = "Draw one patch of skin with every mask and setting of the look at three values each."

@@ -77,7 +77,7 @@ def write_outputs(
 ) -> None:
     """Write what was asked for, and report `facts` and the statistics of the graph."""
     from rhytid.cli.preview import write_preview
-    from rhytid.domain.curves import graph_curves
+    from rhytid.domain.graph_geometry import graph_curves
     from rhytid.formats.curves import curve_file
     from rhytid.synthesis.statistics import statistics
 

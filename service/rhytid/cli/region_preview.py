@@ -12,11 +12,11 @@ from rhytid.cli.preview import drawn_under, resident, resolution_for
 from rhytid.cli.progress import share_bar
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.domain.folds import Folds
+from rhytid.domain.expressions import Folds
 from rhytid.domain.graph import WrinkleGraph
+from rhytid.domain.lengths import MILLIMETRES, USUAL_UNIT, millimetres
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import busiest_udim, triangles_inside, udim_origin
-from rhytid.domain.units import MILLIMETRES, USUAL_UNIT, millimetres
 from rhytid.pictures.preview import LIGHTS, patch_panel
 from rhytid.pictures.region_views import RegionView, region_views
 from rhytid.pictures.sheet import Panel, sheet

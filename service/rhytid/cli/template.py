@@ -12,11 +12,9 @@ from rhytid.cli.options import Commands, add_json, add_several, new_command
 from rhytid.cli.progress import counted, working
 from rhytid.cli.reporting import report, table
 from rhytid.cli.voice import detail
-from rhytid.domain.controls import NEUTRALS
-from rhytid.domain.painted import MOST_TEXELS
-from rhytid.domain.stiffness import NEUTRAL
+from rhytid.domain.lengths import MILLIMETRES, USUAL_UNIT, millimetres
+from rhytid.domain.painted_maps import MOST_TEXELS, NEUTRAL, NEUTRALS
 from rhytid.domain.tiles import mesh_udims
-from rhytid.domain.units import MILLIMETRES, USUAL_UNIT, millimetres
 from rhytid.domain.wording import plural
 from rhytid.errors import InputError
 from rhytid.formats.limits import MOST_SIDE

@@ -7,14 +7,12 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import PureWindowsPath
 from typing import Any, TypeVar
 
-from rhytid.domain.ageing import OLDEST, USUAL_AGE, YOUNGEST
 from rhytid.domain.expressions import LINES
-from rhytid.domain.graph_origin import MOST_SEED, GraphOrigin
-from rhytid.domain.lengths import GRAIN, UNDULATION, Lengths, usual_spacing
-from rhytid.domain.regions import REGIONS, WHOLE_FACE
+from rhytid.domain.graph import MOST_SEED, GraphOrigin
+from rhytid.domain.lengths import GRAIN, UNDULATION, USUAL_UNIT, Lengths, usual_spacing
 from rhytid.domain.setting_fields import choice, number, power_of_two, read, text, whole
+from rhytid.domain.skin import OLDEST, REGIONS, USUAL_AGE, WHOLE_FACE, YOUNGEST
 from rhytid.domain.tiles import TileGrid
-from rhytid.domain.units import USUAL_UNIT
 from rhytid.errors import SettingsError
 
 MOST_WRINKLES = 40_000_000

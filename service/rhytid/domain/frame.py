@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rhytid.domain.origin import ORIGIN, Centre, brought_to
+from rhytid.domain.mesh import ORIGIN, Centre, subtract_centre
 from rhytid.domain.validation import first_bad_row, fixed_array
 from rhytid.domain.wording import plural
 from rhytid.errors import FrameError
@@ -40,7 +40,7 @@ def check_positions(
             f"frame has {plural(shape[0], 'vertex', 'vertices')}, the neutral mesh has {vertices}"
         )
     if centre.any() and np.asarray(values).dtype.kind in "fiu":
-        values = brought_to(np.asarray(values), centre)
+        values = subtract_centre(np.asarray(values), centre)
     with np.errstate(over="ignore"):
         array: NDArray[Any] = fixed_array(values, "frame", (vertices, 3), np.float32, FrameError)
     bad = first_bad_row(np.isfinite(array))

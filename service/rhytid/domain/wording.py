@@ -13,6 +13,6 @@ def install_hint(extra: str) -> str:
     return f"in a clone of rhytid: pip install '.[{extra}]'"
 
 
-def waiting(count: int) -> str:
+def waiting_requests(count: int) -> str:
     """How many requests wait for the device: `1 request waits for the device`."""
     return f"{plural(count, 'request waits', 'requests wait')} for the device"

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.domain.folds import Folds
+from rhytid.domain.expressions import Folds
 from rhytid.domain.frame import counted_frame
 from rhytid.engine.asset_builder import AssetBuilder
 from rhytid.engine.asset_registry import AssetRegistry

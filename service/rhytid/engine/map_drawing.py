@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.domain.wording import waiting
+from rhytid.domain.wording import waiting_requests
 from rhytid.engine import wanted
 from rhytid.engine.assets import Asset
 from rhytid.engine.device_assets import DeviceAssets
@@ -66,7 +66,7 @@ class MapDrawing:
                 if drawing is None:
                     mine = self._drawing[key] = _Drawing()
                 elif self.joined >= self._most:
-                    raise BusyError(f"{waiting(self._most)} already")
+                    raise BusyError(f"{waiting_requests(self._most)} already")
                 else:
                     self.joined += 1
                     drawing.joined += 1

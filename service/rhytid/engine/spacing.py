@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from rhytid.domain.graph import WrinkleGraph
+from rhytid.domain.graph_geometry import surface_points
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.surface_points import surface_points
 
 
 def mean_spacing(mesh: Mesh, graph: WrinkleGraph, triangle: NDArray[np.int32]) -> float:

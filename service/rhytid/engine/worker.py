@@ -14,7 +14,7 @@ from functools import partial
 from typing import Any, TypeVar
 
 from rhytid.device.figures import Figures
-from rhytid.domain.wording import waiting
+from rhytid.domain.wording import waiting_requests
 from rhytid.errors import BusyError
 
 T = TypeVar("T")
@@ -179,7 +179,7 @@ class DeviceWorker:
         if self._closed:
             _refuse(future)
         elif lane.waiting >= self.size:
-            raise BusyError(f"{waiting(self.size)} already")
+            raise BusyError(f"{waiting_requests(self.size)} already")
         else:
             # In the context of the caller: `device.watch` reports for whom the device works.
             run = partial(copy_context().run, task)

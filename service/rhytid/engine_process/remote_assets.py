@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rhytid.domain.curves import Curves
 from rhytid.domain.expressions import Expressions
 from rhytid.domain.frame import counted_frame
 from rhytid.domain.graph import WrinkleGraph
+from rhytid.domain.graph_geometry import Curves
 from rhytid.domain.mesh import Mesh
 from rhytid.engine.byte_budget import Hold
 from rhytid.engine.messages import AssetContent, AssetInfo, JobInfo, NewAsset

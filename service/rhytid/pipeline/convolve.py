@@ -10,7 +10,7 @@ from rhytid.device.buffer import Buffer
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.stiffness import Stiffness
+from rhytid.domain.painted_maps import Stiffness
 from rhytid.pipeline.neutral_tiles import MOST_TAPS, NeutralTile, NeutralTiles, reach
 from rhytid.pipeline.stretch_buffers import StretchBuffers
 from rhytid.pipeline.vectors import VECTOR

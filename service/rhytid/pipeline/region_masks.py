@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.domain.blendshapes import region_of
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.named_shapes import region_of
 from rhytid.pipeline.region_places import neck_share, nose_share, ramp
 from rhytid.pipeline.spreading import Spreading
 

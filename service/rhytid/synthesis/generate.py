@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import GraphSettings
-from rhytid.domain.controls import Controls
-from rhytid.domain.folds import Folds
+from rhytid.domain.expressions import Folds
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.lengths import Lengths
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.painted_maps import Controls
 from rhytid.synthesis.edges.candidate_graph import Ground
 from rhytid.synthesis.fields.capacity_check import check_drawn, wrinkles_in_all
 from rhytid.synthesis.fields.fields import Fields

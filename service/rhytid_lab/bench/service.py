@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from rhytid.domain.graph_origin import GraphOrigin
+from rhytid.domain.graph import GraphOrigin
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.kept_entries import RECENT_FRAMES
 from rhytid.formats.graphs import write_graph

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.domain.painted import Map, Shares, bilinear, shares
+from rhytid.domain.painted_maps import Map, Shares, bilinear, shares
 from rhytid.domain.tiles import udim_origin
 from rhytid.synthesis.arrays import row_blocks
 from rhytid.synthesis.surface import FloatArray, Surface

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.domain.painted import Map, Shares, shares
+from rhytid.domain.painted_maps import Map, Shares, shares
 from rhytid.synthesis.arrays import row_blocks
 from rhytid.synthesis.fields.directions import level_directions
 from rhytid.synthesis.fields.fields import Factors

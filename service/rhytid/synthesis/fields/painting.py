@@ -7,11 +7,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.domain.ageing import USUAL_AGE, aged
 from rhytid.domain.asset_settings import GraphSettings
-from rhytid.domain.controls import NEUTRALS, REGION_MAPS, REGION_PREFIX, Controls, signed
-from rhytid.domain.painted import Shares
-from rhytid.domain.regions import REGIONS, Region
+from rhytid.domain.painted_maps import (
+    NEUTRALS,
+    REGION_MAPS,
+    REGION_PREFIX,
+    Controls,
+    Shares,
+    signed,
+)
+from rhytid.domain.skin import REGIONS, USUAL_AGE, Region, aged
 from rhytid.synthesis.arrays import row_blocks
 from rhytid.synthesis.fields.fields import Factors, Fields
 from rhytid.synthesis.fields.folding import FoldField, Planes

@@ -8,7 +8,7 @@ from operator import attrgetter
 from typing import Any
 
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.domain.controls import CONTROLS, NEUTRALS
+from rhytid.domain.painted_maps import CONTROLS, NEUTRALS
 
 STIFFNESS = "stiffness"
 # Masks, and the greys that they are shown in.
