@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rhytid.domain import lengths as units
+from rhytid.domain import lengths
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import GraphOrigin, mesh_digest
 from rhytid.domain.lengths import MILLIMETRES, Lengths, millimetres
@@ -141,7 +141,7 @@ def test_a_counted_unit_makes_lengths_of_skin() -> None:
 
 
 def test_a_unit_is_read_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    read, parts = [], units._parts
-    monkeypatch.setattr(units, "_parts", lambda unit: read.append(unit) or parts(unit))
+    read, parts = [], lengths._parts
+    monkeypatch.setattr(lengths, "_parts", lambda unit: read.append(unit) or parts(unit))
     assert [millimetres("7.125cm"), millimetres("7.125cm")] == [71.25, 71.25]
     assert read == ["7.125cm"]
