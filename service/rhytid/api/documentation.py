@@ -20,8 +20,8 @@ from rhytid.api.uploads import TAR
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.expressions import MOST_EXPRESSIONS
 from rhytid.domain.painted_maps import CONTROLS, MOST_TEXELS, REGION_PREFIX
+from rhytid.domain.setting_fields import settings_schema
 from rhytid.domain.settings_changes import CHANGEABLE
-from rhytid.domain.settings_schema import settings_schema
 from rhytid.formats.limits import MOST_SIDE
 from rhytid.formats.tiles import FORMATS
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.painted_maps import CONTROLS, NEUTRALS
+from rhytid.domain.setting_fields import nested
 
 STIFFNESS = "stiffness"
 # Masks, and the greys that they are shown in.
@@ -118,13 +119,4 @@ def _setting(name: str, value: float, unit_mm: float) -> ControlSample:
         usual = attrgetter(name)(AssetSettings())
     text = f"{value:g} mm" if name in _LENGTHS else f"{value:g}"
     given = {**_COMPANIONS.get(name, {}), name: value / unit_mm if name in _LENGTHS else value}
-    return ControlSample(name, f"[{text}]" if value == usual else text, _nested(given))
-
-
-def _nested(given: Mapping[str, float]) -> dict[str, Any]:
-    """{"a.b": 1} as {"a": {"b": 1}}."""
-    nested: dict[str, Any] = {}
-    for name, value in given.items():
-        group, _, key = name.rpartition(".")
-        (nested.setdefault(group, {}) if group else nested)[key] = value
-    return nested
+    return ControlSample(name, f"[{text}]" if value == usual else text, nested(given))

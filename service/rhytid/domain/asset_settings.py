@@ -1,4 +1,8 @@
-"""The settings of an asset, their defaults and their ranges. Unknown keys are refused."""
+"""The settings of an asset: defaults, ranges and meanings. Unknown keys are refused.
+
+What the docstrings say of a setting is shown in the OpenAPI document and in
+docs/reference/settings.md: Markdown without links.
+"""
 
 from __future__ import annotations
 
@@ -28,22 +32,37 @@ CUSHION_THRESHOLD = 0.08
 class GraphSettings:
     """How the wrinkle graph is synthesised (section 2.1, after Weiss et al. 2023).
 
-    spacing: mean distance of neighbouring pores where density is 1, mesh units; how many wrinkles
-    there are follows from it and the area, unless `wrinkles` says it: then the spacing follows.
-    lines: preferred ones run where `expressions` fold the face, or `level` around the vertical
-    axis; "auto" or None: by expressions where there are any.
-    turn: degrees to the left of the preferred lines.  density, strength, scale and pore_radius are
-    factors; anisotropy is 0 for lines that run any way, 1 as usual, 2 for one direction alone.
-    age: years; lines deepen, widen and become fewer, pores stay.
+    Factors hold for the whole mesh, times what `region` and painted maps say of a place. How many
+    wrinkles there are follows from `spacing` and the area, unless `wrinkles` says it: then the
+    spacing follows.
+
+    spacing: mean distance from a pore to the nearest where density is 1, mesh units; null is 0.5 mm
+        through `unit`
+    wrinkles: wrinkles to synthesise where density is 1 and nothing is painted; null is as many as
+        area and spacing make; a number fixes the spacing instead
+    seed: start of the random numbers: another seed gives another skin of the same kind; null is
+        what a given graph says, else 1
+    neighbours: candidate edges of a pore
+    lines: what lines run by: `"expressions"`, across what they fold; `"level"`, around the vertical
+        axis; null or `"auto"`, by expressions where there are any
+    region: what skin it is where no mask says otherwise: `face`, `forehead`, `cheek`, `nose`,
+        `lip`, `eye_corner` or `neck`
+    age: age of the skin: deeper, wider and fewer lines, most where skin folds; pores stay
+    density: factor of the number of wrinkles
+    strength: factor of the strength of each wrinkle and pore, 1 at most: 2 is twice as deep where
+        one lies alone; where many overlap the relief grows less, and grain and undulation stay;
+        `depth` scales all of it
+    turn: degrees by which lines turn left of the preferred ones
+    anisotropy: how far lines keep to their direction: 0 any way, 2 one direction alone
+    scale: factor of the width of wrinkles
+    pore_radius: factor of the radius of pores
     """
 
     spacing: float | None = number(None, 1e-30, 1e30)
     wrinkles: int | None = whole(None, 100, MOST_WRINKLES)
     seed: int | None = whole(None, 0, MOST_SEED)
     neighbours: int = whole(8, 4, 16)
-    # Along what preferred lines run; null is "auto".
     lines: str | None = choice(None, None, *LINES)
-    # Of the whole mesh, times what `region` and painted maps say of a place.
     region: str = choice(WHOLE_FACE, *REGIONS)
     age: float = number(USUAL_AGE, YOUNGEST, OLDEST)
     density: float = number(1.0, 1 / 16, 16.0)
@@ -61,13 +80,21 @@ class GraphSettings:
 
 @dataclass(frozen=True)
 class ResponseSettings:
-    """Exponents of Alg. 1 (alpha, wrinkles) and Alg. 2 (beta, pores), and the clamp of log rho.
+    """Exponents of Alg. 1 (alpha, wrinkles) and Alg. 2 (beta, pores), and their limits.
 
-    ends: of a wrinkle that another continues, how far r goes at that end from its own, 0, to the
-    mean of both, 1; widths and depths follow from the r of each end, linear between.  soft_limits:
-    log stretch and the logs of the scales bend from half of their limit on and are level at one and
-    a half times it, in place of a clamp.  pore_depth_limit: how many times as deep a pore becomes
-    at most; 4 is the limit of all scales.
+    With soft limits, log stretch and the logs of the scales bend from half of their limit on and
+    are level at one and a half times it. The limit of all scales is 4.
+
+    alpha_w: how much stretch widens a wrinkle (Alg. 1)
+    alpha_d: how much stretch flattens a wrinkle (Alg. 1)
+    beta_w: how much stretch widens a pore (Alg. 2)
+    beta_d: how much stretch flattens a pore (Alg. 2)
+    log_stretch_limit: largest absolute log stretch, against sliver triangles
+    ends: how far the log stretch at the ends of a wrinkle goes from its own, 0, to the mean of its
+        own and that of the wrinkle that continues it there, 1; width and strength follow from it at
+        each end and are linear between
+    soft_limits: log stretch and scales bend into their limits, in place of a clamp
+    pore_depth_limit: how many times as deep a pore becomes at most; wrinkles 4 times
     """
 
     alpha_w: float = number(1.0, 0.0, 64.0)
@@ -85,20 +112,33 @@ class ShapeSettings:
     """The profile (1 - t²)²(1 - b t²), and how heights x meet: log(1 + Σ(e^{βx} - 1)/n)/β, valleys
     and bulges apart; β is the sharpness, n the slots.
 
-    Wrinkles run to and fro by `wave_amplitude`, mesh units on the neutral surface, `wave_frequency`
-    times a mesh unit; at 0 they are straight. No wrinkle runs aside by more than a fifth of its
-    length.
+    `curvature` and `taper` are shares of the slopes, and of the strengths and half widths at the
+    ends of wrinkles, that the graph has.
 
-    curvature and taper: how much of the slopes, and of the strengths and half widths at the ends of
-    wrinkles, that the graph has is drawn; at 0 wrinkles are straight and even.  least_half_width:
-    texels of level 0; what is narrower in a frame is drawn that wide and as much shallower.
-
-    cushion: the share of the depth of wrinkles that a second, broad layer of them carries, so that
-    what lies between furrows swells; `cushion_width` times as wide, meeting with a sharpness of its
-    own. Lines of strength 0.08 or less swell nothing. grain: root mean square of the micro relief
-    between lines, in depths; `grain_size`: its largest wavelength, mesh units; `undulation` and
-    `undulation_size`: the same of broad swells, of waves down to an eighth of the largest. All are
-    off at 0.
+    wrinkle_bulge: the bulge beside a furrow; 2.5 suits skin without cushions, 7 displaces no volume
+    pore_bulge: the bulge around a pore; 4 displaces no volume
+    sharpness: beta of the mellow-max by which heights meet
+    slots: n of the mellow-max; 1 keeps the depth of a lone wrinkle, 16 is softer
+    wave_amplitude: how far wrinkles swing across their straight line, mesh units, at most a fifth
+        of their length; 0 is straight
+    wave_frequency: waves per mesh unit; null is what a given graph says, else 0.4 per pore spacing
+    curvature: how much of its bends a wrinkle is drawn with; 0 is straight
+    taper: how much strength and width change along a wrinkle, from one end to the other; 0 is even
+    least_half_width: least half width, texels: what is narrower is drawn that wide and shallower to
+        match, so that it does not break into dots; 0 is off
+    cushion: share of the depth of wrinkles that a second, broad layer of them carries, so that skin
+        swells between furrows; lines of strength 0.08 or less are in the narrow one only; 0 is off
+    cushion_width: how many times as wide as a furrow the broad layer is; of a wrinkle with
+        `edge_metric`, in that metric
+    cushion_sharpness: beta of the mellow-max by which heights meet in the broad layer
+    grain: root mean square of the micro relief between lines, in depths, times what region and age
+        make of it; 0 is off
+    grain_size: largest wavelength of the grain, mesh units; null is what a given graph says, else
+        0.2 mm where `unit` is a length, else 0.36 of the pore spacing
+    undulation: root mean square of broad swells of the skin, in depths; 0 is off
+    undulation_size: largest wavelength of the swells, mesh units; the smallest is an eighth of it;
+        null is what a given graph says, else 6 mm where `unit` is a length, else 10.8 of the pore
+        spacing
     """
 
     # Above 9 a bulge would rise over the depth of its furrow, past what the sums can hold.
@@ -122,7 +162,22 @@ class ShapeSettings:
 
 @dataclass(frozen=True)
 class BinSettings:
-    """The precomputed maps of the fast method (section 2.4); the defaults are the paper's."""
+    """The precomputed maps of the fast method (section 2.4); the defaults are the paper's.
+
+    count: orientation bins, N
+    samples: stretches that each bin is drawn at, M
+    pore_samples: stretches that the pores are drawn at; null is `bins.samples`
+    bits: bits per code of the precomputed maps
+    merge: how bins meet: `min`, the deepest wins; `soft`, the two deepest valleys meet softly and
+        the highest bulge is added; `signed`, by the mellow-max as wrinkles meet, from one signed
+        map; `mellow`, the same from two maps, valleys and bulges
+    depth_factored: draw maps without their depth scale and multiply it on later, so that depth
+        follows stretch beyond `bins.r_max`
+    tilt: one more map per bin says where in it each wrinkle runs, so that depth follows its own
+        angle; needs `bins.depth_factored`
+    reach: the outer samples lie at this times `bins.r_max`, up to `response.log_stretch_limit`
+    r_max: log stretch that most of the skin stays within; calibrated from a frame
+    """
 
     count: int = choice(4, 1, 2, 4, 8, 16)
     samples: int = choice(3, 3, 5, 7)
@@ -189,7 +244,12 @@ class ConvolveSettings:
 
     The published fit is not public: these gains are ours. 4 is `alpha_d`, so that to first order
     features much finer than `sigma` lose and gain as much depth as Alg. 1 takes and gives.
-    `sigma` is in mesh units.
+
+    blur_gain: how much stretch blurs lines and pores, for `convolved`; grain and undulation are
+        added after its kernel, as in every method
+    sharpen_gain: how much compression sharpens them, for `convolved`
+    sigma: standard deviation of the Gaussian of `convolved`, mesh units; null is what a given graph
+        says, else 0.25 of the pore spacing
     """
 
     blur_gain: float = number(4.0, 0.0, 64.0)
@@ -201,11 +261,25 @@ class ConvolveSettings:
 class AssetSettings:
     """Everything that can be set for an asset; `None` is resolved when the asset is built.
 
-    `unit` is that of the mesh: of the graph's file where that says one, else cm.  `depth` is the
-    depth of strength 1, in mesh units; `padding` is in level-0 texels.  `tile_size` that is not
-    given is the resolution where that is less than the default. Naming a `preset` sets the bins but
-    for `r_max`, and how lines and limits are drawn (`Preset`); keys beside it override it.  `name`
-    is for people: no id and nothing that is drawn depends on it.
+    Naming a `preset` sets the bins but for `r_max`, and how lines and limits are drawn (`Preset`).
+
+    unit: length unit of the mesh, written into files: mm, cm, dm, m, um, in or ft, or a number of
+        one, as `"5.5cm"`; or any other where no length follows from it; null is that of a given
+        graph, else cm
+    resolution: texels per side
+    tile_size: texels per side of a tile, `resolution` at most; where it is not given and the
+        default is above the resolution, it is the resolution
+    depth: depth of a wrinkle of strength 1, mesh units; null is what a given graph says, else 0.15
+        of the pore spacing: 75 µm by default, more with `graph.age` above 35
+    padding: texels around the UV charts that take the nearest triangle
+    angles: where angles between wrinkles and axes of stretch are taken: in UV, as the paper does,
+        or in the neutral tangent plane (`"surface"`)
+    preset: choice of bins, the closest to `redraw` at no more than twice the paper's time, with
+        lines that bend and soft limits; or `"paper"`, which has none of these, in any method; keys
+        of `bins`, `shape` and `response` override it
+    name: what people call the asset; null is the name of the mesh's file without its ending where
+        an asset is sent, none in a PATCH. The same content with another name is the same asset, and
+        keeps the name that it has
     """
 
     unit: str | None = text(None, 16)

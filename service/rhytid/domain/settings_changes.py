@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from typing import Any
 
 from rhytid.domain.asset_settings import AssetSettings, BinSettings, GraphSettings
 from rhytid.domain.lengths import Lengths
+from rhytid.domain.setting_fields import leaves, nested
 from rhytid.domain.warnings import SETTINGS_CHANGED, SETTINGS_UNUSED, InputWarning
 from rhytid.domain.wording import plural
 
-Leaves = dict[str, Any]
 # What can change without synthesising or looking up anything again.
 CHANGEABLE = ("depth", "angles", "response", "shape", "preset", "bins", "convolve", "name")
 # Settings that are listed one by one.
@@ -74,38 +73,13 @@ def settings_unused(settings: AssetSettings) -> tuple[InputWarning, ...]:
     return (InputWarning(SETTINGS_UNUSED, detail, "settings"),)
 
 
-def _beside_preset(name: str, raw: Leaves) -> list[str]:
+def _beside_preset(name: str, raw: dict[str, Any]) -> list[str]:
     """What a preset would set in another way than it was sent."""
     usual = leaves(AssetSettings.parse({"preset": name}).as_json())
     groups = ("bins.", "response.", "shape.")
     return [
         n for n, value in raw.items() if n.startswith(groups) and value != usual[n] and n != _R_MAX
     ]
-
-
-def leaves(settings: Mapping[str, Any], path: str = "") -> Leaves:
-    """Nested settings by their dotted names."""
-    return dict(_leaves(settings, path))
-
-
-def nested(named: Mapping[str, Any]) -> dict[str, Any]:
-    """The inverse of `leaves`."""
-    found: dict[str, Any] = {}
-    for name, value in named.items():
-        *groups, last = name.split(".")
-        place = found
-        for group in groups:
-            place = place.setdefault(group, {})
-        place[last] = value
-    return found
-
-
-def _leaves(settings: Mapping[str, Any], path: str) -> Iterator[tuple[str, Any]]:
-    for key, value in settings.items():
-        if isinstance(value, Mapping):
-            yield from _leaves(value, f"{path}{key}.")
-        else:
-            yield path + key, value
 
 
 def _json(value: Any) -> str:

@@ -1,4 +1,4 @@
-"""What presets set, and what overrides them."""
+"""Settings of an asset: what each means, what presets set, and what overrides them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,18 @@ from dataclasses import replace
 import pytest
 
 from rhytid.domain.asset_settings import PRESETS, AssetSettings, BinSettings
+from rhytid.domain.setting_fields import settings_of
 from rhytid.errors import SettingsError
+
+
+def test_the_docstrings_say_what_every_setting_means() -> None:
+    meanings = {setting.name: setting.meaning for setting in settings_of(AssetSettings())}
+
+    assert [name for name, meaning in meanings.items() if not meaning] == []
+    assert meanings["response.beta_w"] == "how much stretch widens a pore (Alg. 2)"
+    # Of three lines in the docstring.
+    assert meanings["response.ends"].startswith("how far the log stretch at the ends")
+    assert meanings["response.ends"].endswith("at each end and are linear between")
 
 
 def test_the_default_is_the_preset_best_and_bins_alone_are_the_papers() -> None:
