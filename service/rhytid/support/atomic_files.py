@@ -48,8 +48,8 @@ _KINDS = {**dict.fromkeys(_FULL, DiskFullError), **dict.fromkeys(_OPEN, TooManyF
 
 @contextmanager
 def storage_errors(doing: str) -> Iterator[None]:
-    """The border where an OSError becomes a StorageError: on a full disk a DiskFullError, where
-    too many files are open a TooManyFilesError."""
+    """In the block, an OSError becomes a StorageError: a DiskFullError where the disk is full, a
+    TooManyFilesError where too many files are open.  doing: begins the message."""
     try:
         yield
     except OSError as exc:
@@ -57,25 +57,26 @@ def storage_errors(doing: str) -> Iterator[None]:
 
 
 def storage_error_class(failure: OSError) -> type[StorageError]:
-    """What a failure is to callers: StorageError where it is neither of its kinds."""
+    """The class of the error that callers get for an OSError: StorageError or one of its kinds."""
     return _KINDS.get(failure.errno, StorageError) if failure.errno else StorageError
 
 
 def is_folder(path: Path) -> bool:
-    """Whether there is a folder of that name; raises StorageError where that cannot be seen, which
-    `Path.is_dir` may take for no."""
+    """Whether a path is a folder. Raises StorageError where the system does not tell;
+    `Path.is_dir` may answer no there."""
     with storage_errors(f"{path} cannot be read"), suppress(FileNotFoundError, NotADirectoryError):
         return stat.S_ISDIR(path.stat().st_mode)
     return False
 
 
 def write_file(path: Path, data: bytes) -> None:
-    """A new file at `path` whose bytes are on the disk when this returns."""
+    """Write a new file. Its bytes are on the disk when this returns; raises FileExistsError where
+    the file is there."""
     write_pieces(path, [data])
 
 
 def write_pieces(path: Path, pieces: Iterable[bytes | memoryview]) -> None:
-    """As `write_file`, of a file that comes in pieces."""
+    """Write a new file that comes in pieces, as `write_file` does."""
     with path.open("xb") as file:
         file.writelines(pieces)
         file.flush()
@@ -83,8 +84,10 @@ def write_pieces(path: Path, pieces: Iterable[bytes | memoryview]) -> None:
 
 
 def copy_file(source: Path, to: Path) -> None:
-    """Write what is in one file to another, whose bytes are on the disk when this returns; stops
-    where the work of this thread is to stop."""
+    """Copy the bytes of a file to another, new or not. They are on the disk when this returns.
+
+    Raises the error of `cancellation.check` where the work of this thread is cancelled.
+    """
     with source.open("rb") as read, to.open("wb") as write:
         write.writelines(cancellation.check_each(iter(partial(read.read, _PIECE), b"")))
         write.flush()
@@ -92,13 +95,13 @@ def copy_file(source: Path, to: Path) -> None:
 
 
 def sync_file(path: Path) -> None:
-    """Put what another program's code has written into a file on the disk."""
+    """Put the bytes of a file that other code has written on the disk."""
     with path.open("rb+") as file:
         os.fsync(file.fileno())
 
 
 def sync_folder(folder: Path) -> None:
-    """Put the names in `folder` on the disk; Windows offers no way and needs none."""
+    """Put the names in a folder on the disk. Windows offers no way and needs none."""
     if os.name == "nt":
         return
     descriptor = os.open(folder, os.O_RDONLY)
@@ -109,17 +112,19 @@ def sync_folder(folder: Path) -> None:
 
 
 def install(source: Path, target: Path) -> None:
-    """Make `source` visible as `target`: the one step at which a change happens.
+    """Make `source` visible as `target`, by one rename: the step at which a change happens.
 
-    A file replaces the file that is there; a folder needs its place to be free.
+    A file replaces a file of that name; a folder needs a name that is free.
     """
     source.replace(target)
     sync_folder(target.parent)
 
 
 def claim(folder: Path, kind: FolderKind, before: Callable[[Path], bool] | None = None) -> None:
-    """Mark a folder as ours, unless it is marked so; raises what `check_owned` does, and then
-    nothing is changed."""
+    """Write the marker of a folder that has none as this release writes it: then it is ours.
+
+    before: see `check_owned`. Raises what `check_owned` raises, and then changes nothing.
+    """
     if check_owned(folder, kind, before):
         return
     aside = folder / f".{kind.marker}-{uuid4().hex}"
@@ -133,8 +138,10 @@ def claim(folder: Path, kind: FolderKind, before: Callable[[Path], bool] | None 
 
 @contextmanager
 def working_folder(partial: Path, *, group: bool = False) -> Iterator[Path]:
-    """A fresh folder in `partial` to prepare a change in, removed afterwards.  group: of its group,
-    too."""
+    """A fresh folder in `partial` in which a change is prepared, removed when the block ends.
+
+    group: its group has the rights of its owner.
+    """
     with _working_folder(partial / uuid4().hex) as place:
         if group:
             restrict(place, group=True)
@@ -153,7 +160,7 @@ def _working_folder(place: Path) -> Iterator[Path]:
 
 @contextmanager
 def _hidden_working_folder(folder: Path) -> Iterator[Path]:
-    """The same in a folder that holds files of others, with a name and a marker by which `sweep`
+    """A fresh folder in one that holds files of others, with a name and a marker by which `sweep`
     knows it."""
     with _working_folder(folder / f"{_UNFINISHED}{uuid4().hex}") as place:
         _mark_unfinished(place)
@@ -161,7 +168,7 @@ def _hidden_working_folder(folder: Path) -> Iterator[Path]:
 
 
 def _mark_unfinished(place: Path) -> None:
-    """Write its marker, which need not last; each map of a bake has such a folder for a moment."""
+    """Write the marker without syncing it: each map of a bake has such a folder for a moment."""
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL
     descriptor = os.open(place / UNFINISHED.marker, flags, 0o644)
     try:
@@ -172,11 +179,11 @@ def _mark_unfinished(place: Path) -> None:
 
 @contextmanager
 def shared_working_folder(folder: Path) -> Iterator[Path]:
-    """A hidden folder in `folder` whose files other users of other machines may read, removed
-    afterwards.
+    """A hidden folder in `folder` that other users on other machines may read, removed when the
+    block ends.
 
-    A process that is killed meanwhile leaves it: see `sweep`. What lasts longer than a day touches
-    it now and then.
+    A process that is killed in the block leaves the folder: see `sweep`. Work that takes longer
+    than a day has to touch the folder now and then.
     """
     with _hidden_working_folder(folder) as place:
         place.chmod(0o755)
@@ -185,10 +192,11 @@ def shared_working_folder(folder: Path) -> Iterator[Path]:
 
 @contextmanager
 def atomic_write(file: Path, *, private: bool = False, group: bool = False) -> Iterator[Path]:
-    """A path to write to, in place of `file`, which is there when the block has ended well.
+    """A path to write to; what is written there becomes `file` when the block ends without error.
 
-    private: for its owner alone, else as the system makes files.  group: and for its group. A
-    process that is killed meanwhile leaves a hidden folder beside `file`: see `sweep`.
+    private: the file is readable for its owner alone, else as the system makes files.  group: with
+    `private`, for its group, too. A process that is killed in the block leaves a hidden folder
+    beside `file`: see `sweep`.
     """
     with _hidden_working_folder(file.parent) as place:
         if group:
@@ -201,11 +209,11 @@ def atomic_write(file: Path, *, private: bool = False, group: bool = False) -> I
 
 
 def sweep(folder: Path, finished: Callable[[str], bool] | None = None) -> None:
-    """Remove what writers of files in `folder` left there that were killed, a day later: nobody is
-    at work in it any more. All else in it is somebody else's.
+    """Remove the hidden folders that killed writers left in `folder`, once they are a day old.
 
-    finished: whether a file of that name is one that nobody writes any more; a folder that holds
-    nothing else is removed at once. Raises OSError where `folder` cannot be read.
+    Nothing else in `folder` is touched.  finished: tells by its name whether a file is complete; a
+    hidden folder that holds such files alone is removed at once. Raises OSError where `folder`
+    cannot be read.
     """
     for left in folder.iterdir():
         if not (_HIDDEN.fullmatch(left.name) and is_real_folder(left)):
@@ -219,8 +227,11 @@ def sweep(folder: Path, finished: Callable[[str], bool] | None = None) -> None:
 
 
 def sweep_partial(partial: Path, *, at_once: bool) -> None:
-    """Remove what is left in the `partial` of a folder of ours, by its name.  at_once: nobody works
-    there now; otherwise a day later. The log names what else is there; it is left alone."""
+    """Remove what killed writers left in the `partial` of a folder of ours, once it is a day old.
+
+    at_once: no writer is at work, so remove all of it now. Entries whose names we do not make are
+    left alone, and named in the log.
+    """
     for left in owned_entries(partial, UNIQUE):
         with suppress(FileNotFoundError):
             if at_once or _is_abandoned(left):
@@ -243,12 +254,13 @@ def _holds_only(folder: Path, finished: Callable[[str], bool]) -> bool:
 
 
 def discard(path: Path, partial: Path) -> None:
-    """Make `path` disappear by one rename into `partial`, then free its space."""
+    """Remove a file or a folder: one rename into `partial` hides it, then its space is freed."""
     remove_tree(set_aside(path, partial))
 
 
 def set_aside(path: Path, partial: Path) -> Path:
-    """Make `path` disappear by one rename into `partial`; where it is now, for `remove_tree`."""
+    """Hide a file or a folder by one rename into `partial`; returns where it is then, for
+    `remove_tree`."""
     aside = partial / uuid4().hex
     path.replace(aside)
     with suppress(FileNotFoundError):  # another change took the folder around it
@@ -257,8 +269,10 @@ def set_aside(path: Path, partial: Path) -> Path:
 
 
 def remove_tree(path: Path) -> None:
-    """Free the space of a folder or a file that nobody sees; of a link, which points to what is
-    not ours, the link alone. What resists is swept when the store opens next."""
+    """Free the space of a folder or a file that is hidden; of a link, remove the link alone.
+
+    Where that fails, the log says so, and `sweep_partial` tries again when the store opens next.
+    """
     try:
         if is_real_folder(path):
             shutil.rmtree(path)

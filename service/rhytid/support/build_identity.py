@@ -1,4 +1,4 @@
-"""Which rhytid this is: its version, the revision that it was built of, and digests of its code.
+"""Which build of rhytid runs: its version, the revision it was built of, digests of its code.
 
 The version alone says little between two releases. Machines that are to draw the same maps compare
 `drawing_version`.
@@ -27,11 +27,11 @@ _IGNORED = "__pycache__"
 
 @cache
 def drawing_version() -> str:
-    """The version of the package, and digests of the kernels and of what runs them: the same inputs
-    may give other maps where it is another.
+    """The version of the package, with digests of the kernels and of the code that runs them.
+    Builds that differ in it may draw other maps of the same inputs.
 
-    It is part of the keys of all that is computed, so that after an update nothing that was drawn
-    before is taken for new. It is no part of the ids of assets: these name content.
+    It is part of the keys of all that is computed, so that an update never serves maps that an
+    earlier build drew. It is no part of the ids of assets, which name content.
     """
     # Only here, for `rhytid --help` needs no kernels.
     import rhytid_kernels
@@ -50,14 +50,15 @@ def check_drawing(wanted: str) -> None:
 
 @cache
 def revision() -> str:
-    """The revision of the repository that the package was built of, `-dirty` where files were
-    changed; `unknown` where it was not built of a repository, or runs out of one."""
+    """The revision of the repository that the package was built of, with `-dirty` where files were
+    changed; `unknown` for a package that runs from its sources, or was built without a
+    repository."""
     file = files("rhytid") / _REVISION
     return file.read_text(encoding="utf-8").strip() if file.is_file() else "unknown"
 
 
 def file_attributes() -> dict[str, str]:
-    """What files of maps say of the program that wrote them."""
+    """Attributes of image files that name the program that wrote them."""
     return {
         "rhytid_version": __version__,
         "rhytid_drawing": drawing_version(),
@@ -66,8 +67,10 @@ def file_attributes() -> dict[str, str]:
 
 
 def modules_digest(*packages: str, extra: dict[str, bytes] | None = None) -> str:
-    """Twelve hexadecimal digits that change with any file of these packages, and with `extra`:
-    further files by their names."""
+    """Twelve hexadecimal digits that change with any file of some packages.
+
+    packages: dotted names.  extra: further files, bytes by name.
+    """
     digest = hashlib.sha256()
     for package in packages:
         _add_folder(digest, files(package), package)
@@ -77,7 +80,7 @@ def modules_digest(*packages: str, extra: dict[str, bytes] | None = None) -> str
 
 
 def _add_folder(digest: hashlib._Hash, folder: Traversable, name: str) -> None:
-    """Every file of a folder, and of those in it, but for what Python compiles."""
+    """Add every file below a folder, but for what Python compiles."""
     for entry in sorted(folder.iterdir(), key=lambda entry: entry.name):
         path = f"{name}/{entry.name}"
         if entry.name == _IGNORED:

@@ -1,4 +1,4 @@
-"""The log of a server: lines of text, or of JSON, with the request that they belong to."""
+"""The log of a server: lines of text or of JSON, each with the id of its request."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class _Lines(logging.Formatter):
 
 
 class TextLines(_Lines):
-    """`time LEVEL process [request] message`; traces follow on lines of their own."""
+    """Lines `time LEVEL process [request] message`; traces follow on lines of their own."""
 
     def __init__(self, process: str) -> None:
         super().__init__(process)
@@ -42,7 +42,7 @@ class TextLines(_Lines):
 
 
 class JsonLines(_Lines):
-    """One JSON object a line, in ASCII; what a record has as `fields` is in it by name."""
+    """One JSON object a line, in ASCII. The entries of a record's `fields` are members of it."""
 
     def format(self, record: logging.LogRecord) -> str:
         """The line."""
@@ -61,7 +61,7 @@ class JsonLines(_Lines):
 
 
 def log_to_stderr(format: str, level: int, process: str) -> None:
-    """From now on write the log to stderr.  format: text or json."""
+    """Write the log to stderr from now on.  format: text or json.  process: see `TextLines`."""
     handler = logging.StreamHandler()
     handler.setFormatter(JsonLines(process) if format == "json" else TextLines(process))
     for name in _LOGGERS:

@@ -1,8 +1,8 @@
-"""Folders that are ours: what may be swept or removed in them, and who may read what we make.
+"""Folders that are ours: what may be removed in them, and who may read what we make.
 
 A folder is ours where it holds our marker: a small file that says what the folder is, and in which
-format. Of what is in such a folder, that is ours which has a name that we make and is no link.
-Anything else is left alone.
+format. An entry of such a folder is ours where it has a name that we make and is no link. Anything
+else is left alone.
 """
 
 from __future__ import annotations
@@ -44,12 +44,12 @@ class NotPlainError(OSError):
 
 @dataclass(frozen=True)
 class FolderKind:
-    """What a folder of ours is.
+    """A kind of folder that we make, by its marker.
 
-    name: as its marker has it.  format: the newest that this release reads, and which it writes.
-    folders: those in it that are swept, or from which files are removed.  needed: those of them
-    that were there with every marker of an earlier release.  marker: the name of the marker.
-    unnamed: a marker of an earlier release has a format and nothing else.
+    name: of the kind, in the marker.  format: the newest that this release reads, and the one that
+    it writes.  folders: folders in it from which we remove files.  needed: those of `folders` that
+    every earlier release made together with the marker.  marker: the name of the marker's file.
+    unnamed: the marker of an earlier release holds a format and no name.
     """
 
     name: str
@@ -60,13 +60,16 @@ class FolderKind:
     unnamed: bool = False
 
     def text(self) -> bytes:
-        """The marker, as bytes of a file."""
+        """The bytes of the marker."""
         return json.dumps({"format": self.format, "kind": self.name}).encode()
 
     def reads(self, data: bytes, folder: object) -> bool:
-        """Whether a marker with these bytes is the one that this release writes; of an earlier one
-        it is not. Raises StoreFormatError where a newer release wrote it, StorageError where it is
-        damaged, or says that the folder is something else."""
+        """Whether a marker with these bytes is as this release writes it; False for one of an
+        earlier release.
+
+        Raises StoreFormatError where a newer release wrote the marker, StorageError where it is
+        damaged or names another kind.  folder: named in the message.
+        """
         path = f"{folder}/{self.marker}"
         try:
             found = json.loads(data)
@@ -126,12 +129,13 @@ def is_marked(folder: Path, kind: FolderKind) -> bool:
 
 
 def not_owned(path: Path) -> StorageError:
-    """The error for what is where something of ours should be."""
+    """The error for an entry of others where one of ours should be."""
     return StorageError(f"{path} is not ours: rhytid did not make it. {_CHOOSE}")
 
 
 def is_real_folder(path: Path) -> bool:
-    """Whether it is a folder, and no link to one; raises OSError where that cannot be seen."""
+    """Whether a path is a folder, and no link to one. Raises OSError where the system does not
+    tell."""
     with suppress(FileNotFoundError, NotADirectoryError):
         return stat.S_ISDIR(path.lstat().st_mode)
     return False
@@ -147,8 +151,8 @@ def _is_filled(path: Path) -> bool:
 
 
 def owned_entries(folder: Path, name: re.Pattern[str]) -> Iterator[Path]:
-    """Files and folders of a folder of ours that have a name like this, and are no links; the log
-    names what else there is."""
+    """The files and folders in `folder` whose names match and that are no links, by name; the log
+    names the other entries."""
     strangers = []
     for entry in sorted(folder.iterdir()):
         if name.fullmatch(entry.name) and is_plain(entry):
@@ -162,7 +166,7 @@ def owned_entries(folder: Path, name: re.Pattern[str]) -> Iterator[Path]:
 
 
 def is_plain(path: Path) -> bool:
-    """Whether it is a file or a folder, and no link, device or pipe; no where it is gone."""
+    """Whether a path is a file or a folder, and no link, device or pipe; False where it is gone."""
     with suppress(FileNotFoundError):
         mode = path.lstat().st_mode
         return stat.S_ISDIR(mode) or stat.S_ISREG(mode)
@@ -170,8 +174,8 @@ def is_plain(path: Path) -> bool:
 
 
 def open_plain(path: Path) -> BinaryIO:
-    """A plain file, open to be read; raises NotPlainError for anything else, and never waits for
-    it."""
+    """Open a plain file to read it. Raises NotPlainError for anything else, without waiting for a
+    pipe or a device."""
     if not stat.S_ISREG(path.lstat().st_mode):  # to open a device may do something
         raise NotPlainError(path)
     flags = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
@@ -198,8 +202,8 @@ def read_plain(path: Path, most: int) -> bytes:
 
 
 def has_group(folder: Path) -> bool:
-    """Whether the group of a folder may write into it, and what is made there is that group's: then
-    it gets the same rights as the owner."""
+    """Whether the group of a folder may write into it and owns what is made there. Such a group
+    gets the rights of the owner."""
     found = folder.stat()
     if os.name == "nt" or not found.st_mode & stat.S_IWGRP:
         return False
@@ -207,13 +211,16 @@ def has_group(folder: Path) -> bool:
 
 
 def is_open_to_others(path: Path) -> bool:
-    """Whether others than its owner may do something with a file or a folder."""
+    """Whether anybody but its owner has a right to a file or a folder."""
     return bool(stat.S_IMODE(path.lstat().st_mode) & (_GROUP | _OTHERS))
 
 
 def restrict(path: Path, *, group: bool = False) -> None:
-    """Leave a file, or a folder and all that is in it, to its owner.  group: and to its group. What
-    is somebody else's, or lies where there are no modes, stays as it is."""
+    """Take the rights to a file, or to a folder and all in it, from everybody but its owner.
+
+    group: its group gets the rights of the owner. Files of another user, and of file systems
+    without modes, stay as they are.
+    """
     restrict_folder(path, group=group)
     if is_real_folder(path):
         for place, folders, files in os.walk(path):
@@ -222,7 +229,8 @@ def restrict(path: Path, *, group: bool = False) -> None:
 
 
 def restrict_folder(path: Path, *, group: bool = False) -> None:
-    """As `restrict`, of a folder alone: who may not pass through it cannot reach what is in it."""
+    """As `restrict`, of a file or a folder without what is in it: users who may not pass through a
+    folder cannot reach its files."""
     mode = path.lstat().st_mode
     if stat.S_ISLNK(mode):
         return
@@ -240,7 +248,7 @@ def restrict_folder(path: Path, *, group: bool = False) -> None:
 
 
 def make_folder(path: Path, *, group: bool = False) -> None:
-    """Make a folder of its owner, or its group, where it is not there."""
+    """Make a folder for its owner alone, or its group, too, unless it exists."""
     with suppress(FileExistsError):
         path.mkdir(mode=0o700)
         restrict_folder(path, group=group)

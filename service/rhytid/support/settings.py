@@ -1,4 +1,4 @@
-"""The settings of the process, read once from the environment: nothing else reads it."""
+"""The settings of the process, read once from the environment; no other module reads it."""
 
 from __future__ import annotations
 
@@ -28,32 +28,41 @@ _ORIGIN = re.compile(r"\*|https?://(?:[a-z0-9._-]+|\[[0-9a-f:.]+\])(?::[0-9]{1,5
 
 @dataclass(frozen=True)
 class ServiceSettings:
-    """How this process runs.
+    """How this process runs. Sizes are in bytes.
 
-    store: folder of the assets.  shared_store: where assets are that several machines share, a
-    folder or s3://BUCKET/PREFIX, whose copies `store` then holds; None = nowhere.
-    store_limit: bytes of these copies; None = any.
-    device: part of an OpenCL device's or platform's name, or the number that `rhytid devices`
-    shows; None = the best that computes.
-    device_memory, frame_memory, host_memory, upload_limit, spool: bytes; None = a share of what the
-    device or the machine has.  host_memory: that answers and uploads hold at once.  spool: of
-    uploads on disk at once.  packages: of skin packages that are kept.
-    queue: waiting device requests at most.  jobs: waiting jobs at most.
-    build_seconds: that a build may take; None: any.
-    draw_seconds: that the map of a UDIM may take, by an estimate; graphs beyond it are refused.
-    cache: folder for what is measured of the device once; None = nothing is measured.
-    keys: file of the API keys; None = `keys.json` in the store.  ask_keys: None = once there is
-    such a file.  hosts: names that the server may be called by, beside `localhost` and addresses.
-    origins: of web pages from elsewhere that may use it.  proxies: addresses and networks whose
-    X-Forwarded-For and X-Forwarded-Proto are believed.  key_rate: requests per second, key_jobs:
-    unfinished jobs, of one key, or of one address where no key is asked for.
-    devices: numbers of devices that `rhytid serve` uses at once, or `all`; none = the one that
-    `device` says.  launch_seconds: that one call of the OpenCL driver may take before `rhytid
-    serve` ends the process of the device.  stall_seconds: without progress after which a client is
-    disconnected.  connections: open at once; one address that is no proxy may have half of them.
-    drain_seconds: that requests have to finish once the server is told to end.  log_format: of the
-    log of `rhytid serve`, text or json.  traces: where OpenTelemetry sends spans; None = nowhere.
-    trace_kernels: a span for each kernel and each wait of a request, not one for all of them.
+    store: folder of the assets.  shared_store: the store of assets that several machines share, a
+    folder or s3://BUCKET/PREFIX, of which `store` then holds copies; None for none.
+    store_limit: most size of these copies; None for no limit.
+
+    device: part of the name of an OpenCL device or platform, or the number that `rhytid devices`
+    shows; None for the best that computes.  devices: numbers of the devices that `rhytid serve`
+    uses at once, or `all`; empty for the one of `device`.
+    device_memory, frame_memory, host_memory: most memory on the device, of frames, and that answers
+    and uploads hold at once; None for a share of what the device or the machine has.
+
+    upload_limit: most size of an upload.  spool: most size of all uploads on disk at once.
+    packages: most size of the skin packages that are kept.
+    queue: most requests that wait for the device.  jobs: most jobs that wait.
+    build_seconds: most time of a build; None for no limit.
+    draw_seconds: most time of the map of a UDIM, by an estimate; graphs beyond it are refused.
+    cache: folder of what is measured of the device once; None to measure nothing.
+    launch_seconds: most time of one call of the OpenCL driver, after which `rhytid serve` ends the
+    process of the device.  drain_seconds: time that requests have to finish once the server is told
+    to end.
+
+    log_format: of the log of `rhytid serve`, text or json.  traces: address to which OpenTelemetry
+    sends spans; None for nowhere.  trace_kernels: make a span for each kernel and each wait of a
+    request, not one for all of them.
+    stall_seconds: time without progress after which a client is disconnected.
+    connections: most open at once; one address that is no proxy may have half of them.
+
+    keys: file of the API keys; None for `keys.json` in the store.  ask_keys: whether requests need
+    a key; None for once there is such a file.
+    hosts: names that the server may be called by, beside `localhost` and addresses.
+    origins: of web pages from elsewhere that may use the server.  proxies: addresses and networks
+    whose X-Forwarded-For and X-Forwarded-Proto are believed.
+    key_rate, key_jobs: most requests per second and most unfinished jobs of one key, or of one
+    address where no key is asked for.
     """
 
     store: Path = Path("rhytid-store")
@@ -147,8 +156,11 @@ class ServiceSettings:
 
 
 def misspelt_variables(environment: Mapping[str, str] = os.environ) -> list[str]:
-    """What to say of variables that are not read, where one that is has nearly their name or stands
-    for them. Others that begin alike are left alone: Kubernetes makes RHYTID_PORT of a Service."""
+    """Messages about variables that are set and not read: a known one has nearly their name, or
+    stands for them.
+
+    Others with our prefix are left alone: Kubernetes makes RHYTID_PORT of a Service.
+    """
     given = Variables({})
     ServiceSettings._of(given)
     known = [name for name in given.asked if name.startswith(_PREFIX)]
@@ -188,7 +200,7 @@ class Variables:
         self.asked: set[str] = set()
 
     def text(self, name: str) -> str | None:
-        """As it is written."""
+        """The value as it is written; None where the variable is absent."""
         self.asked.add(name)
         return self._environment.get(name) or None
 
@@ -207,11 +219,11 @@ class Variables:
         return int(value)
 
     def count(self, name: str, default: int) -> int:
-        """As `number`, or the default."""
+        """As `number`, with a default."""
         return self.number(name) or default
 
     def mebibytes(self, name: str) -> int | None:
-        """Bytes, of a variable in MiB."""
+        """A number of bytes, of a variable that holds MiB."""
         value = self.number(name)
         return None if value is None else value * MIB
 
