@@ -74,7 +74,7 @@ class GraphSettings:
 
     @property
     def start(self) -> int:
-        """The seed, the usual one where none is set."""
+        """The seed; the usual one where none is set."""
         return USUAL_SEED if self.seed is None else self.seed
 
 
@@ -191,51 +191,8 @@ class BinSettings:
 
     @property
     def layer_samples(self) -> tuple[int, ...]:
-        """Stretches that each layer is drawn at: of every bin, and last of the pores."""
+        """How many stretches each layer is drawn at: one number a bin, then that of the pores."""
         return (self.samples,) * self.count + (self.pore_samples or self.samples,)
-
-
-@dataclass(frozen=True)
-class Preset:
-    """What naming a preset sets: all of the bins but for `r_max`, and some keys of `response` and
-    `shape`, which are the same ones in every preset."""
-
-    bins: BinSettings
-    response: Mapping[str, Any]
-    shape: Mapping[str, Any]
-
-
-# As the paper draws: hard limits, straight even lines, nothing done for those below a texel, flat
-# plates.
-_PAPER_RESPONSE = {"ends": 0.0, "soft_limits": False, "pore_depth_limit": 4.0}
-_PAPER_SHAPE = {
-    "wrinkle_bulge": 2.5,
-    "curvature": 0.0,
-    "taper": 0.0,
-    "least_half_width": 0.0,
-    "cushion": 0.0,
-    "grain": 0.0,
-    "undulation": 0.0,
-}
-
-
-def _usual(settings: Any, names: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: getattr(settings, name) for name in names}
-
-
-# The bins of `best` are the closest to `redraw` that was measured at no more than twice the time of
-# `paper`, the paper's own choice; the rest of it are the defaults.
-PRESETS: dict[str, Preset] = {
-    "paper": Preset(BinSettings(), _PAPER_RESPONSE, _PAPER_SHAPE),
-    "best": Preset(
-        BinSettings(pore_samples=5, merge="soft", depth_factored=True, tilt=True, reach=1.25),
-        _usual(ResponseSettings(), _PAPER_RESPONSE),
-        _usual(ShapeSettings(), _PAPER_SHAPE),
-    ),
-}
-
-
-DEFAULT_PRESET = "best"
 
 
 @dataclass(frozen=True)
@@ -255,6 +212,47 @@ class ConvolveSettings:
     blur_gain: float = number(4.0, 0.0, 64.0)
     sharpen_gain: float = number(4.0, 0.0, 64.0)
     sigma: float | None = number(None, 1e-30, 1e30)
+
+
+@dataclass(frozen=True)
+class Preset:
+    """The settings that a preset sets: all of the bins but for `r_max`, and some keys of `response`
+    and `shape`, the same keys in every preset."""
+
+    bins: BinSettings
+    response: Mapping[str, Any]
+    shape: Mapping[str, Any]
+
+
+# As the paper draws: hard limits, straight even lines, nothing done for lines below a texel, flat
+# plates.
+_PAPER_RESPONSE = {"ends": 0.0, "soft_limits": False, "pore_depth_limit": 4.0}
+_PAPER_SHAPE = {
+    "wrinkle_bulge": 2.5,
+    "curvature": 0.0,
+    "taper": 0.0,
+    "least_half_width": 0.0,
+    "cushion": 0.0,
+    "grain": 0.0,
+    "undulation": 0.0,
+}
+
+
+def _usual(settings: Any, names: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: getattr(settings, name) for name in names}
+
+
+# The bins of `best` came closest to `redraw` of all that were measured at no more than twice the
+# time of `paper`, the paper's own choice. Its other settings are the defaults.
+PRESETS: dict[str, Preset] = {
+    "paper": Preset(BinSettings(), _PAPER_RESPONSE, _PAPER_SHAPE),
+    "best": Preset(
+        BinSettings(pore_samples=5, merge="soft", depth_factored=True, tilt=True, reach=1.25),
+        _usual(ResponseSettings(), _PAPER_RESPONSE),
+        _usual(ShapeSettings(), _PAPER_SHAPE),
+    ),
+}
+DEFAULT_PRESET = "best"
 
 
 @dataclass(frozen=True)
@@ -298,11 +296,14 @@ class AssetSettings:
 
     @classmethod
     def parse(cls, data: Any) -> AssetSettings:
-        """From decoded JSON; raises SettingsError naming the path of what is wrong."""
+        """Settings from decoded JSON; keys that are left out have their defaults.
+
+        Raises SettingsError naming the path of the first key or value that is wrong.
+        """
         return cls().changed(data)
 
     def changed(self, data: Any) -> AssetSettings:
-        """A copy with the values of `data` (decoded JSON, same shape) put in."""
+        """A copy with the values of `data`, decoded JSON of the same nesting; raises as `parse`."""
         if not isinstance(data, Mapping):
             raise SettingsError(f"settings are {type(data).__name__}: must be a JSON object")
         settings = read(self._with_preset(data.get("preset")), data)
@@ -319,7 +320,7 @@ class AssetSettings:
         return settings
 
     def _with_preset(self, name: Any) -> AssetSettings:
-        """What it sets in place of these; what is no preset is left to `read` to refuse."""
+        """A copy with the values of a preset; `read` refuses a name that is none."""
         if not isinstance(name, str) or name not in PRESETS:
             return self
         preset = PRESETS[name]
@@ -331,32 +332,26 @@ class AssetSettings:
         )
 
     def resolved(self, spacing: float) -> AssetSettings:
-        """A copy with everything set, for a pore spacing in mesh units."""
+        """A copy with everything set.  spacing: of the pores, mesh units."""
         return self.with_lengths(Lengths.of(spacing, self.graph.age))
 
     def with_lengths(self, lengths: Lengths) -> AssetSettings:
-        """A copy with the lengths that are not set yet."""
-        depth, sigma = self.depth, self.convolve.sigma
-        shape = self.shape
-        frequency, unit = shape.wave_frequency, self.length_unit
+        """A copy in which every length is set: to these, where the settings leave it open."""
+        unit, shape, convolve = self.length_unit, self.shape, self.convolve
         grain = _first(shape.grain_size, lengths.grain_size)
         undulation = _first(shape.undulation_size, lengths.undulation_size)
         shape = replace(
             shape,
-            wave_frequency=lengths.wave_frequency if frequency is None else frequency,
+            wave_frequency=_first(shape.wave_frequency, lengths.wave_frequency),
             grain_size=GRAIN.resolved(grain, unit, lengths),
             undulation_size=UNDULATION.resolved(undulation, unit, lengths),
         )
-        return replace(
-            self,
-            unit=unit,
-            depth=lengths.depth if depth is None else depth,
-            shape=shape,
-            convolve=replace(self.convolve, sigma=lengths.sigma if sigma is None else sigma),
-        )
+        convolve = replace(convolve, sigma=_first(convolve.sigma, lengths.sigma))
+        depth = _first(self.depth, lengths.depth)
+        return replace(self, unit=unit, depth=depth, shape=shape, convolve=convolve)
 
     def lengths(self, spacing: float) -> Lengths:
-        """Those of resolved settings.  spacing: of the pores, mesh units."""
+        """The lengths of resolved settings.  spacing: of the pores, mesh units."""
         depth, sigma, shape = self.depth, self.convolve.sigma, self.shape
         assert depth is not None
         assert sigma is not None
@@ -365,9 +360,9 @@ class AssetSettings:
         return Lengths(spacing, depth, sigma, shape.wave_frequency, *sizes)
 
     def for_graph(self, origin: GraphOrigin | None) -> AssetSettings:
-        """A copy with the unit and the seed of a graph where none is set.
+        """A copy with the unit and the seed of a graph, where the settings leave them open.
 
-        Raises SettingsError where the lengths of the graph cannot be converted to that which is.
+        Raises SettingsError where the lengths of the graph cannot be converted to the unit.
         """
         origin = origin or GraphOrigin()
         unit = self.unit or origin.unit or USUAL_UNIT
@@ -375,34 +370,37 @@ class AssetSettings:
         return replace(self, unit=unit, graph=self._seeded(origin.seed))
 
     def _seeded(self, seed: int | None = None) -> GraphSettings:
-        """Those of the graph with a seed: their own, else this, else the usual one."""
+        """The settings of the graph with a seed: their own, else `seed`, else the usual one."""
         return replace(self.graph, seed=_first(self.graph.seed, seed, USUAL_SEED))
 
     def for_synthesis(self) -> AssetSettings:
-        """A copy with unit and seed, and with the usual spacing of that unit where nothing says how
-        dense pores are; raises SettingsError where the unit is not known."""
+        """A copy with a unit and a seed, and with the usual spacing in that unit where neither
+        `spacing` nor `wrinkles` is set. Raises SettingsError where that unit has no known length.
+        """
         unit, graph = self.length_unit, self._seeded()
         if graph.wrinkles is None and graph.spacing is None:
             graph = replace(graph, spacing=usual_spacing(unit))
         return replace(self, unit=unit, graph=graph)
 
     def named_after(self, file: str) -> AssetSettings:
-        """A copy with the name of a file where none is set: without folders and ending, runs of
-        what is not printable as one space, at most 80 characters."""
+        """A copy with the name of a file, where none is set.
+
+        Folders and the ending are left out, unprintable characters become one space, and 80
+        characters are kept.  file: with separators of any system.
+        """
         if self.name is not None:
             return self
-        # Its separators are those of both systems.
-        stem = PureWindowsPath(file).stem
+        stem = PureWindowsPath(file).stem  # splits at both kinds of slash
         plain = "".join(c if c.isprintable() else " " for c in stem)
         return replace(self, name=" ".join(plain.split())[:LONGEST_NAME].strip() or None)
 
     def drawn(self) -> dict[str, Any]:
-        """As `as_json`, without what is for people."""
+        """As `as_json`, without the name, on which nothing that is drawn depends."""
         return {key: value for key, value in self.as_json().items() if key != "name"}
 
     @property
     def length_unit(self) -> str:
-        """The unit of the mesh, the usual one where none is set."""
+        """The unit of the mesh; the usual one where none is set."""
         return self.unit or USUAL_UNIT
 
     def with_r_max(self, r_max: float) -> AssetSettings:
@@ -425,5 +423,5 @@ class AssetSettings:
 
 
 def _first(*values: T | None) -> T | None:
-    """The first that is not None."""
+    """The first value that is not None."""
     return next((value for value in values if value is not None), None)

@@ -43,12 +43,12 @@ _BEGINNINGS = {
 
 
 class Blendshapes:
-    """Turns weights, in the order of the names that a caller gives them by, into positions.
+    """Makes positions of the weights of a face's shapes.
 
-    neutral: (V, 3).  names: of the weights; empty = those of the shapes, in their order.  unknown:
-    of these names, those that mean none of the shapes; their weights have no effect.
+    neutral: (V, 3).  names: of the weights, in the order in which a caller gives them; empty for
+    those of the shapes.  unknown: the names that mean no shape; their weights have no effect.
 
-    Raises InputError where none of the names means a shape.
+    Raises InputError where no name means a shape.
     """
 
     def __init__(
@@ -71,11 +71,11 @@ class Blendshapes:
 
     @property
     def nbytes(self) -> int:
-        """Bytes that it holds."""
+        """Bytes of its arrays."""
         return self._differences.nbytes + self._spread.nbytes + self._neutral.nbytes
 
     def positions(self, weights: NDArray[np.float32]) -> NDArray[np.float32]:
-        """(V, 3) = neutral + Σ wₑ (shapeₑ - neutral), of as many weights as there are names.
+        """(V, 3) neutral + Σ wₑ (shapeₑ - neutral).  weights: one for each name.
 
         Raises FrameError naming the first weight that is not finite or beyond ± 1000.
         """
@@ -94,10 +94,10 @@ class Blendshapes:
 
 
 def meant_shapes(wanted: Sequence[str], known: Sequence[str]) -> list[tuple[int, ...]]:
-    """For each wanted name the indices of the shapes that it means; empty for none.
+    """For each wanted name the indices of the known shapes that it means; empty for none.
 
-    A name that is there as it is means that one. Else spellings are compared, and a name without a
-    side means both where a face has them apart: `browInnerUp` of ARKit is `browInnerUp_L` and
+    A name that a shape has means that shape. Otherwise spellings are compared, and a name without a
+    side means the shapes of both sides: `browInnerUp` of ARKit is `browInnerUp_L` and
     `browInnerUp_R`.
     """
     exact = {name: index for index, name in reversed(list(enumerate(known)))}

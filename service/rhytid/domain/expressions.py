@@ -28,8 +28,11 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Expressions:
-    """Positions of the deformed mesh, (E, V, 3) float32 less the centre of the mesh, and their
-    names; captured frames, which have none, are named by their numbers."""
+    """Deformed positions of a mesh by name.
+
+    positions: (E, V, 3) float32, less the centre of the mesh.  names: of the E expressions;
+    captured frames have numbers for names.
+    """
 
     positions: NDArray[np.float32]
     names: tuple[str, ...]
@@ -45,7 +48,8 @@ class Expressions:
         names: Sequence[str] | None = None,
         centre: Centre = ORIGIN,
     ) -> Expressions:
-        """At most MOST_EXPRESSIONS of what was sent, evenly picked, first and last among them.
+        """At most MOST_EXPRESSIONS of the positions that were sent, evenly picked, with the first
+        and the last.
 
         Raises FrameError naming the shape, the names that do not fit, or the expression and the
         vertex that is not finite.
@@ -70,11 +74,11 @@ class Expressions:
 
     @property
     def named(self) -> bool:
-        """Whether somebody named them, so that they can be asked for; frames have numbers."""
+        """Whether the expressions have names that a caller can ask for; frames have numbers."""
         return bool(self.names) and not all(name.isdigit() for name in self.names)
 
     def digest(self) -> bytes:
-        """Of names and positions, the same on every machine."""
+        """SHA-256 of the names and positions, the same on every machine."""
         found = hashlib.sha256("\0".join(self.names).encode())
         found.update(repr(self.positions.shape).encode())
         for shape in self.positions:
@@ -98,7 +102,7 @@ def expressions_for_lines(lines: str | None, expressions: Expressions | None) ->
 
 
 def evenly_spaced(count: int) -> list[int]:
-    """Which of that many expressions are used."""
+    """The indices of the expressions that are used of that many: evenly spaced."""
     if count <= MOST_EXPRESSIONS:
         return list(range(count))
     picked = np.linspace(0.0, count - 1.0, MOST_EXPRESSIONS)
@@ -116,11 +120,14 @@ def _check_finite(positions: NDArray[np.float32], names: Sequence[str]) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Folds:
-    """tensor (V, 6) float32: xx, yy, zz, xy, xz, yz of the mean of squared log compression along
-    its axes, in the space of the mesh, smoothed on the surface; dimensionless.
+    """Where and which way expressions fold skin, at the vertices of a mesh.
 
-    moving: how many expressions moved anything.  regions: (V,) float32 shares from 0 to 1 by the
-    name of the region. Raises InputError for arrays that do not fit or are not finite.
+    tensor: (V, 6) float32; xx, yy, zz, xy, xz, yz of the mean over all expressions of the squared
+    log compression along its axes, in the space of the mesh, smoothed on the surface;
+    dimensionless.  moving: how many expressions moved anything.  regions: (V,) float32, shares from
+    0 to 1, by the name of the region.
+
+    Raises InputError for arrays that do not fit or are not finite.
     """
 
     tensor: NDArray[np.float32]
@@ -140,13 +147,16 @@ class Folds:
 
     @property
     def known(self) -> float:
-        """From 0 to 1: how much it says of a place that nothing folds it."""
+        """From 0 to 1: how surely a place that no expression folds never folds."""
         return min(self.moving / ENOUGH, 1.0)
 
     def axes(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """(V,) root of the largest eigenvalue: root mean square log compression along the axis
-        (V, 3) where it is largest; and (V,) by what share it is smaller across, 0 where skin is
-        compressed alike in both directions. In the order size, eccentricity, axis."""
+        """Size, eccentricity and axis of the folding.
+
+        size: (V,) largest root mean square log compression in any direction.  eccentricity: (V,)
+        share by which it is smaller across that direction, 0 where both are alike.  axis: (V, 3)
+        the direction.
+        """
         full = np.empty((len(self.tensor), 3, 3))
         full[:, ROWS, COLUMNS] = full[:, COLUMNS, ROWS] = self.tensor
         values, vectors = np.linalg.eigh(full)
@@ -155,7 +165,7 @@ class Folds:
         return roots[:, 2], np.where(roots[:, 2] > 0, eccentricity, 0.0), vectors[:, :, 2]
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Everything by name."""
+        """The arrays by name, in which `of_arrays` reads the same folds."""
         regions = {f"region.{name}": mask for name, mask in self.regions.items()}
         return {"tensor": self.tensor, "moving": np.array([self.moving], np.int32), **regions}
 

@@ -1,5 +1,8 @@
-"""The wrinkle graph: pores are nodes, wrinkles are edges (section 2.1 of the paper); and what a
-graph was made with, and for which mesh: what its file says beside the arrays."""
+"""The wrinkle graph: pores are nodes, wrinkles are edges (section 2.1 of the paper).
+
+`GraphOrigin` is what the file of a graph says beside the arrays: its lengths, and for which mesh it
+was made.
+"""
 
 from __future__ import annotations
 
@@ -130,21 +133,21 @@ class WrinkleGraph:
 
     @property
     def own_nodes(self) -> NDArray[np.bool_]:
-        """(N,) true but for copies."""
+        """(N,) true for nodes that are no copies."""
         return _originals(self.node_copy_of, self.pores)
 
     @property
     def own_edges(self) -> NDArray[np.bool_]:
-        """(M,) true but for copies."""
+        """(M,) true for edges that are no copies."""
         return _originals(self.edge_copy_of, self.wrinkles)
 
     def counts(self) -> tuple[int, int]:
-        """Pores and wrinkles, each once: nodes and edges without copies."""
+        """Numbers of pores and of wrinkles: nodes and edges without copies."""
         return int(np.count_nonzero(self.own_nodes)), int(np.count_nonzero(self.own_edges))
 
     def without_copies(self) -> WrinkleGraph:
-        """The same where copies have no strength and every rim is as far as edge_half_width says:
-        what is drawn knows no seams."""
+        """The graph in which copies have no strength and no wrinkle has a metric: it is drawn as
+        if there were no UV seams."""
         return replace(
             self,
             node_weight=self.node_weight * self.own_nodes.astype(np.float32),
@@ -153,7 +156,7 @@ class WrinkleGraph:
         )
 
     def original_nodes(self, nodes: NDArray[np.integer]) -> NDArray[np.integer]:
-        """Nodes, of any shape, with what they are copies of in place of copies."""
+        """Nodes, of any shape, in which the original stands in place of each copy."""
         if self.node_copy_of is None:
             return nodes
         first = self.node_copy_of[nodes]
@@ -166,8 +169,8 @@ class WrinkleGraph:
         return middle
 
     def figures(self) -> dict[str, Any]:
-        """Figures of the graph alone, for JSON. degree: wrinkles per pore, the mean of those
-        drawn.  strengths: wrinkles by weight, in tenths from 0 to 1. Copies do not count."""
+        """Figures of the graph for JSON: `degree`, mean wrinkles per pore that is drawn, and
+        `strengths`, numbers of wrinkles by weight in tenths from 0 to 1. Copies do not count."""
         drawn, strong = (self.node_weight > 0) & self.own_nodes, self.edge_weight > 0
         strong &= self.own_edges
         ends = np.count_nonzero(drawn[self.original_nodes(self.edge_nodes[strong])])
@@ -230,7 +233,7 @@ class WrinkleGraph:
         return lengths
 
     def _require(self, name: str, good: Callable[[Any], NDArray[np.bool_]], rule: str) -> None:
-        """Refuse the first row of an array, where there is one, that is not good."""
+        """Raise GraphError for the first row of an array that is not good."""
         array = getattr(self, name)
         for start in range(0, 0 if array is None else len(array), _ROWS):
             rows = array[start : start + _ROWS]
@@ -242,9 +245,10 @@ class WrinkleGraph:
 
 @dataclass(frozen=True)
 class GraphOrigin:
-    """Lengths as in `Lengths`, in `unit`; None where the file does not say.
+    """What a graph was made with: the lengths of `Lengths` in `unit`; None where its file does not
+    say.
 
-    seed: of the relief between the lines, `graph.seed`.  mesh: the digest of the mesh that the
+    seed: of the relief between the lines, `graph.seed`.  mesh: `mesh_digest` of the mesh that the
     graph was made for.
     """
 
@@ -260,12 +264,13 @@ class GraphOrigin:
 
     @classmethod
     def of(cls, mesh: Mesh, unit: str, lengths: Lengths, seed: int | None = None) -> GraphOrigin:
-        """Of a graph for this mesh, in its unit."""
+        """The origin of a graph that is made for this mesh, in its unit."""
         return cls(unit, **asdict(lengths), seed=seed, mesh=mesh_digest(mesh))
 
     @classmethod
     def parse(cls, metadata: Mapping[str, str]) -> GraphOrigin | None:
-        """From the metadata of a file; None where it says nothing of this. Other keys are left.
+        """Read the metadata of a file; None where it says nothing of the origin. Other keys are
+        ignored.
 
         Raises GraphError naming the key whose value cannot be used.
         """
@@ -274,7 +279,7 @@ class GraphOrigin:
         return cls(**found) if found else None  # type: ignore[arg-type]
 
     def metadata(self) -> dict[str, str]:
-        """The inverse of `parse`: numbers in as many digits as they have."""
+        """The inverse of `parse`; numbers keep all their digits."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}
         return {
             name: value if isinstance(value, str) else repr(value)
@@ -283,9 +288,10 @@ class GraphOrigin:
         }
 
     def lengths(self, unit: str, spacing: float) -> Lengths:
-        """In another unit.  spacing: of the pores, in that unit, where the file does not say it.
+        """The lengths in another unit.
 
-        Raises SettingsError where lengths cannot be converted.
+        spacing: of the pores in that unit, used where the file does not say it. Raises
+        SettingsError where lengths cannot be converted.
         """
         own = self.in_unit(unit)
         usual = Lengths.of(spacing if own.spacing is None else own.spacing)
@@ -294,7 +300,7 @@ class GraphOrigin:
         return replace(usual, **said)
 
     def in_unit(self, unit: str) -> GraphOrigin:
-        """The same lengths in another unit; raises SettingsError where one of both is unknown."""
+        """The origin in another unit; raises SettingsError where one of the two has no length."""
         if self.unit is None or self.unit == unit:
             return replace(self, unit=unit)
         one, other = millimetres(self.unit), millimetres(unit)
@@ -319,8 +325,8 @@ class GraphOrigin:
 
 
 def mesh_digest(mesh: Mesh) -> str:
-    """32 hexadecimal digits of the triangles and their texture coordinates (as float32): what a
-    graph is tied to. Positions do not count: a graph fits every head of one topology."""
+    """32 hexadecimal digits of the triangles and their texture coordinates (as float32), to which a
+    graph is tied. Positions do not count: a graph fits every head of one topology."""
     digest = hashlib.sha256(np.ascontiguousarray(mesh.faces, "<i4").tobytes())
     digest.update(np.ascontiguousarray(mesh.triangle_uv(), "<f4").tobytes())
     return digest.hexdigest()[:32]

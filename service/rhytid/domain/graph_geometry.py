@@ -26,9 +26,10 @@ _COSINE, _MOST = 0.1, 1.05
 class Curves:
     """C straight lines between P points of a surface.
 
-    points (P, 3) f32, mesh units.  lines (C, 2) i64: the points that each joins.
-    widths (C,) f32: across the whole support, mesh units, neutral.  strengths (C,) f32 in (0, 1].
-    centre (3,) f64: add it to the points to have them where the mesh was sent.
+    points: (P, 3) f32, mesh units.  lines: (C, 2) i64, the points that each line joins.
+    widths: (C,) f32, across the whole support of the neutral, mesh units.
+    strengths: (C,) f32 in (0, 1].  centre: (3,) f64; add it to the points to have them where the
+    mesh was sent.
     """
 
     points: NDArray[np.float32]
@@ -41,15 +42,18 @@ class Curves:
 def with_triangles(
     graph: WrinkleGraph, triangle: NDArray[np.int32], triangles: int
 ) -> WrinkleGraph:
-    """The graph, naming the triangle (N,) of each node; -1 where that is `triangles`, for none."""
+    """The graph with the triangle of each node.
+
+    triangle: (N,) triangles; `triangles`, their number in the mesh, stands for none.
+    """
     return replace(graph, node_triangle=np.where(triangle < triangles, triangle, -1))
 
 
 def graph_curves(mesh: Mesh, graph: WrinkleGraph) -> Curves:
-    """The wrinkles of strength above 0 from pore to pore; one across a UV seam is one line.
+    """The wrinkles of strength above 0 as lines from pore to pore, one across a UV seam as one line.
 
-    Left out is what has an end on no triangle (node_triangle -1). Of a wrinkle of which only one
-    half is stored the half comes. Raises GraphError where the graph names no triangles.
+    Wrinkles with an end on no triangle (node_triangle -1) are left out. A wrinkle of which only one
+    half is stored is that half. Raises GraphError where the graph names no triangles.
     """
     if graph.node_triangle is None:
         raise GraphError("node_triangle is missing: curves need the triangle of every pore")
@@ -86,8 +90,10 @@ def surface_widths(mesh: Mesh, graph: WrinkleGraph, rows: NDArray[np.int64]) -> 
 def surface_points(
     mesh: Mesh, uv: NDArray[np.floating], triangle: NDArray[np.integer]
 ) -> NDArray[np.float64]:
-    """(P, 3) points of the surface at texture coordinates (P, 2) of known triangles; coordinates
-    outside their triangle go on in its plane."""
+    """(P, 3) points of the surface at texture coordinates (P, 2) in triangles (P,).
+
+    Coordinates outside of their triangle are extended in its plane.
+    """
     a, b, c = np.moveaxis(mesh.triangle_uv()[triangle], 1, 0)
     first, second, gap = b - a, c - a, uv - a
     area = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
@@ -106,8 +112,10 @@ def node_places(mesh: Mesh, graph: WrinkleGraph, nodes: NDArray[np.integer]) -> 
 
 
 def whole_wrinkles(mesh: Mesh, graph: WrinkleGraph) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Rows (W,) of the wrinkles, each once, and the nodes (W, 2) that each joins: of one across a
-    seam the original, or its first half, and both of its pores."""
+    """Rows (W,) of the wrinkles, each once, and the nodes (W, 2) that each joins.
+
+    A wrinkle across a seam has the row of the original or of its first half, and both its pores.
+    """
     if graph.edge_copy_of is not None or graph.node_copy_of is not None:
         rows = np.flatnonzero(graph.own_edges)
         return rows, graph.original_nodes(graph.edge_nodes[rows]).astype(np.int64)
@@ -119,11 +127,11 @@ def whole_wrinkles(mesh: Mesh, graph: WrinkleGraph) -> tuple[NDArray[np.int64], 
 
 
 def seam_halves(mesh: Mesh, graph: WrinkleGraph) -> NDArray[np.int64]:
-    """(P, 2) wrinkles that are stored once per side of a seam: the rows of their two halves.
+    """(P, 2) rows of the two halves of wrinkles that are stored once per side of a seam.
 
     Halves follow one another, are equally strong, and go from a pore to a node of no strength that
-    nothing else uses, each towards the pore of the other. None are found in a graph that names its
-    copies, or does not name the triangles of its pores.
+    no other wrinkle uses, each towards the pore of the other. There are none in a graph that names
+    its copies, or does not name the triangles of its pores.
     """
     if graph.node_triangle is None or graph.edge_copy_of is not None:
         return np.zeros((0, 2), np.int64)

@@ -1,7 +1,7 @@
 """Lengths on skin, and units of length.
 
-Lengths: how far pores stand apart, and what is chosen in proportion to that. Units: by their names,
-or by a number and a name, as in 5.5cm.
+Lengths are the distance of pores, and what is chosen in proportion to it. Units have a name, as cm,
+or a number and a name, as 5.5cm.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ _COUNTED = re.compile(r" *([0-9]*\.?[0-9]+(?:[eE][+-]?[0-9]+)?) *([^\W\d_]+) *")
 class Skin:
     """Lengths of a kind of skin, in millimetres.
 
-    spacing: mean distance from a pore to the nearest.  depth: of a wrinkle of strength 1 there.
+    spacing: mean distance from a pore to the nearest.  depth: of a wrinkle of strength 1.
     """
 
     spacing: float
     depth: float
 
 
-# Of the whole face, by eye: this is the one place where usual lengths stand.
+# Of the whole face, by eye. Usual lengths stand here and nowhere else.
 SKIN = Skin(spacing=0.5, depth=0.075)
 # In units of the spacing of the pores, unless they are set.
 DEPTH_OF_SPACING = SKIN.depth / SKIN.spacing
@@ -54,11 +54,12 @@ WAVES_OF_SPACING = 0.4
 
 @dataclass(frozen=True)
 class Lengths:
-    """What a wrinkle graph is drawn with unless settings say otherwise, in mesh units.
+    """The lengths that a wrinkle graph is drawn with unless settings say otherwise, in mesh units.
 
-    spacing: of pores where density is 1.  depth: of strength 1.  sigma: of the Gaussian of
-    `convolved`.  wave_frequency: waves in a mesh unit.  grain_size, undulation_size: the largest
-    waves of the relief between the lines; None: as `LargestWave` has it.
+    spacing: of pores where density is 1.  depth: of a wrinkle of strength 1.  sigma: standard
+    deviation of the Gaussian of `convolved`.  wave_frequency: waves in a mesh unit.  grain_size,
+    undulation_size: largest wavelengths of the relief between the lines; None for the usual ones,
+    `GRAIN` and `UNDULATION`.
     """
 
     spacing: float
@@ -70,7 +71,7 @@ class Lengths:
 
     @classmethod
     def of(cls, spacing: float, age: float = USUAL_AGE) -> Lengths:
-        """All in proportion to the spacing; the deepest lines of an age are deeper."""
+        """The usual lengths for a spacing, in proportion to it; depth grows with age."""
         return cls(
             spacing,
             DEPTH_OF_SPACING * spacing * depth_factor(age),
@@ -80,9 +81,9 @@ class Lengths:
 
 
 def usual_spacing(unit: str) -> float:
-    """Distance of pores in a mesh of that unit, where nothing says otherwise.
+    """The usual distance of pores in a mesh of that unit, mesh units.
 
-    Raises SettingsError for a unit that is not known.
+    Raises SettingsError for a unit that has no known length.
     """
     length = millimetres(unit)
     if length is None:
@@ -97,13 +98,14 @@ def usual_spacing(unit: str) -> float:
 
 @dataclass(frozen=True)
 class LargestWave:
-    """Of a relief between the lines: in millimetres, and in units of the spacing of the pores."""
+    """The usual largest wavelength of a relief between the lines: in millimetres, and in units of
+    the spacing of pores, for meshes whose unit has no known length."""
 
     millimetres: float
     of_spacing: float
 
     def resolved(self, given: float | None, unit: str, lengths: Lengths) -> float:
-        """Mesh units: what is given, else by the unit where that is a length, else by spacing."""
+        """The wavelength, mesh units: as given, else by the unit, else by the spacing of pores."""
         if given is not None:
             return given
         length = millimetres(unit)
@@ -117,8 +119,7 @@ UNDULATION = LargestWave(millimetres=6.0, of_spacing=10.8)
 # Settings are read far more often than units change.
 @lru_cache(256)
 def millimetres(unit: str) -> float | None:
-    """Millimetres in a unit: of that name, or so many of those of a name, as in `5.5cm`; None for a
-    unit that is not known."""
+    """Millimetres in a unit, a name or a number and a name as `5.5cm`; None where it is unknown."""
     count, name = _parts(unit)
     # The micro sign and the Greek letter look alike; lower case makes the letter of both.
     length = _BY_NAME.get(name.casefold())
@@ -128,13 +129,16 @@ def millimetres(unit: str) -> float | None:
 
 
 def unit_after_number(unit: str) -> str:
-    """A unit as it is read behind a number: `3 cm`, but `3 x 5.5cm`."""
+    """A unit as it is written after a number: `cm` as in 3 cm, `x 5.5cm` as in 3 x 5.5cm."""
     return f"x {unit}" if unit[:1].isdecimal() or unit.startswith(".") else unit
 
 
 def unit_pair(factor: float, unit: str, tolerance: float) -> tuple[str, str] | None:
-    """Two units of meshes: numbers in the second are `factor` times those in the first, within a
-    share of it. The first is `unit` where that can be. None where there are no such two."""
+    """Two units of meshes such that numbers in the second are `factor` times those in the first.
+
+    unit: the first of them, where that is possible.  tolerance: of the factor, relative. None where
+    no two units fit.
+    """
     for first in sorted(MESH_UNITS, key=lambda name: name != unit):
         for second in MESH_UNITS:
             near = abs(factor * MILLIMETRES[second] / MILLIMETRES[first] - 1.0) <= tolerance

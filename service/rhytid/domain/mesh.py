@@ -36,13 +36,13 @@ ORIGIN.setflags(write=False)
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """A triangle mesh with texture coordinates of their own indices.
+    """A triangle mesh whose texture coordinates have indices of their own.
 
     positions: (V, 3) float32, in the length unit of the mesh, in the order of the file.
     faces: (F, 3) int32, indices into positions.
     uv: (T, 2) float64, v up. Double, because a float32 at u = 9 is 1/64 texel at 16k.
     face_uv: (F, 3) int32, indices into uv.
-    centre: (3,) float64, what was subtracted from the positions as they were sent.
+    centre: (3,) float64, subtracted from the positions as they were sent.
 
     A vertex on a UV seam is one position with several uv. The arrays are read-only copies.
     Raises MeshError naming the first element that cannot be used.
@@ -56,8 +56,11 @@ class Mesh:
 
     @classmethod
     def centred(cls, positions: Any, faces: Any, uv: Any, face_uv: Any) -> Mesh:
-        """A mesh of positions as a file has them: doubles far from the origin are brought there
-        before they are rounded. Frames of it are less its `centre`, too."""
+        """A mesh of positions as a file has them.
+
+        Doubles far from the origin are moved there before they are rounded to float32. Subtract the
+        `centre` from frames of the mesh, too.
+        """
         values = np.asarray(positions)
         if values.ndim != 2 or values.shape[1:] != (3,) or values.dtype.kind != "f":
             return cls(positions, faces, uv, face_uv)
@@ -125,13 +128,13 @@ def has_area(corners: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def in_parts(count: int) -> Iterator[slice]:
-    """Ranges that cover so many triangles, for what takes 0.5 KB or more for each."""
+    """Ranges that together cover `count` triangles, for work that takes 0.5 KB or more for each."""
     return (slice(start, start + _AT_ONCE) for start in range(0, count, _AT_ONCE))
 
 
 def centre_for(positions: NDArray[np.floating]) -> Centre:
-    """(3,) what to subtract from positions (V, 3) before they become float32: the middle of their
-    box, rounded to a power of two; 0 where they are near, or are float32 already."""
+    """(3,) the centre to subtract from positions (V, 3) before they become float32: the middle of
+    their box, rounded to a power of two; 0 where they are near the origin, or float32 already."""
     values = np.asarray(positions)
     if not len(values) or not np.isfinite(values).all() or values.dtype.itemsize <= 4:
         return ORIGIN
@@ -149,27 +152,27 @@ def centre_for(positions: NDArray[np.floating]) -> Centre:
 
 
 def was_float32(values: NDArray[np.floating]) -> bool:
-    """Whether doubles are, but for their last digits, float32."""
+    """Whether doubles were float32 once: no more than their last digits differ from it."""
     near = values.astype(np.float32)
     gaps = np.abs(values - near.astype(np.float64)) / np.spacing(np.abs(near)).astype(np.float64)
     return bool(gaps.mean() < _ROUNDED)
 
 
 def subtract_centre(values: NDArray[np.floating], centre: Centre) -> NDArray[np.floating]:
-    """Positions (…, 3) less a centre, in double; themselves where it is the origin."""
+    """Positions (…, 3) less a centre, in double; the positions themselves where it is 0."""
     return values.astype(np.float64) - centre if centre.any() else values
 
 
 def add_centre(positions: NDArray[np.floating], centre: Centre) -> NDArray[np.floating]:
-    """The inverse of `brought_to`: double where there is a centre."""
+    """The inverse of `subtract_centre`: double where the centre is not 0."""
     return positions.astype(np.float64) + centre if centre.any() else positions
 
 
 def float_step(positions: NDArray[np.float32], centre: Centre) -> float:
-    """The step of the numbers that positions (V, 3) were sent as, less a centre by now.
+    """The step between neighbouring numbers in which positions (V, 3) were sent.
 
-    That of float32 at the farthest coordinate; with a centre, where they are no float32, what is
-    left of it once the centre is gone.
+    positions: less `centre`. The step is that of float32 at the farthest coordinate as it was sent;
+    where positions were sent as doubles with a centre, at the farthest coordinate without it.
     """
     if centre.any():
         sent = positions + centre

@@ -1,5 +1,5 @@
-"""What is probably wrong with a neutral mesh or a frame; `warnings.py` has the limits and their
-reasons.
+"""Checks of neutral meshes and of frames for what is probably wrong; `warnings.py` has the limits
+and their reasons.
 
 A frame is judged by a sample of its triangles, on the host and in double: the cost is the same for
 a mesh of any size, and the device is not needed.
@@ -50,9 +50,10 @@ _NOTHING = 1e-30
 def mesh_warnings(
     mesh: Mesh, unit: str, resolution: int, udims: tuple[int, ...] | None = None
 ) -> tuple[InputWarning, ...]:
-    """Everything about a mesh of that length unit, drawn at so many texels per side.
+    """The warnings about a mesh.
 
-    udims: those of the mesh, where the caller has them: finding them takes as long as the rest.
+    unit: length unit of the mesh.  resolution: texels per side of its maps.  udims: of the mesh,
+    where the caller has them; to find them takes as long as all checks.
     """
     found = MeasuredMesh(mesh, unit, resolution)
     return (
@@ -66,10 +67,11 @@ def mesh_warnings(
 
 
 class MeasuredMesh:
-    """A mesh with what several of the checks need of it.
+    """A mesh with the measures that its checks share; each check yields its warnings.
 
-    used (F,): usable triangles; of these, K: corners (K, 3, 3), uv (K, 3, 2), area (K,) in space
-    and uv_area (K,), signed.  turned: normals point inward.
+    used: (F,) whether a triangle is usable.  corners: (K, 3, 3) of the K usable ones.
+    uv: (K, 3, 2).  normals: (K, 3), as long as the area.  area: (K,) in space.  uv_area: (K,),
+    signed.  turned: whether normals point inward.
     """
 
     def __init__(self, mesh: Mesh, unit: str, resolution: int) -> None:
@@ -85,7 +87,7 @@ class MeasuredMesh:
         self.turned = self._cosine() < INWARD_COSINE
 
     def size(self) -> Iterator[InputWarning]:
-        """The longest side of the box around the mesh."""
+        """mesh-size: the longest side of the box around the mesh."""
         length = millimetres(self.unit)
         if length is None:
             return
@@ -110,7 +112,7 @@ class MeasuredMesh:
         yield InputWarning(MESH_SIZE, detail, "mesh")
 
     def far(self) -> Iterator[InputWarning]:
-        """The step of the numbers over an edge."""
+        """far-from-origin: the step of the numbers over the length of an edge."""
         mesh = self.mesh
         step = float_step(mesh.positions, mesh.centre)
         edge = median_edge(mesh.positions, mesh.faces[self.used])
@@ -119,7 +121,7 @@ class MeasuredMesh:
             yield InputWarning(FAR_FROM_ORIGIN, far_detail(step, edge, farthest, self.unit), "mesh")
 
     def inward(self) -> Iterator[InputWarning]:
-        """Normals against the way out."""
+        """normals-inward: normals against the way out."""
         if self.turned:
             detail = (
                 "the faces are wound inside out: their normals point inward, so furrows would "
@@ -128,9 +130,10 @@ class MeasuredMesh:
             yield InputWarning(NORMALS_INWARD, detail, "mesh")
 
     def mirrored(self) -> Iterator[InputWarning]:
-        """UV area that runs clockwise where the surface runs counterclockwise, seen from outside.
+        """uv-mirrored: area that is clockwise in UV and counterclockwise on the surface, from
+        outside.
 
-        Turning faces over turns both, so that a mesh inside out is not mirrored for that alone.
+        Turning faces over turns both, so a mesh that is inside out is not mirrored for that alone.
         """
         signed = self.uv_sense()
         sizes = np.abs(signed)
@@ -148,7 +151,7 @@ class MeasuredMesh:
         return -self.uv_area if self.turned else self.uv_area
 
     def texels(self) -> Iterator[InputWarning]:
-        """The side of a texel on the surface, largest over smallest without the tails."""
+        """texel-size: the side of a texel on the surface, largest over smallest without tails."""
         area_uv, faces = np.abs(self.uv_area), self.mesh.faces[self.used]
         found = texel_spread(self.area, area_uv, faces, self.resolution)
         if found is None:
@@ -164,7 +167,7 @@ class MeasuredMesh:
         yield InputWarning(TEXEL_SIZE, detail, self._place(found.worst))
 
     def overlaps(self, udims: tuple[int, ...]) -> Iterator[InputWarning]:
-        """Triangles on top of one another in UV, by UDIM."""
+        """uv-overlap: triangles on top of one another in UV, UDIM by UDIM."""
         for udim in udims:
             origin = np.array(udim_origin(udim))
             found = overlap_of(self.uv[self.reaches(origin)] - origin)
@@ -188,7 +191,7 @@ class MeasuredMesh:
         return float(cosines.sum() / self.area.sum())
 
     def reaches(self, origin: NDArray[np.integer]) -> NDArray[np.bool_]:
-        """Which triangles may have a part in the unit square at `origin`."""
+        """(K,) whether a triangle may have a part in the unit square at `origin`."""
         near = np.ones(len(self.uv), bool)
         for axis in (0, 1):
             a, b, c = (self.uv[:, corner, axis] for corner in range(3))
@@ -213,7 +216,7 @@ class MeasuredMesh:
 
 
 class FrameCheck:
-    """Some triangles of a neutral mesh, spread evenly over the file, ready for its frames."""
+    """Checks the frames of a mesh by a sample of its triangles, spread evenly over the file."""
 
     def __init__(self, mesh: Mesh, unit: str) -> None:
         self.unit, self.centre = unit, mesh.centre
@@ -232,7 +235,10 @@ class FrameCheck:
         self._neutral_far = self._is_far(mesh.positions)
 
     def warnings(self, positions: NDArray[np.float32], where: str) -> tuple[InputWarning, ...]:
-        """About positions (V, 3) in mesh units, less the centre; `where` names the frame."""
+        """The warnings about a frame.
+
+        positions: (V, 3) in mesh units, less the centre.  where: names the frame.
+        """
         return tuple(self._found(positions, where))
 
     def _found(self, positions: NDArray[np.float32], where: str) -> Iterator[InputWarning]:
@@ -295,7 +301,7 @@ def median_edge(positions: NDArray[np.float32], faces: NDArray[np.int32]) -> flo
 
 
 def far_detail(step: float, edge: float, farthest: float, unit: str) -> str:
-    """What far-from-origin says of a mesh or a frame."""
+    """The detail of a far-from-origin warning about a mesh or a frame."""
     named = unit_after_number(unit)
     return (
         f"numbers this far from the origin ({farthest:.4g} {named}) come in steps of {step:.2g} "

@@ -1,4 +1,4 @@
-"""Notices: worth knowing of an asset, and no mistake. They are reported; `strict` ignores them."""
+"""Notices: facts of an asset that are worth knowing and no mistakes; `strict` ignores them."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _RESOLUTIONS = tuple(2**n for n in range(8, 15))
 
 @dataclass(frozen=True)
 class Notice:
-    """code: one of NOTICES.  detail: what, and what to do, in plain text."""
+    """A fact worth knowing.  code: one of NOTICES.  detail: what, and what to do, in plain text."""
 
     code: str
     detail: str
@@ -37,10 +37,10 @@ class Notice:
 # Lists of assets ask for the same notices again and again.
 @lru_cache(1024)
 def grain_notice(settings: AssetSettings, uv_length: float) -> tuple[Notice, ...]:
-    """Where half of the skin or more is drawn without the grain that is set: its waves are shorter
-    than two texels there.
+    """A notice where half of the skin or more is drawn without the grain that is set, for its waves
+    are shorter than two texels there.
 
-    uv_length: mesh units that a step of 1 in UV is long at most, the median over the surface.
+    uv_length: `usual_uv_length` of the mesh.
     """
     size = _grain_size(settings)
     if settings.shape.grain == 0.0 or size is None or uv_length <= 0.0:
@@ -63,9 +63,10 @@ def grain_notice(settings: AssetSettings, uv_length: float) -> tuple[Notice, ...
 def texel_notice(
     settings: AssetSettings, uv_length: float, spacing: float | None = None
 ) -> tuple[Notice, ...]:
-    """Where fewer than four texels lie between pores on half of the skin or more.
+    """A notice where fewer than four texels lie between pores on half of the skin or more.
 
-    uv_length: as of `grain_notice`.  spacing: of the pores, mesh units; None: as the settings say.
+    uv_length: `usual_uv_length` of the mesh.  spacing: of the pores, mesh units; None for that of
+    the settings.
     """
     graph = settings.graph
     if spacing is None and graph.spacing is not None:
@@ -84,7 +85,7 @@ def texel_notice(
 
 
 def build_notice(wrinkles: int) -> tuple[Notice, ...]:
-    """Where there will be many wrinkles."""
+    """A notice where a build will make many wrinkles."""
     if wrinkles <= LARGE_WRINKLES:
         return ()
     detail = (
@@ -97,9 +98,9 @@ def build_notice(wrinkles: int) -> tuple[Notice, ...]:
 
 
 def spacing_of_count(settings: AssetSettings, distance: float) -> str:
-    """What follows where `graph.wrinkles` fixes how far apart pores are, in one line.
+    """A line about the lengths that follow where `graph.wrinkles` fixes how far apart pores are.
 
-    settings: resolved.  distance: mean, from a pore to the nearest, mesh units.
+    settings: resolved.  distance: mean distance from a pore to the nearest, mesh units.
     """
     assert settings.depth is not None
     depth, shape = settings.depth, settings.shape

@@ -51,7 +51,7 @@ NEUTRAL = 1.0
 
 @dataclass(frozen=True, eq=False)
 class Controls:
-    """Maps by name (of CONTROLS) and UDIM.
+    """Control maps by name, one of CONTROLS, and UDIM: they guide synthesis.
 
     Raises InputError naming the map that cannot be used, LimitError above MOST_TEXELS in all.
     """
@@ -70,7 +70,7 @@ class Controls:
 
     @property
     def grow(self) -> bool:
-        """Whether these maps move pores and lines."""
+        """Whether these maps change where pores and lines grow, not their look alone."""
         return not set(self.maps) <= set(_DRAWN)
 
     def arrays(self) -> dict[str, Map]:
@@ -96,14 +96,10 @@ class Controls:
 
 @dataclass(frozen=True, eq=False)
 class Stiffness:
-    """Maps (h, w) from 0 to 1 by UDIM, which log stretch is multiplied by once it is clamped; a
-    UDIM without a map is 1 throughout. Of any size, square or not. Each is uint8 or uint16 codes of
-    which the largest is 1, and stays so, in 8 bits where they are enough; or floats, kept as
-    float32.
+    """Stiffness maps by UDIM: clamped log stretch is multiplied by them, so 1 is as the paper has
+    it, and 0 is rigid. A UDIM without a map is 1 throughout.
 
-    Row 0 is the top: texel (row, column) has its centre at u = (column + ½)/w, v = 1 − (row + ½)/h.
-    Between centres a map is bilinear, beyond the outermost it goes on as they are. Raises
-    InputError naming the map that cannot be used, LimitError above MOST_TEXELS in all.
+    Raises InputError naming the map that cannot be used, LimitError above MOST_TEXELS in all.
     """
 
     maps: Mapping[int, NDArray[Any]]
@@ -131,7 +127,7 @@ class Stiffness:
             check_udim(udim, udims, "a stiffness map")
 
     def at(self, udim: int, local: NDArray[np.floating]) -> NDArray[np.float32]:
-        """(P,) at points (P, 2) in UV local to the UDIM."""
+        """(P,) stiffness at points (P, 2) in UV local to the UDIM."""
         map = self.maps.get(udim)
         if map is None:
             return np.full(len(local), NEUTRAL, np.float32)
@@ -140,10 +136,8 @@ class Stiffness:
     def texels(
         self, udim: int, side: int, row: int, column: int, count: int
     ) -> NDArray[np.float32] | None:
-        """(count, count) at the texel centres of a level of `side` texels, from (row, column) on.
-
-        None where all of them are 1.
-        """
+        """(count, count) stiffness at the texel centres of a level of `side` texels, from (row,
+        column) on; None where all of it is 1."""
         map = self.maps.get(udim)
         if map is None:
             return None
@@ -155,7 +149,7 @@ class Stiffness:
 
 
 def signed(grey: Shares) -> Shares:
-    """From −1 (black) over 0 (mid grey, the codes 127 and 128 of 255) to 1 (white)."""
+    """Greys as numbers from −1 (black) over 0 (mid grey, the codes 127 and 128 of 255) to 1."""
     low = (grey - _DARKER) / _DARKER
     high = (grey - _LIGHTER) / (np.float32(1.0) - _LIGHTER)
     found: Shares = np.minimum(low, 0.0) + np.maximum(high, 0.0)
@@ -163,7 +157,7 @@ def signed(grey: Shares) -> Shares:
 
 
 def shares(texels: Map) -> Shares:
-    """Codes as shares of the largest; floats as they are."""
+    """Texels as float32 from 0 to 1: codes over the largest code, floats as they are."""
     found: Shares = texels.astype(np.float32, copy=False)
     return found if texels.dtype.kind == "f" else found / np.float32(np.iinfo(texels.dtype).max)
 
@@ -171,7 +165,10 @@ def shares(texels: Map) -> Shares:
 def bilinear(
     map: Map, local: NDArray[np.floating], meaning: Callable[[Map], Shares] = shares
 ) -> Shares:
-    """(P,) at points (P, 2) in UV local to the UDIM of the map, between what texels mean."""
+    """(P,) bilinear values at points (P, 2) in UV local to the UDIM of a map.
+
+    meaning: applied to the texels before they are interpolated.
+    """
     left, right, x = neighbour_texels(local[:, 0], map.shape[1])
     top, bottom, y = neighbour_texels(1.0 - local[:, 1].astype(np.float64), map.shape[0])
     rows = [mix(meaning(map[i, left]), meaning(map[i, right]), x) for i in (top, bottom)]
@@ -181,21 +178,24 @@ def bilinear(
 def neighbour_texels(
     share: NDArray[np.floating], size: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], Shares]:
-    """The texels on both sides of points at a share of the way over `size` texels, and how far
-    from the first to the second the points are."""
+    """The texels on both sides of points along one side of a map.
+
+    share: (P,) places of the points, from 0 to 1 over `size` texels. Returns (P,) first texels,
+    (P,) second texels, and (P,) how far from the first to the second the points are.
+    """
     place = np.clip(share.astype(np.float64) * size - 0.5, 0.0, size - 1.0)
     first = np.floor(place).astype(np.int64)
     return first, np.minimum(first + 1, size - 1), (place - first).astype(np.float32)
 
 
 def mix(one: Shares, other: Shares, share: Shares) -> Shares:
-    """From `one` to `other`; of equals exactly themselves."""
+    """Linear interpolation from `one` to `other`, exact where both are equal."""
     mixed: Shares = one + share * (other - one)
     return mixed
 
 
 def fixed_map(map: Map, what: str) -> Map:
-    """A copy that does not change; raises InputError naming `what` for what is no map."""
+    """A read-only copy of a map; raises InputError naming `what` where it is no map."""
     dtype = np.asarray(map).dtype
     coded = dtype.kind == "u" and dtype.itemsize <= 2
     kept = np.dtype(f"u{dtype.itemsize}" if coded else np.float32)
@@ -210,7 +210,7 @@ def fixed_map(map: Map, what: str) -> Map:
 
 
 def check_total(maps: Iterable[Map], what: str, kind: str) -> None:
-    """Raise LimitError where maps, of which `what` is the last, exceed MOST_TEXELS together."""
+    """Raise LimitError where maps exceed MOST_TEXELS together.  what: the last of them."""
     total = sum(map.size for map in maps)
     if total > MOST_TEXELS:
         rule = f"at most {MOST_TEXELS}"

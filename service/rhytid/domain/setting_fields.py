@@ -1,7 +1,6 @@
-"""Settings as frozen dataclasses that read themselves from JSON, strictly, and say what they are.
+"""Frozen dataclasses of settings: declared once, read from JSON, and described by a JSON schema.
 
-A field declares its range or its choices where it stands, and the docstring of its class says on a
-line of its own what it means::
+A field declares its range or its choices; the docstring of its class has a line with its meaning::
 
     class ResponseSettings:
         \"""Exponents of Alg. 1 and 2.
@@ -52,12 +51,12 @@ def power_of_two(default: int, low: int, high: int) -> Any:
 
 
 def choice(default: Any, *options: Any) -> Any:
-    """One of `options`."""
+    """One of `options`, by type and value: 1 is neither 1.0 nor true."""
     return field(default=default, metadata={"options": options})
 
 
 def text(default: str | None, longest: int) -> Any:
-    """A short string; None as default allows null: to be resolved later."""
+    """A string of 1 to `longest` printable characters; None as default allows null."""
     return field(default=default, metadata={"longest": longest})
 
 
@@ -76,7 +75,10 @@ def read(base: T, data: Mapping[str, Any], path: str = "") -> T:
 
 
 class Setting(NamedTuple):
-    """A setting: its dotted name, its default, its range or choices as declared, its meaning."""
+    """A setting: its dotted name, its default, its range or choices, and its meaning.
+
+    rule: `options`, or `longest`, or `low`, `high`, `whole` and, where it is true, `power`.
+    """
 
     name: str
     default: Any
@@ -85,7 +87,7 @@ class Setting(NamedTuple):
 
 
 def settings_of(settings: Any, path: str = "") -> Iterator[Setting]:
-    """Every setting of a dataclass, whose values are the defaults, and of the dataclasses in it."""
+    """Every setting of a dataclass and of the dataclasses in it; their values are the defaults."""
     meanings = dict(_MEANING.findall(getdoc(settings) or ""))
     for declared in fields(settings):
         value = getattr(settings, declared.name)
@@ -97,9 +99,9 @@ def settings_of(settings: Any, path: str = "") -> Iterator[Setting]:
 
 
 def settings_schema(settings: Any, names: tuple[str, ...] | None = None) -> Schema:
-    """A JSON schema (2020-12) of a dataclass of settings, whose values are the defaults.
+    """A JSON schema (2020-12) of a dataclass of settings; its values are the defaults.
 
-    names: the top-level keys that it has, all of them where None.
+    names: the top-level keys of the schema; None for all.
     """
     schema = _object()
     for setting in settings_of(settings):
@@ -196,7 +198,7 @@ def _object() -> Schema:
 
 
 def _allowed(default: Any, rule: Mapping[str, Any]) -> Schema:
-    """What the value may be."""
+    """Which values the schema allows."""
     if "options" in rule:
         types = list(dict.fromkeys(_TYPES[type(option)] for option in rule["options"]))
         return {"type": types[0] if len(types) == 1 else types, "enum": list(rule["options"])}

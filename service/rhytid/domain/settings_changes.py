@@ -1,4 +1,4 @@
-"""Settings that are not what a caller may think: changed since they were sent, or unused."""
+"""Warnings about settings: changed since the content was first sent, or unused."""
 
 from __future__ import annotations
 
@@ -24,10 +24,11 @@ _READ_OF_GIVEN = ("spacing", "seed")
 def settings_changed(
     asset: str, present: AssetSettings, sent: AssetSettings, lengths: Lengths
 ) -> tuple[InputWarning, ...]:
-    """A warning where they differ, with the PATCH that makes the asset as sent.
+    """A warning where an asset's settings differ from those that were sent for it now, with the
+    PATCH that makes it as sent; empty where they agree.
 
-    lengths: what those of either that are null are resolved with. `bins.r_max` that was sent with
-    its default is left to calibrations and not reported.
+    lengths: resolve the settings of both that are null. A `bins.r_max` that was sent with its
+    default is left to calibrations and not reported.
     """
     wanted, raw = leaves(sent.with_lengths(lengths).drawn()), leaves(sent.drawn())
     now = leaves(present.with_lengths(lengths).drawn())
@@ -59,7 +60,7 @@ def settings_changed(
 
 
 def settings_unused(settings: AssetSettings) -> tuple[InputWarning, ...]:
-    """A warning of settings of the synthesis beside a graph that is given."""
+    """A warning where settings of the synthesis were sent together with a graph."""
     usual = asdict(GraphSettings())
     given = asdict(settings.graph).items()
     unread = {n: v for n, v in given if v != usual[n] and n not in _READ_OF_GIVEN}
@@ -74,7 +75,7 @@ def settings_unused(settings: AssetSettings) -> tuple[InputWarning, ...]:
 
 
 def _beside_preset(name: str, raw: dict[str, Any]) -> list[str]:
-    """What a preset would set in another way than it was sent."""
+    """The settings that a preset would set to other values than were sent."""
     usual = leaves(AssetSettings.parse({"preset": name}).as_json())
     groups = ("bins.", "response.", "shape.")
     return [

@@ -27,12 +27,12 @@ _FOLDED = {"strength": 2.2, "width": 1.3, "primary": 1.35}
 
 @dataclass(frozen=True)
 class Old:
-    """Factors at 65 of what skin is at 35, where it does not fold.
+    """What skin is at 65 as factors of what it is at 35, where it does not fold.
 
-    strength: of the depth of lines, pore_strength of that of pores.  anisotropy: how far lines keep
-    to one direction.  scale: of the width of wrinkles.  pore_radius: of pores.  contrast: power of
-    strengths; above 1 faint lines fade and leave those that are deep, farther apart.  grain: of the
-    micro relief between lines.
+    strength: of the depth of lines.  pore_strength: of the depth of pores.  anisotropy: of how far
+    lines keep to one direction.  scale: of the width of wrinkles.  pore_radius: of the radius of
+    pores.  contrast: of the power of strengths; above 1 faint lines fade, and the deep ones that
+    are left stand farther apart.  grain: of the micro relief between lines.
     """
 
     strength: float = 1.25
@@ -46,13 +46,13 @@ class Old:
 
 @dataclass(frozen=True)
 class Region:
-    """Factors of synthesis, 1 = as on the whole face.
+    """Factors of synthesis in a region; 1 is as on the whole face.
 
-    density: of pores and wrinkles per area.  strength: of weights, and pore_strength once more of
-    those of pores.  turn: degrees by which the lines turn left.  anisotropy: how far they keep to
-    one direction.  bend: of how far they wind.  scale: of the width of wrinkles.  pore_radius: of
-    the radius of pores.  contrast: power of weights.  grain: of the micro relief between lines.
-    old: what age makes of these.
+    density: of pores and wrinkles per area.  strength: of all weights.  pore_strength: once more of
+    the weights of pores.  turn: degrees by which lines turn left.  anisotropy: of how far lines
+    keep to one direction.  bend: of how far lines wind.  scale: of the width of wrinkles.
+    pore_radius: of the radius of pores.  contrast: power of the weights.  grain: of the micro
+    relief between lines.  old: what age makes of these.
     """
 
     density: float = 1.0
@@ -143,9 +143,10 @@ REGIONS: dict[str, Region] = {
 
 
 def aged(region: Region, age: float) -> Region:
-    """The same skin at another age, its depths against the depth of that age; at 35 the same.
+    """A region at another age; at 35 it is the region itself.
 
-    Density and turn stay: no pore moves.
+    Its strengths are relative to the depth of strength 1 at that age (`depth_factor`). Density and
+    turn stay, for no pore moves.
     """
     if age == USUAL_AGE:
         return region
@@ -166,16 +167,16 @@ def aged(region: Region, age: float) -> Region:
 
 
 def wear(age: float) -> float:
-    """0 at 35, 1 at 65, below 0 for the young; grows with age."""
+    """How worn skin is at an age: 0 at 35, 1 at 65, below 0 before 35."""
     return float(np.interp(age, _AGES, _WORN))
 
 
 def depth_factor(age: float) -> float:
-    """Factor of the depth of a wrinkle of strength 1; 1 up to 35."""
+    """Factor of the depth of a wrinkle of strength 1 at an age; 1 up to 35."""
     return float(_DEEPEST ** max(wear(age), 0.0))
 
 
 def fold_factor_log(name: str, age: float) -> float:
-    """Logarithm of the factor of `strength`, `width` or `primary` lines where skin folds without
-    end; in proportion to the share of that elsewhere."""
+    """Logarithm of the factor of `strength`, `width` or `primary` lines at an age where skin folds
+    most; elsewhere it holds in proportion to how much skin folds."""
     return float(np.log(_FOLDED[name])) * wear(age)

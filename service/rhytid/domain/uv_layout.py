@@ -1,4 +1,4 @@
-"""UV layouts: how much of one is covered by more than one triangle, and how large texels are on the
+"""Quality of a UV layout: which part more than one triangle covers, and how large texels are on the
 surface.
 
 Overlaps are counted at the points of a grid.
@@ -30,8 +30,11 @@ PartSpans = tuple[slice, IntArray, IntArray, IntArray, IntArray]
 
 @dataclass(frozen=True)
 class Overlap:
-    """share: of the covered area, what two or more triangles cover.  uv: the middle of the busiest
-    such place.  most: triangles that cover one point."""
+    """Where triangles overlap in UV.
+
+    share: of the covered area that two or more triangles cover.  uv: the middle of the place with
+    most of it.  most: largest number of triangles that cover one point.
+    """
 
     share: float
     uv: tuple[float, float]
@@ -39,7 +42,8 @@ class Overlap:
 
 
 def overlap_of(corners: NDArray[np.float64]) -> Overlap | None:
-    """Of triangles (F, 3, 2) in the unit square, what is outside is cut off; None without any.
+    """The overlap of triangles (F, 3, 2) in the unit square, where they are clipped; None without
+    any.
 
     Each row of points cuts a triangle in one span; spans are counted by their ends. Triangles that
     share an edge share its crossing to the last bit, so that no point is counted twice for them.
@@ -57,8 +61,7 @@ def overlap_of(corners: NDArray[np.float64]) -> Overlap | None:
 
 
 def overlapping(corners: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(F,) which of the triangles of `overlap_of` lie over or under another one, at a point of its
-    grid."""
+    """(F,) whether a triangle of `overlap_of` lies over or under another at a point of its grid."""
     side = _side(corners)
     scaled = corners * side - 0.5
     double = _counts(scaled, side) > 1
@@ -74,12 +77,13 @@ def overlapping(corners: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True)
 class TexelSpread:
-    """Sides of texels on the surface, mesh units, without the tails: the least, the usual and the
-    most.
+    """Sides of texels on the surface, mesh units: the least, the usual and the most, without tails.
 
-    coarse: the most are farther off the usual than the least.  worst: of the triangles that are
-    farthest off, the one that is largest in space.  more: how many places more are beyond
-    TEXEL_RATIO, each of triangles that touch one another and of TEXEL_PLACE of the area or more."""
+    coarse: whether the most is farther from the usual than the least is.  worst: the triangle that
+    is largest in space of those that are farthest from the usual.  more: number of further places
+    beyond TEXEL_RATIO, each of triangles that touch one another and of TEXEL_PLACE of the area or
+    more.
+    """
 
     least: float
     usual: float
@@ -92,8 +96,8 @@ class TexelSpread:
 def texel_spread(
     area: FloatArray, area_uv: FloatArray, faces: NDArray[np.int32], resolution: int
 ) -> TexelSpread | None:
-    """Of triangles (F, 3) of these areas in space and UV; None where no texel is too large or too
-    small."""
+    """The spread of triangles (F, 3) with areas (F,) in space and in UV; None where no texel is too
+    large or too small."""
     side = texel_sides(area, area_uv, resolution)
     least, usual, most = side[texel_extremes(side, area)].tolist()
     if most <= TEXEL_RATIO * least:
@@ -119,8 +123,8 @@ def texel_sides(area: FloatArray, area_uv: FloatArray, resolution: int) -> Float
 
 
 def texel_extremes(side: FloatArray, area: FloatArray) -> NDArray[np.intp]:
-    """(3,) the triangles with the least, the median and the most of sides (F,), by area (F,),
-    TEXEL_TAIL of it at either end left out."""
+    """(3,) the triangles with the least, the median and the largest of sides (F,), weighted by area
+    (F,), without TEXEL_TAIL of the area at either end."""
     order = np.argsort(side)
     shares = np.cumsum(area[order])
     tails = np.array([TEXEL_TAIL, 0.5, 1.0 - TEXEL_TAIL])

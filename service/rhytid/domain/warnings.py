@@ -74,8 +74,11 @@ UNIT_TOLERANCE = 0.05
 
 @dataclass(frozen=True)
 class InputWarning:
-    """Something that is probably wrong. code: one of CODES.  detail: what, in plain text.
-    where: the mesh, the frame or the asset, and the place on it where there is one."""
+    """Something that is probably wrong.
+
+    code: one of CODES.  detail: what is wrong, in plain text.  where: the mesh, the frame or the
+    asset, and the place on it where there is one.
+    """
 
     code: str
     detail: str
@@ -87,7 +90,10 @@ class InputWarning:
 
 @dataclass(frozen=True)
 class Meaning:
-    """of: what it is about.  when: from where on.  remedy: what to do. Markdown, a line each."""
+    """The meaning of a code, in Markdown, a line each.
+
+    of: what a warning is about.  when: from where on it is reported.  remedy: what to do.
+    """
 
     of: str
     when: str
@@ -110,7 +116,7 @@ def not_allowed(
 
 
 def check_codes(allow: Iterable[str]) -> None:
-    """Raise QueryError naming the first code that there is not, and all that there are."""
+    """Raise QueryError for the first code that is unknown, naming all that are known."""
     for code in allow:
         if code not in CODES:
             raise QueryError(f"allow is {code!r}: must be one of {', '.join(CODES)}")

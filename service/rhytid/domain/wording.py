@@ -1,4 +1,4 @@
-"""Words of messages."""
+"""Phrases that messages share."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ def plural(count: int, one: str, several: str = "") -> str:
 
 
 def install_hint(extra: str) -> str:
-    """How an extra is installed, which no index has: `in a clone of rhytid: pip install '.[x]'`."""
+    """How to install an extra: `in a clone of rhytid: pip install '.[x]'`, for no index has it."""
     return f"in a clone of rhytid: pip install '.[{extra}]'"
 
 
