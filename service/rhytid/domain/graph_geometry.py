@@ -50,7 +50,7 @@ def with_triangles(
 
 
 def graph_curves(mesh: Mesh, graph: WrinkleGraph) -> Curves:
-    """The wrinkles of strength above 0 as lines from pore to pore, one across a UV seam as one line.
+    """The wrinkles of strength above 0, from pore to pore; one across a UV seam is one line.
 
     Wrinkles with an end on no triangle (node_triangle -1) are left out. A wrinkle of which only one
     half is stored is that half. Raises GraphError where the graph names no triangles.
