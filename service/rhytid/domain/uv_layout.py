@@ -48,7 +48,7 @@ def overlap_of(corners: NDArray[np.float64]) -> Overlap | None:
     Each row of points cuts a triangle in one span; spans are counted by their ends. Triangles that
     share an edge share its crossing to the last bit, so that no point is counted twice for them.
     """
-    side = _side(corners)
+    side = _grid_side(corners)
     counts = _counts(corners * side - 0.5, side)
     covered = int((counts > 0).sum())
     double = counts > 1
@@ -62,7 +62,7 @@ def overlap_of(corners: NDArray[np.float64]) -> Overlap | None:
 
 def overlapping(corners: NDArray[np.float64]) -> NDArray[np.bool_]:
     """(F,) whether a triangle of `overlap_of` lies over or under another at a point of its grid."""
-    side = _side(corners)
+    side = _grid_side(corners)
     scaled = corners * side - 0.5
     double = _counts(scaled, side) > 1
     # Sums along rows: a span has a double point where its ends differ.
@@ -109,7 +109,7 @@ def texel_spread(
     beyond = side > TEXEL_RATIO * least if coarse else side < most / TEXEL_RATIO
     beyond[worst] = True
     chosen = np.flatnonzero(beyond)
-    place = _places(faces[chosen])
+    place = _connected_places(faces[chosen])
     sizes = np.bincount(place, weights=area[chosen])
     sizes[place[np.searchsorted(chosen, worst)]] = 0.0
     more = int(np.count_nonzero(sizes >= TEXEL_PLACE * area.sum()))
@@ -147,7 +147,7 @@ def usual_uv_length(mesh: Mesh) -> float:
     return float(longest[order[np.searchsorted(shares, 0.5 * shares[-1])]])
 
 
-def _places(faces: NDArray[np.int32]) -> NDArray[np.intp]:
+def _connected_places(faces: NDArray[np.int32]) -> NDArray[np.intp]:
     """(F,) the lowest number of a vertex that each triangle hangs together with."""
     label = np.arange(int(faces.max()) + 1)
     while True:
@@ -160,7 +160,7 @@ def _places(faces: NDArray[np.int32]) -> NDArray[np.intp]:
         label = lower
 
 
-def _side(corners: NDArray[np.float64]) -> int:
+def _grid_side(corners: NDArray[np.float64]) -> int:
     a, b, c = np.clip(corners[..., 1].T, 0.0, 1.0)
     heights = np.maximum(np.maximum(a, b), c) - np.minimum(np.minimum(a, b), c)
     height = float(heights.sum())
