@@ -20,10 +20,9 @@ from rhytid.api.live.wire import CLOSE_CODES
 from rhytid.api.problems import KINDS
 from rhytid.cli.program import build_parser
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.domain.setting_meanings import MEANINGS
+from rhytid.domain.setting_fields import UNBOUNDED, Setting, settings_of
 from rhytid.domain.settings_changes import CHANGEABLE
-from rhytid.domain.settings_schema import UNBOUNDED, settings_of
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 
 FOLDER = Path(__file__).parent / "reference"
 HEADER = "| setting | default | range | meaning |\n|---|---|---|---|\n"
@@ -64,16 +63,16 @@ def with_settings(text: str) -> str:
     lines = after.splitlines(keepends=True)
     table = list(takewhile(lambda line: line.startswith("|"), lines))
     rows = [
-        f"| `{name}` | `{json.dumps(default)}` | {range_of(rule)} | {meaning_of(name)} |\n"
-        for name, default, rule in settings_of(AssetSettings())
+        f"| `{s.name}` | `{json.dumps(s.default)}` | {range_of(s.rule)} | {meaning_of(s)} |\n"
+        for s in settings_of(AssetSettings())
     ]
     return "".join([before, header, *rows, *lines[len(table) :]])
 
 
-def meaning_of(name: str) -> str:
+def meaning_of(setting: Setting) -> str:
     """What a setting means, with a link to the page that says more."""
-    more = f" ([more]({MORE[name]}))" if name in MORE else ""
-    return _cell(MEANINGS[name]) + more
+    more = f" ([more]({MORE[setting.name]}))" if setting.name in MORE else ""
+    return _cell(setting.meaning) + more
 
 
 def range_of(rule: Mapping[str, Any]) -> str:

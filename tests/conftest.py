@@ -132,7 +132,7 @@ def device() -> Device:
     """
     from rhytid.device.runtime import Device
     from rhytid.device.select import choose
-    from rhytid.settings import ServiceSettings
+    from rhytid.support.settings import ServiceSettings
 
     settings = ServiceSettings.from_environment()
     return Device(choose(settings.device, settings.cache), settings.device_memory)

@@ -1,9 +1,9 @@
-"""Everything that rhytid raises on purpose.
+"""The exceptions that rhytid raises on purpose.
 
 ::
 
     RhytidError
-    ├── InputError               what the caller sent is wrong; the message says what and where
+    ├── InputError               the caller's input is wrong; the message says what and where
     │   ├── MeshError
     │   ├── GraphError
     │   ├── FrameError
@@ -12,11 +12,11 @@
     │   ├── StrictError          something is probably wrong, and the caller asked to be strict
     │   └── QueryError           an address, a method or a format that does not exist
     ├── NotFoundError            no such asset, frame, job, UDIM or tile
-    ├── ConflictError            right, but not now
+    ├── ConflictError            the request is right, but not in the present state
     │   ├── NotReadyError        the asset is still building (``retry_after`` seconds)
     │   ├── ReadOnlyError        ``neutral`` cannot be written
-    │   └── ChangedError         the asset is not any more what the caller began with
-    ├── LimitError               larger than this server allows; the message has both numbers
+    │   └── ChangedError         the asset has changed since the caller began to read it
+    ├── LimitError               the request exceeds a limit; the message has both numbers
     │   ├── FrameMemoryError     the memory for frames is full
     │   └── HostMemoryError      one request needs more memory than all may hold together
     ├── BusyError                the queue of the device is full (``retry_after`` seconds)
@@ -24,15 +24,15 @@
     │   ├── FetchingError        the asset comes from the shared store (``retry_after`` seconds)
     │   └── DrainingError        the server is shutting down (``retry_after`` seconds)
     ├── AccessError              the caller may not do this
-    │   ├── ApiKeyError          it shows no key, or none that is valid
-    │   └── ScopeError           its key is for other things
-    ├── QuotaError               more than one caller may ask for (``retry_after`` seconds)
+    │   ├── ApiKeyError          the request has no API key, or none that is valid
+    │   └── ScopeError           the API key does not allow this
+    ├── QuotaError               the caller asks for more than it may (``retry_after`` seconds)
     ├── CancelledError           the caller cancelled the job
     ├── FarmError                a cluster does not answer, or its workers cannot do the work
     ├── StorageError             the store is damaged or cannot be written
-    │   ├── DiskFullError        there is no room left for what was to be written
+    │   ├── DiskFullError        the disk has no room for what was to be written
     │   ├── TooManyFilesError    as many files are open as may be (``retry_after`` seconds)
-    │   ├── StoreFormatError     another version of rhytid wrote this
+    │   ├── StoreFormatError     another version of rhytid wrote the store or the asset
     │   ├── SharedStoreError     the shared store cannot be used (``retry_after`` seconds)
     │   └── SharedDamageError    an object of the shared store is not what was written
     └── DeviceError
@@ -42,8 +42,8 @@
         ├── DeviceLostError      the process of the device restarts (``retry_after`` seconds)
         └── FatalRequestError    the process of the device ended twice at this request
 
-What `StorageError`, `DeviceError` and `KernelBuildError` say may hold paths and build logs of this
-machine. `public` is what callers in another place may know.
+Messages of `StorageError`, `DeviceError` and `KernelBuildError` may hold paths and build logs of
+this machine. Callers elsewhere get the text of `public` in their place.
 """
 
 from __future__ import annotations
@@ -52,19 +52,19 @@ from __future__ import annotations
 class RhytidError(Exception):
     """Base of every deliberate error."""
 
-    # What callers elsewhere read instead of the message; None = the message itself.
+    # The text that callers elsewhere get in place of the message; None for the message itself.
     public: str | None = None
 
 
 def public_message(error: BaseException) -> str:
-    """What callers in another place may know of an error."""
+    """The text of an error for callers elsewhere."""
     if not isinstance(error, RhytidError):
         return f"internal error: {type(error).__name__}"
     return str(error) if error.public is None else error.public
 
 
 class InputError(RhytidError):
-    """What the caller sent is wrong."""
+    """The caller's input is wrong."""
 
 
 class MeshError(InputError):
@@ -88,7 +88,7 @@ class SnapshotError(InputError):
 
 
 class StrictError(InputError):
-    """Something is probably wrong, and the caller asked to be strict; `warnings` has it all."""
+    """Something is probably wrong, and the caller asked to be strict; `warnings` has all of it."""
 
     def __init__(self, message: str, warnings: tuple[object, ...] = ()) -> None:
         super().__init__(message)
@@ -118,11 +118,11 @@ class ReadOnlyError(ConflictError):
 
 
 class ChangedError(ConflictError):
-    """The asset is not any more what the caller has begun to read."""
+    """The asset has changed since the caller began to read it."""
 
 
 class LimitError(RhytidError):
-    """Larger than this server allows."""
+    """The request exceeds a limit of this server."""
 
 
 class FrameMemoryError(LimitError):
@@ -152,7 +152,7 @@ class FetchingError(BusyError):
 
 
 class DrainingError(BusyError):
-    """The server is shutting down: what comes now is for the next one."""
+    """The server is shutting down; the next one will take the request."""
 
     retry_after = 5
 
@@ -162,15 +162,15 @@ class AccessError(RhytidError):
 
 
 class ApiKeyError(AccessError):
-    """No API key was shown, or none that is valid."""
+    """The request has no API key, or none that is valid."""
 
 
 class ScopeError(AccessError):
-    """The API key that was shown does not allow this; names the scope that does."""
+    """The API key of the request does not allow this; names the scope that does."""
 
 
 class QuotaError(RhytidError):
-    """More than one caller may ask for."""
+    """The caller asks for more than it may."""
 
     def __init__(self, message: str, retry_after: int = 1) -> None:
         super().__init__(message)
@@ -192,7 +192,7 @@ class StorageError(RhytidError):
 
 
 class DiskFullError(StorageError):
-    """There is no room left for what was to be written; none of it is kept."""
+    """The disk has no room for what was to be written; none of it is kept."""
 
     public = (
         "the disk of the server is full, and nothing of this was kept: "
@@ -208,7 +208,7 @@ class TooManyFilesError(StorageError):
 
 
 class StoreFormatError(StorageError):
-    """Another version of rhytid wrote this, and this one cannot read it."""
+    """Another version of rhytid wrote the store or the asset, and this one cannot read it."""
 
     public = (
         "another version of rhytid stored this, and this one cannot read it: "
@@ -259,6 +259,6 @@ class DeviceLostError(DeviceError):
 
 
 class FatalRequestError(DeviceError):
-    """The process of the device ended twice while it worked on this; it is not tried again."""
+    """The process of the device ended twice at this request, which is not tried again."""
 
     public = None

@@ -23,7 +23,7 @@ from api.fake_engine import FakeEngine
 from api.patch import upload
 from rhytid.api import app as module
 from rhytid.api.keys import new_key, write_keys
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 
 ROUNDS, BEFORE = 3000, 300
 HOST = "127.0.0.1:8717"

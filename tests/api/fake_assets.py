@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from api.fake_state import FakeAsset, Part, digest_of
-from rhytid.domain.curves import Curves
 from rhytid.domain.expressions import Expressions
 from rhytid.domain.frame import check_positions, counted_frame
 from rhytid.domain.graph import WrinkleGraph
+from rhytid.domain.graph_geometry import Curves
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import mesh_udims
 from rhytid.domain.warnings import check_codes, refuse

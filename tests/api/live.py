@@ -12,7 +12,7 @@ import uvicorn
 
 from rhytid.api.app import create_app
 from rhytid.cli.server import protocol_options
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 
 
 class _Server(uvicorn.Server):

@@ -25,7 +25,7 @@ from rhytid.api.access import OPEN, ROUTES, Access, Rates
 from rhytid.api.app import create_app
 from rhytid.api.keys import SCOPES, ApiKey, new_key, utc_now, write_keys
 from rhytid.errors import ApiKeyError, QuotaError
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 
 
 def walked(routes: Iterable[Any]) -> Iterator[Any]:

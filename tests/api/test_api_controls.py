@@ -17,7 +17,7 @@ from api.live import serving
 from api.patch import SETTINGS, obj, upload
 from engine.engines import running
 from exr_images import exr
-from rhytid.domain.controls import CONTROLS
+from rhytid.domain.painted_maps import CONTROLS
 from rhytid.formats.graphs import read_graph
 from rhytid_client import Client
 

@@ -13,9 +13,10 @@ from api.asking import is_problem
 from rhytid import __version__
 from rhytid.api.app import create_app
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.domain.settings_changes import CHANGEABLE, leaves
+from rhytid.domain.setting_fields import leaves
+from rhytid.domain.settings_changes import CHANGEABLE
 from rhytid.errors import SettingsError
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 
 
 @pytest.fixture(scope="module")

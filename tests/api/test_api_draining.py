@@ -17,7 +17,7 @@ from api.asking import NPY, built, is_problem, npy
 from api.fake_engine import FakeEngine
 from api.patch import obj, smile, upload
 from rhytid.cli.server import LAST_GRACE, LOOPBACK, address_of, listen, server_of
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 
 
 @dataclass

@@ -18,7 +18,7 @@ from api.live import serving
 from api.patch import smile
 from rhytid.api.request_head import CheckHead
 from rhytid.errors import SettingsError
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 
 
 def sent(client: httpx.Client, text: bytes) -> tuple[int, bytes]:

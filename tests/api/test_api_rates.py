@@ -15,7 +15,7 @@ from rhytid.api.access import REMEMBERED, SAVED, Caller, Rates
 from rhytid.api.admission import JobShares
 from rhytid.engine.messages import JobInfo
 from rhytid.errors import NotFoundError, QuotaError, SettingsError
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 
 
 class Clock:

@@ -20,7 +20,7 @@ from meshes import bumpy_grid, deform
 from pipeline.scenes import random_graph
 from rhytid.engine.engine import Engine
 from rhytid.formats.graphs import write_graph
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 
 pytestmark = pytest.mark.release
 

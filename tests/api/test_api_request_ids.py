@@ -11,7 +11,7 @@ import pytest
 
 from api.fake_engine import FakeEngine
 from api.live import serving
-from rhytid.logs import JsonLines, TextLines, request_id
+from rhytid.support.logs import JsonLines, TextLines, request_id
 
 ID = "X-Request-Id"
 MADE = re.compile(r"[0-9a-f]{32}")

@@ -17,7 +17,7 @@ from api.fake_engine import FakeEngine
 from api.live import serving
 from rhytid import __version__
 from rhytid.api.app import create_app
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 
 
 def test_alive_and_ready(client: httpx.Client) -> None:

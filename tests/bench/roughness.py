@@ -21,11 +21,11 @@ from rhytid.cli.input_files import mesh_file, shape_files
 from rhytid.cli.preview import drawn_under, resident
 from rhytid.cli.region_preview import SIDE_MM, skin_views
 from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.lengths import millimetres
 from rhytid.domain.tiles import busiest_udim
-from rhytid.domain.units import millimetres
 from rhytid.engine.engine import open_device
 from rhytid.pipeline.folds import measured_folds
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 from rhytid.synthesis.generate import synthesize
 from rhytid.synthesis.workspace import directly
 

@@ -22,7 +22,7 @@ from rhytid.domain.mesh import Mesh
 from rhytid.engine.engine import open_device
 from rhytid.engine.frames import NEUTRAL_FRAME
 from rhytid.engine.messages import MapQuery
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 from rhytid.synthesis.generate import synthesize
 from rhytid_lab.plots import Point, curves
 

@@ -24,7 +24,7 @@ from rhytid.pictures.legends import scale_bar
 from rhytid.pictures.sheet import Panel, sheet
 from rhytid.pictures.surface_patch import Frame as View
 from rhytid.pictures.surface_patch import surface_patch
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 from rhytid.synthesis.generate import synthesize
 from rhytid_lab.bench.skin import Skin
 from rhytid_lab.contact_sheets import GRAZING, STEEP

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 import rhytid
-from rhytid import build_identity
 from rhytid.cli import main
 from rhytid.cli.program import build_parser
+from rhytid.support import build_identity
 
 NAMES = ["bake", "bench", "demo", "devices", "graph", "reproduce", "serve", "synthesize"]
 NAMES += ["check", "completion", "convert", "transfer", "warnings"]

@@ -11,8 +11,8 @@ from PIL import Image
 from cli.running import write_neutral
 from meshes import SmallMesh
 from rhytid.cli import main
+from rhytid.cli.control_samples import samples
 from rhytid.cli.control_skins import ControlSkins
-from rhytid.domain.control_samples import samples
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import InputError
 from rhytid.pictures.control_sheet import PATCH

@@ -15,7 +15,7 @@ from rhytid.cli.server import address_of, listen
 from rhytid.cli.synthesize import grown_settings
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.errors import InputError, SettingsError
-from rhytid.settings import misspelt
+from rhytid.support.settings import misspelt_variables
 
 
 def options(**given: object) -> argparse.Namespace:
@@ -120,7 +120,7 @@ def test_variables_that_are_misspelt_are_named() -> None:
         "RHYTID_TEST_FAULT": "x", "RHYTID_PORT": "x", "RHYTID_SERVICE_HOST": "x",
         "RHYTID_SERVICE_PORT_HTTP": "x", "RHYTID_PORT_8717_TCP_ADDR": "x",
     }  # fmt: skip
-    assert misspelt(given) == [
+    assert misspelt_variables(given) == [
         "RHYTID_STOER is not known: did you mean RHYTID_STORE?",
         "RHYTID_HOST_MEMORY is not known: did you mean RHYTID_HOST_MEMORY_MB?",
         "RHYTID_KEY_FILE is not known: did you mean RHYTID_KEYS_FILE?",
@@ -130,8 +130,10 @@ def test_variables_that_are_misspelt_are_named() -> None:
 
 def test_a_variable_that_another_stands_for_is_named() -> None:
     given = {"FORWARDED_ALLOW_IPS": "*"}
-    assert misspelt(given) == ["FORWARDED_ALLOW_IPS is not read: RHYTID_PROXIES stands for it"]
-    assert misspelt({**given, "RHYTID_PROXIES": "10.1.2.3"}) == []
+    assert misspelt_variables(given) == [
+        "FORWARDED_ALLOW_IPS is not read: RHYTID_PROXIES stands for it"
+    ]
+    assert misspelt_variables({**given, "RHYTID_PROXIES": "10.1.2.3"}) == []
 
 
 def test_commands_warn_of_misspelt_variables(

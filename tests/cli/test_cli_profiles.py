@@ -17,7 +17,7 @@ from rhytid.cli import main
 from rhytid.engine.engine import Engine
 from rhytid.engine.messages import MapQuery
 from rhytid.formats.meshes import read_mesh
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 from rhytid.textures.chart import Chart
 from rhytid.textures.names import PROFILE_NAMES
 from textures.reading import read_texture

@@ -16,7 +16,7 @@ from rhytid.cli.progress import counted, share_bar, working
 from rhytid.cli.reporting import report, table
 from rhytid.cli.timing import Stopwatch
 from rhytid.cli.voice import Voice, detail, job_line, note, speaking
-from rhytid.domain.wording import plural, waiting
+from rhytid.domain.wording import plural, waiting_requests
 from rhytid_client import Job
 from rhytid_lab.commands.demo_session import StepClock, key_frames
 
@@ -154,8 +154,8 @@ class Terminal(io.StringIO):
 def test_plurals() -> None:
     assert [plural(n, "map") for n in (0, 1, 2)] == ["0 maps", "1 map", "2 maps"]
     assert plural(2, "entry", "entries") == "2 entries"
-    assert waiting(1) == "1 request waits for the device"
-    assert waiting(64) == "64 requests wait for the device"
+    assert waiting_requests(1) == "1 request waits for the device"
+    assert waiting_requests(64) == "64 requests wait for the device"
 
 
 def test_a_stopwatch_counts_calls() -> None:

@@ -11,7 +11,7 @@ import pytest
 from rhytid.cli import main
 from rhytid.cli.serve import device_numbers
 from rhytid.errors import SettingsError
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 
 
 @pytest.mark.parametrize(

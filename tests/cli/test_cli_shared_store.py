@@ -18,10 +18,10 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.engine.assets.builder import AssetBuilder
 from rhytid.errors import SharedStoreError
-from rhytid.settings import ServiceSettings
 from rhytid.storage import AssetStore
 from rhytid.storage.shared.mirror import StoreMirror
 from rhytid.storage.shared.shared_store import SharedStore
+from rhytid.support.settings import ServiceSettings
 from storage.conftest import folder, graph, mesh, settings, store
 from storage.places import new_folder
 

@@ -13,7 +13,7 @@ from cli.running import write_neutral
 from meshes import SmallMesh
 from rhytid.cli import main
 from rhytid.cli.template import MASKS
-from rhytid.domain.controls import CONTROLS, REGION_MAPS, REGION_PREFIX
+from rhytid.domain.painted_maps import CONTROLS, REGION_MAPS, REGION_PREFIX
 from rhytid.formats.graphs import read_graph
 from rhytid.formats.painted import read_stiffness
 

@@ -12,7 +12,7 @@ import handmade
 from cli.running import write_neutral
 from meshes import SmallMesh
 from rhytid.cli import main
-from rhytid.domain.graph_origin import mesh_digest
+from rhytid.domain.graph import mesh_digest
 from rhytid.formats.graphs import read_graph
 from rhytid.formats.meshes import read_mesh
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rhytid.domain.units import MILLIMETRES as OF_SERVICE
+from rhytid.domain.lengths import MILLIMETRES as OF_SERVICE
 from rhytid.formats.meshes import read_mesh
 from rhytid_client.hosts import Trouble, polygons, welded
 from rhytid_client.hosts.meshes import counted

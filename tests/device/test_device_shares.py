@@ -19,8 +19,7 @@ from rhytid.device.runtime import Device
 from rhytid.device.select import Candidate
 from rhytid.engine.byte_budget import ByteBudget
 from rhytid.errors import SettingsError
-from rhytid.settings import ServiceSettings
-from rhytid.variables import MIB
+from rhytid.support.settings import MIB, ServiceSettings
 
 GIB = 1 << 30
 CPU = Candidate(0, "a", "b", "cpu", "1.2", 2, 64 * GIB, GIB, 1 << 15, 64, None)

@@ -1,12 +1,13 @@
-"""Positions out of weights, against float64."""
+"""Blendshapes: positions out of weights, against float64, and what names of several rigs mean."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from rhytid.domain.blendshapes import Blendshapes
+from rhytid.domain.blendshapes import Blendshapes, meant_shapes, name_parts, region_of
 from rhytid.domain.expressions import Expressions
+from rhytid.domain.skin import REGIONS
 from rhytid.errors import FrameError, InputError
 
 rng = np.random.default_rng(5)
@@ -46,3 +47,75 @@ def test_a_weight_that_cannot_be_is_named(bad: float) -> None:
 def test_frames_have_no_names() -> None:
     assert KNOWN.named
     assert not Expressions.checked(SHAPES, 40).named
+
+
+@pytest.mark.parametrize(
+    ("name", "region"),
+    [
+        ("browInnerUp", "forehead"),
+        ("browOuterUp_L", "forehead"),
+        ("Brow_Raise.001", None),  # what stands before the dot is passed over
+        ("brow_raise", "forehead"),
+        ("Eyebrow Up Left", "forehead"),
+        ("eyeBlinkRight", "eye_corner"),
+        ("blendShape1.eyeBlink_L", "eye_corner"),
+        ("Face|squint", "eye_corner"),
+        ("EYE_CLOSE_R", "eye_corner"),
+        ("mouthPucker", "lip"),
+        ("Mouth-Funnel", "lip"),
+        ("pucker", "lip"),
+        ("noseSneer_L", "nose"),
+        ("Nose Wrinkle R", "nose"),
+        ("cheekPuff", "cheek"),
+        ("cheekSquintLeft", "cheek"),
+        ("mouthSmile_R", "cheek"),
+        ("smile", "cheek"),
+        ("jawOpen", "neck"),
+        ("jaw_open", "neck"),
+        ("browDown_L", None),
+        ("eyeLookUp_L", None),
+        ("jawLeft", None),
+        ("cheekSuck", None),
+        ("0001", None),
+        ("", None),
+    ],
+)
+def test_names_show_their_region(name: str, region: str | None) -> None:
+    assert region_of(name) == region
+    assert region is None or region in REGIONS
+
+
+# As of ICT FaceKit, an excerpt.
+ICT = ("browInnerUp_L", "browInnerUp_R", "eyeBlink_L", "eyeBlink_R", "jawLeft", "jawOpen")
+
+
+@pytest.mark.parametrize(
+    ("name", "parts"),
+    [
+        ("eyeBlinkLeft", ("eyeblink", "left")),
+        ("EyeBlink_L", ("eyeblink", "left")),
+        ("face|eyeBlink.l", ("eyeblink", "left")),
+        ("bs:eyeBlinkL", ("eyeblink", "left")),
+        ("eye_blink_right", ("eyeblink", "right")),
+        ("mouthRollLower", ("mouthrolllower", "")),
+        ("jawLeft", ("jaw", "left")),
+        ("mouthFunnel", ("mouthfunnel", "")),
+        ("L", ("l", "")),
+        ("left", ("left", "")),
+    ],
+)
+def test_parts_of_a_name(name: str, parts: tuple[str, str]) -> None:
+    assert name_parts(name) == parts
+
+
+def test_names_of_arkit_mean_shapes_of_other_spellings() -> None:
+    wanted = ("eyeBlinkRight", "browInnerUp", "JawLeft", "jawOpen", "tongueOut", "jawRight")
+    assert meant_shapes(wanted, ICT) == [(3,), (0, 1), (4,), (5,), (), ()]
+
+
+def test_a_name_that_is_there_comes_before_one_that_is_spelled_alike() -> None:
+    assert meant_shapes(["smile_L", "smileL"], ["smileLeft", "smile_L", "smileL"]) == [(1,), (2,)]
+
+
+def test_one_side_alone_is_what_there_is_of_both() -> None:
+    assert meant_shapes(["browInnerUp"], ["browInnerUp_R"]) == [(0,)]

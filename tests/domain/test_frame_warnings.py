@@ -10,8 +10,8 @@ from meshes import SmallMesh, deform
 from reference.stretch import stretch
 from rhytid.domain import warnings as limits
 from rhytid.domain.frame import check_positions
-from rhytid.domain.frame_warnings import FrameCheck
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.mesh_warnings import FrameCheck
 from rhytid_lab.samples.face import procedural_face
 from rhytid_lab.samples.sphere import SPHERE_STRETCHES, sphere, sphere_stretch
 

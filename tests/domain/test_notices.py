@@ -15,11 +15,11 @@ from rhytid.domain.mesh import Mesh
 from rhytid.domain.notices import (
     LARGE_WRINKLES,
     build_notice,
-    count_told,
     grain_notice,
+    spacing_of_count,
     texel_notice,
 )
-from rhytid.domain.texel_sizes import usual_uv_length
+from rhytid.domain.uv_layout import usual_uv_length
 from rhytid_lab.samples.face import procedural_face
 
 
@@ -72,15 +72,16 @@ def test_the_length_is_that_of_the_longest_direction() -> None:
 def test_a_number_of_wrinkles_says_which_lengths_follow() -> None:
     given = {"graph": {"wrinkles": 300, "age": 65}}
     settings = AssetSettings.parse(given).with_lengths(Lengths.of(0.25, 65))
-    told = count_told(settings, 0.251)
+    told = spacing_of_count(settings, 0.251)
     assert told == (
         "300 wrinkles fix the spacing, and depths follow it: pores are 2.51 mm apart (usually 0.5 "
         "mm), furrows of strength 1 are 0.6 mm deep (usually 0.12 mm), grain 0.012 mm and "
         "undulation 0.108 mm rms"
     )
     other = AssetSettings.parse({**given, "unit": "ell"}).with_lengths(Lengths.of(0.25))
-    assert "pores are 0.251 ell apart, furrows of strength 1 are 0.0375 ell deep," in count_told(
-        other, 0.251
+    assert (
+        "pores are 0.251 ell apart, furrows of strength 1 are 0.0375 ell deep,"
+        in spacing_of_count(other, 0.251)
     )
 
 

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.lengths import Lengths
-from rhytid.domain.settings_changes import leaves, nested, settings_changed
+from rhytid.domain.setting_fields import leaves, nested
+from rhytid.domain.settings_changes import settings_changed
 
 LENGTHS = Lengths.of(0.05)
 SENT: list[dict[str, Any]] = [

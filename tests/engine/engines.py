@@ -16,7 +16,7 @@ from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.engine import Engine
 from rhytid.engine.messages import JobInfo, MapQuery, NewAsset
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 
 QUERIES = tuple(MapQuery(method) for method in ("neutral", "redraw", "binned", "convolved"))
 REDRAW, BINNED, CONVOLVED = QUERIES[1:]

@@ -9,7 +9,7 @@ import pytest
 
 from engine.engines import built, finish, running, settle
 from pipeline.scenes import random_graph, settings_of, sheet
-from rhytid.domain.controls import Controls
+from rhytid.domain.painted_maps import Controls
 from rhytid.engine.messages import NewAsset
 from rhytid.errors import InputError, LimitError
 from rhytid.storage.contents import asset_id

@@ -11,7 +11,7 @@ from engine.test_engine_grain import GRAINY, GRAPH, asset_of, tile_of
 from meshes import deform
 from pipeline.scenes import DEPTH, random_graph, sheet
 from pipeline.test_stage_merges import EVERYWHERE
-from rhytid.domain.stiffness import Stiffness
+from rhytid.domain.painted_maps import Stiffness
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
 from rhytid.pipeline.bins import quantisation_steps
 from rhytid.pipeline.cushion import cushion_steps

@@ -11,7 +11,7 @@ import pytest
 
 from engine.engines import built, finish, new_asset, rest, running
 from pipeline.scenes import sheet
-from rhytid.domain.texel_sizes import usual_uv_length
+from rhytid.domain.uv_layout import usual_uv_length
 from rhytid.engine.assets import asset as assets
 from rhytid.engine.assets import upload
 from rhytid.engine.assets.asset import Asset

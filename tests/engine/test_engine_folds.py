@@ -9,7 +9,7 @@ import pytest
 
 from engine.engines import built, finish, running, settle
 from pipeline.scenes import random_graph, settings_of, sheet
-from rhytid.domain.expressions import Expressions, grown_from
+from rhytid.domain.expressions import Expressions, expressions_for_lines
 from rhytid.engine.messages import NewAsset
 from rhytid.errors import InputError
 from rhytid.pipeline.folds import measured_folds
@@ -118,7 +118,7 @@ def test_an_interrupted_build_goes_on_with_what_expressions_left(tmp_path):
         wanted = graph_bytes(engine, asset)
         settings = new.settings
         folds = measured_folds(
-            engine._device, new.mesh, grown_from(settings.graph.lines, new.shapes),
+            engine._device, new.mesh, expressions_for_lines(settings.graph.lines, new.shapes),
             settings.response.log_stretch_limit, settings.length_unit, lambda *_: None,
             engine._on_device.run_patiently,
         )  # fmt: skip

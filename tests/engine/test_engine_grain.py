@@ -13,7 +13,7 @@ from reference import drawing, locate
 from reference import grain as reference
 from reference.stretch import log_stretch
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.stiffness import Stiffness
+from rhytid.domain.painted_maps import Stiffness
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.device_assets.asset import DeviceAsset
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame

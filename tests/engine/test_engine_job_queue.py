@@ -10,11 +10,11 @@ from contextlib import contextmanager
 
 import pytest
 
-from rhytid import stopping
 from rhytid.engine.call_context import caller
 from rhytid.engine.job import Job
 from rhytid.engine.jobs import Jobs
 from rhytid.errors import BusyError, CancelledError
+from rhytid.support import cancellation
 
 MOST = 4
 
@@ -321,7 +321,7 @@ def test_a_build_that_takes_too_long_fails_and_says_so() -> None:
     def long(job: Job) -> None:
         while time.monotonic() < began + 60:
             time.sleep(0.01)
-            stopping.check()
+            cancellation.check()
 
     build = jobs.start("build", "a", long)
     assert build.wait(60)

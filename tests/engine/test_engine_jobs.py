@@ -38,7 +38,7 @@ from rhytid.errors import (
     NotReadyError,
     SettingsError,
 )
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 
 ADDRESS = TileAddress(1001, 0, 0, 0)
 

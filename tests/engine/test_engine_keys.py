@@ -11,10 +11,10 @@ from api.live import serving
 from engine.engines import QUERIES, built, finish, new_asset, running, same, settle
 from meshes import deform
 from pipeline.scenes import DEPTH, sheet
-from rhytid import build_identity
 from rhytid.domain.settings_changes import CHANGEABLE
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.tiles import service
+from rhytid.support import build_identity
 
 ADDRESS = TileAddress(1001, 0, 1, 2)
 BENT = deform(sheet().positions, 3, 0.15)

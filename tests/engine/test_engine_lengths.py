@@ -13,13 +13,12 @@ from scipy.spatial import cKDTree
 
 from engine.engines import BINNED, CONVOLVED, REDRAW, built, maps, new_asset, running, same, settle
 from rhytid.cli import main
-from rhytid.domain.ageing import deepest
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.domain.controls import Controls
-from rhytid.domain.graph import WrinkleGraph
-from rhytid.domain.graph_origin import GraphOrigin
+from rhytid.domain.graph import GraphOrigin, WrinkleGraph
+from rhytid.domain.graph_geometry import surface_points
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.surface_points import surface_points
+from rhytid.domain.painted_maps import Controls
+from rhytid.domain.skin import depth_factor
 from rhytid.engine.messages import NewAsset
 from rhytid.errors import GraphError, LimitError, SettingsError
 from rhytid.formats.exr import read_exr
@@ -67,7 +66,7 @@ def test_the_deepest_lines_of_the_old_are_deeper_and_stay_so(tmp_path):
         young = grown(engine, **SPARSE)
         old = grown(engine, **SIZE, graph={**graph, "age": 65})
         assert lengths(engine, young)[0] == pytest.approx(0.15 * 0.2)
-        assert lengths(engine, old)[0] == pytest.approx(deepest(65.0) * 0.15 * 0.2)
+        assert lengths(engine, old)[0] == pytest.approx(depth_factor(65.0) * 0.15 * 0.2)
         assert engine.assets.graph(old).origin.depth == lengths(engine, old)[0]
         # Set explicitly, it is that; null is that of the age again, after a restart, too.
         engine.assets.change(old, {"depth": 0.01})
@@ -75,7 +74,7 @@ def test_the_deepest_lines_of_the_old_are_deeper_and_stay_so(tmp_path):
     with running(tmp_path) as engine:
         settle(engine, old)
         engine.assets.change(old, {"depth": None})
-        assert lengths(engine, old)[0] == pytest.approx(deepest(65.0) * 0.15 * 0.2)
+        assert lengths(engine, old)[0] == pytest.approx(depth_factor(65.0) * 0.15 * 0.2)
 
 
 @pytest.mark.slow

@@ -27,7 +27,7 @@ from engine.engines import (
 from meshes import deform
 from pipeline.scenes import sheet
 from reference import pyramid
-from rhytid.domain.stiffness import Stiffness
+from rhytid.domain.painted_maps import Stiffness
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.device_assets import levels
 from rhytid.engine.device_assets.drawing import DeviceDrawing

@@ -11,7 +11,7 @@ from engine.engines import built, running, same
 from meshes import deform
 from pipeline.scenes import settings_of, sheet
 from rhytid.device import select
-from rhytid.domain.stiffness import Stiffness
+from rhytid.domain.painted_maps import Stiffness
 from rhytid.engine.messages import METHODS, SAMPLINGS, MapQuery, NewAsset
 
 pytestmark = pytest.mark.release

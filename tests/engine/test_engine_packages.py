@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from engine.engines import MIB, built, finish, new_asset, rest, running
-from rhytid.domain.stiffness import Stiffness
+from rhytid.domain.painted_maps import Stiffness
 from rhytid.engine import packages as module
 from rhytid.engine.engine import Engine
 from rhytid.engine.messages import JobInfo, Package
@@ -175,7 +175,7 @@ def test_a_full_disk_is_told_and_leaves_nothing(
     def full(*_: Any) -> None:
         raise OSError(28, os.strerror(28))
 
-    monkeypatch.setattr("rhytid.durable.write_pieces", full)
+    monkeypatch.setattr("rhytid.support.atomic_files.write_pieces", full)
     with pytest.raises(DiskFullError):
         engine.packages.of(asset)
     assert kept(engine) == []

@@ -14,11 +14,11 @@ from api.asking import NPY, npy
 from api.live import serving
 from engine.engines import built, finish, new_asset, rest, running
 from meshes import deform
-from rhytid import durable
 from rhytid.cli.ready_assets import build
 from rhytid.cli.warned import Warned
 from rhytid.engine.engine import Engine
 from rhytid.errors import ConflictError, DiskFullError, KernelBuildError, StorageError
+from rhytid.support import atomic_files
 
 WORDS = DiskFullError.public
 
@@ -28,8 +28,8 @@ class FullDisk:
 
     def __init__(self, patch: pytest.MonkeyPatch) -> None:
         self.full = False
-        self._write = durable.write_pieces
-        patch.setattr(durable, "write_pieces", self)
+        self._write = atomic_files.write_pieces
+        patch.setattr(atomic_files, "write_pieces", self)
 
     def __call__(self, path: Path, pieces: Any) -> None:
         if self.full:

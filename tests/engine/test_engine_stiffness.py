@@ -24,7 +24,7 @@ from engine.engines import (
 from meshes import deform
 from pipeline.scenes import sheet
 from pipeline.stiff_scenes import painted
-from rhytid.domain.stiffness import Stiffness
+from rhytid.domain.painted_maps import Stiffness
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.messages import MapQuery
 from rhytid.errors import InputError, NotFoundError, SettingsError

@@ -16,11 +16,11 @@ import pytest
 from engine.engines import built, new_asset, rest, running
 from meshes import deform
 from pipeline.scenes import settings_of, sheet
-from rhytid import stopping
 from rhytid.engine.engine import Engine
 from rhytid.engine.job import Job
 from rhytid.engine.messages import JobInfo, NewAsset
 from rhytid.errors import CancelledError, FetchingError
+from rhytid.support import cancellation
 from storage.places import new_folder
 
 pytestmark = pytest.mark.slow
@@ -252,5 +252,5 @@ def test_a_build_that_waits_is_given_up_at_once(
 
 
 def test_work_outside_of_jobs_is_never_stopped() -> None:
-    stopping.check()
-    assert list(stopping.each(range(3))) == [0, 1, 2]
+    cancellation.check()
+    assert list(cancellation.check_each(range(3))) == [0, 1, 2]

@@ -13,7 +13,7 @@ from rhytid.engine.operations import OPERATIONS
 from rhytid.engine_process.envelope import Answer, Envelope, Request, answered
 from rhytid.engine_process.packing import unpack
 from rhytid.errors import NotFoundError
-from rhytid.logs import request_id
+from rhytid.support.logs import request_id
 
 FIGURES = Figures()
 

@@ -17,9 +17,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pipeline.scenes import random_graph, settings_of, sheet
-from rhytid.domain.controls import Controls
 from rhytid.domain.expressions import Expressions
-from rhytid.domain.stiffness import Stiffness
+from rhytid.domain.painted_maps import Controls, Stiffness
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine import call_context
 from rhytid.engine.messages import MapQuery, NewAsset

@@ -28,8 +28,8 @@ from rhytid.engine_process.placement import FoundDevice, Placement, named_device
 from rhytid.engine_process.remote_calls import RemoteCalls, UploadHolds
 from rhytid.engine_process.supervisors import Supervisors
 from rhytid.errors import DeviceLostError, LimitError, NoDeviceError, NotFoundError, SnapshotError
-from rhytid.settings import ServiceSettings
 from rhytid.storage.snapshots import OpenFile
+from rhytid.support.settings import ServiceSettings
 
 GIB = 1 << 30
 GPUS = [FoundDevice(0, "gpu", "gpu", 8 * GIB), FoundDevice(1, "gpu", "gpu", 24 * GIB)]

@@ -26,7 +26,7 @@ from rhytid.engine_process.envelope import Answer, Request
 from rhytid.engine_process.supervisor import Supervisor
 from rhytid.engine_process.wire import Start
 from rhytid.errors import DeviceError, DeviceLostError
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 
 KILLED = Ending("killed", "it ended by SIGKILL", Purpose())
 NO_ROOM = BlockingIOError(11, "Resource temporarily unavailable")

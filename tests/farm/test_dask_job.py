@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from meshes import bumpy_grid
-from rhytid.build_identity import drawing_version
 from rhytid.cli.dask_job import SharedFile, WorkerJob, mesh_digest
 from rhytid.domain.mesh import Mesh
 from rhytid.engine.messages import MapQuery
 from rhytid.errors import InputError
 from rhytid.formats.frame_set import Clip
+from rhytid.support.build_identity import drawing_version
 
 
 def test_a_file_that_is_the_same_is_taken(tmp_path: Path) -> None:

@@ -16,8 +16,8 @@ from rhytid.cli import dask_bake
 from rhytid.cli.bake_output import Output
 from rhytid.cli.dask_bake import DaskBake
 from rhytid.cli.frame_files import FramePlace
-from rhytid.durable import sweep
 from rhytid.errors import StorageError
+from rhytid.support.atomic_files import sweep
 from rhytid.textures.profiles import profiles_of
 from storage.leftovers import left_by_a_killed_writer
 

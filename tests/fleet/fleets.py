@@ -14,7 +14,7 @@ from pathlib import Path
 from rhytid.fleet.local_fleet import local_fleet
 from rhytid.fleet.options import FleetOptions
 from rhytid.fleet.ray_engine import RayEngine
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 
 REPLICAS = 2
 

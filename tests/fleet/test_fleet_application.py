@@ -20,7 +20,7 @@ from rhytid.errors import AccessError, DeviceError, SettingsError
 from rhytid.fleet.app import application, asking, deployment, ingress_app
 from rhytid.fleet.local_fleet import local_fleet
 from rhytid.fleet.options import FleetOptions
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 
 
 def config_of(**options: Any) -> Any:

@@ -37,7 +37,7 @@ from rhytid.fleet.options import FleetOptions
 from rhytid.fleet.order import order
 from rhytid.fleet.ray_engine import RayEngine
 from rhytid.fleet.remote_board import NAMESPACE, RemoteBoard
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 
 pytestmark = pytest.mark.slow
 TILE = "tiles/1001/0/0/0"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from rhytid.domain import painted
+from rhytid.domain import painted_maps
 from rhytid.errors import InputError, LimitError
 from rhytid.formats.painted import read_controls
 
@@ -44,7 +44,7 @@ def test_what_has_no_place_is_named():
 
 
 def test_the_limit_is_of_all_controls(monkeypatch):
-    monkeypatch.setattr(painted, "MOST_TEXELS", 31)
+    monkeypatch.setattr(painted_maps, "MOST_TEXELS", 31)
     files = {"density": [("a.png", png(0))], "turn": [("b.png", png(0))]}
     with pytest.raises(LimitError, match=r"b\.png: control .* 32 texels in all: at most 31"):
         read_controls(files, (1001,))

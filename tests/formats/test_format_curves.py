@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rhytid.domain.curves import Curves
+from rhytid.domain.graph_geometry import Curves
 from rhytid.domain.wording import plural
 from rhytid.errors import InputError, QueryError
 from rhytid.formats import curves as formats

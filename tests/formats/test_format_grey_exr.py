@@ -9,8 +9,7 @@ import OpenEXR
 import pytest
 
 from exr_images import exr
-from rhytid.domain.controls import signed
-from rhytid.domain.painted import shares
+from rhytid.domain.painted_maps import shares, signed
 from rhytid.errors import InputError
 from rhytid.formats import grey_exr
 from rhytid.formats.painted import read_grey

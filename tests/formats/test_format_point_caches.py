@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rhytid.domain.origin import ORIGIN
+from rhytid.domain.mesh import ORIGIN
 from rhytid.errors import FrameError, LimitError
 from rhytid.formats.caches import read_cache
 from rhytid.formats.frame_set import MOST_FRAMES, Clip

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from rhytid.domain import painted as domain
+from rhytid.domain import painted_maps as domain
 from rhytid.errors import InputError, LimitError
 from rhytid.formats.painted import read_stiffness
 

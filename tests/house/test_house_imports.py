@@ -14,33 +14,26 @@ import pytest
 from house.syntax import PACKAGES, ROOT, Import, imported_room, imports, room, sources, tree
 
 # What each part of `rhytid` may import of `rhytid`, beside itself.
-_FACTS = {"errors", "domain", "build_identity", "stopping"}
-_TOOLS = _FACTS | {"device", "formats", "durable", "owned", "unfinished"}
+_FACTS = {"errors", "domain", "support"}
+_TOOLS = _FACTS | {"device", "formats"}
 _WORK = {"pipeline", "synthesis", "storage"}
 ALLOWED = {
     "__init__": set(),
     "__main__": {"cli"},
     "errors": set(),
-    "build_identity": {"errors"},
-    "stopping": set(),
-    "unfinished": set(),
-    "owned": {"errors"},
-    "durable": {"errors", "owned", "stopping", "unfinished"},
-    "settings": {"errors", "variables"},
-    "variables": {"errors"},
-    "logs": set(),
+    "support": {"errors"},
     "domain": {"errors"},
-    "device": _FACTS | {"unfinished"},
-    "formats": _FACTS | {"durable", "unfinished"},
+    "device": _FACTS,
+    "formats": _FACTS,
     "pictures": _FACTS,
     "meshes": _FACTS | {"formats", "synthesis"},
     "pipeline": _TOOLS,
     "synthesis": _TOOLS,
     "storage": _TOOLS,
-    "textures": _FACTS | {"formats", "durable"},
-    "skin_package": _FACTS | {"durable", "formats", "meshes", "pipeline"},
-    "engine": _TOOLS | _WORK | {"settings", "skin_package"},
-    "engine_process": _TOOLS | {"engine", "logs", "settings", "storage"},
+    "textures": _FACTS | {"formats"},
+    "skin_package": _FACTS | {"formats", "meshes", "pipeline"},
+    "engine": _TOOLS | _WORK | {"skin_package"},
+    "engine_process": _TOOLS | {"engine", "storage"},
     "decoding": _FACTS | {"formats", "engine", "engine_process"},
     "fleet": _TOOLS
     | {"api", "decoding", "engine", "engine_process", "logs", "settings", "storage"},
@@ -52,13 +45,16 @@ ALLOWED = {
     | {"engine", "engine_process", "logs", "settings", "api", "fleet", "farm"}
     | {"pictures", "meshes", "textures", "skin_package"},
 }
+# Modules of `rhytid.support` that only what runs a service may import: the rest is told.
+SERVICES = {"engine", "engine_process", "decoding", "fleet", "api", "cli", "support"}
+OF_SERVICES = ("rhytid.support.settings", "rhytid.support.logs")
 # The only parts that may import a package from outside; other packages are free.
 ONLY_IN = {
     "pyopencl": {"device"},
     "fastapi": {"api"},
     "starlette": {"api"},
     "uvicorn": {"cli"},
-    "rhytid_kernels": {"device", "build_identity"},
+    "rhytid_kernels": {"device", "support"},
     "rhytid_viewer": {"api", "skin_package"},
     "trimesh": {"meshes"},
     "OpenImageIO": {"textures"},
@@ -114,6 +110,16 @@ def test_imports_go_down() -> None:
         for found in everything("rhytid")
         if (target := imported_room(found)) not in (None, room(found.file))
         and target not in ALLOWED[room(found.file)]
+    ]
+
+    assert wrong == []
+
+
+def test_only_services_read_the_settings_and_set_up_the_log() -> None:
+    wrong = [
+        str(found)
+        for found in everything("rhytid")
+        if found.module.startswith(OF_SERVICES) and room(found.file) not in SERVICES
     ]
 
     assert wrong == []

@@ -13,12 +13,12 @@ from rhytid.api import access, admission, encoding, events, multipart, request_m
 from rhytid.api.live import drawing, session, wire
 from rhytid.cli import connections, web_sockets
 from rhytid.decoding import decoder, limits
-from rhytid.domain import expressions, painted, view
+from rhytid.domain import expressions, painted_maps, view
 from rhytid.engine import byte_budget
 from rhytid.engine.jobs import LANES
 from rhytid.formats import limits as format_limits
 from rhytid.formats import npy, obj
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 
 PAGE = (ROOT / "docs/reference/limits.md").read_text()
 HEADINGS = re.findall(r"^## (.*)$", PAGE, re.MULTILINE)
@@ -48,7 +48,7 @@ NUMBERS: dict[str, tuple[float, ...]] = {
     "header of a": (npy.MAX_HEADER,),
     "face": (obj._LONGEST_FACE,),
     "side": (format_limits.MOST_SIDE,),
-    "texels of all": (painted.MOST_TEXELS,),
+    "texels of all": (painted_maps.MOST_TEXELS,),
     "expressions": (expressions.MOST_EXPRESSIONS,),
     "live connections open": (admission.MOST_LIVE,),
     "live connections of": (admission.MOST_LIVE_EACH,),

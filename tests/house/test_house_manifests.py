@@ -10,7 +10,7 @@ import yaml
 
 from house.syntax import ROOT
 from rhytid.api.access import OPEN, ROUTES
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 
 DOCKER = ROOT / "docker"
 COMPOSE = ("compose.yaml", "compose.workers.yaml")

@@ -12,7 +12,7 @@ import pytest
 from api.fake_engine import FakeEngine
 from house.syntax import ROOT
 from rhytid.api.app import create_app
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 
 DASHBOARD = ROOT / "docker" / "grafana" / "rhytid.json"
 PAGE = ROOT / "docs" / "operate.md"

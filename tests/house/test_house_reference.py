@@ -17,7 +17,7 @@ from house.syntax import ROOT
 from rhytid.api.app import create_app
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.errors import SettingsError
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 
 # Cells that stand for "not set".
 NOTHING = ("", "-", "–", "—", "none", "not set")

@@ -6,10 +6,9 @@ import pytest
 
 from house.markdown import bare, table
 from house.syntax import ROOT
-from rhytid.domain import notices
 from rhytid.domain import warnings as limits
-from rhytid.domain.origin import FAR_SIZES
-from rhytid.domain.warning_meanings import NOTICES, WARNINGS
+from rhytid.domain.mesh import FAR_SIZES
+from rhytid.domain.notices import NOTICES
 from rhytid_client.requests import FAR_SIZES as FAR_SIZES_OF_CLIENT
 
 TEXT = (ROOT / "docs" / "warnings.md").read_text(encoding="utf-8")
@@ -42,12 +41,11 @@ def test_the_limits_are_those_of_the_table(code: str) -> None:
 
 
 def test_the_tables_say_what_the_command_prints() -> None:
-    for heading, meanings in (("Warnings", WARNINGS), ("Notices", NOTICES)):
+    for heading, meanings in (("Warnings", limits.WARNINGS), ("Notices", NOTICES)):
         rows = [tuple(row.values()) for row in table(TEXT, heading)]
         known = meanings.items()
         assert rows == [(f"`{code}`", m.of, m.when, m.remedy) for code, m in known]
-    assert set(WARNINGS) == set(limits.CODES)
-    assert set(NOTICES) == set(notices.NOTICES)
+    assert set(limits.WARNINGS) == set(limits.CODES)
 
 
 def test_the_usual_spread_of_texels_is_told_alike() -> None:

@@ -12,10 +12,9 @@ from meshes import SmallMesh
 from rhytid.cli.preview import resident
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings, GraphSettings
-from rhytid.domain.graph import WrinkleGraph
-from rhytid.domain.graph_origin import GraphOrigin, mesh_digest
+from rhytid.domain.graph import GraphOrigin, WrinkleGraph, mesh_digest
+from rhytid.domain.graph_geometry import node_places
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.surface_points import node_places
 from rhytid.engine.frames import NEUTRAL_FRAME
 from rhytid.engine.messages import MapQuery
 from rhytid.errors import GraphError

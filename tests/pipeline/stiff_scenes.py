@@ -8,7 +8,7 @@ from pipeline.binned import TILE, BinnedScene
 from pipeline.scenes import DEPTH
 from pipeline.smooth_scenes import LIMIT, mesh_of, reference_fields, reference_sample
 from reference import bins, drawing, locate, redraw, smooth, stiffness, stretch
-from rhytid.domain.stiffness import Stiffness
+from rhytid.domain.painted_maps import Stiffness
 from rhytid.domain.tiles import udim_origin
 from rhytid.pipeline.bin_maker import BinMaker
 from rhytid.pipeline.blend import Blend

@@ -12,7 +12,7 @@ from pipeline.stiff_scenes import painted
 from reference import convolve, stretch
 from reference.drawing import crop
 from reference.stiffness import bilinear
-from rhytid.domain.stiffness import Stiffness
+from rhytid.domain.painted_maps import Stiffness
 
 
 def frame(stage):

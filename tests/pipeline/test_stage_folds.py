@@ -9,8 +9,7 @@ from scipy.spatial.transform import Rotation
 from meshes import bumpy_grid
 from reference import folds as reference
 from rhytid.device.runtime import Device
-from rhytid.domain.expressions import Expressions
-from rhytid.domain.folds import COLUMNS, ROWS, Folds
+from rhytid.domain.expressions import COLUMNS, ROWS, Expressions, Folds
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import CancelledError
 from rhytid.pipeline.diffusion import Diffusion

@@ -9,8 +9,7 @@ import pytest
 
 import face_data
 from rhytid.device.runtime import Device
-from rhytid.domain.expressions import Expressions
-from rhytid.domain.folds import Folds
+from rhytid.domain.expressions import Expressions, Folds
 from rhytid.domain.mesh import Mesh
 from rhytid.pictures.shade_mesh import vertex_normals
 from rhytid.pipeline.folds import measured_folds

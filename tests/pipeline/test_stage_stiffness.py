@@ -13,7 +13,7 @@ from pipeline.scenes import DEPTH, MODELS, random_graph, settings_of, sheet
 from pipeline.stiff_scenes import SAMPLINGS, StiffScene, painted, window
 from reference import stiffness as reference
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.stiffness import Stiffness
+from rhytid.domain.painted_maps import Stiffness
 from rhytid.pipeline import stiffness as stage
 from rhytid.pipeline.stiffness import stiffness_of_elements, stiffness_of_texels
 

@@ -13,8 +13,8 @@ from pipeline.scenes import DEPTH, Scene, random_graph, settings_of, sheet
 from reference import drawing, redraw
 from reference import waves as reference
 from rhytid.device.runtime import Device
+from rhytid.domain.graph_geometry import seam_halves
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.seams import seam_halves
 from rhytid.domain.tiles import udim_origin
 from rhytid.pipeline.waves import wrinkle_waves
 from rhytid.synthesis.generate import synthesize

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 import rhytid_viewer
-from rhytid import build_identity
 from rhytid.skin_package.package import package_version
+from rhytid.support import build_identity
 
 
 def test_it_changes_with_shaders_and_with_the_viewer(

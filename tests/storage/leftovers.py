@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from rhytid.durable import UNFINISHED
+from rhytid.support.atomic_files import UNFINISHED
 
 
 def left_by_a_killed_writer(folder: Path, unique: str, *files: str) -> Path:

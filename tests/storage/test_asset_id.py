@@ -15,10 +15,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.domain.graph import WrinkleGraph
-from rhytid.domain.graph_origin import GraphOrigin
+from rhytid.domain.graph import GraphOrigin, WrinkleGraph
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.stiffness import Stiffness
+from rhytid.domain.painted_maps import Stiffness
 from rhytid.storage import asset_id
 from rhytid.storage.contents import read_mesh, write_mesh
 

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from rhytid import durable
 from rhytid.errors import LimitError, StorageError
 from rhytid.storage.package_archive import CHECKED, read_archive, write_archive
 from rhytid.storage.packages import KeptPackages
+from rhytid.support import atomic_files
 
 ASSET = "0123456789abcdef"
 KEY, OTHER, OLD = (digit * 32 for digit in "0ab")
@@ -106,7 +106,7 @@ def test_what_cannot_be_removed_is_left(
     def resist(path: Path, partial: Path) -> None:
         raise PermissionError(13, "no", str(path))
 
-    monkeypatch.setattr(durable, "discard", resist)
+    monkeypatch.setattr(atomic_files, "discard", resist)
     packages.sweep([])
     packages.forget(ASSET)
     packages.make_room(400_000)

@@ -10,18 +10,22 @@ from pathlib import Path
 
 import pytest
 
-from rhytid import owned
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
-from rhytid.durable import sweep
 from rhytid.errors import InputError, StorageError, StoreFormatError
 from rhytid.fleet.local_place import LocalPlace
 from rhytid.fleet.shared_folder import SharedFolder
 from rhytid.storage import AssetStore
 from rhytid.storage.shared.mirror import StoreMirror
 from rhytid.storage.shared.shared_store import SharedStore
-from rhytid.unfinished import remove_unfinished, temporary_folder, unfinished
+from rhytid.support import ownership
+from rhytid.support.atomic_files import sweep
+from rhytid.support.temporary_folders import (
+    remove_temporary_folders,
+    removed_on_abort,
+    temporary_folder,
+)
 
 ID, UNIQUE = "00112233aabbccdd", "0123456789abcdef" * 2
 EXTRA = {"spacing": 0.5, "distance": 0.5, "uv_length": 10.0, "warnings": []}
@@ -237,12 +241,14 @@ def test_a_replica_removes_nothing_of_others(number: str, what: str, tmp_path: P
 def test_a_folder_that_took_the_place_of_an_unfinished_one_stays(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("rhytid.unfinished._folders", {})  # others of this process stay
-    with temporary_folder("rhytid-", tmp_path) as ours, unfinished(ours):
+    monkeypatch.setattr(
+        "rhytid.support.temporary_folders._folders", {}
+    )  # others of this process stay
+    with temporary_folder("rhytid-", tmp_path) as ours, removed_on_abort(ours):
         written(ours / "half")
         ours.rename(tmp_path / "moved")
         written(ours / "of another")
-        remove_unfinished()
+        remove_temporary_folders()
         assert (ours / "of another").exists()
         shutil.rmtree(tmp_path / "moved")
 
@@ -342,7 +348,7 @@ def test_servers_that_begin_together_take_a_folder_together(
 ) -> None:
     """The second marks the folder and fills it while the first has just found no marker there."""
     folder.mkdir(exist_ok=True)
-    read, others = owned.read_plain, iter([use])
+    read, others = ownership.read_plain, iter([use])
 
     def read_late(path: Path, most: int) -> bytes:
         try:
@@ -354,7 +360,7 @@ def test_servers_that_begin_together_take_a_folder_together(
                     if (folder / name).is_dir():
                         written(folder / name / f"{ID}.tar")
 
-    monkeypatch.setattr(owned, "read_plain", read_late)
+    monkeypatch.setattr(ownership, "read_plain", read_late)
     use(folder)
     assert (folder / "format.json").is_file()
 
@@ -372,5 +378,5 @@ def test_a_shared_store_that_may_only_be_read_is_read(
     def refused(*_: object) -> None:
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr("rhytid.durable.install", refused)
+    monkeypatch.setattr("rhytid.support.atomic_files.install", refused)
     assert SharedStore.at(str(place)).holds(ID)

@@ -14,12 +14,12 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.expressions import Expressions
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
-from rhytid.durable import whole
 from rhytid.fleet.local_place import LocalPlace
 from rhytid.fleet.shared_folder import SharedFolder
 from rhytid.storage import AssetStore
 from rhytid.storage.shared.mirror import StoreMirror
 from rhytid.storage.shared.shared_store import SharedStore
+from rhytid.support.atomic_files import atomic_write
 
 ID, OTHER = "00112233aabbccdd", "f" * 16
 EXTRA = {"spacing": 0.5, "distance": 0.5, "uv_length": 10.0, "warnings": []}
@@ -175,6 +175,6 @@ def test_what_a_replica_keeps_is_for_its_owner_alone(tmp_path: Path) -> None:
 
 
 def test_files_for_the_user_have_the_modes_that_the_user_asks_for(tmp_path: Path) -> None:
-    with whole(tmp_path / "map.exr") as aside:
+    with atomic_write(tmp_path / "map.exr") as aside:
         aside.write_bytes(b"map")
     assert stat.S_IMODE((tmp_path / "map.exr").stat().st_mode) == 0o644

@@ -249,7 +249,7 @@ def test_a_folder_that_is_removed_beside_a_push_does_not_keep_it(
             raise PowerCutError
         raise FileNotFoundError(path)
 
-    monkeypatch.setattr("rhytid.durable.install", install)
+    monkeypatch.setattr("rhytid.support.atomic_files.install", install)
     with pytest.raises(SharedStoreError, match=f"objects/{ID} is being removed"):
         place.write(f"objects/{ID}/one", b"data")
 

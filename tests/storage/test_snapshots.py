@@ -19,7 +19,7 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.expressions import Expressions
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.stiffness import Stiffness
+from rhytid.domain.painted_maps import Stiffness
 from rhytid.errors import DiskFullError, SnapshotError, StorageError
 from rhytid.formats.graphs import write_graph
 from rhytid.storage import AssetStore

@@ -15,7 +15,7 @@ import pytest
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.stiffness import Stiffness
+from rhytid.domain.painted_maps import Stiffness
 from rhytid.errors import StorageError
 from rhytid.storage import AssetStore, StoredAsset
 from rhytid.storage.canonical import canonical

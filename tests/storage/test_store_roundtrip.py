@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rhytid import durable
 from rhytid.domain.asset_settings import PRESETS, AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.stiffness import Stiffness
+from rhytid.domain.painted_maps import Stiffness
 from rhytid.errors import NotFoundError, StorageError
 from rhytid.storage import AssetStore
 from rhytid.storage.canonical import hashed
 from rhytid.storage.overlays import read_overlay, write_overlay
+from rhytid.support import atomic_files
 
 ID, OTHER = "00112233aabbccdd", "ffffffffffffffff"
 
@@ -150,7 +150,7 @@ def test_others_do_not_wait_until_a_deleted_asset_is_gone_from_the_disk(
         def look(gone: Path) -> None:
             removed.append((gone, store._folders._changing.locked()))
 
-        monkeypatch.setattr(durable, "remove_tree", look)
+        monkeypatch.setattr(atomic_files, "remove_tree", look)
         store.delete(ID)
         assert len(removed) == 2
         assert not any(locked for _, locked in removed)

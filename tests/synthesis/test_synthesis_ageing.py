@@ -9,12 +9,11 @@ import pytest
 from scipy.stats import spearmanr
 
 from rhytid.device.runtime import Device
-from rhytid.domain.ageing import aged, deepest, folded, worn
 from rhytid.domain.asset_settings import GraphSettings
-from rhytid.domain.controls import Controls
-from rhytid.domain.folds import ENOUGH, Folds
+from rhytid.domain.expressions import ENOUGH, Folds
 from rhytid.domain.graph import WrinkleGraph
-from rhytid.domain.regions import REGIONS
+from rhytid.domain.painted_maps import Controls
+from rhytid.domain.skin import REGIONS, aged, depth_factor, fold_factor_log, wear
 from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.fold_field import FoldField
 from rhytid.synthesis.generate import Synthesis, synthesize
@@ -69,7 +68,7 @@ def test_pores_stay_where_they_are(device: Device, age: float) -> None:
     np.testing.assert_array_equal(one.graph.node_uv, two.graph.node_uv)
     assert one.graph.wrinkles == two.graph.wrinkles == COUNT
     assert one.spacing == two.spacing
-    assert two.lengths.depth == pytest.approx(deepest(age) * one.lengths.depth)
+    assert two.lengths.depth == pytest.approx(depth_factor(age) * one.lengths.depth)
 
 
 @pytest.mark.parametrize(("age", "alike"), [(20.0, 0.75), (65.0, 0.9)])
@@ -87,7 +86,9 @@ def test_it_is_the_same_skin(device: Device, age: float, alike: float) -> None:
 
 
 def test_what_folds_deepens_most(device: Device) -> None:
-    found = {age: strongest(grown(device, age).graph, deepest(age)) for age in (20.0, 35.0, 65.0)}
+    found = {
+        age: strongest(grown(device, age).graph, depth_factor(age)) for age in (20.0, 35.0, 65.0)
+    }
     for side in (0, 1):
         assert found[20.0][side] < found[35.0][side] < found[65.0][side]
     still, folding = (found[65.0][side] / found[35.0][side] for side in (0, 1))
@@ -122,23 +123,27 @@ def test_factors_in_double(age: float, region: str) -> None:
         SURFACE, GraphSettings(region=region), Controls({}), FoldField(MESH, SURFACE, folds())
     )
     triangle, uv = places()
-    skin, base, t = aged(REGIONS[region], age), REGIONS[region], worn(age)
+    skin, base, t = aged(REGIONS[region], age), REGIONS[region], wear(age)
     share = np.where(uv[:, 0] > 0.55, np.tanh(SIZE / 0.10), 0.0)
     inner = (uv[:, 0] < 0.45) | (uv[:, 0] > 0.55)
 
     def ratio(name: str) -> np.ndarray:
         return (getattr(found, name)(triangle, uv) / getattr(plain, name)(triangle, uv))[inner]
 
-    old = base.old.strength**t / deepest(age) * np.exp(folded("strength", age) * share[inner])
+    old = (
+        base.old.strength**t
+        / depth_factor(age)
+        * np.exp(fold_factor_log("strength", age) * share[inner])
+    )
     np.testing.assert_allclose(ratio("strength"), old, rtol=2e-6)
-    wide = base.old.scale**t * np.exp(folded("width", age) * share[inner])
+    wide = base.old.scale**t * np.exp(fold_factor_log("width", age) * share[inner])
     np.testing.assert_allclose(ratio("width"), wide, rtol=2e-6)
-    lead = np.exp(folded("primary", age) * share[inner])
+    lead = np.exp(fold_factor_log("primary", age) * share[inner])
     np.testing.assert_allclose(ratio("primary"), lead, rtol=2e-6)
-    pores = base.old.pore_strength**t / deepest(age)
+    pores = base.old.pore_strength**t / depth_factor(age)
     np.testing.assert_allclose(ratio("pore_strength"), pores, rtol=2e-6)
     np.testing.assert_allclose(found.contrast(triangle, uv), skin.contrast, rtol=2e-6)
-    np.testing.assert_allclose(ratio("grain"), base.old.grain**t / deepest(age), rtol=2e-6)
+    np.testing.assert_allclose(ratio("grain"), base.old.grain**t / depth_factor(age), rtol=2e-6)
     np.testing.assert_allclose(found.grain(triangle, uv), skin.grain, rtol=2e-6)
     assert (ratio("spacing") == 1.0).all()
 

@@ -11,10 +11,10 @@ from scipy.spatial import cKDTree
 
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import GraphSettings
-from rhytid.domain.controls import Controls
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.regions import REGIONS
+from rhytid.domain.painted_maps import Controls
+from rhytid.domain.skin import REGIONS
 from rhytid.errors import InputError, LimitError, MeshError
 from rhytid.synthesis.capacity import check_amount
 from rhytid.synthesis.generate import synthesize

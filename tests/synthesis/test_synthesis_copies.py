@@ -12,7 +12,7 @@ from reference import redraw
 from rhytid.device.runtime import Device
 from rhytid.domain.graph import ORIGINAL, WrinkleGraph
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.regions import REGIONS
+from rhytid.domain.skin import REGIONS
 from rhytid.synthesis import assembly
 from rhytid.synthesis.generate import synthesize
 from rhytid.synthesis.seams.copies import with_copies

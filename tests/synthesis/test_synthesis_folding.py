@@ -7,8 +7,8 @@ import pytest
 
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import GraphSettings
-from rhytid.domain.controls import Controls
-from rhytid.domain.folds import ENOUGH, Folds
+from rhytid.domain.expressions import ENOUGH, Folds
+from rhytid.domain.painted_maps import Controls
 from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.fold_field import FoldField
 from rhytid.synthesis.generate import synthesize

@@ -13,9 +13,9 @@ from engine.engines import assembled, built, running
 from pipeline.scenes import settings_of
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import GraphSettings
-from rhytid.domain.controls import Controls
 from rhytid.domain.graph import ORIGINAL, WrinkleGraph
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.painted_maps import Controls
 from rhytid.engine.messages import MapQuery, NewAsset
 from rhytid.synthesis.generate import Synthesis, synthesize
 from rhytid.synthesis.pore_density import SPACING

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from reference import controls as reference
 from reference.stiffness import bilinear
 from rhytid.domain.asset_settings import GraphSettings
-from rhytid.domain.controls import Controls
-from rhytid.domain.regions import REGIONS
+from rhytid.domain.painted_maps import Controls
+from rhytid.domain.skin import REGIONS
 from rhytid.synthesis.fields import Fields, level_directions
 from rhytid.synthesis.painted_fields import PaintedFields, PaintedMaps, fields_of, normals_at
 from rhytid.synthesis.pore_density import effective_area

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import GraphSettings
-from rhytid.domain.controls import Controls
+from rhytid.domain.painted_maps import Controls
 from rhytid.synthesis.assembly import beside_bare
 from rhytid.synthesis.fields import Fields
 from rhytid.synthesis.generate import synthesize

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rhytid import stopping
 from rhytid.device.runtime import Device
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import CancelledError
+from rhytid.support import cancellation
 from rhytid.synthesis.generate import synthesize
 from rhytid.synthesis.seams import border_places
 from rhytid.synthesis.seams.border_places import MOST_PAIRS, BorderPlaces
@@ -115,7 +115,7 @@ def test_the_search_over_seams_stops_at_its_next_look(
         if looks.total:
             raise CancelledError("enough")
 
-    with stopping.where(stop), pytest.raises(CancelledError):
+    with cancellation.scope(stop), pytest.raises(CancelledError):
         synthesize(MESHES[kind](), sheets.wanted(500), device)
     assert looks.total == looks.most
 

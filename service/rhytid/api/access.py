@@ -39,7 +39,7 @@ from rhytid.errors import (
     ScopeError,
     StorageError,
 )
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 
 OPEN = "open"
 # Open, and never refused for coming too often: who asks it restarts a server that refuses.

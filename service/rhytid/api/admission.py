@@ -14,11 +14,11 @@ import anyio.to_thread
 from fastapi import FastAPI, Request
 
 from rhytid.api.access import Caller
-from rhytid.domain.wording import waiting
+from rhytid.domain.wording import waiting_requests
 from rhytid.engine import call_context
 from rhytid.engine.messages import ENDED_STATES, JobInfo
 from rhytid.errors import BusyError, HostBusyError, NotFoundError, QuotaError
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 
 # Threads for requests that need no slot, beside one per slot.
 LIGHT_THREADS = 32
@@ -48,7 +48,7 @@ class DeviceSlots:
         CancelledError.
         """
         if not self._free.acquire(blocking=False):
-            raise BusyError(f"{waiting(self._count)} already")
+            raise BusyError(f"{waiting_requests(self._count)} already")
         try:
             with call_context.abandoned_when(gone):
                 yield

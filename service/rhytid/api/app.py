@@ -45,7 +45,7 @@ from rhytid.api.routes.packages import KEY
 from rhytid.api.tracing import tracer
 from rhytid.decoding.decoder import Decoder
 from rhytid.engine.byte_budget import ByteBudget
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 
 if TYPE_CHECKING:
     from rhytid.engine.operations import Engine

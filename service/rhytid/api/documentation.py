@@ -18,11 +18,10 @@ from rhytid.api.problems import MEDIA_TYPE
 from rhytid.api.schemas import Problem
 from rhytid.api.uploads import TAR
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.domain.controls import CONTROLS, REGION_PREFIX
 from rhytid.domain.expressions import MOST_EXPRESSIONS
-from rhytid.domain.painted import MOST_TEXELS
+from rhytid.domain.painted_maps import CONTROLS, MOST_TEXELS, REGION_PREFIX
+from rhytid.domain.setting_fields import settings_schema
 from rhytid.domain.settings_changes import CHANGEABLE
-from rhytid.domain.settings_schema import settings_schema
 from rhytid.formats.limits import MOST_SIDE
 from rhytid.formats.tiles import FORMATS
 

@@ -24,9 +24,9 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
-from rhytid.durable import install, reported
 from rhytid.errors import AccessError, StorageError
 from rhytid.storage.lock import FileLock
+from rhytid.support.atomic_files import install, storage_errors
 
 READ, COMPUTE, ADMIN = SCOPES = ("read", "compute", "admin")
 # What the secret of a key that there is not is compared with.
@@ -135,7 +135,7 @@ def has_valid_key(path: Path) -> bool:
 def write_keys(path: Path, keys: list[ApiKey]) -> None:
     """Put these keys in place of those in the file, at one rename; raises StorageError."""
     text = json.dumps({"format": FORMAT, "keys": [_as_json(key) for key in keys]}, indent=2) + "\n"
-    with reported("the API keys cannot be written"):
+    with storage_errors("the API keys cannot be written"):
         # Such a file is its owner's alone from the start.
         descriptor, aside = tempfile.mkstemp(prefix=".keys-", dir=path.parent)
         try:
@@ -158,7 +158,7 @@ def changing(path: Path) -> Iterator[list[ApiKey]]:
     Raises StorageError where another process changes them at the same time, and what `read_keys`
     and `write_keys` do.
     """
-    with reported("the API keys cannot be written"):
+    with storage_errors("the API keys cannot be written"):
         path.parent.mkdir(parents=True, exist_ok=True)
         lock = FileLock(path.with_name(f"{path.name}.lock"), f"{path} is being changed: try again")
     try:
@@ -174,7 +174,7 @@ def changing(path: Path) -> Iterator[list[ApiKey]]:
 def leave_mark(mark: Path) -> None:
     """Make the file, where it is not there, which says that keys were asked for beside it: see
     `check_mark`. Raises StorageError."""
-    with reported(f"{mark} cannot be written"), suppress(FileExistsError):
+    with storage_errors(f"{mark} cannot be written"), suppress(FileExistsError):
         flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL
         with open(os.open(mark, flags, 0o600), "w", encoding="utf-8") as file:
             file.write(_MARKED)

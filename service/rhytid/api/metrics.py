@@ -20,12 +20,13 @@ from prometheus_client import (
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from rhytid import __version__, build_identity
+from rhytid import __version__
 from rhytid.api.access import CALLER
 from rhytid.api.draining import Drain
 from rhytid.api.tracing import traced
 from rhytid.device.figures import Figures
 from rhytid.engine.byte_budget import ByteBudget
+from rhytid.support import build_identity
 
 if TYPE_CHECKING:
     from opentelemetry.trace import Tracer

@@ -15,7 +15,7 @@ from python_multipart.multipart import MultipartParser, parse_options_header
 from starlette.exceptions import HTTPException
 
 from rhytid.api.spool import Spool
-from rhytid.domain.controls import CONTROLS
+from rhytid.domain.painted_maps import CONTROLS
 from rhytid.domain.wording import plural
 from rhytid.errors import InputError, LimitError
 

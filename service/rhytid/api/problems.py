@@ -16,7 +16,7 @@ from starlette.requests import ClientDisconnect
 
 from rhytid import errors
 from rhytid.domain.warnings import InputWarning
-from rhytid.logs import request_id
+from rhytid.support.logs import request_id
 
 MEDIA_TYPE = "application/problem+json"
 LONGEST_DETAIL = 2000

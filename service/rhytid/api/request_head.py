@@ -22,7 +22,7 @@ from fastapi import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from rhytid.api.problems import problem
-from rhytid.logs import request_id
+from rhytid.support.logs import request_id
 
 Headers = Iterable[tuple[bytes, bytes]]
 LOCAL = ("localhost", "*.localhost")

@@ -10,8 +10,8 @@ from pathlib import Path
 
 from starlette.concurrency import run_in_threadpool
 
-from rhytid.durable import reported
 from rhytid.engine.byte_budget import Hold
+from rhytid.support.atomic_files import storage_errors
 
 # Bytes that are gathered in memory before they are written; what is smaller needs no file.
 PIECE = 1 << 20
@@ -89,7 +89,7 @@ class Spool:
             self._room.release()
 
     def _append(self, data: bytes | bytearray) -> None:
-        with reported("an upload cannot be written to disk"):
+        with storage_errors("an upload cannot be written to disk"):
             if self._file is None:
                 # Without a buffer of Python's, which would be written once more on closing.
                 self._file = tempfile.TemporaryFile("w+b", 0, dir=self._folder)  # noqa: SIM115

@@ -12,7 +12,7 @@ from starlette.types import Scope
 
 from rhytid import __version__
 from rhytid.device.figures import Span, spans_of_request
-from rhytid.logs import request_id
+from rhytid.support.logs import request_id
 
 if TYPE_CHECKING:
     from opentelemetry.trace import Tracer

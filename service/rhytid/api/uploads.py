@@ -16,7 +16,7 @@ from rhytid.api.request_memory import DECODED, RequestMemory
 from rhytid.api.spool import Spool
 from rhytid.engine.byte_budget import Hold
 from rhytid.errors import InputError, LimitError, SettingsError
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 
 JSON_LIMIT = 1 << 16
 # A frame in its widest form: three float64 per vertex after the header of a .npy file.

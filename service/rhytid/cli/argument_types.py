@@ -9,7 +9,7 @@ import argparse
 import re
 from pathlib import Path
 
-from rhytid.domain.units import MILLIMETRES, millimetres
+from rhytid.domain.lengths import MILLIMETRES, millimetres
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}", re.ASCII)
 MAX_PORT = 65535

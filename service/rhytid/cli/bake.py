@@ -9,7 +9,6 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rhytid.build_identity import check_drawing
 from rhytid.cli.bake_options import bake_parser, refuse_conflicts
 from rhytid.cli.options import Commands
 from rhytid.cli.reporting import report
@@ -17,10 +16,11 @@ from rhytid.cli.serve import sharing
 from rhytid.cli.timing import Stopwatch
 from rhytid.cli.voice import note
 from rhytid.domain.wording import plural
-from rhytid.durable import sweep
 from rhytid.engine.messages import MapQuery
-from rhytid.settings import ServiceSettings
-from rhytid.unfinished import temporary_folder
+from rhytid.support.atomic_files import sweep
+from rhytid.support.build_identity import check_drawing
+from rhytid.support.settings import ServiceSettings
+from rhytid.support.temporary_folders import temporary_folder
 
 if TYPE_CHECKING:
     from rhytid.cli.bake_inputs import BakeInputs

@@ -11,7 +11,7 @@ from rhytid.cli.serve import chosen
 from rhytid.cli.voice import voice
 from rhytid.device.select import candidates
 from rhytid.farm.dask_cluster import Cluster, check_installed, local_cluster, running_cluster
-from rhytid.unfinished import temporary_folder
+from rhytid.support.temporary_folders import temporary_folder
 
 # Processes on one device: while one writes, the other draws.
 _ON_ONE = 2

@@ -9,12 +9,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from rhytid.build_identity import file_attributes
 from rhytid.cli.bake_record import BakeRecord, drawn_by
 from rhytid.cli.frame_files import FramePlace
 from rhytid.cli.frame_range import FrameRange
 from rhytid.domain.wording import plural
-from rhytid.durable import whole, write_file
+from rhytid.support.atomic_files import atomic_write, write_file
+from rhytid.support.build_identity import file_attributes
 from rhytid.textures.frame_map import FrameMap
 from rhytid.textures.profiles import PROFILES, Profile
 
@@ -138,7 +138,7 @@ class BakeSize:
 def _write_facts(file: Path, facts: Mapping[str, str | int | float]) -> None:
     data = f"{json.dumps(facts, indent=1)}\n".encode()
     if not (file.is_file() and file.read_bytes() == data):
-        with whole(file) as aside:
+        with atomic_write(file) as aside:
             write_file(aside, data)
 
 

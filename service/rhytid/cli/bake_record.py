@@ -7,9 +7,9 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from rhytid.durable import whole, write_file
 from rhytid.errors import StorageError
 from rhytid.storage.manifest import StoredFile
+from rhytid.support.atomic_files import atomic_write, write_file
 
 
 class BakeRecord:
@@ -40,7 +40,7 @@ class BakeRecord:
         digest = StoredFile.read(file).sha256
         self._maps[file.name] = {"key": key, "sha256": digest, "drawn_by": self._drawn_by}
         text = json.dumps({"maps": self._maps}, indent=1, sort_keys=True)
-        with whole(self._path) as aside:
+        with atomic_write(self._path) as aside:
             write_file(aside, f"{text}\n".encode())
 
 

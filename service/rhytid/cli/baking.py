@@ -22,10 +22,10 @@ from rhytid.cli.timing import Stopwatch
 from rhytid.cli.voice import detail
 from rhytid.cli.warned import Warned
 from rhytid.domain.mesh import Mesh
-from rhytid.durable import whole, write_file
 from rhytid.engine.messages import AssetInfo, MapQuery
 from rhytid.meshes.displaced import Subdivided
 from rhytid.meshes.export import mesh_format
+from rhytid.support.atomic_files import atomic_write, write_file
 from rhytid.textures.frame_map import FrameMap
 from rhytid.textures.profiles import Profile
 
@@ -46,7 +46,7 @@ class Geometry:
     def write(self, file: Path, positions: NDArray[np.float32], maps: Mapping[int, Texels]) -> None:
         """The surface of a frame; the file is there when it is whole."""
         data = mesh_format(self.format).write(self._cut.moved(positions, maps))
-        with whole(file) as aside:
+        with atomic_write(file) as aside:
             write_file(aside, data)
 
 

@@ -94,8 +94,7 @@ def _frames(arguments: argparse.Namespace, check: MeshCheck, warned: Warned) -> 
     from dataclasses import replace
 
     from rhytid.cli.frame_files import FrameFiles
-    from rhytid.domain.frame_warnings import FrameCheck
-    from rhytid.domain.mesh_warnings import mesh_warnings
+    from rhytid.domain.mesh_warnings import FrameCheck, mesh_warnings
 
     name, mesh = arguments.mesh.name, check.mesh
     found = mesh_warnings(mesh, check.unit, check.resolution, check.layout.udims)
@@ -110,8 +109,8 @@ def _frames(arguments: argparse.Namespace, check: MeshCheck, warned: Warned) -> 
 
 
 def _draw(check: MeshCheck, name: str, picture: Path) -> None:
-    from rhytid.durable import whole
     from rhytid.pictures.check import check_picture, problems_of
+    from rhytid.support.atomic_files import atomic_write
 
     masks = check.problems() | check.uneven_texels()
     caption = (
@@ -120,5 +119,5 @@ def _draw(check: MeshCheck, name: str, picture: Path) -> None:
         f"Texels at {check.resolution} x {check.resolution}."
     )
     drawn = check_picture(check.mesh, check.layout.udims, problems_of(masks), caption)
-    with whole(picture) as aside:
+    with atomic_write(picture) as aside:
         drawn.save(aside, format="png")

@@ -20,7 +20,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from rhytid.api.problems import MEDIA_TYPE
 from rhytid.api.request_memory import PIECES
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 
 logger = logging.getLogger(__name__)
 # Bytes of a body that must come within the time for progress, or its end; bytes of an answer that

@@ -8,16 +8,15 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.cli.control_samples import STIFFNESS, ControlSample
 from rhytid.cli.preview import drawn_under, resident, resolution_for
 from rhytid.cli.preview_spots import flat_spots, spot_at
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.domain.control_samples import STIFFNESS, ControlSample
-from rhytid.domain.controls import Controls
+from rhytid.domain.lengths import MILLIMETRES, USUAL_UNIT, millimetres
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.stiffness import Stiffness
+from rhytid.domain.painted_maps import Controls, Stiffness
 from rhytid.domain.tiles import triangles_inside, udim_origin
-from rhytid.domain.units import MILLIMETRES, USUAL_UNIT, millimetres
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
 from rhytid.errors import InputError
 from rhytid.meshes.cutting import cut_around

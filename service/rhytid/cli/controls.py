@@ -5,11 +5,11 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from rhytid.cli.control_samples import NAMES, samples, title
 from rhytid.cli.mesh_options import MESH_FILES, add_mesh, add_prim, add_unit, length_unit, prim_clip
 from rhytid.cli.options import Commands, add_device, add_several, new_command
 from rhytid.cli.progress import counted
 from rhytid.cli.voice import note
-from rhytid.domain.control_samples import NAMES, samples, title
 from rhytid.errors import InputError
 
 SUMMARY = "Draw one patch of skin with every mask and setting of the look at three values each."
@@ -46,8 +46,8 @@ def run(arguments: argparse.Namespace) -> None:
     from rhytid.cli.graph_output import PNG, open_device
     from rhytid.cli.input_files import mesh_file
     from rhytid.cli.places import make_place
-    from rhytid.durable import whole
     from rhytid.pictures.control_sheet import control_sheet
+    from rhytid.support.atomic_files import atomic_write
 
     out: Path = arguments.out
     if out.suffix.lower() != PNG:
@@ -63,7 +63,7 @@ def run(arguments: argparse.Namespace) -> None:
         title(name): [skins.patch(sample) for sample in samples(name, skins.unit_mm)]
         for name in counted(names, "drawing", "control")
     }
-    with whole(out) as aside:
+    with atomic_write(out) as aside:
         control_sheet(shown, _caption(arguments.mesh.name)).save(aside, format="png")
     note(f"rhytid: {len(names)} controls in {out}")
 

@@ -42,8 +42,8 @@ def run(arguments: argparse.Namespace) -> None:
     from rhytid.cli.input_files import mesh_file
     from rhytid.cli.places import make_place
     from rhytid.cli.warned import Warned
-    from rhytid.durable import whole
     from rhytid.formats.npz_files import write_mesh_npz
+    from rhytid.support.atomic_files import atomic_write
 
     out: Path = arguments.out
     if out.suffix.lower() != ".npz":
@@ -56,7 +56,7 @@ def run(arguments: argparse.Namespace) -> None:
     files = FrameFiles(read, arguments.frames, clip) if moves else None
     places = files.places if files else []
     make_place(out)
-    with whole(out) as aside:
+    with atomic_write(out) as aside:
         frames = (files.read(place) for place in counted(places, "writing", "frame") if files)
         write_mesh_npz(aside, read, frames, len(places))
     labels = [place.label for place in places]

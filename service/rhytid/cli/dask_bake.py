@@ -22,10 +22,10 @@ from rhytid.cli.frame_range import FrameRange, frame_numbers
 from rhytid.cli.progress import counted, working
 from rhytid.cli.snapshot import SUFFIX
 from rhytid.cli.voice import detail, note
-from rhytid.durable import READABLE, shared_workplace, sweep, write_pieces
 from rhytid.farm.chunks import Chunk, Event, FrameDone, Unable, WorkerLost
 from rhytid.farm.dask_cluster import Cluster
 from rhytid.farm.dask_run import DaskRun
+from rhytid.support.atomic_files import READABLE, shared_working_folder, sweep, write_pieces
 
 if TYPE_CHECKING:
     from rhytid.cli.baking import Baker
@@ -69,7 +69,7 @@ class DaskBake:
         reason is there, and FarmError where the cluster does not work."""
         mine, ended = self._arguments.dask == LOCAL, False
         # The snapshot is beside the maps, where all workers find it.
-        with shared_workplace(self._out) as shared:
+        with shared_working_folder(self._out) as shared:
             try:
                 with bake_cluster(self._arguments) as cluster:
                     self._bake(cluster, self._job(shared))

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rhytid.build_identity import check_drawing, drawing_version
 from rhytid.cli.frame_files import FramePlace
 from rhytid.cli.frames_list import frame_sources
 from rhytid.cli.mesh_options import cache_clip
@@ -19,6 +18,7 @@ from rhytid.domain.mesh import Mesh
 from rhytid.engine.messages import MapQuery
 from rhytid.errors import InputError
 from rhytid.formats.frame_set import Clip
+from rhytid.support.build_identity import check_drawing, drawing_version
 
 if TYPE_CHECKING:
     from rhytid.cli.bake_inputs import BakeInputs

@@ -7,7 +7,7 @@ import argparse
 from rhytid.cli.options import Commands, add_json, new_command
 from rhytid.cli.progress import working
 from rhytid.cli.reporting import report, table
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 
 HEADER = ("number", "kind", "units", "memory MiB", "version", "name", "platform", "used")
 

@@ -15,7 +15,7 @@ from rhytid.cli.progress import counted, working
 from rhytid.cli.reporting import report, table
 from rhytid.cli.serve import chosen
 from rhytid.cli.skin_options import add_skin, refuse_without_effect
-from rhytid.unfinished import temporary_folder
+from rhytid.support.temporary_folders import temporary_folder
 
 if TYPE_CHECKING:
     from rhytid.cli.export_sources import Exported

@@ -10,7 +10,7 @@ from typing import Any
 
 from rhytid.domain.wording import install_hint
 from rhytid.errors import InputError
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 
 LOCAL = "local"
 

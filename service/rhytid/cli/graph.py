@@ -69,7 +69,7 @@ def placed_graph(
 
     opened: the device, called only where it is needed.
     """
-    from rhytid.domain.curves import with_triangles
+    from rhytid.domain.graph_geometry import with_triangles
     from rhytid.engine.assets.graphs import check_graph
     from rhytid.pipeline.locate import locate_points
 

@@ -77,7 +77,7 @@ def write_outputs(
 ) -> None:
     """Write what was asked for, and report `facts` and the statistics of the graph."""
     from rhytid.cli.preview import write_preview
-    from rhytid.domain.curves import graph_curves
+    from rhytid.domain.graph_geometry import graph_curves
     from rhytid.formats.curves import curve_file
     from rhytid.synthesis.statistics import statistics
 
@@ -103,16 +103,16 @@ def write_outputs(
 
 def whole_file(file: Path, pieces: Any) -> None:
     """Write pieces of bytes into a file that is there when it is whole; its folder is there."""
-    from rhytid.durable import whole, write_pieces
+    from rhytid.support.atomic_files import atomic_write, write_pieces
 
-    with whole(file) as aside:
+    with atomic_write(file) as aside:
         write_pieces(aside, pieces)
 
 
 def open_device(arguments: argparse.Namespace) -> Device:
     """The device of the arguments, or of the environment."""
     from rhytid.engine import engine
-    from rhytid.settings import ServiceSettings
+    from rhytid.support.settings import ServiceSettings
 
     with working("opening the device"):
         return engine.open_device(ServiceSettings.from_environment(), arguments.device)

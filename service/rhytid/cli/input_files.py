@@ -11,12 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.cli.progress import working
-from rhytid.domain.controls import Controls
-from rhytid.domain.expressions import Expressions, evenly
+from rhytid.domain.expressions import Expressions, evenly_spaced
 from rhytid.domain.graph import WrinkleGraph
-from rhytid.domain.mesh import Mesh
-from rhytid.domain.origin import ORIGIN, Centre
-from rhytid.domain.stiffness import Stiffness
+from rhytid.domain.mesh import ORIGIN, Centre, Mesh
+from rhytid.domain.painted_maps import Controls, Stiffness
 from rhytid.domain.tiles import mesh_udims
 from rhytid.errors import InputError, LimitError
 from rhytid.formats.caches import (
@@ -74,7 +72,7 @@ def shape_files(place: Path | None, mesh: MeshFile, clip: Clip | None = None) ->
     every = sorted(f for f in place.iterdir() if f.suffix.lower() == ".obj" and f.is_file())
     if not every:
         raise InputError(f"{place} holds no OBJ files")
-    files = [every[i] for i in evenly(len(every))]
+    files = [every[i] for i in evenly_spaced(len(every))]
     read = [frame_file(file, vertices, centre)[0] for file in files]
     return Expressions.checked(np.stack(read), vertices, [file.stem for file in files])
 

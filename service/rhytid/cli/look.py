@@ -53,16 +53,16 @@ def add_command(commands: Commands) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Read the names of the maps, write both files and report their figures."""
-    from rhytid.durable import whole, write_file
     from rhytid.formats.materialx_look import materialx_look
     from rhytid.formats.usd_look import usd_look
+    from rhytid.support.atomic_files import atomic_write, write_file
 
     look = found(arguments)
     texts = {"look.usda": usd_look(look).encode(), "mtlx": materialx_look(look)}
     _note_gaps(look.frames)
     files = [arguments.folder / f"{look.name}.{end}" for end in texts]
     for file, text in zip(files, texts.values(), strict=True):
-        with whole(file) as aside:
+        with atomic_write(file) as aside:
             write_file(aside, text)
     figures = {
         "usd": str(files[0]),

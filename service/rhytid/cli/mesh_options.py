@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from rhytid.cli.argument_types import rate, readable, unit_name
-from rhytid.domain.units import MILLIMETRES, USUAL_UNIT
+from rhytid.domain.lengths import MILLIMETRES, USUAL_UNIT
 from rhytid.formats.frame_set import Clip
 
 if TYPE_CHECKING:

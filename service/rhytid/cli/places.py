@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from rhytid.cli.options import STDOUT
-from rhytid.durable import workplace
 from rhytid.errors import InputError
+from rhytid.support.atomic_files import working_folder
 
 
 def make_place(file: Path | None) -> None:
@@ -32,7 +32,7 @@ def _make(folder: Path, written: Path) -> None:
         raise InputError(f"{written} cannot be written: {folder} is a file, not a folder")
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with workplace(folder):
+        with working_folder(folder):
             pass
     except OSError as error:
         raise InputError(f"{written} cannot be written: {error.strerror}") from error

@@ -15,17 +15,17 @@ from rhytid.cli.progress import share_bar
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
+from rhytid.domain.lengths import MILLIMETRES, USUAL_UNIT, millimetres
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.stiffness import Stiffness
+from rhytid.domain.painted_maps import Stiffness
 from rhytid.domain.tiles import mesh_udims, triangles_inside, udim_origin
-from rhytid.domain.units import MILLIMETRES, USUAL_UNIT, millimetres
 from rhytid.domain.wording import plural
-from rhytid.durable import whole
 from rhytid.engine.device_assets.asset import DeviceAsset
 from rhytid.engine.frames import NEUTRAL_FRAME, Frame
 from rhytid.engine.messages import MapQuery
 from rhytid.pictures.preview import PATCH, WHOLE, Patch, WholeMap, preview
 from rhytid.pictures.surface_patch import SurfacePatch, surface_patch
+from rhytid.support.atomic_files import atomic_write
 from rhytid.synthesis.progress import Progress, part
 
 PATCH_MM = 20.0
@@ -76,7 +76,7 @@ def write_preview(
                 maps.append(_whole(asset, mesh, one))
             patches = _patches(asset, mesh, near, part(show, _WHOLE, _DRAWING))
         show(_DRAWING, "picture")
-        with whole(file) as aside:
+        with atomic_write(file) as aside:
             preview(maps, patches, unit_mm, caption).save(aside, format="png")
 
 

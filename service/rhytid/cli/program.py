@@ -11,7 +11,6 @@ from contextlib import contextmanager
 from importlib.metadata import entry_points
 
 from rhytid import __version__
-from rhytid.build_identity import drawing_version, revision
 from rhytid.cli import (
     bake,
     check,
@@ -36,8 +35,9 @@ from rhytid.cli.places import make_place
 from rhytid.cli.termination import INTERRUPTED, Interruption
 from rhytid.cli.voice import Voice, job_line, speaking
 from rhytid.errors import RhytidError
-from rhytid.settings import misspelt
 from rhytid.storage.lock import known_as
+from rhytid.support.build_identity import drawing_version, revision
+from rhytid.support.settings import misspelt_variables
 
 COMMANDS = (
     serve,
@@ -123,7 +123,7 @@ class _Version(argparse.Action):
 
 
 def _warn_of_variables(command: str) -> None:
-    for line in misspelt():
+    for line in misspelt_variables():
         print(f"rhytid {command}: warning: {line}", file=sys.stderr)
 
 

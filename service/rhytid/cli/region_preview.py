@@ -12,15 +12,15 @@ from rhytid.cli.preview import drawn_under, resident, resolution_for
 from rhytid.cli.progress import share_bar
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.domain.folds import Folds
+from rhytid.domain.expressions import Folds
 from rhytid.domain.graph import WrinkleGraph
+from rhytid.domain.lengths import MILLIMETRES, USUAL_UNIT, millimetres
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import busiest_udim, triangles_inside, udim_origin
-from rhytid.domain.units import MILLIMETRES, USUAL_UNIT, millimetres
-from rhytid.durable import whole
 from rhytid.pictures.preview import LIGHTS, patch_panel
 from rhytid.pictures.region_views import RegionView, region_views
 from rhytid.pictures.sheet import Panel, sheet
+from rhytid.support.atomic_files import atomic_write
 
 SIDE_MM = 8.0
 _PIXELS = 400
@@ -54,7 +54,7 @@ def write_region_sheet(
         f"Regions as masks of named expressions have them, {SIDE_MM:g} mm wide, seen on the "
         "surface along its normal, true to scale; light from the upper left, at 45° and grazing."
     )
-    with whole(file) as aside:
+    with atomic_write(file) as aside:
         sheet(rows, caption).save(aside, format="png")
 
 

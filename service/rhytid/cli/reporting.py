@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from rhytid.cli.options import STDOUT
-from rhytid.durable import whole
+from rhytid.support.atomic_files import atomic_write
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
@@ -44,7 +44,7 @@ def write_json(figures: Any, destination: Path) -> None:
         print(content)
     else:
         destination.parent.mkdir(parents=True, exist_ok=True)
-        with whole(destination) as aside:
+        with atomic_write(destination) as aside:
             aside.write_text(f"{content}\n", encoding="utf-8")
 
 

@@ -20,8 +20,8 @@ from rhytid.cli.options import Commands, add_device, add_shared_store, new_comma
 from rhytid.cli.termination import TERMINATED, Terminated, end_now
 from rhytid.cli.voice import voice
 from rhytid.errors import InputError
-from rhytid.logs import log_to_stderr
-from rhytid.settings import LOG_FORMATS, ServiceSettings, misspelt
+from rhytid.support.logs import log_to_stderr
+from rhytid.support.settings import LOG_FORMATS, ServiceSettings, misspelt_variables
 
 logger = logging.getLogger(__name__)
 
@@ -122,7 +122,7 @@ def _serve(
     from rhytid.cli.server import address_of, server_of
 
     log_to_stderr(settings.log_format, logging.getLevelName(_log_level().upper()), "server")
-    for line in misspelt():
+    for line in misspelt_variables():
         logger.warning("%s", line)
     if settings.traces:
         send_spans()

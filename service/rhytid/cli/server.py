@@ -18,7 +18,7 @@ import uvicorn
 from rhytid.api.keys import check_mark, has_valid_key
 from rhytid.cli.web_sockets import OPTIONS
 from rhytid.errors import AccessError, InputError
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 
 if TYPE_CHECKING:
     from rhytid.api.draining import Drain

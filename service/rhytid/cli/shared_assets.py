@@ -12,7 +12,7 @@ from rhytid.cli.progress import share_bar, working
 from rhytid.cli.timing import Stopwatch
 from rhytid.cli.voice import note
 from rhytid.errors import NotFoundError, SharedDamageError, SharedStoreError
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 
 if TYPE_CHECKING:
     from rhytid.engine.engine import Engine

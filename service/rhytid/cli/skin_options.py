@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 from rhytid.cli.argument_types import existing, readable
 from rhytid.cli.options import add_several
-from rhytid.domain.controls import CONTROLS, REGION_MAPS, REGION_PREFIX
 from rhytid.domain.expressions import LINES
 from rhytid.domain.lengths import SKIN
-from rhytid.domain.regions import REGIONS, WHOLE_FACE
+from rhytid.domain.painted_maps import CONTROLS, REGION_MAPS, REGION_PREFIX
+from rhytid.domain.skin import REGIONS, WHOLE_FACE
 
 if TYPE_CHECKING:
-    from rhytid.domain.controls import Controls
     from rhytid.domain.mesh import Mesh
+    from rhytid.domain.painted_maps import Controls
 
 # Settings of `graph` of which each determines the other.
 _DENSITY = ("spacing", "wrinkles")

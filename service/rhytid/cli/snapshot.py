@@ -77,7 +77,7 @@ def mirrored(
 def run(arguments: argparse.Namespace) -> None:
     """Check the asset and write the file, which is there when it is whole."""
     from rhytid.cli.places import make_place
-    from rhytid.durable import whole, write_pieces
+    from rhytid.support.atomic_files import atomic_write, write_pieces
 
     out: Path = arguments.out or Path(f"{arguments.asset}{SUFFIX}")
     if out.is_dir():
@@ -90,7 +90,7 @@ def run(arguments: argparse.Namespace) -> None:
             searching(chosen(arguments.store, None).store),
             working(f"writing {out}"),
             store.snapshots.of(arguments.asset) as made,
-            whole(out) as aside,
+            atomic_write(out) as aside,
         ):
             write_pieces(aside, made.pieces())
     figures = {"asset": arguments.asset, "file": str(out), "bytes": made.nbytes}

@@ -22,16 +22,15 @@ from rhytid.cli.places import make_place
 from rhytid.cli.progress import share_bar, working
 from rhytid.cli.skin_options import add_skin, skin_controls, skin_settings
 from rhytid.domain.asset_settings import AssetSettings, GraphSettings
-from rhytid.domain.expressions import grown_from
-from rhytid.domain.graph_origin import GraphOrigin
+from rhytid.domain.expressions import expressions_for_lines
+from rhytid.domain.graph import GraphOrigin
 from rhytid.errors import InputError
 
 if TYPE_CHECKING:
     from rhytid.cli.region_preview import AgedSkin
     from rhytid.cli.warned import Warned
     from rhytid.device.runtime import Device
-    from rhytid.domain.expressions import Expressions
-    from rhytid.domain.folds import Folds
+    from rhytid.domain.expressions import Expressions, Folds
     from rhytid.domain.mesh import Mesh
     from rhytid.synthesis.generate import Synthesis
 
@@ -98,7 +97,7 @@ def _run(arguments: argparse.Namespace, warned: Warned) -> None:
     check_outputs(arguments, mesh)
     make_place(arguments.out)
     controls = skin_controls(arguments, mesh)
-    expressions = grown_from(settings.lines, shape_files(arguments.shapes, read, clip))
+    expressions = expressions_for_lines(settings.lines, shape_files(arguments.shapes, read, clip))
     device = open_device(arguments)
     out: Path = arguments.out
     folds = None if expressions is None else _folds(device, mesh, expressions, unit)
@@ -133,11 +132,11 @@ def _folds(device: Device, mesh: Mesh, expressions: Expressions, unit: str) -> F
 
 def _draw_lines(mesh: Mesh, folds: Folds, preview: Path) -> None:
     """The preferred lines, beside the preview."""
-    from rhytid.durable import whole
     from rhytid.pictures.folds import fold_picture
+    from rhytid.support.atomic_files import atomic_write
 
     file = preview.with_suffix(".lines.png")
-    with working(f"drawing {file.name}"), whole(file) as aside:
+    with working(f"drawing {file.name}"), atomic_write(file) as aside:
         fold_picture(mesh.positions, mesh.faces, folds).save(aside, format="png")
 
 

@@ -12,11 +12,9 @@ from rhytid.cli.options import Commands, add_json, add_several, new_command
 from rhytid.cli.progress import counted, working
 from rhytid.cli.reporting import report, table
 from rhytid.cli.voice import detail
-from rhytid.domain.controls import NEUTRALS
-from rhytid.domain.painted import MOST_TEXELS
-from rhytid.domain.stiffness import NEUTRAL
+from rhytid.domain.lengths import MILLIMETRES, USUAL_UNIT, millimetres
+from rhytid.domain.painted_maps import MOST_TEXELS, NEUTRAL, NEUTRALS
 from rhytid.domain.tiles import mesh_udims
-from rhytid.domain.units import MILLIMETRES, USUAL_UNIT, millimetres
 from rhytid.domain.wording import plural
 from rhytid.errors import InputError
 from rhytid.formats.limits import MOST_SIDE
@@ -121,9 +119,9 @@ def _masks(out: Path, udim: int, names: Sequence[str], size: int) -> list[dict[s
 
 
 def _write(file: Path, draw: Callable[[], Image.Image]) -> None:
-    from rhytid.durable import whole
+    from rhytid.support.atomic_files import atomic_write
 
-    with whole(file) as aside:
+    with atomic_write(file) as aside:
         draw().save(aside, format="png")
     detail(f"wrote {file.name}")
 

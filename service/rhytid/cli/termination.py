@@ -16,7 +16,7 @@ from contextlib import contextmanager, suppress
 from types import FrameType
 from typing import NoReturn
 
-from rhytid.unfinished import remove_unfinished
+from rhytid.support.temporary_folders import remove_temporary_folders
 
 INTERRUPTED = 128 + signal.SIGINT
 TERMINATED = 128 + signal.SIGTERM
@@ -94,7 +94,7 @@ def _watch(reading: int, ended: threading.Event, found: Interruption) -> None:
 def end_now(status: int) -> NoReturn:
     """End the process without waiting for its threads; what is half-written is removed."""
     try:
-        remove_unfinished()
+        remove_temporary_folders()
         sys.stdout.flush()
         sys.stderr.flush()
     except (OSError, ValueError):  # the reader is closed, too

@@ -13,10 +13,9 @@ from rhytid.cli.frame_files import FrameFiles
 from rhytid.cli.progress import counted
 from rhytid.cli.voice import note
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.domain.frame_warnings import FrameCheck
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.mesh_warnings import mesh_warnings
-from rhytid.domain.notices import Notice, count_told
+from rhytid.domain.mesh_warnings import FrameCheck, mesh_warnings
+from rhytid.domain.notices import Notice, spacing_of_count
 from rhytid.domain.warnings import (
     DEVICES_MIXED,
     SETTINGS_CHANGED,
@@ -109,7 +108,7 @@ class Warned:
         """Report the lengths that follow where skin was grown to a number of wrinkles.  settings:
         resolved.  distance: mean, from a pore to the nearest, mesh units."""
         if settings.graph.wrinkles is not None:
-            self.note(count_told(settings, distance))
+            self.note(spacing_of_count(settings, distance))
 
     def note(self, line: str) -> None:
         """Print one line of what the run chose; nothing where quiet."""

@@ -6,7 +6,8 @@ import argparse
 import textwrap
 
 from rhytid.cli.options import Commands, new_command
-from rhytid.domain.warning_meanings import NOTICES, WARNINGS, Meaning
+from rhytid.domain.notices import NOTICES
+from rhytid.domain.warnings import WARNINGS, Meaning
 
 _KNOWN = {**WARNINGS, **NOTICES}
 _WIDTH = 96

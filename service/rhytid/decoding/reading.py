@@ -7,10 +7,9 @@ from pathlib import PurePath
 from typing import Protocol
 
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.domain.controls import CONTROLS
 from rhytid.domain.expressions import Expressions
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.stiffness import Stiffness
+from rhytid.domain.painted_maps import CONTROLS, Stiffness
 from rhytid.domain.tiles import mesh_udims
 from rhytid.engine.messages import NewAsset
 from rhytid.errors import InputError

@@ -14,7 +14,7 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
-from rhytid.unfinished import until_exit
+from rhytid.support.temporary_folders import removed_at_exit
 
 # What is made there by PoCL and by pyopencl: one of another owner is as bad as none.
 _MADE = ("pocl/kcache", "pyopencl", "pytools")
@@ -116,7 +116,7 @@ def _own_folder() -> Path | None:
         folder = Path(tempfile.gettempdir()) / f"rhytid-cache-{os.getuid()}"
         if writable(folder) and _is_private(folder) and _keeps(folder):
             return folder
-        return until_exit(Path(tempfile.mkdtemp(prefix="rhytid-cache-")))
+        return removed_at_exit(Path(tempfile.mkdtemp(prefix="rhytid-cache-")))
     except OSError:
         return None
 

@@ -16,7 +16,7 @@ from typing import Any
 from rhytid.device import watch
 from rhytid.device.caches import free_programs, provide_cache_folder
 from rhytid.errors import DeviceError, DeviceMemoryError
-from rhytid.unfinished import until_exit
+from rhytid.support.temporary_folders import removed_at_exit
 
 SYSTEM_VENDORS = Path("/etc/OpenCL/vendors")
 # A pip driver for FPGA emulation is installed with the one for CPUs; it is ignored.
@@ -65,7 +65,7 @@ def pip_driver(prefix: Path) -> Path | None:
 
 
 def _vendor_folder(driver: Path) -> str:
-    folder = until_exit(Path(tempfile.mkdtemp(prefix="rhytid-opencl-")))
+    folder = removed_at_exit(Path(tempfile.mkdtemp(prefix="rhytid-opencl-")))
     for entry in sorted(SYSTEM_VENDORS.glob("*.icd")):
         (folder / entry.name).write_bytes(entry.read_bytes())
     (folder / _CPU_DRIVER).write_text(f"{driver}\n", encoding="utf-8")

@@ -1,4 +1,8 @@
-"""The settings of an asset, their defaults and their ranges. Unknown keys are refused."""
+"""The settings of an asset: defaults, ranges and meanings. Unknown keys are refused.
+
+What the docstrings say of a setting is shown in the OpenAPI document and in
+docs/reference/settings.md: Markdown without links.
+"""
 
 from __future__ import annotations
 
@@ -7,14 +11,12 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import PureWindowsPath
 from typing import Any, TypeVar
 
-from rhytid.domain.ageing import OLDEST, USUAL_AGE, YOUNGEST
 from rhytid.domain.expressions import LINES
-from rhytid.domain.graph_origin import MOST_SEED, GraphOrigin
-from rhytid.domain.lengths import GRAIN, UNDULATION, Lengths, usual_spacing
-from rhytid.domain.regions import REGIONS, WHOLE_FACE
+from rhytid.domain.graph import MOST_SEED, GraphOrigin
+from rhytid.domain.lengths import GRAIN, UNDULATION, USUAL_UNIT, Lengths, usual_spacing
 from rhytid.domain.setting_fields import choice, number, power_of_two, read, text, whole
+from rhytid.domain.skin import OLDEST, REGIONS, USUAL_AGE, WHOLE_FACE, YOUNGEST
 from rhytid.domain.tiles import TileGrid
-from rhytid.domain.units import USUAL_UNIT
 from rhytid.errors import SettingsError
 
 MOST_WRINKLES = 40_000_000
@@ -30,22 +32,37 @@ CUSHION_THRESHOLD = 0.08
 class GraphSettings:
     """How the wrinkle graph is synthesised (section 2.1, after Weiss et al. 2023).
 
-    spacing: mean distance of neighbouring pores where density is 1, mesh units; how many wrinkles
-    there are follows from it and the area, unless `wrinkles` says it: then the spacing follows.
-    lines: preferred ones run where `expressions` fold the face, or `level` around the vertical
-    axis; "auto" or None: by expressions where there are any.
-    turn: degrees to the left of the preferred lines.  density, strength, scale and pore_radius are
-    factors; anisotropy is 0 for lines that run any way, 1 as usual, 2 for one direction alone.
-    age: years; lines deepen, widen and become fewer, pores stay.
+    Factors hold for the whole mesh, times what `region` and painted maps say of a place. How many
+    wrinkles there are follows from `spacing` and the area, unless `wrinkles` says it: then the
+    spacing follows.
+
+    spacing: mean distance from a pore to the nearest where density is 1, mesh units; null is 0.5 mm
+        through `unit`
+    wrinkles: wrinkles to synthesise where density is 1 and nothing is painted; null is as many as
+        area and spacing make; a number fixes the spacing instead
+    seed: start of the random numbers: another seed gives another skin of the same kind; null is
+        what a given graph says, else 1
+    neighbours: candidate edges of a pore
+    lines: what lines run by: `"expressions"`, across what they fold; `"level"`, around the vertical
+        axis; null or `"auto"`, by expressions where there are any
+    region: what skin it is where no mask says otherwise: `face`, `forehead`, `cheek`, `nose`,
+        `lip`, `eye_corner` or `neck`
+    age: age of the skin: deeper, wider and fewer lines, most where skin folds; pores stay
+    density: factor of the number of wrinkles
+    strength: factor of the strength of each wrinkle and pore, 1 at most: 2 is twice as deep where
+        one lies alone; where many overlap the relief grows less, and grain and undulation stay;
+        `depth` scales all of it
+    turn: degrees by which lines turn left of the preferred ones
+    anisotropy: how far lines keep to their direction: 0 any way, 2 one direction alone
+    scale: factor of the width of wrinkles
+    pore_radius: factor of the radius of pores
     """
 
     spacing: float | None = number(None, 1e-30, 1e30)
     wrinkles: int | None = whole(None, 100, MOST_WRINKLES)
     seed: int | None = whole(None, 0, MOST_SEED)
     neighbours: int = whole(8, 4, 16)
-    # Along what preferred lines run; null is "auto".
     lines: str | None = choice(None, None, *LINES)
-    # Of the whole mesh, times what `region` and painted maps say of a place.
     region: str = choice(WHOLE_FACE, *REGIONS)
     age: float = number(USUAL_AGE, YOUNGEST, OLDEST)
     density: float = number(1.0, 1 / 16, 16.0)
@@ -57,19 +74,27 @@ class GraphSettings:
 
     @property
     def start(self) -> int:
-        """The seed, the usual one where none is set."""
+        """The seed; the usual one where none is set."""
         return USUAL_SEED if self.seed is None else self.seed
 
 
 @dataclass(frozen=True)
 class ResponseSettings:
-    """Exponents of Alg. 1 (alpha, wrinkles) and Alg. 2 (beta, pores), and the clamp of log rho.
+    """Exponents of Alg. 1 (alpha, wrinkles) and Alg. 2 (beta, pores), and their limits.
 
-    ends: of a wrinkle that another continues, how far r goes at that end from its own, 0, to the
-    mean of both, 1; widths and depths follow from the r of each end, linear between.  soft_limits:
-    log stretch and the logs of the scales bend from half of their limit on and are level at one and
-    a half times it, in place of a clamp.  pore_depth_limit: how many times as deep a pore becomes
-    at most; 4 is the limit of all scales.
+    With soft limits, log stretch and the logs of the scales bend from half of their limit on and
+    are level at one and a half times it. The limit of all scales is 4.
+
+    alpha_w: how much stretch widens a wrinkle (Alg. 1)
+    alpha_d: how much stretch flattens a wrinkle (Alg. 1)
+    beta_w: how much stretch widens a pore (Alg. 2)
+    beta_d: how much stretch flattens a pore (Alg. 2)
+    log_stretch_limit: largest absolute log stretch, against sliver triangles
+    ends: how far the log stretch at the ends of a wrinkle goes from its own, 0, to the mean of its
+        own and that of the wrinkle that continues it there, 1; width and strength follow from it at
+        each end and are linear between
+    soft_limits: log stretch and scales bend into their limits, in place of a clamp
+    pore_depth_limit: how many times as deep a pore becomes at most; wrinkles 4 times
     """
 
     alpha_w: float = number(1.0, 0.0, 64.0)
@@ -87,20 +112,33 @@ class ShapeSettings:
     """The profile (1 - t²)²(1 - b t²), and how heights x meet: log(1 + Σ(e^{βx} - 1)/n)/β, valleys
     and bulges apart; β is the sharpness, n the slots.
 
-    Wrinkles run to and fro by `wave_amplitude`, mesh units on the neutral surface, `wave_frequency`
-    times a mesh unit; at 0 they are straight. No wrinkle runs aside by more than a fifth of its
-    length.
+    `curvature` and `taper` are shares of the slopes, and of the strengths and half widths at the
+    ends of wrinkles, that the graph has.
 
-    curvature and taper: how much of the slopes, and of the strengths and half widths at the ends of
-    wrinkles, that the graph has is drawn; at 0 wrinkles are straight and even.  least_half_width:
-    texels of level 0; what is narrower in a frame is drawn that wide and as much shallower.
-
-    cushion: the share of the depth of wrinkles that a second, broad layer of them carries, so that
-    what lies between furrows swells; `cushion_width` times as wide, meeting with a sharpness of its
-    own. Lines of strength 0.08 or less swell nothing. grain: root mean square of the micro relief
-    between lines, in depths; `grain_size`: its largest wavelength, mesh units; `undulation` and
-    `undulation_size`: the same of broad swells, of waves down to an eighth of the largest. All are
-    off at 0.
+    wrinkle_bulge: the bulge beside a furrow; 2.5 suits skin without cushions, 7 displaces no volume
+    pore_bulge: the bulge around a pore; 4 displaces no volume
+    sharpness: beta of the mellow-max by which heights meet
+    slots: n of the mellow-max; 1 keeps the depth of a lone wrinkle, 16 is softer
+    wave_amplitude: how far wrinkles swing across their straight line, mesh units, at most a fifth
+        of their length; 0 is straight
+    wave_frequency: waves per mesh unit; null is what a given graph says, else 0.4 per pore spacing
+    curvature: how much of its bends a wrinkle is drawn with; 0 is straight
+    taper: how much strength and width change along a wrinkle, from one end to the other; 0 is even
+    least_half_width: least half width, texels: what is narrower is drawn that wide and shallower to
+        match, so that it does not break into dots; 0 is off
+    cushion: share of the depth of wrinkles that a second, broad layer of them carries, so that skin
+        swells between furrows; lines of strength 0.08 or less are in the narrow one only; 0 is off
+    cushion_width: how many times as wide as a furrow the broad layer is; of a wrinkle with
+        `edge_metric`, in that metric
+    cushion_sharpness: beta of the mellow-max by which heights meet in the broad layer
+    grain: root mean square of the micro relief between lines, in depths, times what region and age
+        make of it; 0 is off
+    grain_size: largest wavelength of the grain, mesh units; null is what a given graph says, else
+        0.2 mm where `unit` is a length, else 0.36 of the pore spacing
+    undulation: root mean square of broad swells of the skin, in depths; 0 is off
+    undulation_size: largest wavelength of the swells, mesh units; the smallest is an eighth of it;
+        null is what a given graph says, else 6 mm where `unit` is a length, else 10.8 of the pore
+        spacing
     """
 
     # Above 9 a bulge would rise over the depth of its furrow, past what the sums can hold.
@@ -124,7 +162,22 @@ class ShapeSettings:
 
 @dataclass(frozen=True)
 class BinSettings:
-    """The precomputed maps of the fast method (section 2.4); the defaults are the paper's."""
+    """The precomputed maps of the fast method (section 2.4); the defaults are the paper's.
+
+    count: orientation bins, N
+    samples: stretches that each bin is drawn at, M
+    pore_samples: stretches that the pores are drawn at; null is `bins.samples`
+    bits: bits per code of the precomputed maps
+    merge: how bins meet: `min`, the deepest wins; `soft`, the two deepest valleys meet softly and
+        the highest bulge is added; `signed`, by the mellow-max as wrinkles meet, from one signed
+        map; `mellow`, the same from two maps, valleys and bulges
+    depth_factored: draw maps without their depth scale and multiply it on later, so that depth
+        follows stretch beyond `bins.r_max`
+    tilt: one more map per bin says where in it each wrinkle runs, so that depth follows its own
+        angle; needs `bins.depth_factored`
+    reach: the outer samples lie at this times `bins.r_max`, up to `response.log_stretch_limit`
+    r_max: log stretch that most of the skin stays within; calibrated from a frame
+    """
 
     count: int = choice(4, 1, 2, 4, 8, 16)
     samples: int = choice(3, 3, 5, 7)
@@ -138,21 +191,40 @@ class BinSettings:
 
     @property
     def layer_samples(self) -> tuple[int, ...]:
-        """Stretches that each layer is drawn at: of every bin, and last of the pores."""
+        """How many stretches each layer is drawn at: one number a bin, then that of the pores."""
         return (self.samples,) * self.count + (self.pore_samples or self.samples,)
 
 
 @dataclass(frozen=True)
+class ConvolveSettings:
+    """How the neutral map is blurred and sharpened (after Nagano et al. 2015).
+
+    The published fit is not public: these gains are ours. 4 is `alpha_d`, so that to first order
+    features much finer than `sigma` lose and gain as much depth as Alg. 1 takes and gives.
+
+    blur_gain: how much stretch blurs lines and pores, for `convolved`; grain and undulation are
+        added after its kernel, as in every method
+    sharpen_gain: how much compression sharpens them, for `convolved`
+    sigma: standard deviation of the Gaussian of `convolved`, mesh units; null is what a given graph
+        says, else 0.25 of the pore spacing
+    """
+
+    blur_gain: float = number(4.0, 0.0, 64.0)
+    sharpen_gain: float = number(4.0, 0.0, 64.0)
+    sigma: float | None = number(None, 1e-30, 1e30)
+
+
+@dataclass(frozen=True)
 class Preset:
-    """What naming a preset sets: all of the bins but for `r_max`, and some keys of `response` and
-    `shape`, which are the same ones in every preset."""
+    """The settings that a preset sets: all of the bins but for `r_max`, and some keys of `response`
+    and `shape`, the same keys in every preset."""
 
     bins: BinSettings
     response: Mapping[str, Any]
     shape: Mapping[str, Any]
 
 
-# As the paper draws: hard limits, straight even lines, nothing done for those below a texel, flat
+# As the paper draws: hard limits, straight even lines, nothing done for lines below a texel, flat
 # plates.
 _PAPER_RESPONSE = {"ends": 0.0, "soft_limits": False, "pore_depth_limit": 4.0}
 _PAPER_SHAPE = {
@@ -170,8 +242,8 @@ def _usual(settings: Any, names: Mapping[str, Any]) -> dict[str, Any]:
     return {name: getattr(settings, name) for name in names}
 
 
-# The bins of `best` are the closest to `redraw` that was measured at no more than twice the time of
-# `paper`, the paper's own choice; the rest of it are the defaults.
+# The bins of `best` came closest to `redraw` of all that were measured at no more than twice the
+# time of `paper`, the paper's own choice. Its other settings are the defaults.
 PRESETS: dict[str, Preset] = {
     "paper": Preset(BinSettings(), _PAPER_RESPONSE, _PAPER_SHAPE),
     "best": Preset(
@@ -180,34 +252,32 @@ PRESETS: dict[str, Preset] = {
         _usual(ShapeSettings(), _PAPER_SHAPE),
     ),
 }
-
-
 DEFAULT_PRESET = "best"
-
-
-@dataclass(frozen=True)
-class ConvolveSettings:
-    """How the neutral map is blurred and sharpened (after Nagano et al. 2015).
-
-    The published fit is not public: these gains are ours. 4 is `alpha_d`, so that to first order
-    features much finer than `sigma` lose and gain as much depth as Alg. 1 takes and gives.
-    `sigma` is in mesh units.
-    """
-
-    blur_gain: float = number(4.0, 0.0, 64.0)
-    sharpen_gain: float = number(4.0, 0.0, 64.0)
-    sigma: float | None = number(None, 1e-30, 1e30)
 
 
 @dataclass(frozen=True)
 class AssetSettings:
     """Everything that can be set for an asset; `None` is resolved when the asset is built.
 
-    `unit` is that of the mesh: of the graph's file where that says one, else cm.  `depth` is the
-    depth of strength 1, in mesh units; `padding` is in level-0 texels.  `tile_size` that is not
-    given is the resolution where that is less than the default. Naming a `preset` sets the bins but
-    for `r_max`, and how lines and limits are drawn (`Preset`); keys beside it override it.  `name`
-    is for people: no id and nothing that is drawn depends on it.
+    Naming a `preset` sets the bins but for `r_max`, and how lines and limits are drawn (`Preset`).
+
+    unit: length unit of the mesh, written into files: mm, cm, dm, m, um, in or ft, or a number of
+        one, as `"5.5cm"`; or any other where no length follows from it; null is that of a given
+        graph, else cm
+    resolution: texels per side
+    tile_size: texels per side of a tile, `resolution` at most; where it is not given and the
+        default is above the resolution, it is the resolution
+    depth: depth of a wrinkle of strength 1, mesh units; null is what a given graph says, else 0.15
+        of the pore spacing: 75 µm by default, more with `graph.age` above 35
+    padding: texels around the UV charts that take the nearest triangle
+    angles: where angles between wrinkles and axes of stretch are taken: in UV, as the paper does,
+        or in the neutral tangent plane (`"surface"`)
+    preset: choice of bins, the closest to `redraw` at no more than twice the paper's time, with
+        lines that bend and soft limits; or `"paper"`, which has none of these, in any method; keys
+        of `bins`, `shape` and `response` override it
+    name: what people call the asset; null is the name of the mesh's file without its ending where
+        an asset is sent, none in a PATCH. The same content with another name is the same asset, and
+        keeps the name that it has
     """
 
     unit: str | None = text(None, 16)
@@ -226,11 +296,14 @@ class AssetSettings:
 
     @classmethod
     def parse(cls, data: Any) -> AssetSettings:
-        """From decoded JSON; raises SettingsError naming the path of what is wrong."""
+        """Settings from decoded JSON; keys that are left out have their defaults.
+
+        Raises SettingsError naming the path of the first key or value that is wrong.
+        """
         return cls().changed(data)
 
     def changed(self, data: Any) -> AssetSettings:
-        """A copy with the values of `data` (decoded JSON, same shape) put in."""
+        """A copy with the values of `data`, decoded JSON of the same nesting; raises as `parse`."""
         if not isinstance(data, Mapping):
             raise SettingsError(f"settings are {type(data).__name__}: must be a JSON object")
         settings = read(self._with_preset(data.get("preset")), data)
@@ -247,7 +320,7 @@ class AssetSettings:
         return settings
 
     def _with_preset(self, name: Any) -> AssetSettings:
-        """What it sets in place of these; what is no preset is left to `read` to refuse."""
+        """A copy with the values of a preset; `read` refuses a name that is none."""
         if not isinstance(name, str) or name not in PRESETS:
             return self
         preset = PRESETS[name]
@@ -259,32 +332,26 @@ class AssetSettings:
         )
 
     def resolved(self, spacing: float) -> AssetSettings:
-        """A copy with everything set, for a pore spacing in mesh units."""
+        """A copy with everything set.  spacing: of the pores, mesh units."""
         return self.with_lengths(Lengths.of(spacing, self.graph.age))
 
     def with_lengths(self, lengths: Lengths) -> AssetSettings:
-        """A copy with the lengths that are not set yet."""
-        depth, sigma = self.depth, self.convolve.sigma
-        shape = self.shape
-        frequency, unit = shape.wave_frequency, self.length_unit
+        """A copy in which every length is set: to these, where the settings leave it open."""
+        unit, shape, convolve = self.length_unit, self.shape, self.convolve
         grain = _first(shape.grain_size, lengths.grain_size)
         undulation = _first(shape.undulation_size, lengths.undulation_size)
         shape = replace(
             shape,
-            wave_frequency=lengths.wave_frequency if frequency is None else frequency,
+            wave_frequency=_first(shape.wave_frequency, lengths.wave_frequency),
             grain_size=GRAIN.resolved(grain, unit, lengths),
             undulation_size=UNDULATION.resolved(undulation, unit, lengths),
         )
-        return replace(
-            self,
-            unit=unit,
-            depth=lengths.depth if depth is None else depth,
-            shape=shape,
-            convolve=replace(self.convolve, sigma=lengths.sigma if sigma is None else sigma),
-        )
+        convolve = replace(convolve, sigma=_first(convolve.sigma, lengths.sigma))
+        depth = _first(self.depth, lengths.depth)
+        return replace(self, unit=unit, depth=depth, shape=shape, convolve=convolve)
 
     def lengths(self, spacing: float) -> Lengths:
-        """Those of resolved settings.  spacing: of the pores, mesh units."""
+        """The lengths of resolved settings.  spacing: of the pores, mesh units."""
         depth, sigma, shape = self.depth, self.convolve.sigma, self.shape
         assert depth is not None
         assert sigma is not None
@@ -293,9 +360,9 @@ class AssetSettings:
         return Lengths(spacing, depth, sigma, shape.wave_frequency, *sizes)
 
     def for_graph(self, origin: GraphOrigin | None) -> AssetSettings:
-        """A copy with the unit and the seed of a graph where none is set.
+        """A copy with the unit and the seed of a graph, where the settings leave them open.
 
-        Raises SettingsError where the lengths of the graph cannot be converted to that which is.
+        Raises SettingsError where the lengths of the graph cannot be converted to the unit.
         """
         origin = origin or GraphOrigin()
         unit = self.unit or origin.unit or USUAL_UNIT
@@ -303,34 +370,37 @@ class AssetSettings:
         return replace(self, unit=unit, graph=self._seeded(origin.seed))
 
     def _seeded(self, seed: int | None = None) -> GraphSettings:
-        """Those of the graph with a seed: their own, else this, else the usual one."""
+        """The settings of the graph with a seed: their own, else `seed`, else the usual one."""
         return replace(self.graph, seed=_first(self.graph.seed, seed, USUAL_SEED))
 
     def for_synthesis(self) -> AssetSettings:
-        """A copy with unit and seed, and with the usual spacing of that unit where nothing says how
-        dense pores are; raises SettingsError where the unit is not known."""
+        """A copy with a unit and a seed, and with the usual spacing in that unit where neither
+        `spacing` nor `wrinkles` is set. Raises SettingsError where that unit has no known length.
+        """
         unit, graph = self.length_unit, self._seeded()
         if graph.wrinkles is None and graph.spacing is None:
             graph = replace(graph, spacing=usual_spacing(unit))
         return replace(self, unit=unit, graph=graph)
 
     def named_after(self, file: str) -> AssetSettings:
-        """A copy with the name of a file where none is set: without folders and ending, runs of
-        what is not printable as one space, at most 80 characters."""
+        """A copy with the name of a file, where none is set.
+
+        Folders and the ending are left out, unprintable characters become one space, and 80
+        characters are kept.  file: with separators of any system.
+        """
         if self.name is not None:
             return self
-        # Its separators are those of both systems.
-        stem = PureWindowsPath(file).stem
+        stem = PureWindowsPath(file).stem  # splits at both kinds of slash
         plain = "".join(c if c.isprintable() else " " for c in stem)
         return replace(self, name=" ".join(plain.split())[:LONGEST_NAME].strip() or None)
 
     def drawn(self) -> dict[str, Any]:
-        """As `as_json`, without what is for people."""
+        """As `as_json`, without the name, on which nothing that is drawn depends."""
         return {key: value for key, value in self.as_json().items() if key != "name"}
 
     @property
     def length_unit(self) -> str:
-        """The unit of the mesh, the usual one where none is set."""
+        """The unit of the mesh; the usual one where none is set."""
         return self.unit or USUAL_UNIT
 
     def with_r_max(self, r_max: float) -> AssetSettings:
@@ -353,5 +423,5 @@ class AssetSettings:
 
 
 def _first(*values: T | None) -> T | None:
-    """The first that is not None."""
+    """The first value that is not None."""
     return next((value for value in values if value is not None), None)

@@ -1,4 +1,4 @@
-"""What precomputed maps are, and the numbers that blending them takes."""
+"""What the precomputed maps of an asset are, and all numbers that blending takes."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from dataclasses import dataclass
 class TiltLine:
     """How the depth of a bin depends on its tilts (docs/binned.md).
 
-    node: how far from the middle of a bin, as a share of the way to its edge, σ_d is taken.
-    share: depths were scaled by 1 ± this from edge to edge in the two drawings that tilts are made
-    from.  width: what half widths were scaled by in these.
+    node: where σ_d is taken, as a share of the way from the middle of a bin to its edge.
+    share: tilts are made of two drawings in which depths were scaled by 1 ± `share` from edge to
+    edge.  width: factor of the half widths in these drawings.
     """
 
     node: float
@@ -21,9 +21,9 @@ class TiltLine:
 
 @dataclass(frozen=True)
 class CushionLayer:
-    """How the samples of the cushions are placed under texels, and merged (docs/binned.md).
+    """How the samples of the cushions lie under texels, and how they are merged (docs/binned.md).
 
-    factor: texels to a sample.  apron: samples more on every side of a tile.  sharpness: β.
+    factor: texels per sample.  apron: further samples on every side of a tile.  sharpness: β.
     """
 
     factor: int
@@ -33,7 +33,7 @@ class CushionLayer:
 
 @dataclass(frozen=True)
 class GrainLayer:
-    """How grain follows a frame (docs/binned.md).  exponent: of its gain over log ρ."""
+    """How grain follows a frame (docs/binned.md).  exponent: of its gain, over log ρ."""
 
     exponent: float
 
@@ -43,20 +43,20 @@ class BinManifest:
     """The precomputed maps of an asset, in the order of `bin_tile`'s indices, and all numbers that
     blending them takes (docs/binned.md).
 
-    angles (N,): bin directions αₙ = πn/N in radians from v towards u; θₙ = (sin αₙ, cos αₙ).
-    samples (M,), pore_samples: log stretch of each sample, of wrinkles and of pores.
-    layers: {"wrinkles": N, "pores": 1}; where merge
-    is mellow these are the valleys, and {"wrinkle_bulges": N, "pore_bulges": 1} the bulges; with
-    tilts {"wrinkle_tilts": N}, of one sample, from one edge of a bin in angle, -1, to the other, 1,
-    which is the one of larger angle. With cushions {"cushions": N}, coarse;
-    with grain {"grain": 1}, of one sample, always int8.
-    steps: displacement per code, mesh units, by layer and sample; of tilts their unit.
-    depth: of strength 1, mesh units.  sharpness: β of the merge.  log_stretch_limit: that log ρ is
-    clamped to.  scale_limit: σ stays within 1/scale_limit and scale_limit.  depth_exponents: by
-    layer, wrinkles and pores, of the σ_d that blending multiplies by; 0 where maps have it.
-    soft_limits: limits are knees.  pore_depth_limit: that of σ_d of pores.
-    measured_in: where angles are taken, "uv" or "surface".  tilt: None without tilts.  cushion,
-    grain: None without.
+    angles: (N,) bin directions αₙ = πn/N in radians from v towards u; θₙ = (sin αₙ, cos αₙ).
+    samples: (M,) log stretch of each sample of wrinkles.  pore_samples: the same of pores.
+    layers: number of maps by layer: {"wrinkles": N, "pores": 1}, of which the valleys alone where
+    `merge` is mellow, with {"wrinkle_bulges": N, "pore_bulges": 1} for the bulges. With tilts
+    {"wrinkle_tilts": N}, of one sample: from -1 at the edge of a bin of smaller angle to 1 at the
+    other. With cushions {"cushions": N}, coarse. With grain {"grain": 1}, of one sample, always
+    int8.
+    steps: displacement per code by layer and sample, mesh units; the step of tilts has no unit.
+    bits: per code.  merge, depth_factored: as in the settings.  depth: of strength 1, mesh units.
+    sharpness: β of the merge.  log_stretch_limit: log ρ is clamped to it.  scale_limit: σ stays
+    within 1/scale_limit and scale_limit.  depth_exponents: of the σ_d that blending multiplies by,
+    for wrinkles and pores; 0 where maps contain σ_d.  measured_in: where angles are taken, "uv" or
+    "surface".  tilt, cushion, grain: None without them.  soft_limits: limits bend in place of
+    clamping.  pore_depth_limit: limit of σ_d of pores.
     """
 
     angles: tuple[float, ...]

@@ -1,27 +1,54 @@
-"""Positions of a face out of the weights of its shapes."""
+"""Blendshapes of a face: positions out of their weights, and what their names mean.
+
+Names are compared with those of ARKit, and with other spellings of the same.
+"""
 
 from __future__ import annotations
 
+import re
+from collections import defaultdict
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.domain.expressions import Expressions
-from rhytid.domain.shape_names import meant_shapes
 from rhytid.errors import FrameError, InputError
 
 # Beyond it a weight is a mistake, and not a face that is pushed far.
 MOST_WEIGHT = 1000.0
+LEFT, RIGHT, BOTH = "left", "right", ""
+# `Left`, `_L`, `.l`, or `L` after a lower-case letter, at the end.
+_SIDE = re.compile(r"(?:[ ._-]?(?:(left)|(right))|[ ._-](?:(l)|(r)))$", re.IGNORECASE)
+_LETTER = re.compile(r"(?<=[a-z])(?:(L)|(R))$")
+_PREFIX = re.compile(r"[.:|/]")
+# Beginnings of names, in lower case, without what is not a letter.
+_BEGINNINGS = {
+    "forehead": (
+        *("browinnerup", "browouterup", "browraise", "browsraise", "browup", "browsup"),
+        *("raisebrow", "raiseeyebrow", "eyebrowraise", "eyebrowup", "eyebrowsup"),
+    ),
+    "eye_corner": (
+        *("eyeblink", "eyesquint", "eyeclose", "eyesclose", "eyelidclose", "blink", "squint"),
+        "closeeye",
+    ),
+    "lip": ("mouthpucker", "mouthfunnel", "pucker", "lippucker", "lipspucker", "kiss", "funnel"),
+    "cheek": (
+        *("cheekpuff", "cheeksquint", "cheekraise", "cheeksraise", "cheekup", "puffcheek"),
+        *("raisecheek", "mouthsmile", "smile"),
+    ),
+    "nose": ("nosesneer", "sneer", "nosewrinkle", "wrinklenose", "nosescrunch"),
+    "neck": ("jawopen", "openjaw", "jawdrop", "dropjaw", "mouthopen", "openmouth"),
+}
 
 
 class Blendshapes:
-    """Turns weights, in the order of the names that a caller gives them by, into positions.
+    """Makes positions of the weights of a face's shapes.
 
-    neutral: (V, 3).  names: of the weights; empty = those of the shapes, in their order.  unknown:
-    of these names, those that mean none of the shapes; their weights have no effect.
+    neutral: (V, 3).  names: of the weights, in the order in which a caller gives them; empty for
+    those of the shapes.  unknown: the names that mean no shape; their weights have no effect.
 
-    Raises InputError where none of the names means a shape.
+    Raises InputError where no name means a shape.
     """
 
     def __init__(
@@ -44,11 +71,11 @@ class Blendshapes:
 
     @property
     def nbytes(self) -> int:
-        """Bytes that it holds."""
+        """Bytes of its arrays."""
         return self._differences.nbytes + self._spread.nbytes + self._neutral.nbytes
 
     def positions(self, weights: NDArray[np.float32]) -> NDArray[np.float32]:
-        """(V, 3) = neutral + Σ wₑ (shapeₑ - neutral), of as many weights as there are names.
+        """(V, 3) neutral + Σ wₑ (shapeₑ - neutral).  weights: one for each name.
 
         Raises FrameError naming the first weight that is not finite or beyond ± 1000.
         """
@@ -64,3 +91,53 @@ class Blendshapes:
         moved = np.einsum("e,ev->v", self._spread @ weights, self._differences)
         found: NDArray[np.float32] = self._neutral + moved.reshape(self._neutral.shape)
         return found
+
+
+def meant_shapes(wanted: Sequence[str], known: Sequence[str]) -> list[tuple[int, ...]]:
+    """For each wanted name the indices of the known shapes that it means; empty for none.
+
+    A name that a shape has means that shape. Otherwise spellings are compared, and a name without a
+    side means the shapes of both sides: `browInnerUp` of ARKit is `browInnerUp_L` and
+    `browInnerUp_R`.
+    """
+    exact = {name: index for index, name in reversed(list(enumerate(known)))}
+    by_parts: defaultdict[tuple[str, str], list[int]] = defaultdict(list)
+    for index, name in enumerate(known):
+        by_parts[name_parts(name)].append(index)
+
+    def meant(name: str) -> tuple[int, ...]:
+        if name in exact:
+            return (exact[name],)
+        stem, side = name_parts(name)
+        found = by_parts.get((stem, side), [])[:1]
+        if not found and side == BOTH:
+            found = [i for half in (LEFT, RIGHT) for i in by_parts.get((stem, half), [])[:1]]
+        return tuple(found)
+
+    return [meant(name) for name in wanted]
+
+
+def name_parts(name: str) -> tuple[str, str]:
+    """The stem in lower case and the side of a shape's name: `eyeBlink_L`, `EyeBlinkLeft` and
+    `face|eyeBlink.L` are all ("eyeblink", "left"). The side is empty where the name has none."""
+    side = BOTH
+    found = _SIDE.search(name) or _LETTER.search(name)
+    if found is not None and found.start():
+        groups = found.groups()
+        side = LEFT if any(groups[0::2]) else RIGHT
+        name = name[: found.start()]
+    stem = re.sub(r"[^a-z0-9]", "", _PREFIX.split(name)[-1].lower())
+    return stem, side
+
+
+def region_of(name: str) -> str | None:
+    """The region that an expression of that name shows best; None where it shows none.
+
+    A prefix that ends in a dot, a colon, a bar or a slash is ignored, as in `face|eyeBlink_L`. A
+    sneer shows the nose and an open jaw the neck by what they move around these.
+    """
+    plain = re.sub(r"[^a-z]", "", _PREFIX.split(name)[-1].lower())
+    for region, beginnings in _BEGINNINGS.items():
+        if plain.startswith(beginnings):
+            return region
+    return None

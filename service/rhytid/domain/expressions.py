@@ -1,15 +1,17 @@
-"""Expressions of a face: what it does again and again, so that lines can grow where it folds."""
+"""Expressions of a face, and where they fold its skin, so that lines can grow there."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rhytid.domain.origin import ORIGIN, Centre, brought_to
+from rhytid.domain.mesh import ORIGIN, Centre, subtract_centre
+from rhytid.domain.validation import fixed_array
 from rhytid.errors import FrameError, InputError
 
 # Of more, this many evenly spaced ones are used: a captured take repeats itself.
@@ -17,12 +19,20 @@ MOST_EXPRESSIONS = 400
 _LONGEST_NAME = 256
 # What `graph.lines` can say.
 AUTO, BY_EXPRESSIONS, LEVEL = LINES = ("auto", "expressions", "level")
+# Expressions that move anything, from which on what they leave alone counts as never folding.
+ENOUGH = 5
+# Places of xx, yy, zz, xy, xz, yz in a symmetric 3 x 3 matrix.
+ROWS, COLUMNS = np.array([0, 1, 2, 0, 0, 1]), np.array([0, 1, 2, 1, 2, 2])
+FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class Expressions:
-    """Positions of the deformed mesh, (E, V, 3) float32 less the centre of the mesh, and their
-    names; captured frames, which have none, are named by their numbers."""
+    """Deformed positions of a mesh by name.
+
+    positions: (E, V, 3) float32, less the centre of the mesh.  names: of the E expressions;
+    captured frames have numbers for names.
+    """
 
     positions: NDArray[np.float32]
     names: tuple[str, ...]
@@ -38,7 +48,8 @@ class Expressions:
         names: Sequence[str] | None = None,
         centre: Centre = ORIGIN,
     ) -> Expressions:
-        """At most MOST_EXPRESSIONS of what was sent, evenly picked, first and last among them.
+        """At most MOST_EXPRESSIONS of the positions that were sent, evenly picked, with the first
+        and the last.
 
         Raises FrameError naming the shape, the names that do not fit, or the expression and the
         vertex that is not finite.
@@ -47,7 +58,7 @@ class Expressions:
         if values.ndim != 3 or values.shape[1:] != (vertices, 3) or values.dtype.kind not in "fiu":
             shape = f"shape {values.shape} of {values.dtype}"
             raise FrameError(f"shapes have {shape}, not numbers (E, {vertices}, 3)")
-        chosen = evenly(len(values))
+        chosen = evenly_spaced(len(values))
         known = [f"{i:04d}" for i in chosen]
         if names is not None:
             if len(names) != len(values):
@@ -56,18 +67,18 @@ class Expressions:
         kept = np.empty((len(chosen), vertices, 3), np.float32)
         with np.errstate(over="ignore"):
             for row, i in zip(kept, chosen, strict=True):
-                row[:] = brought_to(values[i], centre)
+                row[:] = subtract_centre(values[i], centre)
         _check_finite(kept, known)
         kept.setflags(write=False)
         return cls(kept, tuple(known))
 
     @property
     def named(self) -> bool:
-        """Whether somebody named them, so that they can be asked for; frames have numbers."""
+        """Whether the expressions have names that a caller can ask for; frames have numbers."""
         return bool(self.names) and not all(name.isdigit() for name in self.names)
 
     def digest(self) -> bytes:
-        """Of names and positions, the same on every machine."""
+        """SHA-256 of the names and positions, the same on every machine."""
         found = hashlib.sha256("\0".join(self.names).encode())
         found.update(repr(self.positions.shape).encode())
         for shape in self.positions:
@@ -75,7 +86,7 @@ class Expressions:
         return found.digest()
 
 
-def grown_from(lines: str | None, expressions: Expressions | None) -> Expressions | None:
+def expressions_for_lines(lines: str | None, expressions: Expressions | None) -> Expressions | None:
     """The expressions that lines grow by, as `graph.lines` says; None for level lines.
 
     Raises InputError where it asks for expressions and there are none.
@@ -90,8 +101,8 @@ def grown_from(lines: str | None, expressions: Expressions | None) -> Expression
     return None if lines == LEVEL else expressions
 
 
-def evenly(count: int) -> list[int]:
-    """Which of that many expressions are used."""
+def evenly_spaced(count: int) -> list[int]:
+    """The indices of the expressions that are used of that many: evenly spaced."""
     if count <= MOST_EXPRESSIONS:
         return list(range(count))
     picked = np.linspace(0.0, count - 1.0, MOST_EXPRESSIONS)
@@ -105,3 +116,65 @@ def _check_finite(positions: NDArray[np.float32], names: Sequence[str]) -> None:
             vertex = int(np.argmin(good))
             where = f"shape {name}, vertex {vertex}"
             raise FrameError(f"{where} is {shape[vertex].tolist()}: not finite")
+
+
+@dataclass(frozen=True, eq=False)
+class Folds:
+    """Where and which way expressions fold skin, at the vertices of a mesh.
+
+    tensor: (V, 6) float32; xx, yy, zz, xy, xz, yz of the mean over all expressions of the squared
+    log compression along its axes, in the space of the mesh, smoothed on the surface;
+    dimensionless.  moving: how many expressions moved anything.  regions: (V,) float32, shares from
+    0 to 1, by the name of the region.
+
+    Raises InputError for arrays that do not fit or are not finite.
+    """
+
+    tensor: NDArray[np.float32]
+    moving: int
+    regions: Mapping[str, NDArray[np.float32]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        tensor = fixed_array(self.tensor, "folds", (None, 6), np.float32, InputError)
+        regions = {
+            name: fixed_array(self.regions[name], name, (len(tensor),), np.float32, InputError)
+            for name in sorted(self.regions)
+        }
+        if not all(np.isfinite(array).all() for array in (tensor, *regions.values())):
+            raise InputError("folds that are not finite")
+        object.__setattr__(self, "tensor", tensor)
+        object.__setattr__(self, "regions", regions)
+
+    @property
+    def known(self) -> float:
+        """From 0 to 1: how surely a place that no expression folds never folds."""
+        return min(self.moving / ENOUGH, 1.0)
+
+    def axes(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Size, eccentricity and axis of the folding.
+
+        size: (V,) largest root mean square log compression in any direction.  eccentricity: (V,)
+        share by which it is smaller across that direction, 0 where both are alike.  axis: (V, 3)
+        the direction.
+        """
+        full = np.empty((len(self.tensor), 3, 3))
+        full[:, ROWS, COLUMNS] = full[:, COLUMNS, ROWS] = self.tensor
+        values, vectors = np.linalg.eigh(full)
+        roots = np.sqrt(np.maximum(values, 0.0))
+        eccentricity = 1.0 - roots[:, 1] / np.maximum(roots[:, 2], 1e-12)
+        return roots[:, 2], np.where(roots[:, 2] > 0, eccentricity, 0.0), vectors[:, :, 2]
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """The arrays by name, in which `of_arrays` reads the same folds."""
+        regions = {f"region.{name}": mask for name, mask in self.regions.items()}
+        return {"tensor": self.tensor, "moving": np.array([self.moving], np.int32), **regions}
+
+    @classmethod
+    def of_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> Folds:
+        """The inverse of `arrays`."""
+        regions = {
+            name.removeprefix("region."): mask
+            for name, mask in arrays.items()
+            if name.startswith("region.")
+        }
+        return cls(arrays["tensor"], int(arrays["moving"][0]), regions)

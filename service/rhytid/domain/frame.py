@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rhytid.domain.origin import ORIGIN, Centre, brought_to
+from rhytid.domain.mesh import ORIGIN, Centre, subtract_centre
 from rhytid.domain.validation import first_bad_row, fixed_array
 from rhytid.domain.wording import plural
 from rhytid.errors import FrameError
@@ -18,7 +18,7 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}", re.ASCII)
 
 
 def check_frame_name(name: str) -> str:
-    """The name itself; raises FrameError where it does not match the rule of the API."""
+    """Return a frame's name; raise FrameError where the API does not allow it."""
     if not _NAME.fullmatch(name):
         rule = "a letter or digit, then up to 63 letters, digits, '_', '.' or '-'"
         raise FrameError(f"frame name {name!r}: use {rule}")
@@ -40,7 +40,7 @@ def check_positions(
             f"frame has {plural(shape[0], 'vertex', 'vertices')}, the neutral mesh has {vertices}"
         )
     if centre.any() and np.asarray(values).dtype.kind in "fiu":
-        values = brought_to(np.asarray(values), centre)
+        values = subtract_centre(np.asarray(values), centre)
     with np.errstate(over="ignore"):
         array: NDArray[Any] = fixed_array(values, "frame", (vertices, 3), np.float32, FrameError)
     bad = first_bad_row(np.isfinite(array))
@@ -50,10 +50,10 @@ def check_positions(
 
 
 def frame_label(number: int) -> str:
-    """The name of a frame of this number: at least four digits."""
+    """The name of the frame of this number: at least four digits."""
     return f"{number:04d}"
 
 
 def counted_frame(index: int) -> str:
-    """The name of a frame that its file gives no number, by its place there: 0001 of the first."""
+    """The name of a frame by its place in a file that does not number them: 0001 for the first."""
     return frame_label(index + 1)

@@ -1,19 +1,25 @@
-"""The wrinkle graph: pores are nodes, wrinkles are edges (section 2.1 of the paper)."""
+"""The wrinkle graph: pores are nodes, wrinkles are edges (section 2.1 of the paper).
+
+`GraphOrigin` is what the file of a graph says beside the arrays: its lengths, and for which mesh it
+was made.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+import hashlib
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.domain.graph_origin import GraphOrigin
-from rhytid.domain.mesh import UV_LIMIT
+from rhytid.domain.lengths import Lengths, millimetres
+from rhytid.domain.mesh import UV_LIMIT, Mesh
 from rhytid.domain.validation import first_bad_row, fixed_array
 from rhytid.domain.wording import plural
-from rhytid.errors import GraphError
+from rhytid.errors import GraphError, SettingsError
 
 # The least length of a wrinkle, half width and radius, uv units: a 60,000th of the finest texel.
 # Below, squares underflow on the device.
@@ -24,6 +30,7 @@ ORIGINAL = -1
 STEEPEST = 0.8
 # The most of node_grain.
 MOST_GRAIN = 16.0
+MOST_SEED = 2**31 - 1
 # Rows checked at a time: what is computed on the way is in double.
 _ROWS = 1 << 20
 _F32 = np.float32
@@ -48,6 +55,8 @@ _SHAPES: dict[str, tuple[tuple[int | None, ...], Any]] = {
 }
 ARRAYS = tuple(_SHAPES)
 REQUIRED = ARRAYS[:6]
+_LEAST, _MOST = 1e-30, 1e30
+_TEXTS = {"unit": 16, "mesh": 64}
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,21 +133,21 @@ class WrinkleGraph:
 
     @property
     def own_nodes(self) -> NDArray[np.bool_]:
-        """(N,) true but for copies."""
+        """(N,) true for nodes that are no copies."""
         return _originals(self.node_copy_of, self.pores)
 
     @property
     def own_edges(self) -> NDArray[np.bool_]:
-        """(M,) true but for copies."""
+        """(M,) true for edges that are no copies."""
         return _originals(self.edge_copy_of, self.wrinkles)
 
     def counts(self) -> tuple[int, int]:
-        """Pores and wrinkles, each once: nodes and edges without copies."""
+        """Numbers of pores and of wrinkles: nodes and edges without copies."""
         return int(np.count_nonzero(self.own_nodes)), int(np.count_nonzero(self.own_edges))
 
     def without_copies(self) -> WrinkleGraph:
-        """The same where copies have no strength and every rim is as far as edge_half_width says:
-        what is drawn knows no seams."""
+        """The graph in which copies have no strength and no wrinkle has a metric: it is drawn as
+        if there were no UV seams."""
         return replace(
             self,
             node_weight=self.node_weight * self.own_nodes.astype(np.float32),
@@ -147,7 +156,7 @@ class WrinkleGraph:
         )
 
     def original_nodes(self, nodes: NDArray[np.integer]) -> NDArray[np.integer]:
-        """Nodes, of any shape, with what they are copies of in place of copies."""
+        """Nodes, of any shape, in which the original stands in place of each copy."""
         if self.node_copy_of is None:
             return nodes
         first = self.node_copy_of[nodes]
@@ -160,8 +169,8 @@ class WrinkleGraph:
         return middle
 
     def figures(self) -> dict[str, Any]:
-        """Figures of the graph alone, for JSON. degree: wrinkles per pore, the mean of those
-        drawn.  strengths: wrinkles by weight, in tenths from 0 to 1. Copies do not count."""
+        """Figures of the graph for JSON: `degree`, mean wrinkles per pore that is drawn, and
+        `strengths`, numbers of wrinkles by weight in tenths from 0 to 1. Copies do not count."""
         drawn, strong = (self.node_weight > 0) & self.own_nodes, self.edge_weight > 0
         strong &= self.own_edges
         ends = np.count_nonzero(drawn[self.original_nodes(self.edge_nodes[strong])])
@@ -224,7 +233,7 @@ class WrinkleGraph:
         return lengths
 
     def _require(self, name: str, good: Callable[[Any], NDArray[np.bool_]], rule: str) -> None:
-        """Refuse the first row of an array, where there is one, that is not good."""
+        """Raise GraphError for the first row of an array that is not good."""
         array = getattr(self, name)
         for start in range(0, 0 if array is None else len(array), _ROWS):
             rows = array[start : start + _ROWS]
@@ -232,6 +241,95 @@ class WrinkleGraph:
             if bad is not None:
                 found = f"{name}[{start + bad}] is {rows[bad].tolist()}"
                 raise GraphError(f"{found}: must be {rule}")
+
+
+@dataclass(frozen=True)
+class GraphOrigin:
+    """What a graph was made with: the lengths of `Lengths` in `unit`; None where its file does not
+    say.
+
+    seed: of the relief between the lines, `graph.seed`.  mesh: `mesh_digest` of the mesh that the
+    graph was made for.
+    """
+
+    unit: str | None = None
+    spacing: float | None = None
+    depth: float | None = None
+    sigma: float | None = None
+    wave_frequency: float | None = None
+    grain_size: float | None = None
+    undulation_size: float | None = None
+    seed: int | None = None
+    mesh: str | None = None
+
+    @classmethod
+    def of(cls, mesh: Mesh, unit: str, lengths: Lengths, seed: int | None = None) -> GraphOrigin:
+        """The origin of a graph that is made for this mesh, in its unit."""
+        return cls(unit, **asdict(lengths), seed=seed, mesh=mesh_digest(mesh))
+
+    @classmethod
+    def parse(cls, metadata: Mapping[str, str]) -> GraphOrigin | None:
+        """Read the metadata of a file; None where it says nothing of the origin. Other keys are
+        ignored.
+
+        Raises GraphError naming the key whose value cannot be used.
+        """
+        known = {field.name for field in fields(cls)}
+        found = {key: _value(key, text) for key, text in metadata.items() if key in known}
+        return cls(**found) if found else None  # type: ignore[arg-type]
+
+    def metadata(self) -> dict[str, str]:
+        """The inverse of `parse`; numbers keep all their digits."""
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        return {
+            name: value if isinstance(value, str) else repr(value)
+            for name, value in values.items()
+            if value is not None
+        }
+
+    def lengths(self, unit: str, spacing: float) -> Lengths:
+        """The lengths in another unit.
+
+        spacing: of the pores in that unit, used where the file does not say it. Raises
+        SettingsError where lengths cannot be converted.
+        """
+        own = self.in_unit(unit)
+        usual = Lengths.of(spacing if own.spacing is None else own.spacing)
+        names = [field.name for field in fields(Lengths)]
+        said = {n: getattr(own, n) for n in names if getattr(own, n) is not None}
+        return replace(usual, **said)
+
+    def in_unit(self, unit: str) -> GraphOrigin:
+        """The origin in another unit; raises SettingsError where one of the two has no length."""
+        if self.unit is None or self.unit == unit:
+            return replace(self, unit=unit)
+        one, other = millimetres(self.unit), millimetres(unit)
+        if one is None or other is None:
+            raise SettingsError(
+                f"the graph is in {self.unit!r} and the mesh in {unit!r} (settings.unit): one of "
+                "them is no known unit of length, so that depth and spacing cannot be converted"
+            )
+        factor = one / other
+        names = ("spacing", "depth", "sigma", "grain_size", "undulation_size")
+        changed: dict[str, Any] = {n: _times(getattr(self, n), factor) for n in names}
+        changed["wave_frequency"] = _times(self.wave_frequency, 1.0 / factor)
+        return replace(self, unit=unit, **changed)
+
+    def check_mesh(self, mesh: Mesh) -> None:
+        """Raise GraphError where the graph was made for a mesh of other triangles or UV."""
+        if self.mesh is not None and self.mesh != mesh_digest(mesh):
+            raise GraphError(
+                "the graph was made for another mesh: the triangles or the UV of this one differ; "
+                "`force` (--force, or the form field of that name) takes it all the same"
+            )
+
+
+def mesh_digest(mesh: Mesh) -> str:
+    """32 hexadecimal digits of the triangles and their texture coordinates (as float32), to which a
+    graph is tied. Positions do not count: a graph fits every head of one topology."""
+    digest = hashlib.sha256(np.ascontiguousarray(mesh.faces, "<i4").tobytes())
+    digest.update(np.ascontiguousarray(mesh.triangle_uv(), "<f4").tobytes())
+    return digest.hexdigest()[:32]
 
 
 def _originals(copy_of: NDArray[np.int32] | None, count: int) -> NDArray[np.bool_]:
@@ -250,3 +348,27 @@ def _is_metric(metric: NDArray[np.float32]) -> NDArray[np.bool_]:
     sized = (largest <= (1.0 + 1e-6) / LEAST_SIZE**2) & (smallest >= 1.0 - 1e-6)
     good: NDArray[np.bool_] = (uu > 0) & (vv > 0) & sized
     return good
+
+
+def _times(length: float | None, factor: float) -> float | None:
+    return None if length is None else length * factor
+
+
+def _value(key: str, text: str) -> str | float:
+    if key == "seed":
+        # Digits of ASCII alone: int() takes signs, spaces, underscores and other scripts, too.
+        if not (text.isascii() and text.isdecimal() and len(text) <= 10 and int(text) <= MOST_SEED):
+            raise GraphError(f"metadata seed is {text!r:.80}: must be from 0 to {MOST_SEED}, whole")
+        return int(text)
+    if key in _TEXTS:
+        if not 0 < len(text) <= _TEXTS[key] or not text.isprintable():
+            rule = f"1 to {_TEXTS[key]} printable characters"
+            raise GraphError(f"metadata {key} is {text!r:.80}: must be {rule}")
+        return text
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not (_LEAST <= number <= _MOST):
+        raise GraphError(f"metadata {key} is {text!r:.80}: must be a number above 0")
+    return number

@@ -1,4 +1,9 @@
-"""The neutral mesh: positions, triangles and their texture coordinates."""
+"""The neutral mesh: positions, triangles and their texture coordinates.
+
+Positions far from the origin are coarse in float32. Stretch does not depend on where a face stands,
+so doubles there are moved to the origin before they are rounded; what was rounded before stays
+rounded.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +14,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.domain.origin import ORIGIN, Centre, brought_to, centre_for
 from rhytid.domain.validation import first_bad_row, fixed_array
 from rhytid.domain.wording import plural
 from rhytid.errors import MeshError
@@ -19,17 +23,26 @@ UV_LIMIT = 100.0
 DEGENERATE_AREA = 1e-7
 # Triangles whose areas are computed at a time.
 _AT_ONCE = 1 << 16
+# A mesh this many times its own size away from the origin is brought there: it has lost 4 of the
+# 24 bits of a float32, and keeps 20. Nearer ones stay as they are, bit for bit.
+FAR_SIZES = 16.0
+# Mean distance of numbers from the nearest float32, in steps: 0.25 where they are doubles, 0 where
+# they were float32 once. Decimal text of float32 comes within a few hundredths.
+_ROUNDED = 0.05
+Centre = NDArray[np.float64]
+ORIGIN: Centre = np.zeros(3)
+ORIGIN.setflags(write=False)
 
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """A triangle mesh with texture coordinates of their own indices.
+    """A triangle mesh whose texture coordinates have indices of their own.
 
     positions: (V, 3) float32, in the length unit of the mesh, in the order of the file.
     faces: (F, 3) int32, indices into positions.
     uv: (T, 2) float64, v up. Double, because a float32 at u = 9 is 1/64 texel at 16k.
     face_uv: (F, 3) int32, indices into uv.
-    centre: (3,) float64, what was subtracted from the positions as they were sent.
+    centre: (3,) float64, subtracted from the positions as they were sent.
 
     A vertex on a UV seam is one position with several uv. The arrays are read-only copies.
     Raises MeshError naming the first element that cannot be used.
@@ -43,13 +56,16 @@ class Mesh:
 
     @classmethod
     def centred(cls, positions: Any, faces: Any, uv: Any, face_uv: Any) -> Mesh:
-        """A mesh of positions as a file has them: doubles far from the origin are brought there
-        before they are rounded. Frames of it are less its `centre`, too."""
+        """A mesh of positions as a file has them.
+
+        Doubles far from the origin are moved there before they are rounded to float32. Subtract the
+        `centre` from frames of the mesh, too.
+        """
         values = np.asarray(positions)
         if values.ndim != 2 or values.shape[1:] != (3,) or values.dtype.kind != "f":
             return cls(positions, faces, uv, face_uv)
         centre = centre_for(values)
-        return cls(brought_to(values, centre), faces, uv, face_uv, centre)
+        return cls(subtract_centre(values, centre), faces, uv, face_uv, centre)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "positions", _finite(self.positions, "position", 3, np.float32))
@@ -112,8 +128,58 @@ def has_area(corners: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def in_parts(count: int) -> Iterator[slice]:
-    """Ranges that cover so many triangles, for what takes 0.5 KB or more for each."""
+    """Ranges that together cover `count` triangles, for work that takes 0.5 KB or more for each."""
     return (slice(start, start + _AT_ONCE) for start in range(0, count, _AT_ONCE))
+
+
+def centre_for(positions: NDArray[np.floating]) -> Centre:
+    """(3,) the centre to subtract from positions (V, 3) before they become float32: the middle of
+    their box, rounded to a power of two; 0 where they are near the origin, or float32 already."""
+    values = np.asarray(positions)
+    if not len(values) or not np.isfinite(values).all() or values.dtype.itemsize <= 4:
+        return ORIGIN
+    low, high = values.min(axis=0).astype(np.float64), values.max(axis=0).astype(np.float64)
+    size = float((high - low).max())
+    farthest = float(np.maximum(np.abs(low), np.abs(high)).max())
+    if not 0.0 < FAR_SIZES * size < farthest < np.finfo(np.float32).max:
+        return ORIGIN
+    if was_float32(values):
+        return ORIGIN
+    # A multiple of a power of two: subtracting it from a float32 is exact.
+    step = 2.0 ** np.floor(np.log2(size))
+    centre: Centre = np.round((low + high) / 2.0 / step) * step
+    return centre
+
+
+def was_float32(values: NDArray[np.floating]) -> bool:
+    """Whether doubles were float32 once: no more than their last digits differ from it."""
+    near = values.astype(np.float32)
+    gaps = np.abs(values - near.astype(np.float64)) / np.spacing(np.abs(near)).astype(np.float64)
+    return bool(gaps.mean() < _ROUNDED)
+
+
+def subtract_centre(values: NDArray[np.floating], centre: Centre) -> NDArray[np.floating]:
+    """Positions (…, 3) less a centre, in double; the positions themselves where it is 0."""
+    return values.astype(np.float64) - centre if centre.any() else values
+
+
+def add_centre(positions: NDArray[np.floating], centre: Centre) -> NDArray[np.floating]:
+    """The inverse of `subtract_centre`: double where the centre is not 0."""
+    return positions.astype(np.float64) + centre if centre.any() else positions
+
+
+def float_step(positions: NDArray[np.float32], centre: Centre) -> float:
+    """The step between neighbouring numbers in which positions (V, 3) were sent.
+
+    positions: less `centre`. The step is that of float32 at the farthest coordinate as it was sent;
+    where positions were sent as doubles with a centre, at the farthest coordinate without it.
+    """
+    if centre.any():
+        sent = positions + centre
+        if was_float32(sent):
+            return float(np.spacing(np.float32(np.abs(sent).max(initial=0.0))))
+    farthest = max(float(positions.max(initial=0.0)), -float(positions.min(initial=0.0)))
+    return float(np.spacing(np.float32(farthest)))
 
 
 def _finite(values: Any, what: str, width: int, dtype: type[np.floating[Any]]) -> NDArray[Any]:

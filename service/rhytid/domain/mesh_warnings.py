@@ -1,4 +1,9 @@
-"""What is probably wrong with a neutral mesh; `warnings.py` has the limits and their reasons."""
+"""Checks of neutral meshes and of frames for what is probably wrong; `warnings.py` has the limits
+and their reasons.
+
+A frame is judged by a sample of its triangles, on the host and in double: the cost is the same for
+a mesh of any size, and the device is not needed.
+"""
 
 from __future__ import annotations
 
@@ -7,14 +12,14 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.domain.mesh import Mesh
-from rhytid.domain.origin import number_step, put_back
-from rhytid.domain.texel_sizes import texel_spread
+from rhytid.domain.lengths import MESH_UNITS, MILLIMETRES, millimetres, unit_after_number, unit_pair
+from rhytid.domain.mesh import Mesh, add_centre, float_step
 from rhytid.domain.tiles import mesh_udims, udim_origin
-from rhytid.domain.units import MILLIMETRES, OF_MESHES, beside_number, millimetres
-from rhytid.domain.uv_overlap import overlap_of
+from rhytid.domain.uv_layout import overlap_of, texel_spread
 from rhytid.domain.warnings import (
+    CLAMP_MEDIAN,
     FAR_FROM_ORIGIN,
+    FRAME_SCALED,
     INWARD_COSINE,
     LEAST_SIZE,
     MESH_SIZE,
@@ -22,23 +27,33 @@ from rhytid.domain.warnings import (
     MOST_SIZE,
     NORMALS_INWARD,
     OVERLAP_SHARE,
+    SCALED_MEDIAN,
+    SCALED_SPREADS,
     STEP_OF_EDGE,
+    STRETCH_AT_CLAMP,
     TEXEL_RATIO,
     TEXEL_SIZE,
     TEXEL_USUAL,
+    UNIT_TOLERANCE,
     USUAL_SIZE,
     UV_MIRRORED,
     UV_OVERLAP,
     InputWarning,
 )
 
+# Triangles that are sampled: their median is off by some 4 % of the spread.
+_TRIANGLES = 512
+# Log stretch of a triangle that has no area left.
+_NOTHING = 1e-30
+
 
 def mesh_warnings(
     mesh: Mesh, unit: str, resolution: int, udims: tuple[int, ...] | None = None
 ) -> tuple[InputWarning, ...]:
-    """Everything about a mesh of that length unit, drawn at so many texels per side.
+    """The warnings about a mesh.
 
-    udims: those of the mesh, where the caller has them: finding them takes as long as the rest.
+    unit: length unit of the mesh.  resolution: texels per side of its maps.  udims: of the mesh,
+    where the caller has them; to find them takes as long as all checks.
     """
     found = MeasuredMesh(mesh, unit, resolution)
     return (
@@ -51,27 +66,12 @@ def mesh_warnings(
     )
 
 
-def median_edge(positions: NDArray[np.float32], faces: NDArray[np.int32]) -> float:
-    """The median length of the first edges of triangles, mesh units."""
-    a, b = (positions[faces[:, i]].astype(np.float64) for i in (0, 1))
-    return float(np.median(np.linalg.norm(b - a, axis=1)))
-
-
-def far_detail(step: float, edge: float, farthest: float, unit: str) -> str:
-    """What far-from-origin says of a mesh or a frame."""
-    named = beside_number(unit)
-    return (
-        f"numbers this far from the origin ({farthest:.4g} {named}) come in steps of {step:.2g} "
-        f"{named}, {step / edge:.1g} of an edge: stretch is that coarse. Send doubles (npy or npz "
-        "of float64, OBJ), or bring neutral and frames to the origin"
-    )
-
-
 class MeasuredMesh:
-    """A mesh with what several of the checks need of it.
+    """A mesh with the measures that its checks share; each check yields its warnings.
 
-    used (F,): usable triangles; of these, K: corners (K, 3, 3), uv (K, 3, 2), area (K,) in space
-    and uv_area (K,), signed.  turned: normals point inward.
+    used: (F,) whether a triangle is usable.  corners: (K, 3, 3) of the K usable ones.
+    uv: (K, 3, 2).  normals: (K, 3), as long as the area.  area: (K,) in space.  uv_area: (K,),
+    signed.  turned: whether normals point inward.
     """
 
     def __init__(self, mesh: Mesh, unit: str, resolution: int) -> None:
@@ -87,7 +87,7 @@ class MeasuredMesh:
         self.turned = self._cosine() < INWARD_COSINE
 
     def size(self) -> Iterator[InputWarning]:
-        """The longest side of the box around the mesh."""
+        """mesh-size: the longest side of the box around the mesh."""
         length = millimetres(self.unit)
         if length is None:
             return
@@ -96,11 +96,11 @@ class MeasuredMesh:
         size = units * length
         if LEAST_SIZE <= size <= MOST_SIZE:
             return
-        fits = [n for n in OF_MESHES if LEAST_SIZE <= units * MILLIMETRES[n] <= MOST_SIZE]
+        fits = [n for n in MESH_UNITS if LEAST_SIZE <= units * MILLIMETRES[n] <= MOST_SIZE]
         fits.sort(key=lambda n: abs(np.log(units * MILLIMETRES[n] / USUAL_SIZE)))
         detail = (
-            f"{_length(size)} across ({units:.4g} {beside_number(self.unit)}), a face or a head is "
-            f"{LEAST_SIZE / 10:g} to {MOST_SIZE / 10:g} cm"
+            f"{_length(size)} across ({units:.4g} {unit_after_number(self.unit)}), a face or a "
+            f"head is {LEAST_SIZE / 10:g} to {MOST_SIZE / 10:g} cm"
         )
         if fits:
             would = _length(units * MILLIMETRES[fits[0]])
@@ -112,16 +112,16 @@ class MeasuredMesh:
         yield InputWarning(MESH_SIZE, detail, "mesh")
 
     def far(self) -> Iterator[InputWarning]:
-        """The step of the numbers over an edge."""
+        """far-from-origin: the step of the numbers over the length of an edge."""
         mesh = self.mesh
-        step = number_step(mesh.positions, mesh.centre)
+        step = float_step(mesh.positions, mesh.centre)
         edge = median_edge(mesh.positions, mesh.faces[self.used])
         if step > STEP_OF_EDGE * edge:
-            farthest = float(np.abs(put_back(mesh.positions, mesh.centre)).max())
+            farthest = float(np.abs(add_centre(mesh.positions, mesh.centre)).max())
             yield InputWarning(FAR_FROM_ORIGIN, far_detail(step, edge, farthest, self.unit), "mesh")
 
     def inward(self) -> Iterator[InputWarning]:
-        """Normals against the way out."""
+        """normals-inward: normals against the way out."""
         if self.turned:
             detail = (
                 "the faces are wound inside out: their normals point inward, so furrows would "
@@ -130,9 +130,10 @@ class MeasuredMesh:
             yield InputWarning(NORMALS_INWARD, detail, "mesh")
 
     def mirrored(self) -> Iterator[InputWarning]:
-        """UV area that runs clockwise where the surface runs counterclockwise, seen from outside.
+        """uv-mirrored: area that is clockwise in UV and counterclockwise on the surface, from
+        outside.
 
-        Turning faces over turns both, so that a mesh inside out is not mirrored for that alone.
+        Turning faces over turns both, so a mesh that is inside out is not mirrored for that alone.
         """
         signed = self.uv_sense()
         sizes = np.abs(signed)
@@ -150,7 +151,7 @@ class MeasuredMesh:
         return -self.uv_area if self.turned else self.uv_area
 
     def texels(self) -> Iterator[InputWarning]:
-        """The side of a texel on the surface, largest over smallest without the tails."""
+        """texel-size: the side of a texel on the surface, largest over smallest without tails."""
         area_uv, faces = np.abs(self.uv_area), self.mesh.faces[self.used]
         found = texel_spread(self.area, area_uv, faces, self.resolution)
         if found is None:
@@ -166,7 +167,7 @@ class MeasuredMesh:
         yield InputWarning(TEXEL_SIZE, detail, self._place(found.worst))
 
     def overlaps(self, udims: tuple[int, ...]) -> Iterator[InputWarning]:
-        """Triangles on top of one another in UV, by UDIM."""
+        """uv-overlap: triangles on top of one another in UV, UDIM by UDIM."""
         for udim in udims:
             origin = np.array(udim_origin(udim))
             found = overlap_of(self.uv[self.reaches(origin)] - origin)
@@ -190,7 +191,7 @@ class MeasuredMesh:
         return float(cosines.sum() / self.area.sum())
 
     def reaches(self, origin: NDArray[np.integer]) -> NDArray[np.bool_]:
-        """Which triangles may have a part in the unit square at `origin`."""
+        """(K,) whether a triangle may have a part in the unit square at `origin`."""
         near = np.ones(len(self.uv), bool)
         for axis in (0, 1):
             a, b, c = (self.uv[:, corner, axis] for corner in range(3))
@@ -201,18 +202,112 @@ class MeasuredMesh:
 
     def _place(self, triangle: int) -> str:
         uv = self.uv[triangle].mean(axis=0)
-        point = put_back(self.corners[triangle].mean(axis=0), self.mesh.centre)
+        point = add_centre(self.corners[triangle].mean(axis=0), self.mesh.centre)
         index = int(np.flatnonzero(self.used)[triangle])
         at = ", ".join(f"{x:.6g}" for x in point)
-        return (
-            f"triangle {index}, uv ({uv[0]:.3f}, {uv[1]:.3f}), at ({at}) {beside_number(self.unit)}"
-        )
+        unit = unit_after_number(self.unit)
+        return f"triangle {index}, uv ({uv[0]:.3f}, {uv[1]:.3f}), at ({at}) {unit}"
 
     def _texel(self, side: float) -> str:
         length = millimetres(self.unit)
         if length is not None:
             return f"{side * length:.2g} mm"
-        return f"{side:.2g} {beside_number(self.unit)}"
+        return f"{side:.2g} {unit_after_number(self.unit)}"
+
+
+class FrameCheck:
+    """Checks the frames of a mesh by a sample of its triangles, spread evenly over the file."""
+
+    def __init__(self, mesh: Mesh, unit: str) -> None:
+        self.unit, self.centre = unit, mesh.centre
+        usable = np.flatnonzero(mesh.usable_triangles())
+        step = -(-len(usable) // _TRIANGLES)
+        corners = mesh.faces[usable[::step]]
+        self._corners = np.ascontiguousarray(corners.T)
+        first, second = self._edges(mesh.positions)
+        length = np.linalg.norm(first, axis=0)
+        height = np.linalg.norm(_cross(first, second), axis=0) / length
+        along = _dot(first, second) / length
+        # The columns of F in the frame of the first edge, from the edges of the deformed triangle.
+        self._one = 1.0 / length
+        self._two = -along / (length * height), 1.0 / height
+        self._edge = median_edge(mesh.positions, corners)
+        self._neutral_far = self._is_far(mesh.positions)
+
+    def warnings(self, positions: NDArray[np.float32], where: str) -> tuple[InputWarning, ...]:
+        """The warnings about a frame.
+
+        positions: (V, 3) in mesh units, less the centre.  where: names the frame.
+        """
+        return tuple(self._found(positions, where))
+
+    def _found(self, positions: NDArray[np.float32], where: str) -> Iterator[InputWarning]:
+        logs = self.log_stretch(positions)
+        places = [int(share * (logs.size - 1)) for share in (0.1, 0.5, 0.9)]
+        low, middle, high = np.partition(logs, places, axis=None)[places].tolist()
+        if abs(middle) >= max(SCALED_MEDIAN, SCALED_SPREADS * (high - low)):
+            yield InputWarning(FRAME_SCALED, self._scaled(float(np.exp(middle))), where)
+        elif np.count_nonzero(np.abs(logs) >= CLAMP_MEDIAN) * 2 > logs.size:
+            size = float(np.exp(np.median(np.abs(logs))))
+            detail = (
+                f"half of the triangles are stretched or compressed by {size:.3g} times or more; "
+                "faces do not reach 1.5. Are its vertices in the order of the neutral mesh, and is "
+                "it a frame of this mesh?"
+            )
+            yield InputWarning(STRETCH_AT_CLAMP, detail, where)
+        # Where the neutral is far itself, there is a warning already.
+        if not self._neutral_far and self._is_far(positions):
+            step = float_step(positions, self.centre)
+            sent = add_centre(positions, self.centre)
+            detail = far_detail(step, self._edge, float(np.abs(sent).max()), self.unit)
+            yield InputWarning(FAR_FROM_ORIGIN, detail, where)
+
+    def log_stretch(self, positions: NDArray[np.float32]) -> NDArray[np.float64]:
+        """(K, 2) log ρ of the sampled triangles, the larger first, unclamped."""
+        first, second = self._edges(positions)
+        one = first * self._one
+        two = first * self._two[0] + second * self._two[1]
+        a, b, c, across = _dot(one, one), _dot(one, two), _dot(two, two), _cross(one, two)
+        root = np.sqrt((0.5 * (a - c)) ** 2 + b * b)
+        larger = np.maximum(0.5 * (a + c) + root, _NOTHING)
+        # The determinant over the larger one: the difference would lose its digits.
+        smaller = np.maximum(_dot(across, across) / larger, _NOTHING)
+        logs: NDArray[np.float64] = 0.5 * np.log(np.stack([larger, smaller], axis=1))
+        return logs
+
+    def _edges(
+        self, positions: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(3, K) from the first corner to the second and to the third."""
+        a, b, c = positions[self._corners].transpose(0, 2, 1).astype(np.float64, order="C")
+        return b - a, c - a
+
+    def _is_far(self, positions: NDArray[np.float32]) -> bool:
+        return float_step(positions, self.centre) > STEP_OF_EDGE * self._edge
+
+    def _scaled(self, factor: float) -> str:
+        detail = f"it is the neutral mesh made {factor:.4g} times as large"
+        pair = unit_pair(factor, self.unit, UNIT_TOLERANCE)
+        if pair is not None:
+            times = f"multiply it by {1.0 / factor:.4g}"
+            return f"{detail}: it looks like {pair[1]} beside a neutral in {pair[0]}; {times}"
+        return f"{detail}: skin does not grow everywhere by the same factor"
+
+
+def median_edge(positions: NDArray[np.float32], faces: NDArray[np.int32]) -> float:
+    """The median length of the first edges of triangles, mesh units."""
+    a, b = (positions[faces[:, i]].astype(np.float64) for i in (0, 1))
+    return float(np.median(np.linalg.norm(b - a, axis=1)))
+
+
+def far_detail(step: float, edge: float, farthest: float, unit: str) -> str:
+    """The detail of a far-from-origin warning about a mesh or a frame."""
+    named = unit_after_number(unit)
+    return (
+        f"numbers this far from the origin ({farthest:.4g} {named}) come in steps of {step:.2g} "
+        f"{named}, {step / edge:.1g} of an edge: stretch is that coarse. Send doubles (npy or npz "
+        "of float64, OBJ), or bring neutral and frames to the origin"
+    )
 
 
 def _length(millimetres: float) -> str:
@@ -228,3 +323,14 @@ def _and_more(places: int) -> str:
 
 def _percent(share: float) -> str:
     return f"{100 * share:.3g} %"
+
+
+def _dot(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    products: NDArray[np.float64] = np.einsum("ik,ik->k", a, b)
+    return products
+
+
+def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(3, K) cross products; numpy's own takes longer to begin than these few take."""
+    (x, y, z), (u, v, w) = a, b
+    return np.stack([y * w - z * v, z * u - x * w, x * v - y * u])

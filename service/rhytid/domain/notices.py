@@ -1,19 +1,18 @@
-"""Notices: worth knowing of an asset, and no mistake. They are reported; `strict` ignores them."""
+"""Notices: facts of an asset that are worth knowing and no mistakes; `strict` ignores them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
 
-from rhytid.domain.ageing import deepest
 from rhytid.domain.asset_settings import MOST_WRINKLES, AssetSettings
-from rhytid.domain.lengths import GRAIN, SKIN
-from rhytid.domain.units import millimetres
+from rhytid.domain.lengths import GRAIN, SKIN, millimetres
+from rhytid.domain.skin import depth_factor
+from rhytid.domain.warnings import Meaning
 
 GRAIN_NOT_DRAWN = "grain-not-drawn"
 FEW_TEXELS = "few-texels"
 LARGE_BUILD = "large-build"
-NOTICES = (GRAIN_NOT_DRAWN, FEW_TEXELS, LARGE_BUILD)
 # few-texels: texels between pores from which on they are told apart.
 TEXELS_BETWEEN = 4.0
 # large-build: wrinkles beyond which more than a head may have been asked for. A face has about half
@@ -26,7 +25,7 @@ _RESOLUTIONS = tuple(2**n for n in range(8, 15))
 
 @dataclass(frozen=True)
 class Notice:
-    """code: one of NOTICES.  detail: what, and what to do, in plain text."""
+    """A fact worth knowing.  code: one of NOTICES.  detail: what, and what to do, in plain text."""
 
     code: str
     detail: str
@@ -38,10 +37,10 @@ class Notice:
 # Lists of assets ask for the same notices again and again.
 @lru_cache(1024)
 def grain_notice(settings: AssetSettings, uv_length: float) -> tuple[Notice, ...]:
-    """Where half of the skin or more is drawn without the grain that is set: its waves are shorter
-    than two texels there.
+    """A notice where half of the skin or more is drawn without the grain that is set, for its waves
+    are shorter than two texels there.
 
-    uv_length: mesh units that a step of 1 in UV is long at most, the median over the surface.
+    uv_length: `usual_uv_length` of the mesh.
     """
     size = _grain_size(settings)
     if settings.shape.grain == 0.0 or size is None or uv_length <= 0.0:
@@ -64,9 +63,10 @@ def grain_notice(settings: AssetSettings, uv_length: float) -> tuple[Notice, ...
 def texel_notice(
     settings: AssetSettings, uv_length: float, spacing: float | None = None
 ) -> tuple[Notice, ...]:
-    """Where fewer than four texels lie between pores on half of the skin or more.
+    """A notice where fewer than four texels lie between pores on half of the skin or more.
 
-    uv_length: as of `grain_notice`.  spacing: of the pores, mesh units; None: as the settings say.
+    uv_length: `usual_uv_length` of the mesh.  spacing: of the pores, mesh units; None for that of
+    the settings.
     """
     graph = settings.graph
     if spacing is None and graph.spacing is not None:
@@ -85,7 +85,7 @@ def texel_notice(
 
 
 def build_notice(wrinkles: int) -> tuple[Notice, ...]:
-    """Where there will be many wrinkles."""
+    """A notice where a build will make many wrinkles."""
     if wrinkles <= LARGE_WRINKLES:
         return ()
     detail = (
@@ -97,16 +97,16 @@ def build_notice(wrinkles: int) -> tuple[Notice, ...]:
     return (Notice(LARGE_BUILD, detail),)
 
 
-def count_told(settings: AssetSettings, distance: float) -> str:
-    """What follows where `graph.wrinkles` fixes how far apart pores are, in one line.
+def spacing_of_count(settings: AssetSettings, distance: float) -> str:
+    """A line about the lengths that follow where `graph.wrinkles` fixes how far apart pores are.
 
-    settings: resolved.  distance: mean, from a pore to the nearest, mesh units.
+    settings: resolved.  distance: mean distance from a pore to the nearest, mesh units.
     """
     assert settings.depth is not None
     depth, shape = settings.depth, settings.shape
     known = millimetres(settings.length_unit) is not None
     usual = f" (usually {SKIN.spacing:g} mm)" if known else ""
-    deep = f" (usually {SKIN.depth * deepest(settings.graph.age):.3g} mm)" if known else ""
+    deep = f" (usually {SKIN.depth * depth_factor(settings.graph.age):.3g} mm)" if known else ""
     return (
         f"{settings.graph.wrinkles} wrinkles fix the spacing, and depths follow it: pores are "
         f"{_length(distance, settings)} apart{usual}, furrows of strength 1 are "
@@ -128,3 +128,35 @@ def _length(value: float, settings: AssetSettings) -> str:
     if length is None:
         return f"{value:.3g} {settings.length_unit}"
     return f"{value * length:.3g} mm"
+
+
+# What each code means, in the order of the docs.
+NOTICES: dict[str, Meaning] = {
+    GRAIN_NOT_DRAWN: Meaning(
+        "an asset",
+        (
+            "the largest wave of the grain is shorter than two texels on half of the skin or "
+            "more, so that none of it is drawn there"
+        ),
+        (
+            "raise `resolution` for the final maps, or `shape.grain_size`; `shape.grain` 0 is "
+            "without grain. In a draft it may stay"
+        ),
+    ),
+    FEW_TEXELS: Meaning(
+        "an asset, a mesh that is checked",
+        "fewer than four texels lie between pores on half of the skin or more",
+        (
+            "raise `resolution` for the final maps to what the text says, or `graph.spacing`; "
+            "give skin more room in UV, or UDIMs. In a draft it may stay"
+        ),
+    ),
+    LARGE_BUILD: Meaning(
+        "an asset that builds, a mesh that is checked",
+        "there will be more than 5 million wrinkles (a face has about half a million)",
+        (
+            "mask the face: paint `density` 0 elsewhere; or raise `graph.spacing`. If all of it "
+            "is wanted it may stay"
+        ),
+    ),
+}

@@ -1,24 +1,38 @@
-"""Settings as frozen dataclasses that read themselves from JSON, strictly.
+"""Frozen dataclasses of settings: declared once, read from JSON, and described by a JSON schema.
 
-A field declares its range or its choices where it stands::
+A field declares its range or its choices; the docstring of its class has a line with its meaning::
 
-    beta_w: float = number(4.0, 0.0, 64.0)
+    class ResponseSettings:
+        \"""Exponents of Alg. 1 and 2.
 
-so that a mistake is answered with its path: ``response.beta_w is -1: from 0 to 64``.
+        beta_w: how much stretch widens a pore (Alg. 2)
+        \"""
+
+        beta_w: float = number(4.0, 0.0, 64.0)
+
+A mistake is answered with its path: ``response.beta_w is -1: from 0 to 64``.
 """
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+import re
+from collections.abc import Iterator, Mapping
 from dataclasses import Field, field, fields, is_dataclass, replace
 from difflib import get_close_matches
-from typing import Any, TypeVar
+from inspect import getdoc
+from typing import Any, NamedTuple, TypeVar
 
 from rhytid.errors import SettingsError
 
 T = TypeVar("T")
+Schema = dict[str, Any]
+# Bounds of this size stand for none.
+UNBOUNDED = 1e30
+_TYPES = {bool: "boolean", int: "integer", float: "number", str: "string", type(None): "null"}
+# `name: what it means`, and lines that go on with it.
+_MEANING = re.compile(r"^(\w+): (.+(?:\n +.+)*)", re.MULTILINE)
 
 
 def number(default: float | None, low: float, high: float) -> Any:
@@ -37,12 +51,12 @@ def power_of_two(default: int, low: int, high: int) -> Any:
 
 
 def choice(default: Any, *options: Any) -> Any:
-    """One of `options`."""
+    """One of `options`, by type and value: 1 is neither 1.0 nor true."""
     return field(default=default, metadata={"options": options})
 
 
 def text(default: str | None, longest: int) -> Any:
-    """A short string; None as default allows null: to be resolved later."""
+    """A string of 1 to `longest` printable characters; None as default allows null."""
     return field(default=default, metadata={"longest": longest})
 
 
@@ -60,6 +74,72 @@ def read(base: T, data: Mapping[str, Any], path: str = "") -> T:
     return replace(base, **changes)  # type: ignore[type-var]
 
 
+class Setting(NamedTuple):
+    """A setting: its dotted name, its default, its range or choices, and its meaning.
+
+    rule: `options`, or `longest`, or `low`, `high`, `whole` and, where it is true, `power`.
+    """
+
+    name: str
+    default: Any
+    rule: Mapping[str, Any]
+    meaning: str
+
+
+def settings_of(settings: Any, path: str = "") -> Iterator[Setting]:
+    """Every setting of a dataclass and of the dataclasses in it; their values are the defaults."""
+    meanings = dict(_MEANING.findall(getdoc(settings) or ""))
+    for declared in fields(settings):
+        value = getattr(settings, declared.name)
+        if is_dataclass(value):
+            yield from settings_of(value, f"{path}{declared.name}.")
+        else:
+            meaning = " ".join(meanings.get(declared.name, "").split())
+            yield Setting(path + declared.name, value, declared.metadata, meaning)
+
+
+def settings_schema(settings: Any, names: tuple[str, ...] | None = None) -> Schema:
+    """A JSON schema (2020-12) of a dataclass of settings; its values are the defaults.
+
+    names: the top-level keys of the schema; None for all.
+    """
+    schema = _object()
+    for setting in settings_of(settings):
+        *groups, last = setting.name.split(".")
+        if names is not None and setting.name.split(".")[0] not in names:
+            continue
+        place = schema
+        for group in groups:
+            place = place["properties"].setdefault(group, _object())
+        place["properties"][last] = {
+            **_allowed(setting.default, setting.rule),
+            "default": setting.default,
+            "description": setting.meaning,
+        }
+    return schema
+
+
+def nested(named: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings by their dotted names as nested objects: {"a.b": 1} as {"a": {"b": 1}}."""
+    found: dict[str, Any] = {}
+    for name, value in named.items():
+        *groups, last = name.split(".")
+        place = found
+        for group in groups:
+            place = place.setdefault(group, {})
+        place[last] = value
+    return found
+
+
+def leaves(settings: Mapping[str, Any], path: str = "") -> dict[str, Any]:
+    """The inverse of `nested`."""
+    found: dict[str, Any] = {}
+    for key, value in settings.items():
+        inner = isinstance(value, Mapping)
+        found |= leaves(value, f"{path}{key}.") if inner else {path + key: value}
+    return found
+
+
 def _value(declared: Field[Any], current: Any, value: Any, path: str) -> Any:
     if is_dataclass(current):
         if not isinstance(value, Mapping):
@@ -72,7 +152,7 @@ def _value(declared: Field[Any], current: Any, value: Any, path: str) -> Any:
         return None
     if "longest" in rule:
         return _text(rule["longest"], value, path)
-    return _number(declared, value, path)
+    return _number(rule, value, path)
 
 
 def _option(options: tuple[Any, ...], value: Any, path: str) -> Any:
@@ -89,8 +169,7 @@ def _text(longest: int, value: Any, path: str) -> str:
     return value
 
 
-def _number(declared: Field[Any], value: Any, path: str) -> float | int:
-    rule = declared.metadata
+def _number(rule: Mapping[str, Any], value: Any, path: str) -> float | int:
     allowed = (int,) if rule["whole"] else (int, float)
     kind = "a whole number" if rule["whole"] else "a number"
     if isinstance(value, bool) or not isinstance(value, allowed):
@@ -107,14 +186,36 @@ def _number(declared: Field[Any], value: Any, path: str) -> float | int:
 def _unknown(path: str, key: str, value: Any, known: list[str]) -> str:
     group, dot, _ = str(key).partition(".")
     if dot and group in known:
-        whole = _nested(f"{path}{key}".split("."), value)
+        whole = json.dumps(nested({f"{path}{key}": value}), default=str)
         return f"unknown setting {path}{key}: settings are nested, as {whole}"
     near = get_close_matches(str(key), known, n=1)
     hint = f"; did you mean {path}{near[0]}?" if near else f"; known here: {', '.join(known)}"
     return f"unknown setting {path}{key}{hint}"
 
 
-def _nested(names: list[str], value: Any) -> str:
-    for name in reversed(names):
-        value = {name: value}
-    return json.dumps(value, default=str)
+def _object() -> Schema:
+    return {"type": "object", "additionalProperties": False, "properties": {}}
+
+
+def _allowed(default: Any, rule: Mapping[str, Any]) -> Schema:
+    """Which values the schema allows."""
+    if "options" in rule:
+        types = list(dict.fromkeys(_TYPES[type(option)] for option in rule["options"]))
+        return {"type": types[0] if len(types) == 1 else types, "enum": list(rule["options"])}
+    if "longest" in rule:
+        return {**_typed("string", default), "minLength": 1, "maxLength": rule["longest"]}
+    if rule.get("power"):
+        powers = range(rule["low"].bit_length() - 1, rule["high"].bit_length())
+        return {"type": "integer", "enum": [2**n for n in powers]}
+    return {**_typed("integer" if rule["whole"] else "number", default), **_bounds(rule)}
+
+
+def _typed(kind: str, default: Any) -> Schema:
+    return {"type": [kind, "null"] if default is None else kind}
+
+
+def _bounds(rule: Mapping[str, Any]) -> Schema:
+    low, high = rule["low"], rule["high"]
+    if high < UNBOUNDED:
+        return {"minimum": low, "maximum": high}
+    return {"exclusiveMinimum": 0} if low > 0 else {"minimum": 0}

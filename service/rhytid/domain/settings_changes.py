@@ -1,18 +1,17 @@
-"""Settings that are not what a caller may think: changed since they were sent, or unused."""
+"""Warnings about settings: changed since the content was first sent, or unused."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from typing import Any
 
 from rhytid.domain.asset_settings import AssetSettings, BinSettings, GraphSettings
 from rhytid.domain.lengths import Lengths
+from rhytid.domain.setting_fields import leaves, nested
 from rhytid.domain.warnings import SETTINGS_CHANGED, SETTINGS_UNUSED, InputWarning
 from rhytid.domain.wording import plural
 
-Leaves = dict[str, Any]
 # What can change without synthesising or looking up anything again.
 CHANGEABLE = ("depth", "angles", "response", "shape", "preset", "bins", "convolve", "name")
 # Settings that are listed one by one.
@@ -25,10 +24,11 @@ _READ_OF_GIVEN = ("spacing", "seed")
 def settings_changed(
     asset: str, present: AssetSettings, sent: AssetSettings, lengths: Lengths
 ) -> tuple[InputWarning, ...]:
-    """A warning where they differ, with the PATCH that makes the asset as sent.
+    """A warning where an asset's settings differ from those that were sent for it now, with the
+    PATCH that makes it as sent; empty where they agree.
 
-    lengths: what those of either that are null are resolved with. `bins.r_max` that was sent with
-    its default is left to calibrations and not reported.
+    lengths: resolve the settings of both that are null. A `bins.r_max` that was sent with its
+    default is left to calibrations and not reported.
     """
     wanted, raw = leaves(sent.with_lengths(lengths).drawn()), leaves(sent.drawn())
     now = leaves(present.with_lengths(lengths).drawn())
@@ -60,7 +60,7 @@ def settings_changed(
 
 
 def settings_unused(settings: AssetSettings) -> tuple[InputWarning, ...]:
-    """A warning of settings of the synthesis beside a graph that is given."""
+    """A warning where settings of the synthesis were sent together with a graph."""
     usual = asdict(GraphSettings())
     given = asdict(settings.graph).items()
     unread = {n: v for n, v in given if v != usual[n] and n not in _READ_OF_GIVEN}
@@ -74,38 +74,13 @@ def settings_unused(settings: AssetSettings) -> tuple[InputWarning, ...]:
     return (InputWarning(SETTINGS_UNUSED, detail, "settings"),)
 
 
-def _beside_preset(name: str, raw: Leaves) -> list[str]:
-    """What a preset would set in another way than it was sent."""
+def _beside_preset(name: str, raw: dict[str, Any]) -> list[str]:
+    """The settings that a preset would set to other values than were sent."""
     usual = leaves(AssetSettings.parse({"preset": name}).as_json())
     groups = ("bins.", "response.", "shape.")
     return [
         n for n, value in raw.items() if n.startswith(groups) and value != usual[n] and n != _R_MAX
     ]
-
-
-def leaves(settings: Mapping[str, Any], path: str = "") -> Leaves:
-    """Nested settings by their dotted names."""
-    return dict(_leaves(settings, path))
-
-
-def nested(named: Mapping[str, Any]) -> dict[str, Any]:
-    """The inverse of `leaves`."""
-    found: dict[str, Any] = {}
-    for name, value in named.items():
-        *groups, last = name.split(".")
-        place = found
-        for group in groups:
-            place = place.setdefault(group, {})
-        place[last] = value
-    return found
-
-
-def _leaves(settings: Mapping[str, Any], path: str) -> Iterator[tuple[str, Any]]:
-    for key, value in settings.items():
-        if isinstance(value, Mapping):
-            yield from _leaves(value, f"{path}{key}.")
-        else:
-            yield path + key, value
 
 
 def _json(value: Any) -> str:

@@ -108,8 +108,11 @@ def udim_origin(udim: int) -> tuple[int, int]:
 
 
 def mesh_udims(mesh: Mesh) -> tuple[int, ...]:
-    """The UDIMs that triangles with area in UV overlap, ascending; u in [0, 10), v >= 0, the rest
-    is clipped. Touching a border, or passing it by no more than 1e-6, is no overlap."""
+    """The UDIMs that triangles with area in UV overlap, ascending.
+
+    UV outside of u in [0, 10) and v >= 0 is ignored. A triangle that touches a border, or passes it
+    by no more than 1e-6, does not overlap what lies beyond.
+    """
     corners = mesh.triangle_uv()[mesh.triangles_with_uv()]
     low, high = corners.min(axis=1), corners.max(axis=1)
     first = np.clip(np.floor(low.min(axis=0, initial=UV_LIMIT)), 0, None).astype(int)
@@ -147,7 +150,7 @@ def _overlaps_square(corners: NDArray[np.float64], origin: NDArray[np.integer]) 
 
 
 def triangles_inside(mesh: Mesh, udim: int) -> NDArray[np.bool_]:
-    """(F,) which triangles have the middle of their corners in a UDIM."""
+    """(F,) whether the middle of a triangle's corners lies in a UDIM."""
     cells = np.floor(mesh.triangle_uv().mean(axis=1))
     inside: NDArray[np.bool_] = (cells == udim_origin(udim)).all(axis=1)
     return inside

@@ -17,8 +17,8 @@ def fixed_array(
     dtype: Any,
     error: type[InputError],
 ) -> NDArray[Any]:
-    """A read-only, C-contiguous, native copy of `values` with the wanted shape and dtype; or they
-    themselves, where they are that and their memory is bytes that nobody can change.
+    """A read-only, C-contiguous, native copy of `values` of a dtype; or `values` without a copy,
+    where they are that already and their memory is bytes, which nobody can change.
 
     `None` in `shape` stands for any length. Raises `error` naming `what` where the shape or the
     kind of number does not fit (float or integer for a float dtype, integer for an integer one).

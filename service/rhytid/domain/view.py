@@ -17,11 +17,11 @@ _NONE = np.empty(0, np.int64)
 
 
 class ViewedTiles:
-    """Finds the tiles of one level that are in view, for one mesh.
+    """Finds the tiles of one level of a mesh that a camera sees.
 
-    A tile is in view where a triangle that has texels in it faces the camera and is not wholly
-    outside of one side of the frustum. What hides behind other parts counts as seen. Raises
-    LimitError where triangles meet more tiles than are counted.
+    A tile is seen where a triangle that has texels in it faces the camera and is not wholly outside
+    of one side of the frustum. Triangles that others hide count as seen. Raises LimitError where
+    triangles meet more tiles than are counted.
     """
 
     def __init__(self, mesh: Mesh, udims: tuple[int, ...], grid: TileGrid, level: int) -> None:
@@ -61,7 +61,7 @@ class ViewedTiles:
 
     @property
     def nbytes(self) -> int:
-        """Bytes that it holds."""
+        """Bytes of its arrays."""
         arrays = (self._triangles, self._tiles, self._numbers, self._faces)
         return sum(array.nbytes for array in arrays)
 
@@ -72,11 +72,11 @@ class ViewedTiles:
         *,
         two_sided: bool = False,
     ) -> list[TileAddress]:
-        """Addresses in view, those first that take most of the picture.
+        """Addresses of the tiles that are seen, the largest in the picture first.
 
-        positions: (V, 3) of the frame.  camera: (4, 4), projection times view; it takes a column
-        (x, y, z, 1) to clip coordinates, in which what is seen has -w ≤ x ≤ w, -w ≤ y ≤ w, z ≤ w
-        and w > 0.  two_sided: triangles that turn their back to it count, too.
+        positions: (V, 3) of the frame.  camera: (4, 4) projection times view; it maps a column
+        (x, y, z, 1) to clip coordinates, where the frustum is -w ≤ x ≤ w, -w ≤ y ≤ w, z ≤ w and
+        w > 0.  two_sided: triangles that turn their back to the camera count, too.
         """
         clip = positions.astype(np.float64) @ camera[:, :3].T + camera[:, 3]
         corners = clip[self._faces]

@@ -1,5 +1,8 @@
-"""What is probably wrong with a mesh or a frame that can be used all the same: the codes, and the
-limits beyond which each is reported. `warning_meanings.py` says what to do about them."""
+"""Warnings: what is probably wrong with a mesh, a frame or settings that can be used all the same.
+
+Here are the codes, the limits beyond which each is reported, and what each means. The tables of
+docs/warnings.md say the same, word for word.
+"""
 
 from __future__ import annotations
 
@@ -71,8 +74,11 @@ UNIT_TOLERANCE = 0.05
 
 @dataclass(frozen=True)
 class InputWarning:
-    """Something that is probably wrong. code: one of CODES.  detail: what, in plain text.
-    where: the mesh, the frame or the asset, and the place on it where there is one."""
+    """Something that is probably wrong.
+
+    code: one of CODES.  detail: what is wrong, in plain text.  where: the mesh, the frame or the
+    asset, and the place on it where there is one.
+    """
 
     code: str
     detail: str
@@ -80,6 +86,18 @@ class InputWarning:
 
     def __str__(self) -> str:
         return f"{self.code}: {self.where}: {self.detail}"
+
+
+@dataclass(frozen=True)
+class Meaning:
+    """The meaning of a code, in Markdown, a line each.
+
+    of: what a warning is about.  when: from where on it is reported.  remedy: what to do.
+    """
+
+    of: str
+    when: str
+    remedy: str
 
 
 def refuse(warnings: Iterable[InputWarning], allow: Collection[str] = ()) -> None:
@@ -98,7 +116,115 @@ def not_allowed(
 
 
 def check_codes(allow: Iterable[str]) -> None:
-    """Raise QueryError naming the first code that there is not, and all that there are."""
+    """Raise QueryError for the first code that is unknown, naming all that are known."""
     for code in allow:
         if code not in CODES:
             raise QueryError(f"allow is {code!r}: must be one of {', '.join(CODES)}")
+
+
+# What each code means, in the order of the docs.
+WARNINGS: dict[str, Meaning] = {
+    STRETCH_AT_CLAMP: Meaning(
+        "a frame",
+        (
+            "half of the triangles are stretched or compressed by 1.5 times or more: the median "
+            "of abs(log stretch) is above 0.4 (strong expressions of a real face have 0.06)"
+        ),
+        (
+            "send the vertices in the order of the neutral mesh file, and frames of this very "
+            "mesh; switch off what reorders vertices on export"
+        ),
+    ),
+    FRAME_SCALED: Meaning(
+        "a frame",
+        (
+            "the neutral made larger or smaller everywhere: the median log stretch is 0.05 or "
+            "more and 3 times the distance from its 10th to its 90th percentile"
+        ),
+        (
+            "export neutral and frames in one unit; the text has the factor, and the two units "
+            "that it looks like"
+        ),
+    ),
+    FAR_FROM_ORIGIN: Meaning(
+        "a mesh, a frame",
+        (
+            "the numbers come in steps of more than 0.001 of the median edge: pores are off by "
+            "more than 1 % of their depth"
+        ),
+        "send doubles (npy or npz of float64, OBJ), or move neutral and frames to the origin",
+    ),
+    MESH_SIZE: Meaning(
+        "a mesh",
+        "its longest side is not 9 cm to 1 m in its unit",
+        (
+            "set `unit` (`--unit`), also to a number and a unit, `5.5cm`, or scale neutral and"
+            " frames; of a bust or a body measure the head alone"
+        ),
+    ),
+    NORMALS_INWARD: Meaning(
+        "a mesh",
+        (
+            "the faces are wound inside out: the mean cosine between normals and the way out from"
+            " the middle is below -0.25 (heads and faces have 0.5 to 0.9, a flat sheet 0)"
+        ),
+        "turn the faces over, for furrows would stand out as ridges",
+    ),
+    UV_MIRRORED: Meaning(
+        "a mesh",
+        "more than 1 % of the UV area is mirrored, seen from outside",
+        (
+            "flip these charts, where directions or turns are painted or pictures shall read the "
+            "right way"
+        ),
+    ),
+    UV_OVERLAP: Meaning(
+        "a mesh, by UDIM",
+        "more than 1 % of the covered UV area lies under two triangles or more",
+        (
+            "lay charts side by side or in UDIMs of their own; where halves share UV on purpose, "
+            "both get the skin of the first"
+        ),
+    ),
+    TEXEL_SIZE: Meaning(
+        "a mesh",
+        (
+            "the side of a texel on the surface varies more than 10 times, half a hundredth of "
+            "the area at either end left out"
+        ),
+        (
+            "give the place that is named more room in UV, or less; inside nostrils and mouth it "
+            "may stay"
+        ),
+    ),
+    SETTINGS_CHANGED: Meaning(
+        "an asset that was sent again",
+        (
+            "its settings were changed since the same content was sent before: by `PATCH`, or "
+            "`bins.r_max` where a range was sent"
+        ),
+        (
+            "send the PATCH that the text names, to have it as sent; or send what is meant as "
+            "another asset, with these settings"
+        ),
+    ),
+    SETTINGS_UNUSED: Meaning(
+        "settings",
+        (
+            "`graph` has settings of how skin is grown, beside a graph that is given; "
+            "`graph.spacing` and `graph.seed` are used all the same"
+        ),
+        "leave them out, or leave the graph out",
+    ),
+    DEVICES_MIXED: Meaning(
+        "a bake",
+        (
+            "its maps were drawn by several devices, drivers or versions of the drawing, whose "
+            "last bits differ: by parts, by tasks of a farm or by workers"
+        ),
+        (
+            "bake all frames by one kind of device: name it with `--device` or `RHYTID_DEVICE`, "
+            "and install the same rhytid on all machines"
+        ),
+    ),
+}

@@ -1,4 +1,4 @@
-"""Words of messages."""
+"""Phrases that messages share."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ def plural(count: int, one: str, several: str = "") -> str:
 
 
 def install_hint(extra: str) -> str:
-    """How an extra is installed, which no index has: `in a clone of rhytid: pip install '.[x]'`."""
+    """How to install an extra: `in a clone of rhytid: pip install '.[x]'`, for no index has it."""
     return f"in a clone of rhytid: pip install '.[{extra}]'"
 
 
-def waiting(count: int) -> str:
+def waiting_requests(count: int) -> str:
     """How many requests wait for the device: `1 request waits for the device`."""
     return f"{plural(count, 'request waits', 'requests wait')} for the device"

@@ -12,8 +12,8 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import takewhile
 
-from rhytid import stopping
 from rhytid.errors import HostBusyError, HostMemoryError
+from rhytid.support import cancellation
 
 # Seconds that a request waits for bytes before it is refused.
 PATIENCE = 10.0
@@ -170,7 +170,7 @@ class Hold:
             if time.monotonic() >= until:
                 return self._budget.give_up(waiting)
             try:
-                stopping.check()
+                cancellation.check()
             except BaseException:
                 with suppress(HostBusyError):
                     self._budget.give_up(waiting)

@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 
-from rhytid import stopping
 from rhytid.errors import CancelledError
+from rhytid.support import cancellation
 
 # The key, or the address, that this thread or task works for; empty where it works for none. By it
 # jobs of several callers take turns.
@@ -72,5 +72,5 @@ def check_abandoned() -> None:
     """Raise CancelledError where the work of this thread is abandoned; in a job, the error that the
     job stops with."""
     if is_abandoned():
-        stopping.check()
+        cancellation.check()
         raise CancelledError("the client closed the connection before the answer was drawn")

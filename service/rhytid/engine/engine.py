@@ -33,10 +33,10 @@ from rhytid.engine.worker import READY, DeviceWorker
 from rhytid.errors import BusyError, DeviceError
 from rhytid.pipeline.measured_shape import remembered_pace, remembered_shape
 from rhytid.pipeline.work import DrawLimit
-from rhytid.settings import ServiceSettings
 from rhytid.storage.shared.mirror import StoreMirror
 from rhytid.storage.shared.shared_store import SharedStore
 from rhytid.storage.store import AssetStore
+from rhytid.support.settings import ServiceSettings
 
 # Work-items of the kernel that tells whether the device computes.
 _PROBED = 64

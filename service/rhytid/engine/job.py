@@ -11,13 +11,13 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
-from rhytid import stopping
 from rhytid.device import watch
 from rhytid.device.figures import working_on
 from rhytid.engine import call_context
 from rhytid.engine.call_context import caller
 from rhytid.engine.messages import ENDED_STATES, JobInfo
 from rhytid.errors import CancelledError, LimitError, RhytidError, public_message
+from rhytid.support import cancellation
 
 _log = logging.getLogger(__name__)
 
@@ -172,7 +172,7 @@ class Job:
     @contextmanager
     def _stopping(self) -> Iterator[None]:
         """Have everything that this thread does in the block ask whether the job goes on."""
-        with stopping.where(self.check), call_context.abandoned_when(self._stops):
+        with cancellation.scope(self.check), call_context.abandoned_when(self._stops):
             yield
 
 

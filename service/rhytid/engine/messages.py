@@ -16,12 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.domain.controls import Controls
 from rhytid.domain.expressions import Expressions
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.notices import Notice
-from rhytid.domain.stiffness import Stiffness
+from rhytid.domain.painted_maps import Controls, Stiffness
 from rhytid.domain.tiles import TileAddress, TileGrid
 from rhytid.domain.warnings import InputWarning
 from rhytid.errors import NotFoundError, QueryError

@@ -19,9 +19,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from rhytid.device.figures import Figures
 from rhytid.domain.bin_manifest import BinManifest
-from rhytid.domain.curves import Curves
 from rhytid.domain.expressions import Expressions
 from rhytid.domain.graph import WrinkleGraph
+from rhytid.domain.graph_geometry import Curves
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import MapAddress, TileAddress
 from rhytid.domain.warnings import InputWarning

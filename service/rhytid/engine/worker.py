@@ -13,7 +13,7 @@ from functools import partial
 from typing import Any, TypeVar
 
 from rhytid.device.figures import Figures
-from rhytid.domain.wording import waiting
+from rhytid.domain.wording import waiting_requests
 from rhytid.engine.call_context import is_live
 from rhytid.errors import BusyError
 
@@ -165,7 +165,7 @@ class DeviceWorker:
         if self._closed:
             _refuse(future)
         elif lane.waiting >= self.size:
-            raise BusyError(f"{waiting(self.size)} already")
+            raise BusyError(f"{waiting_requests(self.size)} already")
         else:
             # In the context of the caller: `device.watch` reports for whom the device works.
             run = partial(copy_context().run, task)
@@ -205,8 +205,10 @@ class DeviceWorker:
             self._runs = True
             if self._first:
                 return None, self._first.popleft()
-            waiting = [lane for lane in self._lanes.values() if lane.turns]
-            lane = min(waiting, key=lambda lane: lane.spent)  # the live one where both had as much
+            waiting_requests = [lane for lane in self._lanes.values() if lane.turns]
+            lane = min(
+                waiting_requests, key=lambda lane: lane.spent
+            )  # the live one where both had as much
             self._changed.notify_all()
             return lane, lane.take()
 

@@ -36,8 +36,8 @@ from rhytid.engine_process.wire import (
     send,
 )
 from rhytid.errors import NotFoundError, RhytidError
-from rhytid.logs import log_to_stderr
 from rhytid.storage.snapshots import Snapshot
+from rhytid.support.logs import log_to_stderr
 
 # Seconds between two times that free memory is given back, which takes milliseconds.
 _PAUSE = 30.0

@@ -11,7 +11,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Protocol
 
-from rhytid.build_identity import drawing_version
 from rhytid.device.figures import Span, keep_spans, spans_are_kept, spans_of_request
 from rhytid.engine import call_context
 from rhytid.engine.byte_budget import Hold
@@ -20,7 +19,8 @@ from rhytid.engine.frames import Frame
 from rhytid.engine.operations import OPERATIONS, Operation
 from rhytid.engine_process.packing import Packed, pack
 from rhytid.errors import RhytidError
-from rhytid.logs import request_id
+from rhytid.support.build_identity import drawing_version
+from rhytid.support.logs import request_id
 
 _numbers = itertools.count(1)
 _log = logging.getLogger(__name__)

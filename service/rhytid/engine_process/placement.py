@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass, replace
 
 from rhytid.device.memory import usual_frame_memory
 from rhytid.errors import NoDeviceError
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 
 
 class Placement:

@@ -23,7 +23,7 @@ from rhytid.engine_process.remote_calls import RemoteCalls, UploadHolds
 from rhytid.engine_process.supervisor import Supervisor
 from rhytid.engine_process.supervisors import Supervisors
 from rhytid.engine_process.wire import FramesStored
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 
 
 class RemoteEngine(Proxy):

@@ -24,7 +24,7 @@ from rhytid.engine_process.lines import LineBroken
 from rhytid.engine_process.packing import mapped, shared_file
 from rhytid.engine_process.wire import Start
 from rhytid.errors import DeviceError, DeviceLostError, FatalRequestError
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 
 # Seconds that a call waits for a process that starts, and for the end of one that broke its line.
 PATIENCE, ENDING_PATIENCE = 15.0, 10.0

@@ -19,10 +19,10 @@ from rhytid.engine_process.keyed_locks import KeyedLocks
 from rhytid.engine_process.placement import Placement, found_devices, named_devices, settings_of
 from rhytid.engine_process.supervisor import Supervisor
 from rhytid.errors import DeviceLostError, NotFoundError, StorageError
-from rhytid.settings import ServiceSettings
 from rhytid.storage.homes import ID
 from rhytid.storage.snapshots import OpenFile, asset_of
 from rhytid.storage.store import AssetStore
+from rhytid.support.settings import ServiceSettings
 
 Prepare = Callable[[DeviceProcess], None]
 # Called with a process that has ended, and with a function that says whether an asset was its.

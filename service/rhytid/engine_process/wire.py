@@ -19,7 +19,7 @@ from typing import Any
 
 from rhytid.engine.messages import Refusal
 from rhytid.engine_process.packing import Places, pack
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 
 # Number of arrays, of descriptors, bytes of shared memory with the arrays, bytes of room for an
 # answer.

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rhytid.durable import whole, write_file, write_pieces
 from rhytid.errors import InputError, LimitError
 from rhytid.farm.job_template import FRAMES_LIST, SNAPSHOT, BakeJob
+from rhytid.support.atomic_files import atomic_write, write_file, write_pieces
 
 TEMPLATE, VALUES, REFERENCES = (
     "template.json", "parameter_values.json", "asset_references.json",
@@ -59,7 +59,7 @@ class JobBundle:
                     f"{name} has {len(value)} characters, a parameter of a job at most {_LONGEST}"
                 )
         folder.mkdir(parents=True, exist_ok=True)
-        with whole(folder / SNAPSHOT) as aside:
+        with atomic_write(folder / SNAPSHOT) as aside:
             write_pieces(aside, snapshot)
         if self.frames:
             _write(folder / FRAMES_LIST, self.listing)
@@ -99,5 +99,5 @@ def _write_json(file: Path, content: Mapping[str, Any]) -> None:
 
 
 def _write(file: Path, text: str) -> None:
-    with whole(file) as aside:
+    with atomic_write(file) as aside:
         write_file(aside, text.encode())

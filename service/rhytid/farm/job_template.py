@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from rhytid.build_identity import drawing_version
+from rhytid.support.build_identity import drawing_version
 
 Json = dict[str, Any]
 VERSION = "jobtemplate-2023-09"

@@ -21,8 +21,8 @@ from rhytid.fleet.ray_engine import RayEngine
 from rhytid.fleet.remote_board import RemoteBoard
 from rhytid.fleet.replica import EngineReplica
 from rhytid.fleet.router import AssetRouter
-from rhytid.logs import log_to_stderr
-from rhytid.settings import ServiceSettings
+from rhytid.support.logs import log_to_stderr
+from rhytid.support.settings import ServiceSettings
 
 REPLICAS = "Replicas"
 # Seconds between two looks of Ray at a replica, until an answer, and that calls have to finish when

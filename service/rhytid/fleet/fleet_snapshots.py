@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
-from rhytid.durable import reported
 from rhytid.engine.messages import AssetInfo
 from rhytid.engine.operations import OPERATIONS
 from rhytid.engine_process.envelope import Request
@@ -16,6 +15,7 @@ from rhytid.fleet.caller import FleetCaller
 from rhytid.fleet.shared_folder import SharedFolder
 from rhytid.storage.snapshot_index import BLOCK, SnapshotIndex, index_size
 from rhytid.storage.snapshots import PIECE, Readable, Snapshot, asset_of
+from rhytid.support.atomic_files import storage_errors
 
 
 class GivenSnapshot(Snapshot):
@@ -27,7 +27,7 @@ class GivenSnapshot(Snapshot):
 
     def pieces(self) -> Iterator[bytes]:
         """The bytes of the file."""
-        with reported("a snapshot cannot be read"):
+        with storage_errors("a snapshot cannot be read"):
             self._file.seek(0)
             while piece := self._file.read(PIECE):
                 yield piece
@@ -54,7 +54,7 @@ class FleetSnapshots:
     def of(self, asset: str) -> Snapshot:
         """A ready asset as a file, which is the caller's to close."""
         path: Path = self._caller.call(Request(OPERATIONS["snapshots.of"], (asset,)))
-        with reported("a snapshot cannot be read"), ExitStack() as stack:
+        with storage_errors("a snapshot cannot be read"), ExitStack() as stack:
             file = stack.enter_context(path.open("rb"))
             path.unlink()
             size = index_size(file.read(BLOCK))

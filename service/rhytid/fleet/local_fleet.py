@@ -18,7 +18,7 @@ from rhytid.fleet.app import deployment
 from rhytid.fleet.options import FleetOptions
 from rhytid.fleet.ray_engine import RayEngine
 from rhytid.fleet.remote_board import RemoteBoard
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 
 NAME = "rhytid"
 _MEMORY = 512 << 20

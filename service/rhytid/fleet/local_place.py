@@ -9,12 +9,12 @@ import tempfile
 from itertools import count
 from pathlib import Path
 
-from rhytid.durable import claim, reported
 from rhytid.errors import StorageError
-from rhytid.owned import Kind, is_marked, is_real_folder, make_folder, not_ours
+from rhytid.support.atomic_files import claim, storage_errors
+from rhytid.support.ownership import FolderKind, is_marked, is_real_folder, make_folder, not_owned
 
 # With a marker of its own, so that no store of a server is taken for what a replica had.
-REPLICA = Kind("rhytid replica", marker="replica.json")
+REPLICA = FolderKind("rhytid replica", marker="replica.json")
 
 
 class LocalPlace:
@@ -27,7 +27,7 @@ class LocalPlace:
 
     def __init__(self, folder: Path | None) -> None:
         place = usual_folder() if folder is None else folder
-        with reported(f"{place} cannot be used"):
+        with storage_errors(f"{place} cannot be used"):
             place.mkdir(mode=0o700, parents=True, exist_ok=True)
             _check_owner(place)
             self.number = next(number for number in count() if self._taken(place, number))
@@ -59,7 +59,7 @@ class LocalPlace:
         if not os.path.lexists(self.store):
             return
         if not is_real_folder(self.store) or any(self.store.iterdir()):
-            raise not_ours(self.store)
+            raise not_owned(self.store)
 
     def close(self) -> None:
         """Leave the place to another."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 from rhytid.errors import SettingsError
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 
 _COUNT = re.compile(r"([1-9][0-9]{0,4})(?:-([1-9][0-9]{0,4}))?", re.ASCII)
 

@@ -26,7 +26,7 @@ from rhytid.fleet.options import FleetOptions
 from rhytid.fleet.presence import Presence
 from rhytid.fleet.remote_board import RemoteBoard
 from rhytid.fleet.shared_folder import SharedFolder
-from rhytid.settings import ServiceSettings
+from rhytid.support.settings import ServiceSettings
 
 
 class RayEngine(Proxy):

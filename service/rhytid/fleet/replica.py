@@ -14,7 +14,6 @@ from functools import partial
 
 from ray import serve
 
-from rhytid.build_identity import drawing_version
 from rhytid.device.figures import SIZE
 from rhytid.engine_process.envelope import Answer, Envelope, answered
 from rhytid.engine_process.placement import found_devices, named_devices, settings_of
@@ -30,8 +29,9 @@ from rhytid.fleet.remote_board import RemoteBoard
 from rhytid.fleet.replica_assets import ReplicaAssets
 from rhytid.fleet.replica_calls import ReplicaCalls
 from rhytid.fleet.shared_folder import SharedFolder
-from rhytid.logs import log_to_stderr
-from rhytid.settings import ServiceSettings
+from rhytid.support.build_identity import drawing_version
+from rhytid.support.logs import log_to_stderr
+from rhytid.support.settings import ServiceSettings
 
 # Seconds between two reports, and two exchanges of frames with the board; and for which the device
 # may compute nothing.

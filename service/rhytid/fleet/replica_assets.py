@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike
 
 from rhytid.domain.frame import counted_frame
 from rhytid.domain.settings_changes import CHANGEABLE
-from rhytid.durable import reported
 from rhytid.engine import call_context
 from rhytid.engine.assets.upload import content_id
 from rhytid.engine.messages import AssetInfo, JobInfo, NewAsset, Package
@@ -26,6 +25,7 @@ from rhytid.fleet.kept_uploads import read_upload, written_upload
 from rhytid.fleet.residents import Residents
 from rhytid.fleet.shared_folder import SharedFolder
 from rhytid.storage.snapshots import OpenFile
+from rhytid.support.atomic_files import storage_errors
 
 
 class ReplicaAssets:
@@ -122,7 +122,7 @@ class ReplicaAssets:
     def restore(self, content: SharedSnapshot, nbytes: int) -> tuple[AssetInfo, bool]:
         """The asset of a snapshot in the shared folder, and whether it is new here."""
         asset, path = content.asset, content.path
-        with reported(f"{path} cannot be read"), path.open("rb") as stream:
+        with storage_errors(f"{path} cannot be read"), path.open("rb") as stream:
             info, new = self._engine.snapshots.restore(OpenFile(stream.fileno()), nbytes)
         if new:
             with self.residents.changing(asset):

@@ -32,30 +32,30 @@ from uuid import uuid4
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.notices import Notice
 from rhytid.domain.warnings import InputWarning
-from rhytid.durable import (
+from rhytid.engine.messages import AssetInfo, Package
+from rhytid.errors import SharedDamageError
+from rhytid.storage.homes import ID, checked_id
+from rhytid.storage.snapshots import Snapshot
+from rhytid.support.atomic_files import (
+    atomic_write,
     claim,
-    reported,
+    storage_errors,
     sweep,
     sweep_partial,
     sync_file,
-    whole,
     write_file,
     write_pieces,
 )
-from rhytid.engine.messages import AssetInfo, Package
-from rhytid.errors import SharedDamageError
-from rhytid.owned import (
+from rhytid.support.ownership import (
     UNIQUE,
-    Kind,
-    check_ours,
+    FolderKind,
+    check_owned,
     has_group,
     is_real_folder,
     make_folder,
     restrict,
     restrict_folder,
 )
-from rhytid.storage.homes import ID, checked_id
-from rhytid.storage.snapshots import Snapshot
 
 # What each folder has, beside what is being written.
 _WRITTEN = r"|\.unfinished-" + UNIQUE.pattern
@@ -66,7 +66,7 @@ _NAMES = {
     "given": UNIQUE,
 }
 # Raise its format when an older release must not use a new one.
-FLEET = Kind("rhytid fleet", format=1, folders=tuple(_NAMES))
+FLEET = FolderKind("rhytid fleet", format=1, folders=tuple(_NAMES))
 # Skin packages of an asset that stay, by when they were placed.
 _PACKAGES = 4
 Revision = tuple[int, int] | None
@@ -90,8 +90,8 @@ class SharedFolder:
         self._assets, self._uploads = folder / "assets", folder / "uploads"
         self._packages, self._given = folder / "packages", folder / "given"
         self._key = folder / "jobs.key"
-        with reported(f"{folder} cannot be used"):
-            check_ours(folder, FLEET, _is_of_a_fleet)
+        with storage_errors(f"{folder} cannot be used"):
+            check_owned(folder, FLEET, _is_of_a_fleet)
             folder.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
             self._group = has_group(folder if folder.exists() else folder.parent)
             make_folder(folder, group=self._group)
@@ -103,14 +103,14 @@ class SharedFolder:
     def sweep(self) -> None:
         """Remove what was left by who ended while they wrote, a day ago or earlier."""
         for place in (self._assets, self._uploads, self._packages):
-            with reported(f"{place} cannot be read"):
+            with storage_errors(f"{place} cannot be read"):
                 sweep(place)
-        with reported(f"{self._given} cannot be read"):
+        with storage_errors(f"{self._given} cannot be read"):
             sweep_partial(self._given, at_once=False)
 
     def ids(self) -> list[str]:
         """Ids of assets that are built or are to be, ascending."""
-        with reported(f"{self._assets} cannot be read"):
+        with storage_errors(f"{self._assets} cannot be read"):
             built = {path.stem for path in self._assets.glob("*.tar")}
             sent = {path.name for path in self._uploads.iterdir()}
         return sorted(name for name in built | sent if ID.fullmatch(name))
@@ -127,7 +127,7 @@ class SharedFolder:
         """Place a built asset, with its present settings; its revision. Its upload is not needed
         any more."""
         with (
-            reported(f"asset {asset} cannot be shared"),
+            storage_errors(f"asset {asset} cannot be shared"),
             self._whole(self._snapshot(asset)) as aside,
         ):
             write_pieces(aside, snapshot.pieces())
@@ -143,14 +143,14 @@ class SharedFolder:
         """Replace the present settings of an asset; their revision."""
         text = json.dumps(settings, sort_keys=True).encode()
         path = self._settings(asset)
-        with reported(f"settings of {asset} cannot be shared"), self._whole(path) as aside:
+        with storage_errors(f"settings of {asset} cannot be shared"), self._whole(path) as aside:
             write_file(aside, text)
             placed = _revision(aside)
         return placed
 
     def settings(self, asset: str) -> dict[str, Any]:
         """The present settings of an asset; empty where they were never changed."""
-        with reported(f"settings of {asset} cannot be read"), suppress(FileNotFoundError):
+        with storage_errors(f"settings of {asset} cannot be read"), suppress(FileNotFoundError):
             text = self._settings(asset).read_bytes()
             try:
                 found: dict[str, Any] = json.loads(text)
@@ -161,20 +161,20 @@ class SharedFolder:
 
     def remove_settings(self, asset: str) -> None:
         """Remove settings that are damaged."""
-        with reported(f"settings of {asset} cannot be removed"):
+        with storage_errors(f"settings of {asset} cannot be removed"):
             self._settings(asset).unlink(missing_ok=True)
 
     def put_info(self, info: AssetInfo, of: Revisions) -> None:
         """Say what callers see of a ready asset.  of: the files that it is made of."""
         text = json.dumps({"of": of, "info": asdict(info)}).encode()
         path = self._info(info.id)
-        with reported(f"asset {info.id} cannot be described"), self._whole(path) as aside:
+        with storage_errors(f"asset {info.id} cannot be described"), self._whole(path) as aside:
             write_file(aside, text)
 
     def info(self, asset: str, of: Revisions) -> AssetInfo | None:
         """What callers see of a ready asset; None where nobody has said it of these files, or
         another release did."""
-        with reported(f"asset {asset} cannot be read"), suppress(FileNotFoundError):
+        with storage_errors(f"asset {asset} cannot be read"), suppress(FileNotFoundError):
             try:
                 found = json.loads(self._info(asset).read_bytes())
                 if found["of"] == [None if one is None else list(one) for one in of]:
@@ -185,7 +185,7 @@ class SharedFolder:
 
     def job_key(self) -> bytes:
         """The key of the seals of jobs' ids: made once, by whoever asks first."""
-        with reported(f"{self._key} cannot be used"):
+        with storage_errors(f"{self._key} cannot be used"):
             with suppress(FileExistsError):
                 made = os.open(self._key, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600)
                 try:
@@ -207,7 +207,7 @@ class SharedFolder:
         self.own(asset, owner)
         try:
             with (
-                reported(f"upload {asset} cannot be kept"),
+                storage_errors(f"upload {asset} cannot be kept"),
                 self._whole(self._upload(asset)) as aside,
             ):
                 write_pieces(aside, pieces)
@@ -217,12 +217,15 @@ class SharedFolder:
 
     def own(self, asset: str, owner: str) -> None:
         """Say which replica builds an asset."""
-        with reported(f"upload {asset} cannot be kept"), self._whole(self._owner(asset)) as aside:
+        with (
+            storage_errors(f"upload {asset} cannot be kept"),
+            self._whole(self._owner(asset)) as aside,
+        ):
             write_file(aside, owner.encode())
 
     def owner(self, asset: str) -> str | None:
         """The replica that builds an asset; None where nothing of it was sent, or it is built."""
-        with reported(f"upload {asset} cannot be read"), suppress(FileNotFoundError):
+        with storage_errors(f"upload {asset} cannot be read"), suppress(FileNotFoundError):
             if self._upload(asset).stat():
                 return self._owner(asset).read_text()
         return None
@@ -233,13 +236,13 @@ class SharedFolder:
 
     def remove_upload(self, asset: str) -> None:
         """What was sent is not needed any more."""
-        with reported(f"upload {asset} cannot be removed"):
+        with storage_errors(f"upload {asset} cannot be removed"):
             self._upload(asset).unlink(missing_ok=True)
             self._owner(asset).unlink(missing_ok=True)
 
     def remove(self, asset: str) -> None:
         """Remove all of an asset: its snapshot goes first, by which it is there."""
-        with reported(f"asset {asset} cannot be removed"):
+        with storage_errors(f"asset {asset} cannot be removed"):
             self._snapshot(asset).unlink(missing_ok=True)
             self._settings(asset).unlink(missing_ok=True)
             self._info(asset).unlink(missing_ok=True)
@@ -250,7 +253,7 @@ class SharedFolder:
     def give(self, pieces: Iterable[bytes]) -> Path:
         """A new file on its way; who takes it removes it."""
         path = self._given / uuid4().hex
-        with reported("a file cannot be passed on"):
+        with storage_errors("a file cannot be passed on"):
             try:
                 write_pieces(path, pieces)
                 restrict(path, group=self._group)
@@ -262,7 +265,7 @@ class SharedFolder:
     def share_package(self, asset: str, package: Package) -> Package:
         """A skin package where every ingress can read it; older ones of the asset go."""
         place = self._packages / f"{asset}-{package.key}.zip"
-        with reported(f"a package of {asset} cannot be shared"):
+        with storage_errors(f"a package of {asset} cannot be shared"):
             if not place.exists():
                 with self._whole(place) as aside:
                     shutil.copyfile(package.file, aside)
@@ -273,7 +276,7 @@ class SharedFolder:
         return Package(package.key, place, package.nbytes, package.files)
 
     def _whole(self, file: Path) -> AbstractContextManager[Path]:
-        return whole(file, private=True, group=self._group)
+        return atomic_write(file, private=True, group=self._group)
 
     def _snapshot(self, asset: str) -> Path:
         return self._assets / f"{checked_id(asset)}.tar"
@@ -302,7 +305,7 @@ def _is_of_a_fleet(folder: Path) -> bool:
 
 
 def _revision(path: Path) -> Revision:
-    with reported(f"{path} cannot be read"), suppress(FileNotFoundError):
+    with storage_errors(f"{path} cannot be read"), suppress(FileNotFoundError):
         found = path.stat()
         return found.st_mtime_ns, found.st_ino
     return None

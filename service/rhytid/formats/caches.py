@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
-from rhytid.domain.origin import ORIGIN, Centre
+from rhytid.domain.mesh import ORIGIN, Centre
 from rhytid.domain.wording import install_hint
 from rhytid.errors import FrameError, InputError, MeshError
 from rhytid.formats.expressions import SHAPE_EXTENSIONS

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.domain.curves import Curves
-from rhytid.domain.origin import put_back
+from rhytid.domain.graph_geometry import Curves
+from rhytid.domain.mesh import add_centre
 from rhytid.domain.wording import plural
 from rhytid.errors import InputError, QueryError
 from rhytid.formats.usda import usda_header
@@ -35,7 +35,7 @@ def obj_curves(curves: Curves, unit: str) -> Iterator[bytes]:
     yield f"# {plural(len(curves.lines), 'wrinkle')}, in {unit}\n".encode()
     # A float32 has 7 digits; far from the origin they go on behind those of the centre.
     item = "v %.13g %.13g %.13g\n" if curves.centre.any() else "v %.7g %.7g %.7g\n"
-    yield from _rows(item, put_back(curves.points, curves.centre))
+    yield from _rows(item, add_centre(curves.points, curves.centre))
     yield from _rows("l %d %d\n", curves.lines + 1)
 
 

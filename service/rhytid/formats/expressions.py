@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import PurePath
 
 from rhytid.domain.expressions import Expressions
-from rhytid.domain.origin import ORIGIN, Centre
+from rhytid.domain.mesh import ORIGIN, Centre
 from rhytid.errors import FrameError
 from rhytid.formats.frames import read_frame_file
 from rhytid.formats.limits import MAX_FRAME_NUMBERS

@@ -14,9 +14,9 @@ import numpy as np
 import OpenEXR
 from numpy.typing import NDArray
 
-from rhytid.durable import whole
 from rhytid.errors import InputError, StorageError
 from rhytid.formats.tile_header import TileHeader
+from rhytid.support.atomic_files import atomic_write
 
 Texels = NDArray[np.float32] | NDArray[np.float16]
 
@@ -33,7 +33,7 @@ def write_exr(
     Raises StorageError.
     """
     try:
-        with whole(path) as aside:
+        with atomic_write(path) as aside:
             _file(texels, {**header.attributes(), **more}).write(str(aside))
     except (OSError, RuntimeError) as exc:
         raise StorageError(f"cannot write an EXR file: {exc}") from exc

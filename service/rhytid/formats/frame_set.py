@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.domain.expressions import Expressions, evenly
+from rhytid.domain.expressions import Expressions, evenly_spaced
 from rhytid.errors import FrameError, LimitError
 from rhytid.formats.limits import MAX_FRAME_NUMBERS, check_size
 
@@ -44,7 +44,7 @@ class FrameSet:
 
     def expressions(self, vertices: int) -> Expressions:
         """What the frames do, as expressions without names: at most as many as are looked at."""
-        chosen = evenly(self.count)
+        chosen = evenly_spaced(self.count)
         check_size("the frames", 3 * vertices * len(chosen), MAX_FRAME_NUMBERS)
         read = np.empty((len(chosen), vertices, 3), np.float32)
         for row, i in zip(read, chosen, strict=True):

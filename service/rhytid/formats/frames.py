@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.domain.frame import check_positions
-from rhytid.domain.origin import ORIGIN, Centre
+from rhytid.domain.mesh import ORIGIN, Centre
 from rhytid.domain.wording import plural
 from rhytid.errors import FrameError, MeshError
 from rhytid.formats.limits import MAX_FRAME_NUMBERS, check_size

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.domain.frame import check_positions
-from rhytid.domain.origin import ORIGIN, Centre
+from rhytid.domain.mesh import ORIGIN, Centre
 from rhytid.domain.wording import plural
 from rhytid.errors import FrameError, MeshError
 from rhytid.formats.frame_set import Clip, Frame, FrameSet, frames_between

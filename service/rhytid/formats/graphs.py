@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from safetensors import SafetensorError, deserialize
 from safetensors.numpy import save
 
-from rhytid.domain.graph import ARRAYS, REQUIRED, WrinkleGraph
-from rhytid.domain.graph_origin import GraphOrigin
+from rhytid.domain.graph import ARRAYS, REQUIRED, GraphOrigin, WrinkleGraph
 from rhytid.errors import GraphError
 from rhytid.formats.limits import check_size
 

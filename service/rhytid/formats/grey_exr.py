@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from rhytid.errors import InputError, StorageError
 from rhytid.formats.exr_decoder import READY, Wrong, decode
 from rhytid.formats.exr_header import read_sides
-from rhytid.unfinished import temporary_folder
+from rhytid.support.temporary_folders import temporary_folder
 
 _SECONDS = 60
 _begun: Callable[[str], None] | None = None

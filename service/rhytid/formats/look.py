@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from rhytid.domain.units import millimetres
+from rhytid.domain.lengths import millimetres
 from rhytid.errors import InputError
 
 FIRST_UDIM, LAST_UDIM = 1001, 1100  # those that USD has

@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.domain.frame import counted_frame
-from rhytid.domain.mesh import Mesh
-from rhytid.domain.origin import ORIGIN, Centre, brought_to
+from rhytid.domain.mesh import ORIGIN, Centre, Mesh, subtract_centre
 from rhytid.errors import FrameError, InputError, MeshError
 from rhytid.formats.limits import MAX_FRAME_NUMBERS, MAX_NUMBERS, check_size
 from rhytid.formats.npy import MAX_HEADER, NpyHeader, read_header
@@ -149,7 +148,7 @@ def check_frames(
         if centre.any():  # one by one: all of them in double would take twice the memory
             frames = np.empty(values.shape, np.float32)
             for frame, sent in zip(frames, values, strict=True):
-                frame[:] = brought_to(sent, centre)
+                frame[:] = subtract_centre(sent, centre)
         else:
             frames = np.require(values, np.float32, ["C", "A"])
     finite = np.isfinite(frames).all(axis=2)

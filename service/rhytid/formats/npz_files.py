@@ -11,8 +11,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.domain.mesh import Mesh
-from rhytid.domain.origin import put_back
+from rhytid.domain.mesh import Mesh, add_centre
 from rhytid.formats.limits import MAX_FRAME_NUMBERS, check_size
 from rhytid.formats.meshes import MeshFile
 
@@ -42,13 +41,13 @@ def write_mesh_npz(
 def _arrays(read: MeshFile) -> Mapping[str, NDArray[Any]]:
     mesh, shapes = read.mesh, read.shapes
     arrays: dict[str, NDArray[Any]] = {
-        "positions": put_back(mesh.positions, mesh.centre),
+        "positions": add_centre(mesh.positions, mesh.centre),
         "faces": mesh.faces,
         "uv": mesh.uv,
         "face_uv": mesh.face_uv,
     }
     if shapes is not None:
-        arrays["shapes"] = put_back(shapes.positions, mesh.centre)
+        arrays["shapes"] = add_centre(shapes.positions, mesh.centre)
         arrays["names"] = np.array(shapes.names, np.str_)
     return arrays
 
@@ -61,7 +60,7 @@ def _write_frames(
     header = {"descr": kind.str, "fortran_order": False, "shape": shape}
     np.lib.format.write_array_header_1_0(member, header)
     for frame in frames:
-        member.write(np.ascontiguousarray(put_back(frame, mesh.centre), kind).tobytes())
+        member.write(np.ascontiguousarray(add_centre(frame, mesh.centre), kind).tobytes())
 
 
 def _member(archive: zipfile.ZipFile, name: str) -> IO[bytes]:

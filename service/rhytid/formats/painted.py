@@ -14,9 +14,7 @@ from pathlib import PurePath
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.domain.controls import Controls
-from rhytid.domain.painted import Map, check_total, check_udim
-from rhytid.domain.stiffness import Stiffness
+from rhytid.domain.painted_maps import Controls, Map, Stiffness, check_total, check_udim
 from rhytid.errors import InputError
 from rhytid.formats import exr_header, grey_png
 from rhytid.formats.grey_exr import read_grey_exr

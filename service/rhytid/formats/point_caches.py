@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.domain.frame import check_positions
-from rhytid.domain.origin import Centre
+from rhytid.domain.mesh import Centre
 from rhytid.domain.wording import plural
 from rhytid.errors import FrameError
 from rhytid.formats.frame_set import Clip, Frame, FrameSet, check_frame_count, frames_at

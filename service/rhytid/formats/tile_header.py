@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 
-from rhytid.build_identity import file_attributes
+from rhytid.support.build_identity import file_attributes
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.domain.frame import check_positions
-from rhytid.domain.mesh import Mesh
-from rhytid.domain.origin import ORIGIN, Centre
+from rhytid.domain.mesh import ORIGIN, Centre, Mesh
 from rhytid.domain.wording import plural
 from rhytid.errors import FrameError, MeshError
 from rhytid.formats.frame_set import Clip, Frame, FrameSet, checked_numbers, frames_between

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from rhytid.domain.units import MILLIMETRES
+from rhytid.domain.lengths import MILLIMETRES
 from rhytid.domain.wording import install_hint, plural
 from rhytid.errors import InputError, MeshError
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from rhytid.domain.units import millimetres
+from rhytid.domain.lengths import millimetres
 
 
 def usda_header(unit: str, metadata: Sequence[str]) -> list[str]:

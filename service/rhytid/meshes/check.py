@@ -10,13 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.domain.mesh import Mesh
-from rhytid.domain.named_shapes import region_of
+from rhytid.domain.blendshapes import region_of
+from rhytid.domain.lengths import millimetres
+from rhytid.domain.mesh import Mesh, add_centre
 from rhytid.domain.notices import Notice, build_notice, texel_notice
-from rhytid.domain.origin import put_back
-from rhytid.domain.texel_sizes import usual_uv_length
 from rhytid.domain.tiles import udim_origin
-from rhytid.domain.units import millimetres
+from rhytid.domain.uv_layout import usual_uv_length
 from rhytid.domain.warnings import LEAST_SIZE, MOST_SIZE, TEXEL_RATIO
 from rhytid.errors import MeshError
 from rhytid.formats.meshes import MeshFile
@@ -103,7 +102,7 @@ class MeshCheck:
         """A triangle as a place."""
         u, v = self.mesh.triangle_uv()[triangle].mean(axis=0).tolist()
         middle = self.mesh.positions[self.mesh.faces[triangle]].astype(np.float64).mean(axis=0)
-        x, y, z = put_back(middle, self.mesh.centre).tolist()
+        x, y, z = add_centre(middle, self.mesh.centre).tolist()
         return Place(triangle, (u, v), (x, y, z))
 
     def figures(self) -> dict[str, Any]:

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.domain.mesh import Mesh
-from rhytid.domain.origin import put_back
+from rhytid.domain.mesh import Mesh, add_centre
 from rhytid.domain.tiles import udim_origin
 from rhytid.errors import LimitError
 from rhytid.meshes.export import FlatMesh, flat_mesh
@@ -80,7 +79,7 @@ class Subdivided:
         many = np.bincount(self.welded)
         heights = (np.bincount(self.welded, heights) / many)[self.welded]
         there = _spread(positions.astype(np.float64)[source], self.edges)
-        out = put_back(there + heights[:, None] * normals, self.mesh.centre)
+        out = add_centre(there + heights[:, None] * normals, self.mesh.centre)
         out = out if self.mesh.centre.any() else out.astype(np.float32)
         return FlatMesh(out, self.faces, self.uv, np.zeros(0, np.int64))
 

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.domain.mesh import Mesh
-from rhytid.domain.origin import put_back
+from rhytid.domain.mesh import Mesh, add_centre
 from rhytid.errors import QueryError
 
 
@@ -39,7 +38,7 @@ def flat_mesh(mesh: Mesh) -> FlatMesh:
     source = np.concatenate([np.arange(count), both[~first, 0]])
     uv = np.zeros((len(source), 2))
     uv[number] = mesh.uv[both[:, 1]]
-    positions = put_back(mesh.positions, mesh.centre)[source]
+    positions = add_centre(mesh.positions, mesh.centre)[source]
     return FlatMesh(positions, number[corner.reshape(-1)].reshape(-1, 3), uv, source)
 
 

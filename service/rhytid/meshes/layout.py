@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.mesh_warnings import MeasuredMesh
-from rhytid.domain.texel_sizes import texel_extremes, texel_sides
 from rhytid.domain.tiles import mesh_udims, udim_origin
-from rhytid.domain.uv_overlap import Overlap, overlap_of, overlapping
+from rhytid.domain.uv_layout import Overlap, overlap_of, overlapping, texel_extremes, texel_sides
 from rhytid.meshes.topology import joined
 
 Mask = NDArray[np.bool_]

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.domain.expressions import Expressions
-from rhytid.domain.mesh import Mesh
-from rhytid.domain.origin import ORIGIN
+from rhytid.domain.mesh import ORIGIN, Mesh
 from rhytid.meshes.export import flat_mesh
 
 # Of every vertex the index of the one that it was in the mesh.

@@ -13,11 +13,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.domain.graph import LEAST_SIZE, ORIGINAL, STEEPEST, WrinkleGraph
-from rhytid.domain.graph_origin import GraphOrigin, mesh_digest
+from rhytid.domain.graph import (
+    LEAST_SIZE,
+    ORIGINAL,
+    STEEPEST,
+    GraphOrigin,
+    WrinkleGraph,
+    mesh_digest,
+)
+from rhytid.domain.graph_geometry import surface_points, whole_wrinkles
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.seams import whole_wrinkles
-from rhytid.domain.surface_points import surface_points
 from rhytid.domain.wording import plural
 from rhytid.errors import GraphError
 from rhytid.meshes.closest import closest

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from rhytid.domain.units import beside_number
+from rhytid.domain.lengths import unit_after_number
 from rhytid.domain.wording import plural
 from rhytid.meshes.check import MeshCheck
 
@@ -29,7 +29,7 @@ def _size(figures: dict[str, Any]) -> Iterator[Row]:
     size, unit = figures["size"], figures["unit"]
     box = " x ".join(f"{side:.4g}" for side in size["box"])
     low, high = size["usual_mm"]
-    named = beside_number(unit)
+    named = unit_after_number(unit)
     found = f"{box} {unit}" if named == unit else f"({box}) {named}"
     if size["longest_mm"] is None:
         yield "size", f"{found}; no known unit of length", ""
@@ -69,7 +69,7 @@ def _loops(loops: dict[str, Any], unit: str) -> Row:
     lengths = ", ".join(f"{loop['length']:.4g}" for loop in loops["longest"])
     first = loops["longest"][0]["place"]
     at = f"triangle {first['triangle']}"
-    long = f"{unit} long" if beside_number(unit) == unit else f"in units of {unit}"
+    long = f"{unit} long" if unit_after_number(unit) == unit else f"in units of {unit}"
     return "boundary loops", f"{loops['count']}, {long}: {lengths}", at
 
 

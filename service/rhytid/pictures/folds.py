@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from rhytid.domain.folds import Folds
+from rhytid.domain.expressions import Folds
 from rhytid.pictures.shade_mesh import View, shade_mesh, vertex_normals
 
 # Pixels between two strokes, and along the longest of them.

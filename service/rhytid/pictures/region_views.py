@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.domain.regions import REGIONS
+from rhytid.domain.skin import REGIONS
 from rhytid.pictures.surface_patch import Frame, SurfacePatch, surface_patch
 
 # Where the patch of a region may lie: at this part of its largest share or more.

@@ -19,7 +19,7 @@ from rhytid.device.buffer import Buffer, BufferGroup
 from rhytid.device.programs import NO_DEFINES
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.domain.stiffness import Stiffness
+from rhytid.domain.painted_maps import Stiffness
 from rhytid.pipeline.bins import (
     CODES,
     TILT_SHARE,

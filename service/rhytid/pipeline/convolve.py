@@ -15,7 +15,7 @@ from rhytid.device.buffer import Buffer, BufferGroup
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.stiffness import Stiffness
+from rhytid.domain.painted_maps import Stiffness
 from rhytid.domain.tiles import udim_origin
 from rhytid.pipeline.levels import Draw
 from rhytid.pipeline.locate import UdimTriangles

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid import stopping
 from rhytid.device.buffer import Buffer
 from rhytid.device.launches import DrawingPace
 from rhytid.device.runtime import Device
@@ -32,6 +31,7 @@ from rhytid.pipeline.reach import (
     sizes_of_ends,
 )
 from rhytid.pipeline.work import DrawLimit, MapWork
+from rhytid.support import cancellation
 
 
 @dataclass(frozen=True)
@@ -97,17 +97,17 @@ def wrinkle_arrays(
     triangle, stiffness: (M,) of every wrinkle of the graph.  waves: (M, 4) what `wrinkle_waves`
     makes of the settings.
     """
-    stopping.check()
+    cancellation.check()
     ends = (graph.node_uv - np.array(udim_origin(udim), np.float32))[graph.edge_nodes]
     bends = bends_of(graph, settings)
     low, high = around_wrinkles(graph, ends, settings, bends, waves)
-    stopping.check()
+    cancellation.check()
     broad = BroadLayer.of(graph, ends, settings, bends, waves)
     reach = (low, high) if broad is None else broad.reach(low, high)
     last = copied(graph.edge_copy_of, graph.edge_metric)
     drawn, even = copies_last(drawn_rows(graph.edge_weight, *reach), last)
     limit_cover(low[drawn], high[drawn], settings.resolution, "wrinkles", udim)
-    stopping.check()
+    cancellation.check()
     chosen, partners = _with_partners(drawn, None if bends is None else bends.partners)
     size, tail = np.float32(settings.resolution), drawn[even:]
 
@@ -143,7 +143,7 @@ def pore_arrays(
 
     triangle, stiffness: (N,) of every pore of the graph.
     """
-    stopping.check()
+    cancellation.check()
     centres = graph.node_uv - np.array(udim_origin(udim), np.float32)
     root = pore_roots(graph)
     low, high = around_pores(centres, root, settings)

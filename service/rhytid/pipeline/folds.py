@@ -11,10 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.device.runtime import Device
-from rhytid.domain.expressions import Expressions
-from rhytid.domain.folds import COLUMNS, ROWS, Folds
+from rhytid.domain.expressions import COLUMNS, ROWS, Expressions, Folds
+from rhytid.domain.lengths import millimetres
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.units import millimetres
 from rhytid.pipeline.diffusion import Diffusion, triangle_areas
 from rhytid.pipeline.region_masks import RegionMasks
 from rhytid.pipeline.stretch import Rest

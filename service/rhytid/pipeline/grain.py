@@ -19,7 +19,7 @@ from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.stiffness import Stiffness
+from rhytid.domain.painted_maps import Stiffness
 from rhytid.pipeline.locate import UdimTriangles
 from rhytid.pipeline.reach import response_defines
 from rhytid.pipeline.smooth import SmoothFields

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rhytid.domain.blendshapes import region_of
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.named_shapes import region_of
 from rhytid.pipeline.diffusion import Diffusion
 
 FloatArray = NDArray[np.float64]

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from rhytid.device.buffer import Buffer
 from rhytid.device.runtime import Device
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.stiffness import Stiffness
+from rhytid.domain.painted_maps import Stiffness
 from rhytid.domain.tiles import BORDER_SLACK, udim_origin
 from rhytid.pipeline.vectors import VECTOR
 

@@ -7,9 +7,8 @@ from numpy.typing import NDArray
 
 from rhytid.domain.asset_settings import ShapeSettings
 from rhytid.domain.graph import WrinkleGraph
+from rhytid.domain.graph_geometry import node_places, seam_halves
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.seams import seam_halves
-from rhytid.domain.surface_points import node_places
 from rhytid.pipeline.convolve import neutral_jacobians
 
 # The largest amplitude, as a share of a wrinkle's own length, on the surface and in UV: beyond,

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.bin_manifest import BinManifest
+from rhytid.domain.lengths import millimetres
 from rhytid.domain.tiles import TileAddress
-from rhytid.domain.units import millimetres
 from rhytid.errors import SettingsError
 from rhytid.pipeline.bins import HEADROOM, map_count
 from rhytid.pipeline.grain import relief

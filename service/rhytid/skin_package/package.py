@@ -12,10 +12,8 @@ from numpy.typing import NDArray
 
 import rhytid_viewer
 from rhytid import __version__
-from rhytid.build_identity import modules_digest
 from rhytid.domain.expressions import Expressions
 from rhytid.domain.mesh import Mesh
-from rhytid.durable import whole, write_file
 from rhytid.errors import InputError
 from rhytid.formats.ktx2 import CHANNELS
 from rhytid.meshes.morph_glb import write_morph_glb
@@ -30,6 +28,8 @@ from rhytid.skin_package.runtime.stretch import rest_of
 from rhytid.skin_package.sets import BESIDE
 from rhytid.skin_package.shaders import COMPUTE, shader_texts
 from rhytid.skin_package.textures import SetFiles, TextureFiles, index_channel
+from rhytid.support.atomic_files import atomic_write, write_file
+from rhytid.support.build_identity import modules_digest
 
 MANIFEST, SCHEMA, MESH, REST = "manifest.json", "manifest.schema.json", "skin.glb", "triangles.bin"
 TEXTURES = (
@@ -220,7 +220,7 @@ class PackageWriter:
             self._write(name, data)
 
     def _write(self, name: str, data: bytes) -> None:
-        with whole(self._folder / name) as aside:
+        with atomic_write(self._folder / name) as aside:
             write_file(aside, data)
         self._written.append(name)
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid import stopping
 from rhytid.errors import LimitError
+from rhytid.support import cancellation
 
 # What every WebGL2 has at least: texels a side, and layers of an array.
 MOST_SIDE, MOST_LAYERS = 2048, 256
@@ -57,7 +57,7 @@ def pyramid(maps: Codes, count: int) -> list[Codes]:
     it was rounded."""
     k, side = maps.shape[:2]
     levels = [maps, *(np.empty((k, side >> n, side >> n), maps.dtype) for n in range(1, count))]
-    for i, finest in enumerate(stopping.each(maps)):
+    for i, finest in enumerate(cancellation.check_each(maps)):
         means = finest.astype(np.float32)
         for level in levels[1:]:
             half = len(means) // 2

@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid import stopping
 from rhytid.errors import LimitError
+from rhytid.support import cancellation
 
 Codes = NDArray[np.int8]
 Pairs = NDArray[np.uint32]
@@ -56,7 +56,7 @@ def _strips(levels: Iterable[NDArray[np.unsignedinteger]]) -> Iterator[NDArray[n
         for one in level:
             flat = one.reshape(-1)
             for at in range(0, flat.size, STRIP):
-                stopping.check()
+                cancellation.check()
                 yield flat[at : at + STRIP]
 
 

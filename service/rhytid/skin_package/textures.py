@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid import stopping
-from rhytid.durable import whole, write_pieces
 from rhytid.formats.ktx2 import CHANNELS, ktx2_pieces
 from rhytid.skin_package.manifest import Codes, Textures
 from rhytid.skin_package.sets import A_ROW, in_sets
+from rhytid.support import cancellation
+from rhytid.support.atomic_files import atomic_write, write_pieces
 
 _FORMATS = {"r8snorm": "R8_SNORM", "r16uint": "R16_UINT", "r32uint": "R32_UINT"}
 
@@ -43,9 +43,9 @@ class TextureFiles:
         """The array of a UDIM, finest level first; the file is there when it is whole."""
         layers, rows, columns = self.shape = levels[0].shape
         file = self.folder / f"{self.name}.{udim}.ktx2"
-        with whole(file) as aside:
+        with atomic_write(file) as aside:
             pieces = ktx2_pieces(self.channel, (layers, rows, columns), levels)
-            write_pieces(aside, stopping.each(pieces))
+            write_pieces(aside, cancellation.check_each(pieces))
         item = CHANNELS[self.channel].dtype.itemsize
         self.files[str(udim)] = f"{self.folder.name}/{file.name}"
         self.levels = len(levels)

@@ -7,7 +7,6 @@ from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 
-from rhytid.durable import copy_file, is_folder, remove_tree, reported, sync_folder
 from rhytid.errors import StorageError, StoreFormatError
 from rhytid.storage.folders import StoreFolders
 from rhytid.storage.homes import ASSET, OVERLAY, REQUEST, SHAPES, SHARED, is_built
@@ -17,6 +16,13 @@ from rhytid.storage.records import StoredAsset
 from rhytid.storage.snapshot_index import SnapshotIndex
 from rhytid.storage.snapshots import Readable, Snapshot, unpack
 from rhytid.storage.unpacked import UnpackedAsset
+from rhytid.support.atomic_files import (
+    copy_file,
+    is_folder,
+    remove_tree,
+    storage_errors,
+    sync_folder,
+)
 
 
 class AssetSnapshots:
@@ -66,7 +72,7 @@ class AssetSnapshots:
     def unpacked_by(self, write: Callable[[Path], SnapshotIndex]) -> Iterator[UnpackedAsset]:
         """As `unpacked`, of an asset whose files `write` writes into an empty folder, as `unpack`
         does."""
-        with reported("a snapshot cannot be unpacked"), self._folders.workplace() as place:
+        with storage_errors("a snapshot cannot be unpacked"), self._folders.workplace() as place:
             index = write(place)
             yield UnpackedAsset.read(index, place)
 
@@ -80,7 +86,7 @@ class AssetSnapshots:
         home = self._folders.home(unpacked.id)
         if not anew and _is_intact(home):
             return False
-        with reported(f"{ASSET} {unpacked.id} cannot be written"):
+        with storage_errors(f"{ASSET} {unpacked.id} cannot be written"):
             if is_built(home):
                 self._delete(unpacked.id)
             # A request stays until the asset is there: it may be the only copy.
@@ -94,7 +100,7 @@ class AssetSnapshots:
         """Store the asset of a snapshot file; its id, and what `install` answers. Raises
         SnapshotError as `unpacked` does, and StorageError where the file cannot be read."""
         with (
-            reported(f"{path} cannot be read"),
+            storage_errors(f"{path} cannot be read"),
             path.open("rb") as file,
             self.unpacked(file, path.stat().st_size) as unpacked,
         ):
@@ -104,7 +110,7 @@ class AssetSnapshots:
         """The asset of a snapshot, not stored yet, with the named shapes that the store has for it,
         if any, in place of its own."""
         own, place = self._folders.home(unpacked.id) / SHAPES, unpacked.place / SHAPES
-        with reported(f"the shapes of asset {unpacked.id} cannot be copied"):
+        with storage_errors(f"the shapes of asset {unpacked.id} cannot be copied"):
             if not is_folder(own):
                 return unpacked
             if unpacked.has_shapes:
@@ -122,7 +128,7 @@ class AssetSnapshots:
     def shared_note(self, id: str) -> bytes | None:
         """The note of `note_shared`; None where there is none."""
         path = self._folders.existing(id, ASSET).parent / SHARED
-        with reported(f"{path} cannot be read"), suppress(FileNotFoundError):
+        with storage_errors(f"{path} cannot be read"), suppress(FileNotFoundError):
             return path.read_bytes()
         return None
 

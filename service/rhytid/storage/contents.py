@@ -11,12 +11,10 @@ from numpy.typing import NDArray
 from safetensors.numpy import load, save
 
 from rhytid.domain.asset_settings import AssetSettings, GraphSettings
-from rhytid.domain.controls import Controls
-from rhytid.domain.expressions import Expressions
-from rhytid.domain.folds import Folds
+from rhytid.domain.expressions import Expressions, Folds
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.stiffness import Stiffness
+from rhytid.domain.painted_maps import Controls, Stiffness
 from rhytid.storage.canonical import canonical
 
 # Part of every id: raise it when the same input shall build another asset.

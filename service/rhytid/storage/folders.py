@@ -8,27 +8,27 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import MappingProxyType
 
-from rhytid import durable
-from rhytid.durable import is_folder, reported
 from rhytid.errors import NotFoundError, StorageError
-from rhytid.owned import (
+from rhytid.storage.homes import checked_id, holds_homes, holds_something, homes, sweep
+from rhytid.storage.lock import LOCK, FolderLock
+from rhytid.storage.manifest import write_with_manifest
+from rhytid.support import atomic_files
+from rhytid.support.atomic_files import is_folder, storage_errors
+from rhytid.support.ownership import (
     MARKER,
-    Kind,
-    check_ours,
+    FolderKind,
+    check_owned,
     is_open_to_others,
     is_real_folder,
     make_folder,
     restrict,
     restrict_folder,
 )
-from rhytid.storage.homes import checked_id, holds_homes, holds_something, homes, sweep
-from rhytid.storage.lock import LOCK, FolderLock
-from rhytid.storage.manifest import write_with_manifest
 
 ASSETS, PARTIAL, PACKAGES = "assets", "partial", "packages"
 _OURS = (ASSETS, PARTIAL, PACKAGES)
 # Of the store as a whole: raise its format when an older release must not open a new store.
-STORE = Kind("rhytid store", folders=_OURS, needed=(ASSETS, PARTIAL), unnamed=True)
+STORE = FolderKind("rhytid store", folders=_OURS, needed=(ASSETS, PARTIAL), unnamed=True)
 # What else may be in a store: kernels, a fleet's shared folder, API keys.
 _BESIDE = {MARKER, LOCK, "cache", "shared", "keys.json", "keys.json.asked", "keys.json.lock"}
 _NOTHING: Mapping[str, bytes] = MappingProxyType({})
@@ -47,16 +47,16 @@ class StoreFolders:
         self.assets, self.partial = folder / ASSETS, folder / PARTIAL
         self._changing = threading.Lock()
         self._lock: FolderLock | None = None
-        with reported(f"store {folder} cannot be opened"):
+        with storage_errors(f"store {folder} cannot be opened"):
             if not lock:
                 self._make()
                 return
-            check_ours(folder, STORE, _holds_assets)  # before anything is written there
+            check_owned(folder, STORE, _holds_assets)  # before anything is written there
             folder.parent.mkdir(parents=True, exist_ok=True)
             make_folder(folder)
             self._lock = FolderLock(folder)
             try:
-                durable.claim(folder, STORE, _holds_assets)
+                atomic_files.claim(folder, STORE, _holds_assets)
                 self._make()
                 _hide(folder)
                 sweep(self.assets, self.partial)
@@ -97,7 +97,7 @@ class StoreFolders:
     @contextmanager
     def workplace(self) -> Iterator[Path]:
         """A fresh folder to prepare a change in, removed afterwards."""
-        with durable.workplace(self.partial) as place:
+        with atomic_files.working_folder(self.partial) as place:
             yield place
 
     def seal(
@@ -112,10 +112,10 @@ class StoreFolders:
 
         before: files that stand in `home` as soon as home/kind does.
         """
-        with reported(f"{kind} {home.name} cannot be written"), self.workplace() as place:
+        with storage_errors(f"{kind} {home.name} cannot be written"), self.workplace() as place:
             write_with_manifest(place / kind, f"{kind} {home.name}", files)
             for name, data in before.items():
-                durable.write_file(place / name, data)
+                atomic_files.write_file(place / name, data)
             return self.install(place, home, kind, before)
 
     def install(self, place: Path, home: Path, kind: str, before: Iterable[str]) -> bool:
@@ -126,10 +126,10 @@ class StoreFolders:
                 return False
             try:
                 make_folder(home)
-                durable.sync_folder(self.assets)
+                atomic_files.sync_folder(self.assets)
                 for name in (*before, kind):
                     restrict(place / name)
-                    durable.install(place / name, home / name)
+                    atomic_files.install(place / name, home / name)
             except OSError:
                 self._abandon(home)
                 raise
@@ -137,34 +137,34 @@ class StoreFolders:
 
     def replace(self, path: Path, data: bytes) -> None:
         """Write a file in place of the one that is there."""
-        with reported(f"{path} cannot be written"), self.workplace() as place:
-            durable.write_file(place / path.name, data)
+        with storage_errors(f"{path} cannot be written"), self.workplace() as place:
+            atomic_files.write_file(place / path.name, data)
             if is_folder(path):  # nothing of ours, and in the way
-                durable.discard(path, self.partial)
+                atomic_files.discard(path, self.partial)
             restrict(place / path.name)
-            durable.install(place / path.name, path)
+            atomic_files.install(place / path.name, path)
 
     def discard(self, folder: Path, failing: str) -> None:
         """Remove a folder at one rename, if it is there.  failing: the message of an error."""
-        with self._changing, reported(failing):
+        with self._changing, storage_errors(failing):
             if is_folder(folder):
-                durable.discard(folder, self.partial)
+                atomic_files.discard(folder, self.partial)
 
     def remove(self, id: str) -> None:
         """Remove the home of an asset at one rename; raises NotFoundError where it is empty."""
         home = self.home(id)
-        with self._changing, reported(f"asset {id} cannot be removed"):
+        with self._changing, storage_errors(f"asset {id} cannot be removed"):
             if not holds_something(home):
                 raise NotFoundError(f"no asset {id} in the store")
-            aside = durable.set_aside(home, self.partial)
+            aside = atomic_files.set_aside(home, self.partial)
         # Others need not wait until gigabytes are removed.
-        durable.remove_tree(aside)
+        atomic_files.remove_tree(aside)
 
     def _abandon(self, home: Path) -> None:
         """Remove a home that a change which failed left without an asset."""
         with suppress(OSError, StorageError):
             if not holds_something(home):
-                durable.discard(home, self.partial)
+                atomic_files.discard(home, self.partial)
 
 
 def _holds_assets(folder: Path) -> bool:

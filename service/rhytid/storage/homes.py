@@ -7,10 +7,10 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-from rhytid import durable
-from rhytid.durable import is_folder, reported
 from rhytid.errors import NotFoundError, StorageError
-from rhytid.owned import is_plain, is_real_folder
+from rhytid.support import atomic_files
+from rhytid.support.atomic_files import is_folder, storage_errors
+from rhytid.support.ownership import is_plain, is_real_folder
 
 ID = re.compile(r"[0-9a-f]{16}", re.ASCII)
 # Beside them what is no part of the content that an id names: the shapes that move its mesh.
@@ -30,7 +30,7 @@ def checked_id(id: str) -> str:
 
 def homes(assets: Path) -> Iterator[Path]:
     """The folders of all assets, by id; nothing else that is in `assets`."""
-    with reported(f"{assets} cannot be read"):
+    with storage_errors(f"{assets} cannot be read"):
         entries = sorted(assets.iterdir())
     return (entry for entry in entries if ID.fullmatch(entry.name))
 
@@ -70,7 +70,7 @@ def holds_homes(assets: Path) -> bool:
 def sweep(assets: Path, partial: Path) -> None:
     """Remove what interrupted changes left behind. A folder that cannot be removed or read is left
     as it is, so that the others can be served; so is what is not of the store."""
-    durable.sweep_partial(partial, at_once=True)
+    atomic_files.sweep_partial(partial, at_once=True)
     for home in homes(assets):
         if is_plain(home):
             _tidy(home, partial)
@@ -80,10 +80,10 @@ def _tidy(home: Path, partial: Path) -> None:
     try:
         if not holds_something(home):
             if not home.is_dir() or {entry.name for entry in home.iterdir()} <= _KNOWN:
-                durable.discard(home, partial)
+                atomic_files.discard(home, partial)
             else:
                 _log.warning("left alone in %s: something that rhytid did not make", home)
         elif is_built(home) and is_requested(home):
-            durable.discard(home / REQUEST, partial)
+            atomic_files.discard(home / REQUEST, partial)
     except (OSError, StorageError) as exc:
         _log.warning("%s is left as it is: %s", home, exc)

@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from rhytid.errors import StorageError
-from rhytid.owned import read_plain
+from rhytid.support.ownership import read_plain
 
 LOCK = "lock"
 

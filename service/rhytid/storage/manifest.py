@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rhytid import stopping
-from rhytid.durable import reported, sync_folder, write_file, write_pieces
 from rhytid.storage.canonical import canonical, check_format, damaged, parse_canonical
 from rhytid.storage.homes import MANIFEST
+from rhytid.support import cancellation
+from rhytid.support.atomic_files import storage_errors, sync_folder, write_file, write_pieces
 
 FORMAT = 1
 # Bytes that are in memory at a time.
@@ -44,7 +44,7 @@ class StoredFile:
         digest, nbytes = hashlib.sha256(), 0
         with path.open("rb") as file:
             while piece := file.read(_PIECE):
-                stopping.check()
+                cancellation.check()
                 digest.update(piece)
                 nbytes += len(piece)
         return cls(nbytes, digest.hexdigest())
@@ -73,7 +73,7 @@ def write_with_manifest(folder: Path, label: str, files: Mapping[str, bytes]) ->
 def _pieces(data: bytes) -> Iterator[memoryview]:
     """Some bytes at a time, unless the work of this thread is to stop."""
     view = memoryview(data)
-    return stopping.each(view[at : at + _PIECE] for at in range(0, len(view), _PIECE))
+    return cancellation.check_each(view[at : at + _PIECE] for at in range(0, len(view), _PIECE))
 
 
 def seal(folder: Path, label: str, files: Mapping[str, StoredFile]) -> None:
@@ -121,7 +121,7 @@ def _manifest(folder: Path, label: str) -> dict[str, Any]:
 
 
 def _check_names(folder: Path, named: set[str]) -> None:
-    with reported(f"{folder} cannot be read"):
+    with storage_errors(f"{folder} cannot be read"):
         present = {entry.name for entry in folder.iterdir()} - {MANIFEST}
     for name in sorted(named - present):
         raise damaged(folder / name, "the file is missing")
@@ -138,5 +138,5 @@ def _verified(path: Path, expected: Any) -> bytes:
 
 
 def _bytes(path: Path) -> bytes:
-    with reported(f"{path} cannot be read"):
+    with storage_errors(f"{path} cannot be read"):
         return path.read_bytes()

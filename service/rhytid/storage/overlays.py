@@ -6,11 +6,11 @@ from contextlib import suppress
 from pathlib import Path
 
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.durable import reported
 from rhytid.storage.canonical import damaged, hashed, parse_canonical, parse_hashed
 from rhytid.storage.homes import ASSET, OVERLAY
 from rhytid.storage.manifest import read_file
 from rhytid.storage.records import FACTS, OVERLAID, decode_settings, parse_settings
+from rhytid.support.atomic_files import storage_errors
 
 
 def write_overlay(label: str, settings: AssetSettings) -> bytes:
@@ -33,9 +33,9 @@ def changed_settings(home: Path) -> AssetSettings | None:
     home: the folder of the asset, which is called by its id.
     """
     path, facts = home / OVERLAY, home / ASSET / FACTS
-    with reported(f"{path} cannot be read"), suppress(FileNotFoundError):
+    with storage_errors(f"{path} cannot be read"), suppress(FileNotFoundError):
         return read_overlay(f"{ASSET} {home.name}", path.read_bytes(), path)
-    with reported(f"{facts} cannot be read"):
+    with storage_errors(f"{facts} cannot be read"):
         found = parse_canonical(facts.read_bytes(), facts)
     if isinstance(found, dict) and found.get(OVERLAID, False):
         raise damaged(path, "the file is missing")

@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import BinaryIO
 from zipfile import ZIP_STORED, BadZipFile, ZipFile, ZipInfo
 
-from rhytid import stopping
 from rhytid.storage.canonical import damaged
+from rhytid.support import cancellation
 
 # Of a file's local header: its bytes, the place of the lengths of name and further fields in it.
 _HEADER, _LENGTHS = 30, struct.Struct("<26xHH")
@@ -33,7 +33,7 @@ def write_archive(folder: Path, archive: Path, between: Callable[[], None]) -> N
                 about = ZipInfo(name)
                 about.file_size, about.external_attr = file.stat().st_size, 0o644 << 16
                 with file.open("rb") as source, zipped.open(about, "w") as member:
-                    for piece in stopping.each(iter(partial(source.read, 1 << 20), b"")):
+                    for piece in cancellation.check_each(iter(partial(source.read, 1 << 20), b"")):
                         member.write(piece)
                 file.unlink()  # so that a package takes its room on the disk once
         out.flush()

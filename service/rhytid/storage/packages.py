@@ -10,12 +10,12 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from rhytid import durable
-from rhytid.durable import is_folder, reported
 from rhytid.errors import LimitError, StorageError
-from rhytid.owned import UNIQUE, is_real_folder, make_folder, ours, restrict
 from rhytid.storage.homes import ID
 from rhytid.storage.package_archive import read_archive, write_archive
+from rhytid.support import atomic_files
+from rhytid.support.atomic_files import is_folder, storage_errors
+from rhytid.support.ownership import UNIQUE, is_real_folder, make_folder, owned_entries, restrict
 
 LIMIT = "RHYTID_PACKAGES_MB"
 _SUFFIX, _FILES, _ARCHIVE = ".zip", "files", "package.zip"
@@ -50,7 +50,7 @@ class KeptPackages:
     def find(self, asset: str, name: str) -> KeptPackage | None:
         """A package; None where it is not kept, or is damaged."""
         file = self._at(asset, name)
-        with reported(f"{file} cannot be read"):
+        with storage_errors(f"{file} cannot be read"):
             try:
                 facts = file.stat()
                 known = self._read.get(file)
@@ -71,8 +71,8 @@ class KeptPackages:
     def making(self, asset: str) -> Iterator[Path]:
         """A folder to write a package into, removed afterwards with all that is in it."""
         with (
-            reported(f"the package of asset {asset} cannot be written"),
-            durable.workplace(self._partial) as place,
+            storage_errors(f"the package of asset {asset} cannot be written"),
+            atomic_files.working_folder(self._partial) as place,
         ):
             made = place / _FILES
             made.mkdir()
@@ -88,13 +88,13 @@ class KeptPackages:
     def keep(self, asset: str, name: str, made: Path) -> None:
         """Move the archive of `made` to its place; one that is there is replaced."""
         file = self._at(asset, name)
-        with reported(f"the package of asset {asset} cannot be kept"):
+        with storage_errors(f"the package of asset {asset} cannot be kept"):
             make_folder(self._folder)
             make_folder(file.parent)
             if is_folder(file):  # nothing of ours, and in the way
                 self._remove(file)
             restrict(made.with_name(_ARCHIVE))
-            durable.install(made.with_name(_ARCHIVE), file)
+            atomic_files.install(made.with_name(_ARCHIVE), file)
 
     def make_room(self, nbytes: int) -> None:
         """Remove what was asked for longest ago until so many bytes fit."""
@@ -145,7 +145,7 @@ class KeptPackages:
         for file in [file for file in self._read.copy() if file == at or at in file.parents]:
             self._read.pop(file, None)
         try:
-            durable.discard(at, self._partial)
+            atomic_files.discard(at, self._partial)
         except (FileNotFoundError, NotADirectoryError):
             return True
         except OSError as error:
@@ -163,7 +163,7 @@ def _opened(file: Path) -> KeptPackage:
 def _entries(folder: Path, name: re.Pattern[str]) -> list[Path]:
     """What is ours in a folder, ascending; nothing where there is none or it cannot be read."""
     try:
-        return list(ours(folder, name)) if is_real_folder(folder) else []
+        return list(owned_entries(folder, name)) if is_real_folder(folder) else []
     except FileNotFoundError:
         return []
     except OSError as error:

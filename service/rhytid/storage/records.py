@@ -10,11 +10,10 @@ from typing import Any, TypeVar
 from safetensors import SafetensorError
 
 from rhytid.domain.asset_settings import PRESETS, AssetSettings
-from rhytid.domain.controls import Controls
-from rhytid.domain.folds import Folds
+from rhytid.domain.expressions import Folds
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.stiffness import Stiffness
+from rhytid.domain.painted_maps import Controls, Stiffness
 from rhytid.errors import InputError, LimitError, StoreFormatError
 from rhytid.formats.graphs import read_graph, write_graph
 from rhytid.storage.canonical import canonical, damaged, parse_canonical

@@ -10,7 +10,6 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import BinaryIO, Protocol
 
-from rhytid.durable import reported, sync_folder, write_pieces
 from rhytid.errors import SnapshotError
 from rhytid.storage.canonical import damaged
 from rhytid.storage.homes import ASSET, SHAPES
@@ -24,6 +23,7 @@ from rhytid.storage.snapshot_index import (
     index_size,
     padding,
 )
+from rhytid.support.atomic_files import storage_errors, sync_folder, write_pieces
 
 # Bytes that are in memory at a time.
 PIECE = 1 << 18
@@ -65,7 +65,7 @@ class Snapshot:
         self._files: dict[str, BinaryIO] = {}
         with ExitStack() as opened:
             for name, path in paths.items():
-                with reported(f"{path} cannot be read"):
+                with storage_errors(f"{path} cannot be read"):
                     self._files[name] = opened.enter_context(path.open("rb"))
             self._opened = opened.pop_all()
 
@@ -106,7 +106,7 @@ class Snapshot:
     def _content(self, name: str, wanted: StoredFile) -> Iterator[bytes]:
         file, path = self._files[name], self._paths[name]
         digest, size = hashlib.sha256(), 0
-        with reported(f"{path} cannot be read"):
+        with storage_errors(f"{path} cannot be read"):
             file.seek(0)
             while piece := file.read(PIECE):
                 digest.update(piece)

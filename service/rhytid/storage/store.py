@@ -25,12 +25,10 @@ from pathlib import Path
 from typing import Any
 
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.domain.controls import Controls
-from rhytid.domain.expressions import Expressions
-from rhytid.domain.folds import Folds
+from rhytid.domain.expressions import Expressions, Folds
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.stiffness import Stiffness
+from rhytid.domain.painted_maps import Controls, Stiffness
 from rhytid.errors import NotFoundError, StorageError
 from rhytid.storage.asset_snapshots import AssetSnapshots
 from rhytid.storage.folders import PACKAGES, StoreFolders

@@ -8,7 +8,6 @@ from pathlib import Path
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.expressions import Expressions
 from rhytid.domain.tiles import mesh_udims
-from rhytid.durable import is_folder, reported
 from rhytid.errors import SnapshotError, StorageError
 from rhytid.storage.build_facts import BuildFacts
 from rhytid.storage.homes import ASSET, OVERLAY, SHAPES
@@ -17,6 +16,7 @@ from rhytid.storage.manifest import read_verified
 from rhytid.storage.overlays import read_overlay
 from rhytid.storage.records import StoredAsset
 from rhytid.storage.snapshot_index import SnapshotIndex
+from rhytid.support.atomic_files import is_folder, storage_errors
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +45,7 @@ class UnpackedAsset:
         files = read_verified(place / ASSET, f"{ASSET} {id}")
         has_shapes = is_folder(place / SHAPES)
         shapes = read_verified(place / SHAPES, f"{SHAPES} {id}") if has_shapes else {}
-        with reported("a snapshot cannot be read"):
+        with storage_errors("a snapshot cannot be read"):
             overlay = (place / OVERLAY).read_bytes()
         try:
             # Places in the snapshot, not on this machine, are what errors name.

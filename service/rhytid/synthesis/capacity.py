@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from rhytid.domain.asset_settings import MOST_WRINKLES, GraphSettings
-from rhytid.domain.controls import Controls
-from rhytid.domain.folds import Folds
+from rhytid.domain.expressions import Folds
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.regions import REGIONS
+from rhytid.domain.painted_maps import Controls
+from rhytid.domain.skin import REGIONS
 from rhytid.errors import InputError, LimitError, MeshError
 from rhytid.synthesis.build_size import RequestedCount
 from rhytid.synthesis.fields import Fields

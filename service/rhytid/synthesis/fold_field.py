@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.domain.ageing import USUAL_AGE, folded
-from rhytid.domain.folds import COLUMNS, ROWS, Folds
+from rhytid.domain.expressions import COLUMNS, ROWS, Folds
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.skin import USUAL_AGE, fold_factor_log
 from rhytid.synthesis.fields import Factors, level_directions
 from rhytid.synthesis.progress import row_blocks
 from rhytid.synthesis.surface import FloatArray, Surface, cross, unit
@@ -60,7 +60,7 @@ class FoldField:
         known = {n: np.where(f < 1.0, 1.0 - folds.known * (1.0 - f), f) for n, f in found.items()}
         known |= {"width": np.ones(len(share))}
         for name in AGEING if age != USUAL_AGE else ():
-            known[name] = known[name] * np.exp(folded(name, age) * share)
+            known[name] = known[name] * np.exp(fold_factor_log(name, age) * share)
         self._certainty = certainty.astype(np.float32)
         self._planes = {n: self._planes_of(v) for n, v in {**known, "certainty": certainty}.items()}
         used = np.flatnonzero(surface.carries)

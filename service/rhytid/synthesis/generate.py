@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import GraphSettings
-from rhytid.domain.controls import Controls
-from rhytid.domain.folds import Folds
+from rhytid.domain.expressions import Folds
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.lengths import Lengths
 from rhytid.domain.mesh import Mesh
+from rhytid.domain.painted_maps import Controls
 from rhytid.errors import MeshError
 from rhytid.synthesis.assembly import EdgeStrengths, GraphParts
 from rhytid.synthesis.candidate_graph import CandidateGraph, Cut, Ground, priorities

@@ -9,11 +9,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.domain.ageing import USUAL_AGE, aged
 from rhytid.domain.asset_settings import GraphSettings
-from rhytid.domain.controls import NEUTRALS, REGION_MAPS, REGION_PREFIX, Controls, signed
-from rhytid.domain.painted import Map, Shares, bilinear, shares
-from rhytid.domain.regions import REGIONS, Region
+from rhytid.domain.painted_maps import (
+    NEUTRALS,
+    REGION_MAPS,
+    REGION_PREFIX,
+    Controls,
+    Map,
+    Shares,
+    bilinear,
+    shares,
+    signed,
+)
+from rhytid.domain.skin import REGIONS, USUAL_AGE, Region, aged
 from rhytid.domain.tiles import udim_origin
 from rhytid.synthesis.fields import Factors, Fields, level_directions
 from rhytid.synthesis.fold_field import FoldField, Planes

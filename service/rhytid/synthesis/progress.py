@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 
-from rhytid import stopping
+from rhytid.support import cancellation
 
 Progress = Callable[[float, str], None]
 ROWS = 1 << 19
@@ -55,5 +55,5 @@ def clocked(progress: Progress) -> tuple[Progress, dict[str, float]]:
 def row_blocks(count: int) -> Iterator[slice]:
     """The rows 0 to count, ROWS at a time, unless the work is to stop."""
     for first in range(0, count, ROWS):
-        stopping.check()
+        cancellation.check()
         yield slice(first, min(first + ROWS, count))

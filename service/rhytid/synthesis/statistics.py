@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from rhytid.device.runtime import Device
 from rhytid.domain.graph import WrinkleGraph
+from rhytid.domain.graph_geometry import whole_wrinkles
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.seams import whole_wrinkles
 from rhytid.errors import GraphError
 from rhytid.synthesis.edges import DEFINES, crossings
 from rhytid.synthesis.fields import level_directions

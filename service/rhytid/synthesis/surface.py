@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from rhytid import stopping
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import MeshError
+from rhytid.support import cancellation
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -198,7 +198,7 @@ def _covered_by_others(uv: NDArray[np.float64], usable: NDArray[np.bool_]) -> ND
     near = cKDTree(centres).query(centres, k=min(_NEIGHBOURS, len(index)), workers=-1)[1]
     result = np.zeros(len(uv), bool)
     for other in near.reshape(len(index), -1).T:
-        stopping.check()
+        cancellation.check()
         result[index] |= (other < np.arange(len(index))) & _inside(centres, uv[index[other]])
     return result
 

@@ -10,9 +10,9 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from rhytid import stopping
 from rhytid.device.buffer import Buffer
 from rhytid.device.runtime import Device
+from rhytid.support import cancellation
 
 T = TypeVar("T")
 # Runs one call in a task of the device.
@@ -119,7 +119,7 @@ class Workspace:
 
     def _step(self, task: Callable[..., T], *arguments: Any) -> T:
         """One call in a task of the device, unless the work is to stop."""
-        stopping.check()
+        cancellation.check()
         result: T = self._call(task, *arguments)
         return result
 

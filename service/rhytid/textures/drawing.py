@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.durable import whole, write_file
 from rhytid.formats.exr import write_exr
 from rhytid.formats.png import encode_png
 from rhytid.formats.tiles import quantise
+from rhytid.support.atomic_files import atomic_write, write_file
 from rhytid.textures.cavity import cavity_map
 from rhytid.textures.frame_map import Facts, FrameMap, attributes
 from rhytid.textures.normals import normal_map
@@ -69,7 +69,7 @@ def write_half(path: Path, map: FrameMap, facts: Facts) -> None:
 def write_mipmapped(path: Path, map: FrameMap, facts: Facts) -> None:
     """OpenEXR of floats in tiles, with levels; padded."""
     heights = map.padded()
-    with whole(path) as aside:
+    with atomic_write(path) as aside:
         write_tiled(aside, levels_of(heights), attributes(map.header, facts, heights))
 
 
@@ -117,5 +117,5 @@ def _png(
     linear: bool = False,
 ) -> None:
     texts = {name: str(v) for name, v in attributes(map.header, facts, values).items()}
-    with whole(path) as aside:
+    with atomic_write(path) as aside:
         write_file(aside, encode_png(codes, texts, linear))

@@ -18,7 +18,7 @@ from urllib.parse import urlsplit
 
 import numpy as np
 
-from rhytid.domain.graph_origin import GraphOrigin
+from rhytid.domain.graph import GraphOrigin
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.device_assets.mesh import RECENT_FRAMES
 from rhytid.errors import RhytidError

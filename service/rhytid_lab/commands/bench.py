@@ -232,7 +232,7 @@ def frame_bench(arguments: argparse.Namespace) -> FrameBench:
 def _frame_on_device(arguments: argparse.Namespace) -> tuple[Device, Mesh, NDArray[np.float32]]:
     """A device, and the mesh and the frame of the arguments."""
     from rhytid.engine.engine import open_device
-    from rhytid.settings import ServiceSettings
+    from rhytid.support.settings import ServiceSettings
     from rhytid_lab.commands.demo_face import animation
 
     if arguments.graph is not None and arguments.mesh is None:

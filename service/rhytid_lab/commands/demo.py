@@ -30,8 +30,8 @@ from rhytid.cli.reporting import report, table, write_json
 from rhytid.cli.serve import chosen
 from rhytid.cli.skin_options import add_skin, skin_controls, skin_maps, skin_settings
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.domain.units import USUAL_UNIT, millimetres
-from rhytid.unfinished import temporary_folder
+from rhytid.domain.lengths import USUAL_UNIT, millimetres
+from rhytid.support.temporary_folders import temporary_folder
 from rhytid_lab.commands import check_client
 
 if TYPE_CHECKING:

@@ -13,9 +13,9 @@ from rhytid.cli.frame_files import FrameFiles
 from rhytid.cli.input_files import mesh_file, shape_files
 from rhytid.domain.expressions import Expressions
 from rhytid.domain.mesh import Mesh
-from rhytid.durable import whole
 from rhytid.formats.frame_set import Clip
 from rhytid.formats.meshes import MeshFile
+from rhytid.support.atomic_files import atomic_write
 from rhytid_lab.samples.face import procedural_face
 
 MESH_ARRAYS = ("positions", "faces", "uv", "face_uv")
@@ -48,7 +48,7 @@ class Animation:
         shapes = self.shapes or {}
         if shapes:
             arrays |= {"shapes": np.stack(list(shapes.values())), "names": np.array(list(shapes))}
-        with whole(file) as aside:
+        with atomic_write(file) as aside:
             np.savez(aside, **arrays, frames=frames)
 
 

@@ -21,8 +21,8 @@ from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.notices import Notice
 from rhytid.domain.tiles import busiest_udim, triangles_inside, udim_origin
 from rhytid.domain.warnings import InputWarning
-from rhytid.durable import whole
-from rhytid.owned import is_real_folder
+from rhytid.support.atomic_files import atomic_write
+from rhytid.support.ownership import is_real_folder
 from rhytid_client import Asset, Client, Job, Method, Sampling, StretchModel, Tile, TileFormat
 from rhytid_lab import contact_sheets
 from rhytid_lab.commands.demo_face import MESH_ARRAYS, Animation
@@ -133,7 +133,7 @@ class Session:
                 for udim in self.asset.udims:
                     with self.watch.step(f"{method}, as EXR"):
                         map = self.map(frame, udim, method, "exr")
-                    with whole(folder / f"face.{udim}.{frame.label}.exr") as aside:
+                    with atomic_write(folder / f"face.{udim}.{frame.label}.exr") as aside:
                         aside.write_bytes(map.content)
 
     def map(self, frame: FramePlace, udim: int, method: Method, format: TileFormat = "npy") -> Tile:
@@ -215,7 +215,7 @@ def write_sheets(session: Session, unit_mm: float) -> list[dict[str, Any]]:
             performance = _performance(session, frame, udim)
             note = f"Frame {frame.name}, UDIM {udim}."
             sheet = contact_sheets.contact_sheet(performance, maps, unit_mm=unit_mm, note=note)
-            with whole(session.out / name) as aside:
+            with atomic_write(session.out / name) as aside:
                 sheet.save(aside)
         rms = contact_sheets.relative_rms(maps["binned"], maps["redraw"])
         figures.append(

@@ -12,7 +12,7 @@ from rhytid.cli.options import Commands, add_device, add_json, new_command
 from rhytid.cli.progress import share_bar
 from rhytid.cli.reporting import report, table, write_json
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.domain.units import USUAL_UNIT, millimetres
+from rhytid.domain.lengths import USUAL_UNIT, millimetres
 
 if TYPE_CHECKING:
     from rhytid.device.runtime import Device
@@ -53,7 +53,7 @@ def run(arguments: argparse.Namespace) -> None:
     # Imported here, so that --help needs no OpenCL.
     from rhytid.cli.places import make_folder
     from rhytid.engine.engine import open_device
-    from rhytid.settings import ServiceSettings
+    from rhytid.support.settings import ServiceSettings
     from rhytid_lab.bench.page import page
     from rhytid_lab.bench.report import Report
 

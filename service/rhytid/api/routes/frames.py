@@ -25,7 +25,7 @@ from rhytid.api.dependencies import (
 from rhytid.api.documentation import POSITIONS, binary, problems
 from rhytid.api.encoding import NPY, RAW, WORKING, npy, npz
 from rhytid.api.uploads import WIDEST_VERTEX
-from rhytid.domain.origin import put_back
+from rhytid.domain.mesh import add_centre
 from rhytid.engine.frames import Frame
 
 JSON = "application/json"
@@ -101,7 +101,7 @@ def show(
     about = engine.assets.dimensions(asset)
     with slot:  # the asset may have to be loaded onto the device
         memory.answer(WORKING * WIDEST_VERTEX * about.vertices)
-        positions = put_back(engine.frames.positions(asset, frame), np.array(about.centre))
+        positions = add_centre(engine.frames.positions(asset, frame), np.array(about.centre))
     little = positions.astype(positions.dtype.newbyteorder("<"), copy=False)
     body = npy(little) if wanted == NPY else little.astype("<f4", copy=False).tobytes()
     return Response(body, headers={"Vary": "Accept"}, media_type=wanted)

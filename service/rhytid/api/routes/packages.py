@@ -20,9 +20,9 @@ from rhytid.api.problems import problem
 from rhytid.api.request_memory import PIECE
 from rhytid.api.routes.pages import SAFE
 from rhytid.api.schemas import Job, PackageQuery
-from rhytid.durable import reported
 from rhytid.engine.messages import JobInfo, Package
 from rhytid.errors import BusyError, NotFoundError
+from rhytid.support.atomic_files import storage_errors
 
 ZIP = "application/zip"
 KINDS = {
@@ -87,7 +87,7 @@ class OpenPackage:
     def pieces(self, place: range) -> Iterator[bytes]:
         """These bytes."""
         left = len(place)
-        with reported("a package cannot be read"):
+        with storage_errors("a package cannot be read"):
             self._file.seek(place.start)
             while left and (piece := self._file.read(min(left, PIECE))):
                 left -= len(piece)
@@ -102,7 +102,7 @@ def opened(find: Callable[[], Package | JobInfo]) -> OpenPackage | JobInfo:
         found = find()
         if isinstance(found, JobInfo):
             return found
-        with reported("a package cannot be opened"), suppress(FileNotFoundError):
+        with storage_errors("a package cannot be opened"), suppress(FileNotFoundError):
             return OpenPackage(found)
         # It was removed since: it is made again.
     raise BusyError("packages are removed as fast as they are made: there is no room for them")

@@ -14,14 +14,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rhytid.domain.asset_settings import MOST_WRINKLES, AssetSettings
-from rhytid.domain.frame_warnings import FrameCheck
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.lengths import Lengths
-from rhytid.domain.mesh import Mesh
+from rhytid.domain.mesh import ORIGIN, Centre, Mesh
+from rhytid.domain.mesh_warnings import FrameCheck
 from rhytid.domain.notices import Notice, build_notice, grain_notice, texel_notice
-from rhytid.domain.origin import ORIGIN, Centre
-from rhytid.domain.texel_sizes import usual_uv_length
 from rhytid.domain.tiles import TileAddress, mesh_udims
+from rhytid.domain.uv_layout import usual_uv_length
 from rhytid.domain.warnings import InputWarning
 from rhytid.engine.device_assets.asset import DeviceAsset
 from rhytid.engine.frames import LEFT, Frame, FrameMemory, Frames

@@ -8,12 +8,11 @@ from dataclasses import asdict, replace
 from functools import partial
 
 from rhytid.device.runtime import Device
-from rhytid.domain.ageing import USUAL_AGE
 from rhytid.domain.asset_settings import MOST_WRINKLES, AssetSettings
-from rhytid.domain.graph import WrinkleGraph
-from rhytid.domain.graph_origin import GraphOrigin
-from rhytid.domain.texel_sizes import usual_uv_length
+from rhytid.domain.graph import GraphOrigin, WrinkleGraph
+from rhytid.domain.skin import USUAL_AGE
 from rhytid.domain.tiles import TileAddress
+from rhytid.domain.uv_layout import usual_uv_length
 from rhytid.engine.assets.asset import Asset
 from rhytid.engine.assets.graphs import graph_lengths, mean_spacing
 from rhytid.engine.assets.on_device import DeviceAssets

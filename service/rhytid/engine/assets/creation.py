@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.domain.expressions import Expressions
-from rhytid.domain.folds import Folds
+from rhytid.domain.expressions import Expressions, Folds
 from rhytid.domain.frame import counted_frame
 from rhytid.domain.settings_changes import settings_changed
 from rhytid.domain.warnings import InputWarning, check_codes, refuse

@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.domain.graph import WrinkleGraph
-from rhytid.domain.graph_origin import GraphOrigin
+from rhytid.domain.graph import GraphOrigin, WrinkleGraph
+from rhytid.domain.graph_geometry import surface_points
 from rhytid.domain.lengths import Lengths
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.surface_points import surface_points
 from rhytid.domain.wording import plural
 from rhytid.errors import GraphError
 

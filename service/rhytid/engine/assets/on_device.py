@@ -7,12 +7,11 @@ from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, TypeVar
 
-from rhytid import stopping
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.stiffness import Stiffness
+from rhytid.domain.painted_maps import Stiffness
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine import call_context
 from rhytid.engine.assets.asset import Asset
@@ -21,6 +20,7 @@ from rhytid.engine.device_assets.mesh import DeferredWork
 from rhytid.engine.worker import DeviceWorker
 from rhytid.errors import DeviceMemoryError, StorageError
 from rhytid.storage.store import AssetStore
+from rhytid.support import cancellation
 
 T = TypeVar("T")
 DAMAGED = "damaged in the store: send it again"
@@ -77,7 +77,7 @@ class DeviceAssets:
         """
         made = 0
         for _ in range(_ATTEMPTS):
-            stopping.check()
+            cancellation.check()
             resident = self.loaded(asset)
             try:
                 return call(resident)

@@ -10,10 +10,9 @@ from typing import Any, TypeVar
 from numpy.typing import ArrayLike
 
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.domain.curves import Curves, graph_curves, with_triangles
 from rhytid.domain.expressions import Expressions
-from rhytid.domain.graph import WrinkleGraph
-from rhytid.domain.graph_origin import GraphOrigin
+from rhytid.domain.graph import GraphOrigin, WrinkleGraph
+from rhytid.domain.graph_geometry import Curves, graph_curves, with_triangles
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.settings_changes import CHANGEABLE
 from rhytid.engine.assets.asset import Asset, AssetRegistry

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rhytid.domain.asset_settings import AssetSettings
-from rhytid.domain.expressions import Expressions, grown_from
+from rhytid.domain.expressions import Expressions, expressions_for_lines
 from rhytid.domain.frame import check_positions
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh_warnings import mesh_warnings
 from rhytid.domain.settings_changes import settings_unused
-from rhytid.domain.texel_sizes import usual_uv_length
 from rhytid.domain.tiles import mesh_udims
+from rhytid.domain.uv_layout import usual_uv_length
 from rhytid.domain.warnings import InputWarning
 from rhytid.engine.assets.asset import Asset
 from rhytid.engine.assets.graphs import check_graph
@@ -91,7 +91,7 @@ def content_id(new: NewAsset) -> str:
         settings, expressions = new.settings.for_graph(new.graph.origin), None
     else:
         settings = new.settings.for_synthesis()
-        expressions = grown_from(settings.graph.lines, new.shapes)
+        expressions = expressions_for_lines(settings.graph.lines, new.shapes)
     return asset_id(new.mesh, settings, new.graph, new.stiffness, new.controls, expressions)
 
 
@@ -110,7 +110,7 @@ def _to_grow(new: NewAsset, memory: int) -> tuple[NewAsset, Expressions | None, 
     """The upload with settings for synthesis, the expressions that lines grow by, and the number of
     wrinkles."""
     settings = new.settings.for_synthesis()
-    expressions = grown_from(settings.graph.lines, new.shapes)
+    expressions = expressions_for_lines(settings.graph.lines, new.shapes)
     wrinkles = check_amount(new.mesh, settings.graph, new.controls, memory)
     return replace(new, settings=settings), expressions, wrinkles
 

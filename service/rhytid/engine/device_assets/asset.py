@@ -5,7 +5,7 @@ from __future__ import annotations
 from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.stiffness import Stiffness
+from rhytid.domain.painted_maps import Stiffness
 from rhytid.domain.tiles import TileAddress
 from rhytid.engine.device_assets.bins import DeviceBins
 from rhytid.engine.device_assets.drawing import DeviceDrawing, DeviceNeutral

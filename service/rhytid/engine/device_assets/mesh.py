@@ -16,7 +16,7 @@ from rhytid.device.runtime import Device
 from rhytid.domain.asset_settings import AssetSettings, ShapeSettings
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
-from rhytid.domain.stiffness import Stiffness
+from rhytid.domain.painted_maps import Stiffness
 from rhytid.domain.tiles import TileAddress, mesh_udims
 from rhytid.engine.frames import Frame
 from rhytid.engine.messages import MapQuery

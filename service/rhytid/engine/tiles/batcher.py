@@ -15,7 +15,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 
 from rhytid.domain.tiles import TileAddress
-from rhytid.domain.wording import waiting
+from rhytid.domain.wording import waiting_requests
 from rhytid.engine.messages import Tile
 from rhytid.engine.worker import DeviceWorker
 from rhytid.errors import BusyError, RhytidError
@@ -98,7 +98,7 @@ class TileBatcher:
     def _join(self, batch: _Batch, address: TileAddress) -> Future[Tile]:
         size = self._worker.size
         if self._worker.waiting + self._joined >= size:
-            raise BusyError(f"{waiting(size)} already")
+            raise BusyError(f"{waiting_requests(size)} already")
         self._joined += 1
         batch.waiting += 1
         return batch.tiles.setdefault(address, Future())

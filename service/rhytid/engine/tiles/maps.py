@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from rhytid.domain.wording import waiting
+from rhytid.domain.wording import waiting_requests
 from rhytid.engine import call_context
 from rhytid.engine.assets.asset import Asset
 from rhytid.engine.assets.on_device import DeviceAssets
@@ -63,7 +63,7 @@ class MapDrawing:
                 if drawing is None:
                     mine = self._drawing[key] = _Drawing()
                 elif self.joined >= self._most:
-                    raise BusyError(f"{waiting(self._most)} already")
+                    raise BusyError(f"{waiting_requests(self._most)} already")
                 else:
                     self.joined += 1
                     drawing.joined += 1

@@ -7,7 +7,6 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rhytid.build_identity import drawing_version
 from rhytid.device.figures import spent_on
 from rhytid.device.runtime import Device
 from rhytid.domain.bin_manifest import BinManifest
@@ -24,6 +23,7 @@ from rhytid.errors import NotFoundError
 from rhytid.formats.tile_header import TileHeader
 from rhytid.pipeline.bins import HEADROOM
 from rhytid.pipeline.reach import SCALE_LIMIT
+from rhytid.support.build_identity import drawing_version
 
 
 class TileService:

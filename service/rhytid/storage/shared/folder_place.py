@@ -11,19 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
-from rhytid import durable, stopping
-from rhytid.durable import copy_file, sync_file, sync_folder, write_file
 from rhytid.errors import InputError, SharedStoreError, StorageError, StoreFormatError
-from rhytid.owned import (
-    NotPlainError,
-    check_ours,
-    has_group,
-    is_real_folder,
-    make_folder,
-    open_plain,
-    restrict,
-    restrict_folder,
-)
 from rhytid.storage.homes import ID
 from rhytid.storage.shared.place import (
     MANIFESTS,
@@ -34,6 +22,18 @@ from rhytid.storage.shared.place import (
     damaged,
     reached,
     too_large,
+)
+from rhytid.support import atomic_files, cancellation
+from rhytid.support.atomic_files import copy_file, sync_file, sync_folder, write_file
+from rhytid.support.ownership import (
+    NotPlainError,
+    check_owned,
+    has_group,
+    is_real_folder,
+    make_folder,
+    open_plain,
+    restrict,
+    restrict_folder,
 )
 
 T = TypeVar("T")
@@ -59,7 +59,7 @@ class FolderPlace:
         self._folder, self._partial = folder.resolve(), folder.resolve() / PARTIAL
         self._claimed = False
         with suppress(OSError), _refused(self):  # a mount that fails now may be back later
-            check_ours(self._folder, SHARED_STORE, _holds_assets)
+            check_owned(self._folder, SHARED_STORE, _holds_assets)
 
     def __str__(self) -> str:
         return str(self._folder)
@@ -73,17 +73,17 @@ class FolderPlace:
             for name in SHARED_STORE.folders:  # earlier releases let everybody in
                 with suppress(FileNotFoundError):
                     restrict_folder(self._folder / name, group=group)
-            durable.sweep_partial(self._partial, at_once=False)
+            atomic_files.sweep_partial(self._partial, at_once=False)
 
     def claim(self) -> None:
         """As `Place.claim`; raises InputError where something in the way is not ours."""
         with reached(f"shared store {self} cannot be read"), _refused(self):
             if self._claimed and is_real_folder(self._partial):
                 return
-            self._claimed = check_ours(self._folder, SHARED_STORE, _holds_assets)
+            self._claimed = check_owned(self._folder, SHARED_STORE, _holds_assets)
             if not self._claimed:
                 with suppress(OSError):  # it may only be read, or is full: then it is marked later
-                    durable.claim(self._folder, SHARED_STORE, _holds_assets)
+                    atomic_files.claim(self._folder, SHARED_STORE, _holds_assets)
                     self._claimed = True
 
     def size(self, name: str) -> int | None:
@@ -151,7 +151,7 @@ class FolderPlace:
             self.claim()
             group = has_group(self._folder)
             make_folder(self._partial, group=group)
-            with durable.workplace(self._partial, group=group) as place:
+            with atomic_files.working_folder(self._partial, group=group) as place:
                 aside = place / path.name
                 write(aside)
                 restrict(aside, group=group)
@@ -165,7 +165,7 @@ class FolderPlace:
             with suppress(FileNotFoundError):
                 for around in reversed(path.relative_to(self._folder).parents[:-1]):
                     make_folder(self._folder / around, group=group)
-                return durable.install(aside, path)
+                return atomic_files.install(aside, path)
             if not aside.exists():
                 break
         raise FileNotFoundError(f"{path.parent} is being removed")
@@ -212,7 +212,7 @@ def _copy_plain(path: Path, to: Path) -> bool:
     with open_plain(path) as source, to.open("xb") as target:
         left = os.fstat(source.fileno()).st_size
         while left and (piece := source.read(min(left, _PIECE))):
-            stopping.check()
+            cancellation.check()
             target.write(piece)
             left -= len(piece)
     return True

@@ -6,11 +6,11 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from rhytid import stopping
 from rhytid.domain.wording import install_hint
-from rhytid.durable import sync_file
 from rhytid.errors import InputError, SharedStoreError
 from rhytid.storage.shared.place import SHARED_STORE, reached, too_large
+from rhytid.support import cancellation
+from rhytid.support.atomic_files import sync_file
 
 # Seconds to connect, and without a byte: of what is small, for which callers wait, and of the rest.
 _CONNECT, _QUICK, _SILENT = 3, 5, 20
@@ -117,7 +117,7 @@ def _asking() -> Any:
     from fsspec import Callback  # type: ignore[import-untyped]
 
     class Asking(Callback):  # type: ignore[misc]
-        asked = staticmethod(stopping.asked())
+        asked = staticmethod(cancellation.current_check())
 
         def relative_update(self, inc: int = 1) -> None:
             self.asked()

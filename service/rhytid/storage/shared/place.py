@@ -8,7 +8,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Protocol
 
-from rhytid.durable import kind_of
 from rhytid.errors import (
     InputError,
     RhytidError,
@@ -16,11 +15,12 @@ from rhytid.errors import (
     SharedStoreError,
     StorageError,
 )
-from rhytid.owned import Kind
+from rhytid.support.atomic_files import storage_error_class
+from rhytid.support.ownership import FolderKind
 
 MANIFESTS, OBJECTS, PARTIAL = "manifests", "objects", "partial"
 # Raise its format when an older release must not use a new shared store.
-SHARED_STORE = Kind("rhytid shared store", format=1, folders=(MANIFESTS, OBJECTS, PARTIAL))
+SHARED_STORE = FolderKind("rhytid shared store", format=1, folders=(MANIFESTS, OBJECTS, PARTIAL))
 # What the objects of an asset are called: by their SHA-256.
 OBJECT = re.compile(r"[0-9a-f]{64}", re.ASCII)
 _SCHEME = re.compile(r"[a-zA-Z][a-zA-Z0-9+.-]+://")
@@ -99,7 +99,7 @@ def reached(doing: str) -> Iterator[None]:
     except RhytidError:
         raise
     except OSError as exc:
-        kind = kind_of(exc)
+        kind = storage_error_class(exc)
         raise (SharedStoreError if kind is StorageError else kind)(f"{doing}: {exc}") from exc
     except Exception as exc:  # clients of object stores have many kinds of their own
         raise SharedStoreError(f"{doing}: {type(exc).__name__}: {exc}") from exc

@@ -23,8 +23,6 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
-from rhytid.build_identity import drawing_version
-from rhytid.durable import remove_tree
 from rhytid.errors import (
     NotFoundError,
     SharedDamageError,
@@ -37,6 +35,8 @@ from rhytid.storage.shared.manifests import SharedManifests, manifest_name
 from rhytid.storage.shared.place import OBJECT, OBJECTS, Place, damaged, place_of
 from rhytid.storage.snapshot_index import SnapshotIndex
 from rhytid.storage.snapshots import Snapshot, sealed
+from rhytid.support.atomic_files import remove_tree
+from rhytid.support.build_identity import drawing_version
 
 # Called with the share of the work that is done and the file that comes next; may raise to end it.
 Report = Callable[[float, str], None]

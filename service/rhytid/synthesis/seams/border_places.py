@@ -10,7 +10,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from rhytid import stopping
+from rhytid.support import cancellation
 from rhytid.synthesis.progress import row_blocks
 from rhytid.synthesis.seams.borders import NONE, Borders
 from rhytid.synthesis.seams.footprints import Footprints, Placements
@@ -100,7 +100,7 @@ class BorderPlaces:
         counts. Placements that reach more than MOST_PLACES are left out.
         Raises TooManyPairs where P would be above MOST_PAIRS and the pairs are of several elements.
         """
-        stopping.check()
+        cancellation.check()
         tree, at, reach = self._asked(footprints, placements, charts)
         counts = tree.query_ball_point(at, reach, return_length=True)
         rows = np.flatnonzero((counts > 0) & (counts <= MOST_PLACES))

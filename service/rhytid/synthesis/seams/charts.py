@@ -9,8 +9,8 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid import stopping
 from rhytid.domain.mesh import Mesh
+from rhytid.support import cancellation
 from rhytid.synthesis.surface import BoolArray, FloatArray, IntArray, Points, Surface, cross
 
 BORDER = -1
@@ -88,7 +88,7 @@ def trace(
     came_from = np.full(len(start), BORDER, np.int64)
     active = np.arange(len(start))
     for _ in range(LONGEST):
-        stopping.check()
+        cancellation.check()
         triangle, entered = end[active], share[active]
         following, leaves = _exit(
             surface.uv[triangle], origin[active], step[active], across[triangle], came_from[active]

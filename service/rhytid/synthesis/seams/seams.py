@@ -7,7 +7,7 @@ from itertools import product
 
 import numpy as np
 
-from rhytid import stopping
+from rhytid.support import cancellation
 from rhytid.synthesis.seams.border_places import MOST_PAIRS, BorderPlaces, TooManyPairs
 from rhytid.synthesis.seams.borders import NONE, Borders
 from rhytid.synthesis.seams.footprints import Footprints, Placements
@@ -177,7 +177,7 @@ def _least(
     least = _apart(element, tables, best[0], count)
     limit = _CLEARLY_BETTER * least
     for code in range(2 ** (images - 1) - 1):
-        stopping.check()
+        cancellation.check()
         mask = np.array([True, *(code >> bit & 1 for bit in range(images - 1))], np.bool_)
         left = _apart(element, tables, mask, count)
         better = left < np.minimum(least, limit)

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid import stopping
+from rhytid.support import cancellation
 from rhytid.synthesis.seams.border_places import BorderPlaces
 from rhytid.synthesis.seams.borders import NONE, Borders
 from rhytid.synthesis.seams.footprints import Footprints, Placements
@@ -137,7 +137,7 @@ class Search:
         item, place, near = pairs
         covered = np.zeros(len(item), np.bool_)
         for rows, other in _others(drawn.take(by), drawn.of[item]):
-            stopping.check()
+            cancellation.check()
             rows, other = rows[~covered[rows]], by[other[~covered[rows]]]
             there = drawn.back(other, self._places.there[place[rows]])
             gap = np.abs(footprints.distance(drawn.of[other], there) - near[rows])

@@ -1,0 +1,182 @@
+"""Facial skin: what sets its regions apart, and how it ages between 20 and 70.
+
+Regions are factors of what the whole face is, ages are factors of what skin is at 35. What is
+measured of both, and where we had to choose, is in docs/skin.md. Angles are against the preferred
+lines, which run level around the vertical axis, as relaxed skin tension lines do on the forehead,
+the eyelids and the neck; Langer's lines, found on the dead, run otherwise in places. Pores stay
+where they are as skin ages; lines change in depth, width, direction and contrast.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+YOUNGEST, USUAL_AGE, OLDEST = 20.0, 35.0, 70.0
+# How much skin is worn at an age: 0 at 35, 1 at 65. Lines at the corner of the eye deepen rapidly
+# from 40 on and hardly after 60. How much younger skin lacks is by eye.
+_AGES = (YOUNGEST, USUAL_AGE, 40.0, 60.0, 65.0, OLDEST)
+_WORN = (-1.2, 0.0, 0.15, 0.9, 1.0, 1.05)
+# The depth of strength 1 at 65, of that at 35: strengths leave no room above the deepest lines.
+_DEEPEST = 1.6
+# At 65, where skin folds without end, and by the share of that elsewhere: factors of the strength
+# and the width of lines, and of how strong primary lines are.
+_FOLDED = {"strength": 2.2, "width": 1.3, "primary": 1.35}
+
+
+@dataclass(frozen=True)
+class Old:
+    """What skin is at 65 as factors of what it is at 35, where it does not fold.
+
+    strength: of the depth of lines.  pore_strength: of the depth of pores.  anisotropy: of how far
+    lines keep to one direction.  scale: of the width of wrinkles.  pore_radius: of the radius of
+    pores.  contrast: of the power of strengths; above 1 faint lines fade, and the deep ones that
+    are left stand farther apart.  grain: of the micro relief between lines.
+    """
+
+    strength: float = 1.25
+    pore_strength: float = 1.0
+    anisotropy: float = 1.2
+    scale: float = 1.1
+    pore_radius: float = 1.1
+    contrast: float = 1.25
+    grain: float = 1.5
+
+
+@dataclass(frozen=True)
+class Region:
+    """Factors of synthesis in a region; 1 is as on the whole face.
+
+    density: of pores and wrinkles per area.  strength: of all weights.  pore_strength: once more of
+    the weights of pores.  turn: degrees by which lines turn left.  anisotropy: of how far lines
+    keep to one direction.  bend: of how far lines wind.  scale: of the width of wrinkles.
+    pore_radius: of the radius of pores.  contrast: power of the weights.  grain: of the micro
+    relief between lines.  old: what age makes of these.
+    """
+
+    density: float = 1.0
+    strength: float = 1.0
+    pore_strength: float = 1.0
+    turn: float = 0.0
+    anisotropy: float = 1.0
+    bend: float = 1.0
+    scale: float = 1.0
+    pore_radius: float = 1.0
+    contrast: float = 1.0
+    grain: float = 1.0
+    old: Old = Old()
+
+
+WHOLE_FACE = "face"
+REGIONS: dict[str, Region] = {
+    WHOLE_FACE: Region(),
+    # Long level lines, coarse and deep, that hardly branch; pores of medium size.
+    "forehead": Region(
+        density=1.0,
+        strength=1.25,
+        anisotropy=1.85,
+        bend=0.3,
+        scale=1.2,
+        pore_radius=0.9,
+        old=Old(strength=1.2, contrast=1.3, grain=1.3),
+    ),
+    # Led by large pores; a fine net of rhombi without much of a direction, faint.
+    "cheek": Region(
+        density=0.85,
+        strength=0.8,
+        pore_strength=1.4,
+        anisotropy=0.4,
+        scale=0.85,
+        pore_radius=1.35,
+        grain=1.1,
+        old=Old(strength=1.2, anisotropy=1.5, pore_radius=1.15, contrast=1.15, grain=1.3),
+    ),
+    # The largest pores of the face, close together; lines so faint that pores stand alone.
+    "nose": Region(
+        density=1.3,
+        strength=0.45,
+        pore_strength=3.0,
+        anisotropy=0.2,
+        scale=0.7,
+        pore_radius=1.7,
+        grain=1.2,
+        old=Old(strength=1.3, anisotropy=1.0, pore_strength=1.2, contrast=1.1, grain=1.8),
+    ),
+    # Furrows across the lip, upright and fine, joined by faint ones; next to no pores to see.
+    "lip": Region(
+        density=1.6,
+        strength=1.1,
+        pore_strength=0.6,
+        turn=90.0,
+        anisotropy=1.5,
+        bend=0.6,
+        scale=0.9,
+        pore_radius=0.35,
+        grain=0.7,
+        old=Old(strength=1.3, anisotropy=1.0, contrast=1.15, grain=1.4),
+    ),
+    # Thin skin: fine lines that fan out from the corner, beside the eye nearly level; small pores.
+    "eye_corner": Region(
+        density=1.5,
+        strength=1.2,
+        pore_strength=0.8,
+        anisotropy=1.8,
+        bend=0.4,
+        scale=0.85,
+        pore_radius=0.5,
+        grain=0.8,
+        old=Old(strength=1.6, scale=1.2, contrast=1.5, grain=1.8),
+    ),
+    # A wide net of rhombi, longer than high, that age deepens as a whole; small pores.
+    "neck": Region(
+        density=0.8,
+        strength=1.1,
+        anisotropy=1.0,
+        bend=0.5,
+        scale=1.0,
+        pore_radius=0.7,
+        grain=1.2,
+        old=Old(strength=2.1, anisotropy=1.1, contrast=1.0, grain=1.2),
+    ),
+}
+
+
+def aged(region: Region, age: float) -> Region:
+    """A region at another age; at 35 it is the region itself.
+
+    Its strengths are relative to the depth of strength 1 at that age (`depth_factor`). Density and
+    turn stay, for no pore moves.
+    """
+    if age == USUAL_AGE:
+        return region
+    share, old = wear(age), region.old
+    depth = old.strength**share / depth_factor(age)
+    # Of pores `strength` is a factor as well as of lines.
+    pores = (old.pore_strength / old.strength) ** share
+    return replace(
+        region,
+        strength=region.strength * depth,
+        pore_strength=region.pore_strength * pores,
+        anisotropy=region.anisotropy * old.anisotropy**share,
+        scale=region.scale * old.scale**share,
+        pore_radius=region.pore_radius * old.pore_radius**share,
+        contrast=region.contrast * old.contrast**share,
+        grain=region.grain * old.grain**share / depth_factor(age),
+    )
+
+
+def wear(age: float) -> float:
+    """How worn skin is at an age: 0 at 35, 1 at 65, below 0 before 35."""
+    return float(np.interp(age, _AGES, _WORN))
+
+
+def depth_factor(age: float) -> float:
+    """Factor of the depth of a wrinkle of strength 1 at an age; 1 up to 35."""
+    return float(_DEEPEST ** max(wear(age), 0.0))
+
+
+def fold_factor_log(name: str, age: float) -> float:
+    """Logarithm of the factor of `strength`, `width` or `primary` lines at an age where skin folds
+    most; elsewhere it holds in proportion to how much skin folds."""
+    return float(np.log(_FOLDED[name])) * wear(age)

@@ -1,0 +1,1 @@
+"""What every part may use: safe files, cancellation, the log, settings and the version."""

@@ -1,0 +1,282 @@
+"""File operations that a crash never leaves half done: synced, then made visible by one rename."""
+
+from __future__ import annotations
+
+import errno
+import logging
+import os
+import re
+import shutil
+import stat
+import time
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
+from functools import partial
+from pathlib import Path
+from uuid import uuid4
+
+from rhytid.errors import DiskFullError, StorageError, TooManyFilesError
+from rhytid.support import cancellation
+from rhytid.support.ownership import (
+    UNIQUE,
+    FolderKind,
+    check_owned,
+    has_group,
+    is_marked,
+    is_real_folder,
+    owned_entries,
+    restrict,
+)
+from rhytid.support.temporary_folders import removed_on_abort
+
+_log = logging.getLogger(__name__)
+# A full disk; a quota that is used up; a file beyond the largest that the system or a limit allows.
+_FULL = (errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC))
+# As many files are open as this process, or the system, may have.
+_OPEN = (errno.EMFILE, errno.ENFILE)
+# Begins the names of folders that hold unfinished files among files of others; each has a marker.
+# Seconds until such a folder is abandoned.
+_UNFINISHED, _ABANDONED = ".unfinished-", 24 * 3600.0
+_HIDDEN = re.compile(re.escape(_UNFINISHED) + UNIQUE.pattern, re.ASCII)
+UNFINISHED = FolderKind("rhytid unfinished", marker=".rhytid-unfinished")
+# Bytes that are copied at a time.
+_PIECE = 1 << 22
+# The mode of a file that others may read.
+READABLE = 0o644
+_KINDS = {**dict.fromkeys(_FULL, DiskFullError), **dict.fromkeys(_OPEN, TooManyFilesError)}
+
+
+@contextmanager
+def storage_errors(doing: str) -> Iterator[None]:
+    """In the block, an OSError becomes a StorageError: a DiskFullError where the disk is full, a
+    TooManyFilesError where too many files are open.  doing: begins the message."""
+    try:
+        yield
+    except OSError as exc:
+        raise storage_error_class(exc)(f"{doing}: {exc}") from exc
+
+
+def storage_error_class(failure: OSError) -> type[StorageError]:
+    """The class of the error that callers get for an OSError: StorageError or one of its kinds."""
+    return _KINDS.get(failure.errno, StorageError) if failure.errno else StorageError
+
+
+def is_folder(path: Path) -> bool:
+    """Whether a path is a folder. Raises StorageError where the system does not tell;
+    `Path.is_dir` may answer no there."""
+    with storage_errors(f"{path} cannot be read"), suppress(FileNotFoundError, NotADirectoryError):
+        return stat.S_ISDIR(path.stat().st_mode)
+    return False
+
+
+def write_file(path: Path, data: bytes) -> None:
+    """Write a new file. Its bytes are on the disk when this returns; raises FileExistsError where
+    the file is there."""
+    write_pieces(path, [data])
+
+
+def write_pieces(path: Path, pieces: Iterable[bytes | memoryview]) -> None:
+    """Write a new file that comes in pieces, as `write_file` does."""
+    with path.open("xb") as file:
+        file.writelines(pieces)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def copy_file(source: Path, to: Path) -> None:
+    """Copy the bytes of a file to another, new or not. They are on the disk when this returns.
+
+    Raises the error of `cancellation.check` where the work of this thread is cancelled.
+    """
+    with source.open("rb") as read, to.open("wb") as write:
+        write.writelines(cancellation.check_each(iter(partial(read.read, _PIECE), b"")))
+        write.flush()
+        os.fsync(write.fileno())
+
+
+def sync_file(path: Path) -> None:
+    """Put the bytes of a file that other code has written on the disk."""
+    with path.open("rb+") as file:
+        os.fsync(file.fileno())
+
+
+def sync_folder(folder: Path) -> None:
+    """Put the names in a folder on the disk. Windows offers no way and needs none."""
+    if os.name == "nt":
+        return
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def install(source: Path, target: Path) -> None:
+    """Make `source` visible as `target`, by one rename: the step at which a change happens.
+
+    A file replaces a file of that name; a folder needs a name that is free.
+    """
+    source.replace(target)
+    sync_folder(target.parent)
+
+
+def claim(folder: Path, kind: FolderKind, before: Callable[[Path], bool] | None = None) -> None:
+    """Write the marker of a folder that has none as this release writes it: then it is ours.
+
+    before: see `check_owned`. Raises what `check_owned` raises, and then changes nothing.
+    """
+    if check_owned(folder, kind, before):
+        return
+    aside = folder / f".{kind.marker}-{uuid4().hex}"
+    try:
+        write_file(aside, kind.text())
+        restrict(aside, group=has_group(folder))
+        install(aside, folder / kind.marker)
+    finally:
+        aside.unlink(missing_ok=True)
+
+
+@contextmanager
+def working_folder(partial: Path, *, group: bool = False) -> Iterator[Path]:
+    """A fresh folder in `partial` in which a change is prepared, removed when the block ends.
+
+    group: its group has the rights of its owner.
+    """
+    with _working_folder(partial / uuid4().hex) as place:
+        if group:
+            restrict(place, group=True)
+        yield place
+
+
+@contextmanager
+def _working_folder(place: Path) -> Iterator[Path]:
+    place.mkdir(mode=0o700)
+    with removed_on_abort(place):
+        try:
+            yield place
+        finally:
+            remove_tree(place)
+
+
+@contextmanager
+def _hidden_working_folder(folder: Path) -> Iterator[Path]:
+    """A fresh folder in one that holds files of others, with a name and a marker by which `sweep`
+    knows it."""
+    with _working_folder(folder / f"{_UNFINISHED}{uuid4().hex}") as place:
+        _mark_unfinished(place)
+        yield place
+
+
+def _mark_unfinished(place: Path) -> None:
+    """Write the marker without syncing it: each map of a bake has such a folder for a moment."""
+    flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL
+    descriptor = os.open(place / UNFINISHED.marker, flags, 0o644)
+    try:
+        os.write(descriptor, UNFINISHED.text())
+    finally:
+        os.close(descriptor)
+
+
+@contextmanager
+def shared_working_folder(folder: Path) -> Iterator[Path]:
+    """A hidden folder in `folder` that other users on other machines may read, removed when the
+    block ends.
+
+    A process that is killed in the block leaves the folder: see `sweep`. Work that takes longer
+    than a day has to touch the folder now and then.
+    """
+    with _hidden_working_folder(folder) as place:
+        place.chmod(0o755)
+        yield place
+
+
+@contextmanager
+def atomic_write(file: Path, *, private: bool = False, group: bool = False) -> Iterator[Path]:
+    """A path to write to; what is written there becomes `file` when the block ends without error.
+
+    private: the file is readable for its owner alone, else as the system makes files.  group: with
+    `private`, for its group, too. A process that is killed in the block leaves a hidden folder
+    beside `file`: see `sweep`.
+    """
+    with _hidden_working_folder(file.parent) as place:
+        if group:
+            restrict(place, group=True)
+        aside = place / file.name
+        yield aside
+        if private:
+            restrict(aside, group=group)
+        install(aside, file)
+
+
+def sweep(folder: Path, finished: Callable[[str], bool] | None = None) -> None:
+    """Remove the hidden folders that killed writers left in `folder`, once they are a day old.
+
+    Nothing else in `folder` is touched.  finished: tells by its name whether a file is complete; a
+    hidden folder that holds such files alone is removed at once. Raises OSError where `folder`
+    cannot be read.
+    """
+    for left in folder.iterdir():
+        if not (_HIDDEN.fullmatch(left.name) and is_real_folder(left)):
+            continue
+        with suppress(FileNotFoundError):  # it was in use, and is done
+            if not is_marked(left, UNFINISHED):
+                if _is_abandoned(left):
+                    _remove_empty(left)
+            elif _is_abandoned(left) or (finished is not None and _holds_only(left, finished)):
+                remove_tree(left)
+
+
+def sweep_partial(partial: Path, *, at_once: bool) -> None:
+    """Remove what killed writers left in the `partial` of a folder of ours, once it is a day old.
+
+    at_once: no writer is at work, so remove all of it now. Entries whose names we do not make are
+    left alone, and named in the log.
+    """
+    for left in owned_entries(partial, UNIQUE):
+        with suppress(FileNotFoundError):
+            if at_once or _is_abandoned(left):
+                remove_tree(left)
+
+
+def _remove_empty(left: Path) -> None:
+    """Remove a folder whose writer was killed before it had marked it."""
+    with suppress(OSError):  # something is in it
+        left.rmdir()
+
+
+def _is_abandoned(left: Path) -> bool:
+    return left.lstat().st_mtime < time.time() - _ABANDONED
+
+
+def _holds_only(folder: Path, finished: Callable[[str], bool]) -> bool:
+    names = {file.name for file in folder.iterdir()} - {UNFINISHED.marker}
+    return bool(names) and all(map(finished, names))
+
+
+def discard(path: Path, partial: Path) -> None:
+    """Remove a file or a folder: one rename into `partial` hides it, then its space is freed."""
+    remove_tree(set_aside(path, partial))
+
+
+def set_aside(path: Path, partial: Path) -> Path:
+    """Hide a file or a folder by one rename into `partial`; returns where it is then, for
+    `remove_tree`."""
+    aside = partial / uuid4().hex
+    path.replace(aside)
+    with suppress(FileNotFoundError):  # another change took the folder around it
+        sync_folder(path.parent)
+    return aside
+
+
+def remove_tree(path: Path) -> None:
+    """Free the space of a folder or a file that is hidden; of a link, remove the link alone.
+
+    Where that fails, the log says so, and `sweep_partial` tries again when the store opens next.
+    """
+    try:
+        if is_real_folder(path):
+            shutil.rmtree(path)
+        else:
+            path.unlink()
+    except OSError as exc:
+        _log.warning("cannot remove %s now: %s", path, exc)

@@ -1,0 +1,99 @@
+"""What age makes of skin, as factors of what it is at 35."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+
+from rhytid.domain.asset_settings import AssetSettings
+from rhytid.domain.lengths import Lengths
+from rhytid.domain.skin import (
+    OLDEST,
+    REGIONS,
+    USUAL_AGE,
+    YOUNGEST,
+    aged,
+    depth_factor,
+    fold_factor_log,
+    wear,
+)
+from rhytid.errors import SettingsError
+
+DOCS = Path(__file__).parents[2] / "docs" / "skin.md"
+AGES = [YOUNGEST, 27.5, USUAL_AGE, 42.0, 50.0, 58.0, 65.0, OLDEST]
+
+
+def test_at_35_nothing_differs() -> None:
+    assert all(aged(region, 35.0) is region for region in REGIONS.values())
+    assert wear(35.0) == 0.0
+    assert depth_factor(35.0) == 1.0
+    assert Lengths.of(0.3, 35.0) == Lengths.of(0.3)
+    assert all(fold_factor_log(name, 35.0) == 0.0 for name in ("strength", "width", "primary"))
+    assert AssetSettings().graph.age == 35.0
+
+
+@pytest.mark.parametrize("name", REGIONS)
+def test_lines_deepen_with_age_and_no_region_grows_smooth(name: str) -> None:
+    skins = [aged(REGIONS[name], age) for age in AGES]
+    depths = [skin.strength * depth_factor(age) for skin, age in zip(skins, AGES, strict=True)]
+    assert depths == sorted(depths)
+    assert depths[-1] > 1.15 * REGIONS[name].strength > depths[0]
+    for key in ("scale", "pore_radius", "contrast", "anisotropy"):
+        values = [getattr(skin, key) for skin in skins]
+        assert values == sorted(values), key
+    grains = [skin.grain * depth_factor(age) for skin, age in zip(skins, AGES, strict=True)]
+    assert grains == sorted(grains)
+    assert grains[6] == pytest.approx(REGIONS[name].grain * REGIONS[name].old.grain)
+    # Pores of regions without folds: as deep as their own factor says.
+    pores = [
+        s.strength * s.pore_strength * depth_factor(age) for s, age in zip(skins, AGES, strict=True)
+    ]
+    region = REGIONS[name]
+    wanted = region.strength * region.pore_strength * region.old.pore_strength
+    assert pores[6] == pytest.approx(wanted)
+
+
+def test_no_pore_moves_with_age() -> None:
+    kept = {field.name for field in fields(REGIONS["face"])} & {"density", "turn", "bend", "old"}
+    for region in REGIONS.values():
+        for age in AGES:
+            assert all(getattr(aged(region, age), n) == getattr(region, n) for n in kept)
+
+
+def test_lines_deepen_by_region_in_the_order_that_was_measured() -> None:
+    """The order of Takema et al. 1997, of the regions that they and we have."""
+    found = {n: aged(r, 65.0).strength / r.strength for n, r in REGIONS.items()}
+    assert found["eye_corner"] > found["lip"] >= found["cheek"]
+    # The forehead, which they have above the cheek, deepens by its folds.
+    assert found["eye_corner"] > found["forehead"]
+
+
+def test_ageing_is_rapid_from_40_to_60_and_slow_after() -> None:
+    rates = [(wear(b) - wear(a)) / (b - a) for a, b in ((35, 40), (40, 60), (60, 70))]
+    assert rates[1] > rates[0] > rates[2] > 0.0
+
+
+@pytest.mark.parametrize("age", [19.9, 70.1, -1, "old", None, True])
+def test_other_ages_are_refused(age: object) -> None:
+    with pytest.raises(SettingsError, match=r"graph\.age is .*"):
+        AssetSettings.parse({"graph": {"age": age}})
+
+
+def test_the_bounds_are_taken() -> None:
+    for age in (20, 70):
+        assert AssetSettings.parse({"graph": {"age": age}}).graph.age == age
+
+
+def test_the_docs_tell_these_numbers() -> None:
+    tables = [
+        [[cell.strip(" `") for cell in line.strip("|").split("|")] for line in block.splitlines()]
+        for block in DOCS.read_text(encoding="utf-8").split("\n\n")
+        if block.startswith("| region |")
+    ]
+    for (keys, _, *rows), old in zip(tables[:2], (False, True), strict=True):
+        assert [row[0] for row in rows] == list(REGIONS)
+        for name, *values in rows:
+            region = REGIONS[name].old if old else REGIONS[name]
+            assert [float(v) for v in values] == [getattr(region, key) for key in keys[1:]], name

@@ -1,0 +1,83 @@
+"""Files that are whole, and what is left where their writer is killed."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from rhytid.storage.shared.folder_place import FolderPlace
+from rhytid.support.atomic_files import atomic_write, sweep
+from storage.leftovers import left_by_a_killed_writer
+
+WRITER = """
+import os, signal, sys
+from pathlib import Path
+from rhytid.support.atomic_files import atomic_write
+with atomic_write(Path(sys.argv[1])) as aside:
+    aside.write_text("half")
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_a_killed_writer_leaves_no_half_file_and_what_is_left_is_swept(tmp_path: Path) -> None:
+    ended = subprocess.run([sys.executable, "-c", WRITER, str(tmp_path / "map.exr")])
+    assert ended.returncode == -signal.SIGKILL
+    [left] = tmp_path.iterdir()
+    assert left.name.startswith(".unfinished-")
+
+    sweep(tmp_path)
+    assert left.exists()  # its writer may be another machine, at work
+    days = left.stat().st_mtime - 25 * 3600
+    os.utime(left, (days, days))
+    (tmp_path / "kept").mkdir()
+    os.utime(tmp_path / "kept", (days, days))
+    sweep(tmp_path)
+    assert [file.name for file in tmp_path.iterdir()] == ["kept"]
+
+
+def test_a_file_is_there_when_its_block_ends_well(tmp_path: Path) -> None:
+    file = tmp_path / "map.exr"
+    with pytest.raises(FileNotFoundError), atomic_write(file):
+        (tmp_path / "no such folder" / "map.exr").write_text("half")
+    assert [*tmp_path.iterdir()] == []
+    with atomic_write(file) as aside:
+        aside.write_text("all")
+        assert not file.exists()
+    assert [*tmp_path.iterdir()] == [file]
+
+
+def test_what_nobody_writes_any_more_is_removed_at_once(tmp_path: Path) -> None:
+    for name, files in {"a": ["mine"], "b": ["other"], "c": [], "d": ["mine", "other"]}.items():
+        left_by_a_killed_writer(tmp_path, name * 32, *files)
+    (tmp_path / "mine").touch()
+
+    sweep(tmp_path, lambda name: name == "mine")
+
+    left = sorted(path.name for path in tmp_path.iterdir())
+    assert left == [*(f".unfinished-{name * 32}" for name in "bcd"), "mine"]
+
+
+PLACER = """
+import os, signal, sys
+from pathlib import Path
+from rhytid.storage.shared import folder_place
+folder_place.write_file = lambda aside, data: os.kill(os.getpid(), signal.SIGKILL)
+folder_place.FolderPlace(Path(sys.argv[1])).write("objects/a", b"a")
+"""
+
+
+def test_what_a_killed_writer_left_in_a_shared_store_is_swept(tmp_path: Path) -> None:
+    ended = subprocess.run([sys.executable, "-c", PLACER, str(tmp_path)])
+    assert ended.returncode == -signal.SIGKILL
+    [left] = (tmp_path / "partial").iterdir()
+    FolderPlace(tmp_path).check()
+    assert left.exists()
+    days = left.stat().st_mtime - 25 * 3600
+    os.utime(left, (days, days))
+    FolderPlace(tmp_path).check()
+    assert not left.exists()
