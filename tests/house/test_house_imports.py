@@ -35,14 +35,12 @@ ALLOWED = {
     "engine": _TOOLS | _WORK | {"skin_package"},
     "engine_process": _TOOLS | {"engine", "storage"},
     "decoding": _FACTS | {"formats", "engine", "engine_process"},
-    "fleet": _TOOLS
-    | {"api", "decoding", "engine", "engine_process", "logs", "settings", "storage"},
-    "api": _TOOLS
-    | {"decoding", "engine", "engine_process", "logs", "settings", "meshes", "storage"},
-    "farm": _FACTS | {"device", "durable"},
+    "fleet": _TOOLS | {"api", "decoding", "engine", "engine_process", "storage"},
+    "api": _TOOLS | {"decoding", "engine", "engine_process", "meshes", "storage"},
+    "farm": _FACTS | {"device"},
     "cli": _TOOLS
     | _WORK
-    | {"engine", "engine_process", "logs", "settings", "api", "fleet", "farm"}
+    | {"engine", "engine_process", "api", "fleet", "farm"}
     | {"pictures", "meshes", "textures", "skin_package"},
 }
 # Modules of `rhytid.support` that only what runs a service may import: the rest is told.
@@ -65,7 +63,13 @@ ONLY_IN = {
     "ray": {"fleet"},
 }
 # The only readers of the environment: the settings, and what OpenCL's loader must find there.
-ENVIRONMENT = ("settings.py", "device/caches.py", "device/driver.py")
+ENVIRONMENT = (
+    "support/settings.py",
+    "device/caches.py",
+    "device/driver.py",
+    # Hands it on to the child, with the number of heaps.
+    "engine_process/device_process.py",
+)
 
 
 def everything(package: str) -> Iterator[Import]:
