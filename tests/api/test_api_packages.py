@@ -25,7 +25,7 @@ from rhytid.api.package_files import KEY, OpenPackage, opened, part
 from rhytid.api.routes.viewer import SAFE
 from rhytid.engine.messages import JobInfo, Package
 from rhytid.errors import BusyError, QuotaError
-from rhytid.storage.package_archive import read_archive
+from rhytid.storage.packages import read_archive
 from rhytid_client import Client
 
 TEXTURE = "textures/maps.1001.ktx2"

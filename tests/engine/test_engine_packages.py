@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from engine.engines import MIB, built, finish, new_asset, rest, running
+from exports.skin_package.conftest import write_package
 from rhytid.domain.stiffness import Stiffness
 from rhytid.engine import packages as module
 from rhytid.engine.engine import Engine
@@ -28,10 +29,9 @@ from rhytid.errors import (
     LimitError,
     NotFoundError,
 )
-from rhytid.skin_package.package import PackageWriter
+from rhytid.exports.skin_package.package import PackageWriter
 from rhytid.storage.packages import KeptPackages
 from rhytid.storage.store import AssetStore
-from skin_package.conftest import write_package
 
 
 @pytest.fixture

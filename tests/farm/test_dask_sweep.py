@@ -18,7 +18,7 @@ from rhytid.cli.dask_bake import DaskBake
 from rhytid.cli.frame_files import FramePlace
 from rhytid.durable import sweep
 from rhytid.errors import StorageError
-from rhytid.textures.profiles import profiles_of
+from rhytid.exports.textures.profiles import profiles_of
 from storage.leftovers import left_by_a_killed_writer
 
 PROFILES = profiles_of(["float", "weights"])

@@ -10,7 +10,7 @@ import pytest
 
 from exr_images import HALF, channels, exr, exr_file, exr_of, raw_exr, raw_header, window
 from rhytid.errors import InputError, LimitError
-from rhytid.formats.exr_header import read_sides
+from rhytid.formats.exr import read_sides
 from rhytid.formats.limits import MOST_SIDE
 
 TEXELS = np.zeros((37, 53), np.float32)

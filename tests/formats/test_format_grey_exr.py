@@ -12,7 +12,7 @@ from exr_images import exr
 from rhytid.domain.controls import signed
 from rhytid.domain.painted import shares
 from rhytid.errors import InputError
-from rhytid.formats import grey_exr
+from rhytid.formats import exr as exr_format
 from rhytid.formats.painted import read_grey
 
 NAME = "face.1001.exr"
@@ -23,7 +23,7 @@ SMOOTH = np.linspace(0, 1, 37 * 53, dtype=np.float32).reshape(37, 53).round(2)
 
 def start(monkeypatch, code):
     """Let the decoder be a process that runs this."""
-    monkeypatch.setattr(grey_exr, "_START", code)
+    monkeypatch.setattr(exr_format, "_START", code)
 
 
 def test_every_code_comes_back():
@@ -82,7 +82,7 @@ def test_an_answer_of_another_length_is_a_damaged_image(monkeypatch):
 
 
 def test_a_decoder_that_does_not_end_is_stopped(monkeypatch):
-    monkeypatch.setattr(grey_exr, "_SECONDS", 1)
+    monkeypatch.setattr(exr_format, "_SECONDS", 1)
     start(monkeypatch, "while True: pass")
     with pytest.raises(InputError, match=f"{NAME}: not decoded within 1 s"):
         read_grey(exr(SMOOTH), NAME)

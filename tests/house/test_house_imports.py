@@ -34,24 +34,23 @@ ALLOWED = {
     "formats": _FACTS | {"durable", "unfinished"},
     "pictures": _FACTS,
     "meshes": _FACTS | {"formats", "synthesis"},
+    "exports": _FACTS | {"durable", "formats", "pipeline"},
     "access": {"durable", "errors", "storage"},
     "pipeline": _TOOLS,
     "synthesis": _TOOLS,
     "storage": _TOOLS,
-    "textures": _FACTS | {"formats", "durable"},
-    "skin_package": _FACTS | {"durable", "formats", "meshes", "pipeline"},
-    "engine": _TOOLS | _WORK | {"settings", "skin_package"},
+    "engine": _TOOLS | _WORK | {"exports", "settings"},
     "engine_process": _TOOLS | {"engine", "logs", "settings", "storage"},
     "decoding": _FACTS | {"formats", "engine", "engine_process"},
     "fleet": _TOOLS
     | {"access", "api", "decoding", "engine", "engine_process", "logs", "settings", "storage"},
     "api": _TOOLS
-    | {"access", "decoding", "engine", "engine_process", "logs", "settings", "meshes"},
+    | {"access", "decoding", "engine", "engine_process", "exports", "logs", "settings"},
     "farm": _FACTS | {"device", "durable"},
     "cli": _TOOLS
     | _WORK
     | {"access", "engine", "engine_process", "logs", "settings", "api", "fleet", "farm"}
-    | {"pictures", "meshes", "textures", "skin_package"},
+    | {"exports", "meshes", "pictures"},
 }
 # The only parts that may import a package from outside; other packages are free.
 ONLY_IN = {
@@ -60,9 +59,9 @@ ONLY_IN = {
     "starlette": {"api"},
     "uvicorn": {"cli"},
     "rhytid_kernels": {"device", "build_identity"},
-    "rhytid_viewer": {"api", "skin_package"},
-    "trimesh": {"meshes"},
-    "OpenImageIO": {"textures"},
+    "rhytid_viewer": {"api", "exports"},
+    "trimesh": {"exports", "meshes"},
+    "OpenImageIO": {"exports"},
     "dask": {"farm"},
     "distributed": {"farm"},
     "fsspec": {"storage"},

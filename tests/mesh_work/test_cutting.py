@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rhytid.domain.mesh import Mesh
-from rhytid.meshes.cutting import cut_around
+from rhytid.meshes.nearest import cut_around
 
 SIDE = 21
 

@@ -12,7 +12,7 @@ from rhytid.device.runtime import Device
 from rhytid.domain.expressions import Expressions
 from rhytid.domain.folds import Folds
 from rhytid.domain.mesh import Mesh
-from rhytid.pictures.shade_mesh import vertex_normals
+from rhytid.pictures.raster import vertex_normals
 from rhytid.pipeline.folds import measured_folds
 from rhytid.synthesis.workspace import directly
 

@@ -10,8 +10,7 @@ import pytest
 
 from rhytid import durable
 from rhytid.errors import LimitError, StorageError
-from rhytid.storage.package_archive import CHECKED, read_archive, write_archive
-from rhytid.storage.packages import KeptPackages
+from rhytid.storage.packages import CHECKED, KeptPackages, read_archive, write_archive
 
 ASSET = "0123456789abcdef"
 KEY, OTHER, OLD = (digit * 32 for digit in "0ab")

@@ -17,7 +17,7 @@ from rhytid.domain.stiffness import Stiffness
 from rhytid.errors import NotFoundError, StorageError
 from rhytid.storage import AssetStore
 from rhytid.storage.canonical import hashed
-from rhytid.storage.overlays import read_overlay, write_overlay
+from rhytid.storage.records import read_overlay, write_overlay
 
 ID, OTHER = "00112233aabbccdd", "ffffffffffffffff"
 

@@ -15,8 +15,8 @@ from rhytid.cli.frame_files import FramePlace
 from rhytid.cli.frame_range import FrameRange
 from rhytid.domain.wording import plural
 from rhytid.durable import whole, write_file
-from rhytid.textures.frame_map import FrameMap
-from rhytid.textures.profiles import PROFILES, Profile
+from rhytid.exports.textures.frame_map import FrameMap
+from rhytid.exports.textures.profiles import PROFILES, Profile
 
 _UNITS = ("bytes", "kB", "MB", "GB", "TB")
 FLOATS = (PROFILES["float"],)

@@ -47,7 +47,7 @@ def run(arguments: argparse.Namespace) -> None:
     from rhytid.cli.input_files import mesh_file
     from rhytid.cli.places import make_place
     from rhytid.durable import whole
-    from rhytid.pictures.control_sheet import control_sheet
+    from rhytid.pictures.sheet import control_sheet
 
     out: Path = arguments.out
     if out.suffix.lower() != PNG:

@@ -18,8 +18,7 @@ from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import busiest_udim, triangles_inside, udim_origin
 from rhytid.domain.units import MILLIMETRES, USUAL_UNIT, millimetres
 from rhytid.durable import whole
-from rhytid.pictures.preview import LIGHTS, patch_panel
-from rhytid.pictures.region_views import RegionView, region_views
+from rhytid.pictures.preview import LIGHTS, RegionView, patch_panel, region_views
 from rhytid.pictures.sheet import Panel, sheet
 
 SIDE_MM = 8.0

@@ -134,7 +134,7 @@ def _folds(device: Device, mesh: Mesh, expressions: Expressions, unit: str) -> F
 def _draw_lines(mesh: Mesh, folds: Folds, preview: Path) -> None:
     """The preferred lines, beside the preview."""
     from rhytid.durable import whole
-    from rhytid.pictures.folds import fold_picture
+    from rhytid.pictures.preview import fold_picture
 
     file = preview.with_suffix(".lines.png")
     with working(f"drawing {file.name}"), whole(file) as aside:

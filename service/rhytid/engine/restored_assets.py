@@ -8,8 +8,8 @@ from functools import partial
 from rhytid.engine.asset_registry import AssetRegistry
 from rhytid.engine.assets import Asset
 from rhytid.engine.stored_assets import StoredAssets
+from rhytid.storage.asset_snapshots import UnpackedAsset
 from rhytid.storage.store import AssetStore
-from rhytid.storage.unpacked import UnpackedAsset
 
 
 class RestoredAssets:

@@ -14,8 +14,7 @@ from rhytid.engine.frames import FrameMemory
 from rhytid.engine.given_graphs import graph_lengths
 from rhytid.engine.spacing import mean_spacing
 from rhytid.errors import SettingsError, StorageError, StoreFormatError, public_message
-from rhytid.storage.build_facts import BuildFacts
-from rhytid.storage.records import StoredAsset
+from rhytid.storage.records import BuildFacts, StoredAsset
 from rhytid.storage.store import AssetStore
 
 _log = logging.getLogger(__name__)

@@ -21,8 +21,7 @@ from rhytid.engine_process.supervisor import Supervisor
 from rhytid.errors import DeviceLostError, NotFoundError, StorageError
 from rhytid.settings import ServiceSettings
 from rhytid.storage.homes import ID
-from rhytid.storage.snapshot_index import BLOCK, LONGEST_INDEX
-from rhytid.storage.snapshots import asset_of
+from rhytid.storage.snapshots import BLOCK, LONGEST_INDEX, asset_of
 from rhytid.storage.store import AssetStore
 
 Prepare = Callable[[DeviceProcess], None]

@@ -12,8 +12,7 @@ from rhytid.domain.origin import ORIGIN, Centre
 from rhytid.domain.wording import plural
 from rhytid.errors import FrameError, MeshError
 from rhytid.formats.limits import MAX_FRAME_NUMBERS, check_size
-from rhytid.formats.npy import NpyHeader, read_header
-from rhytid.formats.npz import check_frames, read_npz_frames
+from rhytid.formats.npz import NpyHeader, check_frames, read_npy_header, read_npz_frames
 from rhytid.formats.obj import read_obj_positions
 
 NPY = "application/x-npy"
@@ -67,7 +66,7 @@ def read_frame_file(
 
 
 def _npy_header(data: bytes) -> NpyHeader:
-    header = read_header(data, "frame", FrameError)
+    header = read_npy_header(data, "frame", FrameError)
     check_size("frame", header.numbers, MAX_FRAME_NUMBERS)
     promised = header.start + header.stored
     if len(data) != promised:

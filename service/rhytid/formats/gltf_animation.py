@@ -19,8 +19,7 @@ from rhytid.domain.origin import ORIGIN, Centre
 from rhytid.domain.wording import plural
 from rhytid.errors import FrameError, MeshError
 from rhytid.formats.frame_set import Clip, Frame, FrameSet, frames_between
-from rhytid.formats.gltf import glb_document, gltf_document
-from rhytid.formats.gltf_document import Document
+from rhytid.formats.gltf import Document, glb_document, gltf_document
 from rhytid.formats.limits import MAX_FRAME_NUMBERS, check_size
 
 Numbers = NDArray[np.float64]

@@ -18,8 +18,8 @@ from rhytid.domain.controls import Controls
 from rhytid.domain.painted import Map, check_total, check_udim
 from rhytid.domain.stiffness import Stiffness
 from rhytid.errors import InputError
-from rhytid.formats import exr_header, grey_png
-from rhytid.formats.grey_exr import read_grey_exr
+from rhytid.formats import exr, png
+from rhytid.formats.exr import read_grey_exr
 
 _NUMBER = re.compile(r"(?:^|[._])([0-9]{4})\.[A-Za-z]+$")
 
@@ -96,8 +96,8 @@ def read_grey(data: bytes, name: str) -> NDArray[np.unsignedinteger]:
     `name` is for messages. Raises InputError saying what is wrong, and LimitError above MOST_SIDE
     texels per side.
     """
-    if data.startswith(grey_png.SIGNATURE):
-        return grey_png.read_grey_png(data, name)
-    if data.startswith(exr_header.SIGNATURE):
+    if data.startswith(png.SIGNATURE):
+        return png.read_grey_png(data, name)
+    if data.startswith(exr.SIGNATURE):
         return read_grey_exr(data, name)
     raise InputError(f"{name}: not a PNG or OpenEXR image")

@@ -20,7 +20,7 @@ from rhytid.domain.seams import whole_wrinkles
 from rhytid.domain.surface_points import surface_points
 from rhytid.domain.wording import plural
 from rhytid.errors import GraphError
-from rhytid.meshes.closest import closest
+from rhytid.meshes.nearest import closest
 from rhytid.synthesis.seams.borders import Borders
 from rhytid.synthesis.seams.charts import BORDER, cross, neighbours, trace
 from rhytid.synthesis.seams.copies import with_copies

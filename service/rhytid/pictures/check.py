@@ -14,10 +14,8 @@ from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import udim_origin
 from rhytid.domain.wording import plural
 from rhytid.pictures.images import Picture, to_picture
-from rhytid.pictures.legends import INK, STRIP, font, marked
-from rhytid.pictures.raster import rasterize_uv
-from rhytid.pictures.shade_mesh import CLAY, View, shade_mesh
-from rhytid.pictures.sheet import Panel, sheet
+from rhytid.pictures.raster import CLAY, View, rasterize_uv, shade_mesh
+from rhytid.pictures.sheet import INK, STRIP, Panel, font, marked, sheet
 
 SIDE = 420
 MOST_UDIMS = 6

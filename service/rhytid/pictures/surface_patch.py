@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.pictures.crops import spline_samples, spline_slopes
 from rhytid.pictures.images import BACKGROUND, Picture, to_picture
 from rhytid.pictures.raster import Coverage, rasterize
-from rhytid.pictures.relief import flat_light, lit
+from rhytid.pictures.relief import flat_light, lit, spline_samples, spline_slopes
 
 # Sides that a triangle may lie in front of the middle of a patch or behind it.
 _DEPTH = 1.0

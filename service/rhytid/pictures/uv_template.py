@@ -1,8 +1,11 @@
-"""Templates to paint over: the charts of a UDIM, which way is up, and the size of texels."""
+"""Templates to paint over: the charts of a UDIM, which way is up, and the size of texels; and a
+sheet that explains them.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,9 +14,9 @@ from PIL import Image, ImageDraw
 
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.tiles import udim_origin
-from rhytid.pictures.colours import axis_wheel, diverging
-from rhytid.pictures.images import to_picture
+from rhytid.pictures.images import Picture, axis_wheel, diverging, to_picture
 from rhytid.pictures.raster import rasterize_uv
+from rhytid.pictures.sheet import INK, Panel, blank_strip, colour_bar, sheet, wheel_legend
 
 Floats = NDArray[np.float64]
 # Texels are coloured from a fourth of the usual side to four times as much.
@@ -25,6 +28,8 @@ _SMOOTHED = 8192
 _WIRE, _BORDER, _ARROW = (70, 74, 82, 150), (214, 84, 20, 255), (20, 90, 200, 255)
 # Of the length of the upward direction, of what lies in the surface: less is level ground.
 _LEVEL = 0.25
+SIDE = 620
+MOST_UDIMS = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,6 +109,49 @@ def filled(charts: Charts, colours: Floats, size: int) -> Image.Image:
 def starter(value: float, size: int) -> Image.Image:
     """A grey image of 16 bits (size, size), throughout `value` of white."""
     return Image.fromarray(np.full((size, size), np.rint(value * 65535), np.uint16))
+
+
+def guide(charts: Mapping[int, Charts], usual: float, unit_mm: float, caption: str) -> Image.Image:
+    """Rows of UDIMs (MOST_UDIMS at most): the template, which way level lines run, and texels.
+
+    usual: side of a texel on the surface, mesh units.  unit_mm: millimetres in a mesh unit.
+    """
+    rows = [_row(udim, of, usual) for udim, of in list(charts.items())[:MOST_UDIMS]]
+    level = "level lines run this way in UV; grey: level ground"
+    legends = (
+        blank_strip(SIDE, "arrows point up, their feet to the right; orange: ends of charts"),
+        wheel_legend(SIDE, level),
+        _texel_bar(usual * unit_mm),
+    )
+    return sheet([*rows, [Panel("", legend) for legend in legends]], caption)
+
+
+def _row(udim: int, charts: Charts, usual: float) -> list[Panel]:
+    lines = template(charts, SIDE)
+    grounds = {
+        f"UDIM {udim}": Image.new("RGB", lines.size, "white"),
+        "orientation": filled(charts, charts.orientation_colours(), SIDE),
+        "side of a texel": filled(charts, charts.texel_colours(usual), SIDE),
+    }
+    panels = []
+    for title, ground in grounds.items():
+        if title == f"UDIM {udim}":
+            ground.paste(lines, mask=lines)
+        panels.append(Panel(title, _framed(ground)))
+    return panels
+
+
+def _framed(image: Image.Image) -> Picture:
+    framed = np.array(image)
+    framed[[0, -1]], framed[:, [0, -1]] = INK, INK
+    return framed
+
+
+def _texel_bar(usual_mm: float) -> Picture:
+    end = math.log(TEXEL_RANGE)
+    steps = (1 / TEXEL_RANGE, 0.5, 1.0, 2.0, TEXEL_RANGE)
+    ticks = [(math.log(step), f"{step * usual_mm:.3g} mm") for step in steps]
+    return colour_bar(SIDE, -end, end, lambda values: diverging(values, end), ticks)
 
 
 def _upright(edges: Floats, edges_uv: Floats) -> tuple[Floats, Floats]:

@@ -1,9 +1,11 @@
-"""Records of an asset as files: a request, a built asset."""
+"""The files of an asset: a request, the built asset, its present settings and its named shapes."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
+from math import isfinite
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -11,32 +13,39 @@ from safetensors import SafetensorError
 
 from rhytid.domain.asset_settings import PRESETS, AssetSettings
 from rhytid.domain.controls import Controls
+from rhytid.domain.expressions import Expressions
 from rhytid.domain.folds import Folds
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.stiffness import Stiffness
+from rhytid.domain.warnings import InputWarning
+from rhytid.durable import reported
 from rhytid.errors import InputError, LimitError, StoreFormatError
 from rhytid.formats.graphs import read_graph, write_graph
-from rhytid.storage.canonical import canonical, damaged, parse_canonical
+from rhytid.storage.canonical import canonical, damaged, hashed, parse_canonical, parse_hashed
 from rhytid.storage.contents import (
     read_controls,
+    read_expressions,
     read_folds,
     read_mesh,
     read_stiffness,
     write_controls,
+    write_expressions,
     write_folds,
     write_mesh,
     write_stiffness,
 )
+from rhytid.storage.homes import ASSET, OVERLAY
+from rhytid.storage.manifest import read_file
 
 T = TypeVar("T")
 Files = Mapping[str, bytes]
-
 MESH, GRAPH, FACTS = "mesh.safetensors", "graph.safetensors", "facts.json"
 STIFFNESS, CONTROLS = "stiffness.safetensors", "controls.safetensors"
 FOLDS = "folds.safetensors"
 # A fact of assets that have had an overlay from the start; older ones have one once they change.
 OVERLAID = "overlaid"
+SHAPE_ARRAYS, SHAPE_NAMES = "shapes.safetensors", "names.json"
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,6 +119,14 @@ def decode_settings(facts: bytes, path: Path) -> AssetSettings:
     return _settings(_facts({path.name: facts}, path.parent), path.parent)
 
 
+def parse_settings(value: Any, path: Path) -> AssetSettings:
+    """Settings out of a file that was verified; raises StoreFormatError naming `path`."""
+    try:
+        return AssetSettings.parse(_drawn_as_before(value))
+    except InputError as exc:
+        raise _foreign(path, exc) from exc
+
+
 def _files(
     mesh: Mesh,
     graph: WrinkleGraph | None,
@@ -155,14 +172,6 @@ def _settings(facts: Mapping[str, Any], folder: Path) -> AssetSettings:
     return parse_settings(facts.get("settings"), folder / FACTS)
 
 
-def parse_settings(value: Any, path: Path) -> AssetSettings:
-    """Settings out of a file that was verified; raises StoreFormatError naming `path`."""
-    try:
-        return AssetSettings.parse(_drawn_as_before(value))
-    except InputError as exc:
-        raise _foreign(path, exc) from exc
-
-
 def _drawn_as_before(value: Any) -> Any:
     """Settings written before lines were arcs and skin swelled, with what leaves them as they were
     drawn: the preset `paper` has all of it."""
@@ -171,3 +180,85 @@ def _drawn_as_before(value: Any) -> Any:
     before = {"shape": PRESETS["paper"].shape, "response": PRESETS["paper"].response}
     known = {name: value[name] for name in before if isinstance(value.get(name), dict)}
     return {**value, **{name: {**before[name], **given} for name, given in known.items()}}
+
+
+@dataclass(frozen=True)
+class BuildFacts:
+    """spacing, distance: of pores, mesh units.  uv_length: mesh units that a step of 1 in UV is
+    long.  warnings: of the mesh.  None: the version that built the asset did not keep it."""
+
+    spacing: float
+    distance: float | None
+    uv_length: float | None
+    warnings: tuple[InputWarning, ...] | None
+
+    @classmethod
+    def of(cls, stored: StoredAsset) -> BuildFacts:
+        """Those of an asset; raises StoreFormatError where they are not what a build writes."""
+        extra = stored.extra
+        try:
+            spacing = float(extra["spacing"])
+            distance, uv_length = (
+                None if (known := extra.get(name)) is None else float(known)
+                for name in ("distance", "uv_length")
+            )
+            kept = extra.get("warnings")
+            warnings = None if kept is None else tuple(InputWarning(**one) for one in kept)
+        except (KeyError, TypeError, ValueError) as exc:
+            raise StoreFormatError(f"{FACTS} is of another version of rhytid: {exc!r}") from exc
+        if not (isfinite(spacing) and spacing > 0):
+            raise StoreFormatError(f"{FACTS}: a spacing of {spacing} is none")
+        return cls(spacing, distance, uv_length, warnings)
+
+
+def write_overlay(label: str, settings: AssetSettings) -> bytes:
+    """Settings that were changed since the asset `label` was built, as a file of their own."""
+    return hashed({"label": label, "settings": settings.as_json()})
+
+
+def read_overlay(label: str, data: bytes, path: Path) -> AssetSettings:
+    """The inverse of `write_overlay`; raises StorageError naming `path`."""
+    value = parse_hashed(data, path)
+    if not isinstance(value, dict) or value.get("label") != label:
+        raise damaged(path, f"not the settings of {label}")
+    return parse_settings(value.get("settings"), path)
+
+
+def changed_settings(home: Path) -> AssetSettings | None:
+    """The present settings of a built asset, or None of one of an older version that never
+    changed. Raises StorageError where they are damaged.
+
+    home: the folder of the asset, which is called by its id.
+    """
+    path, facts = home / OVERLAY, home / ASSET / FACTS
+    with reported(f"{path} cannot be read"), suppress(FileNotFoundError):
+        return read_overlay(f"{ASSET} {home.name}", path.read_bytes(), path)
+    with reported(f"{facts} cannot be read"):
+        found = parse_canonical(facts.read_bytes(), facts)
+    if isinstance(found, dict) and found.get(OVERLAID, False):
+        raise damaged(path, "the file is missing")
+    return None
+
+
+def present_settings(home: Path) -> AssetSettings:
+    """As `changed_settings`, or those that the asset was built with."""
+    if (changed := changed_settings(home)) is not None:
+        return changed
+    folder = home / ASSET
+    facts = read_file(folder, f"{ASSET} {home.name}", FACTS)
+    return decode_settings(facts, folder / FACTS)
+
+
+def shape_files(shapes: Expressions) -> dict[str, bytes]:
+    """The files, by name."""
+    return {SHAPE_ARRAYS: write_expressions(shapes), SHAPE_NAMES: canonical(list(shapes.names))}
+
+
+def read_shapes(files: Mapping[str, bytes], folder: Path) -> Expressions:
+    """The inverse of `shape_files`; raises StorageError naming what is wrong in `folder`."""
+    try:
+        return read_expressions(
+            files[SHAPE_ARRAYS], parse_canonical(files[SHAPE_NAMES], folder / SHAPE_NAMES)
+        )
+    except (InputError, KeyError, TypeError, ValueError, SafetensorError) as exc:
+        raise damaged(folder / SHAPE_ARRAYS, f"{type(exc).__name__}: {exc}") from exc

@@ -44,16 +44,23 @@ from rhytid.storage.homes import (
     is_readable,
     is_requested,
 )
-from rhytid.storage.kept_shapes import read_shapes, shape_files
 from rhytid.storage.manifest import (
     StoredFile,
     read_file,
     read_manifest,
     read_verified,
 )
-from rhytid.storage.overlays import changed_settings, write_overlay
 from rhytid.storage.packages import KeptPackages
-from rhytid.storage.records import MESH, StoredAsset, StoredRequest, decode_mesh
+from rhytid.storage.records import (
+    MESH,
+    StoredAsset,
+    StoredRequest,
+    changed_settings,
+    decode_mesh,
+    read_shapes,
+    shape_files,
+    write_overlay,
+)
 
 
 class AssetStore:

@@ -9,11 +9,9 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from rhytid.domain.tiles import TileAddress
-from rhytid.pictures.colours import signed_grey
-from rhytid.pictures.crops import surface_crop
 from rhytid.pictures.flat_patches import FlatPatch
-from rhytid.pictures.images import Picture, to_picture
-from rhytid.pictures.relief import relief
+from rhytid.pictures.images import Picture, signed_grey, to_picture
+from rhytid.pictures.relief import relief, surface_crop
 from rhytid.pictures.sheet import Panel, sheet
 from rhytid.pipeline.bins import quantisation_steps, sample_stretches
 from rhytid_lab.bench.face_figures import Scene

@@ -10,12 +10,10 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from rhytid.domain.tiles import triangles_inside, udim_origin
-from rhytid.pictures.colours import diverging
 from rhytid.pictures.flat_patches import FlatPatch, most_stretched_patches
-from rhytid.pictures.images import Picture
-from rhytid.pictures.legends import axis_arrows, blank_strip, scale_bar, wheel_legend
-from rhytid.pictures.shade_mesh import View, shade_mesh
-from rhytid.pictures.sheet import Panel, sheet
+from rhytid.pictures.images import Picture, diverging
+from rhytid.pictures.raster import View, shade_mesh
+from rhytid.pictures.sheet import Panel, axis_arrows, blank_strip, scale_bar, sheet, wheel_legend
 from rhytid_lab.bench.skin import COLUMNS, Column, Map, Skin
 from rhytid_lab.bench.subject import Subject
 from rhytid_lab.sheets.contact import relative_rms

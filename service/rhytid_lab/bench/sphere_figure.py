@@ -7,10 +7,9 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from rhytid.pictures.colours import signed_grey
-from rhytid.pictures.crops import spline_samples
-from rhytid.pictures.images import Picture, to_picture
-from rhytid.pictures.shade_mesh import View
+from rhytid.pictures.images import Picture, signed_grey, to_picture
+from rhytid.pictures.raster import View
+from rhytid.pictures.relief import spline_samples
 from rhytid.pictures.sheet import Panel, sheet
 from rhytid.synthesis.progress import Progress
 from rhytid_lab.bench.face_figures import performance_of

@@ -7,12 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.pictures.colours import diverging
 from rhytid.pictures.flat_patches import FlatPatch
-from rhytid.pictures.images import Picture
-from rhytid.pictures.legends import blank_strip, marked, wheel_legend
-from rhytid.pictures.shade_mesh import View, shade_mesh
-from rhytid.pictures.sheet import Panel
+from rhytid.pictures.images import Picture, diverging
+from rhytid.pictures.raster import View, shade_mesh
+from rhytid.pictures.sheet import Panel, blank_strip, marked, wheel_legend
 from rhytid_client import Method
 from rhytid_lab.sheets.stretch_colours import Performance, axis_colours, stretch_bar, stretch_limit
 

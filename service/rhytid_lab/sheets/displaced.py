@@ -7,11 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.pictures.crops import spline_samples
 from rhytid.pictures.images import BACKGROUND, Picture, downsample, to_picture
-from rhytid.pictures.raster import Coverage, rasterize
-from rhytid.pictures.relief import lit
-from rhytid.pictures.shade_mesh import View, vertex_normals
+from rhytid.pictures.raster import Coverage, View, rasterize, vertex_normals
+from rhytid.pictures.relief import lit, spline_samples
 
 _SUPERSAMPLING = 2
 # More from the front than on flat crops: a whole sphere is shown.

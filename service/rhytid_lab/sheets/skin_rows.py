@@ -8,12 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.pictures.colours import diverging, signed_grey
 from rhytid.pictures.flat_patches import FlatPatch
-from rhytid.pictures.images import Picture, to_picture
-from rhytid.pictures.legends import axis_arrows, blank_strip, colour_bar, scale_bar
-from rhytid.pictures.shade_mesh import vertex_normals
-from rhytid.pictures.sheet import Panel
+from rhytid.pictures.images import Picture, diverging, signed_grey, to_picture
+from rhytid.pictures.raster import vertex_normals
+from rhytid.pictures.sheet import Panel, axis_arrows, blank_strip, colour_bar, scale_bar
 from rhytid.pictures.surface_patch import Frame, SurfacePatch, surface_patch
 from rhytid_lab.sheets.contact_rows import METHODS, SIZE, stack
 from rhytid_lab.sheets.stretch_colours import Performance

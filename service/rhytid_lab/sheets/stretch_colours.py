@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rhytid.pictures.colours import axis_wheel, diverging
-from rhytid.pictures.images import Picture
-from rhytid.pictures.legends import colour_bar
+from rhytid.pictures.images import Picture, axis_wheel, diverging
+from rhytid.pictures.sheet import colour_bar
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from rhytid.api.dependencies import AssetId, EngineDep, Memory, NoRepeats, Slot
 from rhytid.api.documentation import UNCHANGED, binary, problems
 from rhytid.api.encoding import answer_stored
 from rhytid.api.schemas import GraphQuery
-from rhytid.formats.curves import CURVE_FORMATS, curve_format
+from rhytid.exports.curves import CURVE_FORMATS, curve_format
 from rhytid.formats.graphs import write_graph
 
 SAFETENSORS = "application/vnd.safetensors"

@@ -11,7 +11,7 @@ from rhytid.api.dependencies import AssetId, EngineDep, Memory, NoRepeats, Slot
 from rhytid.api.documentation import UNCHANGED, binary, problems
 from rhytid.api.encoding import answer_stored
 from rhytid.api.schemas import MeshQuery
-from rhytid.meshes.export import MESH_FORMATS, flat_mesh, mesh_format
+from rhytid.exports.meshes import MESH_FORMATS, flat_mesh, mesh_format
 
 MEDIA_TYPES = tuple(kind.media_type for kind in MESH_FORMATS.values())
 router = APIRouter(prefix="/v1/assets", tags=["assets"], dependencies=[NoRepeats])

@@ -35,8 +35,7 @@ from rhytid.storage.homes import checked_id
 from rhytid.storage.manifest import StoredFile
 from rhytid.storage.shared.manifests import SharedManifests, manifest_name
 from rhytid.storage.shared.place import OBJECT, OBJECTS, Place, damaged, place_of
-from rhytid.storage.snapshot_index import SnapshotIndex
-from rhytid.storage.snapshots import Snapshot, sealed
+from rhytid.storage.snapshots import Snapshot, SnapshotIndex, sealed
 
 # Called with the share of the work that is done and the file that comes next; may raise to end it.
 Report = Callable[[float, str], None]
