@@ -26,8 +26,7 @@ from rhytid.domain.graph import WrinkleGraph
 from rhytid.engine.byte_budget import ByteBudget
 from rhytid.errors import RhytidError
 from rhytid.formats import exr as exr_format
-from rhytid.formats.expressions import read_expressions
-from rhytid.formats.frames import NPY, RAW, read_positions
+from rhytid.formats.frames import NPY, RAW, read_expressions, read_positions
 from rhytid.formats.gltf import promised_by_gltf
 from rhytid.formats.graphs import read_graph, write_graph
 from rhytid.formats.meshes import read_mesh

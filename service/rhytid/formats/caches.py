@@ -23,9 +23,8 @@ from rhytid.domain.frame import check_positions
 from rhytid.domain.origin import ORIGIN, Centre
 from rhytid.domain.wording import install_hint, plural
 from rhytid.errors import FrameError, InputError, MeshError
-from rhytid.formats.expressions import SHAPE_EXTENSIONS
 from rhytid.formats.frame_set import Clip, Frame, FrameSet, check_frame_count, frames_at
-from rhytid.formats.frames import FRAME_EXTENSIONS
+from rhytid.formats.frames import FRAME_EXTENSIONS, SHAPE_EXTENSIONS
 from rhytid.formats.gltf_animation import animated, read_gltf_frames
 from rhytid.formats.meshes import MESH_EXTENSIONS, USD_EXTENSIONS, MeshFile, read_mesh
 

@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 from rhytid.domain.expressions import Expressions
 from rhytid.domain.mesh import Mesh
 from rhytid.errors import MeshError
-from rhytid.formats.expressions import npz_shapes
 from rhytid.formats.frame_set import FrameSet
 from rhytid.formats.gltf import read_glb_shapes, read_gltf_shapes
-from rhytid.formats.npz import read_npz
+from rhytid.formats.npz import read_npz, read_npz_shapes
 from rhytid.formats.obj import read_obj
 from rhytid.formats.ply import read_ply
 
@@ -74,7 +73,7 @@ def read_mesh(data: bytes, name: str) -> MeshFile:
     extension = PurePath(name).suffix.lower()
     if extension == ".npz":
         mesh, frames = read_npz(data)
-        return MeshFile(mesh, frames, npz_shapes(data, len(mesh.positions), mesh.centre))
+        return MeshFile(mesh, frames, read_npz_shapes(data, len(mesh.positions), mesh.centre))
     if extension in _WITH_SHAPES:
         mesh, shapes = _WITH_SHAPES[extension](data)
         return MeshFile(mesh, shapes=shapes)

@@ -114,6 +114,21 @@ def check_frames(
     return frames
 
 
+def read_npz_shapes(data: bytes, vertices: int, centre: Centre = ORIGIN) -> Expressions | None:
+    """The members `shapes` and `names`; None where there is no `shapes`."""
+    archive = Archive(data, FrameError)
+    if "shapes" not in archive:
+        return None
+    names = None
+    if "names" in archive:
+        texts = archive.read("names", names=True)
+        if texts.ndim != 1:
+            raise FrameError(f"names have shape {texts.shape}, not (E,)")
+        names = [str(text) for text in texts]
+    shapes = archive.read("shapes", MAX_FRAME_NUMBERS)
+    return Expressions.checked(shapes, vertices, names, centre)
+
+
 def write_mesh_npz(
     path: Path,
     mesh: Mesh,
