@@ -1,4 +1,4 @@
-"""What is inside stored files: meshes and painted maps as safetensors; the id of a content."""
+"""The id of an asset, which names the content that it is built from."""
 
 from __future__ import annotations
 
@@ -8,12 +8,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from safetensors.numpy import load, save
 
 from rhytid.domain.asset_settings import AssetSettings, GraphSettings
 from rhytid.domain.controls import Controls
 from rhytid.domain.expressions import Expressions
-from rhytid.domain.folds import Folds
 from rhytid.domain.graph import WrinkleGraph
 from rhytid.domain.mesh import Mesh
 from rhytid.domain.stiffness import Stiffness
@@ -54,7 +52,7 @@ def asset_id(
     """
     identity = _identity(settings, graph is not None)
     digest = hashlib.sha256(canonical({"version": ID_VERSION, "settings": identity}))
-    _add_arrays(digest, "mesh", _mesh_arrays(mesh))
+    _add_arrays(digest, "mesh", mesh_arrays(mesh))
     _add_arrays(digest, "graph", {} if graph is None else graph.arrays())
     if graph is not None and graph.origin is not None:
         digest.update(canonical(["origin", graph.origin.metadata()]))
@@ -67,61 +65,11 @@ def asset_id(
     return digest.hexdigest()[:16]
 
 
-def write_mesh(mesh: Mesh) -> bytes:
-    """The mesh as safetensors; uv stay float64."""
-    data: bytes = save(_mesh_arrays(mesh))
-    return data
-
-
-def read_mesh(data: bytes) -> Mesh:
-    """The inverse of `write_mesh`; raises MeshError, TypeError or SafetensorError."""
-    return Mesh(**load(data))
-
-
-def write_stiffness(stiffness: Stiffness) -> bytes:
-    """The maps as safetensors, by UDIM."""
-    data: bytes = save(stiffness.arrays())
-    return data
-
-
-def read_stiffness(data: bytes) -> Stiffness:
-    """The inverse of `write_stiffness`; raises InputError, ValueError or SafetensorError."""
-    return Stiffness.of_arrays(load(data))
-
-
-def write_controls(controls: Controls) -> bytes:
-    """The maps as safetensors, by name and UDIM."""
-    data: bytes = save(controls.arrays())
-    return data
-
-
-def read_controls(data: bytes) -> Controls:
-    """The inverse of `write_controls`; raises InputError, ValueError or SafetensorError."""
-    return Controls.of_arrays(load(data))
-
-
-def write_folds(folds: Folds) -> bytes:
-    """The arrays as safetensors."""
-    data: bytes = save(folds.arrays())
-    return data
-
-
-def read_folds(data: bytes) -> Folds:
-    """The inverse of `write_folds`; raises InputError, KeyError or SafetensorError."""
-    return Folds.of_arrays(load(data))
-
-
-def write_expressions(expressions: Expressions) -> bytes:
-    """The positions as safetensors, without the names."""
-    data: bytes = save({"shapes": expressions.positions})
-    return data
-
-
-def read_expressions(data: bytes, names: Any) -> Expressions:
-    """The inverse of `write_expressions`; raises FrameError, KeyError, TypeError or
-    SafetensorError."""
-    shapes = load(data)["shapes"]
-    return Expressions.checked(shapes, shapes.shape[1], list(names))
+def mesh_arrays(mesh: Mesh) -> dict[str, NDArray[Any]]:
+    """The arrays of a mesh by name, as they are stored and as its id is made of them."""
+    arrays = {name: getattr(mesh, name) for name in _MESH_ARRAYS}
+    # Only where there is one: a mesh near the origin keeps its id.
+    return {**arrays, "centre": mesh.centre} if mesh.centre.any() else arrays
 
 
 def _identity(settings: AssetSettings, given: bool) -> dict[str, Any]:
@@ -136,12 +84,6 @@ def _identity(settings: AssetSettings, given: bool) -> dict[str, Any]:
     graph["lines"] = None
     values["graph"] = {k: v for k, v in graph.items() if k not in _LATER or v != getattr(plain, k)}
     return values
-
-
-def _mesh_arrays(mesh: Mesh) -> dict[str, NDArray[Any]]:
-    arrays = {name: getattr(mesh, name) for name in _MESH_ARRAYS}
-    # Only where there is one: a mesh near the origin keeps its id.
-    return {**arrays, "centre": mesh.centre} if mesh.centre.any() else arrays
 
 
 def _add_arrays(digest: hashlib._Hash, group: str, arrays: Mapping[str, NDArray[Any]]) -> None:

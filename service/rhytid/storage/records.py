@@ -9,7 +9,9 @@ from math import isfinite
 from pathlib import Path
 from typing import Any, TypeVar
 
+from numpy.typing import NDArray
 from safetensors import SafetensorError
+from safetensors.numpy import load, save
 
 from rhytid.domain.asset_settings import PRESETS, AssetSettings
 from rhytid.domain.controls import Controls
@@ -23,18 +25,7 @@ from rhytid.durable import reported
 from rhytid.errors import InputError, LimitError, StoreFormatError
 from rhytid.formats.graphs import read_graph, write_graph
 from rhytid.storage.canonical import canonical, damaged, hashed, parse_canonical, parse_hashed
-from rhytid.storage.contents import (
-    read_controls,
-    read_expressions,
-    read_folds,
-    read_mesh,
-    read_stiffness,
-    write_controls,
-    write_expressions,
-    write_folds,
-    write_mesh,
-    write_stiffness,
-)
+from rhytid.storage.contents import mesh_arrays
 from rhytid.storage.homes import ASSET, OVERLAY
 from rhytid.storage.manifest import read_file
 
@@ -65,9 +56,9 @@ class StoredRequest:
         facts = {"settings": self.settings.as_json()}
         files = _files(self.mesh, self.graph, facts, self.stiffness)
         if self.controls is not None:
-            files[CONTROLS] = write_controls(self.controls)
+            files[CONTROLS] = _packed(self.controls.arrays())
         if self.folds is not None:
-            files[FOLDS] = write_folds(self.folds)
+            files[FOLDS] = _packed(self.folds.arrays())
         return files
 
     @classmethod
@@ -77,8 +68,8 @@ class StoredRequest:
         facts = _facts(files, folder)
         mesh = _decode(files, folder / MESH, read_mesh)
         painted = folder / CONTROLS
-        controls = _decode(files, painted, read_controls) if CONTROLS in files else None
-        folds = _decode(files, folder / FOLDS, read_folds) if FOLDS in files else None
+        controls = _decode(files, painted, _of(Controls.of_arrays)) if CONTROLS in files else None
+        folds = _decode(files, folder / FOLDS, _of(Folds.of_arrays)) if FOLDS in files else None
         settings, stiffness = _settings(facts, folder), _stiffness(files, folder)
         return cls(mesh, settings, graph, stiffness, controls, folds)
 
@@ -106,6 +97,16 @@ class StoredAsset:
         facts = _facts(files, folder)
         settings, stiffness = _settings(facts, folder), _stiffness(files, folder)
         return cls(mesh, graph, settings, facts["extra"], stiffness)
+
+
+def write_mesh(mesh: Mesh) -> bytes:
+    """The mesh as safetensors; uv stay float64."""
+    return _packed(mesh_arrays(mesh))
+
+
+def read_mesh(data: bytes) -> Mesh:
+    """The inverse of `write_mesh`; raises MeshError, TypeError or SafetensorError."""
+    return Mesh(**load(data))
 
 
 def decode_mesh(data: bytes, path: Path) -> Mesh:
@@ -137,12 +138,25 @@ def _files(
     if graph is not None:
         files[GRAPH] = write_graph(graph)
     if stiffness is not None:
-        files[STIFFNESS] = write_stiffness(stiffness)
+        files[STIFFNESS] = _packed(stiffness.arrays())
     return files
 
 
 def _stiffness(files: Files, folder: Path) -> Stiffness | None:
-    return _decode(files, folder / STIFFNESS, read_stiffness) if STIFFNESS in files else None
+    if STIFFNESS not in files:
+        return None
+    return _decode(files, folder / STIFFNESS, _of(Stiffness.of_arrays))
+
+
+def _packed(arrays: Mapping[str, NDArray[Any]]) -> bytes:
+    """Arrays as safetensors."""
+    data: bytes = save(dict(arrays))
+    return data
+
+
+def _of(parse: Callable[[dict[str, NDArray[Any]]], T]) -> Callable[[bytes], T]:
+    """What reads the arrays of a safetensors file."""
+    return lambda data: parse(load(data))
 
 
 def _decode(files: Files, path: Path, read: Callable[[bytes], T]) -> T:
@@ -250,15 +264,17 @@ def present_settings(home: Path) -> AssetSettings:
 
 
 def shape_files(shapes: Expressions) -> dict[str, bytes]:
-    """The files, by name."""
-    return {SHAPE_ARRAYS: write_expressions(shapes), SHAPE_NAMES: canonical(list(shapes.names))}
+    """The files of named shapes, by name: the positions as safetensors, the names as JSON."""
+    positions = _packed({"shapes": shapes.positions})
+    return {SHAPE_ARRAYS: positions, SHAPE_NAMES: canonical(list(shapes.names))}
 
 
 def read_shapes(files: Mapping[str, bytes], folder: Path) -> Expressions:
     """The inverse of `shape_files`; raises StorageError naming what is wrong in `folder`."""
     try:
-        return read_expressions(
-            files[SHAPE_ARRAYS], parse_canonical(files[SHAPE_NAMES], folder / SHAPE_NAMES)
-        )
+        data, named = files[SHAPE_ARRAYS], files[SHAPE_NAMES]
+        names = parse_canonical(named, folder / SHAPE_NAMES)
+        positions = load(data)["shapes"]
+        return Expressions.checked(positions, positions.shape[1], list(names))
     except (InputError, KeyError, TypeError, ValueError, SafetensorError) as exc:
         raise damaged(folder / SHAPE_ARRAYS, f"{type(exc).__name__}: {exc}") from exc
