@@ -24,7 +24,7 @@ from rhytid.engine.messages import NewAsset
 from rhytid.errors import InputError, MeshError
 from rhytid.pipeline.draw_limit import DrawLimit
 from rhytid.pipeline.element_arrays import check_cover
-from rhytid.storage.contents import asset_id
+from rhytid.storage.asset_ids import asset_id
 from rhytid.synthesis.fields.capacity_check import check_amount
 
 

@@ -24,8 +24,8 @@ from rhytid.domain.warnings import InputWarning
 from rhytid.durable import reported
 from rhytid.errors import InputError, LimitError, StoreFormatError
 from rhytid.formats.graphs import read_graph, write_graph
+from rhytid.storage.asset_ids import mesh_arrays
 from rhytid.storage.canonical import canonical, damaged, hashed, parse_canonical, parse_hashed
-from rhytid.storage.contents import mesh_arrays
 from rhytid.storage.homes import ASSET, OVERLAY
 from rhytid.storage.manifest import read_file
 
