@@ -31,7 +31,7 @@ ALLOWED = {
     "logs": set(),
     "domain": {"errors"},
     "device": _FACTS | {"unfinished"},
-    "formats": _FACTS | {"durable", "unfinished"},
+    "formats": _FACTS | {"unfinished"},
     "pictures": _FACTS,
     "meshes": _FACTS | {"formats", "synthesis"},
     "exports": _FACTS | {"durable", "formats", "pipeline"},

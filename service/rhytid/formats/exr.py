@@ -18,13 +18,11 @@ import subprocess
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 import OpenEXR
 from numpy.typing import NDArray
 
-from rhytid.durable import whole
 from rhytid.errors import InputError, StorageError
 from rhytid.formats.exr_decoder import READY, Wrong, decode
 from rhytid.formats.limits import check_sides
@@ -32,7 +30,6 @@ from rhytid.formats.tile_header import TileHeader
 from rhytid.unfinished import temporary_folder
 
 SIGNATURE = b"\x76\x2f\x31\x01"
-NOTHING: Mapping[str, str | int | float] = MappingProxyType({})
 Texels = NDArray[np.float32] | NDArray[np.float16]
 _CHANNEL = "Y"
 # Seconds that the decoder may take.
@@ -51,29 +48,15 @@ _COLOURS = {"R", "G", "B", "RY", "BY"}
 _MOST_NAME, _MOST_CHANNELS, _MOST_ATTRIBUTES = 255, 8, 10_000
 
 
-def write_exr(
-    path: Path, texels: Texels, header: TileHeader, more: Mapping[str, str | int | float] = NOTHING
-) -> None:
-    """Write a map (h, w) float32 or float16 to `path`, whole or not at all, with the attributes of
-    its header and `more`.
-
-    Raises StorageError.
-    """
-    try:
-        with whole(path) as aside:
-            _file(texels, {**header.attributes(), **more}).write(str(aside))
-    except (OSError, RuntimeError) as exc:
-        raise StorageError(f"cannot write an EXR file: {exc}") from exc
-
-
 def encode_exr(texels: Texels, header: TileHeader) -> bytes:
-    """The bytes of the file that `write_exr` writes."""
+    """The bytes of a file of a map (h, w) float32 or float16, with the attributes of its header."""
     stream = io.BytesIO()
-    _file(texels, header.attributes()).write(stream)
+    exr_file(texels, header.attributes()).write(stream)
     return stream.getvalue()
 
 
-def _file(texels: Texels, attributes: Mapping[str, str | int | float]) -> OpenEXR.File:
+def exr_file(texels: Texels, attributes: Mapping[str, str | int | float]) -> OpenEXR.File:
+    """A file of a map, for `write` to a path or a stream."""
     fixed = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     return OpenEXR.File({**attributes, **fixed}, {_CHANNEL: np.ascontiguousarray(texels)})
 

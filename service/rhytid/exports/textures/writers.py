@@ -26,12 +26,12 @@ from rhytid.errors import InputError, StorageError
 from rhytid.exports.meshes import welded
 from rhytid.exports.textures.frame_map import TEXELS, Chart, Facts, FrameMap, attributes
 from rhytid.exports.textures.tangents import FloatArray, Posed, dot, unit
-from rhytid.formats.exr import write_exr
+from rhytid.formats.exr import Texels, exr_file
 from rhytid.formats.png import encode_png
 from rhytid.formats.tiles import quantise
 
 Codes = NDArray[np.uint8] | NDArray[np.uint16]
-Texels = NDArray[np.float32]
+FloatMap = NDArray[np.float32]
 _WHITE, _MIDDLE = 65535, 32768
 # The square around a texel, as a share of the side of a map: some 4 mm on a face that fills it.
 AROUND = 1.0 / 64.0
@@ -81,13 +81,22 @@ def weight_facts(map: FrameMap) -> Facts:
 def write_float(path: Path, map: FrameMap, facts: Facts) -> None:
     """OpenEXR of floats; padded next to islands."""
     heights = map.bordered()
-    write_exr(path, heights, map.header, attributes(map.header, facts, heights))
+    write_exr(path, heights, attributes(map.header, facts, heights))
 
 
 def write_half(path: Path, map: FrameMap, facts: Facts) -> None:
     """OpenEXR of half floats; padded next to islands."""
     heights = map.bordered().astype(np.float16)
-    write_exr(path, heights, map.header, attributes(map.header, facts, heights))
+    write_exr(path, heights, attributes(map.header, facts, heights))
+
+
+def write_exr(path: Path, texels: Texels, attributes: Mapping[str, str | int | float]) -> None:
+    """Write a map (h, w) to `path` as OpenEXR, whole or not at all; raises StorageError."""
+    try:
+        with whole(path) as aside:
+            exr_file(texels, attributes).write(str(aside))
+    except (OSError, RuntimeError) as exc:
+        raise StorageError(f"cannot write an EXR file: {exc}") from exc
 
 
 def write_mipmapped(path: Path, map: FrameMap, facts: Facts) -> None:
@@ -279,7 +288,7 @@ def image_library() -> Any:
         raise InputError(f"tiled textures need OpenImageIO; {install_hint('tx')}") from exc
 
 
-def levels_of(texels: Texels) -> list[Texels]:
+def levels_of(texels: FloatMap) -> list[FloatMap]:
     """A map (R, R), R a power of two, and its coarser levels down to one texel: means of 2 x 2,
     added in the order of the service's own levels (`level.cl`), so that they are the same bits."""
     levels = [texels]
@@ -291,7 +300,7 @@ def levels_of(texels: Texels) -> list[Texels]:
     return levels
 
 
-def write_tiled(path: Path, levels: list[Texels], attributes: Mapping[str, Any]) -> None:
+def write_tiled(path: Path, levels: list[FloatMap], attributes: Mapping[str, Any]) -> None:
     """Write levels, finest first, as one file of one channel `Y`; raises StorageError."""
     library = image_library()
     output = library.ImageOutput.create("openexr")
