@@ -24,14 +24,16 @@ _ROWS = 1 << 16
 
 @dataclass(frozen=True)
 class CurveFormat:
-    """A media type, and what makes a file of curves in a length unit, in pieces."""
+    """The media type of a file of curves, and the function that writes it: from curves and a unit
+    of length, in pieces."""
 
     media_type: str
     write: Callable[[Curves, str], Iterator[bytes]]
 
 
 def obj_curves(curves: Curves, unit: str) -> Iterator[bytes]:
-    """Vertices and a line element for each wrinkle, in `unit`. Widths have no place in OBJ."""
+    """OBJ in pieces: vertices in `unit`, and a line element for each wrinkle. OBJ has no place for
+    widths."""
     yield f"# {plural(len(curves.lines), 'wrinkle')}, in {unit}\n".encode()
     # A float32 has 7 digits; far from the origin they go on behind those of the centre.
     item = "v %.13g %.13g %.13g\n" if curves.centre.any() else "v %.7g %.7g %.7g\n"
@@ -40,7 +42,8 @@ def obj_curves(curves: Curves, unit: str) -> Iterator[bytes]:
 
 
 def usda_curves(curves: Curves, unit: str) -> Iterator[bytes]:
-    """A linear BasisCurves prim with widths and the primvar `strength`, one value per curve."""
+    """USD as text, in pieces: a linear BasisCurves prim in `unit` with widths and the primvar
+    `strength`, one value per curve."""
     head = "\n".join(usda_header(unit, ['defaultPrim = "Wrinkles"']))
     yield (
         f'{head}\n\ndef BasisCurves "Wrinkles"\n{{\n    uniform token type = "linear"\n'
@@ -68,14 +71,15 @@ CURVE_FORMATS = {
 
 
 def curve_format(name: str) -> CurveFormat:
-    """A format by its name; raises QueryError naming the formats that are known."""
+    """The format of that name; raises QueryError naming the formats that are known."""
     if name not in CURVE_FORMATS:
         raise QueryError(f"format {name!r}: one of safetensors, {', '.join(CURVE_FORMATS)}")
     return CURVE_FORMATS[name]
 
 
 def curve_file(name: str) -> CurveFormat:
-    """That of a file by its extension; raises InputError naming the extensions that are known."""
+    """The format of a file by its extension; raises InputError naming the extensions that are
+    known."""
     found = CURVE_FORMATS.get(name.rpartition(".")[2].lower())
     if found is None:
         known = ", ".join(f".{extension}" for extension in CURVE_FORMATS)

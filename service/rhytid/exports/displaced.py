@@ -25,11 +25,11 @@ _INWARDS = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Subdivided:
-    """A mesh each of whose triangles is cut in four, some times over; no vertex of it is rounded.
+    """A mesh each of whose triangles is cut in four, `levels` times; no vertex of it is rounded.
 
-    mesh: the one that was cut.  flat: its vertices as they are split along seams.  edges: of each
-    level, (E, 2) the vertices between which new ones lie.  faces (F', 3), uv (W', 2).
-    udim (W',): whose map moves a vertex.  welded (W',): the same number at the same place.
+    mesh: the mesh that was cut.  flat: its vertices, split along seams.  edges: of each level, (E,
+    2) the vertices between which new ones lie.  faces (F', 3), uv (W', 2): of the result.  udim
+    (W',): whose map moves a vertex.  welded (W',): the same number for vertices at the same place.
     """
 
     mesh: Mesh
@@ -66,9 +66,11 @@ class Subdivided:
         """A frame with its displacement.
 
         positions (V, 3): of the mesh, less its centre.  maps: by UDIM, (R, R) heights in mesh
-        units, row 0 at the top; vertices of UDIMs without one stay. Each vertex goes along the
-        normal of the frame by what its map has there, interpolated between the nearest four
-        texels; where a seam splits it, by the mean of both sides, so that none opens.
+        units, row 0 at the top; vertices of UDIMs without one stay.
+
+        Each vertex moves along the normal of the frame by the height that its map has there,
+        interpolated between the nearest four texels. Vertices that a seam splits move by the mean
+        of both sides, so that no gap opens.
         """
         source = self.flat.source
         normals = _spread(_normals(positions, self.mesh)[source], self.edges)
@@ -86,8 +88,10 @@ class Subdivided:
 
 
 def sampled(heights: NDArray[np.floating], uv: FloatArray) -> FloatArray:
-    """(N,) values of a map (R, R), row 0 at the top, at places (N, 2) of its square, linear between
-    the middles of texels; beyond the outermost ones these go on."""
+    """(N,) values of a map (R, R), row 0 at the top, at places (N, 2) in its unit square.
+
+    Linear between the middles of texels; beyond the outermost middles their values go on.
+    """
     size = len(heights)
     place = np.stack([1.0 - uv[:, 1], uv[:, 0]], axis=1) * size - 0.5
     place = np.clip(place, 0.0, size - 1.0)

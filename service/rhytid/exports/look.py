@@ -21,13 +21,13 @@ _VERSION = "1.38"
 
 @dataclass(frozen=True)
 class Look:
-    """Maps called NAME.<UDIM>.<FRAME>.exr, beside the files that are written of them.
+    """Maps called NAME.<UDIM>.<FRAME>.exr, and the scene that is displaced by them.
 
-    udims: ascending.  frames: what names have for FRAME: numbers, ascending, or one name. unit,
-    scene_unit: of length, of the maps and of the scene.  uv: the primvar of texture coordinates.
-    fps: frames per second of the scene.  bind: the path of a mesh that gets the material, or None.
-    material: the path of a material that gets the displacement in place of one that is made, or
-    None.
+    The files of the look lie beside the maps.  udims: ascending.  frames: what file names have for
+    FRAME: numbers, ascending, or one name.  unit, scene_unit: of length, of the maps and of the
+    scene.  uv: the primvar of texture coordinates.  fps: frames per second of the scene.  bind: the
+    path of a mesh that gets the material, or None.  material: the path of a material that gets the
+    displacement; None: a new one is made.
     """
 
     name: str
@@ -51,24 +51,28 @@ class Look:
 
     @property
     def identifier(self) -> str:
-        """The name as USD and MaterialX take one: letters, digits and '_', no digit first."""
+        """The name as an identifier of USD and MaterialX: letters, digits and '_', no digit
+        first."""
         text = re.sub(r"[^A-Za-z0-9_]", "_", self.name)
         return f"_{text}" if text[0].isdigit() else text
 
     @property
     def scale(self) -> float:
-        """Units of the scene in one of the maps; raises InputError for no known length."""
+        """The factor from the unit of the maps to that of the scene; raises InputError where either
+        has no known length."""
         if self.unit == self.scene_unit:
             return 1.0
         return float(f"{_length(self.unit) / _length(self.scene_unit):.12g}")
 
     def file(self, frame: str) -> str:
-        """The name of a map, with <UDIM> for the number where there is more than UDIM 1001."""
+        """The file name of the map of a frame, with <UDIM> for the number unless UDIM 1001 is the
+        only one."""
         udim = str(FIRST_UDIM) if self.udims == (FIRST_UDIM,) else "<UDIM>"
         return f"{self.name}.{udim}.{frame}.exr"
 
     def frame_token(self) -> str:
-        """What MaterialX replaces by the number of a frame, or the name of the only frame.
+        """The token in file names that MaterialX replaces by the number of a frame, or the name of
+        the only frame.
 
         Raises InputError where frames have names, or numbers of different padding.
         """
@@ -92,7 +96,8 @@ def _length(unit: str) -> float:
 
 
 def materialx_look(look: Look) -> bytes:
-    """The document: an image of heights, its displacement, and a material that has it."""
+    """The MaterialX document of a look: an image of heights, its displacement, and a material that
+    has it."""
     root = Element("materialx", version=_VERSION)
     name = look.identifier
     graph = SubElement(root, "nodegraph", name=f"{name}_heights")

@@ -29,8 +29,11 @@ _VERTICES, _INDICES = 34962, 34963
 
 @dataclass(frozen=True, eq=False)
 class FlatMesh:
-    """positions (W, 3), faces (F, 3), uv (W, 2): a vertex for each pair of a vertex and a uv.
-    source (W,): the vertex of the mesh that each was."""
+    """A mesh with one vertex for each pair of a position and a UV.
+
+    positions (W, 3), faces (F, 3), uv (W, 2).  source (W,): the vertex of the original mesh that
+    each vertex comes from.
+    """
 
     positions: NDArray[np.floating]
     faces: NDArray[np.int64]
@@ -39,10 +42,10 @@ class FlatMesh:
 
 
 def flat_mesh(mesh: Mesh) -> FlatMesh:
-    """A mesh where it was sent, its vertices split along UV seams.
+    """The mesh with its vertices split along UV seams, its centre added again.
 
-    The first V vertices are those of the mesh in their order, so that frames of it fit; what a seam
-    needs beside them comes after.
+    The first V vertices are those of the mesh in their order, so that frames of it fit; vertices
+    that seams need beside them come after.
     """
     pair = np.stack([mesh.faces.reshape(-1), mesh.face_uv.reshape(-1)], axis=1).astype(np.int64)
     both, corner = np.unique(pair, axis=0, return_inverse=True)
@@ -57,13 +60,13 @@ def flat_mesh(mesh: Mesh) -> FlatMesh:
 
 
 def welded(mesh: Mesh) -> NDArray[np.int64]:
-    """(V,) the same number for vertices that are at one place of the neutral, bit for bit."""
+    """(V,) numbers of places: vertices at the same place of the neutral, bit for bit, share one."""
     _, place = np.unique(mesh.positions + np.float32(0), axis=0, return_inverse=True)
     return place.reshape(-1).astype(np.int64)
 
 
 def write_glb(mesh: FlatMesh) -> bytes:
-    """A GLB, of float32."""
+    """The bytes of a GLB, in float32."""
     import trimesh
 
     visual: Any = trimesh.visual.TextureVisuals(uv=mesh.uv)  # type: ignore[no-untyped-call]
@@ -75,7 +78,8 @@ def write_glb(mesh: FlatMesh) -> bytes:
 
 
 def write_ply(mesh: FlatMesh) -> bytes:
-    """A binary PLY: positions of doubles where they are doubles, uv of doubles as s and t."""
+    """The bytes of a binary PLY: positions as doubles where they are doubles, else floats; uv as
+    doubles called s and t."""
     wide = mesh.positions.dtype == np.float64
     real, kind = ("double", "<f8") if wide else ("float", "<f4")
     vertex = np.empty(len(mesh.positions), [("p", kind, 3), ("uv", "<f8", 2)])
@@ -93,7 +97,7 @@ def write_ply(mesh: FlatMesh) -> bytes:
 
 @dataclass(frozen=True)
 class MeshFormat:
-    """A media type, and what writes a file."""
+    """The media type of a mesh file, and the function that writes it."""
 
     media_type: str
     write: Callable[[FlatMesh], bytes]
@@ -106,7 +110,7 @@ MESH_FORMATS = {
 
 
 def mesh_format(name: str) -> MeshFormat:
-    """The format of that name; raises QueryError naming those there are."""
+    """The format of that name; raises QueryError naming the formats that are known."""
     if name not in MESH_FORMATS:
         raise QueryError(f"format {name!r}: one of {', '.join(MESH_FORMATS)}")
     return MESH_FORMATS[name]
@@ -115,10 +119,11 @@ def mesh_format(name: str) -> MeshFormat:
 def write_morph_glb(
     mesh: Mesh, shapes: Expressions | None, name: str, metres: float | None = None
 ) -> bytes:
-    """Vertices split at UV seams, those of the mesh first and in their order, with normals, UV,
-    `_VERTEX`, and the shapes as morph targets by name; triangles in the order of the mesh.
+    """The bytes of a GLB of a mesh with named shapes as morph targets.
 
-    Positions are less the centre of the mesh.  metres: of a mesh unit; scales the node.
+    It has normals, UV and `_VERTEX`, the index of each vertex in the mesh. Vertices are split at UV
+    seams, those of the mesh first and in their order; triangles are in the order of the mesh;
+    positions are less its centre.  metres: in a mesh unit; scales the node.
     """
     flat = flat_mesh(replace(mesh, centre=ORIGIN))
     buffer = _Buffer()
@@ -144,8 +149,8 @@ def write_morph_glb(
 
 
 def normals(mesh: Mesh) -> NDArray[np.float64]:
-    """(V, 3) of unit length: the mean of the triangles around a vertex by their area; (0, 0, 1)
-    where that is nothing."""
+    """(V, 3) unit normals: means of the triangles around each vertex, weighted by area; (0, 0, 1)
+    where the mean is zero."""
     corners = mesh.positions[mesh.faces].astype(np.float64)
     areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     found = np.zeros((len(mesh.positions), 3))

@@ -23,7 +23,7 @@ Part = tuple[str, list[str]]
 
 
 def usd_look(look: Look) -> str:
-    """The text of a layer to have among the sublayers of a scene."""
+    """The text of a USD layer with a look, which goes among the sublayers of a scene."""
     return "\n".join([*_header(look), "", *_prims(look), ""])
 
 
@@ -156,10 +156,10 @@ def _prim(head: str, rows: Sequence[str]) -> Lines:
 
 
 def usda_header(unit: str, metadata: Sequence[str]) -> list[str]:
-    """Lines of the head of a layer, Y up.
+    """The lines of the head of a layer, Y up.
 
-    unit: length unit of the layer; without metersPerUnit where it has no known length.  metadata:
-    further rows, `name = value`.
+    unit: of length, of the layer; metersPerUnit is left out where the unit has no known length.
+    metadata: further rows, `name = value`.
     """
     rows = sorted(metadata)
     if (length := millimetres(unit)) is not None:
@@ -168,5 +168,5 @@ def usda_header(unit: str, metadata: Sequence[str]) -> list[str]:
 
 
 def indented(rows: Sequence[str]) -> Iterator[str]:
-    """Rows of a block of a layer, four spaces to the right."""
+    """The rows of a block, four spaces to the right."""
     yield from (f"    {row}" if row else "" for row in rows)

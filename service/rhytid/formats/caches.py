@@ -37,8 +37,12 @@ _MAGIC = b"POINTCACHE2\0"
 
 
 def read_mesh_file(file: Path, clip: Clip | None = None) -> MeshFile:
-    """A mesh from a file, with the animation that it holds; as `read_mesh`, and USD. Raises
-    MeshError naming what mesh files may be, for one of another extension."""
+    """The mesh of a file, with the animation that the file holds: of the formats of `read_mesh`,
+    and of USD.
+
+    Raises MeshError for an unknown extension, naming those that are known, and what `read_mesh`
+    raises.
+    """
     clip, extension = clip or Clip(), file.suffix.lower()
     if extension == ".abc":
         raise InputError(_CONVERT)
@@ -64,8 +68,8 @@ def read_cache(
 ) -> FrameSet:
     """The frames of a geometry cache, less the centre of their mesh.
 
-    Raises FrameError naming what does not fit the mesh of so many vertices, MeshError over damaged
-    files, InputError where usd-core is missing, LimitError.
+    Raises FrameError where the file does not fit a mesh of so many vertices, MeshError where it is
+    damaged, InputError where usd-core is missing, LimitError where it is too large.
     """
     clip, extension = clip or Clip(), file.suffix.lower()
     if extension == ".abc":
@@ -80,19 +84,21 @@ def read_cache(
 
 
 def is_cache(file: Path) -> bool:
-    """Whether `read_cache` is to read the frames of a file."""
+    """Whether the extension of a file is one of those that `read_cache` reads."""
     return file.suffix.lower() in (*CACHE_EXTENSIONS, ".abc")
 
 
 def check_frame_file(file: Path) -> None:
-    """Raise FrameError naming what files of frames may be, for one of another extension."""
+    """Raise FrameError where the extension of a file is none of a file of frames; the message names
+    those that are."""
     known = list(dict.fromkeys([*FRAME_EXTENSIONS, *CACHE_EXTENSIONS]))
     if file.suffix.lower() not in known and not is_cache(file):
         raise FrameError(f"frame file {_unknown(file, known)}")
 
 
 def check_shape_file(file: Path) -> None:
-    """The same of a file of expressions."""
+    """Raise FrameError where the extension of a file is none of a file of expressions; the message
+    names those that are."""
     known = list(dict.fromkeys([*SHAPE_EXTENSIONS, *CACHE_EXTENSIONS]))
     if file.suffix.lower() not in known and not is_cache(file):
         raise FrameError(f"shapes {_unknown(file, known)}")

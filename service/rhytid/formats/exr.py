@@ -24,7 +24,7 @@ import OpenEXR
 from numpy.typing import NDArray
 
 from rhytid.errors import InputError, StorageError
-from rhytid.formats.exr_decoder import READY, Wrong, decode
+from rhytid.formats.exr_decoder import READY, BadTexel, decode
 from rhytid.formats.limits import check_sides
 from rhytid.formats.tile_header import TileHeader
 from rhytid.unfinished import temporary_folder
@@ -49,14 +49,16 @@ _MOST_NAME, _MOST_CHANNELS, _MOST_ATTRIBUTES = 255, 8, 10_000
 
 
 def encode_exr(texels: Texels, header: TileHeader) -> bytes:
-    """The bytes of a file of a map (h, w) float32 or float16, with the attributes of its header."""
+    """A map (h, w) of float32 or float16 as the bytes of a file, with the attributes of its
+    header."""
     stream = io.BytesIO()
     exr_file(texels, header.attributes()).write(stream)
     return stream.getvalue()
 
 
 def exr_file(texels: Texels, attributes: Mapping[str, str | int | float]) -> OpenEXR.File:
-    """A file of a map, for `write` to a path or a stream."""
+    """A map with attributes as a file of the OpenEXR library, whose `write` takes a path or a
+    stream."""
     fixed = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     return OpenEXR.File({**attributes, **fixed}, {_CHANNEL: np.ascontiguousarray(texels)})
 
@@ -67,7 +69,8 @@ def read_exr(path: Path) -> tuple[Texels, dict[str, object]]:
 
 
 def decode_exr(data: bytes) -> tuple[Texels, dict[str, object]]:
-    """`read_exr` of a file in memory."""
+    """Channel `Y` (h, w) of a file in memory, and the attributes; raises InputError as `read_exr`
+    does."""
     return _read(io.BytesIO(data), "tile.exr")
 
 
@@ -96,8 +99,11 @@ def read_attributes(path: Path) -> dict[str, object]:
 
 
 def decode_here(begun: Callable[[str], None]) -> None:
-    """From now on this process, which may crash without harm and has a limit of its memory, decodes
-    images by itself.  begun: is told the name of each before."""
+    """From now on decode images in this process, not in one of their own.
+
+    Only for a process that may crash without harm and has a limit of its memory.  begun: called
+    with the name of each image before it is decoded.
+    """
     global _begun
     _begun = begun
 
@@ -126,7 +132,7 @@ def read_grey_exr(data: bytes, name: str) -> NDArray[np.uint16]:
     raise _beyond(wrong, name)
 
 
-def _beyond(wrong: Wrong, name: str) -> InputError:
+def _beyond(wrong: BadTexel, name: str) -> InputError:
     place = f"the texel of column {wrong.column}, row {wrong.row}"
     return InputError(f"{name}: {place} is {wrong.value}: must be from 0 to 1")
 
@@ -146,14 +152,14 @@ def _decoded_here(data: bytes, name: str, width: int, height: int) -> NDArray[np
     return codes
 
 
-def _wrong(answer: bytes) -> Wrong | None:
+def _wrong(answer: bytes) -> BadTexel | None:
     """What the first line of an answer says; raises ValueError where it is something else."""
     found = json.loads(answer[: answer.find(b"\n")])
     if found is None:
         return None
     if not (isinstance(found, list) and [type(part) for part in found] == [int, int, str]):
         raise ValueError("neither null nor a texel")
-    return Wrong(*found)
+    return BadTexel(*found)
 
 
 def _decoded(data: bytes, width: int, height: int) -> bytes:
@@ -179,10 +185,10 @@ def _decoded(data: bytes, width: int, height: int) -> bytes:
 
 
 def read_sides(data: bytes, name: str) -> tuple[int, int]:
-    """Width and height of the bytes of an image, `name` for messages.
+    """Width and height of an OpenEXR image by its header; `name` is for messages.
 
-    Raises InputError for what is damaged or no grey map of half or float, LimitError above
-    MOST_SIDE texels per side.
+    Raises InputError where the header is damaged, or not that of a grey map of half or float;
+    LimitError above MOST_SIDE texels per side.
     """
     source = _Bytes(data, len(SIGNATURE))
     try:

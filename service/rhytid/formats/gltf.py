@@ -56,23 +56,24 @@ def read_gltf_shapes(data: bytes) -> tuple[Mesh, Expressions | None]:
 
 
 def read_glb_shapes(data: bytes) -> tuple[Mesh, Expressions | None]:
-    """The same of a .glb file."""
+    """The mesh of a .glb file and its morph targets; raises as `read_gltf_shapes` does."""
     return _read(glb_document(data))
 
 
 def promised_by_gltf(data: bytes) -> int:
-    """Bytes that the morph targets of a .gltf or .glb file become; raises MeshError."""
+    """Bytes that the morph targets of a .gltf or .glb file take once they are read; raises
+    MeshError."""
     document = glb_document(data) if data.startswith(b"glTF") else gltf_document(data)
     return document.promised_by_targets()
 
 
 def gltf_document(data: bytes) -> Document:
-    """A .gltf file; raises MeshError where it is no glTF 2.0."""
+    """The document of a .gltf file; raises MeshError where it is no glTF 2.0."""
     return Document(_parse(data), None)
 
 
 def glb_document(data: bytes) -> Document:
-    """A .glb file; raises MeshError where it is no glTF 2.0."""
+    """The document of a .glb file; raises MeshError where it is no glTF 2.0."""
     if len(data) < 12 or data[:4] != b"glTF":
         raise MeshError("not a GLB file: it must begin with 'glTF'")
     version, length = struct.unpack_from("<II", data, 4)
@@ -252,7 +253,8 @@ class Document:
         return named, np.stack(found) if found else np.empty((0, vertices, 3), np.float32)
 
     def promised_by_targets(self) -> int:
-        """Bytes of all targets in double, which they are for a while, by what the document says."""
+        """Bytes of all morph targets as doubles, which they are for a while, by the counts in the
+        document."""
         where, primitive = self.primitive()
         attributes = _dict(primitive.get("attributes"), f"{where} attributes")
         positions = self._item("accessors", attributes.get("POSITION"), where)

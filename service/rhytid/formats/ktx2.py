@@ -23,8 +23,8 @@ _SIGNED = 0x40
 
 @dataclass(frozen=True)
 class Channel:
-    """One channel: the number that Vulkan gives its format, and what its least and largest values
-    are written as."""
+    """The texels of a texture of one channel: the number of their format in Vulkan, and the values
+    that are written as their least and their largest."""
 
     vulkan: int
     dtype: np.dtype[np.generic]

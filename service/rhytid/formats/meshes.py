@@ -21,11 +21,11 @@ from rhytid.formats.ply import read_ply
 
 @dataclass(frozen=True, eq=False)
 class MeshFile:
-    """What a mesh file holds: the neutral mesh, frames (N, V, 3) if it is a .npz with them, and
-    shapes: of a .npz, or the morph targets of a glTF.
+    """The contents of a mesh file.
 
-    animation: makes the frames that a geometry cache holds, which are read one by one.  unit: of
-    its lengths, where the file says it.  notes: what is worth knowing of it.
+    mesh: the neutral mesh.  frames: (N, V, 3) of a .npz that has them.  shapes: of a .npz, or the
+    morph targets of a glTF.  animation: returns the frames of a geometry cache, which are read one
+    by one.  unit: of length, where the file names one.  notes: remarks on the file for the user.
     """
 
     mesh: Mesh
@@ -44,7 +44,8 @@ class MeshFile:
 
     @property
     def expressions(self) -> Expressions | None:
-        """The shapes, or what the frames do where there are no shapes."""
+        """The shapes; where there are none, the frames as expressions without names; None where the
+        file has neither."""
         if self.shapes is not None:
             return self.shapes
         if self.frames is not None:

@@ -60,8 +60,11 @@ MAX_HEADER = 10_000
 
 
 def promised_by_npz(data: bytes) -> int:
-    """Bytes of the members that may be read, by the directory of the archive; those of the mesh
-    twice, since they are checked as wider numbers. Raises MeshError."""
+    """Bytes that the members which may be read take once they are unpacked, by the directory of the
+    archive.
+
+    The members of the mesh count twice, since they are checked as wider numbers. Raises MeshError.
+    """
     archive = Archive(data, MeshError)
     return archive.unpacked(_MEMBERS) + archive.unpacked(_OF_MESH)
 
@@ -83,7 +86,8 @@ def read_npz(data: bytes) -> tuple[Mesh, NDArray[np.float32] | None]:
 
 
 def read_npz_frames(data: bytes, vertices: int, centre: Centre = ORIGIN) -> NDArray[np.float32]:
-    """The member `frames` (N, V, 3); FrameError naming the frame and the vertex, or LimitError."""
+    """The member `frames` (N, V, 3) of a .npz file, less the centre of the mesh; raises FrameError
+    naming the frame and the vertex, or LimitError."""
     return _frames(Archive(data, FrameError), vertices, centre)
 
 
@@ -94,8 +98,8 @@ def _frames(archive: Archive, vertices: int, centre: Centre) -> NDArray[np.float
 def check_frames(
     values: NDArray[Any], vertices: int, centre: Centre = ORIGIN
 ) -> NDArray[np.float32]:
-    """Frames as (N, V, 3) float32 less the centre of their mesh, finite, read-only; FrameError
-    naming the first that is not."""
+    """Frames as (N, V, 3) float32 less the centre of their mesh, read-only; raises FrameError where
+    the shape is another, or naming the first vertex that is not finite."""
     if values.ndim != 3 or values.shape[1:] != (vertices, 3):
         raise FrameError(f"frames have shape {values.shape}, not (N, {vertices}, 3)")
     with np.errstate(over="ignore"):
@@ -115,7 +119,8 @@ def check_frames(
 
 
 def read_npz_shapes(data: bytes, vertices: int, centre: Centre = ORIGIN) -> Expressions | None:
-    """The members `shapes` and `names`; None where there is no `shapes`."""
+    """The members `shapes` (E, V, 3) and `names` (E,) of a .npz file as expressions; None where
+    there is no `shapes`. Raises FrameError or LimitError."""
     archive = Archive(data, FrameError)
     if "shapes" not in archive:
         return None
@@ -136,10 +141,10 @@ def write_mesh_npz(
     frames: Iterable[NDArray[np.float32]],
     count: int,
 ) -> None:
-    """A new file with the mesh, its shapes by name, and `count` frames (V, 3).
+    """Write a new file with the mesh, its shapes by name, and `count` frames (V, 3).
 
-    Positions stand where they stood in the file that was read: those that were less a centre are
-    doubles. Raises LimitError where there are more frames than are read from one file.
+    Positions are written where they were before the centre was subtracted: as doubles where there
+    is a centre. Raises LimitError where there are more frames than are read from one file.
     """
     check_size("the frames", mesh.positions.size * count, MAX_FRAME_NUMBERS)
     with path.open("xb") as file:
@@ -184,7 +189,8 @@ def _member(archive: zipfile.ZipFile, name: str) -> IO[bytes]:
 
 
 class Archive:
-    """The arrays of a .npz file by name; every failure is an `error` that names the member."""
+    """The arrays of a .npz file by name. Every failure is raised as `error`, with the name of the
+    member."""
 
     def __init__(self, data: bytes, error: type[InputError]) -> None:
         self._error = error
@@ -216,7 +222,8 @@ class Archive:
             raise self._error(f"{name} cannot be unpacked: {exc}") from exc
 
     def unpacked(self, names: Iterable[str]) -> int:
-        """Bytes of those of these members that are there, by the directory of the archive."""
+        """Bytes of the named members once they are unpacked, by the directory of the archive; names
+        that are not there do not count."""
         return sum(self._members[name].file_size for name in names if name in self._members)
 
     def _unpack(
@@ -256,7 +263,7 @@ def _read(head: bytes, stream: IO[bytes], size: int) -> bytearray:
 
 @dataclass(frozen=True)
 class NpyHeader:
-    """What a .npy header promises. `start`: bytes before the data; `stored`: bytes of data."""
+    """The header of a .npy file. `start`: bytes before the data."""
 
     dtype: np.dtype[Any]
     shape: tuple[int, ...]
@@ -265,12 +272,12 @@ class NpyHeader:
 
     @property
     def numbers(self) -> int:
-        """How many numbers follow."""
+        """How many numbers follow the header."""
         return math.prod(self.shape)
 
     @property
     def stored(self) -> int:
-        """How many bytes follow."""
+        """How many bytes follow the header."""
         return self.numbers * self.dtype.itemsize
 
     def array(self, data: bytes | bytearray) -> NDArray[Any]:
@@ -282,10 +289,10 @@ class NpyHeader:
 def read_npy_header(
     data: bytes, what: str, error: type[InputError], *, names: bool = False
 ) -> NpyHeader:
-    """The header at the start of `data`; `error` naming `what` where it is not one of real numbers,
-    or of text where `names` are read.
+    """The header at the start of `data`, which are the first MAX_HEADER bytes of a file, or more.
 
-    The first MAX_HEADER bytes of a file are enough.
+    Raises `error`, naming `what`, where it is not the header of an array of integers or real
+    numbers, or with `names` of text.
     """
     text, start = _header_text(data, what, error)
     try:

@@ -64,7 +64,8 @@ def read_obj(data: bytes) -> Mesh:
 
 
 def read_obj_positions(data: bytes) -> NDArray[np.float64]:
-    """(V, 3) the vertices alone, in the order of the file: there may be no faces."""
+    """The vertices (V, 3) of an OBJ file in their order; the file may have no faces. Raises
+    MeshError naming the line, or LimitError."""
     return _positions(split_statements(data)[b"v"])
 
 
@@ -163,7 +164,8 @@ def _corner(faces: _Statements, counts: NDArray[np.int64], corner: int) -> str:
 
 
 def split_statements(data: bytes) -> dict[bytes, _Statements]:
-    """The statements `v`, `vt` and `f`; MeshError naming the line of a keyword unknown here."""
+    """The statements `v`, `vt` and `f` of an OBJ file; raises MeshError naming the line of an
+    unknown keyword."""
     found = {key: _Statements() for key in (b"v", b"vt", b"f")}
     for number, line in enumerate(_plain_lines(data), 1):
         parts = line.split(None, 1)

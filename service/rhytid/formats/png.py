@@ -40,10 +40,12 @@ def encode_png(
     texts: Mapping[str, str],
     linear: bool = False,
 ) -> bytes:
-    """The bytes of a file. texels: (h, w) grey or (h, w, 3) RGB, row 0 at the top; texts: Latin
-    keywords of up to 79 letters, and what they say. linear: say that values are in proportion to
-    what they stand for, by a gamma of 1: without it readers take sRGB. Raises InputError for
-    another shape or type."""
+    """The bytes of a file.
+
+    texels: (h, w) grey or (h, w, 3) RGB, row 0 at the top.  texts: by Latin keywords of up to 79
+    letters.  linear: mark the values as proportional to what they stand for, by a gamma of 1;
+    without it readers assume sRGB. Raises InputError for another shape or type.
+    """
     rows = texels[..., None] if texels.ndim == 2 else texels
     if rows.ndim != 3 or rows.shape[2] not in _COLOURS or rows.dtype not in (np.uint8, np.uint16):
         raise InputError(f"no PNG of {texels.dtype} {texels.shape}: grey or RGB of 8 or 16 bits")
@@ -78,10 +80,11 @@ def _chunk(kind: bytes, data: bytes) -> bytes:
 
 
 def read_grey_png(data: bytes, name: str) -> NDArray[np.unsignedinteger]:
-    """(h, w) codes of the bytes of a PNG, uint8 or uint16 by its bits, row 0 at the top.
+    """The codes (h, w) of a grey PNG, uint8 or uint16 by its bits, row 0 at the top.
 
-    `name` is for messages. Raises InputError saying what is wrong, and LimitError above MOST_SIDE
-    texels per side. Gamma and colour profiles count for nothing: codes are taken as they are.
+    `name` is for messages. Raises InputError where the image is damaged or not grey, and LimitError
+    above MOST_SIDE texels per side. Codes are taken as they are, whatever the gamma and colour
+    profile.
     """
     bits = _check_header(data, name)
     with _naming(name):
@@ -96,7 +99,7 @@ def read_grey_png(data: bytes, name: str) -> NDArray[np.unsignedinteger]:
 
 
 def read_sides(data: bytes, name: str) -> tuple[int, int]:
-    """Width and height by the header; raises as `read_grey_png` does."""
+    """Width and height of a PNG by its header; raises as `read_grey_png` does."""
     _check_header(data, name)
     width, height = (int.from_bytes(data[at : at + 4], "big") for at in (16, 20))
     return width, height

@@ -110,7 +110,7 @@ class _UsdMesh:
         return bool(self._points.GetNumTimeSamples())
 
     def notes(self) -> tuple[str, ...]:
-        """What is worth knowing of the stage and of the mesh."""
+        """Remarks on the stage and on the mesh for the user."""
         scheme = str(self._mesh.GetSubdivisionSchemeAttr().Get())
         if scheme == "none":
             return _stage_notes(self.stage)
@@ -228,8 +228,8 @@ def _open_stage(file: Path) -> Any:
 
 
 def _stage_unit(stage: Any) -> str | None:
-    """The unit that metersPerUnit is; None where the stage does not say it, or it is no unit known
-    here."""
+    """The unit of length that metersPerUnit stands for; None where the stage does not state it, or
+    it is none of those known here."""
     geom = _modules()[1]
     if not geom.StageHasAuthoredMetersPerUnit(stage):
         return None
@@ -239,7 +239,7 @@ def _stage_unit(stage: Any) -> str | None:
 
 
 def _stage_notes(stage: Any) -> tuple[str, ...]:
-    """What is worth knowing of the stage."""
+    """Remarks on the stage for the user."""
     geom = _modules()[1]
     axis, length = str(geom.GetStageUpAxis(stage)), float(geom.GetStageMetersPerUnit(stage))
     notes = []

@@ -39,7 +39,8 @@ HEADER = ("what", "found", "where")
 
 @dataclass(frozen=True)
 class Place:
-    """A triangle: its number in the file, its middle in UV and in space, where it was sent."""
+    """Where a triangle lies: its number in the file, and its middle in UV and in the space of the
+    file."""
 
     triangle: int
     uv: tuple[float, float]
@@ -52,7 +53,7 @@ class Place:
 
 @dataclass(frozen=True, eq=False)
 class MeshCheck:
-    """A mesh file with what was found of it.
+    """A mesh file and the findings about it.
 
     unit: of its lengths.  resolution: texels per side.
     """
@@ -65,7 +66,7 @@ class MeshCheck:
 
     @classmethod
     def of(cls, file: MeshFile, unit: str, resolution: int) -> MeshCheck:
-        """Look at the mesh of a file."""
+        """The check of the mesh of a file."""
         mesh = file.mesh
         return cls(file, unit, resolution, Topology.of(mesh), Layout.of(mesh, resolution))
 
@@ -75,7 +76,7 @@ class MeshCheck:
         return self.file.mesh
 
     def problems(self) -> dict[str, Mask]:
-        """(F,) the triangles of each kind of problem, by its name in `figures`."""
+        """Masks (F,) of the triangles with each kind of problem, by its name in `figures`."""
         found = self.topology
         return {
             "boundary": found.loop >= 0,
@@ -88,8 +89,8 @@ class MeshCheck:
         }
 
     def uneven_texels(self) -> dict[str, Mask]:
-        """(F,) triangles whose texels are TEXEL_RATIO times larger than the least, or smaller than
-        the most; none where the spread is no larger than that."""
+        """The mask (F,) of triangles whose texels are TEXEL_RATIO times larger than the smallest,
+        or smaller than the largest, by its name; none where the spread is no larger than that."""
         side = self.layout.texels
         least, median, most = side[list(self.layout.extremes)]
         if most <= TEXEL_RATIO * least:
@@ -100,21 +101,21 @@ class MeshCheck:
         return {"fine_texels": side < most / TEXEL_RATIO}
 
     def places(self, mask: Mask) -> list[Place]:
-        """The largest of some triangles (F,), at most PLACES."""
+        """The places of the largest triangles of a mask (F,), at most PLACES."""
         rows = np.flatnonzero(mask)
         a, b, c = np.moveaxis(self.mesh.positions[self.mesh.faces[rows]].astype(np.float64), 1, 0)
         area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
         return [self.place(int(rows[i])) for i in np.argsort(-area, kind="stable")[:PLACES]]
 
     def place(self, triangle: int) -> Place:
-        """A triangle as a place."""
+        """The place of a triangle."""
         u, v = self.mesh.triangle_uv()[triangle].mean(axis=0).tolist()
         middle = self.mesh.positions[self.mesh.faces[triangle]].astype(np.float64).mean(axis=0)
         x, y, z = put_back(middle, self.mesh.centre).tolist()
         return Place(triangle, (u, v), (x, y, z))
 
     def figures(self) -> dict[str, Any]:
-        """All of it, for JSON; lengths in the unit of the mesh."""
+        """All findings, for JSON; lengths in the unit of the mesh."""
         return {
             "unit": self.unit,
             "resolution": self.resolution,
@@ -129,8 +130,8 @@ class MeshCheck:
 
     @cached_property
     def build(self) -> BuildSize | None:
-        """How much skin of the usual spacing will be; None for a unit of no known length, and where
-        nothing can carry skin."""
+        """How much skin the usual spacing gives; None for a unit of no known length, and where no
+        triangle can carry skin."""
         if millimetres(self.unit) is None:
             return None
         settings = self.settings.for_synthesis().graph
@@ -143,18 +144,18 @@ class MeshCheck:
 
     @property
     def settings(self) -> AssetSettings:
-        """Those of an asset of the mesh, where nothing else is said."""
+        """The settings of an asset of this mesh, where nothing but unit and resolution is given."""
         return AssetSettings.parse({"unit": self.unit, "resolution": self.resolution})
 
     def notices(self) -> tuple[Notice, ...]:
-        """What is worth knowing before skin is grown on it."""
+        """Notices about an asset of this mesh, before it is built."""
         if self.build is None:
             return ()
         texels = texel_notice(self.settings.for_synthesis(), usual_uv_length(self.mesh))
         return (*texels, *build_notice(self.build.wrinkles))
 
     def size(self) -> dict[str, Any]:
-        """The box around the mesh, and what heads have."""
+        """The box around the mesh, and the usual size of heads."""
         used = self.mesh.positions[np.unique(self.mesh.faces)].astype(np.float64)
         sides = np.ptp(used, axis=0).tolist()
         length = millimetres(self.unit)
@@ -166,7 +167,8 @@ class MeshCheck:
         }
 
     def texel_sizes(self) -> dict[str, Any]:
-        """The least, the median and the most side of a texel on the surface, and where."""
+        """The smallest, the median and the largest side of a texel on the surface, and where each
+        is."""
         length = millimetres(self.unit)
         found = {}
         for name, triangle in zip(("least", "median", "most"), self.layout.extremes, strict=True):
@@ -176,7 +178,7 @@ class MeshCheck:
         return found
 
     def shapes(self) -> dict[str, Any]:
-        """The expressions in the file, and the regions that their names tell of."""
+        """The expressions in the file, and the regions that their names point to."""
         shapes = self.file.shapes
         names = [] if shapes is None else list(shapes.names)
         regions: dict[str, list[str]] = {}
@@ -241,7 +243,10 @@ class MeshCheck:
 
 
 def rows(check: MeshCheck, figures: dict[str, Any]) -> list[Row]:
-    """What there is, how much, and the first place of it.  figures: those of the check."""
+    """The rows of the table: a finding, how much there is of it, and the first place.
+
+    figures: those of the check.
+    """
     return [
         *_size(figures),
         *_surface(check, figures),

@@ -42,7 +42,7 @@ class Layout:
 
     @classmethod
     def of(cls, mesh: Mesh, resolution: int) -> Layout:
-        """Of a mesh; its unit plays no part."""
+        """The layout of a mesh; its unit plays no part."""
         measured = MeasuredMesh(mesh, "", resolution)
         used, udims = np.flatnonzero(measured.used), mesh_udims(mesh)
         overlaps, over = _overlaps(measured, udims)

@@ -24,20 +24,24 @@ _FIRST = 8
 
 
 @dataclass(frozen=True, eq=False)
-class Landing:
-    """triangle (P,): the nearest to each point.  weights (P, 3): barycentric coordinates of the
-    nearest point in it.  distance (P,): to that."""
+class NearestPoints:
+    """The points of a surface that are nearest to P given points.
+
+    triangle (P,): the one that holds each.  weights (P, 3): its barycentric coordinates there.
+    distance (P,): from the given point.
+    """
 
     triangle: IntArray
     weights: FloatArray
     distance: FloatArray
 
 
-def closest(corners: FloatArray, points: FloatArray) -> Landing:
-    """Of triangles (F, 3, 3) with area to points (P, 3); the lowest number on ties.
+def closest(corners: FloatArray, points: FloatArray) -> NearestPoints:
+    """The points of triangles (F, 3, 3) with area that are nearest to points (P, 3); on ties, those
+    of the triangle with the lowest number.
 
-    Triangles are sorted by size into classes: one of a class lies no further from its middle than
-    the largest of them, so that those with far middles need not be looked at.
+    Triangles are sorted by size into classes. A point of a triangle lies no further from its middle
+    than the largest of its class reaches, so that those with far middles need not be looked at.
     """
     classes = list(_classes(corners))
     triangle, near = np.zeros(len(points), np.int64), np.zeros((len(points), 3))
@@ -51,7 +55,7 @@ def closest(corners: FloatArray, points: FloatArray) -> Landing:
             )  # fmt: skip
     weights = _barycentric(corners[triangle], near)
     weights = np.clip(weights, 0.0, 1.0)
-    return Landing(triangle, weights / weights.sum(axis=1, keepdims=True), distance)
+    return NearestPoints(triangle, weights / weights.sum(axis=1, keepdims=True), distance)
 
 
 def _classes(corners: FloatArray) -> Iterator[tuple[IntArray, FloatArray, float]]:
@@ -117,7 +121,7 @@ def _barycentric(corners: FloatArray, points: FloatArray) -> FloatArray:
 def cut_around(mesh: Mesh, udim: int, point: NDArray[Any], radius: float) -> Mesh:
     """The triangles of a UDIM that lie around a point, as a mesh of their own.
 
-    point: (3,) on the surface.  radius: mesh units; triangles count whose middle is nearer, and of
+    point: (3,) on the surface.  radius: mesh units. Triangles count whose middle is nearer, and of
     these the part that hangs together with the nearest, so that skin across a gap is left out.
     Raises MeshError where none of them can be used.
     """

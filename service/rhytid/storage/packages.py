@@ -38,7 +38,7 @@ _HEADER, _LENGTHS = 30, struct.Struct("<26xHH")
 
 
 @dataclass(frozen=True)
-class KeptPackage:
+class CachedPackage:
     """file: the archive.  files: where the bytes of each are in it.  inode: of the archive."""
 
     file: Path
@@ -47,7 +47,7 @@ class KeptPackage:
     inode: int
 
 
-class KeptPackages:
+class PackageCache:
     """Archives `folder`/ASSET/NAME.zip, whole as soon as they are there.
 
     limit: bytes of all of them; those that were asked for longest ago go first. None: no bound.
@@ -58,9 +58,9 @@ class KeptPackages:
     def __init__(self, folder: Path, partial: Path, limit: int | None) -> None:
         self._folder, self._partial, self._limit = folder, partial, limit
         # What was read of archives before.
-        self._read: dict[Path, KeptPackage] = {}
+        self._read: dict[Path, CachedPackage] = {}
 
-    def find(self, asset: str, name: str) -> KeptPackage | None:
+    def find(self, asset: str, name: str) -> CachedPackage | None:
         """A package; None where it is not kept, or is damaged."""
         file = self._at(asset, name)
         with reported(f"{file} cannot be read"):
@@ -167,10 +167,10 @@ class KeptPackages:
         return True
 
 
-def _opened(file: Path) -> KeptPackage:
+def _opened(file: Path) -> CachedPackage:
     with file.open("rb") as archive:
         facts = os.fstat(archive.fileno())
-        return KeptPackage(file, facts.st_size, read_archive(archive, file), facts.st_ino)
+        return CachedPackage(file, facts.st_size, read_archive(archive, file), facts.st_ino)
 
 
 def _entries(folder: Path, name: re.Pattern[str]) -> list[Path]:

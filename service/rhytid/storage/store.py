@@ -50,7 +50,7 @@ from rhytid.storage.manifest import (
     read_manifest,
     read_verified,
 )
-from rhytid.storage.packages import KeptPackages
+from rhytid.storage.packages import PackageCache
 from rhytid.storage.records import (
     MESH,
     StoredAsset,
@@ -82,7 +82,7 @@ class AssetStore:
 
     def __init__(self, folder: Path, *, lock: bool = True, packages: int | None = None) -> None:
         self._folders = StoreFolders(folder, lock=lock)
-        self.packages = KeptPackages(folder / PACKAGES, self._folders.partial, packages)
+        self.packages = PackageCache(folder / PACKAGES, self._folders.partial, packages)
         self.snapshots = AssetSnapshots(self._folders, self.delete)
         if not lock:
             return

@@ -274,7 +274,7 @@ def test_udims_with_fewer_sets_take_fewer_bytes(tmp_path: Path) -> None:
     few, many = (random.integers(-most, most, (3, 512, 512), np.int8) for most in (2, 100))
     files.write(1001, [many])
     files.write(1002, [few])
-    numbers, codes = files.described()
+    numbers, codes = files.manifest_entry()
 
     assert numbers.format == "R32_UINT"
     assert [read_ktx2(tmp_path / numbers.files[udim]).format for udim in ("1001", "1002")] == [

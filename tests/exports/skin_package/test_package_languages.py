@@ -8,7 +8,7 @@ import re
 import pytest
 
 from exports.skin_package.conftest import Written
-from rhytid.exports.skin_package.languages import BINDINGS, LANGUAGES, chosen
+from rhytid.exports.skin_package.languages import BINDINGS, LANGUAGES, preprocessed
 from rhytid.exports.skin_package.runtime import runtime
 
 SOURCE = """
@@ -31,7 +31,7 @@ f
     ("a", "b", "left"), [(True, True, "a f"), (False, True, "b f"), (False, False, "c e f")]
 )
 def test_branches_are_chosen(a: bool, b: bool, left: str) -> None:
-    assert chosen(SOURCE, {"A": a, "B": b}).split() == left.split()
+    assert preprocessed(SOURCE, {"A": a, "B": b}).split() == left.split()
 
 
 @pytest.mark.parametrize(

@@ -17,8 +17,12 @@ TRIANGLES_A_ROW = 1024
 
 
 @dataclass(frozen=True)
-class Written:
-    """The textures of a package; those in sets with what the numbers stand for."""
+class PackageTextures:
+    """The textures of a package as the manifest describes them.
+
+    wrinkles, cushions: stored as sets, so that what the numbers of their texels stand for comes
+    with them.
+    """
 
     maps: m.Textures
     wrinkles: tuple[m.Textures, m.Codes]
@@ -27,8 +31,8 @@ class Written:
     cushion_triangles: m.Textures | None
 
 
-def described(
-    maps: SkinMaps, mesh: Mesh, shapes: Expressions | None, written: Written
+def package_manifest(
+    maps: SkinMaps, mesh: Mesh, shapes: Expressions | None, written: PackageTextures
 ) -> m.Manifest:
     """The manifest of a package with these textures."""
     in_sets = [one for one in (written.wrinkles, written.cushions) if one is not None]
@@ -123,7 +127,7 @@ def _layer(maps: SkinMaps, name: str, first: int = 0) -> m.Layer:
     )
 
 
-def _cushion(maps: SkinMaps, written: Written) -> m.Cushion | None:
+def _cushion(maps: SkinMaps, written: PackageTextures) -> m.Cushion | None:
     cushion, triangles = maps.bins.cushion, written.cushion_triangles
     if cushion is None or written.cushions is None or triangles is None:
         return None

@@ -49,11 +49,12 @@ _LOOP = re.compile(rf"(\s+)for \({_TYPE} (\w+) = (.*)")
 
 @dataclass(frozen=True)
 class Language:
-    """What tells a language from the others.
+    """A language that the shader is translated to.
 
-    folder: of the texts that `runtime` has of it.  head: how a whole text begins.  ending: of the
-    files of its libraries.  suffix: after the names of passes.  translated: from a text of the
-    source.  number, numbers, directions: constants by name.
+    folder: of `runtime`, with the texts that differ by language.  head: how a whole text begins.
+    ending: of the files of its libraries.  suffix: after the names of passes.  translated:
+    translates a text of the source.  number, numbers, directions: write a constant, an array of
+    constants, and an array of vectors, by name.
     """
 
     folder: str
@@ -66,8 +67,8 @@ class Language:
     directions: Callable[[str, Sequence[tuple[str, str]]], str]
 
 
-def chosen(text: str, flags: Mapping[str, bool]) -> str:
-    """A text without its `#if`, of which the lines of the first branch that holds are left."""
+def preprocessed(text: str, flags: Mapping[str, bool]) -> str:
+    """A text without its `#if`: of each, the lines of the first branch that holds are kept."""
     kept: list[str] = []
     # Of every #if around a line: whether its present branch holds, and whether any did.
     around: list[tuple[bool, bool]] = []
@@ -230,6 +231,6 @@ LANGUAGES = {
 }
 
 
-def runtime_of(language: Language, name: str) -> str:
-    """A text that `runtime` has of a language."""
+def runtime_text(language: Language, name: str) -> str:
+    """The text of a file that `runtime` has for a language."""
     return runtime(f"{language.folder}/{name}")

@@ -30,8 +30,8 @@ Codes = NDArray[np.int8]
 
 
 @dataclass(frozen=True, eq=False)
-class Room:
-    """maps: of a UDIM, (K, n, n) int8 by layer, of every bin those of its samples."""
+class UdimMaps:
+    """The maps of a UDIM by layer: (K, n, n) int8, for every bin those of its samples."""
 
     udim: int
     maps: dict[str, Codes]
@@ -39,10 +39,7 @@ class Room:
 
 @dataclass(frozen=True)
 class SkinMaps:
-    """The maps of an asset whose settings the shader knows.
-
-    Raises SettingsError naming the setting that it does not.
-    """
+    """The precomputed maps of an asset whose settings the shader knows."""
 
     engine: Source
     asset: str
@@ -51,7 +48,8 @@ class SkinMaps:
 
     @classmethod
     def of(cls, engine: Source, asset: str) -> SkinMaps:
-        """Of a ready asset."""
+        """The maps of a ready asset; raises SettingsError naming a setting that the shader does not
+        know."""
         settings = AssetSettings.parse(engine.assets.info(asset).settings)
         check_settings(settings)
         if engine.assets.stiff(asset):
@@ -60,16 +58,16 @@ class SkinMaps:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Layers of the array of maps that are there."""
+        """The layers of the array of maps that this asset has."""
         return tuple(name for name in LAYERS if name in self.bins.layers)
 
     def count(self, name: str) -> int:
-        """Maps of a layer."""
+        """How many maps a layer has."""
         return self.bins.layers[name] * len(self.bins.steps[name])
 
     @property
     def metres(self) -> float | None:
-        """In a mesh unit; None where that is not known."""
+        """Metres in a mesh unit; None where the unit has no known length."""
         length = millimetres(self.settings.length_unit)
         return None if length is None else length / 1000.0
 
@@ -80,22 +78,23 @@ class SkinMaps:
 
     @property
     def cushion_side(self) -> int:
-        """Samples a side of the cushions, with their apron."""
+        """Samples per side of the cushions, with their apron."""
         assert self.bins.cushion is not None
         return self.settings.resolution // self.bins.cushion.factor + 2 * self.bins.cushion.apron
 
-    def room(self, udim: int) -> Room:
-        """Zeros for the maps of a UDIM."""
+    def empty(self, udim: int) -> UdimMaps:
+        """Zeros for the maps of a UDIM, for `fill`."""
         sides = dict.fromkeys((WRINKLES, *self.names), self.settings.resolution)
         if self.bins.cushion is not None:
             sides[CUSHIONS] = self.cushion_side
         maps = {n: np.zeros((self.count(n), side, side), np.int8) for n, side in sides.items()}
-        return Room(udim, maps)
+        return UdimMaps(udim, maps)
 
-    def fill(self, room: Room, address: TileAddress) -> None:
-        """Put the codes of a tile in their places; of the cushions with their apron."""
+    def fill(self, into: UdimMaps, address: TileAddress) -> None:
+        """Read the codes of a tile from the engine into their places; those of cushions with their
+        apron."""
         row, column = self.settings.grid.first_texel(address)
-        for name, maps in room.maps.items():
+        for name, maps in into.maps.items():
             cushion = self.bins.cushion if name == CUSHIONS else None
             factor = 1 if cushion is None else cushion.factor
             y, x, samples = row // factor, column // factor, len(self.bins.steps[name])
@@ -123,44 +122,44 @@ def check_settings(settings: AssetSettings) -> None:
 
 
 class Source(Protocol):
-    """An engine."""
+    """The engine that a package is made from."""
 
     @property
     def assets(self) -> Assets:
-        """Its assets."""
+        """The assets of the engine."""
 
     @property
     def tiles(self) -> Tiles:
-        """Their maps."""
+        """The precomputed maps of the assets."""
 
 
 class Assets(Protocol):
-    """Facts of ready assets."""
+    """Ready assets."""
 
-    def info(self, asset: str) -> Facts:
-        """Of one asset."""
+    def info(self, asset: str) -> AssetFacts:
+        """The facts of an asset."""
 
     def stiff(self, asset: str) -> bool:
-        """Whether a stiffness map came with it."""
+        """Whether an asset has a stiffness map."""
 
 
-class Facts(Protocol):
-    """Of an asset."""
+class AssetFacts(Protocol):
+    """The facts of an asset that a package needs."""
 
     @property
     def settings(self) -> dict[str, Any]:
-        """All of them, resolved."""
+        """All settings, resolved."""
 
     @property
     def udims(self) -> tuple[int, ...]:
-        """With mesh."""
+        """The UDIMs that the mesh has triangles in."""
 
 
 class Tiles(Protocol):
     """The precomputed maps of ready assets."""
 
     def bins(self, asset: str) -> BinManifest:
-        """What maps there are."""
+        """The maps that an asset has."""
 
     def bin_tile(
         self,

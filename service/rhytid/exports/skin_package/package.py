@@ -18,10 +18,10 @@ from rhytid.domain.mesh import Mesh
 from rhytid.durable import whole, write_file
 from rhytid.errors import InputError
 from rhytid.exports.meshes import write_morph_glb
-from rhytid.exports.skin_package.describe import Written, described
+from rhytid.exports.skin_package.describe import PackageTextures, package_manifest
 from rhytid.exports.skin_package.languages import LANGUAGES
 from rhytid.exports.skin_package.manifest import FORMAT, Manifest, schema
-from rhytid.exports.skin_package.maps import CUSHIONS, WRINKLES, Room, SkinMaps
+from rhytid.exports.skin_package.maps import CUSHIONS, WRINKLES, SkinMaps, UdimMaps
 from rhytid.exports.skin_package.runtime import runtime
 from rhytid.exports.skin_package.runtime.stretch import rest_of
 from rhytid.exports.skin_package.shaders import COMPUTE, materialx_texts, shader_texts
@@ -47,8 +47,11 @@ _WRITTEN_BY = ("rhytid.exports", "rhytid.formats")
 
 @cache
 def package_version() -> str:
-    """The version of rhytid, and a digest of the modules, shaders and pages that packages are made
-    by and made of: the same asset may give other files where it is another."""
+    """The version of rhytid, with a digest of the modules, shaders and pages that packages are made
+    by and made of.
+
+    Where it differs, the same asset may give other files.
+    """
     return f"{__version__}+{modules_digest(*_WRITTEN_BY, extra=rhytid_viewer.laid_out())}"
 
 
@@ -71,7 +74,7 @@ class PackageWriter:
     """Writes the package of an asset into a folder, step by step.
 
     A folder without manifest.json holds no whole package.  levels: of the maps; None: down to one
-    texel a page.  Raises LimitError where WebGL2 has too few layers.
+    texel per page.  Raises LimitError where WebGL2 has too few layers.
     """
 
     def __init__(
@@ -104,14 +107,14 @@ class PackageWriter:
 
     @property
     def files(self) -> list[Path]:
-        """What was written, of all that the folder may have."""
+        """The files that were written so far."""
         textures = [name for one in self._textures() for name in one.files.values()]
         sets = [name for one in (self._wrinkles, self._cushions) if one for name in one.files]
         return [self._folder / name for name in (*self._written, *textures, *sets)]
 
     @property
     def texture_bytes(self) -> int:
-        """Bytes that the textures will take, about."""
+        """About how many bytes the textures will take."""
         maps = self._maps
         udims = len(maps.engine.assets.info(maps.asset).udims)
         layers = sum(map(maps.count, maps.names))
@@ -121,7 +124,8 @@ class PackageWriter:
 
     @property
     def host_bytes(self) -> int:
-        """Bytes that the arrays of the steps take at once, at most: of one UDIM, and the mesh."""
+        """The most bytes that the arrays of the steps take at once: those of one UDIM, and the
+        mesh."""
         maps, texels = self._maps, self._maps.settings.resolution**2
         share = sum(0.25**level for level in range(self._levels))
         plain = texels * sum(map(maps.count, maps.names))
@@ -147,18 +151,18 @@ class PackageWriter:
         return [one for one in every if one is not None]
 
     def steps(self) -> list[Step]:
-        """What is done, in this order."""
+        """The steps that write the package, in their order."""
         found: list[Step] = [self._begin, self._write_mesh]
         for udim in self._maps.engine.assets.info(self._maps.asset).udims:
             found += self._of_udim(udim)
         return [*found, self._finish]
 
     def _of_udim(self, udim: int) -> Iterator[Step]:
-        room: list[Room] = []
-        yield lambda: room.append(self._maps.room(udim))
+        made: list[UdimMaps] = []
+        yield lambda: made.append(self._maps.empty(udim))
         for address in self._maps.settings.grid.addresses(udim, 0):
-            yield partial(lambda at: self._maps.fill(room[0], at), address)
-        yield lambda: self._write_textures(room.pop())
+            yield partial(lambda at: self._maps.fill(made[0], at), address)
+        yield lambda: self._write_textures(made.pop())
 
     def _begin(self) -> None:
         earlier = has_package(self._folder)
@@ -178,35 +182,36 @@ class PackageWriter:
         rest = rest_of(mesh.positions, mesh.faces, mesh.triangle_uv())
         self._write(REST, np.ascontiguousarray(rest, "<f8").tobytes())
 
-    def _write_textures(self, room: Room) -> None:
-        engine, asset, udim = self._maps.engine, self._maps.asset, room.udim
-        self._codes.write(udim, self._taken(room, *self._maps.names))
-        self._wrinkles.write(udim, self._taken(room, WRINKLES))
+    def _write_textures(self, read: UdimMaps) -> None:
+        engine, asset, udim = self._maps.engine, self._maps.asset, read.udim
+        self._codes.write(udim, self._taken(read, *self._maps.names))
+        self._wrinkles.write(udim, self._taken(read, WRINKLES))
         triangles = engine.tiles.triangles(asset, udim)[None]
         self._triangles.write(udim, [self._paging.cut(triangles)])
         if self._cushions is not None and self._cushion_triangles is not None:
-            self._cushions.write(udim, [room.maps[CUSHIONS]])
+            self._cushions.write(udim, [read.maps[CUSHIONS]])
             coarse = engine.tiles.cushion_triangles(asset, udim)[None]
             self._cushion_triangles.write(udim, [coarse])
 
-    def _taken(self, room: Room, *names: str) -> list[NDArray[np.integer]]:
-        """Maps out of a room, which has them no longer, as pages of every level."""
-        every = np.concatenate([room.maps.pop(name) for name in names])
+    def _taken(self, read: UdimMaps, *names: str) -> list[NDArray[np.integer]]:
+        """Maps as pages of every level; they are removed from `read`, to free their memory."""
+        every = np.concatenate([read.maps.pop(name) for name in names])
         pages = self._paging.cut(every)
         del every  # where it was cut, before the coarser levels take their place
         return pyramid(pages, self._levels)
 
     def _finish(self) -> None:
-        """Everything that is text; the manifest says that the package is whole."""
+        """Write everything that is text. The manifest comes last: it says that the package is
+        whole."""
         coarse = self._cushion_triangles
-        written = Written(
-            self._codes.described(),
-            self._wrinkles.described(),
-            self._triangles.described(),
-            None if self._cushions is None else self._cushions.described(),
-            None if coarse is None else coarse.described(),
+        written = PackageTextures(
+            self._codes.manifest_entry(),
+            self._wrinkles.manifest_entry(),
+            self._triangles.manifest_entry(),
+            None if self._cushions is None else self._cushions.manifest_entry(),
+            None if coarse is None else coarse.manifest_entry(),
         )
-        manifest = described(self._maps, self._mesh, self._shapes, written)
+        manifest = package_manifest(self._maps, self._mesh, self._shapes, written)
         texts = {name: text.encode() for name, text in shader_texts(manifest).items()}
         for name, data in (texts | materialx_texts(manifest)).items():
             self._write(name, data)
@@ -218,7 +223,7 @@ class PackageWriter:
         self.manifest = manifest
 
     def _write_viewer(self) -> None:
-        """The page that shows the package, and its files."""
+        """Write the page that shows the package, and its files."""
         for name, data in rhytid_viewer.laid_out().items():
             (self._folder / name).parent.mkdir(parents=True, exist_ok=True)
             self._write(name, data)

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
-from rhytid.exports.skin_package.languages import LANGUAGES, Language, chosen, runtime_of
+from rhytid.exports.skin_package.languages import LANGUAGES, Language, preprocessed, runtime_text
 from rhytid.exports.skin_package.manifest import Blend, Layer, Manifest, MaterialX
 from rhytid.exports.skin_package.runtime import runtime
 
@@ -52,15 +52,16 @@ Number = int | float | Sequence[float]
 
 
 def shader_texts(manifest: Manifest) -> dict[str, str]:
-    """The texts of all languages, by file name.
+    """The shader texts of all languages, by file name.
 
-    Libraries are functions alone, for the shaders of an engine; the passes are whole."""
+    Libraries hold functions alone, for the shaders of an engine; passes are whole shaders.
+    """
     found: dict[str, str] = {}
     for name, language in LANGUAGES.items():
         shaders = manifest.shaders[name]
         libraries = {one: library(manifest, language, one) for one in shaders.libraries}
         found |= {file: libraries[one] for one, file in shaders.libraries.items()}
-        found[shaders.vertex] = f"{language.head}{runtime_of(language, 'full.vert')}"
+        found[shaders.vertex] = f"{language.head}{runtime_text(language, 'full.vert')}"
         for one, file in shaders.passes.items():
             functions = libraries["weights" if one == "weights" else "skin"]
             found[file] = f"{language.head}{functions}{entry(language, one)}"
@@ -70,7 +71,7 @@ def shader_texts(manifest: Manifest) -> dict[str, str]:
 
 
 def stretch_file(name: str) -> str:
-    """The file of the compute shader of stretch in a language of COMPUTE."""
+    """The file name of the compute shader of stretch in a language of COMPUTE."""
     return f"shaders/{name}/stretch.comp{COMPUTE[name].suffix}"
 
 
@@ -80,24 +81,25 @@ def stretch_text(manifest: Manifest, language: Language) -> str:
     named = (("TRIANGLES", stretch.triangles), ("TRIANGLES_A_ROW", stretch.triangles_a_row))
     numbers = "\n".join(language.number("int", f"RHYTID_{n}", str(v)) for n, v in named)
     functions = language.translated(runtime("stretch.glsl"))
-    return f"{language.head}{numbers}\n\n{functions}\n{runtime_of(language, 'stretch.txt')}"
+    return f"{language.head}{numbers}\n\n{functions}\n{runtime_text(language, 'stretch.txt')}"
 
 
 def library(manifest: Manifest, language: Language, name: str) -> str:
-    """The functions of `weights` or of `skin`, with what they read."""
-    source = chosen(runtime(f"{name}.glsl"), flags(manifest))
-    load = runtime_of(language, "load.txt")
+    """The library `weights` or `skin`: its functions, with the constants and textures that they
+    read."""
+    source = preprocessed(runtime(f"{name}.glsl"), flags(manifest))
+    load = runtime_text(language, "load.txt")
     return f"{constants(manifest, language)}\n{load}\n{language.translated(source)}\n"
 
 
 def entry(language: Language, name: str) -> str:
-    """What a pass has beside its functions."""
+    """The entry point of a pass."""
     made = language.translated(runtime(f"{name}.pass.glsl"))
-    return f"{made}\n{runtime_of(language, 'pass.frag')}"
+    return f"{made}\n{runtime_text(language, 'pass.frag')}"
 
 
 def flags(manifest: Manifest) -> dict[str, bool]:
-    """Names of `#if` in the source."""
+    """The names that `#if` tests in the source, and whether each holds."""
     blend = manifest.blend
     return {
         **{f"MERGE_{name.upper()}": blend.merge == name for name in MERGES},
@@ -109,7 +111,7 @@ def flags(manifest: Manifest) -> dict[str, bool]:
 
 
 def constants(manifest: Manifest, language: Language) -> str:
-    """What the source is specialised by, in a language."""
+    """The constants that specialise the source, in a language."""
     lines = [_constant(language, name, value) for name, value in _numbers(manifest)]
     lines.append(language.directions("RHYTID_DIRECTIONS", _directions(manifest.blend)))
     return "\n".join(["// The numbers of manifest.json.", *lines, ""])
@@ -210,13 +212,13 @@ def _literal(value: float) -> str:
 
 
 def materialx_files() -> MaterialX:
-    """Where the files are."""
+    """The file names of the MaterialX document and of its implementations."""
     named = {target: f"shaders/materialx/height.{target}.glsl" for target in TARGETS}
     return MaterialX(document=DOCUMENT, implementations=named)
 
 
 def materialx_texts(manifest: Manifest) -> dict[str, bytes]:
-    """The document and the functions that it names, by file name."""
+    """The MaterialX document and the functions that it names, by file name."""
     found = {DOCUMENT: _document(manifest)}
     for target, file in manifest.materialx.implementations.items():
         language = LANGUAGES[TARGETS[target]]

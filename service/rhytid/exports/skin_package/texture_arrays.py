@@ -35,13 +35,13 @@ BESIDE = 5 * TABLE + 32 * STRIP + 32 * A_ROW * MOST_ROWS
 
 
 def index_channel(most: int) -> str:
-    """The narrowest that holds indices up to `most`."""
+    """The narrowest channel that holds indices up to `most`."""
     return "r16uint" if most < 1 << 16 else "r32uint"
 
 
 @dataclass
 class TextureFiles:
-    """Arrays of one kind, one of every UDIM, written to `folder`/`name`.<UDIM>.ktx2."""
+    """Texture arrays of one kind, one for each UDIM, written to `folder`/`name`.<UDIM>.ktx2."""
 
     folder: Path
     name: str
@@ -56,7 +56,7 @@ class TextureFiles:
     finest: int = 0
 
     def write(self, udim: int, levels: Sequence[NDArray[np.generic]]) -> None:
-        """The array of a UDIM, finest level first; the file is there when it is whole."""
+        """Write the array of a UDIM, finest level first; the file is visible once it is whole."""
         layers, rows, columns = self.shape = levels[0].shape
         file = self.folder / f"{self.name}.{udim}.ktx2"
         with whole(file) as aside:
@@ -69,8 +69,8 @@ class TextureFiles:
         self.finest += levels[0].size * item
         self.bytes += sum(level.size for level in levels) * item
 
-    def described(self) -> Textures:
-        """As the manifest has it, once all are written."""
+    def manifest_entry(self) -> Textures:
+        """The textures as the manifest describes them, once all are written."""
         layers, size, _ = self.shape
         return Textures(
             files=self.files,
@@ -87,8 +87,11 @@ class TextureFiles:
 
 @dataclass
 class SetFiles:
-    """Maps of bins as sets of the codes of their samples, of every UDIM: `name`.<UDIM>.ktx2 and
-    `name`_codes.<UDIM>.ktx2."""
+    """The maps of bins, stored as sets of the codes of their samples, for each UDIM.
+
+    They are `name`.<UDIM>.ktx2, the number of the set at every texel, and `name`_codes.<UDIM>.ktx2,
+    the codes of each set.
+    """
 
     folder: Path
     name: str
@@ -102,32 +105,33 @@ class SetFiles:
 
     @property
     def files(self) -> list[str]:
-        """All that were written."""
+        """All files that were written."""
         return [*self._numbers.files.values(), *self._codes.files.values()]
 
     def write(self, udim: int, levels: Sequence[NDArray[np.integer]]) -> None:
-        """The arrays of a UDIM, from maps of every level, finest first."""
+        """Write the arrays of a UDIM, from maps of every level, finest first."""
         numbers, codes = in_sets(levels, self.samples)
         self._numbers.channel = index_channel(codes[0].size)
         self._numbers.write(udim, numbers)
         self._codes.write(udim, [codes])
 
-    def described(self) -> tuple[Textures, Codes]:
-        """As the manifest has them."""
-        codes = self._codes
-        return self._numbers.described(), Codes(files=codes.files, width=A_ROW, bytes=codes.bytes)
+    def manifest_entry(self) -> tuple[Textures, Codes]:
+        """The textures and their codes as the manifest describes them."""
+        codes = Codes(files=self._codes.files, width=A_ROW, bytes=self._codes.bytes)
+        return self._numbers.manifest_entry(), codes
 
 
 @dataclass(frozen=True)
 class Paging:
-    """Squares of `size` texels a side that maps of `resolution` texels a side are cut into."""
+    """How maps of `resolution` texels a side are cut into pages of `size` texels a side."""
 
     resolution: int
     size: int
 
     @classmethod
     def of(cls, resolution: int, maps: int) -> Paging:
-        """Raises LimitError where so many maps need more layers than WebGL2 has."""
+        """The paging of so many maps; raises LimitError where they need more layers than WebGL2
+        has."""
         paging = cls(resolution, min(resolution, MOST_SIDE))
         layers = paging.count * maps
         if layers > MOST_LAYERS:
@@ -139,12 +143,12 @@ class Paging:
 
     @property
     def across(self) -> int:
-        """Pages a row."""
+        """How many pages lie in a row."""
         return self.resolution // self.size
 
     @property
     def count(self) -> int:
-        """All pages."""
+        """How many pages a map has."""
         return self.across**2
 
     def cut(self, maps: Maps) -> Maps:
@@ -156,8 +160,10 @@ class Paging:
 
 
 def pyramid(maps: Maps, count: int) -> list[Maps]:
-    """(K, n, n) and `count` - 1 coarser levels, each the means of 2 x 2 texels of the level before
-    it was rounded."""
+    """The maps (K, n, n) and `count` - 1 coarser levels of them.
+
+    Each level has the means of 2 x 2 texels of the level before, taken before that was rounded.
+    """
     k, side = maps.shape[:2]
     levels = [maps, *(np.empty((k, side >> n, side >> n), maps.dtype) for n in range(1, count))]
     for i, finest in enumerate(stopping.each(maps)):
@@ -172,9 +178,11 @@ def pyramid(maps: Maps, count: int) -> list[Maps]:
 def in_sets(
     levels: Sequence[NDArray[np.integer]], samples: int
 ) -> tuple[list[NDArray[np.uint32]], SetCodes]:
-    """Maps (N·S, n, n) int8 of every level, of each bin those of its S samples, as numbers of sets,
-    (N, n, n) of every level; and the codes of the sets, (S, rows, 1024): set i at row i // 1024,
-    column i % 1024.
+    """The codes of all samples of a bin, at every texel, as the number of their set.
+
+    levels: maps (N·S, n, n) int8 of every level, for each bin those of its S samples. Gives the
+    numbers of sets, (N, n, n) of every level, and the codes of the sets, (S, rows, 1024): set i at
+    row i // 1024, column i % 1024.
 
     Takes four bytes a texel of a bin for the numbers, and at most BESIDE. Raises LimitError where
     there are more sets than WebGL2 has texels for.

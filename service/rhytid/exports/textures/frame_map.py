@@ -39,12 +39,13 @@ _RAW: Facts = {"colour_space": "raw", "colorInteropID": "data"}
 
 @dataclass(frozen=True, eq=False)
 class FrameMap:
-    """One UDIM of one frame. What takes long is a call, which computes it once.
+    """One UDIM of one frame. Values that take long to compute are functions, which compute them
+    once.
 
     header: of the map.  depth: of a furrow of strength 1, mesh units.  heights: (R, R) float32
-    displacement, mesh units, row 0 at the top.  padding: what its texels next to islands show.
-    chart: its texels on the mesh.  posed: the surface of the frame.  weights: (F, 3, 2) of corners,
-    stretch and compression.
+    displacement, mesh units, row 0 at the top.  padding: of the texels next to islands.  chart: its
+    texels on the mesh.  posed: the surface of the frame.  weights: (F, 3, 2) of corners, stretch
+    and compression.
     """
 
     header: TileHeader
@@ -56,19 +57,19 @@ class FrameMap:
     weights: Callable[[], NDArray[np.float64]]
 
     def bordered(self) -> NDArray[np.float32]:
-        """The displacement, within the padding that of the nearest texel inside."""
+        """The displacement; within the padding, texels have that of the nearest texel inside."""
         return self.padding().padded(self.heights())
 
     def padded(self) -> NDArray[np.float32]:
-        """The displacement, outside of the islands that of the nearest texel inside."""
+        """The displacement; texels outside of the islands have that of the nearest texel inside."""
         return self.chart().padded(self.heights())
 
 
 def attributes(header: TileHeader, facts: Facts, values: NDArray[Any]) -> Facts:
-    """The attributes written beside the texels.
+    """The attributes that are written beside the texels.
 
-    facts: of the profile, `scale` among them.  values: what the texels stand for; their `minimum`
-    and `maximum` are attributes.
+    facts: of the profile, `scale` among them.  values: those that the texels stand for; their
+    `minimum` and `maximum` become attributes.
     """
     ends = {"minimum": float(values.min()), "maximum": float(values.max())}
     return {**header.attributes(), **facts, **ends, **_RAW}
@@ -94,8 +95,11 @@ class Chart:
 
     @classmethod
     def of(cls, mesh: Mesh, udim: int, triangles: NDArray[np.int32]) -> Chart:
-        """From what the service finds: the number of triangles stands for none. Raises MeshError
-        where no texel shows one."""
+        """The chart of a UDIM.
+
+        triangles: (R, R) the triangle of each texel, as the service finds it; the number of
+        triangles stands for none. Raises MeshError where no texel shows one.
+        """
         edges = local_edges(mesh, udim)
         covered = triangles < len(mesh.faces)
         if not covered.any():
@@ -107,7 +111,8 @@ class Chart:
         return cls(filled, covered, inside, _nearest(inside), _islands(mesh), edges)
 
     def padded(self, values: NDArray[T]) -> NDArray[T]:
-        """(R, R, ...) whose texels outside of the islands have what the nearest one inside has."""
+        """(R, R, …) values whose texels outside of the islands have the value of the nearest texel
+        inside."""
         found: NDArray[T] = values.reshape(-1, *values.shape[2:])[self.nearest]
         return found
 
@@ -132,8 +137,11 @@ class Padding:
 
     @classmethod
     def of(cls, mesh: Mesh, udim: int, triangles: NDArray[np.int32], reach: int) -> Padding:
-        """From what the service finds: the triangle (R, R) of each texel, that of the nearest one
-        within `reach` texels of an island, the number of triangles for none."""
+        """The padding of a UDIM.
+
+        triangles: (R, R) the triangle of each texel, or of the nearest one within `reach` texels of
+        an island, as the service finds it; the number of triangles stands for none.
+        """
         shown = triangles < len(mesh.faces)
         inside = texels_inside(np.where(shown, triangles, 0), local_edges(mesh, udim)) & shown
         found = list(_nearest_inside(shown & ~inside, inside, reach + 1))
@@ -142,7 +150,7 @@ class Padding:
         return cls(np.concatenate(texels), np.concatenate(sources))
 
     def padded(self, heights: NDArray[np.float32]) -> NDArray[np.float32]:
-        """A copy of a map (R, R) in which `texels` have what `sources` have."""
+        """A copy of a map (R, R) in which each of `texels` has the value of its source."""
         out: NDArray[np.float32] = heights.copy()
         out.reshape(-1)[self.texels] = heights.reshape(-1)[self.sources]
         return out
@@ -156,7 +164,7 @@ def local_edges(mesh: Mesh, udim: int) -> FloatArray:
 
 
 def texels_inside(triangles: NDArray[np.int32], uv_edges: FloatArray) -> NDArray[np.bool_]:
-    """(R, R) which texels have their centre in their triangle (R, R)."""
+    """(R, R) whether the centre of each texel lies in its triangle (R, R)."""
     side = len(triangles)
     found = np.zeros((side, side), np.bool_)
     rows = max(TEXELS // side, 1)

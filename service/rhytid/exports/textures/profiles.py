@@ -20,10 +20,10 @@ class Profile:
 
     key: identifies the bytes that it writes of a map: a change of the writer needs another key.
     extension: with its dot.  middle: between NAME and extension.  texel_bytes: before compression.
-    write: draws and writes one file, whole or not at all.  facts: what a reader must know, the same
-    for all files of an asset.  described: whether it is in a file beside them, too.  drawn: whether
-    it shows displacement, and not only the stretch of the frame.  posed: whether it reads the
-    positions of the frame, too.  tiled: whether it needs OpenImageIO.
+    write: draws and writes one file, whole or not at all.  facts: for readers of the files, the
+    same for all files of an asset.  described: whether the facts are in a file beside them, too.
+    drawn: whether it shows displacement, and not only the stretch of the frame.  posed: whether it
+    reads the positions of the frame, too.  tiled: whether it needs OpenImageIO.
     """
 
     name: str
@@ -43,15 +43,15 @@ class Profile:
         return f"{name}.{self.middle.format(udim=udim, frame=frame)}{self.extension}"
 
     def pattern(self, name: str) -> str:
-        """The names of all, with <UDIM> and <FRAME>."""
+        """The names of all files, with <UDIM> and <FRAME>."""
         return f"{name}.{self.middle.format(udim='<UDIM>', frame='<FRAME>')}{self.extension}"
 
     def all_facts(self, drawn: FrameMap) -> Facts:
-        """`facts`, and which profile it is."""
+        """The facts of the profile, with its name."""
         return {"profile": self.name, **self.facts(drawn)}
 
     def check(self) -> None:
-        """Raise InputError where a library is missing."""
+        """Raise InputError where a library that the profile needs is missing."""
         if self.tiled:
             image_library()
 
@@ -99,10 +99,10 @@ PROFILES: Mapping[str, Profile] = {profile.name: profile for profile in _ALL}
 
 
 def profiles_of(names: list[str]) -> tuple[Profile, ...]:
-    """Profiles by name, each once, in the order of the table.
+    """The profiles of these names, each once, in the order of the table.
 
-    Raises QueryError for a name that there is not and where two would write the same files,
-    InputError where a library is missing.
+    Raises QueryError for an unknown name and where two would write the same files, InputError where
+    a library is missing.
     """
     for name in names:
         if name not in PROFILES:

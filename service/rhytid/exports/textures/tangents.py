@@ -36,7 +36,7 @@ class Posed:
 
     @classmethod
     def of(cls, mesh: Mesh, positions: NDArray[np.float32]) -> Posed:
-        """positions: (V, 3) of the frame."""
+        """The surface of a mesh in a frame with positions (V, 3)."""
         corners = positions.astype(np.float64)[mesh.faces]
         places = welded(mesh)[mesh.faces]
         du, dv, signs = _derivatives(mesh, corners)
@@ -49,7 +49,8 @@ class Posed:
 
 
 def vertex_normals(corners: FloatArray, places: IntArray) -> FloatArray:
-    """(F, 3, 3) of corners (F, 3, 3) whose vertices are numbered (F, 3)."""
+    """(F, 3, 3) unit normals at the corners (F, 3, 3) of triangles, whose vertices have the numbers
+    (F, 3): means of the triangles at a vertex, weighted by their angles."""
     normal = unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
     return _summed(normal[:, None] * _angles(corners)[..., None], places)
 
@@ -103,7 +104,7 @@ def _summed(values: FloatArray, numbers: IntArray) -> FloatArray:
 
 
 def dot(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Products of vectors, (…, 1)."""
+    """Scalar products of vectors along the last axis, (…, 1)."""
     found: FloatArray = np.sum(a * b, axis=-1, keepdims=True)
     return found
 

@@ -47,45 +47,48 @@ _TEXTURE = {"textureformat": "Plain Texture", "wrapmodes": "clamp,clamp", "compr
 
 
 def plain_facts(map: FrameMap) -> Facts:
-    """For files of floats: displacement in mesh units as it is."""
+    """Facts of files of floats: texels are the displacement in mesh units."""
     return {"scale": 1.0, "midlevel": 0.0}
 
 
 def png16_facts(map: FrameMap) -> Facts:
-    """Displacement is (p - 32768) / 32767 times `scale`; in a program that has 0 to 1 for black to
-    white, (value - `midlevel`) times `range`."""
+    """Facts of png16: displacement is (p - 32768) / 32767 times `scale`.
+
+    In a program that has 0 to 1 for black to white it is (value - `midlevel`) times `range`.
+    """
     full = map.header.scale * _WHITE / (_MIDDLE - 1)
     return {"scale": map.header.scale, "midlevel": _MIDDLE / _WHITE, "range": full}
 
 
 def normal_gl_facts(map: FrameMap) -> Facts:
-    """Normals are 2 value - 1, green along v."""
+    """Facts of normal-gl: normals are 2 value - 1, green along v."""
     return {"scale": 1.0, "midlevel": 0.5, "green": "up"}
 
 
 def normal_dx_facts(map: FrameMap) -> Facts:
-    """Normals are 2 value - 1, green against v."""
+    """Facts of normal-dx: normals are 2 value - 1, green against v."""
     return {"scale": 1.0, "midlevel": 0.5, "green": "down"}
 
 
 def cavity_facts(map: FrameMap) -> Facts:
-    """How far a texel lies below its surroundings is (1 - value) times `scale`."""
+    """Facts of cavity: a texel lies (1 - value) times `scale` below its surroundings."""
     return {"scale": map.depth, "midlevel": 1.0}
 
 
 def weight_facts(map: FrameMap) -> Facts:
-    """Red is stretch, green compression: |log ratio| of lengths is value times `scale`."""
+    """Facts of weights: red is stretch, green compression; |log ratio| of lengths is value times
+    `scale`."""
     return {"scale": FULL, "midlevel": 0.0, "red": "stretch", "green": "compression"}
 
 
 def write_float(path: Path, map: FrameMap, facts: Facts) -> None:
-    """OpenEXR of floats; padded next to islands."""
+    """Write OpenEXR of floats, padded next to islands."""
     heights = map.bordered()
     write_exr(path, heights, attributes(map.header, facts, heights))
 
 
 def write_half(path: Path, map: FrameMap, facts: Facts) -> None:
-    """OpenEXR of half floats; padded next to islands."""
+    """Write OpenEXR of half floats, padded next to islands."""
     heights = map.bordered().astype(np.float16)
     write_exr(path, heights, attributes(map.header, facts, heights))
 
@@ -100,20 +103,20 @@ def write_exr(path: Path, texels: Texels, attributes: Mapping[str, str | int | f
 
 
 def write_mipmapped(path: Path, map: FrameMap, facts: Facts) -> None:
-    """OpenEXR of floats in tiles, with levels; padded."""
+    """Write OpenEXR of floats in tiles, with levels; padded."""
     heights = map.padded()
     with whole(path) as aside:
         write_tiled(aside, levels_of(heights), attributes(map.header, facts, heights))
 
 
 def write_png16(path: Path, map: FrameMap, facts: Facts) -> None:
-    """Grey PNG of 16 bits, 0 at code 32768, said to be linear; padded."""
+    """Write a grey PNG of 16 bits, 0 at code 32768, marked as linear; padded."""
     heights = map.padded()
     _png(path, quantise(heights, map.header.scale), map, facts, heights, linear=True)
 
 
 def write_normals(path: Path, map: FrameMap, facts: Facts) -> None:
-    """RGB PNG of 16 bits."""
+    """Write normals as RGB PNG of 16 bits."""
     normals = normal_map(map.heights(), map.chart(), map.posed())
     if facts["green"] == "down":
         normals[..., 1] *= -1.0
@@ -122,14 +125,14 @@ def write_normals(path: Path, map: FrameMap, facts: Facts) -> None:
 
 
 def write_cavity(path: Path, map: FrameMap, facts: Facts) -> None:
-    """Grey PNG of 8 bits: white is as high as its surroundings or higher, black lower by the depth
-    of a furrow of strength 1, or more."""
+    """Write a grey PNG of 8 bits: white is as high as its surroundings or higher, black lower by
+    the depth of a furrow of strength 1, or more."""
     values = cavity_map(map.heights(), map.chart(), map.depth)
     _png(path, _bytes(values), map, facts, values)
 
 
 def write_weights(path: Path, map: FrameMap, facts: Facts) -> None:
-    """RGB PNG of 8 bits: stretch, compression, 0."""
+    """Write stretch, compression and 0 as RGB PNG of 8 bits."""
     values = weight_map(map.chart(), map.weights())
     codes = np.zeros((*values.shape[:2], 3), np.uint8)
     codes[..., :2] = _bytes(values)
@@ -155,8 +158,11 @@ def _png(
 
 
 def normal_map(heights: NDArray[np.float32], chart: Chart, posed: Posed) -> NDArray[np.float32]:
-    """(R, R, 3) unit vectors (along u, along v, outwards) of a map (R, R), mesh units, row 0 at the
-    top. In the padding those of the nearest texel inside, beyond it (0, 0, 1)."""
+    """(R, R, 3) unit vectors (along u, along v, outwards) of the heights (R, R), mesh units, row 0
+    at the top.
+
+    In the padding a texel has the vector of the nearest texel inside, beyond it (0, 0, 1).
+    """
     side = len(heights)
     out = np.zeros((side, side, 3), np.float32)
     rows = max(TEXELS // side, 1)
@@ -235,9 +241,11 @@ def _slopes(heights: NDArray[np.float32], chart: Chart, rows: slice) -> FloatArr
 
 
 def cavity_map(heights: NDArray[np.float32], chart: Chart, depth: float) -> NDArray[np.float32]:
-    """(R, R) from 1, no lower than the mean around it, to 0, `depth` lower or more. heights, depth:
-    mesh units; texels outside of the islands do not count in the mean. In the padding it is as at
-    the nearest texel inside, beyond it 1."""
+    """(R, R) from 1, no lower than the mean around it, to 0, lower by `depth` or more.
+
+    heights, depth: mesh units. Texels outside of the islands do not count in the mean. In the
+    padding a texel has the value of the nearest texel inside, beyond it 1.
+    """
     size = max(round(AROUND * len(heights)), 1) | 1
     shown = chart.inside.astype(np.float32)
     share = ndimage.uniform_filter(shown, size, mode="constant")
@@ -249,7 +257,7 @@ def cavity_map(heights: NDArray[np.float32], chart: Chart, depth: float) -> NDAr
 
 
 def corner_weights(mesh: Mesh, ratios: NDArray[np.float32]) -> FloatArray:
-    """(F, 3, 2) of corners: stretch, compression, each from 0 to 1.
+    """(F, 3, 2) stretch and compression at the corners of triangles, each from 0 to 1.
 
     ratios: (F, 2) of length in the frame to length in the neutral, along both axes of stretch. A
     triangle has max(log ratio, 0) and max(-log ratio, 0), the larger of both axes, over FULL; a
@@ -267,8 +275,11 @@ def corner_weights(mesh: Mesh, ratios: NDArray[np.float32]) -> FloatArray:
 
 
 def weight_map(chart: Chart, corners: FloatArray) -> NDArray[np.float32]:
-    """(R, R, 2) of corner weights (F, 3, 2). Beyond the padding a texel has what the nearest one
-    within it has, so that coarser levels do not fade towards the borders of islands."""
+    """(R, R, 2) weights of texels, from those of corners (F, 3, 2).
+
+    Beyond the padding a texel has the weights of the nearest one within it, so that coarser levels
+    do not fade towards the borders of islands.
+    """
     side = len(chart.triangles)
     out = np.zeros((side, side, 2), np.float32)
     rows = max(TEXELS // side, 1)
@@ -281,7 +292,7 @@ def weight_map(chart: Chart, corners: FloatArray) -> NDArray[np.float32]:
 
 
 def image_library() -> Any:
-    """OpenImageIO; raises InputError where it is not installed."""
+    """The module OpenImageIO; raises InputError where it is not installed."""
     try:
         return importlib.import_module("OpenImageIO")
     except ImportError as exc:
@@ -289,8 +300,11 @@ def image_library() -> Any:
 
 
 def levels_of(texels: FloatMap) -> list[FloatMap]:
-    """A map (R, R), R a power of two, and its coarser levels down to one texel: means of 2 x 2,
-    added in the order of the service's own levels (`level.cl`), so that they are the same bits."""
+    """A map (R, R), R a power of two, and its coarser levels down to one texel.
+
+    They are means of 2 x 2 texels, added in the order of the levels that the service draws
+    (`level.cl`), so that they are the same bits.
+    """
     levels = [texels]
     while len(levels[-1]) > 1:
         fine = levels[-1]
