@@ -20,7 +20,7 @@ _STOPS = np.array([*_COMPRESSION, NEUTRAL, *_STRETCH])
 
 
 def to_picture(colour: NDArray[Any]) -> Picture:
-    """From sRGB values in 0…1, clipped; (H, W) becomes grey."""
+    """A picture from sRGB values in 0…1, which are clipped; (H, W) becomes grey."""
     rgb = colour if colour.ndim == 3 else np.repeat(colour[..., None], 3, axis=-1)
     picture: Picture = (np.clip(rgb, 0.0, 1.0) * 255 + 0.5).astype(np.uint8)
     return picture
@@ -44,14 +44,16 @@ def blur(values: NDArray[Any], sigma: float) -> NDArray[np.float64]:
 
 
 def diverging(log_stretch: ArrayLike, limit: float) -> NDArray[np.float64]:
-    """(…, 3): red for compression, purple for stretch, light grey at 0; ends at ±limit (Fig. 3)."""
+    """(…, 3) colours: red for compression, purple for stretch, light grey at 0; the scale ends at
+    ±limit (Fig. 3)."""
     t = np.clip(np.asarray(log_stretch, np.float64) / limit, -1, 1)
     places = np.linspace(-1, 1, len(_STOPS))
     return np.stack([np.interp(t, places, channel) for channel in _STOPS.T], axis=-1)
 
 
 def axis_wheel(angle: ArrayLike, certainty: ArrayLike = 1.0) -> NDArray[np.float64]:
-    """(…, 3): the hue of an undirected axis; `angle` in radians, the same after half a turn.
+    """(…, 3) colours: the hue of an undirected axis with this angle, radians, the same after half a
+    turn.
 
     certainty: 0…1, fades to the neutral grey where an axis means nothing (ρ₁ = ρ₂).
     """
@@ -63,6 +65,6 @@ def axis_wheel(angle: ArrayLike, certainty: ArrayLike = 1.0) -> NDArray[np.float
 
 
 def signed_grey(height: ArrayLike, limit: float) -> NDArray[np.float64]:
-    """(…, 3): mid grey at 0, black at -limit, white at +limit."""
+    """(…, 3) greys: mid grey at 0, black at -limit, white at +limit."""
     t = np.clip(np.asarray(height, np.float64) / limit, -1, 1)
     return np.repeat((0.5 + 0.5 * t)[..., None], 3, axis=-1)

@@ -47,8 +47,11 @@ _FAINT, _STRONG = np.array([70.0, 90.0, 190.0]), np.array([200.0, 20.0, 20.0])
 
 @dataclass(frozen=True, eq=False)
 class WholeMap:
-    """heights (WHOLE, WHOLE) of a UDIM, mesh units.  side: mesh units that UV 1 is long there, on
-    average."""
+    """The map of a UDIM for a preview.
+
+    heights: (WHOLE, WHOLE), mesh units.  side: length of a UV step of 1 on the surface, on average,
+    mesh units.
+    """
 
     udim: int
     heights: NDArray[Any]
@@ -59,8 +62,8 @@ class WholeMap:
 class Patch:
     """A square of `side` mesh units around a place.
 
-    uv: (2,) of the place in its UDIM.  surface: (PATCH, PATCH) pixels on the mesh.  heights:
-    (R, R) the map of that UDIM; right where the patch reads it.
+    uv: (2,) of the place in its UDIM.  surface: (PATCH, PATCH) pixels on the mesh.  heights: (R, R)
+    the map of that UDIM, valid at least where the patch reads it.
     """
 
     name: str
@@ -74,8 +77,8 @@ class Patch:
 def preview(
     maps: Sequence[WholeMap], patches: Sequence[Patch], unit_mm: float, caption: str
 ) -> Image.Image:
-    """Whole maps in one row, their relief exaggerated, and patches below at true scale, each row
-    under one light of LIGHTS.
+    """A sheet of whole maps in one row, their relief exaggerated, and of patches below at true
+    scale, each row of these under one light of LIGHTS.
 
     unit_mm: millimetres in a mesh unit.
     """
@@ -102,7 +105,7 @@ def _patch(patch: Patch, light: float, unit_mm: float) -> Panel:
 def patch_panel(
     title: str, surface: SurfacePatch, heights: NDArray[Any], light: float, millimetres: float
 ) -> Panel:
-    """A patch so many millimetres wide, with a bar that shows its scale."""
+    """The panel of a patch so many millimetres wide, with a bar that shows its scale."""
     length = _round(0.3 * millimetres)
     pixels = length * len(surface.uv) / millimetres
     return Panel(title, scale_bar(surface.picture(heights, light), pixels, f"{length:g} mm"))
@@ -116,7 +119,10 @@ def _round(most: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class RegionView:
-    """A square patch of a region, seen along the normal of its middle.  triangle: there."""
+    """A square patch of a region, seen along the normal of its middle.
+
+    triangle: the number of the one in the middle.
+    """
 
     region: str
     triangle: int
@@ -124,7 +130,7 @@ class RegionView:
 
     @property
     def scale(self) -> float:
-        """UV to a mesh unit in the middle, the mean of both directions."""
+        """UV steps in a mesh unit at the middle, the mean of both directions."""
         by_uv = self.surface.by_uv[self.surface.seen.triangle[tuple(_middle(self.surface))]]
         return float(np.sqrt(abs(np.linalg.det(by_uv))))
 
@@ -139,8 +145,9 @@ def region_views(
 ) -> list[RegionView]:
     """One view for each region that a mask shows, in the order of `REGIONS`.
 
-    corners: (F, 3, 3).  triangle_uv: (F, 3, 2) local to the UDIM.  masks: (F,) shares from 0 to 1.
-    folds: (F,) how far skin folds one way.  side: of a patch, mesh units.
+    corners: (F, 3, 3).  triangle_uv: (F, 3, 2) local to the UDIM.  masks: (F,) shares from 0 to 1,
+    by region.  folds: (F,) how far skin folds in one direction.  side: of a patch, mesh units.
+    pixels: per side of a view.
     """
     views = []
     for region in (name for name in REGIONS if name in masks):
@@ -198,8 +205,8 @@ def _middle(surface: SurfacePatch) -> NDArray[np.intp]:
 def fold_picture(
     positions: NDArray[Any], faces: NDArray[Any], folds: Folds, size: int = 1024
 ) -> Image.Image:
-    """Strokes along the lines that folds prefer, on the mesh seen from +z: long and red where it
-    folds much, short and blue where hardly.
+    """The mesh seen from +z with strokes along the lines that folds prefer: long and red where skin
+    folds much, short and blue where it hardly does.
 
     positions: (V, 3).  faces: (F, 3).  size: pixels per side.
     """

@@ -32,7 +32,7 @@ class Coverage:
 
     @property
     def covered(self) -> NDArray[np.bool_]:
-        """(H, W) true where a triangle is visible."""
+        """(H, W) whether a triangle is visible."""
         return self.triangle >= 0
 
     def flat(self, values: NDArray[Any], background: Any = 0.0) -> NDArray[np.float64]:
@@ -53,10 +53,10 @@ class Coverage:
 def rasterize(
     corners: NDArray[Any], height: int, width: int, depth: NDArray[Any] | None = None
 ) -> Coverage:
-    """Cover pixels with triangles.
+    """The triangle that is visible at each pixel.
 
-    corners: (F, 3, 2) pixel coordinates (x right, y down; pixel centres at +½).
-    depth: (F, 3); the greatest is visible, the lowest index on ties. Absent: the lowest index.
+    corners: (F, 3, 2) pixel coordinates (x right, y down; pixel centres at +½).  depth: (F, 3); the
+    greatest is visible, the lowest index on ties; without it the lowest index.
     """
     points = np.asarray(corners, np.float64)
     triangle, x, y = _candidates(points, height, width)
@@ -80,7 +80,10 @@ def rasterize(
 def rasterize_uv(
     triangle_uv: NDArray[Any], size: int, udim_origin: tuple[float, float] = (0.0, 0.0)
 ) -> Coverage:
-    """Cover the texels of one UDIM's map, row 0 at the top; triangle_uv: (F, 3, 2), v up."""
+    """The triangle at each texel of the map of one UDIM, row 0 at the top.
+
+    triangle_uv: (F, 3, 2), v up.
+    """
     local = np.asarray(triangle_uv, np.float64) - udim_origin
     return rasterize(np.stack([local[..., 0], 1.0 - local[..., 1]], axis=-1) * size, size, size)
 
@@ -116,7 +119,8 @@ def _barycentric(
 
 @dataclass(frozen=True)
 class View:
-    """What an orthographic picture shows: `height` mesh units, centred on (x, y)."""
+    """The part of space that an orthographic picture shows: `height` mesh units, centred on (x,
+    y)."""
 
     x: float
     y: float

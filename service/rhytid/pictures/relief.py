@@ -49,7 +49,7 @@ def lit(
 ) -> NDArray[np.float64]:
     """(H, W, 3) sRGB of skin with unit normals (H, W, 3) under one distant light.
 
-    exposure: multiplies the direct light, not the ambient.
+    exposure: multiplies the direct light, not the ambient light.
     """
     to_light = np.array(light) / np.linalg.norm(light)
     half = to_light + np.array([0.0, 0.0, 1.0])
@@ -75,10 +75,11 @@ def height_normals(
 def surface_crop(
     displacement: NDArray[Any], patch: FlatPatch, side: float, pixels: int, deformed: bool
 ) -> NDArray[np.float64]:
-    """(pixels, pixels) heights on a square of `side` mesh units around a patch.
+    """(pixels, pixels) heights on a square of `side` mesh units around a patch; the spacing is side
+    / pixels.
 
     displacement: (R, R), row 0 at the top.  deformed: measure `side` on the deformed surface, so
-    that stretched skin shows less of the map.  The spacing is side / pixels.
+    that stretched skin shows less of the map.
     """
     along = ((np.arange(pixels) + 0.5) / pixels - 0.5) * side
     x, y = np.meshgrid(along, -along)
@@ -91,10 +92,10 @@ def surface_crop(
 def spline_samples(
     values: NDArray[Any], row: NDArray[np.float64], column: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Cubic B-spline over (H, W) at fractional positions; the border is repeated.
+    """The values of a cubic B-spline over (H, W) at fractional positions; the border is repeated.
 
-    Twice differentiable, so that shading shows neither texels nor facets. It does not pass through
-    the texels: it smooths by about half a texel (its variance is 1/3 texel²).
+    It is twice differentiable, so that shading shows neither texels nor facets. It does not pass
+    through the texels: it smooths by about half a texel (its variance is 1/3 texel²).
     """
     r, c = np.floor(row).astype(np.int64), np.floor(column).astype(np.int64)
     return _weighted(values, r, c, _weights(row - r), _weights(column - c))

@@ -33,14 +33,14 @@ ACROSS = 3
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """A picture (H, W, 3) uint8 and the line above it."""
+    """A picture (H, W, 3) uint8, and the line of text above it."""
 
     title: str
     image: Picture
 
 
 def sheet(rows: list[list[Panel]], caption: str) -> Image.Image:
-    """Rows of panels, aligned at the top left, the caption wrapped below."""
+    """A sheet of rows of panels, aligned at the top left, with the caption wrapped below."""
     width = max(_row_width(row) for row in rows) + 2 * MARGIN
     lines = _wrapped(caption, width - 2 * MARGIN)
     height = 2 * MARGIN + sum(_row_height(row) + GAP for row in rows) + _CAPTION_LINE * len(lines)
@@ -90,14 +90,15 @@ def _wrapped(text: str, width: int) -> list[str]:
 
 @dataclass(frozen=True, eq=False)
 class LabelledPatch:
-    """picture: (PATCH, PATCH, 3) uint8.  label: the value that it shows."""
+    """A patch of skin (PATCH, PATCH, 3) uint8, and the value that it shows, as its label."""
 
     label: str
     picture: Picture
 
 
 def control_sheet(shown: Mapping[str, Sequence[LabelledPatch]], caption: str) -> Image.Image:
-    """The patches of each control in a panel of its name, ACROSS panels a row."""
+    """A sheet with a panel for each control, which holds its patches side by side; ACROSS panels a
+    row."""
     panels = [Panel(name, _beside(patches)) for name, patches in shown.items()]
     rows = [panels[start : start + ACROSS] for start in range(0, len(panels), ACROSS)]
     return sheet(rows, caption)
@@ -121,7 +122,7 @@ def _labelled(patch: LabelledPatch) -> Picture:
 
 @lru_cache
 def font(size: float) -> Font:
-    """Pillow's own font at a size in pixels, with ASCII and Latin letters only."""
+    """Pillow's own font at a size in pixels; it has ASCII and Latin letters only."""
     return ImageFont.load_default(size)
 
 
@@ -197,7 +198,7 @@ def axis_arrows(picture: Picture, angle: float, outward: bool, label: str) -> Pi
 def marked(
     picture: Picture, boxes: Sequence[tuple[NDArray[Any], float, str, tuple[int, int, int]]]
 ) -> Picture:
-    """The picture with squares: (centre in pixels, side, name, colour) each."""
+    """The picture with squares: for each its centre in pixels, side, name and colour."""
     image = Image.fromarray(picture)
     draw = ImageDraw.Draw(image)
     for centre, side, name, colour in boxes:

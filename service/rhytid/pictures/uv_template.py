@@ -36,9 +36,10 @@ MOST_UDIMS = 6
 class Charts:
     """The usable triangles of a UDIM, K of them.
 
-    uv: (K, 3, 2) local to the UDIM.  texels: (K,) sides of texels on the surface, mesh units.
-    up, right: (K, 2) unit vectors in UV of what is up (+y) and right on the surface, seen from
-    outside; 0 where the surface is level.  wire, border: (E, 2, 2) edges; those of one triangle.
+    uv: (K, 3, 2) local to the UDIM.  texels: (K,) sides of texels on the surface, mesh units.  up,
+    right: (K, 2) unit vectors in UV of up (+y) and right on the surface, seen from outside; 0 where
+    the surface is level.  wire: (E, 2, 2) all edges.  border: (E, 2, 2) edges of one triangle
+    alone.
     """
 
     uv: Floats
@@ -50,7 +51,8 @@ class Charts:
 
     @classmethod
     def of(cls, mesh: Mesh, udim: int, size: int) -> Charts:
-        """Those that reach into a UDIM, drawn at `size` texels per side."""
+        """The charts of the triangles that reach into a UDIM, which is drawn at `size` texels per
+        side."""
         local = mesh.triangle_uv() - udim_origin(udim)
         near = (local.max(axis=1) > 0).all(axis=1) & (local.min(axis=1) < 1).all(axis=1)
         near &= mesh.usable_triangles()
@@ -68,18 +70,18 @@ class Charts:
         return float(np.median(self.texels))
 
     def texel_colours(self, usual: float) -> Floats:
-        """(K, 3) red where texels are smaller than usual, purple where they are larger."""
+        """(K, 3) colours: red where texels are smaller than usual, purple where they are larger."""
         return diverging(np.log(self.texels / usual), math.log(TEXEL_RANGE))
 
     def orientation_colours(self) -> Floats:
-        """(K, 3) by the direction that level lines have in UV; grey where there is none."""
+        """(K, 3) colours by the direction that level lines have in UV; grey where there is none."""
         known = np.linalg.norm(self.right, axis=1)
         return axis_wheel(np.arctan2(self.right[:, 1], self.right[:, 0]), known)
 
 
 def template(charts: Charts, size: int) -> Image.Image:
-    """RGBA (size, size), empty where nothing is drawn, to lie over a map as a layer: wires, borders
-    of charts in orange, and arrows that point up on the surface, with a foot to the right."""
+    """An RGBA image (size, size) to lay over a map: wires, borders of charts in orange, and arrows
+    that point up on the surface, with a foot to the right; transparent elsewhere."""
     image = Image.new("RGBA", (size, size))
     wide = max(1, round(size / _FINE_LINES))
     for lines, colour, width in (
@@ -97,7 +99,7 @@ def template(charts: Charts, size: int) -> Image.Image:
 
 
 def filled(charts: Charts, colours: Floats, size: int) -> Image.Image:
-    """RGB (size, size): each triangle in its colour of (K, 3), white around them."""
+    """An RGB image (size, size) with each triangle in its colour of (K, 3), white around them."""
     image = Image.new("RGB", (size, size), "white")
     draw = ImageDraw.Draw(image)
     inks = to_picture(colours[None])[0].tolist()
@@ -107,12 +109,13 @@ def filled(charts: Charts, colours: Floats, size: int) -> Image.Image:
 
 
 def starter(value: float, size: int) -> Image.Image:
-    """A grey image of 16 bits (size, size), throughout `value` of white."""
+    """A grey image of 16 bits (size, size), everywhere `value` of white."""
     return Image.fromarray(np.full((size, size), np.rint(value * 65535), np.uint16))
 
 
 def guide(charts: Mapping[int, Charts], usual: float, unit_mm: float, caption: str) -> Image.Image:
-    """Rows of UDIMs (MOST_UDIMS at most): the template, which way level lines run, and texels.
+    """A sheet with a row for each UDIM (MOST_UDIMS at most): the template, the direction of level
+    lines, and the size of texels.
 
     usual: side of a texel on the surface, mesh units.  unit_mm: millimetres in a mesh unit.
     """

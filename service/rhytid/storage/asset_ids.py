@@ -46,9 +46,10 @@ def asset_id(
     controls: Controls | None = None,
     expressions: Expressions | None = None,
 ) -> str:
-    """The id of the asset that these build: 16 hex digits of a SHA-256 over their content.
+    """The id of the asset that is built from this content: 16 hex digits of a SHA-256 over it.
 
-    expressions: what lines grow by. The same arrays and settings give the same id on every machine.
+    expressions: those that lines grow by. The same arrays and settings give the same id on every
+    machine.
     """
     identity = _identity(settings, graph is not None)
     digest = hashlib.sha256(canonical({"version": ID_VERSION, "settings": identity}))
@@ -73,7 +74,7 @@ def mesh_arrays(mesh: Mesh) -> dict[str, NDArray[Any]]:
 
 
 def _identity(settings: AssetSettings, given: bool) -> dict[str, Any]:
-    """given: whether the graph is."""
+    """The settings that count for an id.  given: whether a graph was sent."""
     values, plain = settings.drawn(), GraphSettings()
     values["unit"] = settings.length_unit
     graph = values["graph"]

@@ -28,18 +28,18 @@ from rhytid.storage.snapshots import Readable, Snapshot, SnapshotIndex, unpack
 
 
 class AssetSnapshots:
-    """Makes snapshots of the built assets of a store, and takes assets in from them.
+    """Makes snapshots of the built assets of a store, and stores assets from snapshots.
 
-    delete: removes an asset from the store. Methods raise what those of `AssetStore` do.
+    delete: removes an asset from the store. Methods raise what those of `AssetStore` raise.
     """
 
     def __init__(self, folders: StoreFolders, delete: Callable[[str], None]) -> None:
         self._folders, self._delete = folders, delete
 
     def of(self, id: str, *, checked: bool = True) -> Snapshot:
-        """A built asset with its present settings and its named shapes as one file; close it.
+        """The snapshot of a built asset, with its present settings and its named shapes; close it.
 
-        checked: read every byte of it, and raise StorageError where one is not what was written.
+        checked: read every byte of it, and raise StorageError where a file is not what was written.
         """
         home = self._folders.existing(id, ASSET).parent
         with self._folders.unchanged():  # shapes are replaced in two steps
@@ -59,7 +59,7 @@ class AssetSnapshots:
         return is_built(self._folders.home(id))
 
     def index(self, id: str) -> SnapshotIndex:
-        """What the snapshot of a built asset begins with; its arrays are not read."""
+        """The index of the snapshot of a built asset; the arrays of the asset are not read."""
         with self._folders.unchanged():
             return self._index(id)[0]
 
@@ -72,18 +72,17 @@ class AssetSnapshots:
 
     @contextmanager
     def unpacked_by(self, write: Callable[[Path], SnapshotIndex]) -> Iterator[UnpackedAsset]:
-        """As `unpacked`, of an asset whose files `write` writes into an empty folder, as `unpack`
-        does."""
+        """The asset whose files `write` puts into an empty folder, checked as by `unpacked`."""
         with reported("a snapshot cannot be unpacked"), self._folders.workplace() as place:
             index = write(place)
             yield UnpackedAsset.read(index, place)
 
     def install(self, unpacked: UnpackedAsset, *, anew: bool = False) -> bool:
-        """Store the asset of a snapshot; False, and nothing is changed, where it is there intact,
-        unless `anew`.
+        """Store the asset of a snapshot; return whether anything was stored.
 
-        One that is damaged is replaced, a request for it is removed. Raises StoreFormatError where
-        another version of rhytid stored it.
+        An asset that is there intact is kept, unless `anew`. A damaged one is replaced, and a
+        request for it is removed. Raises StoreFormatError where another version of rhytid stored
+        it.
         """
         home = self._folders.home(unpacked.id)
         if not anew and _is_intact(home):
@@ -99,8 +98,10 @@ class AssetSnapshots:
             return stored
 
     def restore(self, path: Path) -> tuple[str, bool]:
-        """Store the asset of a snapshot file; its id, and what `install` answers. Raises
-        SnapshotError as `unpacked` does, and StorageError where the file cannot be read."""
+        """Store the asset of a snapshot file; return its id, and whether it was stored.
+
+        Raises SnapshotError as `unpacked` does, and StorageError where the file cannot be read.
+        """
         with (
             reported(f"{path} cannot be read"),
             path.open("rb") as file,
@@ -109,8 +110,8 @@ class AssetSnapshots:
             return unpacked.id, self.install(unpacked)
 
     def with_own_shapes(self, unpacked: UnpackedAsset) -> UnpackedAsset:
-        """The asset of a snapshot, not stored yet, with the named shapes that the store has for it,
-        if any, in place of its own."""
+        """The asset of a snapshot, not stored yet, with the named shapes that the store has for
+        this asset; its own where the store has none."""
         own, place = self._folders.home(unpacked.id) / SHAPES, unpacked.place / SHAPES
         with reported(f"the shapes of asset {unpacked.id} cannot be copied"):
             if not is_folder(own):
@@ -124,11 +125,12 @@ class AssetSnapshots:
         return replace(unpacked, has_shapes=True)
 
     def note_shared(self, id: str, note: bytes) -> None:
-        """Keep a note of what a shared store has of a built asset, in place of another."""
+        """Keep a note of the state in which a shared store has a built asset; it replaces an
+        earlier note."""
         self._folders.replace(self._folders.existing(id, ASSET).parent / SHARED, note)
 
     def shared_note(self, id: str) -> bytes | None:
-        """The note of `note_shared`; None where there is none."""
+        """The note that `note_shared` kept; None where there is none."""
         path = self._folders.existing(id, ASSET).parent / SHARED
         with reported(f"{path} cannot be read"), suppress(FileNotFoundError):
             return path.read_bytes()
@@ -149,10 +151,10 @@ class AssetSnapshots:
 
 @dataclass(frozen=True, eq=False)
 class UnpackedAsset:
-    """A built asset with its present settings, whose files are in the folder `place`.
+    """A built asset with its present settings, whose files are in the folder `place`, not stored
+    yet.
 
-    index: what its snapshot begins with.  has_shapes: whether named shapes of its mesh are there,
-    too.
+    index: of its snapshot.  has_shapes: whether the folder holds named shapes of its mesh, too.
     """
 
     index: SnapshotIndex
@@ -168,7 +170,8 @@ class UnpackedAsset:
 
     @classmethod
     def read(cls, index: SnapshotIndex, place: Path) -> UnpackedAsset:
-        """Read what `unpack` wrote; raises SnapshotError where it is no asset that can be drawn."""
+        """Read and check the files that `unpack` wrote; raises SnapshotError where they are no
+        asset that can be drawn."""
         id = index.asset
         files = read_verified(place / ASSET, f"{ASSET} {id}")
         has_shapes = is_folder(place / SHAPES)

@@ -39,7 +39,10 @@ _HEADER, _LENGTHS = 30, struct.Struct("<26xHH")
 
 @dataclass(frozen=True)
 class CachedPackage:
-    """file: the archive.  files: where the bytes of each are in it.  inode: of the archive."""
+    """A package in the cache.
+
+    file: the archive.  files: the range of bytes of each file in it.  inode: of the archive.
+    """
 
     file: Path
     nbytes: int
@@ -48,11 +51,11 @@ class CachedPackage:
 
 
 class PackageCache:
-    """Archives `folder`/ASSET/NAME.zip, whole as soon as they are there.
+    """Skin packages as archives `folder`/ASSET/NAME.zip, each whole as soon as it is visible.
 
-    limit: bytes of all of them; those that were asked for longest ago go first. None: no bound.
-    Every method raises StorageError where the disk fails, DiskFullError where it is full. Safe from
-    any thread, and beside other processes that use the same folder.
+    limit: bytes of all of them; the least recently used are removed first. None: no limit. Every
+    method raises StorageError where the disk fails, DiskFullError where it is full. Safe from any
+    thread, and beside other processes that use the same folder.
     """
 
     def __init__(self, folder: Path, partial: Path, limit: int | None) -> None:
@@ -61,7 +64,7 @@ class PackageCache:
         self._read: dict[Path, CachedPackage] = {}
 
     def find(self, asset: str, name: str) -> CachedPackage | None:
-        """A package; None where it is not kept, or is damaged."""
+        """The package of an asset; None where the cache lacks it, or it is damaged."""
         file = self._at(asset, name)
         with reported(f"{file} cannot be read"):
             try:
@@ -82,7 +85,7 @@ class PackageCache:
 
     @contextmanager
     def making(self, asset: str) -> Iterator[Path]:
-        """A folder to write a package into, removed afterwards with all that is in it."""
+        """A folder to write a package into; it is removed afterwards with everything in it."""
         with (
             reported(f"the package of asset {asset} cannot be written"),
             durable.workplace(self._partial) as place,
@@ -92,14 +95,18 @@ class PackageCache:
             yield made
 
     def seal(self, made: Path, between: Callable[[], None] = lambda: None) -> None:
-        """Make an archive of what was written into `made`, and make room for it.  between: called
-        before each file. Raises LimitError where it is larger than all may be."""
+        """Make an archive of the files in `made`, and make room for it in the cache.
+
+        between: called before each file. Raises LimitError where the archive is larger than the
+        limit.
+        """
         archive = made.with_name(_ARCHIVE)
         write_archive(made, archive, between)
         self.make_room(archive.stat().st_size)
 
     def keep(self, asset: str, name: str, made: Path) -> None:
-        """Move the archive of `made` to its place; one that is there is replaced."""
+        """Move the archive of `made` to its place in the cache, where it replaces an earlier
+        one."""
         file = self._at(asset, name)
         with reported(f"the package of asset {asset} cannot be kept"):
             make_folder(self._folder)
@@ -110,7 +117,7 @@ class PackageCache:
             durable.install(made.with_name(_ARCHIVE), file)
 
     def make_room(self, nbytes: int) -> None:
-        """Remove what was asked for longest ago until so many bytes fit."""
+        """Remove the least recently used packages until so many bytes fit."""
         if self._limit is None:
             return
         if nbytes > self._limit:
@@ -127,7 +134,8 @@ class PackageCache:
                 left -= size
 
     def forget(self, asset: str) -> None:
-        """Remove the packages of an asset; what resists is made anew all the same."""
+        """Remove the packages of an asset that was changed or removed. One that cannot be removed
+        stays: packages of the changed asset have other names."""
         home = self._folder / asset
         for at in _entries(home, _NAME):
             self._remove(at)
@@ -136,8 +144,11 @@ class PackageCache:
                 home.rmdir()
 
     def sweep(self, assets: list[str]) -> None:
-        """Remove the packages of other assets. What cannot be removed, or read, is left as it is:
-        the store is of use without it; what is no package is left alone."""
+        """Remove the packages of all assets but these.
+
+        A package that cannot be removed or read is left as it is, for the store works without it.
+        So is everything that is no package.
+        """
         for home in _entries(self._folder, ID):
             if home.name not in assets:
                 self.forget(home.name)
@@ -186,7 +197,10 @@ def _entries(folder: Path, name: re.Pattern[str]) -> list[Path]:
 
 def write_archive(folder: Path, archive: Path, between: Callable[[], None]) -> None:
     """Move the files of `folder` into the new file `archive`, which is on the disk when this
-    returns. The same files give the same bytes.  between: called before each file."""
+    returns.
+
+    The same files give the same bytes.  between: called before each file.
+    """
     with archive.open("xb") as out:
         with ZipFile(out, "w", ZIP_STORED) as zipped:
             for name, file in files(folder):
@@ -202,10 +216,10 @@ def write_archive(folder: Path, archive: Path, between: Callable[[], None]) -> N
 
 
 def read_archive(archive: BinaryIO, path: Path) -> dict[str, range]:
-    """Where the bytes of each file are, by its path in the package.
+    """The range of bytes of each file of an archive, by the path of the file in the package.
 
     Raises StorageError where the archive is not as it was written: cut short, or with other sizes;
-    of small files the bytes are checked, too.
+    the bytes of small files are checked, too.
     """
     try:
         with ZipFile(archive) as zipped:

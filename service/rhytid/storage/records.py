@@ -41,8 +41,11 @@ SHAPE_ARRAYS, SHAPE_NAMES = "shapes.safetensors", "names.json"
 
 @dataclass(frozen=True, eq=False)
 class StoredRequest:
-    """What a caller sent; `graph` None asks to synthesise one, guided by `controls` and `folds`:
-    what is left of the expressions that were sent."""
+    """The content that a caller sent for an asset.
+
+    graph: None: one is to be synthesised, guided by `controls` and `folds`, which are computed from
+    the expressions that were sent.
+    """
 
     mesh: Mesh
     settings: AssetSettings
@@ -76,7 +79,7 @@ class StoredRequest:
 
 @dataclass(frozen=True, eq=False)
 class StoredAsset:
-    """A built asset: its settings are resolved; `extra` holds JSON facts of the build."""
+    """A built asset. Its settings are resolved; `extra` holds facts of the build as JSON."""
 
     mesh: Mesh
     graph: WrinkleGraph
@@ -110,12 +113,13 @@ def read_mesh(data: bytes) -> Mesh:
 
 
 def decode_mesh(data: bytes, path: Path) -> Mesh:
-    """The mesh of a file that was verified; raises StorageError naming `path`."""
+    """The mesh of a file that was verified; raises StorageError naming `path` where it means
+    nothing here."""
     return _decode({path.name: data}, path, read_mesh)
 
 
 def decode_settings(facts: bytes, path: Path) -> AssetSettings:
-    """The settings that an asset was built with, of its facts, which were verified; raises
+    """The settings that an asset was built with, out of its facts, which were verified; raises
     StorageError naming `path`."""
     return _settings(_facts({path.name: facts}, path.parent), path.parent)
 
@@ -198,8 +202,11 @@ def _drawn_as_before(value: Any) -> Any:
 
 @dataclass(frozen=True)
 class BuildFacts:
-    """spacing, distance: of pores, mesh units.  uv_length: mesh units that a step of 1 in UV is
-    long.  warnings: of the mesh.  None: the version that built the asset did not keep it."""
+    """Facts of the build of an asset. None: the version that built the asset did not record it.
+
+    spacing, distance: of pores, mesh units.  uv_length: of a step of 1 in UV, mesh units.
+    warnings: of the mesh.
+    """
 
     spacing: float
     distance: float | None
@@ -208,7 +215,8 @@ class BuildFacts:
 
     @classmethod
     def of(cls, stored: StoredAsset) -> BuildFacts:
-        """Those of an asset; raises StoreFormatError where they are not what a build writes."""
+        """The facts of a built asset; raises StoreFormatError where they are not what a build
+        writes."""
         extra = stored.extra
         try:
             spacing = float(extra["spacing"])
@@ -226,7 +234,7 @@ class BuildFacts:
 
 
 def write_overlay(label: str, settings: AssetSettings) -> bytes:
-    """Settings that were changed since the asset `label` was built, as a file of their own."""
+    """The present settings of the asset `label` as a file of their own."""
     return hashed({"label": label, "settings": settings.as_json()})
 
 
@@ -239,10 +247,11 @@ def read_overlay(label: str, data: bytes, path: Path) -> AssetSettings:
 
 
 def changed_settings(home: Path) -> AssetSettings | None:
-    """The present settings of a built asset, or None of one of an older version that never
-    changed. Raises StorageError where they are damaged.
+    """The present settings of a built asset; None where an older version built it and it never
+    changed.
 
-    home: the folder of the asset, which is called by its id.
+    home: the folder of the asset, whose name is its id. Raises StorageError where the settings are
+    damaged.
     """
     path, facts = home / OVERLAY, home / ASSET / FACTS
     with reported(f"{path} cannot be read"), suppress(FileNotFoundError):
@@ -255,7 +264,8 @@ def changed_settings(home: Path) -> AssetSettings | None:
 
 
 def present_settings(home: Path) -> AssetSettings:
-    """As `changed_settings`, or those that the asset was built with."""
+    """The present settings of a built asset: those of its overlay, else those that it was built
+    with."""
     if (changed := changed_settings(home)) is not None:
         return changed
     folder = home / ASSET

@@ -54,7 +54,7 @@ class Snapshot:
     """An asset to be written as one file.
 
     It holds the files of the asset open, so that it stays whole when the asset is removed; close
-    it.  index: what the file begins with.  nbytes: of the whole file.
+    it.  index: at the beginning of the file.  nbytes: of the whole file.
     """
 
     def __init__(self, index: SnapshotIndex, paths: Mapping[str, Path], overlay: bytes) -> None:
@@ -69,16 +69,16 @@ class Snapshot:
 
     @property
     def parts(self) -> tuple[SnapshotIndex, Mapping[str, Path], bytes]:
-        """What it is made of: its index, the paths of its files and its overlay."""
+        """The index, the paths of its files by name, and the bytes of its overlay."""
         return self.index, self._paths, self._overlay
 
     def check(self) -> None:
-        """Read all of it; raises StorageError where a file is not what was written."""
+        """Read all files; raises StorageError where one is not what was written."""
         for name in self._paths:
             self.check_file(name)
 
     def check_file(self, name: str) -> None:
-        """As `check`, of one of its files that is not the overlay."""
+        """Read one file that is not the overlay; raises as `check` does."""
         for _ in self._content(name, self.index.files[name]):
             pass
 
@@ -119,9 +119,9 @@ class Snapshot:
 def unpack(stream: Readable, nbytes: int, place: Path) -> SnapshotIndex:
     """Write the files of a snapshot into the folder `place`, as sealed folders and an overlay.
 
-    nbytes: of the snapshot. No more than that is written. Raises SnapshotError naming the byte
-    where a snapshot is damaged, cut off, of a newer format or none; what is written by then is left
-    in `place`. The bytes are those that were written; what they mean is not looked at.
+    nbytes: of the snapshot; no more than that is written. Raises SnapshotError naming the byte
+    where a snapshot is damaged, cut off, of a newer format or none; files that were written by then
+    stay in `place`. The bytes are compared with their digests; their meaning is not checked.
     """
     source = _Source(stream)
     size = index_size(source.exactly(BLOCK, "its first block"))
@@ -141,8 +141,8 @@ def unpack(stream: Readable, nbytes: int, place: Path) -> SnapshotIndex:
 
 @contextmanager
 def sealed(index: SnapshotIndex, place: Path) -> Iterator[None]:
-    """The block writes the files of a snapshot into the folder `place`; then its folders are
-    sealed. What is written is not compared with the index."""
+    """Within the block the files of a snapshot are written into the folder `place`; then its
+    folders are sealed. The files are not compared with the index."""
     kinds = (ASSET, SHAPES) if index.has_shapes else (ASSET,)
     for kind in kinds:
         (place / kind).mkdir()
@@ -154,7 +154,8 @@ def sealed(index: SnapshotIndex, place: Path) -> Iterator[None]:
 
 
 def asset_of(stream: Readable) -> str:
-    """The id of the asset of a snapshot, of which the beginning is read; raises SnapshotError."""
+    """The id of the asset of a snapshot, of which only the beginning is read; raises
+    SnapshotError."""
     source = _Source(stream)
     size = index_size(source.exactly(BLOCK, "its first block"))
     return SnapshotIndex.decode(source.exactly(size, INDEX)).asset
@@ -207,18 +208,18 @@ def _member(name: str, pieces: list[bytes]) -> Iterator[bytes]:
 
 @dataclass(frozen=True)
 class SnapshotIndex:
-    """The asset of a snapshot, and its files in their order, by name."""
+    """The index of a snapshot: its asset, and its files by name, in their order."""
 
     asset: str
     files: Mapping[str, StoredFile]
 
     @classmethod
     def of(cls, asset: str, files: Mapping[str, StoredFile]) -> SnapshotIndex:
-        """With the files in the order that they have in every snapshot."""
+        """The index of these files, in the order that they have in every snapshot."""
         return cls(asset, MappingProxyType({name: files[name] for name in sorted(files)}))
 
     def encode(self) -> bytes:
-        """As the text of `snapshot.json`."""
+        """The text of `snapshot.json`."""
         files = [{"name": name, **file.as_json()} for name, file in self.files.items()]
         named = FORMAT if self.has_shapes else 1
         return hashed({"kind": _KIND, "format": named, "asset": self.asset, "files": files})
@@ -256,15 +257,15 @@ class SnapshotIndex:
 
 
 def header(name: str, nbytes: int) -> bytes:
-    """The block of a tar before a file."""
+    """The block of a tar that precedes a file."""
     about = tarfile.TarInfo(name)
     about.size = nbytes
     return about.tobuf(tarfile.GNU_FORMAT, "ascii", "strict")
 
 
 def index_size(block: bytes) -> int:
-    """The size of `snapshot.json` by the first block of a file; raises SnapshotError where that is
-    not the first block of a snapshot."""
+    """The size of `snapshot.json`, by the first block of a file; raises SnapshotError where the
+    block is not the first of a snapshot."""
     try:
         about = tarfile.TarInfo.frombuf(block, "ascii", "strict")
     except (tarfile.TarError, ValueError) as exc:
@@ -277,7 +278,7 @@ def index_size(block: bytes) -> int:
 
 
 def padding(nbytes: int) -> int:
-    """Bytes that fill the last block of a file."""
+    """How many bytes fill the last block of a file."""
     return -nbytes % BLOCK
 
 

@@ -103,14 +103,14 @@ class AssetStore:
         self.close()
 
     def ids(self) -> list[str]:
-        """Ids of the built assets, ascending; one that is damaged, or whose folder cannot be read,
-        is listed and raises when read."""
+        """Ids of the built assets, ascending. An asset that is damaged, or whose folder cannot be
+        read, is listed, and raises when it is read."""
         return [
             home.name for home in self._folders.homes() if not is_readable(home) or is_built(home)
         ]
 
     def pending(self) -> list[str]:
-        """Ids that were requested and are not built yet, ascending."""
+        """Ids of the assets that were requested and are not built yet, ascending."""
         waiting = (
             home for home in self._folders.homes() if is_readable(home) and is_requested(home)
         )
@@ -126,15 +126,15 @@ class AssetStore:
         controls: Controls | None = None,
         folds: Folds | None = None,
     ) -> None:
-        """Store what a caller sent until the asset is built; nothing is changed for an id that is
-        there."""
+        """Store what a caller sent until the asset is built. Nothing is changed where the store has
+        that id."""
         home = self._folders.home(id)
         if not holds_something(home):
             request = StoredRequest(mesh, settings, graph, stiffness, controls, folds)
             self._folders.seal(home, REQUEST, request.files())
 
     def request(self, id: str) -> StoredRequest:
-        """What a caller sent for an asset that is not built yet."""
+        """The content that a caller sent for an asset that is not built yet."""
         folder = self._folders.existing(id, REQUEST)
         return StoredRequest.read(read_verified(folder, f"{REQUEST} {id}"), folder)
 
@@ -149,8 +149,8 @@ class AssetStore:
     ) -> None:
         """Store a built asset with an overlay of its settings, and remove its request.
 
-        `settings` are resolved; `extra` is a JSON object. Raises StorageError where the asset is
-        there already: it does not change, only `delete` removes it.
+        settings: resolved.  extra: a JSON object. Raises StorageError where the asset is stored
+        already: it does not change, only `delete` removes it.
         """
         home = self._folders.home(id)
         asset = StoredAsset(mesh, graph, settings, dict(extra), stiffness)
@@ -171,9 +171,9 @@ class AssetStore:
         return decode_mesh(read_file(folder, f"{kind} {id}", MESH), folder / MESH)
 
     def put_shapes(self, id: str, shapes: Expressions) -> None:
-        """Keep the named shapes of an asset that is built or requested, in place of others.
+        """Keep the named shapes of an asset that is built or requested; they replace earlier ones.
 
-        Where they are there as they are, nothing is written.
+        Nothing is written where the store has the same shapes.
         """
         home, files = self._folders.home(id), shape_files(shapes)
         if not holds_something(home):
@@ -197,7 +197,8 @@ class AssetStore:
         return sum(file.nbytes for file in files.values())
 
     def shapes_digests(self, id: str) -> dict[str, str]:
-        """Digests of the files of its named shapes, by name; none where it has none."""
+        """Digests of the files of the named shapes of an asset, by name; empty where it has
+        none."""
         try:
             files = read_manifest(self._folders.existing(id, SHAPES), f"{SHAPES} {id}")
         except NotFoundError:
@@ -216,10 +217,11 @@ class AssetStore:
         self.packages.forget(id)
 
     def overlay(self, id: str) -> AssetSettings | None:
-        """The present settings, or None of an asset of an older version that never changed."""
+        """The present settings of a built asset; None where an older version built it and it never
+        changed."""
         return changed_settings(self._folders.existing(id, ASSET).parent)
 
     def delete(self, id: str) -> None:
-        """Remove an asset, its request and its changed settings, all at once."""
+        """Remove an asset, its request and its present settings, all at once."""
         self._folders.remove(id)
         self.packages.forget(id)
